@@ -1,0 +1,167 @@
+"""What was filmed: cameras, and which picture shows which camera at which moment.
+
+A capture only names its pictures; ``frames.FrameStore`` decodes them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import FrogError
+from .camera import Camera
+
+
+@dataclass(frozen=True, eq=False)
+class Distortion:
+    """Lens distortion of the stored pictures; removed when frames are decoded.
+
+    Attributes:
+        coefficients: (4..14,) float64 in OpenCV's order k1 k2 p1 p2 k3 ...
+    """
+
+    coefficients: np.ndarray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "coefficients", np.asarray(self.coefficients, dtype=np.float64).reshape(-1))
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One picture: a camera at a moment.
+
+    Attributes:
+        camera: index into ``Capture.cameras``.
+        frame: the moment, 0 .. ``Capture.frame_count`` - 1.
+        path: the video or image file.
+        index: frame within the video, 0 for an image.
+    """
+
+    camera: int
+    frame: int
+    path: Path
+    index: int
+
+
+@dataclass(frozen=True, eq=False)
+class Capture:
+    """A filmed scene, opened but not decoded.
+
+    Attributes:
+        path: the capture's folder.
+        format: ``"n3dv"``, ``"calibrated_videos"`` or ``"transforms"``.
+        cameras: undistorted pinhole cameras at the size of the stored frames.
+        distortions: one for each camera, None where the lens needs no correction.
+        shots: ordered by frame, then camera.
+        frame_count: number of moments.
+        frames_per_second: of the videos; 30 where the format does not say.
+        crops: for each camera the pixel (dx, dy) of its calibrated picture at which the video's corner lies.
+        test_cameras: names of cameras that are held out.
+        test_frames: moments withheld in every camera.
+        near_far: distances in world units between which the scene lies, where the format gives them.
+        background: colour in [0, 1] under transparent pictures.
+        warnings: one sentence each.
+    """
+
+    path: Path
+    format: str
+    cameras: tuple[Camera, ...]
+    distortions: tuple[Distortion | None, ...]
+    shots: tuple[Shot, ...]
+    frame_count: int
+    frames_per_second: float = 30.0
+    crops: tuple[tuple[float, float], ...] = ()
+    test_cameras: frozenset[str] = frozenset()
+    test_frames: frozenset[int] = frozenset()
+    near_far: tuple[float, float] | None = None
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.crops:
+            object.__setattr__(self, "crops", ((0.0, 0.0),) * len(self.cameras))
+        object.__setattr__(self, "shots", tuple(sorted(self.shots, key=lambda shot: (shot.frame, shot.camera))))
+
+    @property
+    def is_moving(self) -> bool:
+        """True for one moving camera: every camera has exactly one shot, at different moments."""
+        return self.frame_count > 1 and len(self.shots) == len({shot.camera for shot in self.shots})
+
+    @cached_property
+    def _shot_indices(self) -> dict[tuple[int, int], int]:
+        return {(shot.camera, shot.frame): index for index, shot in enumerate(self.shots)}
+
+    def shot_index(self, camera: int, frame: int) -> int | None:
+        """Index into ``shots`` of a camera at a moment, None where that picture does not exist."""
+        return self._shot_indices.get((camera, frame))
+
+    def is_test(self, shot: Shot) -> bool:
+        """True for a picture that must not be trained on."""
+        return shot.frame in self.test_frames or self.cameras[shot.camera].name in self.test_cameras
+
+    @property
+    def train_shots(self) -> tuple[Shot, ...]:
+        """The pictures that training may see."""
+        return tuple(shot for shot in self.shots if not self.is_test(shot))
+
+    @property
+    def test_shots(self) -> tuple[Shot, ...]:
+        """The pictures that only evaluation may see."""
+        return tuple(shot for shot in self.shots if self.is_test(shot))
+
+    def with_holdout(self, every: int) -> Capture:
+        """The capture with frames ``f % every == every // 2`` withheld in all cameras; 0 withholds none.
+
+        Raises:
+            FrogError: if nothing would be left to train on.
+        """
+        if every < 0 or every == 1:
+            raise FrogError(f"Every {every} frames cannot be held out: give 0 for none, or 2 and more.")
+        frames = frozenset(range(every // 2, self.frame_count, every)) if every else frozenset[int]()
+        return replace(self, test_frames=frames)
+
+    def scaled(self, scale: float) -> Capture:
+        """The capture at another picture size (rounded); the frame store resizes to it.
+
+        Raises:
+            FrogError: if the factor is not a positive finite number or leaves a camera without pixels.
+        """
+        if not (np.isfinite(scale) and scale > 0):
+            raise FrogError(f"A picture scale of {scale} makes no sense: give a positive number such as 0.5.")
+        cameras = []
+        for camera in self.cameras:
+            width, height = round(camera.width * scale), round(camera.height * scale)
+            if min(width, height) < 8:
+                raise FrogError(
+                    f"A picture scale of {scale} leaves {width} x {height} pixels of {camera.name}, expected 8 x 8 or more."
+                )
+            cameras.append(camera.resized(width, height))
+        return replace(self, cameras=tuple(cameras))
+
+    def with_pixel_offsets(self, offsets: Mapping[str, tuple[float, float]]) -> Capture:
+        """The capture with videos known to begin at pixel (dx, dy) of their calibrated pictures.
+
+        Call it on a capture at its own size (before ``scaled``).
+
+        Raises:
+            FrogError: for a name that is no camera, or an offset that is not two finite numbers.
+        """
+        names = [camera.name for camera in self.cameras]
+        cameras, crops = list(self.cameras), list(self.crops)
+        for name, offset in offsets.items():
+            if name not in names:
+                raise FrogError(
+                    f"{self.path}: a pixel offset is given for {name!r}, expected one of {', '.join(names)}."
+                )
+            if len(offset) != 2 or not np.all(np.isfinite(offset)):
+                raise FrogError(f"{self.path}: the pixel offset of {name} is {offset}, expected two finite numbers.")
+            index, (dx, dy) = names.index(name), offset
+            camera = cameras[index]
+            shift = np.array([[0.0, 0.0, dx], [0.0, 0.0, dy], [0.0, 0.0, 0.0]])
+            cameras[index] = replace(camera, intrinsics=camera.intrinsics - shift)
+            crops[index] = (crops[index][0] + float(dx), crops[index][1] + float(dy))
+        return replace(self, cameras=tuple(cameras), crops=tuple(crops))

@@ -1,0 +1,76 @@
+"""From files to the frames that a capture promises: decoded, freed of lens distortion, resized."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+
+import numpy as np
+
+from ..errors import FrogError
+from .camera import Camera
+from .capture import Capture, Distortion
+from .video import VIDEO_SUFFIXES, decode, load_opencv, read_picture
+
+Maps = tuple[np.ndarray, np.ndarray]
+
+
+def decode_shots(capture: Capture, order: Sequence[int]) -> Iterator[np.ndarray]:
+    """The frames of the shots in ``order``, each (H, W, 3) uint8 RGB, contiguous, at its camera's size.
+
+    Shots of one video must follow each other in ascending frames; one file is open at a time.
+
+    Raises:
+        FrogError: if a file cannot be decoded or its proportions are not the camera's.
+    """
+    for (camera_index, path), group in groupby(order, key=lambda i: (capture.shots[i].camera, capture.shots[i].path)):
+        shots = [capture.shots[index] for index in group]
+        camera, distortion = capture.cameras[camera_index], capture.distortions[camera_index]
+        if path.suffix.lower() in VIDEO_SUFFIXES:
+            pictures = decode(path, [shot.index for shot in shots])
+        else:
+            pictures = iter([read_picture(path, capture.background)])
+        maps: Maps | None = None
+        map_shape: tuple[int, ...] = ()
+        for picture in pictures:
+            if picture.shape != map_shape:
+                map_shape = picture.shape
+                _check_proportions(camera, map_shape, str(path))
+                maps = None if distortion is None else undistortion_maps(camera, distortion, map_shape[1], map_shape[0])
+            yield _finish(picture, camera, maps)
+
+
+def undistortion_maps(camera: Camera, distortion: Distortion, width: int, height: int) -> Maps:
+    """For each pixel of the straightened picture, where it lies in the stored one (fixed-point, for ``cv2.remap``).
+
+    Both pictures are ``width`` x ``height`` pixels and share the camera's K at that size.
+    """
+    cv2 = load_opencv()
+    intrinsics = camera.resized(width, height).intrinsics.copy()
+    intrinsics[:2, 2] -= 0.5  # OpenCV counts pixel centres from 0, the camera from 0.5
+    maps = cv2.initUndistortRectifyMap(
+        intrinsics, distortion.coefficients, None, intrinsics, (width, height), cv2.CV_16SC2
+    )
+    return maps[0], maps[1]
+
+
+def _check_proportions(camera: Camera, shape: tuple[int, ...], path: str) -> None:
+    height, width = shape[:2]
+    # Rounding a small camera's size bends its proportions by up to half a pixel.
+    tolerance = 0.02 + 0.5 / min(camera.width, camera.height)
+    if abs(width * camera.height / (height * camera.width) - 1) > tolerance:
+        raise FrogError(
+            f"{path}: found a picture of {width} x {height} pixels, expected the proportions of its camera, "
+            f"{camera.width} x {camera.height}."
+        )
+
+
+def _finish(picture: np.ndarray, camera: Camera, maps: Maps | None) -> np.ndarray:
+    cv2 = load_opencv()
+    if maps is not None:
+        picture = cv2.remap(picture, maps[0], maps[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    if picture.shape[:2] != (camera.height, camera.width):
+        is_smaller = camera.width < picture.shape[1]
+        method = cv2.INTER_AREA if is_smaller else cv2.INTER_LINEAR
+        picture = cv2.resize(picture, (camera.width, camera.height), interpolation=method)
+    return np.ascontiguousarray(picture)

@@ -1,0 +1,206 @@
+"""Decoded frames on disk, so that a capture larger than memory can be trained on.
+
+Each video is decoded once, freed of lens distortion, resized to its camera and written as raw bytes into one file,
+which is then memory mapped. The folder's name is a hash of everything that decides the bytes; it appears under that
+name only when it is whole.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import FrogError
+from .capture import Capture, Shot
+from .decoding import decode_shots
+
+_VERSION = 1  # raise it when the same capture would decode to other bytes
+_PIXELS = "frames.raw"
+_INDEX = "index.json"
+_PARTIAL = ".partial-"
+_ABANDONED_AFTER = 3600.0  # seconds without a write after which a partial store belongs to a killed process
+_SPARE_BYTES = 256 << 20  # left free on the disk
+
+
+class DecodingCancelled(FrogError):
+    """The caller's ``cancelled`` answered True while frames were being decoded."""
+
+
+class FrameStore:
+    """The frames of a capture, uint8 sRGB, memory mapped read-only."""
+
+    def __init__(self, capture: Capture, folder: Path) -> None:
+        """Map a whole store; use ``open``, which makes it where it is missing."""
+        self.folder = folder
+        self._offsets, self._shapes, total = _layout(capture)
+        self._pixels = np.memmap(folder / _PIXELS, dtype=np.uint8, mode="r", shape=(total,))
+
+    @classmethod
+    def open(
+        cls,
+        capture: Capture,
+        *,
+        cache_folder: Path | None = None,
+        progress: Callable[[int, int], None] | None = None,
+        cancelled: Callable[[], bool] | None = None,
+    ) -> FrameStore:
+        """The store of a capture, decoded now unless an earlier run left it.
+
+        Args:
+            capture: its cameras' sizes are the frames' sizes.
+            cache_folder: where stores live; by default ``$FROG_CACHE`` or the user's cache folder.
+            progress: called with (frames done, frames in all) after each frame.
+            cancelled: asked before each frame.
+
+        Raises:
+            DecodingCancelled: if ``cancelled`` said so.
+            FrogError: if a file is missing or cut off, or the disk has no room.
+        """
+        cache = Path(cache_folder) if cache_folder is not None else default_cache_folder()
+        sources, key = _keys(capture)
+        folder = cache / key
+        if not _is_whole(folder, capture):
+            try:
+                cache.mkdir(parents=True, exist_ok=True)
+                _remove_stale(cache, capture, sources)
+                _build(folder, capture, sources, progress, cancelled)
+            except OSError as error:
+                reason = error.strerror or str(error)
+                raise FrogError(f"{cache}: the decoded frames cannot be written here ({reason}).") from error
+        return cls(capture, folder)
+
+    def image(self, shot_index: int) -> np.ndarray:
+        """(H, W, 3) uint8 sRGB view of the memory map; ``shot_index`` counts in ``capture.shots``."""
+        height, width = self._shapes[shot_index]
+        offset = self._offsets[shot_index]
+        return self._pixels[offset : offset + height * width * 3].reshape(height, width, 3)
+
+    def __len__(self) -> int:
+        return len(self._offsets)
+
+
+def default_cache_folder() -> Path:
+    """``$FROG_CACHE``, or ``frog_blender`` in the platform's cache folder of this user."""
+    if os.environ.get("FROG_CACHE"):
+        return Path(os.environ["FROG_CACHE"])
+    if os.name == "nt":
+        base = os.environ.get("LOCALAPPDATA") or str(Path.home() / "AppData" / "Local")
+    elif os.uname().sysname == "Darwin":
+        base = str(Path.home() / "Library" / "Caches")
+    else:
+        base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    return Path(base) / "frog_blender"
+
+
+def _layout(capture: Capture) -> tuple[list[int], list[tuple[int, int]], int]:
+    """Byte offset and (H, W) of each shot, and all bytes; one camera's frames lie together, as they are written."""
+    offsets = [0] * len(capture.shots)
+    shapes = [(0, 0)] * len(capture.shots)
+    total = 0
+    for index in decoding_order(capture):
+        camera = capture.cameras[capture.shots[index].camera]
+        offsets[index], shapes[index] = total, (camera.height, camera.width)
+        total += camera.height * camera.width * 3
+    return offsets, shapes, total
+
+
+def decoding_order(capture: Capture) -> list[int]:
+    """Indices of the shots, one file after the other, in ascending frames."""
+
+    def place(index: int) -> tuple[int, str, int]:
+        shot: Shot = capture.shots[index]
+        return (shot.camera, str(shot.path), shot.index)
+
+    return sorted(range(len(capture.shots)), key=place)
+
+
+def _keys(capture: Capture) -> tuple[str, str]:
+    """Hashes of the source files alone, and of all that decides the decoded bytes."""
+    sources, everything = hashlib.sha256(), hashlib.sha256()
+    for path in sorted({shot.path for shot in capture.shots}):
+        try:
+            facts = path.stat()
+        except OSError as error:
+            raise FrogError(
+                f"{path}: the file cannot be read ({error.strerror}), expected a part of the capture."
+            ) from error
+        sources.update(json.dumps([str(path.resolve()), facts.st_size, facts.st_mtime_ns]).encode())
+    cameras = [
+        [c.width, c.height, c.intrinsics.tolist(), None if d is None else d.coefficients.tolist(), crop]
+        for c, d, crop in zip(capture.cameras, capture.distortions, capture.crops, strict=True)
+    ]
+    shots = [[s.camera, s.frame, str(s.path.resolve()), s.index] for s in capture.shots]
+    text = json.dumps([_VERSION, sources.hexdigest(), cameras, shots, capture.background])
+    everything.update(text.encode())
+    return sources.hexdigest()[:32], everything.hexdigest()[:32]
+
+
+def _is_whole(folder: Path, capture: Capture) -> bool:
+    """True if the store exists and has all its bytes."""
+    try:
+        return (folder / _INDEX).is_file() and (folder / _PIXELS).stat().st_size == _layout(capture)[2]
+    except OSError:
+        return False
+
+
+def _remove_stale(cache: Path, capture: Capture, sources: str) -> None:
+    """Remove what killed runs left, and stores of this capture made from files that have changed since."""
+    for entry in cache.iterdir():
+        try:
+            if _PARTIAL in entry.name:
+                newest = max((p.stat().st_mtime for p in [entry, *entry.iterdir()]), default=0.0)
+                if time.time() - newest > _ABANDONED_AFTER:
+                    shutil.rmtree(entry, ignore_errors=True)
+            elif (entry / _INDEX).is_file():
+                index = json.loads((entry / _INDEX).read_text(encoding="utf-8"))
+                if index["capture"] == str(capture.path.resolve()) and index["sources"] != sources:
+                    shutil.rmtree(entry, ignore_errors=True)
+        except (OSError, ValueError, KeyError, TypeError):
+            continue  # not ours to remove
+
+
+def _build(
+    folder: Path,
+    capture: Capture,
+    sources: str,
+    progress: Callable[[int, int], None] | None,
+    cancelled: Callable[[], bool] | None,
+) -> None:
+    """Decode into a temporary folder and rename it to ``folder``."""
+    total = _layout(capture)[2]
+    free = shutil.disk_usage(folder.parent).free
+    if free < total + _SPARE_BYTES:
+        raise FrogError(
+            f"{folder.parent}: the decoded frames need {total / 1e9:.2f} GB, found {free / 1e9:.2f} GB free: "
+            "choose a smaller picture scale, or another cache folder with FROG_CACHE."
+        )
+    partial = Path(tempfile.mkdtemp(prefix=folder.name + _PARTIAL, dir=folder.parent))
+    try:
+        with (partial / _PIXELS).open("wb") as file:
+            file.truncate(total)
+            for done, picture in enumerate(decode_shots(capture, decoding_order(capture)), start=1):
+                if cancelled is not None and cancelled():
+                    raise DecodingCancelled(f"{capture.path}: decoding was cancelled.")
+                file.write(picture.data)
+                if progress is not None:
+                    progress(done, len(capture.shots))
+            file.flush()
+            os.fsync(file.fileno())
+        index = {"capture": str(capture.path.resolve()), "sources": sources, "shots": len(capture.shots)}
+        (partial / _INDEX).write_text(json.dumps(index), encoding="utf-8")
+        shutil.rmtree(folder, ignore_errors=True)  # a store that lost bytes
+        try:
+            partial.rename(folder)
+        except OSError:
+            if not _is_whole(folder, capture):  # otherwise another process finished the same store first
+                raise
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)

@@ -1,0 +1,116 @@
+"""N3DV (Neural 3D Video): ``camNN.mp4`` and ``poses_bounds.npy`` in LLFF's convention.
+
+A row of ``poses_bounds.npy`` is a 3 x 5 matrix [R | t | (H, W, f)], camera-to-world, followed by near and far.
+The columns of R are LLFF's axes (down, right, backwards). Rows belong to the videos sorted by name; the numbers in
+the names may have gaps. The principal point is the picture's centre; the first camera is the test view.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import FrogError, found_instead
+from ..camera import Camera
+from ..capture import Capture, Shot
+from ..video import PICTURE_SUFFIXES, find_videos, read_facts, read_picture
+from .checks import pose, rotation, shared_moments, video_shots
+
+_POSES = "poses_bounds.npy"
+
+
+def matches(path: Path) -> bool:
+    """True if the folder holds ``poses_bounds.npy``."""
+    return (path / _POSES).is_file()
+
+
+def read(path: Path) -> Capture:
+    """Open an N3DV folder; a folder ``images`` stands in for the videos of a single moment.
+
+    Raises:
+        FrogError: if videos and rows do not fit, or a value cannot be used.
+    """
+    rows = _read_rows(path / _POSES)
+    videos = [video for video in find_videos(path) if video.stem.lower().startswith("cam")] or find_videos(path)
+    pictures = [] if videos else _find_pictures(path / "images")
+    if not videos and not pictures:
+        raise found_instead(path, f"{len(rows)} poses and no video", f"{len(rows)} videos cam00.mp4, cam01.mp4, ...")
+    sources = videos or pictures
+    if len(rows) != len(sources):
+        raise FrogError(
+            f"{path / _POSES}: found {len(rows)} rows for {len(sources)} videos ({sources[0].name} to "
+            f"{sources[-1].name}), expected one row for each video."
+        )
+    warnings: list[str] = []
+    if videos:
+        facts = [read_facts(video) for video in videos]
+        sizes = [(fact.width, fact.height) for fact in facts]
+        frame_count, warnings = shared_moments(path, videos, facts)
+        rate = facts[0].frames_per_second
+        shots = video_shots(videos, frame_count)
+    else:
+        shapes = [read_picture(picture).shape for picture in pictures]
+        sizes = [(shape[1], shape[0]) for shape in shapes]
+        frame_count, rate = 1, 30.0
+        shots = tuple(Shot(index, 0, picture, 0) for index, picture in enumerate(pictures))
+    cameras = [_camera(row, source, size) for row, source, size in zip(rows, sources, sizes, strict=True)]
+    for camera, row in zip(cameras, rows, strict=True):
+        stored_height, stored_width = row[4], row[9]
+        if abs(camera.width / camera.height - stored_width / stored_height) > 0.01 * stored_width / stored_height:
+            warnings.append(
+                f"{path}: the pictures of {camera.name} are {camera.width} x {camera.height}, "
+                f"{_POSES} says {stored_width:g} x {stored_height:g}: their proportions differ."
+            )
+    near_far = (float(rows[:, 15].min()), float(rows[:, 16].max()))
+    return Capture(
+        path=path,
+        format="n3dv",
+        cameras=tuple(cameras),
+        distortions=(None,) * len(cameras),
+        shots=shots,
+        frame_count=frame_count,
+        frames_per_second=rate,
+        # With one camera nothing would be left to train on.
+        test_cameras=frozenset({cameras[0].name}) if len(cameras) > 1 else frozenset(),
+        near_far=near_far if 0 < near_far[0] < near_far[1] else None,
+        warnings=tuple(warnings),
+    )
+
+
+def _read_rows(path: Path) -> np.ndarray:
+    """(N, 17) float64 rows of ``poses_bounds.npy``, checked."""
+    try:
+        rows = np.load(path, allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise found_instead(path, "a file that is not a NumPy array of numbers", "rows of 17 numbers") from error
+    if not isinstance(rows, np.ndarray) or rows.dtype.kind not in "fiu" or rows.ndim != 2 or rows.shape[1] != 17:
+        found = f"{rows.dtype} of shape {rows.shape}" if isinstance(rows, np.ndarray) else "an archive"
+        raise found_instead(path, found, "numbers of shape (cameras, 17)")
+    rows = rows.astype(np.float64)
+    bad = np.flatnonzero(~np.isfinite(rows).all(axis=1))
+    if bad.size:
+        raise found_instead(path, f"a value that is not finite in row {bad[0]}", "finite numbers")
+    bad = np.flatnonzero((rows[:, [4, 9, 14]] <= 0).any(axis=1))
+    if bad.size:
+        raise found_instead(
+            path, f"a height, width or focal length of zero or less in row {bad[0]}", "positive numbers"
+        )
+    return rows
+
+
+def _camera(row: np.ndarray, source: Path, size: tuple[int, int]) -> Camera:
+    """The OpenCV camera of one row, at the size of its decoded frames."""
+    matrix = row[:15].reshape(3, 5)
+    down, right, backwards = matrix[:, 0], matrix[:, 1], matrix[:, 2]
+    camera_to_world = rotation(np.stack([right, down, -backwards], axis=1), source, "a pose in poses_bounds.npy")
+    (stored_height, stored_width, focal), (width, height) = matrix[:, 4], size
+    focal_x, focal_y = focal * width / stored_width, focal * height / stored_height
+    intrinsics = np.array([[focal_x, 0.0, width / 2], [0.0, focal_y, height / 2], [0.0, 0.0, 1.0]])
+    return Camera(source.stem, width, height, intrinsics, pose(camera_to_world.T, matrix[:, 3]))
+
+
+def _find_pictures(folder: Path) -> list[Path]:
+    if not folder.is_dir():
+        return []
+    return sorted((p for p in folder.iterdir() if p.suffix.lower() in PICTURE_SUFFIXES), key=lambda p: p.name)

@@ -1,0 +1,157 @@
+"""Videos and pictures through OpenCV, with sentences instead of codec chatter."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import FrogError, found_instead
+
+VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm"})
+PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp")
+# Containers whose frame count is an estimate from the duration, not a number that was stored.
+_ESTIMATING_SUFFIXES = frozenset({".mkv", ".webm"})
+# Videos of fewer pixels than this are decoded once when opened, to count their frames for certain.
+_COUNT_BY_DECODING = 1e8
+
+
+@dataclass(frozen=True)
+class VideoFacts:
+    """Size in pixels, number of frames and rate of one video."""
+
+    width: int
+    height: int
+    frame_count: int
+    frames_per_second: float
+
+
+def load_opencv() -> Any:
+    """OpenCV with its log turned off.
+
+    Raises:
+        FrogError: if it is not installed.
+    """
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # before the first video: FFmpeg reads it once
+    try:
+        import cv2
+    except ImportError as error:
+        raise FrogError("Videos and pictures need OpenCV: pip install opencv-contrib-python-headless.") from error
+    if hasattr(cv2, "setLogLevel"):
+        cv2.setLogLevel(0)
+    return cv2
+
+
+def _open(path: Path) -> Any:
+    if not path.is_file():
+        raise found_instead(path, "no such file", "a video")
+    if path.stat().st_size == 0:
+        raise found_instead(path, "an empty file", "a video")
+    video = load_opencv().VideoCapture(str(path))
+    if not video.isOpened():
+        raise found_instead(path, "a file that cannot be decoded", "a complete video (is it damaged or cut off?)")
+    return video
+
+
+def truncated(path: Path, decoded: int, expected: int) -> FrogError:
+    """The sentence for a video that ends before its own header says so."""
+    return FrogError(
+        f"{path}: {decoded} frames could be decoded, expected {expected}: "
+        "the video is cut off or damaged; copy it again or trim it."
+    )
+
+
+def read_facts(path: Path) -> VideoFacts:
+    """Facts about a video; the first frame is really decoded, small videos are decoded whole.
+
+    Raises:
+        FrogError: if the file is missing, empty or cannot be decoded, or ends long before its header says.
+    """
+    cv2 = load_opencv()
+    video = _open(path)
+    try:
+        declared = int(video.get(cv2.CAP_PROP_FRAME_COUNT))
+        rate = float(video.get(cv2.CAP_PROP_FPS))
+        is_read, picture = video.read()
+        if not is_read:
+            raise found_instead(path, "a video of which no frame can be decoded", "a complete video")
+        height, width = picture.shape[:2]
+        is_estimate = declared <= 0 or path.suffix.lower() in _ESTIMATING_SUFFIXES
+        count = declared
+        if is_estimate or declared * width * height < _COUNT_BY_DECODING:
+            count = 1
+            while video.grab():
+                count += 1
+            # Edit lists and codecs that swallow the last frame make headers lie by a frame or two.
+            if not is_estimate and count < declared - max(2, declared // 50):
+                raise truncated(path, count, declared)
+    finally:
+        video.release()
+    if not (np.isfinite(rate) and 0.1 <= rate <= 1000):
+        rate = 30.0
+    return VideoFacts(width, height, count, rate)
+
+
+def decode(path: Path, indices: Iterable[int]) -> Iterator[np.ndarray]:
+    """The frames of a video with the given ascending indices, each (H, W, 3) uint8 RGB.
+
+    Raises:
+        FrogError: if the file cannot be decoded or ends too early.
+    """
+    cv2 = load_opencv()
+    wanted = list(indices)
+    video = _open(path)
+    try:
+        position = 0
+        for index in wanted:
+            while position < index:
+                if not video.grab():
+                    raise truncated(path, position, wanted[-1] + 1)
+                position += 1
+            is_read, picture = video.read()
+            if not is_read or picture is None:
+                raise truncated(path, position, wanted[-1] + 1)
+            position += 1
+            yield cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
+    finally:
+        video.release()
+
+
+def read_picture(path: Path, background: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> np.ndarray:
+    """A picture file as (H, W, 3) uint8 RGB; transparent pixels lie over ``background``.
+
+    Raises:
+        FrogError: if the file is missing or no picture.
+    """
+    cv2 = load_opencv()
+    if not path.is_file():
+        raise found_instead(path, "no such file", "a picture")
+    # Through memory: OpenCV cannot open paths outside the system's code page on Windows.
+    data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
+    picture = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
+    if picture is None:
+        raise found_instead(path, "an empty file" if data.size == 0 else "a file that cannot be decoded", "a picture")
+    if picture.dtype != np.uint8:
+        if not np.issubdtype(picture.dtype, np.unsignedinteger):
+            raise found_instead(path, f"a picture of {picture.dtype} values", "8 or 16 bits a channel")
+        picture = (picture >> (8 * (picture.dtype.itemsize - 1))).astype(np.uint8)
+    if picture.ndim == 2:
+        return cv2.cvtColor(picture, cv2.COLOR_GRAY2RGB)
+    if picture.shape[2] == 3:
+        return cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
+    rgba = cv2.cvtColor(picture, cv2.COLOR_BGRA2RGBA).astype(np.float32)
+    alpha = rgba[..., 3:] / 255.0
+    over = rgba[..., :3] * alpha + np.float32(255.0) * np.asarray(background, np.float32) * (1.0 - alpha)
+    return (over + 0.5).astype(np.uint8)
+
+
+def find_videos(folder: Path) -> list[Path]:
+    """Video files of a folder, sorted by name; hidden files do not count."""
+    return sorted(
+        (p for p in folder.iterdir() if p.suffix.lower() in VIDEO_SUFFIXES and not p.name.startswith(".")),
+        key=lambda p: p.name,
+    )
