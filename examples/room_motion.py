@@ -1,0 +1,122 @@
+"""What moves in the room of make_room.py: surfaces as functions of time, in numpy alone.
+
+Every function takes the phase of the loop (0 .. 1, after which the motion repeats) and returns vertices (rows, columns, 3)
+in metres, z up; the cameras look along +y. None of it is rigid: an inflatable frog sways and swings its arms, a banner
+carries travelling waves, a ball squashes where it bounces.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+TURN = 2 * np.pi
+FROG_PLACE = np.array([-0.42, 0.15, 0.24])
+BODY_LENGTH = 1.62
+ARM_LENGTH = 0.86
+BANNER_CORNER = np.array([0.72, 0.62, 2.36])  # upper left, on the rod
+BANNER_SIZE = (1.28, 1.42)
+BALL_PLACE = np.array([0.62, -0.62])
+BALL_RADIUS = 0.27
+
+
+def _spine(start: np.ndarray, directions: np.ndarray, length: float) -> np.ndarray:
+    """(N, 3) points of a curve with the given unit directions (N, 3), beginning at `start`."""
+    middle = (directions[1:] + directions[:-1]) / 2
+    steps = middle / np.linalg.norm(middle, axis=1, keepdims=True) * (length / (len(directions) - 1))
+    return start + np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+
+
+def _frames(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(N, 3) back (away from the cameras) and side axes at right angles to the directions (N, 3)."""
+    tangent = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    back = np.array([0.0, 1.0, 0.0]) - tangent * tangent[:, 1:2]
+    back /= np.linalg.norm(back, axis=1, keepdims=True)
+    return back, np.cross(back, tangent)
+
+
+def _tube(points: np.ndarray, directions: np.ndarray, radii: np.ndarray, columns: int) -> np.ndarray:
+    """(N, columns, 3) rings around a spine; the seam faces away from the cameras and the middle column towards them."""
+    back, side = _frames(directions)
+    angle = TURN * np.arange(columns) / columns
+    ring = np.cos(angle)[None, :, None] * back[:, None] - np.sin(angle)[None, :, None] * side[:, None]
+    return points[:, None] + radii[:, None, None] * ring
+
+
+def _body_spine(phase: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points and directions (count, 3) of the frog's body: a bend that runs upwards, stronger towards the head."""
+    s = np.linspace(0, 1, count)
+    lean = 0.72 * s**0.7 * np.sin(TURN * (phase - 0.30 * s)) + 0.34 * s * np.sin(TURN * (2 * phase - 0.5 * s))
+    nod = -0.10 + 0.30 * s * np.sin(TURN * (phase - 0.25 * s) + 1.3)
+    directions = np.stack([np.sin(lean) * np.cos(nod), np.sin(nod), np.cos(lean) * np.cos(nod)], axis=1)
+    return _spine(FROG_PLACE, directions, BODY_LENGTH), directions
+
+
+def frog_body(phase: float, rows: int = 72, columns: int = 48) -> np.ndarray:
+    """The body with the head: a tube whose girth swells in rings that travel upwards, closed by a dome."""
+    s = np.linspace(0, 1, rows)
+    points, directions = _body_spine(phase, rows)
+    girth = np.interp(s, [0, 0.08, 0.35, 0.62, 0.74, 0.84, 0.93, 1], [0.15, 0.20, 0.25, 0.20, 0.19, 0.25, 0.24, 0.17])
+    girth = np.convolve(np.pad(girth, 4, mode="edge"), np.ones(9) / 9, mode="valid")
+    dome = np.sqrt(np.clip((1 - s) / 0.11, 0, 1)) ** 0.9
+    return _tube(points, directions, girth * dome * (1 + 0.06 * np.sin(TURN * (2 * phase - 1.5 * s))), columns)
+
+
+def frog_arm(phase: float, side: int, rows: int = 40, columns: int = 24) -> np.ndarray:
+    """The right (side 1, towards +x) or left (-1) arm: swings up and down twice a loop, its end lags like a whip."""
+    points, directions = _body_spine(phase, 100)
+    lean = np.arctan2(directions[66, 0], directions[66, 2])
+    s = np.linspace(0, 1, rows)
+    swing = 0.35 + 0.85 * np.sin(TURN * (2 * phase + 0.25 * side - 0.30 * s)) + 0.5 * s - side * 0.6 * lean
+    towards = -0.25 - 0.35 * s * np.cos(TURN * (phase - 0.2 * s))
+    across = np.stack([side * np.cos(swing), towards, np.sin(swing)], axis=1)
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    radii = np.interp(s, [0, 0.15, 0.70, 0.80, 0.92, 1], [0.10, 0.085, 0.070, 0.115, 0.120, 0.095])
+    shoulder = points[66] + np.array([side * 0.12, -0.02, 0.0])
+    return _tube(_spine(shoulder, across, ARM_LENGTH), across, radii * np.sqrt(np.clip((1 - s) / 0.06, 0, 1)), columns)
+
+
+def frog_eye(phase: float, side: int, rows: int = 20, columns: int = 24) -> np.ndarray:
+    """A ball on top of the head; its rows run from the back to the pupil, which looks at the cameras."""
+    points, directions = _body_spine(phase, 100)
+    back, across = _frames(directions[92:93])
+    center = points[92] + across[0] * side * 0.145 + directions[92] * 0.115 - back[0] * 0.07
+    polar = np.linspace(np.pi, 0, rows)[:, None]
+    angle = TURN * np.arange(columns)[None] / columns
+    local = np.stack(np.broadcast_arrays(np.sin(polar) * np.cos(angle), np.sin(polar) * np.sin(angle), np.cos(polar)), -1)
+    gaze = -back[0] + 0.12 * directions[92]
+    return center + 0.115 * local @ np.stack([across[0], directions[92], gaze / np.linalg.norm(gaze)])
+
+
+def banner(phase: float, rows: int = 56, columns: int = 48) -> np.ndarray:
+    """A cloth on a rod (its top row stays), blown sideways and outwards by waves that run down it. Rows from the hem up."""
+    v, u = np.meshgrid(np.linspace(0, 1, rows), np.linspace(0, 1, columns), indexing="ij")
+    down = 1 - v
+    width, height = BANNER_SIZE
+    sideways = 0.20 * down**1.2 * np.sin(TURN * (2 * phase - 0.55 * down + 0.15 * u)) + 0.10 * down * np.sin(TURN * phase)
+    outwards = 0.26 * down * (0.7 + np.sin(TURN * (2 * phase - 0.9 * down - 0.5 * u)))
+    ripple = 0.05 * down**0.5 * np.sin(TURN * (3 * phase + 2.4 * u - 1.1 * down))
+    lift = 0.16 * down**2 * (0.5 + 0.5 * np.sin(TURN * (2 * phase - 0.4 * u)))
+    x = BANNER_CORNER[0] + width * u + sideways
+    y = BANNER_CORNER[1] - outwards - ripple
+    return np.stack([x, y, BANNER_CORNER[2] - height * down + lift], axis=-1)
+
+
+def ball(phase: float, rows: int = 32, columns: int = 48) -> np.ndarray:
+    """A ball that bounces three times a loop, drifts left and right, spins, squashes on the floor and stretches in flight."""
+    beat = (3 * phase) % 1.0
+    contact = 0.22  # share of a bounce spent on the floor
+    if beat < contact:
+        lift, stretch = 0.0, 1 - 0.42 * np.sin(np.pi * beat / contact)
+    else:
+        flight = (beat - contact) / (1 - contact)
+        lift, stretch = 0.72 * 4 * flight * (1 - flight), 1 + 0.22 * abs(1 - 2 * flight) * min(1.0, 8 * flight * (1 - flight))
+    polar = np.linspace(np.pi, 0, rows)[:, None]
+    angle = TURN * np.arange(columns)[None] / columns
+    local = np.stack(np.broadcast_arrays(np.sin(polar) * np.cos(angle), np.sin(polar) * np.sin(angle), np.cos(polar)), -1)
+    tilt, spin = 0.5, TURN * phase
+    axis = np.array([[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]])
+    turn = np.array([[np.cos(spin), -np.sin(spin), 0], [np.sin(spin), np.cos(spin), 0], [0, 0, 1]])
+    shape = np.array([1 / np.sqrt(stretch), 1 / np.sqrt(stretch), stretch]) * BALL_RADIUS
+    x = BALL_PLACE[0] + 0.34 * np.sin(TURN * phase)
+    y = BALL_PLACE[1] + 0.16 * np.cos(TURN * phase)
+    return np.array([x, y, BALL_RADIUS * stretch + lift + 0.015]) + (local @ (axis @ turn).T) * shape

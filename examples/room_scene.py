@@ -1,0 +1,203 @@
+"""Builds the room of make_room.py in bpy: still furniture once, moving surfaces anew for every moment."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import bpy
+import numpy as np
+import room_motion as motion
+import room_textures as paint
+
+HALF_WIDTH = 2.6
+BACK = 1.9
+FRONT = -5.0
+HEIGHT = 3.0
+
+
+def material(name: str, picture: np.ndarray, roughness: float = 0.8, tiling: tuple[float, float] = (1, 1)) -> bpy.types.Material:
+    """A material that wears an (H, W, 3) sRGB picture, repeated `tiling` times over the surface's 0 .. 1 coordinates."""
+    height, width = picture.shape[:2]
+    image = bpy.data.images.new(name, width, height)
+    pixels = np.ones((height, width, 4), dtype=np.float32)
+    pixels[..., :3] = picture
+    image.pixels.foreach_set(pixels.ravel())
+    image.pack()
+    result = bpy.data.materials.new(name)
+    result.use_nodes = True
+    nodes, links = result.node_tree.nodes, result.node_tree.links
+    surface = nodes["Principled BSDF"]
+    surface.inputs["Roughness"].default_value = roughness
+    surface.inputs["Specular IOR Level"].default_value = 0.25
+    texture, mapping, coordinate = (nodes.new(f"ShaderNode{kind}") for kind in ("TexImage", "Mapping", "TexCoord"))
+    texture.image = image
+    mapping.inputs["Scale"].default_value = (*tiling, 1)
+    links.new(coordinate.outputs["UV"], mapping.inputs["Vector"])
+    links.new(mapping.outputs["Vector"], texture.inputs["Vector"])
+    links.new(texture.outputs["Color"], surface.inputs["Base Color"])
+    return result
+
+
+def plain(name: str, color: tuple[float, float, float]) -> bpy.types.Material:
+    return material(name, paint.finish(paint.flat(128, 128, color), 0.05, 7))
+
+
+def mesh_object(name: str, vertices: np.ndarray, faces: np.ndarray, uv: np.ndarray, wear: bpy.types.Material) -> bpy.types.Object:
+    """An object of quads: vertices (N, 3) metres, faces (F, 4) indices, uv (F, 4, 2)."""
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(vertices.reshape(-1, 3).tolist(), [], faces.tolist())
+    mesh.uv_layers.new(name="UVMap").data.foreach_set("uv", uv.astype(np.float32).ravel())
+    mesh.materials.append(wear)
+    result = bpy.data.objects.new(name, mesh)
+    bpy.context.scene.collection.objects.link(result)
+    return result
+
+
+def wall(name: str, corner: tuple[float, ...], right: tuple[float, ...], up: tuple[float, ...], wear: bpy.types.Material) -> None:
+    """A rectangle from its lower left corner and two edges."""
+    origin, u, v = np.array(corner), np.array(right), np.array(up)
+    uv = np.array([[[0, 0], [1, 0], [1, 1], [0, 1]]])
+    mesh_object(name, np.array([origin, origin + u, origin + u + v, origin + v]), np.array([[0, 1, 2, 3]]), uv, wear)
+
+
+def box(
+    name: str,
+    center: tuple[float, float, float],
+    size: tuple[float, float, float],
+    wear: bpy.types.Material,
+    turn: float = 0.0,
+    columns: tuple[float, float] = (0.0, 1.0),
+) -> None:
+    """A box turned by `turn` radians about z; every side wears the part `columns` of the picture's width."""
+    signs = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)])
+    local = signs * np.array(size) / 2
+    rotation = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
+    faces = np.array([[0, 1, 5, 4], [1, 3, 7, 5], [3, 2, 6, 7], [2, 0, 4, 6], [4, 5, 7, 6], [2, 3, 1, 0]])
+    low, high = columns
+    uv = np.tile(np.array([[low, 0], [high, 0], [high, 1], [low, 1]]), (6, 1, 1))
+    mesh_object(name, local @ rotation.T + np.array(center), faces, uv, wear)
+
+
+def surface(name: str, vertices: np.ndarray, wear: bpy.types.Material, closed: bool) -> bpy.types.Object:
+    """A smooth grid of vertices (rows, columns, 3); a closed one joins its last column to its first."""
+    rows, columns = vertices.shape[:2]
+    spans = columns if closed else columns - 1
+    row, column = (index.ravel() for index in np.meshgrid(np.arange(rows - 1), np.arange(spans), indexing="ij"))
+    corners = [(0, 0), (0, 1), (1, 1), (1, 0)]
+    faces = np.stack([(row + up) * columns + (column + right) % columns for up, right in corners], axis=1)
+    uv = np.stack([np.stack([(column + right) / spans, (row + up) / (rows - 1)], axis=1) for up, right in corners], axis=1)
+    result = mesh_object(name, vertices, faces, uv, wear)
+    result.data.shade_smooth()
+    return result
+
+
+def _shell() -> None:
+    """Floor, walls, ceiling with beams, rug and picture."""
+    depth, width = BACK - FRONT, 2 * HALF_WIDTH
+    boards = material("boards", paint.planks(10, (0.62, 0.43, 0.27)), 0.55, (2, 2))
+    wall("floor", (-HALF_WIDTH, FRONT, 0), (width, 0, 0), (0, depth, 0), boards)
+    wall("back", (-HALF_WIDTH, BACK, 0), (width, 0, 0), (0, 0, HEIGHT), material("bricks", paint.bricks(), 0.9, (2.6, 1.5)))
+    left = material("left paper", paint.wallpaper((0.36, 0.56, 0.60), (0.44, 0.66, 0.68), 20), 0.9, (4, 1.75))
+    wall("left", (-HALF_WIDTH, FRONT, 0), (0, depth, 0), (0, 0, HEIGHT), left)
+    right = material("right paper", paint.wallpaper((0.86, 0.72, 0.50), (0.80, 0.58, 0.40), 21), 0.9, (4, 1.75))
+    wall("right", (HALF_WIDTH, BACK, 0), (0, -depth, 0), (0, 0, HEIGHT), right)
+    wall("ceiling", (-HALF_WIDTH, BACK, HEIGHT), (width, 0, 0), (0, -depth, 0), plain("plaster", (0.86, 0.84, 0.79)))
+    timber = material("timber", paint.planks(30, (0.42, 0.27, 0.17), 2), 0.8)
+    for index, y in enumerate(np.arange(FRONT + 0.6, BACK, 1.15)):
+        box(f"beam {index}", (0, float(y), HEIGHT - 0.09), (width, 0.2, 0.18), timber)
+    for side in (-1, 1):
+        box(f"skirting {side}", (side * (HALF_WIDTH - 0.02), (FRONT + BACK) / 2, 0.08), (0.04, depth, 0.16), timber)
+    box("skirting back", (0, BACK - 0.02, 0.08), (width, 0.04, 0.16), timber)
+    box("rug", (0.1, -0.55, 0.008), (2.9, 2.1, 0.016), material("rug", paint.rug(), 0.95))
+    box("frame", (0.12, BACK - 0.03, 1.86), (1.12, 0.06, 0.86), timber)
+    wall("picture", (-0.38, BACK - 0.065, 1.49), (1.0, 0, 0), (0, 0, 0.74), material("landscape", paint.landscape()))
+
+
+def _furniture() -> None:
+    """A bookshelf, a table with blocks, a crate, a cone of stacked rings and the blower under the frog."""
+    timber = material("shelf timber", paint.planks(31, (0.56, 0.38, 0.22), 3))
+    spines = material("spines", paint.book_spines(), 0.7)
+    x, y, width = -1.86, BACK - 0.2, 1.1
+    for side in (-1, 1):
+        box(f"shelf side {side}", (x + side * width / 2, y, 0.95), (0.05, 0.36, 1.9), timber)
+    random = np.random.default_rng(5)
+    for level in range(5):
+        z = 0.06 + level * 0.455
+        box(f"shelf {level}", (x, y, z), (width, 0.36, 0.04), timber)
+        left, book = x - width / 2 + 0.04, level * 5
+        while level < 4 and left < x + width / 2 - 0.14:
+            thick, tall = random.uniform(0.055, 0.105), random.uniform(0.27, 0.39)
+            column = (book % 16) / 16
+            place = (left + thick / 2, y - 0.04 - random.uniform(0, 0.05), z + 0.02 + tall / 2)
+            box(f"book {level} {book}", place, (thick * 0.95, 0.24, tall), spines, 0, (column, column + 1 / 16))
+            left, book = left + thick, book + 1
+    box("table", (1.72, 1.28, 0.62), (1.3, 0.7, 0.06), timber)
+    for number, (dx, dy) in enumerate([(-0.58, -0.28), (0.58, -0.28), (-0.58, 0.28), (0.58, 0.28)]):
+        box(f"leg {number}", (1.72 + dx, 1.28 + dy, 0.3), (0.07, 0.07, 0.6), timber)
+    blocks = [
+        ((-1.50, 0.15, 0.24), 0.48, (0.86, 0.32, 0.26), (0.96, 0.88, 0.72), 0.4),
+        ((-1.53, 0.19, 0.63), 0.30, (0.20, 0.44, 0.66), (0.93, 0.80, 0.36), -0.25),
+        ((-1.10, -0.75, 0.166), 0.30, (0.30, 0.56, 0.36), (0.92, 0.90, 0.80), 0.9),
+        ((1.62, 0.05, 0.21), 0.42, (0.44, 0.28, 0.54), (0.94, 0.70, 0.46), -0.5),
+        ((2.10, 0.45, 0.16), 0.32, (0.90, 0.62, 0.20), (0.28, 0.30, 0.40), 0.2),
+    ]
+    for number, (center, edge, first, second, turn) in enumerate(blocks):
+        box(f"block {number}", center, (edge, edge, edge), material(f"block {number}", paint.checker(first, second, 4, 4)), turn)
+    blower = material("blower", paint.checker((0.16, 0.17, 0.20), (0.90, 0.74, 0.16), 8, 2), 0.6)
+    foot = motion.FROG_PLACE
+    box("blower", (float(foot[0]), float(foot[1]), 0.14), (0.46, 0.46, 0.28), blower, 0.3)
+    rod = motion.BANNER_CORNER
+    middle = float(rod[0]) + motion.BANNER_SIZE[0] / 2
+    box("rod", (middle, float(rod[1]), float(rod[2]) + 0.02), (motion.BANNER_SIZE[0] + 0.3, 0.05, 0.05), timber)
+    for side in (-1, 1):
+        top = (HEIGHT + float(rod[2])) / 2
+        box(f"cord {side}", (middle + side * 0.7, float(rod[1]), top), (0.02, 0.02, HEIGHT - float(rod[2])), timber)
+
+
+def _lights() -> None:
+    """Soft and constant: a wide lamp below the ceiling, a large fill from the open front, a little from everywhere."""
+    for name, place, size, power, turn in [
+        ("ceiling lamp", (-0.3, -0.5, HEIGHT - 0.22), 2.0, 72.0, (0.0, 0.0, 0.0)),
+        ("front fill", (-1.9, -5.2, 2.5), 3.0, 250.0, (1.2, 0.0, -0.35)),
+    ]:
+        lamp = bpy.data.lights.new(name, "AREA")
+        lamp.size, lamp.energy = size, power
+        lamp.color = (1.0, 0.96, 0.90)
+        result = bpy.data.objects.new(name, lamp)
+        result.location, result.rotation_euler = place, turn
+        result.visible_camera = False
+        bpy.context.scene.collection.objects.link(result)
+    world = bpy.data.worlds.new("world")
+    world.use_nodes = True
+    world.node_tree.nodes["Background"].inputs["Color"].default_value = (0.80, 0.88, 1.0, 1)
+    world.node_tree.nodes["Background"].inputs["Strength"].default_value = 1.2
+    bpy.context.scene.world = world
+
+
+class Room:
+    """The whole scene in an emptied bpy; `pose` moves what moves."""
+
+    def __init__(self) -> None:
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        _shell()
+        _furniture()
+        _lights()
+        skin, arm, eye = material("skin", paint.frog_skin(), 0.5), material("arm", paint.frog_arm(), 0.5), material("eye", paint.eye(), 0.3)
+        cloth = material("banner", paint.banner(), 0.9)
+        rubber = material("ball", paint.checker((0.90, 0.26, 0.20), (0.97, 0.93, 0.82), 12, 6), 0.4)
+        parts: list[tuple[str, Callable[[float], np.ndarray], bpy.types.Material, bool]] = [
+            ("body", motion.frog_body, skin, True),
+            ("right arm", lambda phase: motion.frog_arm(phase, 1), arm, True),
+            ("left arm", lambda phase: motion.frog_arm(phase, -1), arm, True),
+            ("right eye", lambda phase: motion.frog_eye(phase, 1), eye, True),
+            ("left eye", lambda phase: motion.frog_eye(phase, -1), eye, True),
+            ("banner", motion.banner, cloth, False),
+            ("ball", motion.ball, rubber, True),
+        ]
+        self.moving = [(surface(name, shape(0.0), wear, closed), shape) for name, shape, wear, closed in parts]
+
+    def pose(self, phase: float) -> None:
+        """Move every moving surface to the phase of the loop (0 .. 1)."""
+        for item, shape in self.moving:
+            item.data.vertices.foreach_set("co", shape(phase).astype(np.float32).ravel())
+            item.data.update()

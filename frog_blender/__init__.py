@@ -1,0 +1,23 @@
+"""FRoG in Blender: train dynamic Gaussian scenes from multiview video, scrub them on the timeline, render them with F12.
+
+Importing this package needs neither Blender nor torch: the engine below it runs on machines without Blender.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+# In this order: properties before what reads them, playback before what fills it.
+_ROOMS = ("ui.preferences", "ui.properties", "playback", "render_engine", "background", "operators", "ui.panels")
+
+
+def register() -> None:
+    """Called by Blender when the add-on is enabled."""
+    for room in _ROOMS:
+        import_module(f".{room}", __package__).register()
+
+
+def unregister() -> None:
+    """Called by Blender when the add-on is disabled, and when Blender quits."""
+    for room in reversed(_ROOMS):
+        import_module(f".{room}", __package__).unregister()

@@ -1,0 +1,240 @@
+"""Training in the background: a worker thread, a queue of events, and ``pump()`` which applies them on the main thread.
+
+The worker never touches Blender.  In a window a timer pumps; headless runs and tests, where timers do not fire, call
+``pump()`` in a loop.  ``pump()`` never waits and does a bounded amount of work.
+"""
+
+from __future__ import annotations
+
+import atexit
+import queue
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import bpy
+from bpy.app.handlers import persistent
+
+from .engine.errors import FrogError
+
+PUMP_EVENTS = 200  # the most events one pump() applies
+PUMP_SECONDS = 0.008  # and the longest it goes on taking new ones: half a frame of a 60 Hz window
+TIMER_SECONDS = 0.1
+JOIN_SECONDS = 120.0  # a cancelled training finishes its step and writes its scene
+
+EventSource = Callable[[Callable[[], bool]], Iterator[Any]]
+
+
+@dataclass(frozen=True)
+class TrainingRequest:
+    """What to train, in plain values; ``steps``, ``scale`` and ``holdout_frames`` may be None for the recipe's choice."""
+
+    capture: Path
+    output: Path
+    recipe: str = "standard"
+    steps: int | None = None
+    scale: float | None = None
+    holdout_frames: int | None = None
+
+    def events(self, cancelled: Callable[[], bool]) -> Iterator[Any]:
+        """Run the training; called on the worker, because this is what imports torch."""
+        from .engine.training.job import TrainingJob, run_training
+        from .engine.training.recipe import recipe
+
+        options = {"steps": self.steps, "scale": self.scale, "holdout_frames": self.holdout_frames}
+        given = {name: value for name, value in options.items() if value is not None}
+        job = TrainingJob(capture=self.capture, output=self.output, recipe=recipe(self.recipe), **given)
+        return run_training(job, cancelled)
+
+
+@dataclass
+class TrainingState:
+    """What the panel shows.  Only ``pump()`` writes it, so it needs no lock."""
+
+    running: bool = True
+    stage: str = "Starting"
+    stage_fraction: float = 0.0
+    step: int = 0
+    steps: int = 0
+    seconds: float = 0.0
+    seconds_left: float = 0.0
+    loss: float | None = None
+    gaussians: int = 0
+    psnr: float | None = None
+    psnr_split: str = ""
+    preview: Any = None  # (H, W, 3) uint8, the latest
+    warnings: list[str] = field(default_factory=list)
+    result: Path | None = None  # the finished scene, or what a cancelled training left
+    cancelled: bool = False
+    error: str = ""
+
+    @property
+    def fraction(self) -> float:
+        """How much of the present stage is done, 0 to 1."""
+        return self.step / self.steps if self.steps and not self.stage else self.stage_fraction
+
+
+class TrainingTask:
+    """One training: ``start()`` it, ``pump()`` it until ``state.running`` is false, ``cancel()`` it at any time."""
+
+    def __init__(self, source: EventSource, on_finished: Callable[[Path], None] | None = None) -> None:
+        self.state = TrainingState()
+        self._source = source
+        self._on_finished = on_finished
+        self._events: queue.Queue[Any] = queue.Queue()
+        self._cancel = threading.Event()
+        # A daemon, because Python waits for other threads before it runs atexit, where this one is asked to end.
+        self._thread = threading.Thread(target=self._work, name="FRoG training", daemon=True)
+
+    def start(self) -> TrainingTask:
+        self._thread.start()
+        return self
+
+    def cancel(self) -> None:
+        """Ask the worker to end; it still writes what it has."""
+        self._cancel.set()
+
+    def join(self, seconds: float = JOIN_SECONDS) -> bool:
+        """Wait for the worker; true if it ended."""
+        if self._thread.is_alive():
+            self._thread.join(seconds)
+        return not self._thread.is_alive()
+
+    def _work(self) -> None:
+        try:
+            for event in self._source(self._cancel.is_set):
+                self._events.put(event)
+        except FrogError as error:
+            self._events.put(_Ended(str(error)))
+        except BaseException as error:
+            traceback.print_exc(file=sys.stderr)
+            self._events.put(_Ended(f"Training stopped by an unforeseen {type(error).__name__}: {error}."))
+        else:
+            self._events.put(_Ended(""))
+
+    def pump(self, most: int = PUMP_EVENTS) -> int:
+        """Apply waiting events to ``state``: at most ``most``, for at most about PUMP_SECONDS.  Returns how many."""
+        deadline = time.perf_counter() + PUMP_SECONDS
+        for done in range(most):
+            try:
+                event = self._events.get_nowait()
+            except queue.Empty:
+                return done
+            self._apply(event)
+            if time.perf_counter() > deadline:
+                return done + 1
+        return most
+
+    def _apply(self, event: Any) -> None:
+        from .engine.training import events as kinds
+
+        state = self.state
+        match event:
+            case kinds.Progress():
+                state.stage = ""
+                state.step, state.steps, state.loss = event.step, event.steps, event.loss
+                state.seconds, state.seconds_left = event.seconds, event.seconds_left
+                state.gaussians = event.gaussians
+            case kinds.Stage():
+                state.stage, state.stage_fraction = event.name.capitalize(), event.done / max(event.total, 1)
+            case kinds.Started():
+                state.stage, state.steps, state.gaussians = "", event.steps, event.gaussians
+            case kinds.Evaluated():
+                state.psnr, state.psnr_split = event.psnr, event.split
+            case kinds.Preview():
+                state.preview = event.image
+            case kinds.Warned():
+                state.warnings.append(event.message)
+            case kinds.Finished():
+                state.step, state.steps, state.seconds = event.steps, event.steps, event.seconds
+                state.gaussians, state.result = event.gaussians, Path(event.path)
+                state.psnr = event.psnr if event.psnr is not None else state.psnr
+            case kinds.Cancelled():
+                state.cancelled = True
+                state.result = Path(event.path) if event.path else None
+            case kinds.Failed():
+                state.error = event.message
+            case _Ended():
+                state.error = state.error or event.error
+                state.running = False
+                if self._on_finished and state.result and not state.error and not state.cancelled:
+                    self._on_finished(state.result)
+
+
+@dataclass(frozen=True)
+class _Ended:
+    """The worker's last message; an empty error means that it came to its own end."""
+
+    error: str
+
+
+current: TrainingTask | None = None  # the training that the panel shows: running, or the last one that ran
+
+
+def begin(source: EventSource, on_finished: Callable[[Path], None] | None = None) -> TrainingTask:
+    """Start a training as the current one, pumped by a timer; FrogError if one is running already."""
+    global current
+    if is_running():
+        raise FrogError("A training is running already; wait for it or cancel it first.")
+    current = TrainingTask(source, on_finished).start()
+    if not bpy.app.timers.is_registered(_tick):
+        bpy.app.timers.register(_tick, first_interval=TIMER_SECONDS)
+    return current
+
+
+def is_running() -> bool:
+    return current is not None and current.state.running
+
+
+def stop() -> None:
+    """Cancel the current training, wait for its worker and take in what it still said."""
+    if current is None:
+        return
+    current.cancel()
+    current._on_finished = None  # whoever stops a training does not want its result imported into what comes next
+    if current.join():
+        while current.pump():
+            pass
+
+
+def _tick() -> float | None:
+    if current is None:
+        return None
+    applied = current.pump()
+    if applied:
+        _redraw()
+    return TIMER_SECONDS if current.state.running else None
+
+
+def _redraw() -> None:
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                area.tag_redraw()
+
+
+@persistent
+def _on_load_pre(*_: Any) -> None:
+    stop()
+
+
+def register() -> None:
+    if _on_load_pre not in bpy.app.handlers.load_pre:
+        bpy.app.handlers.load_pre.append(_on_load_pre)
+    atexit.register(stop)
+
+
+def unregister() -> None:
+    global current
+    stop()
+    current = None
+    atexit.unregister(stop)
+    if _on_load_pre in bpy.app.handlers.load_pre:
+        bpy.app.handlers.load_pre.remove(_on_load_pre)
+    if bpy.app.timers.is_registered(_tick):
+        bpy.app.timers.unregister(_tick)

@@ -1,0 +1,89 @@
+"""Engine cameras as Blender cameras, and back, exactly: the only file that knows both conventions.
+
+Blender looks along -z with y up and describes a lens by focal length, sensor and shift; the engine looks along +z with
+y down and describes it by a matrix of pixels.  What Blender cannot hold in a camera, pixels that are not square, is
+kept in a property of the camera (``Camera.frog.focal_ratio``) that the FROG engine honours.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .engine.capture.camera import Camera
+from .engine.errors import FrogError
+
+SENSOR_WIDTH = 36.0  # millimetres; any value does, the focal length follows from it
+_FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenCV axes <-> Blender axes
+
+
+def lens_of(camera: Camera) -> dict[str, float]:
+    """Blender's ``lens`` (millimetres), ``shift_x``, ``shift_y`` and our ``focal_ratio`` (fy / fx) of an engine camera.
+
+    They hold for a horizontal sensor of SENSOR_WIDTH, rendered at the camera's own size with square pixels.
+    """
+    k = camera.intrinsics
+    width, height = camera.width, camera.height
+    return {
+        "lens": k[0, 0] * SENSOR_WIDTH / width,
+        "shift_x": (width / 2 - k[0, 2]) / width,
+        "shift_y": (k[1, 2] - height / 2) / width,
+        "focal_ratio": k[1, 1] / k[0, 0],
+    }
+
+
+def apply_lens(data: Any, camera: Camera) -> None:
+    """Give a Blender camera datablock the lens of an engine camera."""
+    lens = lens_of(camera)
+    data.type = "PERSP"
+    data.sensor_fit = "HORIZONTAL"
+    data.sensor_width = SENSOR_WIDTH
+    data.sensor_height = SENSOR_WIDTH * camera.height / camera.width
+    data.lens, data.shift_x, data.shift_y = lens["lens"], lens["shift_x"], lens["shift_y"]
+    data.frog.focal_ratio = lens["focal_ratio"]
+    data.frog.size = (camera.width, camera.height)
+
+
+def pose_of(camera: Camera) -> np.ndarray:
+    """(4, 4) matrix that places a Blender camera: camera axes of Blender to world."""
+    return np.linalg.inv(camera.world_to_camera) @ _FLIP
+
+
+def engine_camera(obj: Any, matrix_world: Any, render: Any, width: int, height: int) -> Camera:
+    """The engine camera that a (possibly evaluated) Blender camera object is, at a render size in pixels.
+
+    ``matrix_world`` is the object's, ``render`` the scene's render settings (for the pixel aspect).
+    Raises FrogError for a lens that is not a perspective.
+    """
+    data = obj.data
+    if obj.type != "CAMERA" or data.type != "PERSP":
+        kind = data.type.lower() if obj.type == "CAMERA" else obj.type.lower()
+        raise FrogError(f"Camera {obj.name}: found a {kind} lens, expected a perspective one.")
+    aspect = render.pixel_aspect_y / render.pixel_aspect_x
+    fit = data.sensor_fit
+    if fit == "AUTO":
+        fit = "HORIZONTAL" if width * render.pixel_aspect_x >= height * render.pixel_aspect_y else "VERTICAL"
+        sensor = data.sensor_width
+    else:
+        sensor = data.sensor_width if fit == "HORIZONTAL" else data.sensor_height
+    view = width if fit == "HORIZONTAL" else height * aspect  # pixels that the sensor spans, in widths of a pixel
+    focal = data.lens / sensor * view
+    intrinsics = np.array(
+        [
+            [focal, 0.0, width / 2 - data.shift_x * view],
+            [0.0, focal * data.frog.focal_ratio / aspect, height / 2 + data.shift_y * view / aspect],
+            [0.0, 0.0, 1.0],
+        ]
+    )
+    pose = np.array(matrix_world, dtype=np.float64)
+    pose[:3, :3] = nearest_rotation(pose[:3, :3], f"Camera {obj.name}")
+    return Camera(obj.name, width, height, intrinsics, np.linalg.inv(pose @ _FLIP))
+
+
+def nearest_rotation(matrix: np.ndarray, name: str) -> np.ndarray:
+    """The rotation closest to a (3, 3) matrix: a scaled parent does not scale what a camera sees."""
+    left, scales, right = np.linalg.svd(matrix)
+    if scales[-1] < 1e-12 or np.linalg.det(matrix) < 0:
+        raise FrogError(f"{name}: found a mirrored or zero scale, expected a positive one.")
+    return left @ right

@@ -1,0 +1,94 @@
+"""Gaussians -> a Blender datablock that every render engine can draw.
+
+A point cloud would be the natural carrier, but before 5.1 Blender cannot resize one, so the Gaussians live in a Mesh of
+vertices that Geometry Nodes turn into points (``splat_nodes``).  Attributes are named as Blender 5.3's own splats:
+``position``, ``scale`` (linear), ``rotation`` (w, x, y, z), ``radiance:base`` (first SH coefficient and opacity) and
+``radiance:sh_0`` ... (one per further SH coefficient).  Nothing outside this file knows attribute types.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import bpy
+import numpy as np
+
+from . import splat_nodes
+
+if TYPE_CHECKING:
+    from .engine.rasterizer.arrays import GaussianArrays
+
+_VALUE_KEY = {"FLOAT_VECTOR": "vector", "QUATERNION": "value", "FLOAT4": "vector", "FLOAT_COLOR": "color"}
+_FIXED = {"scale": "FLOAT_VECTOR", "rotation": "QUATERNION", "radiance:base": "FLOAT_COLOR"}
+# radiance:base is a FLOAT4 in Blender 5.3.  Before 5.2 that type does not exist, and no version's Mesh to Points and
+# Attribute nodes are promised to carry it, while FLOAT_COLOR (four floats, never converted) works in all of them.
+
+
+def create(name: str, gaussians: GaussianArrays) -> Any:
+    """A new object that carries ``gaussians``, with its nodes and material, linked to no collection yet."""
+    mesh = bpy.data.meshes.new(name)
+    obj = bpy.data.objects.new(name, mesh)
+    mesh.materials.append(splat_nodes.material())
+    modifier = obj.modifiers.new("Gaussians as points", "NODES")
+    modifier.node_group = splat_nodes.points_group()
+    modifier.show_group_selector = False
+    write(obj, gaussians)
+    return obj
+
+
+def write(obj: Any, gaussians: GaussianArrays) -> None:
+    """Put ``gaussians`` into the object's mesh; only a change of count or SH degree rebuilds the mesh."""
+    mesh = obj.data
+    further = gaussians.sh.shape[1] - 1
+    _fit(mesh, len(gaussians.means), further)
+    base = np.concatenate([gaussians.sh[:, 0], gaussians.opacities[:, None]], axis=1)
+    columns = {
+        "position": gaussians.means,
+        "scale": gaussians.scales,
+        "rotation": gaussians.quaternions,
+        "radiance:base": base,
+    }
+    columns |= {f"radiance:sh_{k}": gaussians.sh[:, k + 1] for k in range(further)}
+    for name, values in columns.items():
+        attribute = mesh.attributes[name]  # fetched anew: adding an attribute may move the others
+        # 1-D, float32, contiguous: the only form that Blender copies instead of reading value by value.
+        flat = np.ascontiguousarray(values, dtype=np.float32).ravel()
+        attribute.data.foreach_set(_VALUE_KEY[attribute.data_type], flat)
+    mesh.update_tag()
+
+
+def read(obj: Any) -> dict[str, np.ndarray]:
+    """What the object carries: float32 arrays (N, width) by attribute name, for tests and exporters."""
+    found: dict[str, np.ndarray] = {}
+    for name, attribute in obj.data.attributes.items():
+        key = _VALUE_KEY.get(attribute.data_type)
+        if key is None:
+            continue
+        width = 3 if attribute.data_type == "FLOAT_VECTOR" else 4
+        values = np.empty(len(attribute.data) * width, dtype=np.float32)
+        attribute.data.foreach_get(key, values)
+        found[name] = values.reshape(-1, width)
+    return found
+
+
+def clear(obj: Any) -> None:
+    """Drop the geometry; ``write`` brings it back."""
+    obj.data.clear_geometry()
+    obj.data.update_tag()
+
+
+def count(obj: Any) -> int:
+    """How many Gaussians the object carries now."""
+    return len(obj.data.vertices)
+
+
+def _fit(mesh: Any, wanted: int, further: int) -> None:
+    """Make the mesh hold ``wanted`` vertices and ``further`` SH attributes; all exist before any is written."""
+    types = _FIXED | {f"radiance:sh_{k}": "FLOAT_VECTOR" for k in range(further)}
+    stray = [name for name in mesh.attributes.keys() if name.startswith("radiance:") and name not in types]  # noqa: SIM118
+    if len(mesh.vertices) != wanted or stray:
+        mesh.clear_geometry()
+        mesh.vertices.add(wanted)
+    for name, kind in types.items():
+        if name not in mesh.attributes:
+            mesh.attributes.new(name, kind, "POINT")

@@ -1,0 +1,97 @@
+"""One pinhole camera, in the project's only convention.
+
+OpenCV axes (x right, y down, z forward), pixel centres at +0.5, an off-centre principal point honoured.
+Readers convert to this at the border; nothing else knows another convention.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A pinhole camera without distortion (readers remove it).
+
+    Attributes:
+        name: unique within a capture.
+        width, height: pixels.
+        intrinsics: (3, 3) float64 matrix K, pixels.
+        world_to_camera: (4, 4) float64, rigid; ``x_camera = world_to_camera @ x_world``, world units.
+    """
+
+    name: str
+    width: int
+    height: int
+    intrinsics: np.ndarray
+    world_to_camera: np.ndarray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "intrinsics", np.asarray(self.intrinsics, dtype=np.float64).reshape(3, 3))
+        object.__setattr__(self, "world_to_camera", np.asarray(self.world_to_camera, dtype=np.float64).reshape(4, 4))
+
+    @property
+    def rotation(self) -> np.ndarray:
+        """(3, 3) world-to-camera rotation."""
+        return self.world_to_camera[:3, :3]
+
+    @property
+    def center(self) -> np.ndarray:
+        """(3,) camera centre in world units."""
+        return -self.rotation.T @ self.world_to_camera[:3, 3]
+
+    @property
+    def forward(self) -> np.ndarray:
+        """(3,) unit viewing direction in the world."""
+        return self.rotation[2]
+
+    def resized(self, width: int, height: int) -> Camera:
+        """The same view sampled with another number of pixels (the intrinsics scale with them)."""
+        scale = np.diag([width / self.width, height / self.height, 1.0])
+        return replace(self, width=width, height=height, intrinsics=scale @ self.intrinsics)
+
+    def cropped(self, left: int, top: int, width: int, height: int) -> Camera:
+        """The view through the pixel rectangle that starts at (left, top); it may reach outside the image."""
+        shift = np.array([[1.0, 0.0, -left], [0.0, 1.0, -top], [0.0, 0.0, 1.0]])
+        return replace(self, width=width, height=height, intrinsics=shift @ self.intrinsics)
+
+    def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pixel positions (N, 2) and planar depths (N,) of world points (N, 3); depth <= 0 lies behind."""
+        local = points @ self.rotation.T + self.world_to_camera[:3, 3]
+        depth = local[:, 2]
+        safe = np.where(np.abs(depth) < 1e-12, 1e-12, depth)
+        pixels = local @ self.intrinsics.T
+        return pixels[:, :2] / safe[:, None], depth
+
+    def ray_directions(self, pixels: np.ndarray) -> np.ndarray:
+        """(N, 3) unit world directions through pixel positions (N, 2)."""
+        homogeneous = np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1)
+        directions = homogeneous @ np.linalg.inv(self.intrinsics).T @ self.rotation
+        return directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+    def unproject(self, pixels: np.ndarray, distances: np.ndarray) -> np.ndarray:
+        """(N, 3) world points at Euclidean distances (N,) from the centre, through pixel positions (N, 2)."""
+        return self.center + self.ray_directions(pixels) * distances[:, None]
+
+    def to_json(self) -> dict[str, Any]:
+        """A plain dictionary for headers; ``from_json`` reads it back."""
+        return {
+            "name": self.name,
+            "width": self.width,
+            "height": self.height,
+            "intrinsics": self.intrinsics.tolist(),
+            "world_to_camera": self.world_to_camera.tolist(),
+        }
+
+    @classmethod
+    def from_json(cls, data: dict[str, Any]) -> Camera:
+        return cls(
+            str(data["name"]),
+            int(data["width"]),
+            int(data["height"]),
+            np.array(data["intrinsics"], dtype=np.float64),
+            np.array(data["world_to_camera"], dtype=np.float64),
+        )

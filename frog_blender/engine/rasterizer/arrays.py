@@ -1,0 +1,51 @@
+"""Gaussians as plain arrays: what the rasterizer draws, whoever made them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+
+@dataclass
+class GaussianArrays:
+    """N Gaussians, as numpy arrays (playback) or torch tensors (training); float32 and contiguous for the native library.
+
+    Attributes:
+        means: (N, 3) world units.
+        quaternions: (N, 4) w, x, y, z; any length but zero.
+        scales: (N, 3) standard deviations, world units.
+        opacities: (N,) in [0, 1].
+        sh: (N, K, 3) spherical harmonics in the 3DGS order, K = 1, 4, 9 or 16; display-referred sRGB minus one half.
+    """
+
+    means: Any
+    quaternions: Any
+    scales: Any
+    opacities: Any
+    sh: Any
+
+    def __len__(self) -> int:
+        return len(self.means)
+
+    @property
+    def sh_degree(self) -> int:
+        """0 to 3."""
+        return {1: 0, 4: 1, 9: 2, 16: 3}[self.sh.shape[1]]
+
+    def checked(self) -> GaussianArrays:
+        """The same as contiguous float32 numpy arrays; ValueError names an array of the wrong shape."""
+        count = len(self.means)
+        shapes = {"means": (count, 3), "quaternions": (count, 4), "scales": (count, 3), "opacities": (count,)}
+        arrays = {}
+        for name in ("means", "quaternions", "scales", "opacities", "sh"):
+            array = np.ascontiguousarray(getattr(self, name), dtype=np.float32)
+            expected = shapes.get(name)
+            if expected is not None and array.shape != expected:
+                raise ValueError(f"{name}: shape {array.shape}, expected {expected}")
+            arrays[name] = array
+        sh = arrays["sh"]
+        if sh.ndim != 3 or sh.shape[0] != count or sh.shape[1] not in (1, 4, 9, 16) or sh.shape[2] != 3:
+            raise ValueError(f"sh: shape {sh.shape}, expected ({count}, 1 | 4 | 9 | 16, 3)")
+        return GaussianArrays(**arrays)

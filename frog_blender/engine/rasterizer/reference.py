@@ -1,0 +1,194 @@
+"""The rasterizer in plain torch: every Gaussian against every pixel, in any precision. The oracle of the fast ones.
+
+Memory grows with pixels times Gaussians; pixels are taken in strips, so that small scenes fit anywhere.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+
+from ..capture.camera import Camera
+from . import Image
+from .arrays import GaussianArrays
+from .options import ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN, RasterizeOptions
+
+_STRIP_ELEMENTS = 8_000_000  # pixels times Gaussians held at once
+
+
+def sh_basis(count: int, directions: torch.Tensor) -> torch.Tensor:
+    """(N, count) real spherical harmonics at unit directions (N, 3), in the order and signs of 3DGS."""
+    x, y, z = directions.unbind(-1)
+    xx, yy, zz = x * x, y * y, z * z
+    terms = [torch.full_like(x, 0.28209479177387814)]
+    if count > 1:
+        terms += [-0.4886025119029199 * y, 0.4886025119029199 * z, -0.4886025119029199 * x]
+    if count > 4:
+        terms += [
+            1.0925484305920792 * x * y,
+            -1.0925484305920792 * y * z,
+            0.31539156525252005 * (2 * zz - xx - yy),
+            -1.0925484305920792 * x * z,
+            0.5462742152960396 * (xx - yy),
+        ]
+    if count > 9:
+        terms += [
+            -0.5900435899266435 * y * (3 * xx - yy),
+            2.890611442640554 * x * y * z,
+            -0.4570457994644658 * y * (4 * zz - xx - yy),
+            0.3731763325901154 * z * (2 * zz - 3 * xx - 3 * yy),
+            -0.4570457994644658 * x * (4 * zz - xx - yy),
+            1.445305721320277 * z * (xx - yy),
+            -0.5900435899266435 * x * (xx - 3 * yy),
+        ]
+    return torch.stack(terms, dim=-1)
+
+
+def rotation_matrices(quaternions: torch.Tensor) -> torch.Tensor:
+    """(N, 3, 3) rotations of quaternions (N, 4) w, x, y, z of any length but zero."""
+    w, x, y, z = torch.nn.functional.normalize(quaternions, dim=-1).unbind(-1)
+    rows = [
+        *(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        *(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        *(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    ]
+    return torch.stack(rows, dim=-1).reshape(-1, 3, 3)
+
+
+@dataclass
+class _Splats:
+    """Visible Gaussians on the screen, nearest first."""
+
+    index: torch.Tensor  # (M,) into the input
+    pixels: torch.Tensor  # (M, 2)
+    conics: torch.Tensor  # (M, 3) inverse covariance a, b, c
+    opacities: torch.Tensor  # (M,)
+    colors: torch.Tensor  # (M, 3)
+    depths: torch.Tensor  # (M,)
+    radii: torch.Tensor  # (M,)
+
+
+def _clamped_tangents(local: torch.Tensor, camera: Camera) -> torch.Tensor:
+    """x / z and y / z (N, 2), clamped to the picture and 15 % around it, where the projection is linearised."""
+    k = camera.intrinsics
+    tangents = []
+    for axis, (focal, center, size) in enumerate(
+        [(k[0, 0], k[0, 2], camera.width), (k[1, 1], k[1, 2], camera.height)]
+    ):
+        margin = 0.15 * size
+        low, high = (-margin - center) / focal, (size + margin - center) / focal
+        tangents.append((local[:, axis] / local[:, 2]).clamp(low, high))
+    return torch.stack(tangents, dim=-1)
+
+
+def _project(g: GaussianArrays, screen: torch.Tensor, camera: Camera, options: RasterizeOptions) -> _Splats:
+    like = {"dtype": g.means.dtype, "device": g.means.device}
+    view = torch.as_tensor(camera.world_to_camera, **like)
+    k = camera.intrinsics
+    with torch.no_grad():
+        local = g.means @ view[:3, :3].T + view[:3, 3]
+        square = g.quaternions.square().sum(-1)
+        drawable = (local[:, 2] >= options.near_plane) & (square > 1e-24) & (square < 1e24)
+        drawable &= (g.opacities > ALPHA_MIN) & (g.opacities < 1e30)
+        drawable &= torch.isfinite(local).all(-1) & torch.isfinite(g.scales).all(-1)
+        drawable &= torch.isfinite(g.sh).flatten(1).all(-1) & (g.scales.abs().amax(-1) < 1e12)
+        kept = drawable.nonzero().squeeze(-1)
+
+    means, opacities = g.means[kept], g.opacities[kept].clamp(max=1.0)
+    local = means @ view[:3, :3].T + view[:3, 3]
+    z = local[:, 2]
+    tangents = _clamped_tangents(local, camera)
+    zero = torch.zeros_like(z)
+    jacobian = torch.stack(
+        [
+            torch.stack([k[0, 0] / z, zero, -k[0, 0] / z * tangents[:, 0]], -1),
+            torch.stack([zero, k[1, 1] / z, -k[1, 1] / z * tangents[:, 1]], -1),
+        ],
+        dim=1,
+    )
+    axes = jacobian @ view[:3, :3] @ rotation_matrices(g.quaternions[kept]) * g.scales[kept][:, None, :]
+    covariance = axes @ axes.transpose(1, 2) + options.low_pass * torch.eye(2, **like)
+    xx, xy, yy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
+    determinant = xx * yy - xy * xy
+    pixels = torch.stack([k[0, 0] * local[:, 0] / z + k[0, 2], k[1, 1] * local[:, 1] / z + k[1, 2]], -1)
+    directions = torch.nn.functional.normalize(means - torch.as_tensor(camera.center, **like), dim=-1)
+    sh = g.sh[kept]
+    colors = (torch.einsum("nk,nkc->nc", sh_basis(sh.shape[1], directions), sh) + 0.5).clamp(min=0)
+    extents = (2 * torch.log(opacities / ALPHA_MIN)[:, None] * torch.stack([xx, yy], -1)).sqrt().detach()
+    size = torch.tensor([camera.width, camera.height], **like)
+    seen = ((pixels + extents >= 0.5) & (pixels - extents <= size - 0.5)).all(-1)
+    radii = torch.where(seen, extents.amax(-1), 0)
+
+    order = torch.sort(z.detach(), stable=True).indices
+    conics = torch.stack([yy, -xy, xx], -1) / determinant[:, None]
+    return _Splats(
+        *(part[order] for part in (kept, pixels + screen[kept], conics, opacities, colors, z, radii)),
+    )
+
+
+@dataclass
+class _Strip:
+    rgb: torch.Tensor  # (P, 3)
+    alpha: torch.Tensor  # (P,)
+    median: torch.Tensor  # (P,) position in the splat list, -1 where none
+    mean_depth: torch.Tensor  # (P,)
+    heaviest: torch.Tensor  # (M,)
+
+
+def _blend(splats: _Splats, points: torch.Tensor, background: torch.Tensor) -> _Strip:
+    """Blends all splats at pixel centres (P, 2), front to back."""
+    dx = points[:, None, 0] - splats.pixels[None, :, 0]  # (P, M)
+    dy = points[:, None, 1] - splats.pixels[None, :, 1]
+    a, b, c = splats.conics.unbind(-1)
+    power = -0.5 * (a * dx * dx + c * dy * dy) - b * dx * dy
+    alpha = splats.opacities * torch.exp(power)
+    alpha = torch.where(alpha >= ALPHA_MIN, alpha.clamp(max=ALPHA_MAX), torch.zeros_like(alpha))
+    # A Gaussian that would take transmittance below the limit finishes the pixel: it and all behind it are left out.
+    after = torch.cumprod(1 - alpha, dim=1)
+    alpha = torch.where(after.detach() >= TRANSMITTANCE_MIN, alpha, torch.zeros_like(alpha))
+    after = torch.cumprod(1 - alpha, dim=1)
+    before = torch.cat([torch.ones_like(after[:, :1]), after[:, :-1]], dim=1)
+    weights = alpha * before
+    remaining = torch.prod(1 - alpha, dim=1)
+    crossing = (before > 0.5) & (after <= 0.5)
+    median = torch.full_like(remaining, -1, dtype=torch.long)
+    if len(splats.index):
+        median = torch.where(crossing.any(1), crossing.int().argmax(1), -1)
+    covered = (1 - remaining).detach()
+    mean_depth = torch.where(covered > 0, (weights @ splats.depths).detach() / covered, math.nan)
+    rgb = weights @ splats.colors + remaining[:, None] * background
+    return _Strip(rgb, 1 - remaining, median, mean_depth, weights.detach().amax(0))
+
+
+def rasterize(
+    gaussians: GaussianArrays, camera: Camera, background: tuple[float, float, float], options: RasterizeOptions
+) -> Image:
+    """As ``rasterizer.rasterize``, on any device and in any floating-point type."""
+    like = {"dtype": gaussians.means.dtype, "device": gaussians.means.device}
+    count = len(gaussians)
+    screen = torch.zeros((count, 2), requires_grad=True, **like)
+    splats = _project(gaussians, screen, camera, options)
+    color = torch.tensor(background, **like)
+    y, x = torch.meshgrid(
+        torch.arange(camera.height, **like) + 0.5, torch.arange(camera.width, **like) + 0.5, indexing="ij"
+    )
+    points = torch.stack([x.flatten(), y.flatten()], -1)
+    size = (camera.height, camera.width)
+    strips = [_blend(splats, part, color) for part in points.split(max(1, _STRIP_ELEMENTS // max(1, len(splats.index))))]
+    radii, weights = torch.zeros(count, **like), torch.zeros(count, **like)
+    radii[splats.index] = splats.radii
+    weights[splats.index] = torch.stack([strip.heaviest for strip in strips]).amax(0)
+    rgb = torch.cat([strip.rgb for strip in strips]).reshape(*size, 3)
+    image = Image(rgb, torch.cat([strip.alpha for strip in strips]).reshape(size), radii, screen)
+    if options.depth:
+        median = torch.cat([strip.median for strip in strips]).reshape(size)
+        centers = (gaussians.means.detach() - torch.as_tensor(camera.center, **like))[splats.index]
+        missing = torch.full((1,), math.nan, **like)  # index -1 picks it
+        image.median_depth = torch.cat([centers.norm(dim=1), missing])[median]
+        image.median_z = torch.cat([splats.depths.detach(), missing])[median]
+        image.mean_depth = torch.cat([strip.mean_depth for strip in strips]).reshape(size)
+    if options.weights:
+        image.max_weights = weights
+    return image

@@ -1,0 +1,109 @@
+// The exported functions: choose the kernels for this processor, and run them over the pool.
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <cstring>
+#include <new>
+#include <vector>
+
+#include "binning.h"
+#include "thread_pool.h"
+
+namespace {
+
+const Kernels *choose_kernels() {
+#if defined(FROG_X86)
+  const char *wanted = std::getenv("FROG_INSTRUCTION_SET");  // "baseline" or "avx2": for tests and measurements
+  const bool any = !wanted || !*wanted;
+  __builtin_cpu_init();
+  if ((any || !std::strcmp(wanted, "avx512")) && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
+      __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512bw"))
+    return kernels_avx512();
+  if ((any || std::strcmp(wanted, "baseline")) && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"))
+    return kernels_avx2();
+#endif
+  return kernels_baseline();
+}
+
+const Kernels &kernels() {
+  static const Kernels *chosen = choose_kernels();
+  return *chosen;
+}
+
+void draw(FrogFrame &frame, const FrogGaussians &gaussians, const FrogImage &image) {
+  frame.splats.resize(gaussians.count);
+  frame.view.splats = frame.splats.data();
+  frog::parallel_for(gaussians.count, 1024,
+                     [&](int begin, int end) { kernels().project(frame.view, gaussians, begin, end); });
+  frog::bin_splats(frame);
+  if (image.max_weights) std::fill_n(image.max_weights, gaussians.count, 0.0f);
+  if (image.radii)
+    for (int i = 0; i < gaussians.count; ++i) image.radii[i] = frame.splats[i].radius;
+  frog::parallel_for(static_cast<int>(frame.tiles.size()), 1, [&](int begin, int end) {
+    for (int t = begin; t < end; ++t) kernels().blend(frame.view, frame.tiles[t], image);
+  });
+}
+
+}  // namespace
+
+extern "C" {
+
+int32_t frog_abi_version(void) { return 1; }
+const char *frog_instruction_set(void) { return kernels().name; }
+void frog_set_thread_count(int32_t count) { frog::set_thread_count(count); }
+int32_t frog_thread_count(void) { return frog::thread_count(); }
+
+FrogFrame *frog_draw(const FrogGaussians *gaussians, const FrogCamera *camera, const FrogOptions *options,
+                     FrogImage *image) {
+  FrogFrame *frame = nullptr;
+  try {
+    frame = new FrogFrame;
+    frame->view.camera = *camera;
+    frame->view.options = *options;
+    frame->view.count = gaussians->count;
+    frame->view.tiles_x = (camera->width + TILE - 1) / TILE;
+    frame->view.tiles_y = (camera->height + TILE - 1) / TILE;
+    draw(*frame, *gaussians, *image);
+    return frame;
+  } catch (const std::bad_alloc &) {
+    delete frame;
+    return nullptr;
+  }
+}
+
+int32_t frog_backward(const FrogFrame *frame, const FrogGaussians *gaussians, const FrogImage *image,
+                      const FrogImageGradient *gradient, const FrogGradients *result) {
+  try {
+    // Every slot belongs to one tile, so nothing is written twice and the sums below have a fixed order.
+    std::vector<float> instances(static_cast<size_t>(frame->tile_splats.size()) * INSTANCE_GRADIENTS);
+    FrameView view = frame->view;
+    view.instance_gradients = instances.data();
+    frog::parallel_for(static_cast<int>(frame->tiles.size()), 1, [&](int begin, int end) {
+      for (int t = begin; t < end; ++t) kernels().blend_backward(view, frame->tiles[t], *image, *gradient);
+    });
+    frog::parallel_for(gaussians->count, 1024, [&](int begin, int end) {
+      kernels().project_backward(view, *gaussians, *result, begin, end);
+    });
+    return 0;
+  } catch (const std::bad_alloc &) {
+    return 1;
+  }
+}
+
+void frog_free(FrogFrame *frame) { delete frame; }
+
+int32_t frog_evaluate_network(int32_t count, int32_t hidden, const float *first, const float *shared,
+                              int32_t layer_count, const FrogLayer *layers, int32_t row_length, int32_t outputs,
+                              float *result) {
+  try {
+    frog::parallel_for(count, 256, [&](int begin, int end) {
+      std::vector<float> scratch(static_cast<size_t>(row_length) * 4);
+      kernels().network(begin, end, hidden, first, shared, layer_count, layers, row_length, outputs, scratch.data(),
+                        result);
+    });
+    return 0;
+  } catch (const std::bad_alloc &) {
+    return 1;
+  }
+}
+}

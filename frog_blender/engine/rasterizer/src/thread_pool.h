@@ -1,0 +1,11 @@
+// The library's own threads: one pool, one job at a time; a caller who finds it busy works alone.
+#pragma once
+#include <functional>
+
+namespace frog {
+int thread_count();
+void set_thread_count(int count);  // 0: one for each core
+// Calls work(begin, end) over [0, count) in pieces of `grain`, on all threads and the caller's. Blocks until done; throws std::bad_alloc
+// when any piece did.
+void parallel_for(int count, int grain, const std::function<void(int, int)> &work);
+}  // namespace frog

@@ -1,0 +1,17 @@
+"""What a user can do: one operator family per file."""
+
+from __future__ import annotations
+
+from . import cameras, import_frog, train
+
+_FAMILIES = (import_frog, cameras, train)
+
+
+def register() -> None:
+    for family in _FAMILIES:
+        family.register()
+
+
+def unregister() -> None:
+    for family in reversed(_FAMILIES):
+        family.unregister()

@@ -1,0 +1,35 @@
+"""Choosing among the capture's cameras."""
+
+# mypy: disable-error-code="valid-type"
+# ruff: noqa: F722, F821
+
+from typing import Any
+
+import bpy
+
+from .materialize import look_through
+
+
+class FROG_OT_look_through(bpy.types.Operator):
+    """Make the selected camera the active one, and render at the size of the pictures that it took"""
+
+    bl_idname = "frog.look_through"
+    bl_label = "Look Through Camera"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        cls.poll_message_set("Select a camera first.")
+        return context.object is not None and context.object.type == "CAMERA"
+
+    def execute(self, context: Any) -> set[str]:
+        look_through(context.scene, context.object)
+        return {"FINISHED"}
+
+
+def register() -> None:
+    bpy.utils.register_class(FROG_OT_look_through)
+
+
+def unregister() -> None:
+    bpy.utils.unregister_class(FROG_OT_look_through)

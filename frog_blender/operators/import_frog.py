@@ -1,0 +1,98 @@
+"""File > Import > FRoG scene, and dropping a .frog file into the viewport."""
+
+# mypy: disable-error-code="valid-type"
+# ruff: noqa: F722, F821
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+from bpy.props import BoolProperty, FloatProperty, StringProperty
+from bpy_extras.io_utils import ImportHelper
+
+from ..engine.errors import FrogError
+from .materialize import materialize
+
+
+class FROG_OT_import_scene(bpy.types.Operator, ImportHelper):
+    """Open a trained FRoG scene: its Gaussians, its cameras and its time range"""
+
+    bl_idname = "import_scene.frog"
+    bl_label = "Import FRoG Scene"
+    bl_options = {"REGISTER", "UNDO"}
+
+    filename_ext = ".frog"
+    filter_glob: StringProperty(default="*.frog", options={"HIDDEN"})
+    start_frame: FloatProperty(
+        name="Start Frame",
+        description="Frame of the timeline at which the capture's first frame is shown",
+        default=1.0,
+    )
+    set_up_scene: BoolProperty(
+        name="Set Up Scene",
+        description="Take over the capture's frame range, frame rate, picture size, active camera and background, "
+        "and show its colours unchanged (Standard view transform, no dithering)",
+        default=True,
+    )
+    use_frog_engine: BoolProperty(
+        name="Render with FRoG",
+        description="Make FRoG the scene's render engine, which draws the captures as they were trained",
+        default=True,
+    )
+
+    def invoke(self, context: Any, event: Any) -> set[str]:
+        # A dropped file brings its path along and needs no file browser.
+        if self.filepath and Path(self.filepath).is_file():
+            return self.invoke_popup(context)
+        return super().invoke(context, event)
+
+    def execute(self, context: Any) -> set[str]:
+        path = Path(bpy.path.abspath(self.filepath))
+        try:
+            carrier_object = materialize(
+                path,
+                context.scene,
+                start_frame=self.start_frame,
+                set_up_scene=self.set_up_scene,
+                use_frog_engine=self.use_frog_engine,
+            )
+        except FrogError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        for obj in context.selected_objects:
+            obj.select_set(False)
+        carrier_object.select_set(True)
+        context.view_layer.objects.active = carrier_object
+        return {"FINISHED"}
+
+
+class FROG_FH_scene(bpy.types.FileHandler):
+    """Lets a .frog file be dropped into a window."""
+
+    bl_idname = "FROG_FH_scene"
+    bl_label = "FRoG Scene"
+    bl_import_operator = "import_scene.frog"
+    bl_file_extensions = ".frog"
+
+    @classmethod
+    def poll_drop(cls, context: Any) -> bool:
+        return context.area is not None and context.area.type in {"VIEW_3D", "OUTLINER"}
+
+
+def _menu(self: Any, _context: Any) -> None:
+    self.layout.operator(FROG_OT_import_scene.bl_idname, text="FRoG Scene (.frog)")
+
+
+_CLASSES = (FROG_OT_import_scene, FROG_FH_scene)
+
+
+def register() -> None:
+    for cls in _CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.types.TOPBAR_MT_file_import.append(_menu)
+
+
+def unregister() -> None:
+    bpy.types.TOPBAR_MT_file_import.remove(_menu)
+    for cls in reversed(_CLASSES):
+        bpy.utils.unregister_class(cls)

@@ -1,0 +1,115 @@
+"""Train FRoG, cancel it, and look at a capture folder again."""
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from .. import background, playback
+from ..engine.errors import FrogError
+from ..ui import capture_summary, preferences
+from .materialize import materialize
+
+
+class FROG_OT_train(bpy.types.Operator):
+    """Train a dynamic Gaussian scene from the capture, in the background"""
+
+    bl_idname = "frog.train"
+    bl_label = "Train FRoG"
+
+    def execute(self, context: Any) -> set[str]:
+        try:
+            request = request_of(context.scene.frog)
+            preferences.make_torch_importable()
+            after = _importer(context.scene.name) if context.scene.frog.import_when_done else None
+            background.begin(request.events, after)
+        except FrogError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+class FROG_OT_cancel_training(bpy.types.Operator):
+    """Stop training; what was learned so far is written to the output file"""
+
+    bl_idname = "frog.cancel_training"
+    bl_label = "Cancel"
+
+    @classmethod
+    def poll(cls, _context: Any) -> bool:
+        return background.is_running()
+
+    def execute(self, _context: Any) -> set[str]:
+        if background.current is not None:
+            background.current.cancel()
+        return {"FINISHED"}
+
+
+class FROG_OT_inspect_capture(bpy.types.Operator):
+    """Look into the capture folder again"""
+
+    bl_idname = "frog.inspect_capture"
+    bl_label = "Check Capture"
+
+    def execute(self, context: Any) -> set[str]:
+        summary = capture_summary.inspect(bpy.path.abspath(context.scene.frog.capture_folder))
+        if summary.error:
+            self.report({"ERROR"}, summary.error)
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+def request_of(settings: Any) -> background.TrainingRequest:
+    """What the panel's settings ask for; FrogError if something is missing."""
+    if not settings.capture_folder:
+        raise FrogError("No capture is chosen: name the folder with the videos and cameras to train from.")
+    capture = Path(bpy.path.abspath(settings.capture_folder))
+    if not capture.is_dir():
+        raise FrogError(f"{capture}: found no such folder, expected a capture to train from.")
+    if not settings.output_path:
+        raise FrogError("No output is chosen: name the .frog file to write.")
+    output = Path(bpy.path.abspath(settings.output_path)).with_suffix(".frog")
+    return background.TrainingRequest(
+        capture,
+        output,
+        settings.recipe,
+        steps=settings.steps or None,
+        scale=settings.image_scale or None,
+        holdout_frames=settings.holdout_frames or None,
+    )
+
+
+def _importer(scene_name: str) -> Any:
+    """What to do with a finished file: show it in the scene that asked for it, once."""
+
+    def show(path: Path) -> None:
+        scene = bpy.data.scenes.get(scene_name)
+        if scene is None:
+            return  # the user deleted it meanwhile; the file is on disk
+        if any(playback.file_of(obj) == path for obj in playback.captures(scene.objects)):
+            playback.refresh(scene)
+            return
+        try:
+            materialize(path, scene)
+        except FrogError as error:
+            if background.current is not None:
+                background.current.state.error = str(error)
+            return
+        if bpy.context.window_manager.windows:  # so that one undo takes back the import, and only it
+            with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
+                bpy.ops.ed.undo_push(message="Import trained FRoG scene")
+
+    return show
+
+
+_CLASSES = (FROG_OT_train, FROG_OT_cancel_training, FROG_OT_inspect_capture)
+
+
+def register() -> None:
+    for cls in _CLASSES:
+        bpy.utils.register_class(cls)
+
+
+def unregister() -> None:
+    for cls in reversed(_CLASSES):
+        bpy.utils.unregister_class(cls)

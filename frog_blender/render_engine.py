@@ -1,0 +1,190 @@
+"""The FROG render engine: F12 and animations of captures by the engine's own rasterizer, without torch.
+
+The picture through an imported camera is the engine's own drawing of that camera: Gaussians are blended in the video's
+display-referred colour, as they were trained, and the result is converted to Blender's scene-linear at the end.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import bpy
+import numpy as np
+
+from . import playback
+from .blender_camera import engine_camera
+from .colors import to_display, to_linear
+from .engine.errors import FrogError
+
+if TYPE_CHECKING:
+    from .engine.inference.draw import Drawing
+    from .engine.rasterizer.arrays import GaussianArrays
+
+NO_SURFACE = 1e10  # Blender's depth where nothing was hit
+
+
+class FrogRenderEngine(bpy.types.RenderEngine):
+    """Draws every visible capture of the scene; other objects are not drawn."""
+
+    bl_idname = "FROG"
+    bl_label = "FRoG"
+    bl_use_preview = False
+    bl_use_eevee_viewport = True
+    bl_use_postprocess = True
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+
+    def update_render_passes(self, scene: Any = None, renderlayer: Any = None) -> None:
+        self.register_pass(scene, renderlayer, "Combined", 4, "RGBA", "COLOR")
+        if renderlayer.use_pass_z:
+            self.register_pass(scene, renderlayer, "Depth", 1, "Z", "VALUE")
+
+    def render(self, depsgraph: Any) -> None:
+        try:
+            combined, depth = render_frame(self, depsgraph)
+        except FrogError as error:
+            self.error_set(str(error))
+            return
+        if self.test_break():
+            return
+        height, width = depth.shape
+        result = self.begin_result(0, 0, width, height, layer=depsgraph.view_layer.name)
+        for render_pass in result.layers[0].passes:
+            values = {"Combined": combined, "Depth": depth}.get(render_pass.name)
+            if values is not None:  # rows of a pass go from bottom to top; only a 1-D float32 array is copied at once
+                render_pass.rect.foreach_set(np.ascontiguousarray(values[::-1], dtype=np.float32).ravel())
+        self.end_result(result)
+        self.update_progress(1.0)
+
+
+def render_frame(engine: Any, depsgraph: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Combined (H, W, 4) scene-linear premultiplied, and Depth (H, W) planar in world units, rows from the top."""
+    from .engine.inference.draw import draw
+
+    scene = depsgraph.scene
+    width, height = engine.resolution_x, engine.resolution_y
+    if scene.camera is None:
+        raise FrogError(f"Scene {scene.name}: found no active camera, expected one to render through.")
+    eye = scene.camera.evaluated_get(depsgraph)
+    camera = engine_camera(eye, eye.matrix_world, scene.render, width, height)
+    engine.update_stats("", "Deforming Gaussians")
+    gaussians, captured_background = gather(depsgraph)
+    if gaussians is None:
+        drawing = None
+    elif engine.test_break():
+        return np.zeros((height, width, 4), np.float32), np.full((height, width), NO_SURFACE, np.float32)
+    else:
+        engine.update_progress(0.2)
+        engine.update_stats("", f"Drawing {len(gaussians.means):,} Gaussians")
+        drawing = draw(gaussians, camera, background=(0.0, 0.0, 0.0))
+    if scene.render.film_transparent:
+        background = None
+    else:
+        background = world_color(scene)
+        if background is None:
+            background = captured_background
+    return combined_pass(drawing, background, width, height), depth_pass(drawing, width, height)
+
+
+def gather(depsgraph: Any) -> tuple[GaussianArrays | None, np.ndarray]:
+    """All visible captures at the frame being evaluated, in world space, and the first one's display background (3,).
+
+    None stands for no capture at all.  A capture that cannot be played raises FrogError: a render must not lie.
+    """
+    frame = depsgraph.scene.frame_current_final
+    parts: list[GaussianArrays] = []
+    background = np.zeros(3, dtype=np.float32)
+    for instance in depsgraph.object_instances:
+        obj = instance.object.original
+        if obj.type != "MESH" or not obj.frog.filepath:
+            continue
+        if not parts:
+            background = np.asarray(playback.open_scene(playback.file_of(obj)).header.background, dtype=np.float32)
+        matrix = np.array(instance.matrix_world, dtype=np.float64)
+        parts.append(placed(playback.gaussians_at(obj, frame), matrix, obj.name))
+    return (joined(parts) if parts else None), background
+
+
+def placed(gaussians: GaussianArrays, matrix: np.ndarray, name: str) -> GaussianArrays:
+    """The Gaussians moved by a (4, 4) object matrix of rotation, uniform scale and translation; FrogError otherwise."""
+    from .engine.inference.draw import transform
+
+    if np.array_equal(matrix, np.eye(4)):
+        return gaussians  # the usual case, and bit for bit what the engine draws
+    linear = matrix[:3, :3]
+    size = np.cbrt(np.linalg.det(linear))
+    if not size > 1e-9 or not np.allclose(linear.T @ linear, size**2 * np.eye(3), atol=1e-4 * size**2):
+        raise FrogError(f"{name}: found a mirrored, sheared or uneven scale, expected the same scale on every axis.")
+    return transform(gaussians, matrix)
+
+
+def joined(parts: list[GaussianArrays]) -> GaussianArrays:
+    """One set of Gaussians out of several; SH coefficients that some lack are zero."""
+    if len(parts) == 1:
+        return parts[0]
+    from .engine.rasterizer.arrays import GaussianArrays
+
+    most = max(part.sh.shape[1] for part in parts)
+    sh = [np.pad(part.sh, ((0, 0), (0, most - part.sh.shape[1]), (0, 0))) for part in parts]
+    plain = ("means", "quaternions", "scales", "opacities")
+    together = {name: np.concatenate([getattr(part, name) for part in parts]) for name in plain}
+    return GaussianArrays(**together, sh=np.ascontiguousarray(np.concatenate(sh)))
+
+
+def combined_pass(drawing: Drawing | None, background: np.ndarray | None, width: int, height: int) -> np.ndarray:
+    """(H, W, 4) scene-linear premultiplied colour; over a display-referred background (3,), or transparent with None."""
+    if drawing is None:
+        color, alpha = np.zeros((height, width, 3), np.float32), np.zeros((height, width, 1), np.float32)
+    else:
+        color, alpha = drawing.rgb, np.clip(drawing.alpha, 0.0, 1.0)[..., None]
+    if background is not None:
+        # Over in display space, which is how the scene was trained, so partly covered pixels look as they did there.
+        over = np.clip(color + (1.0 - alpha) * background, 0.0, max(1.0, float(background.max())))
+        return np.concatenate([to_linear(over), np.ones_like(alpha)], axis=2)
+    straight = np.clip(color / np.maximum(alpha, 1e-6), 0.0, 1.0)
+    return np.concatenate([to_linear(straight) * alpha, alpha], axis=2)
+
+
+def depth_pass(drawing: Drawing | None, width: int, height: int) -> np.ndarray:
+    """(H, W) planar distance of the median surface in world units, NO_SURFACE where there is none."""
+    if drawing is None:
+        return np.full((height, width), NO_SURFACE, np.float32)
+    return np.where(np.isfinite(drawing.median_z), drawing.median_z, NO_SURFACE).astype(np.float32)
+
+
+def world_color(scene: Any) -> np.ndarray | None:
+    """(3,) display-referred colour of the scene's world, None without a world; textures and skies are not drawn."""
+    world = scene.world
+    if world is None:
+        return None
+    linear = np.array(world.color, dtype=np.float32)
+    nodes = world.node_tree.nodes if world.node_tree and (world.use_nodes or bpy.app.version >= (5, 0, 0)) else ()
+    shader = next((node for node in nodes if node.type == "BACKGROUND"), None)
+    if shader is not None and not shader.inputs["Color"].is_linked and not shader.inputs["Strength"].is_linked:
+        linear = np.array(shader.inputs["Color"].default_value[:3]) * shader.inputs["Strength"].default_value
+    return to_display(linear)
+
+
+# Panels that other engines' settings fill with what FROG does not have.
+_FOREIGN_PANELS = {"VIEWLAYER_PT_filter", "VIEWLAYER_PT_layer_passes"}
+
+
+def _stock_panels() -> list[Any]:
+    return [
+        panel
+        for panel in bpy.types.Panel.__subclasses__()
+        if "BLENDER_RENDER" in getattr(panel, "COMPAT_ENGINES", ()) and panel.__name__ not in _FOREIGN_PANELS
+    ]
+
+
+def register() -> None:
+    bpy.utils.register_class(FrogRenderEngine)
+    for panel in _stock_panels():
+        panel.COMPAT_ENGINES.add(FrogRenderEngine.bl_idname)
+
+
+def unregister() -> None:
+    bpy.utils.unregister_class(FrogRenderEngine)
+    for panel in _stock_panels():
+        panel.COMPAT_ENGINES.discard(FrogRenderEngine.bl_idname)

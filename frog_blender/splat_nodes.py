@@ -1,0 +1,180 @@
+"""The Geometry Nodes and the material that draw the carrier's Gaussians in Cycles and EEVEE.
+
+Geometry Nodes turn each vertex into a point whose sphere holds the Gaussian out to three standard deviations, and store
+the rows of A = inverse(rotation * scale) and the centre.  The material evaluates the Gaussian along the ray that hit
+the sphere: with p = A (hit - centre) and v = A ray / |A ray| the closest approach is d2 = |p|2 - (p . v)2, and the
+point's alpha is opacity * exp(-d2 / 2).  Only the base colour is shown; the FROG engine draws the view-dependent part.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+_GROUP = "FRoG Gaussians as Points"
+_MATERIAL = "FRoG Gaussians"
+_RADIUS = 3.0  # standard deviations that a point's sphere reaches
+_SMALLEST = 1e-8  # scale below which a Gaussian is treated as flat, world units
+_SH_0 = 0.28209479177387814
+
+
+def points_group() -> Any:
+    """The Geometry Nodes group, made once per file."""
+    group = bpy.data.node_groups.get(_GROUP)
+    if group is not None:
+        return group
+    group = bpy.data.node_groups.new(_GROUP, "GeometryNodeTree")
+    group.is_modifier = True
+    group.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
+    group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    build = _Builder(group)
+    source, result = build.node("NodeGroupInput"), build.node("NodeGroupOutput")
+
+    scale = build.named("scale", "FLOAT_VECTOR")
+    rotation = build.named("rotation", "QUATERNION")
+    safe = build.vector("MAXIMUM", scale, (_SMALLEST,) * 3)
+    x, y, z = build.separate(safe)
+    largest = build.math("MAXIMUM", build.math("MAXIMUM", x, y), z)
+
+    points = build.node("GeometryNodeMeshToPoints")
+    build.link(source.outputs[0], points.inputs["Mesh"])
+    build.link(build.math("MULTIPLY", largest, _RADIUS), points.inputs["Radius"])
+    geometry = points.outputs[0]
+    # Row i of A is the Gaussian's i-th axis divided by its scale.  Stored after Mesh to Points, so on the points alone.
+    for i, size in enumerate((x, y, z)):
+        turn = build.node("FunctionNodeRotateVector")
+        turn.inputs["Vector"].default_value = tuple(float(i == j) for j in range(3))
+        build.link(rotation, turn.inputs["Rotation"])
+        row = build.vector("DIVIDE", turn.outputs[0], size)
+        geometry = build.store(geometry, f"frog_row_{i}", row)
+    geometry = build.store(geometry, "frog_center", build.node("GeometryNodeInputPosition").outputs[0])
+    set_material = build.node("GeometryNodeSetMaterial")
+    set_material.inputs["Material"].default_value = material()
+    build.link(geometry, set_material.inputs["Geometry"])
+    build.link(set_material.outputs[0], result.inputs[0])
+    build.arrange()
+    return group
+
+
+def material() -> Any:
+    """The material, made once per file."""
+    found = bpy.data.materials.get(_MATERIAL)
+    if found is not None:
+        return found
+    made = bpy.data.materials.new(_MATERIAL)
+    made.use_nodes = True
+    made.surface_render_method = "DITHERED"
+    made.node_tree.nodes.clear()
+    build = _Builder(made.node_tree)
+
+    surface = build.node("ShaderNodeNewGeometry")
+    center, _ = build.attribute("frog_center")
+    offset = build.vector("SUBTRACT", build.to_object(surface.outputs["Position"], "POINT"), center)
+    ray = build.to_object(surface.outputs["Incoming"], "VECTOR")
+    rows = [build.attribute(f"frog_row_{i}")[0] for i in range(3)]
+    p = build.combine(*(build.vector("DOT_PRODUCT", row, offset) for row in rows))
+    v = build.vector("NORMALIZE", build.combine(*(build.vector("DOT_PRODUCT", row, ray) for row in rows)))
+    along = build.vector("DOT_PRODUCT", p, v)
+    square = build.math("SUBTRACT", build.vector("DOT_PRODUCT", p, p), build.math("MULTIPLY", along, along))
+    falloff = build.math("EXPONENT", build.math("MULTIPLY", square, -0.5))
+
+    base, opacity = build.attribute("radiance:base")
+    front = build.math("SUBTRACT", 1.0, surface.outputs["Backfacing"])
+    alpha = build.math("MULTIPLY", build.math("MULTIPLY", opacity, falloff), front)
+    display = build.vector("MULTIPLY_ADD", base, (_SH_0,) * 3, (0.5,) * 3)
+    linear = build.combine(*(_to_linear(build, channel) for channel in build.separate(display)))
+
+    glow, clear, mix = (build.node(f"ShaderNode{kind}") for kind in ("Emission", "BsdfTransparent", "MixShader"))
+    output = build.node("ShaderNodeOutputMaterial")
+    build.link(linear, glow.inputs["Color"])
+    build.link(alpha, mix.inputs[0])
+    build.link(clear.outputs[0], mix.inputs[1])
+    build.link(glow.outputs[0], mix.inputs[2])
+    build.link(mix.outputs[0], output.inputs["Surface"])
+    build.arrange()
+    return made
+
+
+def _to_linear(build: _Builder, channel: Any) -> Any:
+    """Display-referred sRGB to scene-linear, for one channel."""
+    value = build.math("MAXIMUM", channel, 0.0)
+    low = build.math("DIVIDE", value, 12.92)
+    high = build.math("POWER", build.math("DIVIDE", build.math("ADD", value, 0.055), 1.055), 2.4)
+    is_high = build.math("GREATER_THAN", value, 0.04045)
+    return build.math("MULTIPLY_ADD", is_high, build.math("SUBTRACT", high, low), low)
+
+
+class _Builder:
+    """Nodes as expressions: each method adds a node and returns its output socket."""
+
+    def __init__(self, tree: Any) -> None:
+        self.tree = tree
+        self.is_shader = tree.bl_idname == "ShaderNodeTree"
+
+    def node(self, kind: str) -> Any:
+        return self.tree.nodes.new(kind)
+
+    def link(self, source: Any, target: Any) -> None:
+        """Connect a socket, or set a constant."""
+        if isinstance(source, (int, float, tuple)):
+            target.default_value = source
+        else:
+            self.tree.links.new(source, target)
+
+    def _operation(self, kind: str, operation: str, values: tuple[Any, ...]) -> Any:
+        node = self.node(kind)
+        node.operation = operation
+        for socket, value in zip(node.inputs, values, strict=False):
+            self.link(value, socket)
+        return next(socket for socket in node.outputs if socket.enabled)
+
+    def math(self, operation: str, *values: Any) -> Any:
+        return self._operation("ShaderNodeMath", operation, values)
+
+    def vector(self, operation: str, *values: Any) -> Any:
+        return self._operation("ShaderNodeVectorMath", operation, values)
+
+    def separate(self, value: Any) -> list[Any]:
+        node = self.node("ShaderNodeSeparateXYZ")
+        self.link(value, node.inputs[0])
+        return list(node.outputs)
+
+    def combine(self, *values: Any) -> Any:
+        node = self.node("ShaderNodeCombineXYZ")
+        for value, socket in zip(values, node.inputs, strict=True):
+            self.link(value, socket)
+        return node.outputs[0]
+
+    def named(self, name: str, kind: str) -> Any:
+        """A Geometry Nodes attribute."""
+        node = self.node("GeometryNodeInputNamedAttribute")
+        node.data_type = kind
+        node.inputs["Name"].default_value = name
+        return next(socket for socket in node.outputs if socket.enabled)
+
+    def store(self, geometry: Any, name: str, value: Any) -> Any:
+        """Store a vector on the points."""
+        node = self.node("GeometryNodeStoreNamedAttribute")
+        node.data_type, node.domain = "FLOAT_VECTOR", "POINT"
+        node.inputs["Name"].default_value = name
+        self.link(geometry, node.inputs["Geometry"])
+        self.link(value, next(socket for socket in node.inputs if socket.name == "Value" and socket.enabled))
+        return node.outputs[0]
+
+    def attribute(self, name: str) -> tuple[Any, Any]:
+        """A shader's attribute: its vector and its fourth component."""
+        node = self.node("ShaderNodeAttribute")
+        node.attribute_type, node.attribute_name = "GEOMETRY", name
+        return node.outputs["Vector"], node.outputs["Alpha"]
+
+    def to_object(self, value: Any, kind: str) -> Any:
+        node = self.node("ShaderNodeVectorTransform")
+        node.vector_type, node.convert_from, node.convert_to = kind, "WORLD", "OBJECT"
+        self.link(value, node.inputs[0])
+        return node.outputs[0]
+
+    def arrange(self) -> None:
+        """Spread the nodes in the order they were made, so that a curious user can read them."""
+        for i, node in enumerate(self.tree.nodes):
+            node.location = (220.0 * (i // 6), -190.0 * (i % 6))

@@ -1,0 +1,94 @@
+"""The add-on's preferences: where torch is, for training."""
+
+# mypy: disable-error-code="valid-type"
+# ruff: noqa: F722, F821
+
+import importlib.util
+import sys
+from pathlib import Path
+from typing import Any
+
+import bpy
+from bpy.props import StringProperty
+
+from .. import __package__ as base_package
+from ..engine.errors import FrogError
+
+
+class FROG_AP_preferences(bpy.types.AddonPreferences):
+    """Shown in Edit > Preferences > Add-ons."""
+
+    bl_idname = base_package
+
+    torch_path: StringProperty(
+        name="Python Environment with torch",
+        description="A virtual environment, or a site-packages folder, of Blender's own Python version that has torch",
+        subtype="DIR_PATH",
+    )
+
+    def draw(self, _context: Any) -> None:
+        layout = self.layout
+        layout.use_property_split = True
+        layout.prop(self, "torch_path")
+        layout.label(text=torch_needed() or "torch is found: training is possible.", icon="INFO")
+        layout.label(text="Opening, scrubbing and rendering a finished .frog needs no torch.")
+
+
+def torch_path() -> str:
+    """The folder named in the preferences, or an empty string."""
+    addon = bpy.context.preferences.addons.get(base_package)
+    return addon.preferences.torch_path if addon and addon.preferences else ""
+
+
+def torch_needed() -> str:
+    """What training still needs, as a sentence, or an empty string when torch can be imported.  Imports nothing."""
+    python = f"{sys.version_info.major}.{sys.version_info.minor}"
+    if _is_importable():
+        return ""
+    folder = torch_path()
+    if not folder:
+        return f"Training needs torch: name an environment of Python {python} that has it in the add-on's preferences."
+    try:
+        site_packages(Path(bpy.path.abspath(folder)))
+    except FrogError as error:
+        return str(error)
+    return ""
+
+
+def make_torch_importable() -> None:
+    """Append the environment named in the preferences to ``sys.path``; FrogError if training still lacks torch."""
+    if not _is_importable() and torch_path():
+        folder = str(site_packages(Path(bpy.path.abspath(torch_path()))))
+        if folder not in sys.path:
+            sys.path.append(folder)  # appended, so that Blender's own packages win
+            importlib.invalidate_caches()
+    needed = torch_needed()
+    if needed:
+        raise FrogError(needed)
+
+
+def site_packages(folder: Path) -> Path:
+    """The folder with torch in an environment of this Python version, or FrogError."""
+    python = f"{sys.version_info.major}.{sys.version_info.minor}"
+    choices = [folder, folder / "lib" / f"python{python}" / "site-packages", folder / "Lib" / "site-packages"]
+    for choice in choices:
+        if (choice / "torch" / "__init__.py").is_file():
+            return choice
+    others = sorted(path.parent.parent.name for path in folder.glob("lib/python*/site-packages/torch"))
+    found = f"torch for {', '.join(others)}" if others else "no torch"
+    raise FrogError(f"{folder}: found {found}, expected an environment of Python {python} with torch.")
+
+
+def _is_importable() -> bool:
+    try:
+        return importlib.util.find_spec("torch") is not None
+    except ValueError:  # what find_spec raises for a module that was blocked
+        return False
+
+
+def register() -> None:
+    bpy.utils.register_class(FROG_AP_preferences)
+
+
+def unregister() -> None:
+    bpy.utils.unregister_class(FROG_AP_preferences)

@@ -1,0 +1,135 @@
+"""What FRoG stores in a .blend file: settings of training on the scene, of playing on objects and cameras."""
+
+# Blender reads properties from annotations, which to a type checker or a linter are not types.
+# mypy: disable-error-code="valid-type"
+# ruff: noqa: F722, F821
+
+from typing import Any
+
+import bpy
+from bpy.props import (
+    BoolProperty,
+    EnumProperty,
+    FloatProperty,
+    IntProperty,
+    IntVectorProperty,
+    PointerProperty,
+    StringProperty,
+)
+
+from .. import playback
+
+RECIPES = (
+    ("draft", "Draft", "A first look: small and short, minutes on a processor"),
+    ("standard", "Standard", "The usual choice: more steps and more Gaussians"),
+    ("paper", "Paper", "The settings of the FRoG paper: hours, wants a GPU"),
+)
+
+
+def _on_capture_folder(settings: Any, _context: Any) -> None:
+    from . import capture_summary  # imports the readers, so not before someone names a folder
+
+    capture_summary.inspect(bpy.path.abspath(settings.capture_folder))
+    if not settings.output_path and settings.capture_folder:
+        settings.output_path = bpy.path.abspath(settings.capture_folder).rstrip("/\\") + ".frog"
+
+
+def _on_play_setting(_settings: Any, context: Any) -> None:
+    playback.refresh(context.scene)
+
+
+class FrogTrainingSettings(bpy.types.PropertyGroup):
+    """``Scene.frog``: what to train and how."""
+
+    capture_folder: StringProperty(
+        name="Capture",
+        description="Folder with the videos or pictures and the cameras that filmed them",
+        subtype="DIR_PATH",
+        update=_on_capture_folder,
+    )
+    output_path: StringProperty(
+        name="Output",
+        description="The .frog scene file that training writes",
+        subtype="FILE_PATH",
+    )
+    recipe: EnumProperty(
+        name="Recipe", description="How long and how large to train", items=RECIPES, default="standard"
+    )
+    steps: IntProperty(
+        name="Steps",
+        description="Training steps; zero takes the recipe's own number",
+        min=0,
+        default=0,
+    )
+    image_scale: FloatProperty(
+        name="Picture Scale",
+        description="Train on pictures resized by this factor; zero lets the recipe decide",
+        min=0.0,
+        max=1.0,
+        default=0.0,
+    )
+    holdout_frames: IntProperty(
+        name="Hold Out Every",
+        description="Keep one of this many frames out of training, to measure quality on it; zero keeps none",
+        min=0,
+        default=0,
+    )
+    import_when_done: BoolProperty(
+        name="Import When Done",
+        description="Open the trained scene here as soon as it is finished",
+        default=True,
+    )
+
+
+class FrogPlaybackSettings(bpy.types.PropertyGroup):
+    """``Object.frog``: what a capture plays, and when."""
+
+    filepath: StringProperty(
+        name="Scene File",
+        description="The .frog file that this object plays",
+        subtype="FILE_PATH",
+        update=_on_play_setting,
+    )
+    start_frame: FloatProperty(
+        name="Start Frame",
+        description="Frame of the timeline at which the capture's first frame is shown",
+        default=1.0,
+        update=_on_play_setting,
+    )
+
+
+class FrogCameraSettings(bpy.types.PropertyGroup):
+    """``Camera.frog``: what a calibrated camera has and a Blender camera has not."""
+
+    focal_ratio: FloatProperty(
+        name="Focal Ratio",
+        description="Vertical over horizontal focal length; the FROG engine honours it, other engines assume one",
+        default=1.0,
+        min=0.01,
+        max=100.0,
+        precision=5,
+    )
+    size: IntVectorProperty(
+        name="Picture Size",
+        description="Width and height in pixels of the pictures this camera took; zero for a camera made by hand",
+        size=2,
+        min=0,
+    )
+
+
+_CLASSES = (FrogTrainingSettings, FrogPlaybackSettings, FrogCameraSettings)
+_OWNERS = {"Scene": FrogTrainingSettings, "Object": FrogPlaybackSettings, "Camera": FrogCameraSettings}
+
+
+def register() -> None:
+    for cls in _CLASSES:
+        bpy.utils.register_class(cls)
+    for owner, cls in _OWNERS.items():
+        getattr(bpy.types, owner).frog = PointerProperty(type=cls)
+
+
+def unregister() -> None:
+    for owner in _OWNERS:
+        del getattr(bpy.types, owner).frog
+    for cls in reversed(_CLASSES):
+        bpy.utils.unregister_class(cls)
