@@ -137,7 +137,7 @@ class Capture:
             width, height = round(camera.width * scale), round(camera.height * scale)
             if min(width, height) < 8:
                 raise FrogError(
-                    f"A picture scale of {scale} leaves {width} x {height} pixels of {camera.name}, expected 8 x 8 or more."
+                    f"A picture scale of {scale} leaves {width} x {height} pixels of {camera.name}, expected 8 x 8."
                 )
             cameras.append(camera.resized(width, height))
         return replace(self, cameras=tuple(cameras))

@@ -1,0 +1,1 @@
+"""The ways of finding seed points; ``seeds.find_seeds`` combines them."""

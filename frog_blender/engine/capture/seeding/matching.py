@@ -1,0 +1,100 @@
+"""Sparse seed points: SIFT features matched between views and triangulated with the known cameras."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from ..camera import Camera
+from ..video import load_opencv
+from .views import View
+
+_FEATURES = 2500  # a picture
+_RATIO = 0.8  # best to second best descriptor distance
+_EPIPOLAR_PIXELS = 2.0
+_MIN_PARALLAX = np.radians(1.0)
+
+Features = tuple[np.ndarray, np.ndarray]
+
+
+def describe(view: View) -> Features:
+    """Positions (N, 2) in pixels and unit-free descriptors (N, 128) of the SIFT features of a view."""
+    cv2 = load_opencv()
+    gray = cv2.cvtColor((view.picture * 255).astype(np.uint8), cv2.COLOR_RGB2GRAY)
+    points, descriptors = cv2.SIFT_create(nfeatures=_FEATURES, contrastThreshold=0.02).detectAndCompute(gray, None)
+    if descriptors is None:
+        return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
+    positions = np.array([point.pt for point in points], dtype=np.float64) + 0.5  # OpenCV counts centres from 0
+    return positions, np.sqrt(descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-6))
+
+
+def triangulate_pair(first: View, second: View, features: tuple[Features, Features]) -> tuple[np.ndarray, np.ndarray]:
+    """World points (N, 3) matched between two views and their colours (N, 3) in [0, 1]."""
+    cv2 = load_opencv()
+    (positions_a, descriptors_a), (positions_b, descriptors_b) = features
+    if min(len(positions_a), len(positions_b)) < 8:
+        return np.zeros((0, 3)), np.zeros((0, 3), np.float32)
+    similarity = descriptors_a @ descriptors_b.T
+    # Only matches on the epipolar line compete: repeated patterns (bricks, tiles) then still have one best match.
+    error = _sampson_errors(first.camera, second.camera, positions_a, positions_b)
+    similarity[error > 4 * _EPIPOLAR_PIXELS] = -1.0
+    best = similarity.argmax(axis=1)
+    rows = np.arange(len(best))
+    score = similarity[rows, best]
+    similarity[rows, best] = -1.0
+    second_score = similarity.max(axis=1)
+    similarity[rows, best] = score
+    distance = np.sqrt(np.maximum(2 - 2 * score, 0))
+    keep = distance < _RATIO * np.sqrt(np.maximum(2 - 2 * second_score, 0))
+    keep &= (distance < 0.7) & (error[rows, best] < _EPIPOLAR_PIXELS) & (similarity.argmax(axis=0)[best] == rows)
+    pixels_a, pixels_b = positions_a[keep], positions_b[best[keep]]
+    if len(pixels_a) == 0:
+        return np.zeros((0, 3)), np.zeros((0, 3), np.float32)
+    homogeneous = cv2.triangulatePoints(_projection(first.camera), _projection(second.camera), pixels_a.T, pixels_b.T)
+    safe = np.where(np.abs(homogeneous[3]) < 1e-12, 1e-12, homogeneous[3])
+    points = (homogeneous[:3] / safe).T
+    good = np.isfinite(points).all(axis=1)
+    for camera, pixels in ((first.camera, pixels_a), (second.camera, pixels_b)):
+        projected, depths = camera.project(points)
+        good &= (depths > 0) & (np.linalg.norm(projected - pixels, axis=1) < _EPIPOLAR_PIXELS)
+    rays = [points - view.camera.center for view in (first, second)]
+    lengths = np.linalg.norm(rays[0], axis=1) * np.linalg.norm(rays[1], axis=1)
+    angle = np.arccos(np.clip((rays[0] * rays[1]).sum(axis=1) / np.maximum(lengths, 1e-12), -1, 1))
+    good &= angle > _MIN_PARALLAX
+    columns, lines = pixels_a[good].astype(int).T
+    return points[good], first.picture[lines, columns]
+
+
+def triangulate(pairs: Iterable[tuple[View, View]]) -> tuple[np.ndarray, np.ndarray]:
+    """World points (N, 3) and colours (N, 3) in [0, 1] from all pairs of views; features are found once a view."""
+    known: dict[int, Features] = {}
+    points, colors = [np.zeros((0, 3))], [np.zeros((0, 3), np.float32)]
+    for first, second in pairs:
+        for view in (first, second):
+            if view.shot not in known:
+                known[view.shot] = describe(view)
+        found = triangulate_pair(first, second, (known[first.shot], known[second.shot]))
+        points.append(found[0])
+        colors.append(found[1])
+    return np.concatenate(points), np.concatenate(colors)
+
+
+def _projection(camera: Camera) -> np.ndarray:
+    """(3, 4) matrix from the world to homogeneous pixels."""
+    return camera.intrinsics @ camera.world_to_camera[:3]
+
+
+def _sampson_errors(first: Camera, second: Camera, pixels_a: np.ndarray, pixels_b: np.ndarray) -> np.ndarray:
+    """(A, B) distance in pixels of every pair of positions from fulfilling the epipolar constraint."""
+    relative = second.world_to_camera @ np.linalg.inv(first.world_to_camera)
+    x, y, z = relative[:3, 3]
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    fundamental = np.linalg.inv(second.intrinsics).T @ cross @ relative[:3, :3] @ np.linalg.inv(first.intrinsics)
+    fundamental /= max(float(np.linalg.norm(fundamental)), 1e-300)
+    a = np.concatenate([pixels_a, np.ones((len(pixels_a), 1))], axis=1)
+    b = np.concatenate([pixels_b, np.ones((len(pixels_b), 1))], axis=1)
+    lines_b, lines_a = a @ fundamental.T, b @ fundamental
+    residual = np.abs(lines_b @ b.T)
+    norm = (lines_b[:, :2] ** 2).sum(axis=1)[:, None] + (lines_a[:, :2] ** 2).sum(axis=1)[None]
+    return residual / np.sqrt(np.maximum(norm, 1e-300))

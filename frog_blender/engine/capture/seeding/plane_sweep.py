@@ -1,0 +1,166 @@
+"""Dense seed points: a depth for each pixel of a reduced view, by sweeping a plane through the scene.
+
+For each hypothesis of depth the neighbours are warped onto the reference with the plane's homography; the depth at
+which they agree best wins. Depth maps are then checked against each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..camera import Camera
+from ..video import load_opencv
+from .views import View
+
+_OUTSIDE = -1000.0  # marks pixels that a neighbour does not see
+_COLOR_LIMIT, _GRADIENT_LIMIT = 0.15, 0.15  # differences above say "occluded", not "how wrong"
+
+
+@dataclass(frozen=True, eq=False)
+class DepthMap:
+    """Planar depth of each pixel of a view.
+
+    Attributes:
+        view: the reference.
+        depth: (H, W) planar depth in world units, NaN where no neighbour sees the pixel.
+        is_unique: (H, W) True where no other depth agrees nearly as well.
+        is_textured: (H, W) True where the picture has structure to measure depth with.
+        step: difference of inverse depth between two hypotheses.
+    """
+
+    view: View
+    depth: np.ndarray
+    is_unique: np.ndarray
+    is_textured: np.ndarray
+    step: float
+
+
+def sweep(view: View, others: Sequence[View], near: float, far: float, hypotheses: int = 64) -> DepthMap:
+    """The depth map of ``view`` from its neighbours, planes evenly spaced in inverse depth from near to far."""
+    inverse_depths = np.linspace(1 / far, 1 / near, hypotheses)
+    reference = _channels(view.picture)
+    sources = [_channels(_match_exposure(other.picture, view.picture)) for other in others]
+    height, width = reference.shape[:2]
+    volume = np.empty((hypotheses, height, width), np.float32)
+    for plane, inverse_depth in enumerate(inverse_depths):
+        costs = np.stack(
+            [
+                _cost(reference, source, view.camera, other.camera, inverse_depth)
+                for source, other in zip(sources, others, strict=True)
+            ]
+        )
+        # The better half of the neighbours: a pixel hidden in one view is mostly visible on the other side.
+        best = np.sort(costs, axis=0)[: max(1, (len(others) + 1) // 2)]
+        volume[plane] = best.mean(axis=0)
+    best_index = volume.argmin(axis=0)
+    best_cost = np.take_along_axis(volume, best_index[None], axis=0)[0]
+    far_away = np.abs(np.arange(hypotheses)[:, None, None] - best_index[None]) > 3
+    rival = np.where(far_away, volume, np.inf).min(axis=0)
+    index = _refine(volume, best_index)
+    depth = 1 / np.interp(index, np.arange(hypotheses), inverse_depths)
+    cv2 = load_opencv()
+    structure = cv2.boxFilter(reference[..., 3], -1, (7, 7))
+    return DepthMap(
+        view=view,
+        depth=np.where(np.isfinite(best_cost), depth, np.nan),
+        is_unique=best_cost < 0.85 * rival,
+        is_textured=structure > 0.02,
+        step=float(inverse_depths[1] - inverse_depths[0]),
+    )
+
+
+def consistent(depth_map: DepthMap, others: Sequence[DepthMap], needed: int = 1) -> np.ndarray:
+    """(H, W) True where at least ``needed`` other depth maps agree, within a hypothesis or so."""
+    height, width = depth_map.depth.shape
+    points = world_points(depth_map)
+    votes = np.zeros(height * width, dtype=int)
+    for other in others:
+        pixels, depths = other.view.camera.project(points)
+        with np.errstate(invalid="ignore"):
+            columns, lines = np.floor(np.nan_to_num(pixels, nan=-1.0)).clip(-1, 1e6).astype(int).T
+        other_height, other_width = other.depth.shape
+        inside = (columns >= 0) & (lines >= 0) & (columns < other_width) & (lines < other_height) & (depths > 0)
+        seen = np.full(len(points), np.nan)
+        seen[inside] = other.depth[lines[inside], columns[inside]]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            agrees = np.abs(1 / seen - 1 / depths) < 1.25 * other.step
+        votes += agrees.astype(int)
+    return (votes >= needed).reshape(height, width)
+
+
+def world_points(depth_map: DepthMap) -> np.ndarray:
+    """(H * W, 3) world points of a depth map, row by row; NaN where it has no depth."""
+    camera = depth_map.view.camera
+    lines, columns = np.mgrid[: camera.height, : camera.width]
+    pixels = np.stack([columns.ravel() + 0.5, lines.ravel() + 0.5, np.ones(columns.size)], axis=1)
+    local = pixels @ np.linalg.inv(camera.intrinsics).T * depth_map.depth.reshape(-1, 1)
+    return (local - camera.world_to_camera[:3, 3]) @ camera.rotation
+
+
+def _channels(picture: np.ndarray) -> np.ndarray:
+    """(H, W, 4) float32: colour, and the length of the brightness gradient (which ignores rotation and exposure)."""
+    cv2 = load_opencv()
+    gray = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
+    across, along = cv2.Scharr(gray, cv2.CV_32F, 1, 0), cv2.Scharr(gray, cv2.CV_32F, 0, 1)
+    return np.dstack([picture, np.sqrt(across**2 + along**2) / np.float32(16)])
+
+
+def _match_exposure(picture: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """``picture`` with each channel's mean and spread brought to the reference's: cameras differ in exposure."""
+    mean, spread = picture.mean(axis=(0, 1)), picture.std(axis=(0, 1)) + 1e-3
+    wanted_mean, wanted_spread = reference.mean(axis=(0, 1)), reference.std(axis=(0, 1)) + 1e-3
+    gain = np.clip(wanted_spread / spread, 0.6, 1.6)
+    # Pulled halfway only: views of different parts of a scene have different means for good reasons.
+    gain, shift = (1 + gain) / 2, 0.5 * (wanted_mean - mean * gain)
+    return ((picture - mean) * gain + mean + shift * 0.5).astype(np.float32)
+
+
+def _cost(reference: np.ndarray, source: np.ndarray, camera: Camera, other: Camera, inverse_depth: float) -> np.ndarray:
+    """(H, W) disagreement of a neighbour with the reference on one plane; infinite where it does not see it."""
+    cv2 = load_opencv()
+    height, width = reference.shape[:2]
+    homography = _homography(camera, other, inverse_depth)
+    warped = cv2.warpPerspective(
+        source,
+        homography,
+        (width, height),
+        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+        borderMode=cv2.BORDER_CONSTANT,
+        borderValue=(_OUTSIDE,) * 4,
+    )
+    outside = warped[..., 3] < -0.001
+    corners = np.array([[0, 0, 1], [width, 0, 1], [0, height, 1], [width, height, 1]]) @ homography[2]
+    if corners.min() <= 0:  # part of the plane lies behind the neighbour
+        lines, columns = np.mgrid[:height, :width]
+        outside |= homography[2, 0] * columns + homography[2, 1] * lines + homography[2, 2] <= 0
+    difference = np.abs(warped - reference)
+    color = np.minimum(difference[..., :3].sum(axis=2) / 3, _COLOR_LIMIT)
+    cost = color + np.minimum(difference[..., 3], _GRADIENT_LIMIT)
+    cost[outside] = _COLOR_LIMIT + _GRADIENT_LIMIT
+    # A small window for edges, a large one where a wall has nothing else to hold on to.
+    cost = cv2.boxFilter(cost, -1, (5, 5)) + np.float32(0.5) * cv2.boxFilter(cost, -1, (13, 13))
+    cost[outside] = np.inf
+    return cost
+
+
+def _homography(camera: Camera, other: Camera, inverse_depth: float) -> np.ndarray:
+    """(3, 3) from OpenCV pixels of ``camera`` to those of ``other`` by way of a plane facing the camera."""
+    relative = other.world_to_camera @ np.linalg.inv(camera.world_to_camera)
+    plane: np.ndarray = relative[:3, :3].copy()
+    plane[:, 2] = plane[:, 2] + inverse_depth * relative[:3, 3]
+    half = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])  # OpenCV counts pixel centres from 0, the camera from 0.5
+    return (other.intrinsics - half) @ plane @ np.linalg.inv(camera.intrinsics - half)
+
+
+def _refine(volume: np.ndarray, best: np.ndarray) -> np.ndarray:
+    """The cheapest hypothesis with a fraction: the vertex of the parabola through it and its two neighbours."""
+    last = len(volume) - 1
+    inner = np.clip(best, 1, last - 1)
+    below, at, above = (np.take_along_axis(volume, (inner + i)[None], axis=0)[0] for i in (-1, 0, 1))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        shift = 0.5 * (below - above) / (below - 2 * at + above)
+    shift = np.where(np.isfinite(shift) & (best == inner), np.clip(shift, -0.5, 0.5), 0.0)
+    return best + shift

@@ -1,0 +1,115 @@
+"""Training pictures at a reduced size, and which of them see the same things."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from ..camera import Camera
+from ..capture import Capture
+from ..video import load_opencv
+
+
+class Pictures(Protocol):
+    """What seeding needs of a frame store."""
+
+    def image(self, shot_index: int) -> np.ndarray:
+        """(H, W, 3) uint8 sRGB."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A training picture and its camera, both reduced.
+
+    Attributes:
+        shot: index into ``Capture.shots``.
+        frame: the moment.
+        camera: at the picture's size.
+        picture: (H, W, 3) float32 in [0, 1].
+    """
+
+    shot: int
+    frame: int
+    camera: Camera
+    picture: np.ndarray
+
+
+def load_view(capture: Capture, store: Pictures, shot: int, longest_side: int) -> View:
+    """The picture of a training shot, reduced so that its longest side has at most ``longest_side`` pixels."""
+    if capture.is_test(capture.shots[shot]):
+        raise AssertionError("a held-out picture must not be read")
+    camera = capture.cameras[capture.shots[shot].camera]
+    picture = store.image(shot)
+    factor = min(1.0, longest_side / max(camera.width, camera.height))
+    if factor < 1:
+        camera = camera.resized(round(camera.width * factor), round(camera.height * factor))
+        cv2 = load_opencv()
+        picture = cv2.resize(picture, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
+    return View(shot, capture.shots[shot].frame, camera, picture.astype(np.float32) / np.float32(255))
+
+
+def train_indices(capture: Capture) -> list[int]:
+    """Indices of the shots that may be read."""
+    return [index for index, shot in enumerate(capture.shots) if not capture.is_test(shot)]
+
+
+def spread(items: Sequence[int], count: int) -> list[int]:
+    """At most ``count`` of the items, evenly spread, the first and the last among them."""
+    if len(items) <= count:
+        return list(items)
+    if count == 1:
+        return [items[len(items) // 2]]
+    return [items[round(i * (len(items) - 1) / (count - 1))] for i in range(count)]
+
+
+def scene_depth(cameras: Sequence[Camera]) -> float:
+    """Distance from a typical camera to where the optical axes come closest to each other, world units."""
+    centers = np.array([camera.center for camera in cameras])
+    forwards = np.array([camera.forward for camera in cameras])
+    across = np.eye(3)[None] - forwards[:, :, None] * forwards[:, None, :]  # projections off each axis
+    matrix = across.sum(axis=0)
+    extent = float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).max(initial=0.0)) or 1.0
+    if np.linalg.eigvalsh(matrix)[0] > 1e-3 * len(cameras):
+        meeting = np.linalg.solve(matrix, np.einsum("nij,nj->i", across, centers))
+        depth = float(np.median(np.einsum("nj,nj->n", meeting - centers, forwards)))
+        if np.isfinite(depth) and depth > 0.1 * extent:
+            return depth
+    return 5.0 * extent  # parallel axes: a scene some baselines away
+
+
+def parallax(first: Camera, second: Camera, depth: float) -> float:
+    """Angle in degrees between two cameras as seen from the point ``depth`` before the first; 180 if unseen."""
+    target = first.center + depth * first.forward
+    pixel, second_depth = second.project(target[None])
+    margin = 0.5 * max(second.width, second.height)  # the pictures may overlap away from the first one's centre
+    inside = -margin < pixel[0, 0] < second.width + margin and -margin < pixel[0, 1] < second.height + margin
+    if second_depth[0] <= 0 or not inside:
+        return 180.0
+    rays = [camera.center - target for camera in (first, second)]
+    cosine = rays[0] @ rays[1] / max(float(np.linalg.norm(rays[0]) * np.linalg.norm(rays[1])), 1e-12)
+    return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+
+
+def neighbours(
+    capture: Capture, reference: int, candidates: Sequence[int], depth: float, count: int, *, best_angle: float = 6.0
+) -> list[int]:
+    """Shots among the candidates that see what ``reference`` sees, from an angle good for measuring depth.
+
+    Of a moving camera the frames close in time come first, because the scene moves meanwhile.
+    """
+    shot = capture.shots[reference]
+    camera = capture.cameras[shot.camera]
+    ranked = []
+    for candidate in candidates:
+        other = capture.shots[candidate]
+        if other.camera == shot.camera:
+            continue
+        angle = parallax(camera, capture.cameras[other.camera], depth)
+        if not 0.7 <= angle <= 35.0:
+            continue
+        ranked.append((abs(np.log(angle / best_angle)) + 0.15 * abs(other.frame - shot.frame), candidate))
+    return [candidate for _, candidate in sorted(ranked)[:count]]

@@ -1,0 +1,220 @@
+"""Where the first Gaussians stand: points on the scene's surfaces, found from the training pictures alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import FrogError
+from .capture import Capture
+from .seeding.matching import triangulate
+from .seeding.plane_sweep import DepthMap, consistent, sweep, world_points
+from .seeding.views import Pictures, View, load_view, neighbours, scene_depth, spread, train_indices
+from .seeding.volume import fill_volume
+
+_MATCH_SIDE, _SWEEP_SIDE = 800, 256  # longest side in pixels
+_MATCH_VIEWS = 36
+_SWEEP_REFERENCES = 12
+_ENOUGH = 5000  # measured points with which no guessed ones are needed
+_UNTEXTURED_SHARE = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Seeds:
+    """Points to start from.
+
+    Attributes:
+        points: (N, 3) float32, world units.
+        colors: (N, 3) float32 in [0, 1].
+        origin: how they were found, in words.
+    """
+
+    points: np.ndarray
+    colors: np.ndarray
+    origin: str
+
+
+Cloud = tuple[np.ndarray, np.ndarray]
+
+
+def find_seeds(
+    capture: Capture,
+    store: Pictures,
+    *,
+    count_limit: int = 25_000,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> Seeds:
+    """Seed points from matched features and a plane sweep, or from the common volume where views are too far apart.
+
+    Only training shots are read; the same input and seed give the same points.
+
+    Args:
+        count_limit: at most this many points.
+        progress: called with (steps done, steps in all).
+
+    Raises:
+        FrogError: if no training picture is left, or no point is seen by the cameras.
+    """
+    train = train_indices(capture)
+    if not train:
+        raise FrogError(f"{capture.path}: every picture is held out, expected some to train on.")
+    random = np.random.default_rng(seed)
+    references = _references(capture, train)
+    steps = len(references) + 2
+
+    def report(done: int) -> None:
+        if progress is not None:
+            progress(done, steps)
+
+    cameras = [capture.cameras[capture.shots[index].camera] for index in train]
+    depth = _typical(capture.near_far) if capture.near_far else scene_depth(cameras)
+    matched = _match(capture, store, train, depth)
+    report(1)
+    near, far = _depth_range(capture, matched[0], depth)
+    swept, textured = _sweep(capture, store, train, references, (near, far), lambda done: report(1 + done))
+    measured = len(matched[0]) + len(swept[0])
+    parts = []
+    if measured:
+        keep = _choose(textured, count_limit - min(len(matched[0]), count_limit // 3), random)
+        some = random.permutation(len(matched[0]))[: count_limit // 3]
+        points = np.concatenate([matched[0][some], swept[0][keep]])
+        colors = np.concatenate([matched[1][some], swept[1][keep]])
+        parts.append(_merge((points, colors), np.array([camera.center for camera in cameras]), count_limit))
+    counts = {"matched": len(matched[0]), "swept": len(swept[0])}
+    if measured < _ENOUGH:
+        wanted = count_limit - sum(len(part[0]) for part in parts)
+        parts.append(fill_volume(capture, store, near, far, wanted, random))
+        counts["drawn"] = len(parts[-1][0])
+    report(steps)
+    points = np.concatenate([part[0] for part in parts])
+    colors = np.concatenate([part[1] for part in parts])
+    finite = np.isfinite(points).all(axis=1)
+    if not finite.any():
+        raise FrogError(f"{capture.path}: no point is seen by two training cameras: are the poses right?")
+    origin = ", ".join(f"{count} {name}" for name, count in counts.items() if count)
+    return Seeds(points[finite].astype(np.float32), np.clip(colors[finite], 0, 1).astype(np.float32), origin)
+
+
+def _typical(near_far: tuple[float, float]) -> float:
+    """The depth half-way in inverse depth, where most of a scene lies."""
+    return 2 / (1 / near_far[0] + 1 / near_far[1])
+
+
+def _references(capture: Capture, train: list[int]) -> list[int]:
+    """Shots whose depth is measured: all cameras at the middle moment, or a moving camera's spread frames."""
+    if capture.is_moving:
+        return spread(train, _SWEEP_REFERENCES)
+    frames = sorted({capture.shots[index].frame for index in train})
+    middle = frames[len(frames) // 2]
+    return spread([index for index in train if capture.shots[index].frame == middle], 2 * _SWEEP_REFERENCES)
+
+
+def _candidates(capture: Capture, train: list[int], reference: int) -> list[int]:
+    """Training shots that may show the same state of the scene: the same moment, or of a moving camera all."""
+    if capture.is_moving:
+        return [index for index in train if index != reference]
+    frame = capture.shots[reference].frame
+    return [index for index in train if capture.shots[index].frame == frame and index != reference]
+
+
+def _match(capture: Capture, store: Pictures, train: list[int], depth: float) -> Cloud:
+    """Points triangulated from features, at some moments or between near frames."""
+    if capture.is_moving:
+        shots = spread(train, _MATCH_VIEWS // 2)
+    else:
+        frames = sorted({capture.shots[index].frame for index in train})
+        chosen = set(spread(frames, 3 if 3 * len(train) <= len(frames) * _MATCH_VIEWS else 2))
+        shots = [index for index in train if capture.shots[index].frame in chosen]
+    partners = 2 if len(shots) > 20 else 3
+    views: dict[int, View] = {}
+    pairs = []
+    for shot in shots:
+        for other in neighbours(capture, shot, _candidates(capture, train, shot), depth, partners, best_angle=8.0):
+            if (other, shot) in pairs:
+                continue
+            pairs.append((shot, other))
+            for index in (shot, other):
+                if index not in views:
+                    views[index] = load_view(capture, store, index, _MATCH_SIDE)
+    return triangulate((views[first], views[second]) for first, second in pairs)
+
+
+def _depth_range(capture: Capture, points: np.ndarray, depth: float) -> tuple[float, float]:
+    """Nearest and farthest depth worth looking at: the capture's, else the matched points', else around ``depth``."""
+    if capture.near_far is not None:
+        return capture.near_far
+    if len(points) >= 50:
+        cameras = [capture.cameras[capture.shots[index].camera] for index in spread(train_indices(capture), 8)]
+        depths = np.concatenate([camera.project(points)[1] for camera in cameras])
+        low, high = np.percentile(depths[depths > 0], [2, 98])
+        return 0.7 * float(low), 1.6 * float(high)
+    return 0.3 * depth, 2.5 * depth
+
+
+def _sweep(
+    capture: Capture,
+    store: Pictures,
+    train: list[int],
+    references: list[int],
+    near_far: tuple[float, float],
+    report: Callable[[int], None],
+) -> tuple[Cloud, np.ndarray]:
+    """Points of all reference views whose depth a second view confirms, and whether (N,) they lie on structure."""
+    views: dict[int, View] = {}
+    maps: dict[int, DepthMap] = {}
+    around: dict[int, list[int]] = {}
+    depth = _typical(near_far)
+    for done, reference in enumerate(references, start=1):
+        around[reference] = neighbours(capture, reference, _candidates(capture, train, reference), depth, 4)
+        for index in [reference, *around[reference]]:
+            if index not in views:
+                views[index] = load_view(capture, store, index, _SWEEP_SIDE)
+        if around[reference]:
+            others = [views[index] for index in around[reference]]
+            maps[reference] = sweep(views[reference], others, *near_far)
+        report(done)
+    points, colors, textured = [np.zeros((0, 3))], [np.zeros((0, 3), np.float32)], [np.zeros(0, bool)]
+    for reference, depth_map in maps.items():
+        candidates = [index for index in maps if index != reference]
+        near_by = neighbours(capture, reference, candidates, depth, 4, best_angle=4.0)
+        others_maps = [maps[index] for index in near_by]
+        # Stripes fit at several depths and flat walls at any: there two other views must agree.
+        good = consistent(depth_map, others_maps, needed=2)
+        good |= consistent(depth_map, others_maps) & depth_map.is_unique & depth_map.is_textured
+        chosen = np.flatnonzero(good)
+        points.append(world_points(depth_map)[chosen])
+        colors.append(depth_map.view.picture.reshape(-1, 3)[chosen])
+        textured.append(depth_map.is_textured.ravel()[chosen])
+    return (np.concatenate(points), np.concatenate(colors)), np.concatenate(textured)
+
+
+def _choose(textured: np.ndarray, count: int, random: np.random.Generator) -> np.ndarray:
+    """Indices of at most 2 * count points, more of them on structure than on flat walls.
+
+    Twice as many as wanted, because views overlap and the merging of duplicates will thin them.
+    """
+    on_structure, on_flat = random.permutation(np.flatnonzero(textured)), random.permutation(np.flatnonzero(~textured))
+    flat = min(len(on_flat), max(int(2 * count * _UNTEXTURED_SHARE), 2 * count - len(on_structure)))
+    return np.concatenate([on_structure[: 2 * count - flat], on_flat[:flat]]).astype(int)
+
+
+def _merge(cloud: Cloud, centers: np.ndarray, count_limit: int) -> Cloud:
+    """One point a voxel (the first), voxels growing until no more than ``count_limit`` are filled.
+
+    Voxels double in size with each doubling of the distance to the nearest camera: what is near needs more points.
+    """
+    points, colors = cloud
+    centers = centers[np.linspace(0, len(centers) - 1, min(len(centers), 32)).astype(int)]
+    distance = np.min([np.linalg.norm(points - center, axis=1) for center in centers], axis=0)
+    level = np.round(np.log2(np.maximum(distance, 1e-9)))
+    voxel = 0.002
+    while True:
+        cells = np.floor(points / (voxel * 2**level)[:, None]).clip(-(2**40), 2**40)
+        keys = np.concatenate([cells, level[:, None]], axis=1).astype(np.int64)
+        first = np.sort(np.unique(keys, axis=0, return_index=True)[1])
+        if len(first) <= count_limit:
+            return points[first], colors[first]
+        voxel *= 1.12
