@@ -1,4 +1,4 @@
-"""FRoG in Blender: train dynamic Gaussian scenes from multiview video, scrub them on the timeline, render them with F12.
+"""FRoG in Blender: train dynamic Gaussian scenes from multiview video, scrub them, render them with F12.
 
 Importing this package needs neither Blender nor torch: the engine below it runs on machines without Blender.
 """

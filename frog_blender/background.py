@@ -32,7 +32,7 @@ EventSource = Callable[[Callable[[], bool]], Iterator[Any]]
 
 @dataclass(frozen=True)
 class TrainingRequest:
-    """What to train, in plain values; ``steps``, ``scale`` and ``holdout_frames`` may be None for the recipe's choice."""
+    """What to train, in plain values; None leaves ``steps``, ``scale`` and ``holdout_frames`` to the recipe."""
 
     capture: Path
     output: Path

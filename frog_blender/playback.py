@@ -93,8 +93,6 @@ def _stamp(path: Path) -> _Stamp:
 
 
 def _read(path: Path) -> PlayableScene | str:
-    if not path.is_file():
-        return f"{path}: found no such file, expected the .frog scene that this capture plays."
     try:
         from .engine.inference.scene import PlayableScene
 

@@ -44,7 +44,8 @@ class FrogRenderEngine(bpy.types.RenderEngine):
         try:
             combined, depth = render_frame(self, depsgraph)
         except FrogError as error:
-            self.error_set(str(error))
+            # Not error_set: that neither ends an animation nor makes a script's render call raise.
+            self.report({"ERROR"}, str(error))
             return
         if self.test_break():
             return
@@ -96,9 +97,10 @@ def gather(depsgraph: Any) -> tuple[GaussianArrays | None, np.ndarray]:
     parts: list[GaussianArrays] = []
     background = np.zeros(3, dtype=np.float32)
     for instance in depsgraph.object_instances:
-        obj = instance.object.original
-        if obj.type != "MESH" or not obj.frog.filepath:
+        # The points that Geometry Nodes make of a capture are listed too, as an instance of another type.
+        if instance.object.type != "MESH" or not instance.object.original.frog.filepath:
             continue
+        obj = instance.object.original
         if not parts:
             background = np.asarray(playback.open_scene(playback.file_of(obj)).header.background, dtype=np.float32)
         matrix = np.array(instance.matrix_world, dtype=np.float64)
@@ -108,15 +110,14 @@ def gather(depsgraph: Any) -> tuple[GaussianArrays | None, np.ndarray]:
 
 def placed(gaussians: GaussianArrays, matrix: np.ndarray, name: str) -> GaussianArrays:
     """The Gaussians moved by a (4, 4) object matrix of rotation, uniform scale and translation; FrogError otherwise."""
-    from .engine.inference.draw import transform
+    from .engine.inference.transform import transform
 
     if np.array_equal(matrix, np.eye(4)):
         return gaussians  # the usual case, and bit for bit what the engine draws
-    linear = matrix[:3, :3]
-    size = np.cbrt(np.linalg.det(linear))
-    if not size > 1e-9 or not np.allclose(linear.T @ linear, size**2 * np.eye(3), atol=1e-4 * size**2):
-        raise FrogError(f"{name}: found a mirrored, sheared or uneven scale, expected the same scale on every axis.")
-    return transform(gaussians, matrix)
+    try:
+        return transform(gaussians, matrix)
+    except FrogError as error:
+        raise FrogError(f"{name}: {error}") from error
 
 
 def joined(parts: list[GaussianArrays]) -> GaussianArrays:
@@ -133,7 +134,7 @@ def joined(parts: list[GaussianArrays]) -> GaussianArrays:
 
 
 def combined_pass(drawing: Drawing | None, background: np.ndarray | None, width: int, height: int) -> np.ndarray:
-    """(H, W, 4) scene-linear premultiplied colour; over a display-referred background (3,), or transparent with None."""
+    """(H, W, 4) scene-linear premultiplied colour over a display-referred background (3,), None for transparent."""
     if drawing is None:
         color, alpha = np.zeros((height, width, 3), np.float32), np.zeros((height, width, 1), np.float32)
     else:
@@ -159,7 +160,8 @@ def world_color(scene: Any) -> np.ndarray | None:
     if world is None:
         return None
     linear = np.array(world.color, dtype=np.float32)
-    nodes = world.node_tree.nodes if world.node_tree and (world.use_nodes or bpy.app.version >= (5, 0, 0)) else ()
+    has_nodes = world.node_tree is not None and (bpy.app.version >= (5, 0, 0) or world.use_nodes)
+    nodes = world.node_tree.nodes if has_nodes else ()
     shader = next((node for node in nodes if node.type == "BACKGROUND"), None)
     if shader is not None and not shader.inputs["Color"].is_linked and not shader.inputs["Strength"].is_linked:
         linear = np.array(shader.inputs["Color"].default_value[:3]) * shader.inputs["Strength"].default_value

@@ -63,7 +63,8 @@ def material() -> Any:
     if found is not None:
         return found
     made = bpy.data.materials.new(_MATERIAL)
-    made.use_nodes = True
+    if made.node_tree is None:  # before 5.0 a new material has no nodes
+        made.use_nodes = True
     made.surface_render_method = "DITHERED"
     made.node_tree.nodes.clear()
     build = _Builder(made.node_tree)

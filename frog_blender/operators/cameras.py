@@ -1,7 +1,6 @@
 """Choosing among the capture's cameras."""
 
 # mypy: disable-error-code="valid-type"
-# ruff: noqa: F722, F821
 
 from typing import Any
 

@@ -1,7 +1,6 @@
 """File > Import > FRoG scene, and dropping a .frog file into the viewport."""
 
 # mypy: disable-error-code="valid-type"
-# ruff: noqa: F722, F821
 
 from pathlib import Path
 from typing import Any

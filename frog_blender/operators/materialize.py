@@ -53,17 +53,10 @@ def _adopt(obj: Any, root: Any, collection: Any) -> None:
     collection.objects.link(obj)
 
 
-def is_moving(header: SceneHeader) -> bool:
-    """Whether the capture was filmed by one moving camera: every camera has a single picture, at different moments."""
-    shots = [frames for frames in header.camera_shots if frames]
-    return len(shots) > 1 and all(len(frames) == 1 for frames in shots) and len({frames[0] for frames in shots}) > 1
-
-
 def _add_cameras(header: SceneHeader, start_frame: float, root: Any, collection: Any) -> list[Any]:
     """One Blender camera for each of the capture's, or a single animated one for a capture by a moving camera."""
-    if not is_moving(header):
-        cameras = [_add_camera(camera.name, camera, root, collection) for camera in header.cameras]
-        return cameras
+    if not (header.is_moving and header.frame_count > 1):
+        return [_add_camera(camera.name, camera, root, collection) for camera in header.cameras]
     by_frame: dict[int, Camera] = {}
     for camera, frames in zip(header.cameras, header.camera_shots, strict=True):
         for frame in frames:
@@ -82,6 +75,7 @@ def _add_camera(name: str, camera: Camera, root: Any, collection: Any) -> Any:
     obj.rotation_mode = "QUATERNION"
     obj.matrix_local = Matrix(pose_of(camera).tolist())
     center_distance = np.linalg.norm(camera.center)
+    data.clip_start, data.clip_end = 0.01, 10_000.0  # for other engines; FROG draws all that is in front
     data.display_size = max(float(center_distance) * 0.05, 0.01)
     _adopt(obj, root, collection)
     return obj

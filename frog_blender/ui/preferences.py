@@ -1,7 +1,6 @@
 """The add-on's preferences: where torch is, for training."""
 
 # mypy: disable-error-code="valid-type"
-# ruff: noqa: F722, F821
 
 import importlib.util
 import sys

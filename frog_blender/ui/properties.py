@@ -2,7 +2,6 @@
 
 # Blender reads properties from annotations, which to a type checker or a linter are not types.
 # mypy: disable-error-code="valid-type"
-# ruff: noqa: F722, F821
 
 from typing import Any
 
@@ -118,7 +117,7 @@ class FrogCameraSettings(bpy.types.PropertyGroup):
 
 
 _CLASSES = (FrogTrainingSettings, FrogPlaybackSettings, FrogCameraSettings)
-_OWNERS = {"Scene": FrogTrainingSettings, "Object": FrogPlaybackSettings, "Camera": FrogCameraSettings}
+_OWNERS: dict[str, Any] = {"Scene": FrogTrainingSettings, "Object": FrogPlaybackSettings, "Camera": FrogCameraSettings}
 
 
 def register() -> None:

@@ -1,0 +1,69 @@
+"""Fixtures for tests inside Blender: the bpy module, or a real Blender through ``run_in_blender.py``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+if str(ROOT) not in sys.path:
+    sys.path.insert(0, str(ROOT))
+if str(Path(__file__).parent) not in sys.path:
+    sys.path.insert(0, str(Path(__file__).parent))
+
+bpy = pytest.importorskip("bpy", reason="needs Blender or the bpy module")
+
+
+@pytest.fixture(scope="session")
+def addon():
+    """The add-on, registered once for the whole run."""
+    import frog_blender
+
+    frog_blender.register()
+    yield frog_blender
+    frog_blender.unregister()
+
+
+@pytest.fixture
+def empty(addon):
+    """A new file without objects; handlers of the add-on stay, since they are persistent."""
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    return bpy.context.scene
+
+
+@pytest.fixture
+def static_rig(tmp_path):
+    """A .frog file of three fixed cameras: an ordinary one, a portrait one off centre, one with oblong pixels."""
+    from scenes import rig_of_three, write_scene
+
+    return write_scene(tmp_path / "figure.frog", rig_of_three())
+
+
+@pytest.fixture
+def moving_rig(tmp_path):
+    """A .frog file of one camera that moves and zooms through six pictures."""
+    from scenes import moving_camera, write_scene
+
+    cameras = moving_camera(6)
+    return write_scene(tmp_path / "walk.frog", cameras, shots=[(frame,) for frame in range(6)], frame_count=6)
+
+
+@pytest.fixture
+def rendered(tmp_path):
+    """A function that renders the scene's current frame and gives its pixels (H, W, 4) uint8, rows from the top."""
+
+    def render(scene, **settings) -> np.ndarray:
+        from scenes import read_png
+
+        for name, value in settings.items():
+            setattr(scene.render, name, value)
+        scene.render.image_settings.file_format = "PNG"
+        scene.render.image_settings.color_mode = "RGBA"
+        scene.render.filepath = str(tmp_path / "still.png")
+        bpy.ops.render.render(write_still=True, scene=scene.name)
+        return read_png(tmp_path / "still.png")
+
+    return render

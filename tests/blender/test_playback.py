@@ -1,0 +1,133 @@
+"""The timeline shows the engine's Gaussians, whatever the order of frames, and files stay small and reopenable."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+import pytest
+from scenes import rig_of_three, write_scene
+
+from frog_blender import carrier, playback
+
+
+def engine_at(path, frame):
+    from frog_blender.engine.inference.scene import PlayableScene
+
+    return PlayableScene.load(path).at_frame(frame)
+
+
+def assert_shows(obj, gaussians):
+    shown = carrier.read(obj)
+    np.testing.assert_allclose(shown["position"], gaussians.means, atol=1e-5)
+    np.testing.assert_allclose(shown["rotation"], gaussians.quaternions, atol=1e-5)
+    np.testing.assert_allclose(shown["scale"], gaussians.scales, atol=1e-5)
+    np.testing.assert_allclose(shown["radiance:base"][:, :3], gaussians.sh[:, 0], atol=1e-5)
+    np.testing.assert_allclose(shown["radiance:base"][:, 3], gaussians.opacities, atol=1e-5)
+    for k in range(1, gaussians.sh.shape[1]):
+        np.testing.assert_allclose(shown[f"radiance:sh_{k - 1}"], gaussians.sh[:, k], atol=1e-5)
+
+
+@pytest.fixture
+def capture(empty, static_rig):
+    bpy.ops.import_scene.frog(filepath=str(static_rig))
+    return bpy.context.object
+
+
+def test_frames_in_random_order(empty, capture, static_rig):
+    random = np.random.default_rng(3)
+    moved = []
+    for frame in random.permutation(10):
+        subframe = float(random.choice([0.0, 0.5]))
+        empty.frame_set(int(frame) + 1, subframe=subframe)
+        assert_shows(capture, engine_at(static_rig, frame + subframe))
+        moved.append(carrier.read(capture)["position"][0])
+    assert np.ptp(moved, axis=0).max() > 1e-3, "the test's own scene does not move"
+
+
+def test_start_frame_shifts_the_capture(empty, capture, static_rig):
+    empty.frame_set(20)
+    capture.frog.start_frame = 15.0
+    assert_shows(capture, engine_at(static_rig, 5.0))
+
+
+def test_frames_outside_hold_the_ends(empty, capture, static_rig):
+    empty.frame_set(-5)
+    assert_shows(capture, engine_at(static_rig, 0.0))
+    empty.frame_set(500)
+    assert_shows(capture, engine_at(static_rig, 9.0))
+
+
+def test_import_sets_the_scene_up(empty, capture):
+    assert (empty.frame_start, empty.frame_end) == (1, 10)
+    assert empty.render.fps / empty.render.fps_base == pytest.approx(24.0)
+    assert (empty.render.resolution_x, empty.render.resolution_y) == (96, 64)
+    assert empty.camera.name == "cam00" and empty.render.engine == "FROG"
+    assert sum(obj.type == "CAMERA" for obj in empty.objects) == 3
+    assert capture.parent.type == "EMPTY" and len(empty.collection.children) == 1
+
+
+def test_a_missing_file_is_told_once(empty, capture, static_rig, capfd):
+    before = carrier.count(capture)
+    static_rig.unlink()
+    for frame in (3, 4, 5):
+        empty.frame_set(frame)
+    assert capfd.readouterr().err.count("found no file") == 1
+    assert "found no file" in playback.problem(static_rig)
+    assert carrier.count(capture) == before
+
+
+def test_a_damaged_file_is_told_once_and_mended_by_a_good_one(empty, capture, static_rig, capfd):
+    static_rig.write_bytes(b"nonsense")
+    for frame in (3, 4):
+        empty.frame_set(frame)
+    assert capfd.readouterr().err.count(str(static_rig)) == 1
+    write_scene(static_rig, rig_of_three(), count=33, seed=5, sh_count=9)
+    empty.frame_set(5)
+    assert playback.problem(static_rig) == ""
+    assert_shows(capture, engine_at(static_rig, 4.0))
+
+
+def test_importing_a_bad_file_is_an_error_in_a_sentence(empty, tmp_path):
+    path = tmp_path / "bad.frog"
+    path.write_bytes(b"nonsense")
+    with pytest.raises(RuntimeError, match=r"bad\.frog"):
+        bpy.ops.import_scene.frog(filepath=str(path))
+    assert not empty.objects[:] and not bpy.data.collections[:]
+
+
+def test_saved_file_is_small_and_plays_when_reopened(empty, tmp_path):
+    path = write_scene(tmp_path / "many.frog", rig_of_three(), count=20_000)
+    bpy.ops.import_scene.frog(filepath=str(path))
+    empty.frame_set(4)
+    before = carrier.read(bpy.context.object)["position"]
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"), compress=False)
+    np.testing.assert_array_equal(carrier.read(bpy.context.object)["position"], before)  # refilled after saving
+    assert (tmp_path / "scene.blend").stat().st_size < 1_500_000
+    name = bpy.context.object.name
+
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "scene.blend"))
+    capture, scene = bpy.data.objects[name], bpy.context.scene
+    assert_shows(capture, engine_at(path, 3.0))
+    scene.frame_set(8)
+    assert_shows(capture, engine_at(path, 7.0))
+
+
+def test_geometry_is_saved_when_its_file_is_gone(empty, capture, static_rig, tmp_path):
+    static_rig.unlink()
+    empty.frame_set(2)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    name = capture.name
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "scene.blend"))
+    assert carrier.count(bpy.data.objects[name]) == 60
+
+
+def test_undo_keeps_playing(empty, capture, static_rig):
+    bpy.ops.ed.undo_push(message="before")
+    empty.frame_set(6)
+    bpy.ops.ed.undo_push(message="after")
+    bpy.ops.ed.undo()
+    scene = bpy.context.scene
+    obj = next(playback.captures(scene.objects))
+    assert_shows(obj, engine_at(static_rig, scene.frame_current - 1.0))
+    scene.frame_set(9)
+    assert_shows(obj, engine_at(static_rig, 8.0))

@@ -1,0 +1,231 @@
+"""F12 through an imported camera is the engine's own drawing of that camera."""
+
+from __future__ import annotations
+
+import bpy
+import mathutils
+import numpy as np
+import pytest
+from scenes import expected_png, moving_camera, rig_of_three, write_scene
+
+
+def import_scene(path, **options):
+    assert bpy.ops.import_scene.frog(filepath=str(path), **options) == {"FINISHED"}
+    return bpy.context.object
+
+
+def look_through(scene, name):
+    bpy.context.view_layer.objects.active = bpy.data.objects[name]
+    assert bpy.ops.frog.look_through() == {"FINISHED"}
+
+
+def assert_same_picture(pixels, expected):
+    assert pixels.shape[:2] == expected.shape[:2]
+    assert expected.std() > 10.0, "the test's own picture is empty"
+    np.testing.assert_allclose(pixels[..., :3].astype(float), expected, atol=1.0)
+
+
+@pytest.mark.parametrize("index", range(3))
+def test_still_through_each_camera(empty, static_rig, rendered, index):
+    import_scene(static_rig)
+    look_through(empty, f"cam0{index}")
+    empty.frame_set(4)
+    pixels = rendered(empty)
+    assert_same_picture(pixels, expected_png(static_rig, rig_of_three()[index], 3.0))
+    assert pixels[..., 3].min() == 255
+
+
+def test_subframe(empty, static_rig, rendered):
+    import_scene(static_rig)
+    empty.frame_set(4, subframe=0.25)
+    assert_same_picture(rendered(empty), expected_png(static_rig, rig_of_three()[0], 3.25))
+
+
+def test_root_that_is_turned_scaled_and_moved_sees_the_same(empty, static_rig, rendered):
+    root = import_scene(static_rig).parent
+    turn = mathutils.Euler((0.3, -0.8, 1.9)).to_matrix().to_4x4()
+    root.matrix_world = mathutils.Matrix.Translation((5.0, 2.0, -1.0)) @ turn @ mathutils.Matrix.Scale(2.5, 4)
+    look_through(empty, "cam02")
+    empty.frame_set(7)
+    assert_same_picture(rendered(empty), expected_png(static_rig, rig_of_three()[2], 6.0))
+
+
+def test_moving_the_root_alone_moves_the_picture(empty, static_rig, rendered):
+    capture = import_scene(static_rig)
+    before = rendered(empty)
+    capture.location.x += 0.5  # the Gaussians, not the cameras
+    assert np.abs(rendered(empty).astype(int) - before).max() > 20
+
+
+def test_uneven_scale_is_refused_in_a_sentence(empty, static_rig, rendered):
+    import_scene(static_rig).scale = (1.0, 2.0, 1.0)
+    with pytest.raises(RuntimeError, match="can only be scaled evenly"):
+        rendered(empty)
+
+
+def test_orthographic_camera_is_refused_in_a_sentence(empty, static_rig, rendered):
+    import_scene(static_rig)
+    empty.camera.data.type = "ORTHO"
+    with pytest.raises(RuntimeError, match="expected a perspective"):
+        rendered(empty)
+
+
+def test_missing_file_is_refused_in_a_sentence(empty, static_rig, rendered):
+    import_scene(static_rig)
+    static_rig.unlink()
+    with pytest.raises(RuntimeError, match="found no file"):
+        rendered(empty)
+
+
+def test_moving_capture_becomes_one_animated_camera(empty, moving_rig, rendered):
+    import_scene(moving_rig)
+    cameras = [obj for obj in empty.objects if obj.type == "CAMERA"]
+    assert len(cameras) == 1
+    for frame in (5, 0, 3):
+        empty.frame_set(frame + 1)
+        assert_same_picture(rendered(empty), expected_png(moving_rig, moving_camera(6)[frame], float(frame)))
+
+
+def test_animation_is_frame_exact(empty, static_rig, tmp_path):
+    from scenes import read_png
+
+    import_scene(static_rig)
+    empty.frame_start, empty.frame_end = 2, 4
+    empty.render.image_settings.file_format = "PNG"
+    empty.render.filepath = f"{tmp_path}/frames/"
+    bpy.ops.render.render(animation=True)
+    for frame in (2, 3, 4):
+        pixels = read_png(tmp_path / "frames" / f"{frame:04d}.png")
+        assert_same_picture(pixels, expected_png(static_rig, rig_of_three()[0], frame - 1.0))
+
+
+def test_two_captures_are_drawn_together(empty, static_rig, tmp_path, rendered):
+    from frog_blender.engine.inference.draw import draw
+    from frog_blender.engine.inference.scene import PlayableScene
+    from frog_blender.render_engine import joined
+
+    other = write_scene(tmp_path / "other.frog", rig_of_three(), seed=1, sh_count=1)
+    import_scene(static_rig)
+    import_scene(other)
+    look_through(empty, "cam00")
+    both = joined([PlayableScene.load(path).at_frame(0.0) for path in (static_rig, other)])
+    assert both.sh.shape == (120, 4, 3)
+    picture = draw(both, rig_of_three()[0], background=(0.1, 0.2, 0.3)).rgb
+    assert_same_picture(rendered(empty), np.clip(picture, 0.0, 1.0) * 255.0)
+
+
+def passes_of(scene, tmp_path):
+    """Combined (H, W, 4) and Depth (H, W) of the current frame, rows from the top, without a file between."""
+    from frog_blender import render_engine
+
+    taken = {}
+
+    def spy(engine, depsgraph):
+        taken["passes"] = original(engine, depsgraph)
+        return taken["passes"]
+
+    original, render_engine.render_frame = render_engine.render_frame, spy
+    try:
+        bpy.ops.render.render(scene=scene.name)
+    finally:
+        render_engine.render_frame = original
+    return taken["passes"]
+
+
+def test_depth_is_planar_and_in_world_units(empty, static_rig, tmp_path):
+    from frog_blender.engine.inference.draw import draw
+    from frog_blender.engine.inference.scene import PlayableScene
+
+    root = import_scene(static_rig).parent
+    root.scale = (2.0, 2.0, 2.0)
+    bpy.context.view_layer.use_pass_z = True
+    _, depth = passes_of(empty, tmp_path)
+    expected = draw(PlayableScene.load(static_rig).at_frame(0.0), rig_of_three()[0]).median_z
+    nothing = np.isnan(expected)
+    assert 0.02 < nothing.mean() < 0.98
+    assert np.mean((depth == np.float32(1e10)) == nothing) > 0.99
+    both = ~nothing & (depth < 1e9)
+    # A median may jump to a neighbour where two Gaussians tie at one half; nearly all pixels agree.
+    assert np.mean(np.abs(depth[both] - 2.0 * expected[both]) < 1e-3) > 0.98
+
+
+def test_depth_arrives_in_a_file(empty, static_rig, tmp_path):
+    import_scene(static_rig)
+    bpy.context.view_layer.use_pass_z = True
+    settings = empty.render.image_settings
+    if hasattr(settings, "media_type"):
+        settings.media_type = "MULTI_LAYER_IMAGE"
+    settings.file_format = "OPEN_EXR_MULTILAYER"
+    empty.render.filepath = str(tmp_path / "still.exr")
+    bpy.ops.render.render(write_still=True)
+    content = (tmp_path / "still.exr").read_bytes()[:4000]
+    assert b"Depth.Z" in content and b"Combined.A" in content
+
+
+def test_transparent_film_is_premultiplied_linear(empty, static_rig, tmp_path):
+    from frog_blender.colors import to_linear
+    from frog_blender.engine.inference.draw import draw
+    from frog_blender.engine.inference.scene import PlayableScene
+
+    import_scene(static_rig)
+    empty.render.film_transparent = True
+    combined, _ = passes_of(empty, tmp_path)
+    drawing = draw(PlayableScene.load(static_rig).at_frame(0.0), rig_of_three()[0])
+    np.testing.assert_allclose(combined[..., 3], drawing.alpha, atol=1e-3)
+    solid = drawing.alpha > 0.05
+    straight = np.clip(drawing.rgb[solid] / drawing.alpha[solid][:, None], 0.0, 1.0)
+    np.testing.assert_allclose(combined[solid][:, :3], to_linear(straight) * drawing.alpha[solid][:, None], atol=2e-3)
+    assert np.all(combined[drawing.alpha == 0.0] == 0.0)
+
+
+def test_world_colour_is_the_background(empty, static_rig, tmp_path):
+    import_scene(static_rig).hide_render = True
+    world = bpy.data.worlds.new("Green")
+    world.color = (0.1, 0.5, 0.2)
+    if world.node_tree is not None:
+        world.node_tree.nodes.clear()
+    empty.world = world
+    combined, depth = passes_of(empty, tmp_path)
+    np.testing.assert_allclose(combined[0, 0], (0.1, 0.5, 0.2, 1.0), atol=1e-5)
+    assert np.all(depth == np.float32(1e10))
+    empty.world = None
+
+
+def test_any_camera_survives_the_way_through_blender(empty):
+    from frog_blender.blender_camera import apply_lens, engine_camera, pose_of
+
+    scene = empty
+    for camera in rig_of_three():
+        obj = bpy.data.objects.new(camera.name, bpy.data.cameras.new(camera.name))
+        scene.collection.objects.link(obj)
+        apply_lens(obj.data, camera)
+        back = engine_camera(obj, pose_of(camera), scene.render, camera.width, camera.height)
+        np.testing.assert_allclose(back.intrinsics, camera.intrinsics, rtol=2e-6)
+        np.testing.assert_allclose(back.world_to_camera, camera.world_to_camera, atol=1e-6)
+
+
+@pytest.mark.parametrize("fit", ["AUTO", "HORIZONTAL", "VERTICAL"])
+@pytest.mark.parametrize("size", [(80, 50), (50, 80)])
+@pytest.mark.parametrize("aspect", [(1.0, 1.0), (2.0, 1.0), (1.0, 1.5)])
+def test_camera_projects_as_blender_does(empty, fit, size, aspect):
+    from bpy_extras.object_utils import world_to_camera_view
+
+    from frog_blender.blender_camera import engine_camera
+
+    scene = empty
+    data = bpy.data.cameras.new("made by hand")
+    obj = bpy.data.objects.new("made by hand", data)
+    scene.collection.objects.link(obj)
+    data.sensor_fit, data.sensor_width, data.sensor_height = fit, 32.0, 20.0
+    data.lens, data.shift_x, data.shift_y = 41.0, 0.13, -0.07
+    obj.location, obj.rotation_euler = (0.5, -3.0, 1.0), (1.2, 0.1, 0.3)
+    scene.render.resolution_x, scene.render.resolution_y = size
+    scene.render.pixel_aspect_x, scene.render.pixel_aspect_y = aspect
+    bpy.context.view_layer.update()
+    camera = engine_camera(obj, obj.matrix_world, scene.render, *size)
+    points = np.array([[0.0, 0.0, 0.0], [0.4, 0.2, 0.3], [-0.3, 0.1, 0.8]])
+    pixels, depth = camera.project(points)
+    for point, pixel, z in zip(points, pixels, depth, strict=True):
+        x, y, distance = world_to_camera_view(scene, obj, mathutils.Vector(point))
+        np.testing.assert_allclose(pixel, (x * size[0], (1.0 - y) * size[1]), atol=1e-3)
+        assert z == pytest.approx(distance, rel=1e-5)
