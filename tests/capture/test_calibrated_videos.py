@@ -1,0 +1,162 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.errors import FrogError
+
+from .conftest import write_video
+
+SHARED = Path(__file__).resolve().parents[2] / ".." / "shared"
+ROTATION = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
+CENTER = np.array([1.2, -0.5, 2.0])
+
+
+def qca(name: str = "a", head: str = "<?xml version='1.0'?>") -> str:
+    """Qualisys' file for the camera of ``opencv``: y and z flipped, mm, pixels times 64."""
+    rows = np.diag([1.0, -1.0, -1.0]) @ ROTATION
+    entries = " ".join(f'r{i + 1}{j + 1}="{rows[i, j]!r}"' for i in range(3) for j in range(3))
+    entries = entries.replace("np.float64(", "").replace(")", "")
+    return f"""{head}<calibration><cameras><camera serial="{name}">
+      <fov_video bottom="47" left="0" right="63" top="0"/>
+      <transform {entries} x="1200.0" y="-500.0" z="2000.0"/>
+      <intrinsic centerPointU="1920" centerPointV="1600" focalLengthU="3200" focalLengthV="3264"
+        radialDistortion1="-6.4" radialDistortion2="0.64" radialDistortion3="0" tangentalDistortion1="0.064"
+        tangentalDistortion2="0.128"/></camera></cameras></calibration>"""
+
+
+def opencv(name: str = "a", **changes: Any) -> dict[str, Any]:
+    camera = {
+        "name": name,
+        "width": 64,
+        "height": 48,
+        "K": [[50.0, 0, 30], [0, 51.0, 25], [0, 0, 1]],
+        "dist": [-0.1, 0.01, 0.001, 0.002, 0.0],
+        "R": ROTATION.tolist(),
+        "t": (-ROTATION @ CENTER).tolist(),
+    }
+    return {**camera, **changes}
+
+
+def write(folder: Path, *cameras: dict[str, Any]) -> Path:
+    (folder / "cameras_opencv.json").write_text(json.dumps({"cameras": list(cameras)}))
+    for camera in cameras:
+        if not (folder / f"{camera['name']}.mp4").exists():
+            write_video(folder / f"{camera['name']}.mp4", 3)
+    return folder
+
+
+def test_both_calibrations_give_the_same_camera(tmp_path: Path) -> None:
+    (tmp_path / "Calib.qca.txt").write_text(qca())
+    write_video(tmp_path / "a.mp4", 3)
+    qualisys = open_capture(tmp_path)
+    plain = open_capture(write(tmp_path, opencv()))
+    for capture in (qualisys, plain):
+        camera = capture.cameras[0]
+        np.testing.assert_allclose(camera.intrinsics, [[50, 0, 30], [0, 51, 25], [0, 0, 1]])
+        np.testing.assert_allclose(camera.rotation, ROTATION, atol=1e-9)
+        np.testing.assert_allclose(camera.center, CENTER, atol=1e-9)
+        assert capture.distortions[0] is not None
+        np.testing.assert_allclose(capture.distortions[0].coefficients, [-0.1, 0.01, 0.001, 0.002, 0.0])
+        assert (capture.format, len(capture.test_shots)) == ("calibrated_videos", 0)
+
+
+def test_both_calibrations_of_the_real_capture_agree(tmp_path: Path) -> None:
+    source = SHARED / "captures" / "walk_4cam"
+    if not source.is_dir():
+        pytest.skip("the shared captures are not beside the repository")
+    for file in source.iterdir():
+        if file.suffix == ".mp4" or file.name == "Calib.qca.txt":
+            (tmp_path / file.name).symlink_to(file.resolve())
+    plain, qualisys = open_capture(source), open_capture(tmp_path)
+    assert len(plain.cameras) == 4
+    assert len(plain.warnings) == 2  # cam01 and cam02 are 8 columns narrower than calibrated
+    for a, b, c, d in zip(plain.cameras, qualisys.cameras, plain.distortions, qualisys.distortions, strict=True):
+        assert (a.name, a.width, a.height) == (b.name, b.width, b.height)
+        np.testing.assert_allclose(a.intrinsics, b.intrinsics)
+        np.testing.assert_allclose(a.world_to_camera, b.world_to_camera, atol=1e-9)
+        assert c is not None
+        assert d is not None
+        np.testing.assert_allclose(c.coefficients, d.coefficients)
+
+
+@pytest.mark.parametrize("head", ['<!DOCTYPE x [<!ENTITY a "b">]>', "<!doctype x>", '<!ENTITY a "b">'])
+def test_entities_are_refused_before_they_are_parsed(tmp_path: Path, head: str) -> None:
+    (tmp_path / "Calib.qca.txt").write_text(qca(head=head))
+    with pytest.raises(FrogError, match="document type or entities"):
+        open_capture(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("text", "found"), [("no xml", "not XML"), ("<a/>", "no camera"), (qca(""), "without a serial")]
+)
+def test_a_broken_qualisys_file_is_refused(tmp_path: Path, text: str, found: str) -> None:
+    (tmp_path / "Calib.qca.txt").write_text(text)
+    with pytest.raises(FrogError, match=found):
+        open_capture(tmp_path)
+
+
+def test_a_camera_without_video_and_a_video_without_camera_are_named(tmp_path: Path) -> None:
+    write(tmp_path, opencv("a"), opencv("b"))
+    (tmp_path / "b.mp4").rename(tmp_path / "c.mp4")
+    with pytest.raises(FrogError, match=r"has camera b without a video"):
+        open_capture(tmp_path)
+    write_video(tmp_path / "b.mp4", 3)
+    with pytest.raises(FrogError, match="video c has no camera"):
+        open_capture(tmp_path)
+
+
+def test_a_calibration_without_any_video_says_which_are_missing(tmp_path: Path) -> None:
+    write(tmp_path, opencv("a"))
+    (tmp_path / "a.mp4").unlink()
+    with pytest.raises(FrogError, match="no video, expected videos named a"):
+        open_capture(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "found"),
+    [
+        ({"K": None}, "nothing as K of camera a"),
+        ({"K": [[1, 2], [3, 4]]}, "as K of camera a"),
+        ({"t": [0, float("nan"), 0]}, "t of camera a with a value that is not finite"),
+        ({"R": [[1, 0, 0], [0, 1, 0], [0, 0, -1]]}, "mirrors"),
+        ({"R": "up"}, "not made of numbers"),
+        ({"dist": [0.1, 0.2]}, "2 distortion coefficients"),
+        ({"width": 0}, "width of camera a = 0"),
+        ({"name": ""}, "without a name"),
+    ],
+)
+def test_values_that_cannot_be_used_are_refused(tmp_path: Path, changes: dict[str, Any], found: str) -> None:
+    write(tmp_path, opencv("a"))
+    (tmp_path / "cameras_opencv.json").write_text(json.dumps({"cameras": [opencv(**changes)]}))
+    with pytest.raises(FrogError, match=found):
+        open_capture(tmp_path)
+
+
+@pytest.mark.parametrize(("text", "found"), [("{", "not JSON"), ("[]", "JSON list"), ('{"cameras": []}', "no list")])
+def test_a_broken_json_file_is_refused(tmp_path: Path, text: str, found: str) -> None:
+    (tmp_path / "cameras_opencv.json").write_text(text)
+    with pytest.raises(FrogError, match=found):
+        open_capture(tmp_path)
+
+
+def test_two_cameras_of_one_name_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(FrogError, match="several cameras named a"):
+        open_capture(write(tmp_path, opencv("a"), opencv("a")))
+
+
+def test_a_narrower_video_is_a_crop_and_a_smaller_one_is_resized(tmp_path: Path) -> None:
+    capture = open_capture(write(tmp_path, opencv("a", width=66), opencv("b", width=128, height=96)))
+    narrow, small = capture.cameras
+    assert (narrow.width, narrow.height) == (64, 48)
+    np.testing.assert_allclose(narrow.intrinsics, opencv()["K"])
+    np.testing.assert_allclose(small.intrinsics, [[25, 0, 15], [0, 25.5, 12.5], [0, 0, 1]])
+    assert "upper left part" in capture.warnings[0]
+    assert "resized" in capture.warnings[1]
+    moved = open_capture(tmp_path, pixel_offsets={"a": (2, 0)}).cameras[0]
+    assert moved.intrinsics[0, 2] == 28

@@ -1,0 +1,51 @@
+from __future__ import annotations
+
+import numpy as np
+
+from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.capture.time import frame_to_time, time_to_frame
+
+
+def off_centre_camera() -> Camera:
+    intrinsics = np.array([[410.0, 0.0, 97.3], [0.0, 395.0, 171.8], [0.0, 0.0, 1.0]])
+    pose = np.eye(4)
+    angle = 0.7
+    pose[:3, :3] = [[np.cos(angle), 0, -np.sin(angle)], [0, 1, 0], [np.sin(angle), 0, np.cos(angle)]]
+    pose[:3, 3] = [0.3, -0.2, 2.0]
+    return Camera("a", 320, 240, intrinsics, pose)
+
+
+def test_unproject_inverts_project_with_an_off_centre_principal_point() -> None:
+    camera = off_centre_camera()
+    pixels = np.random.default_rng(0).random((50, 2)) * [320, 240]
+    points = camera.unproject(pixels, np.linspace(1, 9, 50))
+    projected, depths = camera.project(points)
+    np.testing.assert_allclose(projected, pixels, atol=1e-8)
+    assert (depths > 0).all()
+    np.testing.assert_allclose(np.linalg.norm(points - camera.center, axis=1), np.linspace(1, 9, 50))
+
+
+def test_the_principal_ray_is_the_forward_axis() -> None:
+    camera = off_centre_camera()
+    np.testing.assert_allclose(camera.ray_directions(np.array([[97.3, 171.8]]))[0], camera.forward, atol=1e-12)
+
+
+def test_resizing_and_cropping_move_projections_with_the_picture() -> None:
+    camera = off_centre_camera()
+    points = camera.unproject(np.array([[100.0, 60.0]]), np.array([3.0]))
+    np.testing.assert_allclose(camera.resized(160, 80).project(points)[0], [[50.0, 20.0]])
+    np.testing.assert_allclose(camera.cropped(30, 10, 100, 100).project(points)[0], [[70.0, 50.0]])
+
+
+def test_a_camera_survives_json() -> None:
+    camera = off_centre_camera()
+    again = Camera.from_json(camera.to_json())
+    np.testing.assert_array_equal(again.world_to_camera, camera.world_to_camera)
+    np.testing.assert_array_equal(again.intrinsics, camera.intrinsics)
+    assert (again.name, again.width, again.height) == ("a", 320, 240)
+
+
+def test_frames_and_times_invert_each_other_even_between_frames_and_for_one_frame() -> None:
+    assert frame_to_time(29, 30) == 1.0
+    assert time_to_frame(frame_to_time(3.25, 30), 30) == 3.25
+    assert frame_to_time(0, 1) == 0.0

@@ -1,0 +1,162 @@
+from __future__ import annotations
+
+import os
+import shutil
+from collections import namedtuple
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from frog_blender.engine.capture import frames as frames_module
+from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.capture.capture import Capture, Distortion, Shot
+from frog_blender.engine.capture.frames import DecodingCancelled, FrameStore, default_cache_folder
+from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.errors import FrogError
+
+from .conftest import write_video
+
+
+def open_store(folder: Path, **options: Any) -> FrameStore:
+    return FrameStore.open(open_capture(folder), cache_folder=folder.parent / "cache", **options)
+
+
+def stores(folder: Path) -> list[str]:
+    return sorted(entry.name for entry in (folder.parent / "cache").iterdir())
+
+
+def test_every_shot_is_its_own_frame(n3dv: Path) -> None:
+    write_video(n3dv / "cam01.mp4", 5, picture=lambda f: np.full((48, 64, 3), (200 - 20 * f, 40, 40), np.uint8))
+    capture, store = open_capture(n3dv), open_store(n3dv)
+    assert len(store) == 15
+    for index, shot in enumerate(capture.shots):
+        picture = store.image(index)
+        assert (picture.shape, picture.dtype) == ((48, 64, 3), np.uint8)
+        expected = 200 - 20 * shot.frame if shot.camera == 1 else 20 + 10 * shot.frame
+        assert abs(int(picture[24, 32, 0]) - expected) < 6  # red first
+    with pytest.raises(ValueError, match="read-only"):
+        store.image(0)[0, 0, 0] = 1
+
+
+def test_a_store_is_reused_and_rebuilt_when_a_video_changes(n3dv: Path) -> None:
+    calls: list[tuple[int, int]] = []
+    open_store(n3dv, progress=lambda done, total: calls.append((done, total)))
+    assert calls == [(i, 15) for i in range(1, 16)]
+    first = stores(n3dv)
+    open_store(n3dv, progress=lambda done, total: pytest.fail("decoded again"))
+    write_video(n3dv / "cam01.mp4", 5, picture=lambda f: np.full((48, 64, 3), 250, np.uint8))
+    os.utime(n3dv / "cam01.mp4", ns=(1, 1))
+    store = open_store(n3dv)
+    assert store.image(1).mean() > 240
+    assert len(stores(n3dv)) == 1  # the outdated store is gone
+    assert stores(n3dv) != first
+
+
+def test_a_scaled_capture_has_its_own_store(n3dv: Path) -> None:
+    capture = open_capture(n3dv)
+    whole = FrameStore.open(capture, cache_folder=n3dv.parent / "cache")
+    half = FrameStore.open(capture.scaled(0.5), cache_folder=n3dv.parent / "cache")
+    assert half.image(0).shape == (24, 32, 3)
+    assert whole.image(0).shape == (48, 64, 3)
+    assert len(stores(n3dv)) == 2
+
+
+def test_cancelling_leaves_nothing(n3dv: Path) -> None:
+    asked = iter([False] * 7 + [True])
+    with pytest.raises(DecodingCancelled):
+        open_store(n3dv, cancelled=lambda: next(asked))
+    assert stores(n3dv) == []
+
+
+def test_what_a_killed_decode_leaves_is_not_taken_as_whole(n3dv: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    open_store(n3dv)
+    (name,) = stores(n3dv)
+    cache = n3dv.parent / "cache"
+    (cache / name).rename(cache / f"{name}.partial-killed")  # as it lies there before the last step
+    decoded: list[int] = []
+    open_store(n3dv, progress=lambda done, total: decoded.append(done))
+    assert len(decoded) == 15
+    for file in (cache / f"{name}.partial-killed").iterdir():
+        os.utime(file, (1, 1))
+    os.utime(cache / f"{name}.partial-killed", (1, 1))
+    with (cache / name / "frames.raw").open("r+b") as file:
+        file.truncate(1000)  # a store that lost bytes
+    assert open_store(n3dv).image(14).mean() > 40
+    assert stores(n3dv) == [name]  # and the old remains are swept away
+
+
+def test_a_full_disk_is_noticed_before_decoding(n3dv: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    usage = namedtuple("usage", "total used free")
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage(10**9, 10**9 - 1000, 1000))
+    with pytest.raises(FrogError, match=r"need 0\.00 GB, found 0\.00 GB free"):
+        open_store(n3dv)
+    assert stores(n3dv) == []
+
+
+def test_a_disk_that_fills_up_meanwhile_is_one_sentence(n3dv: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_space(descriptor: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(frames_module.os, "fsync", no_space)
+    with pytest.raises(FrogError, match="cannot be written here \\(No space left on device\\)"):
+        open_store(n3dv)
+    assert stores(n3dv) == []
+
+
+def test_a_video_shorter_than_its_header_says_is_named(n3dv: Path) -> None:
+    capture = open_capture(n3dv)
+    write_video(n3dv / "cam03.mp4", 3)  # it shrinks after it was opened
+    with pytest.raises(FrogError, match=r"cam03\.mp4: 3 frames could be decoded, expected 5"):
+        FrameStore.open(capture, cache_folder=n3dv.parent / "cache")
+
+
+def test_a_video_that_vanished_is_named(n3dv: Path) -> None:
+    capture = open_capture(n3dv)
+    (n3dv / "cam03.mp4").unlink()
+    with pytest.raises(FrogError, match=r"cam03\.mp4"):
+        FrameStore.open(capture, cache_folder=n3dv.parent / "cache")
+
+
+def test_the_cache_folder_can_be_chosen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "here"))
+    assert default_cache_folder() == tmp_path / "here"
+    monkeypatch.delenv("FROG_CACHE")
+    assert default_cache_folder().name == "frog_blender"
+
+
+def test_distortion_is_removed(tmp_path: Path) -> None:
+    """A straight bright line seen through a strong lens is bent; the store makes it straight, at its place."""
+    width, height = 320, 240
+    intrinsics = np.array([[200.0, 0, 150], [0, 200, 125], [0, 0, 1]])
+    coefficients = np.array([-0.3, 0.08, 0.002, -0.001, 0.0])
+    line_y = 40.0
+    bent = np.zeros((height, width, 3), np.uint8)
+    columns = np.linspace(-40, width + 40, 1500)
+    ideal = np.stack([(columns - 150) / 200, np.full_like(columns, (line_y - 125) / 200), np.ones_like(columns)], 1)
+    where = cv2.projectPoints(ideal, np.zeros(3), np.zeros(3), intrinsics, coefficients)[0][:, 0]
+    for x, y in where - 0.5:  # OpenCV counts pixel centres from 0
+        cv2.circle(bent, (round(x * 16), round(y * 16)), 24, (255, 255, 255), -1, shift=4)
+    cv2.imwrite(str(tmp_path / "a.png"), bent)
+    bend = np.ptp([np.flatnonzero(bent[:, x, 0] > 128).mean() for x in (20, 100, 160, 300)])
+    assert bend > 5
+    camera = Camera("a", width, height, intrinsics, np.eye(4))
+    capture = Capture(
+        tmp_path, "transforms", (camera,), (Distortion(coefficients),), (Shot(0, 0, tmp_path / "a.png", 0),), 1
+    )
+    straight = FrameStore.open(capture, cache_folder=tmp_path / "cache").image(0)
+    rows = [np.flatnonzero(straight[:, x, 0] > 128).mean() + 0.5 for x in (20, 100, 160, 300)]
+    np.testing.assert_allclose(rows, line_y, atol=0.6)
+    half = FrameStore.open(capture.scaled(0.5), cache_folder=tmp_path / "cache").image(0)
+    rows = [np.average(np.arange(120) + 0.5, weights=half[:, x, 0]) for x in (10, 50, 80, 150)]
+    np.testing.assert_allclose(rows, line_y / 2, atol=0.4)
+
+
+def test_pictures_of_other_proportions_are_refused(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((50, 50, 3), np.uint8))
+    camera = Camera("a", 64, 48, np.eye(3), np.eye(4))
+    capture = Capture(tmp_path, "transforms", (camera,), (None,), (Shot(0, 0, tmp_path / "a.png", 0),), 1)
+    with pytest.raises(FrogError, match="50 x 50 pixels, expected the proportions"):
+        FrameStore.open(capture, cache_folder=tmp_path / "cache")

@@ -1,0 +1,118 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from frog_blender.engine.capture.readers import detect, open_capture
+from frog_blender.engine.errors import FrogError
+
+from .conftest import llff_row, write_n3dv, write_video
+
+
+def test_rows_belong_to_sorted_names_with_gaps(n3dv: Path) -> None:
+    assert detect(n3dv) == "n3dv"
+    capture = open_capture(n3dv)
+    assert [camera.name for camera in capture.cameras] == ["cam00", "cam01", "cam03"]
+    np.testing.assert_allclose([camera.center for camera in capture.cameras], [[0, 0, 0], [1, 0, 0], [2, 0, 0]])
+    assert capture.test_cameras == {"cam00"}
+    assert (capture.frame_count, capture.frames_per_second, capture.near_far) == (5, 30.0, (0.5, 20.0))
+    assert not capture.is_moving
+
+
+def test_llff_axes_become_opencv_axes(tmp_path: Path) -> None:
+    """A random OpenCV camera, written as LLFF by the definition of LLFF's axes, must come back."""
+    write_video(tmp_path / "cam07.mp4", 2)
+    rotation = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    rotation *= np.sign(np.linalg.det(rotation))
+    right, down, forward = rotation.T  # the columns of camera-to-world are the camera's axes in the world
+    center = np.array([0.4, -1.0, 3.0])
+    matrix = np.stack([down, right, -forward, center, [48, 64, 50.0]], axis=1)
+    np.save(tmp_path / "poses_bounds.npy", np.concatenate([matrix.ravel(), [1, 9]])[None])
+    camera = open_capture(tmp_path).cameras[0]
+    np.testing.assert_allclose(camera.rotation, rotation.T, atol=1e-12)
+    np.testing.assert_allclose(camera.center, center, atol=1e-12)
+    ahead_and_right = center + 2 * forward + 0.5 * right
+    np.testing.assert_allclose(camera.project(ahead_and_right[None])[0], [[32 + 50 * 0.25, 24]])
+
+
+def test_intrinsics_follow_the_decoded_size(tmp_path: Path) -> None:
+    write_video(tmp_path / "cam00.mp4", 2)
+    np.save(tmp_path / "poses_bounds.npy", llff_row(480, 640, 500.0)[None])
+    camera = open_capture(tmp_path).cameras[0]
+    np.testing.assert_allclose(camera.intrinsics, [[50, 0, 32], [0, 50, 24], [0, 0, 1]])
+    assert not open_capture(tmp_path).test_cameras  # the only camera cannot be held out
+
+
+def test_another_number_of_rows_is_refused(n3dv: Path) -> None:
+    (n3dv / "cam01.mp4").unlink()
+    with pytest.raises(FrogError, match="3 rows for 2 videos"):
+        open_capture(n3dv)
+
+
+@pytest.mark.parametrize(
+    ("rows", "sentence"),
+    [
+        (np.full((3, 17), np.nan), "not finite in row 0"),
+        (np.zeros((3, 17)), "zero or less in row 0"),
+        (np.ones((3, 17)), "mirrors, scales or shears"),
+        (np.ones((3, 15)), "shape \\(3, 15\\)"),
+        (np.array(["a"]), "shape \\(1,\\)"),
+    ],
+)
+def test_rows_that_make_no_sense_are_refused(n3dv: Path, rows: np.ndarray, sentence: str) -> None:
+    np.save(n3dv / "poses_bounds.npy", rows)
+    with pytest.raises(FrogError, match=sentence):
+        open_capture(n3dv)
+
+
+def test_a_pickle_is_never_loaded(n3dv: Path) -> None:
+    np.save(n3dv / "poses_bounds.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
+    with pytest.raises(FrogError, match="not a NumPy array"):
+        open_capture(n3dv)
+
+
+def test_an_empty_video_is_named(n3dv: Path) -> None:
+    (n3dv / "cam01.mp4").write_bytes(b"")
+    with pytest.raises(FrogError, match=r"cam01\.mp4: found an empty file"):
+        open_capture(n3dv)
+
+
+def test_a_video_cut_in_half_is_named(n3dv: Path) -> None:
+    video = n3dv / "cam03.mp4"
+    video.write_bytes(video.read_bytes()[: video.stat().st_size // 2])
+    with pytest.raises(FrogError, match=r"cam03\.mp4: found a file that cannot be decoded"):
+        open_capture(n3dv)
+
+
+def test_a_video_that_ends_early_tells_how_much_is_left(tmp_path: Path) -> None:
+    folder = write_n3dv(tmp_path, ("cam00",), frames=2)
+    noise = np.random.default_rng(0).integers(0, 255, (48, 64, 3), dtype=np.uint8)
+    video = write_video(folder / "cam00.avi", 40, picture=lambda frame: noise)
+    video.write_bytes(video.read_bytes()[: video.stat().st_size // 2])  # AVI keeps its header, which says 40
+    (folder / "cam00.mp4").unlink()
+    with pytest.raises(FrogError, match=r"cam00\.avi: \d+ frames could be decoded, expected 40"):
+        open_capture(folder)
+
+
+def test_videos_of_different_lengths_share_their_first_moments(tmp_path: Path) -> None:
+    folder = write_n3dv(tmp_path)
+    write_video(folder / "cam01.mp4", 3)
+    capture = open_capture(folder)
+    assert capture.frame_count == 3
+    assert any("cam01.mp4 3 frames" in warning for warning in capture.warnings)
+
+
+@pytest.mark.parametrize("name", ["empty", "strange", "missing", "file"])
+def test_a_folder_of_no_known_layout_says_what_it_holds(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    if name in ("empty", "strange"):
+        path.mkdir()
+    if name == "strange":
+        (path / "a.txt").write_text("x")
+    if name == "file":
+        path.write_text("x")
+    found = {"empty": "an empty folder", "strange": "1 .txt file", "missing": "no such folder", "file": "found a file"}
+    with pytest.raises(FrogError, match=f"{found[name]}.*poses_bounds.npy"):
+        open_capture(path)

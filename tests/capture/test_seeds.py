@@ -1,0 +1,181 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.capture.capture import Capture, Shot
+from frog_blender.engine.capture.seeds import Seeds, find_seeds
+from frog_blender.engine.errors import FrogError
+
+WIDTH, HEIGHT = 160, 120
+NEAR_Z, FAR_Z = 3.0, 6.0  # a card in front of a wall
+
+
+def texture(seed: int) -> np.ndarray:
+    """(200, 200, 3) float32 blobs of several sizes."""
+    random = np.random.default_rng(seed)
+    layers = [cv2.resize(random.random((n, n, 3)).astype(np.float32), (200, 200)) for n in (12, 40)]
+    return np.clip(0.6 * layers[0] + 0.4 * layers[1], 0, 1)
+
+
+def plane(camera: Camera, picture: np.ndarray, z: float, half: float, onto: np.ndarray) -> np.ndarray:
+    """``onto`` with the square plane |x|, |y| < half at world depth z drawn over it, by its homography."""
+    to_world = np.array([[2 * half / 200, 0, -half], [0, 2 * half / 200, -half], [0, 0, z], [0, 0, 1]])
+    matrix = camera.intrinsics @ camera.world_to_camera[:3] @ to_world
+    shift = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])  # OpenCV counts pixel centres from 0
+    matrix = np.linalg.inv(shift) @ matrix @ shift
+    size = (camera.width, camera.height)
+    drawn = cv2.warpPerspective(picture, matrix, size)
+    mask = cv2.warpPerspective(np.ones((200, 200), np.float32), matrix, size)[..., None]
+    return onto * (1 - mask) + drawn
+
+
+def make_scene(positions: list[tuple[float, float]], frames: int, *, moving: bool) -> tuple[Capture, list[np.ndarray]]:
+    """Cameras at (x, y, 0) looking along z at a textured card and wall; ``moving``: one position a frame."""
+    cameras, pictures = [], []
+    for index, (x, y) in enumerate(positions):
+        pose = np.eye(4)
+        pose[:2, 3] = -x, -y
+        intrinsics = np.array([[150.0, 0, 83], [0, 150, 57], [0, 0, 1]])
+        cameras.append(Camera(f"cam{index:02d}", WIDTH, HEIGHT, intrinsics, pose))
+        wall = plane(cameras[-1], texture(1), FAR_Z, 4.5, np.zeros((HEIGHT, WIDTH, 3), np.float32))
+        card = plane(cameras[-1], texture(2), NEAR_Z, 0.6, wall)
+        pictures.append((card * 255).astype(np.uint8))
+    if moving:
+        shots = [Shot(index, index, Path(f"{index}.png"), 0) for index in range(len(cameras))]
+    else:
+        shots = [Shot(c, f, Path(f"{c}.mp4"), f) for f in range(frames) for c in range(len(cameras))]
+    capture = Capture(
+        Path("scene"),
+        "test",
+        tuple(cameras),
+        (None,) * len(cameras),
+        tuple(shots),
+        len(positions) if moving else frames,
+    )
+    return capture, [pictures[shot.camera] for shot in capture.shots]
+
+
+class Store:
+    """Pictures in memory; asking for a held-out one is an error."""
+
+    def __init__(self, capture: Capture, pictures: list[np.ndarray]) -> None:
+        self.capture, self.pictures, self.read = capture, pictures, set[int]()
+
+    def image(self, shot_index: int) -> np.ndarray:
+        assert not self.capture.is_test(self.capture.shots[shot_index]), "a held-out picture was read"
+        self.read.add(shot_index)
+        return self.pictures[shot_index]
+
+
+def check_on_planes(seeds: Seeds) -> None:
+    on_card = (np.abs(seeds.points[:, 2] - NEAR_Z) < 0.15) & (np.abs(seeds.points[:, :2]) < 0.65).all(axis=1)
+    on_wall = np.abs(seeds.points[:, 2] - FAR_Z) < 0.6
+    assert (on_card | on_wall).mean() > 0.9
+    assert on_card.mean() > 0.03
+    assert on_wall.mean() > 0.3
+
+
+RING = [(0.0, 0.0), (-0.4, 0.0), (0.4, 0.0), (0.0, -0.4), (0.0, 0.4), (0.4, 0.4)]
+
+
+def test_seeds_of_many_cameras_lie_on_the_surfaces_in_their_colours() -> None:
+    capture, pictures = make_scene(RING, 4, moving=False)
+    capture = replace(capture, test_cameras=frozenset({"cam00"}), near_far=(1.5, 12.0), test_frames=frozenset({2}))
+    store = Store(capture, pictures)
+    steps: list[tuple[int, int]] = []
+    seeds = find_seeds(capture, store, count_limit=3000, progress=lambda done, total: steps.append((done, total)))
+    assert "drawn" not in seeds.origin
+    assert 1500 < len(seeds.points) <= 3000
+    assert seeds.points.dtype == seeds.colors.dtype == np.float32
+    assert (seeds.colors >= 0).all()
+    assert (seeds.colors <= 1).all()
+    check_on_planes(seeds)
+    # The held-out camera judges here: points in front of nothing else must have its colours.
+    card = np.abs(seeds.points[:, 2] - NEAR_Z) < 0.15
+    pixels, _ = capture.cameras[0].project(seeds.points[card].astype(np.float64))
+    columns, lines = np.floor(pixels).astype(int).T
+    difference = np.abs(pictures[0][lines, columns] / 255 - seeds.colors[card]).max(axis=1)
+    assert np.median(difference) < 0.08
+    assert steps[-1][0] == steps[-1][1]
+    assert store.read
+
+
+def test_seeds_of_a_moving_camera_never_read_withheld_frames() -> None:
+    positions = [(0.12 * step - 0.8, 0.1 * np.sin(step)) for step in range(14)]
+    capture, pictures = make_scene(positions, 1, moving=True)
+    capture = capture.with_holdout(4)
+    assert capture.is_moving
+    seeds = find_seeds(capture, Store(capture, pictures), count_limit=3000)
+    assert "swept" in seeds.origin
+    check_on_planes(seeds)
+
+
+def test_the_same_seed_gives_the_same_points() -> None:
+    capture, pictures = make_scene(RING[:4], 1, moving=False)
+    capture = replace(capture, near_far=(1.5, 12.0))
+    first, again = (find_seeds(capture, Store(capture, pictures), count_limit=800, seed=3) for _ in range(2))
+    np.testing.assert_array_equal(first.points, again.points)
+    np.testing.assert_array_equal(first.colors, again.colors)
+
+
+def wide_scene(moving_ball: bool) -> tuple[Capture, list[np.ndarray]]:
+    """Four cameras 90 degrees apart around a red ball of radius 0.5 that hovers left, then right, in a grey room."""
+    cameras = []
+    for index in range(4):
+        angle = index * np.pi / 2
+        forward = np.array([np.sin(angle), 0, np.cos(angle)])
+        rotation = np.stack([np.cross([0, 1.0, 0], forward), [0, 1.0, 0], forward])
+        pose = np.eye(4)
+        pose[:3, :3] = rotation
+        pose[:3, 3] = -rotation @ (-4 * forward)
+        cameras.append(Camera(f"cam{index}", WIDTH, HEIGHT, [[120, 0, 80], [0, 120, 60], [0, 0, 1]], pose))
+    shots = [Shot(c, f, Path("x"), f) for f in range(5) for c in range(4)]
+    capture = Capture(Path("scene"), "test", tuple(cameras), (None,) * 4, tuple(shots), 5)
+    pictures = []
+    for shot in capture.shots:
+        picture = np.full((HEIGHT, WIDTH, 3), 128, np.uint8)
+        center = np.array([[0.0, (shot.frame - 2) * 0.6 if moving_ball else 0.0, 0.0]])
+        (pixel,), (depth,) = cameras[shot.camera].project(center)
+        cv2.circle(picture, (int(pixel[0]), int(pixel[1])), int(120 * 0.5 / depth), (230, 20, 20), -1)
+        pictures.append(picture)
+    return capture, pictures
+
+
+def test_cameras_too_far_apart_get_points_in_their_common_volume_and_more_where_something_moves() -> None:
+    capture, pictures = wide_scene(moving_ball=True)
+    seeds = find_seeds(capture, Store(capture, pictures), count_limit=2000)
+    assert seeds.origin == "2000 drawn"
+    seen = sum(
+        ((d > 0) & (p >= 0).all(axis=1) & (p < [WIDTH, HEIGHT]).all(axis=1)).astype(int)
+        for p, d in (camera.project(seeds.points.astype(np.float64)) for camera in capture.cameras)
+    )
+    assert (seen >= 2).all()
+    where_it_moves = (np.abs(seeds.points[:, [0, 2]]) < 0.75).all(axis=1)
+    still = find_seeds(*_still(), count_limit=2000)
+    where_it_would = (np.abs(still.points[:, [0, 2]]) < 0.75).all(axis=1)
+    assert where_it_moves.sum() > 2 * where_it_would.sum()
+    assert where_it_moves.mean() > 0.2
+
+
+def _still() -> tuple[Capture, Store]:
+    capture, pictures = wide_scene(moving_ball=False)
+    return capture, Store(capture, pictures)
+
+
+def test_a_capture_without_training_pictures_is_refused() -> None:
+    capture, pictures = make_scene(RING[:2], 1, moving=False)
+    capture = replace(capture, test_frames=frozenset({0}))
+    with pytest.raises(FrogError, match="every picture is held out"):
+        find_seeds(capture, Store(capture, pictures))
+
+
+def test_one_camera_that_never_moves_still_gets_points_or_a_sentence() -> None:
+    capture, pictures = make_scene([(0, 0)], 3, moving=False)
+    seeds = find_seeds(capture, Store(capture, pictures), count_limit=500)
+    assert 0 < len(seeds.points) <= 500

@@ -1,0 +1,133 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from frog_blender.engine.capture.frames import FrameStore
+from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.errors import FrogError
+
+OPENGL_AHEAD = np.diag([1.0, -1.0, -1.0, 1.0])  # an OpenGL camera-to-world that looks along the world's +z, y down
+
+
+def write(folder: Path, count: int = 10, name: str = "transforms.json", **top: Any) -> dict[str, Any]:
+    """Pictures 40 x 30 and their list; the camera moves along x."""
+    folder.mkdir(parents=True, exist_ok=True)
+    frames = []
+    for index in range(count):
+        file = f"{name[:-5]}_{index:03d}"
+        cv2.imwrite(str(folder / f"{file}.png"), np.full((30, 40, 3), 10 * index, np.uint8))
+        pose = OPENGL_AHEAD.copy()
+        pose[0, 3] = index
+        frames.append({"file_path": f"./{file}", "transform_matrix": pose.tolist()})
+    data = {"fl_x": 50.0, "w": 40, "h": 30, "frames": frames, **top}
+    (folder / name).write_text(json.dumps(data))
+    return data
+
+
+def rewrite(folder: Path, data: dict[str, Any]) -> None:
+    (folder / "transforms.json").write_text(json.dumps(data))
+
+
+def test_opengl_becomes_opencv_and_every_eighth_frame_is_held_out(tmp_path: Path) -> None:
+    write(tmp_path, 13, cx=18.0, cy=16.0)
+    capture = open_capture(tmp_path)
+    assert capture.is_moving
+    assert capture.test_frames == {4, 12}
+    assert capture.frame_count == len(capture.cameras) == 13
+    camera = capture.cameras[3]
+    np.testing.assert_allclose(camera.center, [3, 0, 0])
+    np.testing.assert_allclose(camera.forward, [0, 0, 1], atol=1e-12)
+    pixel, depth = camera.project(np.array([[4.0, 1.0, 5.0]]))
+    np.testing.assert_allclose(pixel, [[18 + 50 / 5, 16 + 50 / 5]])
+    assert depth[0] == pytest.approx(5)
+
+
+def test_a_pictures_own_values_win(tmp_path: Path) -> None:
+    data = write(tmp_path, 3, camera_angle_x=1.0, k1=-0.1)
+    del data["fl_x"]
+    data["frames"][1].update({"fl_x": 33.0, "k1": 0.0, "cx": 11.0})
+    rewrite(tmp_path, data)
+    capture = open_capture(tmp_path)
+    assert capture.cameras[0].intrinsics[0, 0] == pytest.approx(20 / np.tan(0.5))
+    np.testing.assert_allclose(capture.cameras[1].intrinsics, [[33, 0, 11], [0, 33, 15], [0, 0, 1]])
+    assert capture.distortions[0] is not None
+    assert capture.distortions[1] is None
+
+
+def test_frames_are_ranks_of_distinct_times(tmp_path: Path) -> None:
+    data = write(tmp_path, 4)
+    for frame, time in zip(data["frames"], [0.5, 0.0, 0.5, 0.9], strict=True):
+        frame["time"] = time
+    rewrite(tmp_path, data)
+    capture = open_capture(tmp_path)
+    assert capture.frame_count == 3
+    assert sorted((shot.camera, shot.frame) for shot in capture.shots) == [(0, 1), (1, 0), (2, 1), (3, 2)]
+    assert not capture.test_frames  # not one moving camera: nothing is withheld unasked
+
+
+def test_missing_pictures_are_counted_and_none_is_an_error(tmp_path: Path) -> None:
+    write(tmp_path, 10)
+    for index in (2, 7):
+        (tmp_path / f"transforms_{index:03d}.png").unlink()
+    capture = open_capture(tmp_path)
+    assert len(capture.shots) == 8
+    assert "2 of 10 listed pictures are missing" in capture.warnings[0]
+    for picture in tmp_path.glob("*.png"):
+        picture.unlink()
+    with pytest.raises(FrogError, match="10 listed pictures of which none exists"):
+        open_capture(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["../secret.png", "/etc/hostname", "a/../../b.png", "..\\x.png"])
+def test_paths_outside_the_folder_are_refused(tmp_path: Path, name: str) -> None:
+    data = write(tmp_path, 2)
+    data["frames"][1]["file_path"] = name
+    rewrite(tmp_path, data)
+    with pytest.raises(FrogError, match="outside the capture's folder"):
+        open_capture(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("top", "own", "found"),
+    [
+        ({"camera_model": "OPENCV_FISHEYE"}, {}, "FISHEYE"),
+        ({"fl_x": None}, {}, "no focal length"),
+        ({"fl_x": -3}, {}, "fl_x = -3"),
+        ({"w": 80}, {}, "same proportions"),
+        ({"k1": float("inf")}, {}, "k1 with a value that is not finite"),
+        ({}, {"transform_matrix": [[1, 2], [3, 4]]}, "transform_matrix"),
+        ({}, {"transform_matrix": np.full((4, 4), np.nan).tolist()}, "not finite"),
+        ({}, {"file_path": 3}, "without a file_path"),
+        ({}, {"time": "soon"}, "not made of numbers"),
+    ],
+)
+def test_values_that_cannot_be_used_are_refused(
+    tmp_path: Path, top: dict[str, Any], own: dict[str, Any], found: str
+) -> None:
+    data = {**write(tmp_path, 3), **top}
+    for frame in data["frames"]:
+        frame.update(own)
+    rewrite(tmp_path, data)
+    with pytest.raises(FrogError, match=found):
+        open_capture(tmp_path)
+
+
+def test_blender_layout_holds_out_its_test_pictures_and_lies_over_white(tmp_path: Path) -> None:
+    write(tmp_path, 4, "transforms_train.json")
+    write(tmp_path, 2, "transforms_test.json")
+    transparent = np.zeros((30, 40, 4), np.uint8)
+    transparent[:, 20:] = (0, 0, 200, 255)  # BGRA
+    cv2.imwrite(str(tmp_path / "transforms_train_000.png"), transparent)
+    capture = open_capture(tmp_path)
+    assert capture.test_cameras == {"transforms_test_000", "transforms_test_001"}
+    assert len(capture.train_shots) == 4
+    store = FrameStore.open(capture, cache_folder=tmp_path / "cache")
+    picture = store.image(capture.shot_index(0, 0))
+    assert picture[5, 5].tolist() == [255, 255, 255]
+    assert picture[5, 30].tolist() == [200, 0, 0]
