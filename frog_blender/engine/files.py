@@ -1,0 +1,187 @@
+"""The ``.frog`` scene file: one safetensors file with a JSON header. No pickle, no torch.
+
+Tensors of a FRoG scene: ``means, log_scales, quaternions, opacity_logits, sh, embeddings`` by Gaussian,
+``temporal_table`` and ``network.*``. The header holds what playback and evaluation need besides.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save as serialize
+
+from .capture.camera import Camera
+from .errors import FrogError, found_instead
+
+FORMAT_VERSION = 1
+_HEADER_KEY = "frog"
+
+
+@dataclass(frozen=True)
+class SceneHeader:
+    """What a scene file says of itself.
+
+    Attributes:
+        method: "frog" or "static".
+        recipe: every setting of the training, as plain values.
+        model: the model's settings (see FrogSettings), empty for a static scene.
+        cameras: the capture's cameras at the size they were trained at.
+        camera_shots: for each camera the frames it saw; one frame each for a moving camera.
+        test_cameras, test_frames: what training did not see.
+        frame_count, frames_per_second: the capture's time axis; frame f has time f / (frame_count - 1).
+        background: display-referred colour behind the Gaussians.
+        capture_path, capture_format, scale, pixel_offsets: where the frames came from and how they were read.
+        metrics: PSNR and so on as measured at the end of training.
+        steps, train_seconds: how much training is in it (decoding and seeding not counted).
+    """
+
+    method: str
+    recipe: dict[str, Any]
+    model: dict[str, Any]
+    cameras: tuple[Camera, ...]
+    camera_shots: tuple[tuple[int, ...], ...]
+    test_cameras: tuple[str, ...]
+    test_frames: tuple[int, ...]
+    frame_count: int
+    frames_per_second: float
+    background: tuple[float, float, float]
+    capture_path: str
+    capture_format: str
+    scale: float
+    pixel_offsets: dict[str, tuple[float, float]] = field(default_factory=dict)
+    metrics: dict[str, Any] = field(default_factory=dict)
+    steps: int = 0
+    train_seconds: float = 0.0
+    format_version: int = FORMAT_VERSION
+
+    @property
+    def is_moving(self) -> bool:
+        """One moving camera: every entry of ``cameras`` is one moment of it."""
+        return len(self.cameras) > 1 and all(len(frames) == 1 for frames in self.camera_shots)
+
+    def to_json(self) -> str:
+        values = {name: getattr(self, name) for name in self.__dataclass_fields__ if name != "cameras"}
+        return json.dumps({**values, "cameras": [camera.to_json() for camera in self.cameras]}, allow_nan=False)
+
+    @classmethod
+    def from_json(cls, text: str) -> SceneHeader:
+        """Raises KeyError, TypeError or ValueError for a header that is not one."""
+        data = json.loads(text)
+        red, green, blue = (float(value) for value in data["background"])
+        return cls(
+            method=str(data["method"]),
+            recipe=dict(data["recipe"]),
+            model=dict(data["model"]),
+            cameras=tuple(Camera.from_json(camera) for camera in data["cameras"]),
+            camera_shots=tuple(tuple(int(frame) for frame in frames) for frames in data["camera_shots"]),
+            test_cameras=tuple(str(name) for name in data["test_cameras"]),
+            test_frames=tuple(int(frame) for frame in data["test_frames"]),
+            frame_count=int(data["frame_count"]),
+            frames_per_second=float(data["frames_per_second"]),
+            background=(red, green, blue),
+            capture_path=str(data["capture_path"]),
+            capture_format=str(data["capture_format"]),
+            scale=float(data["scale"]),
+            pixel_offsets={str(k): (float(v[0]), float(v[1])) for k, v in data["pixel_offsets"].items()},
+            metrics=dict(data["metrics"]),
+            steps=int(data["steps"]),
+            train_seconds=float(data["train_seconds"]),
+            format_version=int(data["format_version"]),
+        )
+
+
+@dataclass(frozen=True)
+class SceneFile:
+    """A scene as it lies on disk: header and arrays by name."""
+
+    header: SceneHeader
+    arrays: dict[str, np.ndarray]
+
+
+def settings_json(settings: Any) -> dict[str, Any]:
+    """A settings dataclass as plain values for a header."""
+    return asdict(settings)
+
+
+def write_scene(path: str | Path, scene: SceneFile) -> None:
+    """Writes atomically; FrogError when it cannot, and then an earlier file of that name is untouched."""
+    write_atomically(path, serialize(_contiguous(scene.arrays), metadata={_HEADER_KEY: scene.header.to_json()}))
+
+
+def read_scene(path: str | Path) -> SceneFile:
+    """FrogError in one sentence when it is missing, truncated, of another kind or of a newer version."""
+    arrays, metadata = read_tensors(path, "a .frog scene")
+    try:
+        header = SceneHeader.from_json(metadata[_HEADER_KEY])
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
+        raise found_instead(path, f"a header that cannot be read ({error!r})", "a .frog scene") from error
+    if header.format_version > FORMAT_VERSION:
+        raise found_instead(
+            path, f"format version {header.format_version}", f"at most {FORMAT_VERSION}; a newer frog_blender reads it"
+        )
+    _check_arrays(path, header, arrays)
+    return SceneFile(header, arrays)
+
+
+def read_tensors(path: str | Path, kind: str) -> tuple[dict[str, np.ndarray], dict[str, str]]:
+    """Arrays and metadata of a safetensors file; sizes are checked by the library before anything is allocated."""
+    if not Path(path).is_file():
+        raise found_instead(path, "no file", kind)
+    try:
+        with safe_open(str(path), framework="numpy") as file:
+            return {name: file.get_tensor(name) for name in file.keys()}, dict(file.metadata() or {})  # noqa: SIM118
+    except (SafetensorError, OSError, ValueError, TypeError) as error:
+        raise found_instead(path, f"a damaged or foreign file ({error})", kind) from error
+
+
+def write_atomically(path: str | Path, content: bytes) -> None:
+    """To a temporary name beside ``path``, flushed to the disk, then renamed: never half a file under the final name."""
+    path = Path(path)
+    temporary = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
+        temporary = Path(name)
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.chmod(0o644)
+        temporary.replace(path)
+    except OSError as error:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+        raise FrogError(f"{path}: could not be written ({error.strerror or error}); nothing was changed.") from error
+
+
+def _contiguous(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return {name: np.ascontiguousarray(array) for name, array in arrays.items()}
+
+
+def _check_arrays(path: str | Path, header: SceneHeader, arrays: dict[str, np.ndarray]) -> None:
+    """Shapes that playback relies on."""
+    count = len(arrays.get("means", ()))
+    shapes: dict[str, tuple[int, ...]] = {
+        "means": (count, 3),
+        "log_scales": (count, 3),
+        "quaternions": (count, 4),
+        "opacity_logits": (count,),
+    }
+    for name, shape in shapes.items():
+        found = arrays[name].shape if name in arrays else "nothing"
+        if found != shape or not count:
+            raise found_instead(path, f"{name} of shape {found}", f"shape {shape} with at least one Gaussian")
+    sh = arrays.get("sh")
+    if sh is None or sh.shape[0] != count or sh.ndim != 3 or sh.shape[1] not in (1, 4, 9, 16) or sh.shape[2] != 3:
+        raise found_instead(path, "no usable colours (sh)", f"shape ({count}, 1 | 4 | 9 | 16, 3)")
+    if header.method not in ("frog", "static"):
+        raise found_instead(path, f"the method {header.method!r}", "'frog' or 'static'")
+    if not header.cameras or header.frame_count < 1 or len(header.camera_shots) != len(header.cameras):
+        raise found_instead(path, "a header without cameras or frames", "at least one of each")

@@ -1,0 +1,65 @@
+"""Drawing finished Gaussians without torch, and moving them about."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..capture.camera import Camera
+from ..rasterizer.arrays import GaussianArrays
+from ..rasterizer.native import Frame
+from ..rasterizer.options import RasterizeOptions
+from .transform import transform
+
+__all__ = ["Drawing", "draw", "to_uint8", "transform"]
+
+
+@dataclass
+class Drawing:
+    """One picture, all float32.
+
+    Attributes:
+        rgb: (H, W, 3) display-referred, over the background (over black: premultiplied by alpha).
+        alpha: (H, W) coverage.
+        median_depth: (H, W) Euclidean distance to the centre of the Gaussian that takes transmittance through one half.
+        median_z: (H, W) planar depth of the same.
+        mean_depth: (H, W) planar depth averaged by blending weight. All depths are NaN where nothing is.
+    """
+
+    rgb: np.ndarray
+    alpha: np.ndarray
+    median_depth: np.ndarray
+    median_z: np.ndarray
+    mean_depth: np.ndarray
+
+
+def draw(
+    gaussians: GaussianArrays,
+    camera: Camera,
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    options: RasterizeOptions | None = None,
+) -> Drawing:
+    """What ``camera`` sees of ``gaussians``, exactly as in training."""
+    gaussians = gaussians.checked()
+    size = (camera.height, camera.width)
+    median_index = np.empty(size, np.int32)
+    image = {
+        "rgb": np.empty((*size, 3), np.float32),
+        "alpha": np.empty(size, np.float32),
+        "median_index": median_index,
+        "mean_depth": np.empty(size, np.float32),
+    }
+    Frame(gaussians, camera, background, options or RasterizeOptions(depth=True), image)
+    offsets = gaussians.means - camera.center.astype(np.float32)
+    missing = np.float32([np.nan])  # index -1 picks it
+    distances = np.concatenate([np.linalg.norm(offsets, axis=1), missing]).astype(np.float32)
+    planar = np.concatenate([offsets @ camera.forward.astype(np.float32), missing])
+    return Drawing(
+        image["rgb"], image["alpha"], distances[median_index], planar[median_index], mean_depth=image["mean_depth"]
+    )
+
+
+def to_uint8(rgb: np.ndarray) -> np.ndarray:
+    """Display-referred floats to bytes, rounded."""
+    return (np.clip(rgb, 0, 1) * 255 + 0.5).astype(np.uint8)

@@ -1,0 +1,29 @@
+"""3D Gaussian Splatting without time: the floor that every dynamic method must beat."""
+
+from __future__ import annotations
+
+import torch
+from torch import nn
+
+from ...rasterizer import GaussianArrays
+from ..canonical import CanonicalField
+from ..frog import Progressing
+
+
+class Static(nn.Module):
+    """The canonical Gaussians at every time."""
+
+    def __init__(self, canonical: CanonicalField) -> None:
+        super().__init__()
+        self.canonical = canonical
+
+    def deform(
+        self, time: float, progressing: Progressing = Progressing()
+    ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
+        return self.canonical.gaussians(), {}
+
+    def forward(self, time: float, progressing: Progressing = Progressing()) -> GaussianArrays:
+        return self.canonical.gaussians()
+
+    def total_deformation(self, changes: dict[str, torch.Tensor]) -> torch.Tensor:
+        return torch.zeros(len(self.canonical))

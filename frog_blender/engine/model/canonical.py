@@ -1,0 +1,71 @@
+"""The canonical field: Gaussians before deformation, as the parameters that are learned."""
+
+from __future__ import annotations
+
+import torch
+from torch import nn
+
+from ..rasterizer import GaussianArrays
+
+SH_DC = 0.28209479177387814
+ATTRIBUTES = ("means", "log_scales", "quaternions", "opacity_logits", "sh", "embeddings")
+
+
+class CanonicalField(nn.Module):
+    """N Gaussians; every parameter's first dimension is N, so that density control can treat them alike.
+
+    Attributes:
+        means: (N, 3) world units.
+        log_scales: (N, 3) logarithms of standard deviations.
+        quaternions: (N, 4) w, x, y, z, normalised when drawn.
+        opacity_logits: (N,).
+        sh: (N, K, 3).
+        embeddings: (N, E) what the deformation field knows of each Gaussian; E = 0 for a static scene.
+    """
+
+    def __init__(self, values: dict[str, torch.Tensor]) -> None:
+        super().__init__()
+        for name in ATTRIBUTES:
+            self.register_parameter(name, nn.Parameter(values[name]))
+
+    def __len__(self) -> int:
+        return self.means.shape[0]
+
+    def gaussians(self) -> GaussianArrays:
+        """The undeformed Gaussians, activated."""
+        return GaussianArrays(
+            self.means, self.quaternions, self.log_scales.exp(), self.opacity_logits.sigmoid(), self.sh
+        )
+
+
+def new_gaussians(
+    points: torch.Tensor,
+    colors: torch.Tensor,
+    spacings: torch.Tensor,
+    sh_count: int,
+    embedding_size: int,
+    opacity: float = 0.1,
+) -> dict[str, torch.Tensor]:
+    """Fresh isotropic Gaussians (the paper's values: identity rotation, opacity 0.1, embedding zero).
+
+    Args:
+        points: (N, 3) world units.
+        colors: (N, 3) display-referred, in [0, 1].
+        spacings: (N,) distance to the neighbours, which becomes the standard deviation.
+        sh_count: coefficients a channel, K.
+        embedding_size: E.
+        opacity: in (0, 1).
+    """
+    count = len(points)
+    sh = torch.zeros(count, sh_count, 3)
+    sh[:, 0] = (colors - 0.5) / SH_DC
+    quaternions = torch.zeros(count, 4)
+    quaternions[:, 0] = 1
+    return {
+        "means": points.clone(),
+        "log_scales": spacings.clamp(min=1e-7).log()[:, None].repeat(1, 3),
+        "quaternions": quaternions,
+        "opacity_logits": torch.full((count,), opacity).logit(),
+        "sh": sh,
+        "embeddings": torch.zeros(count, embedding_size),
+    }

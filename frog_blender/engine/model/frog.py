@@ -1,0 +1,123 @@
+"""FRoG: canonical Gaussians, a temporal table, and one deformation network with early fusion."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import nn
+
+from ..rasterizer import GaussianArrays
+from .canonical import CanonicalField
+from .deformation import DeformationField
+from .opacity import reduction_factor
+from .temporal import temporal_weights
+
+
+@dataclass(frozen=True)
+class FrogSettings:
+    """The shape of the model; written into the scene file, since playback needs it.
+
+    Attributes:
+        temporal_rows, coarse_rows: rows of the table, and rows it is resampled to for the coarse embedding.
+        temporal_size, embedding_size: lengths of t and e.
+        hidden_width, head_width: see DeformationField.
+        deformed_sh: SH coefficients that deform.
+        opacity_reduction, opacity_sharpness: see model.opacity.
+        motion_unit: world units that a network output of one moves a Gaussian by (makes rates independent of the
+            capture's units).
+    """
+
+    temporal_rows: int
+    coarse_rows: int
+    temporal_size: int = 64
+    embedding_size: int = 32
+    hidden_width: int = 64
+    head_width: int = 0
+    deformed_sh: int = 1
+    opacity_reduction: str = "unit"
+    opacity_sharpness: float = 10.0
+    motion_unit: float = 1.0
+
+
+@dataclass(frozen=True)
+class Progressing:
+    """How far the schedules inside the model have come, each from 0 to 1 (all 1 in a finished scene).
+
+    Attributes:
+        fine_rows: the fine embedding's rows grow from the coarse to all (E-D3DGS's coarse-to-fine schedule).
+        opacity: how far the opacity reduction is ramped in.
+    """
+
+    fine_rows: float = 1.0
+    opacity: float = 1.0
+
+
+class Frog(nn.Module):
+    """``model(time)`` gives the Gaussians at a time in [0, 1]; ``model.deform`` also what was added to them."""
+
+    def __init__(self, canonical: CanonicalField, settings: FrogSettings) -> None:
+        super().__init__()
+        self.canonical = canonical
+        self.settings = settings
+        # Around one: the product of a zero table with itself has no gradient at all.
+        self.temporal_table = nn.Parameter(1 + 0.3 * torch.randn(settings.temporal_rows, settings.temporal_size))
+        self.deformation = DeformationField(
+            settings.embedding_size,
+            settings.temporal_size,
+            settings.hidden_width,
+            settings.head_width,
+            settings.deformed_sh,
+        )
+
+    def temporal_embedding(self, time: float, progressing: Progressing = Progressing()) -> torch.Tensor:
+        """(T,) coarse and fine embedding fused by the Hadamard product (FRoG, section on early fusion)."""
+        s = self.settings
+        fine_rows = round(s.coarse_rows + (s.temporal_rows - s.coarse_rows) * progressing.fine_rows)
+        coarse = torch.from_numpy(temporal_weights(time, s.coarse_rows, s.temporal_rows)) @ self.temporal_table
+        fine = torch.from_numpy(temporal_weights(time, fine_rows, s.temporal_rows)) @ self.temporal_table
+        return coarse * fine
+
+    def deform(
+        self, time: float, progressing: Progressing = Progressing()
+    ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
+        """The Gaussians at ``time`` and the changes (N, size) by attribute, means in world units."""
+        c, s = self.canonical, self.settings
+        changes = self.deformation(self.temporal_embedding(time, progressing), c.embeddings)
+        changes["means"] = changes["means"] * s.motion_unit
+        d_opacity = changes["opacity_logits"].squeeze(1)
+        opacities = torch.sigmoid(c.opacity_logits + d_opacity)
+        if s.opacity_reduction != "off":
+            opacities = opacities * reduction_factor(
+                d_opacity, s.opacity_reduction, s.opacity_sharpness, progressing.opacity
+            )
+        sh = c.sh
+        if s.deformed_sh:
+            d_sh = changes["sh"].reshape(len(c), s.deformed_sh, 3)
+            sh = torch.cat([sh[:, : s.deformed_sh] + d_sh, sh[:, s.deformed_sh :]], dim=1)
+        gaussians = GaussianArrays(
+            c.means + changes["means"],
+            c.quaternions + changes["quaternions"],
+            (c.log_scales + changes["log_scales"]).exp(),
+            opacities,
+            sh,
+        )
+        return gaussians, changes
+
+    def forward(self, time: float, progressing: Progressing = Progressing()) -> GaussianArrays:
+        return self.deform(time, progressing)[0]
+
+    def total_deformation(self, changes: dict[str, torch.Tensor]) -> torch.Tensor:
+        """(N,) sum of the attributes' change norms, each in units of its own mean over the Gaussians."""
+        norms = [change.detach().norm(dim=1) for change in changes.values()]
+        return torch.stack([norm / norm.mean().clamp(min=1e-12) for norm in norms]).sum(0)
+
+
+def rows_for(frame_count: int) -> tuple[int, int]:
+    """(temporal rows, coarse rows) for a capture: a row for every two frames up to 150, and a third of them coarse.
+
+    The paper's base uses 150 and 30 for 300 frames; short captures keep a few rows more.
+    """
+    rows = max(2, min(150, math.ceil(frame_count / 2)))
+    return rows, max(2, min(rows, round(rows / 3 if rows < 60 else rows / 5)))

@@ -1,0 +1,27 @@
+"""Looking up the temporal table (FRoG, section on early fusion; E-D3DGS's two resolutions of one table). No torch.
+
+A table of R rows is resampled to n rows and interpolated at a time: with few rows it moves slowly (coarse), with many
+it can follow fast motion (fine). Both are linear in the table, so a time is a vector of R weights.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def temporal_weights(time: float, rows: int, table_rows: int) -> np.ndarray:
+    """(table_rows,) float32 weights of the table at ``time`` when resampled to ``rows`` rows.
+
+    Both steps are linear with the ends aligned: row 0 is time 0, the last row time 1. Times outside are clamped.
+    """
+    weights = np.zeros(table_rows)
+    for row, share in _neighbours(min(max(time, 0.0), 1.0) * (rows - 1), rows):
+        for table_row, part in _neighbours(row * (table_rows - 1) / max(rows - 1, 1), table_rows):
+            weights[table_row] += share * part
+    return weights.astype(np.float32)
+
+
+def _neighbours(position: float, count: int) -> list[tuple[int, float]]:
+    low = min(int(position), max(count - 2, 0))
+    share = position - low
+    return [(low, 1.0 - share)] if share == 0.0 else [(low, 1.0 - share), (low + 1, share)]

@@ -1,0 +1,78 @@
+"""A training put on disk: everything a resume needs, in a file of its own beside the scene."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import torch
+from safetensors.numpy import save as serialize
+from torch import nn
+
+from ..errors import FrogError, found_instead
+from ..files import read_tensors, settings_json, write_atomically
+from ..model.canonical import ATTRIBUTES
+from .trainer import Neighbourhood, Trainer
+
+_KEY = "frog-checkpoint"
+_VERSION = 1
+
+
+def checkpoint_path(scene: str | Path) -> Path:
+    """Where the checkpoint of a scene file lies."""
+    return Path(f"{scene}.checkpoint")
+
+
+def save_checkpoint(path: Path, trainer: Trainer) -> None:
+    """Atomic; FrogError when the disk does not take it."""
+    tensors = {f"model.{name}": value for name, value in trainer.model.state_dict().items()}
+    tensors |= trainer.optimizer.state_arrays()
+    tensors["density.gradient_sum"] = trainer.density.gradient_sum
+    tensors["density.seen"] = trainer.density.seen
+    tensors["random"] = trainer.generator.get_state()
+    if trainer.neighbourhood is not None:
+        for name in ("anchors", "neighbours", "weights"):
+            tensors[f"neighbourhood.{name}"] = getattr(trainer.neighbourhood, name)
+    state = {
+        "version": _VERSION,
+        "method": trainer.method,
+        "recipe": settings_json(trainer.recipe),
+        "step_count": trainer.step_count,
+        "seconds": trainer.seconds,
+        "progress": trainer.progress,
+        "loss": trainer.loss if np.isfinite(trainer.loss) else None,
+        "burst_shot": trainer.burst_shot,
+        "shots": len(trainer.capture.shots),
+    }
+    # ascontiguousarray would turn Adam's scalar step counters into vectors.
+    arrays = {name: np.array(value.detach().numpy(), order="C") for name, value in tensors.items()}
+    write_atomically(path, serialize(arrays, metadata={_KEY: json.dumps(state)}))
+
+
+def load_checkpoint(path: Path, trainer: Trainer) -> None:
+    """Puts ``trainer`` (made with the same capture, recipe and method) where the checkpoint was written."""
+    arrays, metadata = read_tensors(path, "a training checkpoint")
+    try:
+        state = json.loads(metadata[_KEY])
+        if state["version"] != _VERSION:
+            raise FrogError(f"{path}: found checkpoint version {state['version']}, expected {_VERSION}.")
+        recipe = json.loads(json.dumps(settings_json(trainer.recipe)))
+        differing = [key for key in recipe if state["recipe"].get(key) != recipe[key] and key not in ("name", "steps")]
+        if state["method"] != trainer.method or differing or state["shots"] != len(trainer.capture.shots):
+            what = ", ".join(differing) or ("the method" if state["method"] != trainer.method else "the capture")
+            raise FrogError(f"{path}: belongs to another training ({what} differ); train again without resuming.")
+        tensors = {name: torch.from_numpy(array.copy()) for name, array in arrays.items()}
+        for name in ATTRIBUTES:
+            setattr(trainer.model.canonical, name, nn.Parameter(tensors[f"model.canonical.{name}"]))
+        trainer.model.load_state_dict({name[6:]: value for name, value in tensors.items() if name.startswith("model.")})
+        trainer.rebuild_optimizer()
+        trainer.optimizer.load_state_arrays(tensors)
+        trainer.density.gradient_sum, trainer.density.seen = tensors["density.gradient_sum"], tensors["density.seen"]
+        trainer.generator.set_state(tensors["random"])
+        if "neighbourhood.anchors" in tensors:
+            parts = [tensors[f"neighbourhood.{name}"] for name in ("anchors", "neighbours", "weights")]
+            trainer.neighbourhood = Neighbourhood(*parts)
+        trainer.resume_at(state)
+    except (KeyError, ValueError, TypeError, RuntimeError) as error:
+        raise found_instead(path, f"contents that do not fit ({error})", "a training checkpoint") from error

@@ -1,0 +1,72 @@
+"""Adaptive density control: Gaussians that the pictures pull at are split or cloned, invisible ones removed.
+
+The rules of 3DGS, without its opacity reset (which costs dynamic scenes; E-D3DGS never resets), and with a budget:
+each round takes the strongest candidates until the recipe's growth or its Gaussian limit is reached.
+"""
+
+from __future__ import annotations
+
+import torch
+
+from ..model.canonical import ATTRIBUTES, CanonicalField
+from ..rasterizer import Image
+from ..rasterizer.reference import rotation_matrices
+from .optimizer import SceneOptimizer
+from .recipe import Recipe
+
+
+class DensityControl:
+    """Collects screen gradients between rounds.
+
+    Args:
+        recipe: thresholds.
+        scene_scale: world units.
+    """
+
+    def __init__(self, recipe: Recipe, scene_scale: float, count: int) -> None:
+        self._recipe = recipe
+        self._scene_scale = scene_scale
+        self.reset(count)
+
+    def reset(self, count: int) -> None:
+        self.gradient_sum = torch.zeros(count)
+        self.seen = torch.zeros(count)
+
+    @torch.no_grad()
+    def observe(self, image: Image) -> None:
+        """Adds one backward pass; call it before the optimiser clears the gradients."""
+        if image.screen.grad is None:
+            return
+        half = max(image.rgb.shape[:2]) / 2  # 3DGS counts in half picture widths
+        visible = image.radii > 0
+        self.gradient_sum += torch.where(visible, image.screen.grad.norm(dim=1) * half, 0)
+        self.seen += visible
+
+    @torch.no_grad()
+    def round(
+        self, canonical: CanonicalField, optimizer: SceneOptimizer, generator: torch.Generator
+    ) -> tuple[int, int]:
+        """One round of growth and pruning; returns how many came and how many went."""
+        recipe, count = self._recipe, len(canonical)
+        keep = canonical.opacity_logits.sigmoid() > recipe.prune_opacity
+        keep |= ~keep.any()  # never everything
+        pull = self.gradient_sum / self.seen.clamp(min=1)
+        room = min(int(count * recipe.densify_growth), recipe.max_gaussians - int(keep.sum()))
+        chosen = torch.empty(0, dtype=torch.long)
+        if room > 0:
+            candidates = ((pull > recipe.densify_threshold) & keep).nonzero().squeeze(1)
+            chosen = candidates[pull[candidates].topk(min(room, len(candidates))).indices].sort().values
+
+        values = {name: getattr(canonical, name).detach()[chosen] for name in ATTRIBUTES}
+        large = values["log_scales"].exp().amax(1) > recipe.split_scale * self._scene_scale
+        # Split: two samples of the old Gaussian, 1.6 times smaller, in its place. Clone: the same one twice.
+        shrink = torch.where(large, torch.tensor(1.6).log(), torch.tensor(0.0))[:, None]
+        offsets = torch.randn(values["means"].shape, generator=generator)
+        offsets = offsets * values["log_scales"].exp() * large[:, None]
+        offsets = (rotation_matrices(values["quaternions"]) @ offsets[:, :, None]).squeeze(2)
+        new = dict(values, means=values["means"] + offsets, log_scales=values["log_scales"] - shrink)
+        canonical.means.data[chosen] -= offsets
+        canonical.log_scales.data[chosen] -= shrink
+        optimizer.replace_gaussians(keep.nonzero().squeeze(1), new)
+        self.reset(len(canonical))
+        return len(chosen), count - int(keep.sum())

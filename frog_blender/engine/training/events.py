@@ -1,0 +1,86 @@
+"""What a training says while it runs. Plain values only: safe to hand from thread to thread, and to any front end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Work before training: decoding frames, finding seed points."""
+
+    name: str
+    done: int
+    total: int
+
+
+@dataclass(frozen=True)
+class Started:
+    method: str
+    steps: int | None
+    """None when the training is limited by time instead."""
+    cameras: int
+    frames: int
+    gaussians: int
+
+
+@dataclass(frozen=True)
+class Progress:
+    step: int
+    steps: int
+    """An estimate when the training is limited by time."""
+    seconds: float
+    seconds_left: float
+    loss: float
+    gaussians: int
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    step: int
+    psnr: float
+    split: str
+    """"held-out", or "training" when nothing is withheld."""
+
+
+@dataclass(frozen=True)
+class Preview:
+    step: int
+    image: np.ndarray
+    """(H, W, 3) uint8."""
+
+
+@dataclass(frozen=True)
+class Warned:
+    message: str
+
+
+@dataclass(frozen=True)
+class Saved:
+    path: str
+
+
+@dataclass(frozen=True)
+class Finished:
+    path: str
+    steps: int
+    seconds: float
+    psnr: float
+    gaussians: int
+
+
+@dataclass(frozen=True)
+class Cancelled:
+    step: int
+    path: str | None
+    """The scene as far as it came, None when training had not begun."""
+
+
+@dataclass(frozen=True)
+class Failed:
+    message: str
+
+
+Event = Stage | Started | Progress | Evaluated | Preview | Warned | Saved | Finished | Cancelled | Failed

@@ -1,0 +1,230 @@
+"""A training from folder to file, as a stream of events that command line and Blender share."""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Callable, Generator, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+from ..capture.capture import Capture
+from ..capture.frames import FrameStore
+from ..capture.readers import open_capture
+from ..capture.seeds import find_seeds
+from ..errors import FrogError
+from ..files import SceneFile, SceneHeader, settings_json, write_scene
+from ..inference.draw import to_uint8
+from . import events
+from .checkpoint import checkpoint_path, load_checkpoint, save_checkpoint
+from .events import Event
+from .recipe import METHODS, Recipe, recipe
+from .trainer import Limits, Trainer
+
+Result = TypeVar("Result")
+
+_EVENT_SECONDS = 0.5  # between progress events
+_SAVE_SECONDS = 180.0  # between checkpoints
+_EVALUATIONS = 10  # over a training
+_EVALUATED_SHOTS = 6
+
+
+@dataclass(frozen=True)
+class TrainingJob:
+    """What to train.
+
+    Attributes:
+        capture: the capture's folder.
+        output: the ``.frog`` to write; its checkpoint lies beside it.
+        method: "frog" or "static".
+        recipe: the settings.
+        steps, seconds: limits; the recipe's steps when neither is given.
+        seed: of everything random.
+        scale: picture size factor; None shrinks to at most 1600 pixels a side.
+        holdout_frames: withhold every n-th moment; None keeps what the format says.
+        resume: go on from the checkpoint beside ``output``.
+        pixel_offsets: see ``open_capture``.
+    """
+
+    capture: Path
+    output: Path
+    method: str = "frog"
+    recipe: Recipe = field(default_factory=lambda: recipe("standard"))
+    steps: int | None = None
+    seconds: float | None = None
+    seed: int = 0
+    scale: float | None = None
+    holdout_frames: int | None = None
+    resume: bool = False
+    pixel_offsets: dict[str, tuple[float, float]] | None = None
+
+
+_LARGEST_SIDE = 1600
+
+
+def prepare_capture(
+    path: Path,
+    scale: float | None,
+    holdout_frames: int | None,
+    pixel_offsets: dict[str, tuple[float, float]] | None,
+) -> tuple[Capture, float]:
+    """The capture as it will be trained on or evaluated, and the scale that was used."""
+    capture = open_capture(Path(path), pixel_offsets=pixel_offsets)
+    if scale is None:
+        scale = min(1.0, _LARGEST_SIDE / max(max(c.width, c.height) for c in capture.cameras))
+    if scale != 1.0:
+        capture = capture.scaled(scale)
+    if holdout_frames is not None:
+        capture = capture.with_holdout(holdout_frames)
+    return capture, scale
+
+
+def run_training(job: TrainingJob, cancelled: Callable[[], bool] = lambda: False) -> Iterator[Event]:
+    """Trains, yielding events; the last is Finished or Cancelled. FrogError for what the user can mend.
+
+    Cancelling keeps what was learned: a scene that plays and a checkpoint that resumes.
+    """
+    if job.method not in METHODS:
+        raise FrogError(f"There is no method {job.method!r}; there are {', '.join(METHODS)}.")
+    _check_output(job.output)
+    capture, scale = prepare_capture(job.capture, job.scale, job.holdout_frames, job.pixel_offsets)
+    for warning in capture.warnings:
+        yield events.Warned(warning)
+    if cancelled():
+        yield events.Cancelled(0, None)
+        return
+    store = yield from _in_background(
+        "Decoding frames", lambda report: FrameStore.open(capture, progress=report, cancelled=cancelled), cancelled
+    )
+    seeds = None
+    if store is not None:
+        limit = job.recipe.seed_gaussians
+        seeds = yield from _in_background(
+            "Finding seed points",
+            lambda report: find_seeds(capture, store, count_limit=limit, seed=job.seed, progress=report),
+            cancelled,
+        )
+    if store is None or seeds is None:
+        yield events.Cancelled(0, None)
+        return
+    limits = Limits(job.steps or (None if job.seconds else job.recipe.steps), job.seconds)
+    trainer = Trainer(capture, store, seeds, job.recipe, job.method, limits, job.seed)
+    if job.resume:
+        load_checkpoint(checkpoint_path(job.output), trainer)
+    yield events.Started(job.method, limits.steps, len(capture.cameras), capture.frame_count, trainer.count)
+    yield from _train(job, trainer, scale, cancelled)
+
+
+def _check_output(output: Path) -> None:
+    if output.is_dir():
+        raise FrogError(f"{output}: found a folder, expected the name of a .frog file to write.")
+    try:
+        output.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FrogError(f"{output.parent}: the folder could not be made ({error.strerror}).") from error
+
+
+def _train(job: TrainingJob, trainer: Trainer, scale: float, cancelled: Callable[[], bool]) -> Iterator[Event]:
+    last_event = last_save = time.monotonic()
+    evaluated = int(trainer.progress * _EVALUATIONS)
+    preview_shot = next((i for i, s in enumerate(trainer.capture.shots) if trainer.capture.is_test(s)), 0)
+    while not trainer.finished and not cancelled():
+        trainer.step()
+        now = time.monotonic()
+        if now - last_event >= _EVENT_SECONDS or trainer.finished:
+            last_event = now
+            yield _progress_event(trainer)
+        if int(trainer.progress * _EVALUATIONS) > evaluated and not trainer.finished:
+            evaluated = int(trainer.progress * _EVALUATIONS)
+            psnr, split = trainer.evaluate(_EVALUATED_SHOTS)
+            yield events.Evaluated(trainer.step_count, psnr, split)
+            yield events.Preview(trainer.step_count, to_uint8(trainer.picture(preview_shot)))
+        if now - last_save >= _SAVE_SECONDS:
+            save_checkpoint(checkpoint_path(job.output), trainer)
+            last_save = time.monotonic()
+    psnr, split = trainer.evaluate(30)
+    yield events.Evaluated(trainer.step_count, psnr, split)
+    save_checkpoint(checkpoint_path(job.output), trainer)
+    save_scene(job, trainer, scale, {"psnr": psnr, "split": split})
+    yield events.Saved(str(job.output))
+    if trainer.finished:
+        yield events.Finished(str(job.output), trainer.step_count, trainer.seconds, psnr, trainer.count)
+    else:
+        yield events.Cancelled(trainer.step_count, str(job.output))
+
+
+def _progress_event(trainer: Trainer) -> events.Progress:
+    share = max(trainer.progress, 1e-9)
+    return events.Progress(
+        trainer.step_count,
+        trainer.limits.steps or round(trainer.step_count / share),
+        trainer.seconds,
+        trainer.seconds * (1 - share) / share,
+        trainer.loss,
+        trainer.count,
+    )
+
+
+def save_scene(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[str, Any]) -> None:
+    """Writes the ``.frog`` as training stands."""
+    capture = trainer.capture
+    arrays = {}
+    for name, value in trainer.model.state_dict().items():
+        name = name.removeprefix("canonical.").replace("deformation.", "network.")
+        arrays[name] = value.detach().numpy()
+    if trainer.method == "static":
+        del arrays["embeddings"]
+    shots: list[list[int]] = [[] for _ in capture.cameras]
+    for shot in capture.shots:
+        shots[shot.camera].append(shot.frame)
+    header = SceneHeader(
+        method=trainer.method,
+        recipe=settings_json(trainer.recipe),
+        model=settings_json(trainer.model.settings) if trainer.method == "frog" else {},
+        cameras=capture.cameras,
+        camera_shots=tuple(tuple(frames) for frames in shots),
+        test_cameras=tuple(sorted(capture.test_cameras)),
+        test_frames=tuple(sorted(capture.test_frames)),
+        frame_count=capture.frame_count,
+        frames_per_second=capture.frames_per_second,
+        background=trainer.recipe.background,
+        capture_path=str(Path(job.capture).resolve()),
+        capture_format=capture.format,
+        scale=scale,
+        pixel_offsets=dict(job.pixel_offsets or {}),
+        metrics=metrics,
+        steps=trainer.step_count,
+        train_seconds=trainer.seconds,
+    )
+    write_scene(job.output, SceneFile(header, arrays))
+
+
+def _in_background(
+    name: str, work: Callable[[Callable[[int, int], None]], Result], cancelled: Callable[[], bool]
+) -> Generator[Event, None, Result | None]:
+    """Runs ``work(report)`` in a thread and yields its reports as Stage events; returns its result, None if cancelled."""
+    reports: queue.Queue[tuple[int, int]] = queue.Queue()
+    outcome: dict[str, Any] = {}
+
+    def run() -> None:
+        try:
+            outcome["result"] = work(lambda done, total: reports.put((done, total)))
+        except BaseException as error:
+            outcome["error"] = error
+
+    thread = threading.Thread(target=run, name=f"frog: {name}", daemon=True)
+    thread.start()
+    while thread.is_alive() or not reports.empty():
+        try:
+            done, total = reports.get(timeout=0.1)
+        except queue.Empty:
+            continue
+        while not reports.empty():  # only the newest matters
+            done, total = reports.get_nowait()
+        yield events.Stage(name, done, total)
+    thread.join()
+    if "error" in outcome and not cancelled():
+        raise outcome["error"]
+    return None if cancelled() else outcome.get("result")

@@ -1,0 +1,59 @@
+"""Image losses and the embedding smoothness (FRoG, section on optimisation)."""
+
+from __future__ import annotations
+
+import functools
+
+import torch
+from torch.nn import functional
+
+_WINDOW, _SIGMA = 11, 1.5
+
+
+@functools.cache
+def _kernel() -> torch.Tensor:
+    offsets = torch.arange(_WINDOW) - _WINDOW // 2
+    kernel = torch.exp(-offsets.square() / (2 * _SIGMA**2))
+    return kernel / kernel.sum()
+
+
+def ssim(image: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
+    """Mean structural similarity of (H, W, 3) pictures in [0, 1], with the window of 3DGS (11 pixels, sigma 1.5)."""
+    x, y = image.permute(2, 0, 1), truth.permute(2, 0, 1)
+    moments = torch.cat([x, y, x * x, y * y, x * y])[None]
+    channels = moments.shape[1]
+    kernel = _kernel().to(moments)
+    for shape, padding in (((1, _WINDOW), (0, _WINDOW // 2)), ((_WINDOW, 1), (_WINDOW // 2, 0))):
+        weight = kernel.reshape(1, 1, *shape).expand(channels, 1, *shape)
+        moments = functional.conv2d(moments, weight, padding=padding, groups=channels)
+    mean_x, mean_y, square_x, square_y, product = moments[0].split(3)
+    variance_x, variance_y = square_x - mean_x * mean_x, square_y - mean_y * mean_y
+    covariance = product - mean_x * mean_y
+    c1, c2 = 0.01**2, 0.03**2
+    numerator = (2 * mean_x * mean_y + c1) * (2 * covariance + c2)
+    return (numerator / ((mean_x.square() + mean_y.square() + c1) * (variance_x + variance_y + c2))).mean()
+
+
+def embedding_smoothness(
+    embeddings: torch.Tensor, anchors: torch.Tensor, neighbours: torch.Tensor, weights: torch.Tensor
+) -> torch.Tensor:
+    """Mean over (i, j) of w_ij |e_i - e_j| (the paper's L_emb-reg), over the anchors i that were drawn this time.
+
+    Args:
+        embeddings: (N, E).
+        anchors: (A,) indices i.
+        neighbours: (A, k) indices j.
+        weights: (A, k), see ``neighbour_weights``.
+    """
+    differences = embeddings[anchors][:, None] - embeddings[neighbours]
+    return (weights * (differences.square().sum(-1) + 1e-12).sqrt()).mean()
+
+
+def neighbour_weights(distances: torch.Tensor, falloff: float) -> torch.Tensor:
+    """exp(-falloff d^2) with d in units of the median nearest-neighbour distance, which makes it free of scene units.
+
+    Args:
+        distances: (A, k) ascending along k, world units.
+    """
+    unit = distances[:, 0].median().clamp(min=1e-12)
+    return torch.exp(-falloff * (distances / unit).square())

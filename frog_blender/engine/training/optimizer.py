@@ -1,0 +1,106 @@
+"""Adam over parameters whose first dimension changes as Gaussians come and go."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import nn
+
+from ..model.canonical import ATTRIBUTES, CanonicalField
+from .recipe import Recipe
+
+
+class SceneOptimizer:
+    """One parameter group for each canonical attribute and one each for table and network.
+
+    Args:
+        model: with a ``canonical`` field, and for dynamic methods ``temporal_table`` and ``deformation``.
+        recipe: the rates.
+        scene_scale: world units; multiplies the rate of the means.
+    """
+
+    def __init__(self, model: nn.Module, recipe: Recipe, scene_scale: float) -> None:
+        self._canonical: CanonicalField = model.canonical  # type: ignore[assignment]
+        decay, attribute_decay = recipe.rate_decay, recipe.attribute_decay
+        rates = {
+            "means": (recipe.mean_rate * scene_scale, decay),
+            "log_scales": (recipe.scale_rate, attribute_decay),
+            "quaternions": (recipe.rotation_rate, attribute_decay),
+            "opacity_logits": (recipe.opacity_rate, attribute_decay),
+            "sh": (recipe.color_rate, attribute_decay),
+            "embeddings": (recipe.embedding_rate, decay),
+            "temporal_table": (recipe.temporal_rate, decay),
+            "deformation": (recipe.network_rate, decay),
+        }
+        groups = [
+            {"params": [getattr(self._canonical, name)], "name": name}
+            for name in ATTRIBUTES
+            if getattr(self._canonical, name).numel()
+        ]
+        if hasattr(model, "temporal_table"):
+            groups.append({"params": [model.temporal_table], "name": "temporal_table"})
+            groups.append({"params": list(model.deformation.parameters()), "name": "deformation"})  # type: ignore[operator,union-attr]
+        self._rates = rates
+        self.adam = torch.optim.Adam(groups, lr=0.0, eps=1e-15, fused=True)
+        self.schedule(0.0)
+
+    def schedule(self, progress: float) -> None:
+        """Sets the rates for ``progress`` in [0, 1]: exponential decay."""
+        for group in self.adam.param_groups:
+            start, decay = self._rates[group["name"]]
+            group["lr"] = start * decay**progress
+
+    def step(self) -> None:
+        self.adam.step()
+        self.adam.zero_grad(set_to_none=True)
+
+    def replace_gaussians(self, keep: torch.Tensor, new: dict[str, torch.Tensor]) -> None:
+        """Keeps the Gaussians named by ``keep`` (indices), then appends ``new`` (values by attribute)."""
+        for name in ATTRIBUTES:
+            fresh = new[name]
+
+            def changed(old: torch.Tensor, fresh: torch.Tensor = fresh) -> torch.Tensor:
+                return torch.cat([old[keep], fresh])
+
+            def zeroed(old: torch.Tensor, fresh: torch.Tensor = fresh) -> torch.Tensor:
+                return torch.cat([old[keep], torch.zeros_like(fresh)])
+
+            self._replace(name, changed, zeroed)
+
+    def _replace(
+        self,
+        name: str,
+        change_value: Callable[[torch.Tensor], torch.Tensor],
+        change_moment: Callable[[torch.Tensor], torch.Tensor],
+    ) -> None:
+        old = getattr(self._canonical, name)
+        with torch.no_grad():
+            parameter = nn.Parameter(change_value(old.detach()).contiguous())
+        setattr(self._canonical, name, parameter)
+        for group in self.adam.param_groups:
+            if group["name"] != name:
+                continue
+            state = self.adam.state.pop(old, None)
+            group["params"] = [parameter]
+            if state:
+                moments = {key: change_moment(state[key]).contiguous() for key in ("exp_avg", "exp_avg_sq")}
+                self.adam.state[parameter] = {"step": state["step"], **moments}
+
+    def state_arrays(self) -> dict[str, torch.Tensor]:
+        """Adam's memory by name, for a checkpoint."""
+        arrays = {}
+        for group in self.adam.param_groups:
+            for number, parameter in enumerate(group["params"]):
+                for key, value in self.adam.state.get(parameter, {}).items():
+                    arrays[f"adam.{group['name']}.{number}.{key}"] = value
+        return arrays
+
+    def load_state_arrays(self, arrays: dict[str, torch.Tensor]) -> None:
+        """The inverse, for parameters of the same shapes."""
+        for group in self.adam.param_groups:
+            for number, parameter in enumerate(group["params"]):
+                prefix = f"adam.{group['name']}.{number}."
+                state = {key[len(prefix) :]: value for key, value in arrays.items() if key.startswith(prefix)}
+                if state:
+                    self.adam.state[parameter] = state

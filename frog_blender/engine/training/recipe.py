@@ -1,0 +1,143 @@
+"""Every setting of a training. Schedules are fractions of the training, so that a draft passes through all of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+from ..errors import FrogError
+from ..model.opacity import FORMS
+
+METHODS = ("frog", "static")
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How to train. Lengths are in world units times the scene's scale (median distance from camera to seed point).
+
+    Attributes:
+        name: "draft", "standard" or "paper".
+        steps: optimiser steps, each on one picture.
+        max_gaussians: growth stops here.
+        seed_gaussians: seed points at most.
+        sh_degree: 0 to 3; grows by one at each of ``sh_growth`` (fractions of training).
+        embedding_size, temporal_size, hidden_width, head_width, deformed_sh: see model.frog.
+        opacity_reduction, opacity_sharpness: "paper", "unit" or "off", and the paper's k.
+        opacity_ramp: fractions of training between which the reduction is ramped in.
+        fine_rows_until: fraction at which the fine temporal embedding has all its rows.
+        warm_up: fraction of training without deformation.
+        window: fraction until which moments are drawn from a window that widens from the middle one; 0 for none.
+        mean_rate ... network_rate: Adam rates at the start; means, deformation and temporal rates decay
+            exponentially by ``rate_decay`` to the end, the others by ``attribute_decay``.
+        dssim_weight: of (1 - SSIM) / 2, for ``dssim_burst`` of every ``dssim_period`` steps after ``dssim_from``
+            (FRoG, section on optimisation: 5 of 50 after an eighth of the training).
+        smoothness_weight, smoothness_neighbours, smoothness_falloff: embedding smoothness; the falloff (the paper's
+            lambda_w) multiplies squared distances in units of the median nearest-neighbour distance.
+        densify_from, densify_until, densify_every: fractions.
+        densify_threshold: mean screen gradient (in half picture widths, as in 3DGS) above which a Gaussian splits.
+        densify_growth: share of new Gaussians a round at most.
+        split_scale: above this size a Gaussian is split, below it is cloned.
+        prune_opacity: canonical opacity below which a Gaussian is removed.
+        sampling: "anchors" (FRoG, section on canonical field sampling) or "off".
+        sampling_from, sampling_until, sampling_every: fractions; sampling_share: new anchors a round, as a share of
+            the Gaussians.
+    """
+
+    name: str = "standard"
+    steps: int = 10_000
+    max_gaussians: int = 40_000
+    seed_gaussians: int = 25_000
+    sh_degree: int = 1
+    sh_growth: tuple[float, ...] = (0.1, 0.3, 0.5)
+    embedding_size: int = 32
+    temporal_size: int = 64
+    hidden_width: int = 64
+    head_width: int = 0
+    deformed_sh: int = 1
+    opacity_reduction: str = "unit"
+    opacity_sharpness: float = 10.0
+    opacity_ramp: tuple[float, float] = (0.1, 0.25)
+    fine_rows_until: float = 0.3
+    warm_up: float = 0.03
+    window: float = 0.15
+    mean_rate: float = 4e-5
+    scale_rate: float = 5e-3
+    rotation_rate: float = 2e-3
+    opacity_rate: float = 3e-2
+    color_rate: float = 5e-3
+    embedding_rate: float = 1e-2
+    temporal_rate: float = 1e-2
+    network_rate: float = 1e-3
+    rate_decay: float = 0.03
+    attribute_decay: float = 0.2
+    dssim_weight: float = 0.2
+    dssim_from: float = 0.125
+    dssim_burst: int = 5
+    dssim_period: int = 50
+    smoothness_weight: float = 1e-3
+    smoothness_neighbours: int = 8
+    smoothness_falloff: float = 0.3
+    smoothness_sample: int = 2048
+    densify_from: float = 0.08
+    densify_until: float = 0.6
+    densify_every: float = 0.025
+    densify_threshold: float = 2e-4
+    densify_growth: float = 0.04
+    split_scale: float = 0.01
+    prune_opacity: float = 5e-3
+    sampling: str = "anchors"
+    sampling_from: float = 0.2
+    sampling_until: float = 0.6
+    sampling_every: float = 0.05
+    sampling_share: float = 0.01
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if self.opacity_reduction not in FORMS:
+            raise FrogError(f"opacity_reduction is {self.opacity_reduction!r}, expected one of {', '.join(FORMS)}.")
+        if self.sampling not in ("anchors", "off"):
+            raise FrogError(f"sampling is {self.sampling!r}, expected 'anchors' or 'off'.")
+        if not 0 <= self.sh_degree <= 3 or self.deformed_sh not in (0, 1, 4, 9, 16):
+            raise FrogError("sh_degree must be 0 to 3, and deformed_sh 0, 1, 4, 9 or 16.")
+        if self.steps < 1:
+            raise FrogError(f"The number of steps is {self.steps}, expected at least 1.")
+
+
+RECIPES = {
+    "draft": Recipe(name="draft", steps=2_000, max_gaussians=25_000, seed_gaussians=20_000),
+    "standard": Recipe(),
+    # The paper's network and schedules (five heads of 128, all SH deformed); made for a GPU and hours.
+    "paper": Recipe(
+        name="paper",
+        steps=80_000,
+        max_gaussians=300_000,
+        seed_gaussians=40_000,
+        sh_degree=3,
+        temporal_size=256,
+        hidden_width=128,
+        head_width=128,
+        deformed_sh=16,
+        opacity_reduction="paper",
+        fine_rows_until=0.125,
+        warm_up=0.0,
+        window=0.0,
+        opacity_ramp=(0.0625, 0.075),
+        dssim_weight=1.0,
+        densify_from=0.0625,
+        densify_until=1.0,
+        densify_every=100 / 80_000,
+        densify_threshold=3e-4,
+        smoothness_neighbours=20,
+    ),
+}
+
+
+def recipe(name: str, **overrides: Any) -> Recipe:
+    """A named recipe with some settings changed; FrogError for a name that does not exist."""
+    if name not in RECIPES:
+        raise FrogError(f"There is no recipe {name!r}; there are {', '.join(RECIPES)}.")
+    known = {field.name for field in fields(Recipe)}
+    for key in overrides:
+        if key not in known:
+            raise FrogError(f"A recipe has no setting {key!r}.")
+    return replace(RECIPES[name], **{key: value for key, value in overrides.items() if value is not None})

@@ -1,0 +1,270 @@
+"""One training: the model, its optimiser and everything that happens at a step. Knows nothing of windows or files."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+
+from ..capture.capture import Capture
+from ..capture.frames import FrameStore
+from ..capture.seeds import Seeds
+from ..capture.time import frame_to_time
+from ..errors import FrogError
+from ..evaluation.metrics import psnr_of
+from ..model.baselines.static import Static
+from ..model.canonical import ATTRIBUTES, CanonicalField, new_gaussians
+from ..model.frog import Frog, FrogSettings, Progressing, rows_for
+from ..rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
+from .density import DensityControl
+from .losses import embedding_smoothness, neighbour_weights, ssim
+from .neighbours import nearest, spacings
+from .optimizer import SceneOptimizer
+from .recipe import Recipe
+from .sampling import anchors
+from .schedule import Every, ShotPicker, ramp
+
+_SMOOTHNESS_BATCH = 256  # anchors of the smoothness sample that a step looks at
+
+
+@dataclass(frozen=True)
+class Limits:
+    """When to stop: after so many steps, or so many seconds of training, whichever comes first."""
+
+    steps: int | None = None
+    seconds: float | None = None
+
+
+@dataclass
+class Neighbourhood:
+    """The embedding smoothness's sample: anchors (A,), neighbours (A, k), weights (A, k)."""
+
+    anchors: torch.Tensor
+    neighbours: torch.Tensor
+    weights: torch.Tensor
+
+
+class Trainer:
+    """Call ``step`` until ``progress`` is 1.
+
+    Attributes:
+        model: ``model.deform(time, progressing)`` gives Gaussians and changes.
+        step_count, seconds: so far; seconds leave evaluation and saving out.
+        progress: 0 to 1.
+        loss: a running mean.
+    """
+
+    def __init__(
+        self, capture: Capture, store: FrameStore, seeds: Seeds, recipe: Recipe, method: str, limits: Limits, seed: int
+    ) -> None:
+        self.capture, self.recipe, self.method, self.limits = capture, recipe, method, limits
+        self._store = store
+        torch.manual_seed(seed)
+        torch.set_flush_denormal(True)
+        self.generator = torch.Generator().manual_seed(seed)
+        points, colors = torch.from_numpy(seeds.points), torch.from_numpy(seeds.colors)
+        self.scene_scale = self._scale_of(seeds.points)
+        sh_count = (recipe.sh_degree + 1) ** 2
+        embedding_size = recipe.embedding_size if method == "frog" else 0
+        values = new_gaussians(points, colors, spacings(points), sh_count, embedding_size)
+        canonical = CanonicalField(values)
+        self.model: Frog | Static
+        if method == "frog":
+            self.model = Frog(canonical, self._frog_settings(sh_count))
+        else:
+            self.model = Static(canonical)
+        self.optimizer = SceneOptimizer(self.model, recipe, self.scene_scale)
+        self.density = DensityControl(recipe, self.scene_scale, len(canonical))
+        self.neighbourhood: Neighbourhood | None = None
+        self.step_count, self.seconds, self.progress, self.loss = 0, 0.0, 0.0, math.nan
+        self.burst_shot = -1
+        self._picker = ShotPicker(capture)
+        self._densify = Every(recipe.densify_from, recipe.densify_until, recipe.densify_every)
+        self._sample = Every(recipe.sampling_from, recipe.sampling_until, recipe.sampling_every)
+
+    def _scale_of(self, points: np.ndarray) -> float:
+        """Median distance from camera to seed point, world units."""
+        centers = np.array([camera.center for camera in self.capture.cameras])
+        some = points[:: max(1, len(points) // 2000)]
+        distances = np.linalg.norm(some[:, None] - centers[None, :: max(1, len(centers) // 20)], axis=2)
+        return float(np.median(distances))
+
+    def _frog_settings(self, sh_count: int) -> FrogSettings:
+        recipe = self.recipe
+        rows, coarse_rows = rows_for(self.capture.frame_count)
+        return FrogSettings(
+            temporal_rows=rows,
+            coarse_rows=coarse_rows,
+            temporal_size=recipe.temporal_size,
+            embedding_size=recipe.embedding_size,
+            hidden_width=recipe.hidden_width,
+            head_width=recipe.head_width,
+            deformed_sh=min(recipe.deformed_sh, sh_count),
+            opacity_reduction=recipe.opacity_reduction,
+            opacity_sharpness=recipe.opacity_sharpness,
+            motion_unit=0.2 * self.scene_scale,
+        )
+
+    def rebuild_optimizer(self) -> None:
+        """A fresh optimiser, after the model's parameters were replaced from outside."""
+        self.optimizer = SceneOptimizer(self.model, self.recipe, self.scene_scale)
+
+    def resume_at(self, state: dict[str, Any]) -> None:
+        """Sets the counters of a checkpoint."""
+        self.step_count, self.seconds = int(state["step_count"]), float(state["seconds"])
+        self.loss = math.nan if state["loss"] is None else float(state["loss"])
+        self.burst_shot = int(state["burst_shot"])
+        self.progress = self._progress_now()
+
+    @property
+    def count(self) -> int:
+        """Gaussians."""
+        return len(self.model.canonical)
+
+    @property
+    def finished(self) -> bool:
+        return self.progress >= 1.0
+
+    def step(self) -> None:
+        """One optimiser step on one picture, and whatever round is due after it."""
+        started = time.perf_counter()
+        before = self.progress
+        self.optimizer.schedule(before)
+        shot = self._next_shot(before)
+        truth, image, changes = self._draw(shot, before, RasterizeOptions())
+        loss = (image.rgb - truth).abs().mean()
+        if self._in_burst(before):
+            loss = loss + self.recipe.dssim_weight * (1 - ssim(image.rgb, truth)) / 2
+        if changes and self.neighbourhood is not None and self.recipe.smoothness_weight:
+            loss = loss + self.recipe.smoothness_weight * self._smoothness()
+        value = loss.item()
+        if not math.isfinite(value):
+            raise FrogError(f"Training became unstable at step {self.step_count} (the loss is not a number).")
+        loss.backward()
+        self.density.observe(image)
+        self.optimizer.step()
+        self.loss = value if math.isnan(self.loss) else 0.98 * self.loss + 0.02 * value
+        self.step_count += 1
+        self.seconds += time.perf_counter() - started
+        self.progress = self._progress_now()
+        started = time.perf_counter()
+        self._rounds(before, self.progress, shot)
+        self.seconds += time.perf_counter() - started
+
+    def _progress_now(self) -> float:
+        shares = [0.0]
+        if self.limits.steps:
+            shares.append(self.step_count / self.limits.steps)
+        if self.limits.seconds:
+            shares.append(self.seconds / self.limits.seconds)
+        return min(1.0, max(shares))
+
+    def _in_burst(self, progress: float) -> bool:
+        r = self.recipe
+        return bool(r.dssim_weight) and progress >= r.dssim_from and self.step_count % r.dssim_period < r.dssim_burst
+
+    def _next_shot(self, progress: float) -> int:
+        """A burst of D-SSIM stays at one moment and changes the camera (E-D3DGS's multi-view SSIM)."""
+        if self._in_burst(progress) and self.step_count % self.recipe.dssim_period and self.burst_shot >= 0:
+            return self._picker.pick_same_moment(self.burst_shot, self.generator)
+        r = self.recipe
+        opened = ramp(progress, r.warm_up, r.warm_up + r.window)
+        self.burst_shot = self._picker.pick(opened, self.generator)
+        return self.burst_shot
+
+    def _draw(
+        self, shot_index: int, progress: float, options: RasterizeOptions
+    ) -> tuple[torch.Tensor, Image, dict[str, torch.Tensor]]:
+        shot = self.capture.shots[shot_index]
+        truth = torch.from_numpy(self._store.image(shot_index).astype(np.float32)) / 255
+        gaussians, changes = self.gaussians_at(frame_to_time(shot.frame, self.capture.frame_count), progress)
+        image = rasterize(gaussians, self.capture.cameras[shot.camera], self.recipe.background, options)
+        return truth, image, changes
+
+    def gaussians_at(self, time_: float, progress: float) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
+        """Gaussians and changes at a time, with the schedules as they stand at ``progress``."""
+        r = self.recipe
+        if progress < r.warm_up:
+            gaussians, changes = self.model.canonical.gaussians(), {}
+        else:
+            progressing = Progressing(ramp(progress, 0.0, r.fine_rows_until), ramp(progress, *r.opacity_ramp))
+            gaussians, changes = self.model.deform(time_, progressing)
+        degree = sum(progress >= start for start in r.sh_growth[: r.sh_degree])
+        gaussians.sh = gaussians.sh[:, : (degree + 1) ** 2]
+        return gaussians, changes
+
+    def _smoothness(self) -> torch.Tensor:
+        assert self.neighbourhood is not None
+        n = self.neighbourhood
+        start = (self.step_count * _SMOOTHNESS_BATCH) % max(1, len(n.anchors))
+        part = slice(start, start + _SMOOTHNESS_BATCH)
+        return embedding_smoothness(
+            self.model.canonical.embeddings, n.anchors[part], n.neighbours[part], n.weights[part]
+        )
+
+    def _rounds(self, before: float, now: float, shot: int) -> None:
+        changed = False
+        if self._densify.due(before, now):
+            self.density.round(self.model.canonical, self.optimizer, self.generator)
+            changed = True
+        if self.recipe.sampling == "anchors" and self.method != "static" and self._sample.due(before, now):
+            self._inject_anchors(now, shot)
+            changed = True
+        if changed and self.method != "static" and self.recipe.smoothness_weight:
+            self._find_neighbours()
+
+    @torch.no_grad()
+    def _inject_anchors(self, progress: float, shot_index: int) -> None:
+        room = min(int(self.recipe.sampling_share * self.count), self.recipe.max_gaussians - self.count)
+        if room <= 0:
+            return
+        truth, image, changes = self._draw(shot_index, progress, RasterizeOptions(depth=True))
+        if not changes:
+            return
+        canonical = self.model.canonical
+        calmest = int(self.model.total_deformation(changes).argmin())
+        new = anchors(
+            image,
+            truth,
+            self.capture.cameras[self.capture.shots[shot_index].camera],
+            room,
+            canonical.means.detach(),
+            canonical.sh.shape[1],
+            canonical.embeddings[calmest].detach(),
+            self.generator,
+        )
+        self.optimizer.replace_gaussians(torch.arange(self.count), {name: new[name] for name in ATTRIBUTES})
+        self.density.reset(self.count)
+
+    @torch.no_grad()
+    def _find_neighbours(self) -> None:
+        means = self.model.canonical.means.detach()
+        chosen = torch.randperm(len(means), generator=self.generator)[: self.recipe.smoothness_sample]
+        distances, neighbours = nearest(means[chosen], means, self.recipe.smoothness_neighbours, skip_self=True)
+        weights = neighbour_weights(distances, self.recipe.smoothness_falloff)
+        self.neighbourhood = Neighbourhood(chosen, neighbours, weights)
+
+    @torch.no_grad()
+    def picture(self, shot_index: int) -> np.ndarray:
+        """(H, W, 3) float32 what a shot looks like as training stands."""
+        shot = self.capture.shots[shot_index]
+        gaussians, _ = self.gaussians_at(frame_to_time(shot.frame, self.capture.frame_count), self.progress)
+        return rasterize(gaussians, self.capture.cameras[shot.camera], self.recipe.background).rgb.numpy()
+
+    def evaluate(self, limit: int) -> tuple[float, str]:
+        """Mean PSNR over at most ``limit`` evenly spread held-out pictures (training ones when none is withheld).
+
+        A figure for people: nothing in the training looks at it.
+        """
+        held_out = [i for i, shot in enumerate(self.capture.shots) if self.capture.is_test(shot)]
+        shots = held_out or list(range(len(self.capture.shots)))
+        chosen = [shots[int(i)] for i in np.linspace(0, len(shots) - 1, min(limit, len(shots)))]
+        values = []
+        for index in chosen:
+            truth = self._store.image(index).astype(np.float32) / 255
+            values.append(psnr_of(float(np.mean((self.picture(index).clip(0, 1) - truth) ** 2))))
+        return float(np.mean(values)), "held-out" if held_out else "training"
