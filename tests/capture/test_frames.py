@@ -133,12 +133,14 @@ def test_distortion_is_removed(tmp_path: Path) -> None:
     intrinsics = np.array([[200.0, 0, 150], [0, 200, 125], [0, 0, 1]])
     coefficients = np.array([-0.3, 0.08, 0.002, -0.001, 0.0])
     line_y = 40.0
-    bent = np.zeros((height, width, 3), np.uint8)
+    large = np.zeros((8 * height, 8 * width, 3), np.uint8)  # drawn large and reduced, for soft edges
     columns = np.linspace(-40, width + 40, 1500)
     ideal = np.stack([(columns - 150) / 200, np.full_like(columns, (line_y - 125) / 200), np.ones_like(columns)], 1)
     where = cv2.projectPoints(ideal, np.zeros(3), np.zeros(3), intrinsics, coefficients)[0][:, 0]
-    for x, y in where - 0.5:  # OpenCV counts pixel centres from 0
-        cv2.circle(bent, (round(x * 16), round(y * 16)), 24, (255, 255, 255), -1, shift=4)
+    # Positions count pixel centres from 0.5, as cameras do; OpenCV draws counting from 0.
+    for x, y in where * 8 - 0.5:
+        cv2.circle(large, (round(x), round(y)), 12, (255, 255, 255), -1)
+    bent = cv2.resize(large, (width, height), interpolation=cv2.INTER_AREA)
     cv2.imwrite(str(tmp_path / "a.png"), bent)
     bend = np.ptp([np.flatnonzero(bent[:, x, 0] > 128).mean() for x in (20, 100, 160, 300)])
     assert bend > 5
@@ -147,8 +149,8 @@ def test_distortion_is_removed(tmp_path: Path) -> None:
         tmp_path, "transforms", (camera,), (Distortion(coefficients),), (Shot(0, 0, tmp_path / "a.png", 0),), 1
     )
     straight = FrameStore.open(capture, cache_folder=tmp_path / "cache").image(0)
-    rows = [np.flatnonzero(straight[:, x, 0] > 128).mean() + 0.5 for x in (20, 100, 160, 300)]
-    np.testing.assert_allclose(rows, line_y, atol=0.6)
+    rows = [np.average(np.arange(240) + 0.5, weights=straight[:, x, 0]) for x in (20, 100, 160, 300)]
+    np.testing.assert_allclose(rows, line_y, atol=0.2)
     half = FrameStore.open(capture.scaled(0.5), cache_folder=tmp_path / "cache").image(0)
     rows = [np.average(np.arange(120) + 0.5, weights=half[:, x, 0]) for x in (10, 50, 80, 150)]
     np.testing.assert_allclose(rows, line_y / 2, atol=0.4)
