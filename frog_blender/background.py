@@ -143,7 +143,7 @@ class TrainingTask:
             case kinds.Stage():
                 state.stage, state.stage_fraction = event.name.capitalize(), event.done / max(event.total, 1)
             case kinds.Started():
-                state.stage, state.steps, state.gaussians = "", event.steps, event.gaussians
+                state.stage, state.steps, state.gaussians = "", event.steps or 0, event.gaussians
             case kinds.Evaluated():
                 state.psnr, state.psnr_split = event.psnr, event.split
             case kinds.Preview():
@@ -162,8 +162,15 @@ class TrainingTask:
             case _Ended():
                 state.error = state.error or event.error
                 state.running = False
-                if self._on_finished and state.result and not state.error and not state.cancelled:
-                    self._on_finished(state.result)
+                if state.result and not state.error and not state.cancelled:
+                    self._hand_over(state.result)
+
+    def _hand_over(self, result: Path) -> None:
+        try:
+            if self._on_finished is not None:
+                self._on_finished(result)
+        except FrogError as error:
+            self.state.error = str(error)
 
 
 @dataclass(frozen=True)

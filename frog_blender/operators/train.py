@@ -80,7 +80,7 @@ def request_of(settings: Any) -> background.TrainingRequest:
 
 
 def _importer(scene_name: str) -> Any:
-    """What to do with a finished file: show it in the scene that asked for it, once."""
+    """What to do with a finished file: show it in the scene that asked for it, once.  May raise FrogError."""
 
     def show(path: Path) -> None:
         scene = bpy.data.scenes.get(scene_name)
@@ -89,12 +89,7 @@ def _importer(scene_name: str) -> Any:
         if any(playback.file_of(obj) == path for obj in playback.captures(scene.objects)):
             playback.refresh(scene)
             return
-        try:
-            materialize(path, scene)
-        except FrogError as error:
-            if background.current is not None:
-                background.current.state.error = str(error)
-            return
+        materialize(path, scene)
         if bpy.context.window_manager.windows:  # so that one undo takes back the import, and only it
             with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
                 bpy.ops.ed.undo_push(message="Import trained FRoG scene")

@@ -1,0 +1,139 @@
+"""The training task: events arrive, pump() is bounded and never waits, and every end is a plain state."""
+
+from __future__ import annotations
+
+import threading
+
+import bpy
+import numpy as np
+import pytest
+
+from frog_blender import background
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.training import events
+
+
+def finish(task):
+    """Pump until the training ends, as a headless run does."""
+    assert task.join(20.0)
+    while task.pump():
+        pass
+    return task.state
+
+
+def steps(count):
+    return [events.Progress(i, count, 0.1 * i, 0.1 * (count - i), 1.0 / i, 10 * i) for i in range(1, count + 1)]
+
+
+def test_events_become_state(addon, tmp_path):
+    finished = []
+    said = [
+        events.Stage("decoding", 1, 4),
+        events.Started("frog", 50, 3, 10, 100),
+        *steps(50),
+        events.Evaluated(50, 27.5, "held-out"),
+        events.Preview(50, np.zeros((2, 2, 3), np.uint8)),
+        events.Warned("The room is dark."),
+        events.Saved(str(tmp_path / "a.frog")),
+        events.Finished(str(tmp_path / "a.frog"), 50, 5.0, 28.0, 500),
+    ]
+    state = finish(background.TrainingTask(lambda cancelled: iter(said), finished.append).start())
+    assert (state.step, state.steps, state.gaussians, state.psnr) == (50, 50, 500, 28.0)
+    assert state.warnings == ["The room is dark."] and not state.running and not state.error
+    assert state.result == tmp_path / "a.frog" and finished == [state.result]
+
+
+def test_pump_takes_a_bounded_number_and_leaves_the_rest(addon):
+    task = background.TrainingTask(lambda cancelled: iter(steps(5000))).start()
+    assert task.join(20.0)
+    first = task.pump()
+    assert 0 < first <= background.PUMP_EVENTS
+    assert task.state.step == first and task.state.running
+    assert task.pump(most=7) <= 7
+    assert finish(task).step == 5000
+
+
+def test_pump_does_not_wait_for_a_worker_that_is_silent(addon):
+    gate = threading.Event()
+
+    def source(cancelled):
+        gate.wait(20.0)
+        yield from steps(3)
+
+    task = background.TrainingTask(source).start()
+    assert task.pump() == 0 and task.state.running  # a pump that waited would not come back before the gate opens
+    gate.set()
+    assert finish(task).step == 3
+
+
+def test_cancel_reaches_the_worker(addon):
+    def source(cancelled):
+        yield from steps(2)
+        while not cancelled():
+            pass
+        yield events.Cancelled(2, "half.frog")
+
+    task = background.TrainingTask(source, lambda path: pytest.fail("a cancelled training is not imported")).start()
+    task.cancel()
+    state = finish(task)
+    assert state.cancelled and state.result.name == "half.frog" and not state.running
+
+
+@pytest.mark.parametrize(
+    ("error", "sentence"),
+    [
+        (FrogError("/x: found nothing, expected videos."), "/x: found nothing, expected videos."),
+        (KeyError("k"), "KeyError"),
+    ],
+)
+def test_errors_are_one_sentence(addon, error, sentence, capfd):
+    def source(cancelled):
+        yield from steps(1)
+        raise error
+
+    state = finish(background.TrainingTask(source).start())
+    assert sentence in state.error and "\n" not in state.error and not state.running
+    assert ("Traceback" in capfd.readouterr().err) == isinstance(error, KeyError)
+
+
+def test_an_import_that_fails_at_the_end_is_an_error_in_the_state(addon):
+    def refuse(path):
+        raise FrogError(f"{path}: found a directory, expected a file.")
+
+    said = [events.Finished("x.frog", 1, 1.0, 20.0, 5)]
+    state = finish(background.TrainingTask(lambda cancelled: iter(said), refuse).start())
+    assert state.error == "x.frog: found a directory, expected a file." and not state.running
+
+
+def test_only_one_training_at_a_time_and_loading_a_file_ends_it(addon):
+    def source(cancelled):
+        while not cancelled():
+            yield events.Stage("decoding", 0, 1)
+            threading.Event().wait(0.005)
+        yield events.Cancelled(0, None)
+
+    task = background.begin(source)
+    assert background.is_running() and bpy.app.timers.is_registered(background._tick)
+    with pytest.raises(FrogError, match="running already"):
+        background.begin(source)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    assert not background.is_running() and task.state.cancelled and task.join(0.0)
+
+
+def test_train_operator_says_what_is_missing(empty, tmp_path):
+    with pytest.raises(RuntimeError, match="No capture is chosen"):
+        bpy.ops.frog.train()
+    empty.frog.capture_folder = str(tmp_path / "nowhere")
+    with pytest.raises(RuntimeError, match="found no such folder"):
+        bpy.ops.frog.train()
+    assert not background.is_running()
+
+
+def test_naming_a_folder_says_what_it_is(empty, tmp_path):
+    from frog_blender.ui import capture_summary
+
+    (tmp_path / "notes.txt").write_text("nothing to train from")
+    empty.frog.capture_folder = str(tmp_path)
+    summary = capture_summary.known(bpy.path.abspath(empty.frog.capture_folder))
+    assert summary.error and str(tmp_path) in summary.error and not summary.lines
+    assert empty.frog.output_path == f"{tmp_path}.frog"

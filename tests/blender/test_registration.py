@@ -1,0 +1,85 @@
+"""Enabling and disabling leaves nothing behind, and needs nothing heavy."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import bpy
+import pytest
+from scenes import rig_of_three, write_scene
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def footprint():
+    """What a registered add-on could leave behind."""
+    lists = [name for name in dir(bpy.app.handlers) if isinstance(getattr(bpy.app.handlers, name), list)]
+    handlers = {name: len(getattr(bpy.app.handlers, name)) for name in lists}
+    types = {name for name in dir(bpy.types) if "frog" in name.lower()}
+    owners = [hasattr(getattr(bpy.types, owner), "frog") for owner in ("Scene", "Object", "Camera")]
+    stock = [panel for panel in bpy.types.Panel.__subclasses__() if not panel.__name__.startswith("FROG")]
+    panels = sum("FROG" in getattr(panel, "COMPAT_ENGINES", ()) for panel in stock)
+    return handlers, types, owners, panels
+
+
+def test_twice_on_and_off_leaves_nothing(addon):
+    from frog_blender import background
+
+    addon.unregister()
+    try:
+        clean = footprint()
+        assert not any(clean[2]) and not clean[3]
+        for _ in range(2):
+            addon.register()
+            assert footprint() != clean
+            addon.unregister()
+            assert footprint() == clean
+            assert not bpy.app.timers.is_registered(background._tick) and background.current is None
+    finally:
+        addon.register()
+
+
+def in_python(code, *arguments):
+    """Run code in a fresh interpreter with the bpy module, or skip where Blender is not a module."""
+    if bpy.app.binary_path:
+        pytest.skip("a real Blender runs no second interpreter with bpy")
+    command = [sys.executable, "-c", f"import sys; sys.path[:0] = [{str(ROOT)!r}]\n{code}", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120)
+
+
+def test_importing_needs_neither_bpy_nor_torch():
+    code = "sys.modules['bpy'] = sys.modules['torch'] = None\nimport frog_blender; print('imported')"
+    assert in_python(code).stdout.strip() == "imported"
+
+
+def test_registering_imports_nothing_heavy():
+    code = "import bpy, frog_blender; frog_blender.register()\n"
+    code += "print([name for name in ('torch', 'cv2', 'pycolmap', 'matplotlib') if name in sys.modules])"
+    assert in_python(code).stdout.strip() == "[]"
+
+
+def test_open_scrub_and_render_without_torch(tmp_path):
+    path = write_scene(tmp_path / "figure.frog", rig_of_three())
+    code = """
+sys.modules["torch"] = None
+import bpy, frog_blender
+from frog_blender import carrier
+bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+frog_blender.register()
+bpy.ops.import_scene.frog(filepath=sys.argv[1])
+scene, capture = bpy.context.scene, bpy.context.object
+scene.frame_set(1); first = carrier.read(capture)["position"]
+scene.frame_set(6); moved = abs(carrier.read(capture)["position"] - first).max()
+scene.render.filepath = sys.argv[2]
+bpy.ops.render.render(write_still=True)
+from frog_blender.ui.preferences import torch_needed
+try: bpy.ops.frog.train()
+except RuntimeError: pass
+print("moved", moved > 1e-3, "says", "Training needs torch" in torch_needed())
+frog_blender.unregister()
+"""
+    result = in_python(code, path, tmp_path / "still.png")
+    assert "moved True says True" in result.stdout, result.stdout + result.stderr
+    assert (tmp_path / "still.png").stat().st_size > 1000
