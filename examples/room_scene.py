@@ -15,8 +15,10 @@ FRONT = -5.0
 HEIGHT = 3.0
 
 
-def material(name: str, picture: np.ndarray, roughness: float = 0.8, tiling: tuple[float, float] = (1, 1)) -> bpy.types.Material:
-    """A material that wears an (H, W, 3) sRGB picture, repeated `tiling` times over the surface's 0 .. 1 coordinates."""
+def material(
+    name: str, picture: np.ndarray, roughness: float = 0.8, tiling: tuple[float, float] = (1, 1)
+) -> bpy.types.Material:
+    """A material that wears an (H, W, 3) sRGB picture, repeated `tiling` times over the surface's UV square."""
     height, width = picture.shape[:2]
     image = bpy.data.images.new(name, width, height)
     pixels = np.ones((height, width, 4), dtype=np.float32)
@@ -42,7 +44,9 @@ def plain(name: str, color: tuple[float, float, float]) -> bpy.types.Material:
     return material(name, paint.finish(paint.flat(128, 128, color), 0.05, 7))
 
 
-def mesh_object(name: str, vertices: np.ndarray, faces: np.ndarray, uv: np.ndarray, wear: bpy.types.Material) -> bpy.types.Object:
+def mesh_object(
+    name: str, vertices: np.ndarray, faces: np.ndarray, uv: np.ndarray, wear: bpy.types.Material
+) -> bpy.types.Object:
     """An object of quads: vertices (N, 3) metres, faces (F, 4) indices, uv (F, 4, 2)."""
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata(vertices.reshape(-1, 3).tolist(), [], faces.tolist())
@@ -53,7 +57,9 @@ def mesh_object(name: str, vertices: np.ndarray, faces: np.ndarray, uv: np.ndarr
     return result
 
 
-def wall(name: str, corner: tuple[float, ...], right: tuple[float, ...], up: tuple[float, ...], wear: bpy.types.Material) -> None:
+def wall(
+    name: str, corner: tuple[float, ...], right: tuple[float, ...], up: tuple[float, ...], wear: bpy.types.Material
+) -> None:
     """A rectangle from its lower left corner and two edges."""
     origin, u, v = np.array(corner), np.array(right), np.array(up)
     uv = np.array([[[0, 0], [1, 0], [1, 1], [0, 1]]])
@@ -85,8 +91,8 @@ def surface(name: str, vertices: np.ndarray, wear: bpy.types.Material, closed: b
     row, column = (index.ravel() for index in np.meshgrid(np.arange(rows - 1), np.arange(spans), indexing="ij"))
     corners = [(0, 0), (0, 1), (1, 1), (1, 0)]
     faces = np.stack([(row + up) * columns + (column + right) % columns for up, right in corners], axis=1)
-    uv = np.stack([np.stack([(column + right) / spans, (row + up) / (rows - 1)], axis=1) for up, right in corners], axis=1)
-    result = mesh_object(name, vertices, faces, uv, wear)
+    places = [np.stack([(column + right) / spans, (row + up) / (rows - 1)], axis=1) for up, right in corners]
+    result = mesh_object(name, vertices, faces, np.stack(places, axis=1), wear)
     result.data.shade_smooth()
     return result
 
@@ -96,7 +102,8 @@ def _shell() -> None:
     depth, width = BACK - FRONT, 2 * HALF_WIDTH
     boards = material("boards", paint.planks(10, (0.62, 0.43, 0.27)), 0.55, (2, 2))
     wall("floor", (-HALF_WIDTH, FRONT, 0), (width, 0, 0), (0, depth, 0), boards)
-    wall("back", (-HALF_WIDTH, BACK, 0), (width, 0, 0), (0, 0, HEIGHT), material("bricks", paint.bricks(), 0.9, (2.6, 1.5)))
+    bricks = material("bricks", paint.bricks(), 0.9, (2.6, 1.5))
+    wall("back", (-HALF_WIDTH, BACK, 0), (width, 0, 0), (0, 0, HEIGHT), bricks)
     left = material("left paper", paint.wallpaper((0.36, 0.56, 0.60), (0.44, 0.66, 0.68), 20), 0.9, (4, 1.75))
     wall("left", (-HALF_WIDTH, FRONT, 0), (0, depth, 0), (0, 0, HEIGHT), left)
     right = material("right paper", paint.wallpaper((0.86, 0.72, 0.50), (0.80, 0.58, 0.40), 21), 0.9, (4, 1.75))
@@ -114,7 +121,7 @@ def _shell() -> None:
 
 
 def _furniture() -> None:
-    """A bookshelf, a table with blocks, a crate, a cone of stacked rings and the blower under the frog."""
+    """A bookshelf, a table, blocks, the blower under the frog and the rod of the banner."""
     timber = material("shelf timber", paint.planks(31, (0.56, 0.38, 0.22), 3))
     spines = material("spines", paint.book_spines(), 0.7)
     x, y, width = -1.86, BACK - 0.2, 1.1
@@ -142,7 +149,8 @@ def _furniture() -> None:
         ((2.10, 0.45, 0.16), 0.32, (0.90, 0.62, 0.20), (0.28, 0.30, 0.40), 0.2),
     ]
     for number, (center, edge, first, second, turn) in enumerate(blocks):
-        box(f"block {number}", center, (edge, edge, edge), material(f"block {number}", paint.checker(first, second, 4, 4)), turn)
+        wear = material(f"block {number}", paint.checker(first, second, 4, 4))
+        box(f"block {number}", center, (edge, edge, edge), wear, turn)
     blower = material("blower", paint.checker((0.16, 0.17, 0.20), (0.90, 0.74, 0.16), 8, 2), 0.6)
     foot = motion.FROG_PLACE
     box("blower", (float(foot[0]), float(foot[1]), 0.14), (0.46, 0.46, 0.28), blower, 0.3)
@@ -151,7 +159,7 @@ def _furniture() -> None:
     box("rod", (middle, float(rod[1]), float(rod[2]) + 0.02), (motion.BANNER_SIZE[0] + 0.3, 0.05, 0.05), timber)
     for side in (-1, 1):
         top = (HEIGHT + float(rod[2])) / 2
-        box(f"cord {side}", (middle + side * 0.7, float(rod[1]), top), (0.02, 0.02, HEIGHT - float(rod[2])), timber)
+        box(f"cord {side}", (middle + side * 0.6, float(rod[1]), top), (0.02, 0.02, HEIGHT - float(rod[2])), timber)
 
 
 def _lights() -> None:
@@ -182,7 +190,9 @@ class Room:
         _shell()
         _furniture()
         _lights()
-        skin, arm, eye = material("skin", paint.frog_skin(), 0.5), material("arm", paint.frog_arm(), 0.5), material("eye", paint.eye(), 0.3)
+        skin = material("skin", paint.frog_skin(), 0.5)
+        arm = material("arm", paint.frog_arm(), 0.5)
+        eye = material("eye", paint.eye(), 0.3)
         cloth = material("banner", paint.banner(), 0.9)
         rubber = material("ball", paint.checker((0.90, 0.26, 0.20), (0.97, 0.93, 0.82), 12, 6), 0.4)
         parts: list[tuple[str, Callable[[float], np.ndarray], bpy.types.Material, bool]] = [

@@ -1,6 +1,6 @@
 """Pictures painted with numpy for the room of make_room.py: every texture is a formula and a seed.
 
-Each function returns (height, width, 3) float32, display-referred sRGB in [0, 1]; row 0 is the bottom (Blender's order).
+Each function returns (height, width, 3) float32, display-referred sRGB in [0, 1]; row 0 is the bottom, as in Blender.
 """
 
 from __future__ import annotations
@@ -104,7 +104,9 @@ def rug() -> np.ndarray:
     return finish(mix(picture, frame, reach > 0.83), 0.09, 40)
 
 
-def checker(first: tuple[float, float, float], second: tuple[float, float, float], u_count: int, v_count: int) -> np.ndarray:
+def checker(
+    first: tuple[float, float, float], second: tuple[float, float, float], u_count: int, v_count: int
+) -> np.ndarray:
     size = 512
     u, v = coordinates(size, size)
     return finish(mix(flat(size, size, first), second, (np.floor(u * u_count) + np.floor(v * v_count)) % 2), 0.05, 50)
@@ -163,7 +165,9 @@ def book_spines(count: int = 16) -> np.ndarray:
     u, v = coordinates(height, width)
     book = np.floor(u * count).astype(int)
     random = np.random.default_rng(90)
-    color = np.array([(0.70, 0.20, 0.18), (0.16, 0.34, 0.56), (0.88, 0.68, 0.26), (0.22, 0.48, 0.36), (0.52, 0.28, 0.50)])
+    color = np.array(
+        [(0.70, 0.20, 0.18), (0.16, 0.34, 0.56), (0.88, 0.68, 0.26), (0.22, 0.48, 0.36), (0.52, 0.28, 0.50)]
+    )
     picture = color[np.arange(count) % len(color)][book] * random.uniform(0.75, 1.15, count)[book][..., None]
     low, high = random.uniform(0.08, 0.22, count)[book], random.uniform(0.75, 0.9, count)[book]
     picture = mix(picture, (0.95, 0.86, 0.60), (np.abs(v - low) < 0.025) | (np.abs(v - high) < 0.018))
