@@ -32,7 +32,7 @@ EventSource = Callable[[Callable[[], bool]], Iterator[Any]]
 
 @dataclass(frozen=True)
 class TrainingRequest:
-    """What to train, in plain values; None leaves ``steps``, ``scale`` and ``holdout_frames`` to the recipe."""
+    """What to train, in plain values; None leaves ``steps``, ``scale`` and ``holdout_frames`` to the training."""
 
     capture: Path
     output: Path
@@ -46,9 +46,14 @@ class TrainingRequest:
         from .engine.training.job import TrainingJob, run_training
         from .engine.training.recipe import recipe
 
-        options = {"steps": self.steps, "scale": self.scale, "holdout_frames": self.holdout_frames}
-        given = {name: value for name, value in options.items() if value is not None}
-        job = TrainingJob(capture=self.capture, output=self.output, recipe=recipe(self.recipe), **given)
+        job = TrainingJob(
+            capture=self.capture,
+            output=self.output,
+            recipe=recipe(self.recipe),
+            steps=self.steps,
+            scale=self.scale,
+            holdout_frames=self.holdout_frames,
+        )
         return run_training(job, cancelled)
 
 

@@ -142,7 +142,7 @@ def read_tensors(path: str | Path, kind: str) -> tuple[dict[str, np.ndarray], di
 
 
 def write_atomically(path: str | Path, content: bytes) -> None:
-    """To a temporary name beside ``path``, flushed to the disk, then renamed: never half a file under the final name."""
+    """To a temporary name beside ``path``, flushed to the disk, then renamed: never half a file under that name."""
     path = Path(path)
     temporary = None
     try:

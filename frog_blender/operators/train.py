@@ -68,7 +68,9 @@ def request_of(settings: Any) -> background.TrainingRequest:
         raise FrogError(f"{capture}: found no such folder, expected a capture to train from.")
     if not settings.output_path:
         raise FrogError("No output is chosen: name the .frog file to write.")
-    output = Path(bpy.path.abspath(settings.output_path)).with_suffix(".frog")
+    output = Path(bpy.path.abspath(settings.output_path))
+    if output.suffix != ".frog":
+        output = output.with_name(output.name + ".frog")
     return background.TrainingRequest(
         capture,
         output,

@@ -18,7 +18,7 @@ def psnr(image: np.ndarray, truth: np.ndarray) -> float:
 
 
 def ssim(image: np.ndarray, truth: np.ndarray) -> float:
-    """Mean structural similarity of (H, W, 3) pictures in [0, 1] with the window of 3DGS: 11 pixels, sigma 1.5, zeros outside."""
+    """Mean structural similarity of (H, W, 3) pictures in [0, 1], with the window of 3DGS (11 pixels, sigma 1.5)."""
     import cv2
 
     def smooth(picture: np.ndarray) -> np.ndarray:
@@ -35,7 +35,7 @@ def ssim(image: np.ndarray, truth: np.ndarray) -> float:
 
 
 def gradient_energy(image: np.ndarray, mask: np.ndarray | None = None) -> float:
-    """Mean squared brightness gradient (forward differences), inside ``mask`` (H, W) if given: how sharp a picture is."""
+    """How sharp a picture is: its mean squared brightness gradient, inside ``mask`` (H, W) if given."""
     grey = image.astype(np.float64).mean(axis=2)
     energy = np.zeros_like(grey)
     energy[:, :-1] += np.diff(grey, axis=1) ** 2

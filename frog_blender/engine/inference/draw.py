@@ -52,7 +52,7 @@ def draw(
     }
     Frame(gaussians, camera, background, options or RasterizeOptions(depth=True), image)
     offsets = gaussians.means - camera.center.astype(np.float32)
-    missing = np.float32([np.nan])  # index -1 picks it
+    missing = np.full(1, np.nan, np.float32)  # index -1 picks it
     distances = np.concatenate([np.linalg.norm(offsets, axis=1), missing]).astype(np.float32)
     planar = np.concatenate([offsets @ camera.forward.astype(np.float32), missing])
     return Drawing(

@@ -24,7 +24,9 @@ class PlayableScene:
         self.header: SceneHeader = scene.header
         self._arrays = scene.arrays
         self.count = len(scene.arrays["means"])
-        self._deformation = PlayableDeformation(scene.arrays, scene.header.model) if scene.header.method == "frog" else None
+        self._deformation = (
+            PlayableDeformation(scene.arrays, scene.header.model) if scene.header.method == "frog" else None
+        )
 
     @classmethod
     def load(cls, path: str | Path) -> PlayableScene:
@@ -39,7 +41,8 @@ class PlayableScene:
         """Gaussians at a time in [0, 1] (clamped): unit quaternions, scales and opacities activated."""
         a = self._arrays
         means, log_scales, quaternions = a["means"], a["log_scales"], a["quaternions"]
-        logits, sh, factor = a["opacity_logits"], a["sh"], np.float32(1)
+        logits, sh = a["opacity_logits"], a["sh"]
+        factor: np.ndarray | np.float32 = np.float32(1)
         if self._deformation is not None:
             changes = self._deformation.at(time)
             means = means + changes["means"]

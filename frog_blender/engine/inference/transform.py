@@ -16,7 +16,7 @@ def transform(gaussians: GaussianArrays, matrix: np.ndarray) -> GaussianArrays:
     linear = np.asarray(matrix, np.float64)[:3, :3]
     scale = np.cbrt(np.linalg.det(linear))
     if not (np.isfinite(matrix).all() and scale > 1e-9):
-        raise FrogError("The object is mirrored or flattened; a Gaussian scene can be moved, rotated and scaled evenly.")
+        raise FrogError("The object is mirrored or flattened; a Gaussian scene can only be moved, turned and scaled.")
     rotation = linear / scale
     if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3:
         raise FrogError("The object is scaled unevenly or sheared; a Gaussian scene can only be scaled evenly.")
@@ -66,7 +66,7 @@ def sh_basis(count: int, directions: np.ndarray) -> np.ndarray:
 
 
 def _quaternion(rotation: np.ndarray) -> np.ndarray:
-    """(4,) w, x, y, z of a rotation matrix: the eigenvector of the largest eigenvalue (Bar-Itzhack), stable everywhere."""
+    """(4,) w, x, y, z of a rotation matrix: the largest eigenvector (Bar-Itzhack's method), stable everywhere."""
     r = rotation
     k = np.array(
         [

@@ -23,6 +23,13 @@ class CanonicalField(nn.Module):
         embeddings: (N, E) what the deformation field knows of each Gaussian; E = 0 for a static scene.
     """
 
+    means: torch.Tensor
+    log_scales: torch.Tensor
+    quaternions: torch.Tensor
+    opacity_logits: torch.Tensor
+    sh: torch.Tensor
+    embeddings: torch.Tensor
+
     def __init__(self, values: dict[str, torch.Tensor]) -> None:
         super().__init__()
         for name in ATTRIBUTES:

@@ -54,12 +54,15 @@ class Progressing:
     opacity: float = 1.0
 
 
+FINISHED = Progressing()
+
+
 class Frog(nn.Module):
     """``model(time)`` gives the Gaussians at a time in [0, 1]; ``model.deform`` also what was added to them."""
 
     def __init__(self, canonical: CanonicalField, settings: FrogSettings) -> None:
         super().__init__()
-        self.canonical = canonical
+        self.canonical: CanonicalField = canonical
         self.settings = settings
         # Around one: the product of a zero table with itself has no gradient at all.
         self.temporal_table = nn.Parameter(1 + 0.3 * torch.randn(settings.temporal_rows, settings.temporal_size))
@@ -71,7 +74,7 @@ class Frog(nn.Module):
             settings.deformed_sh,
         )
 
-    def temporal_embedding(self, time: float, progressing: Progressing = Progressing()) -> torch.Tensor:
+    def temporal_embedding(self, time: float, progressing: Progressing = FINISHED) -> torch.Tensor:
         """(T,) coarse and fine embedding fused by the Hadamard product (FRoG, section on early fusion)."""
         s = self.settings
         fine_rows = round(s.coarse_rows + (s.temporal_rows - s.coarse_rows) * progressing.fine_rows)
@@ -80,7 +83,7 @@ class Frog(nn.Module):
         return coarse * fine
 
     def deform(
-        self, time: float, progressing: Progressing = Progressing()
+        self, time: float, progressing: Progressing = FINISHED
     ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
         """The Gaussians at ``time`` and the changes (N, size) by attribute, means in world units."""
         c, s = self.canonical, self.settings
@@ -105,7 +108,7 @@ class Frog(nn.Module):
         )
         return gaussians, changes
 
-    def forward(self, time: float, progressing: Progressing = Progressing()) -> GaussianArrays:
+    def forward(self, time: float, progressing: Progressing = FINISHED) -> GaussianArrays:
         return self.deform(time, progressing)[0]
 
     def total_deformation(self, changes: dict[str, torch.Tensor]) -> torch.Tensor:

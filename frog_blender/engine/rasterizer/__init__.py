@@ -65,9 +65,9 @@ def rasterize(
     from . import cpu, reference
 
     options = options or RasterizeOptions()
-    color = tuple(float(value) for value in background)
+    red, green, blue = (float(value) for value in background)
     if implementation == "auto":
         native = gaussians.means.device.type == "cpu" and gaussians.means.dtype.itemsize == 4
         implementation = "cpu" if native else "reference"
     draw = {"cpu": cpu.rasterize, "reference": reference.rasterize}[implementation]
-    return draw(gaussians, camera, color, options)
+    return draw(gaussians, camera, (red, green, blue), options)

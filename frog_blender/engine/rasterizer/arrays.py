@@ -10,7 +10,9 @@ import numpy as np
 
 @dataclass
 class GaussianArrays:
-    """N Gaussians, as numpy arrays (playback) or torch tensors (training); float32 and contiguous for the native library.
+    """N Gaussians, as numpy arrays (playback) or torch tensors (training).
+
+    The native library wants them float32 and contiguous; ``checked`` makes them so.
 
     Attributes:
         means: (N, 3) world units.

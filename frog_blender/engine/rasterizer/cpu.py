@@ -46,7 +46,7 @@ class _Rasterize(torch.autograd.Function):
 def rasterize(
     gaussians: GaussianArrays, camera: Camera, background: tuple[float, float, float], options: RasterizeOptions
 ) -> Image:
-    """As ``rasterizer.rasterize``, for float32 tensors on the CPU. The same input gives the same bits on any thread count."""
+    """As ``rasterizer.rasterize``, for float32 tensors on the CPU. The same bits for any number of threads."""
     count, size = len(gaussians), (camera.height, camera.width)
     screen = torch.zeros((count, 2), requires_grad=True)
     extras: dict[str, torch.Tensor] = {"radii": torch.empty(count)}

@@ -72,11 +72,15 @@ def library() -> ctypes.CDLL:
     try:
         loaded = ctypes.CDLL(str(path))
     except OSError as error:
-        raise FrogError(f"{path}: the native rasterizer could not be loaded ({error}); build it with 'make'.") from error
+        raise FrogError(
+            f"{path}: the native rasterizer could not be loaded ({error}); build it with 'make'."
+        ) from error
     loaded.frog_abi_version.restype = c_int32
     version = loaded.frog_abi_version()
     if version != ABI_VERSION:
-        raise FrogError(f"{path}: found interface version {version}, expected {ABI_VERSION}; build it again with 'make'.")
+        raise FrogError(
+            f"{path}: found interface version {version}, expected {ABI_VERSION}; build it again with 'make'."
+        )
     loaded.frog_instruction_set.restype = c_char_p
     loaded.frog_thread_count.restype = c_int32
     loaded.frog_set_thread_count.argtypes = [c_int32]
@@ -93,15 +97,17 @@ def library() -> ctypes.CDLL:
     loaded.frog_backward.restype = c_int32
     loaded.frog_free.argtypes = [c_void_p]
     loaded.frog_free.restype = None
+    integer, address = c_int32, c_void_p
     loaded.frog_evaluate_network.argtypes = [
-        *[c_int32, c_int32, c_void_p, c_void_p, c_int32, POINTER(_Layer), c_int32, c_int32, c_void_p]
+        *(integer, integer, address, address),
+        *(integer, POINTER(_Layer), integer, integer, address),
     ]
     loaded.frog_evaluate_network.restype = c_int32
     return loaded
 
 
 def instruction_set() -> str:
-    """The kernels in use: "avx512", "avx2" or "baseline" (set FROG_INSTRUCTION_SET before the first call to force one)."""
+    """The kernels in use: "avx512", "avx2" or "baseline" (FROG_INSTRUCTION_SET forces one, before the first call)."""
     return library().frog_instruction_set().decode()
 
 
@@ -160,7 +166,9 @@ class Frame:
             byref(self._gaussians), byref(native_camera), byref(native_options), byref(self._image)
         )
         if not self._handle:
-            raise MemoryError(f"drawing {len(gaussians)} Gaussians at {camera.width} x {camera.height} ran out of memory")
+            raise MemoryError(
+                f"drawing {len(gaussians)} Gaussians at {camera.width} x {camera.height} ran out of memory"
+            )
 
     def backward(self, rgb: Any, alpha: Any, gradients: dict[str, Any]) -> None:
         """Fills ``gradients`` (means, quaternions, scales, opacities, sh, screen (N, 2)) from dL/d(rgb, alpha)."""
@@ -187,7 +195,9 @@ class Network:
         row_length: length of the scratch row; its last ``outputs`` numbers are the result.
     """
 
-    def __init__(self, hidden: int, layers: list[tuple[int, int, Any, Any, bool]], row_length: int, outputs: int) -> None:
+    def __init__(
+        self, hidden: int, layers: list[tuple[int, int, Any, Any, bool]], row_length: int, outputs: int
+    ) -> None:
         self.hidden, self.row_length, self.outputs = hidden, row_length, outputs
         self._arrays = layers  # kept alive
         self._layers = (_Layer * len(layers))(
@@ -198,7 +208,7 @@ class Network:
         )
 
     def evaluate(self, first: Any, shared: Any, result: Any) -> None:
-        """``result`` (N, outputs) from ``first`` (N, hidden), cached per Gaussian, and ``shared`` (hidden,), per moment."""
+        """``result`` (N, outputs) from ``first`` (N, hidden), kept per Gaussian, and ``shared`` (hidden,), per moment."""
         if library().frog_evaluate_network(
             len(first),
             self.hidden,

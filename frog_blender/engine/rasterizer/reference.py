@@ -74,9 +74,7 @@ def _clamped_tangents(local: torch.Tensor, camera: Camera) -> torch.Tensor:
     """x / z and y / z (N, 2), clamped to the picture and 15 % around it, where the projection is linearised."""
     k = camera.intrinsics
     tangents = []
-    for axis, (focal, center, size) in enumerate(
-        [(k[0, 0], k[0, 2], camera.width), (k[1, 1], k[1, 2], camera.height)]
-    ):
+    for axis, (focal, center, size) in enumerate([(k[0, 0], k[0, 2], camera.width), (k[1, 1], k[1, 2], camera.height)]):
         margin = 0.15 * size
         low, high = (-margin - center) / focal, (size + margin - center) / focal
         tangents.append((local[:, axis] / local[:, 2]).clamp(low, high))
@@ -176,7 +174,9 @@ def rasterize(
     )
     points = torch.stack([x.flatten(), y.flatten()], -1)
     size = (camera.height, camera.width)
-    strips = [_blend(splats, part, color) for part in points.split(max(1, _STRIP_ELEMENTS // max(1, len(splats.index))))]
+    strips = [
+        _blend(splats, part, color) for part in points.split(max(1, _STRIP_ELEMENTS // max(1, len(splats.index))))
+    ]
     radii, weights = torch.zeros(count, **like), torch.zeros(count, **like)
     radii[splats.index] = splats.radii
     weights[splats.index] = torch.stack([strip.heaviest for strip in strips]).amax(0)

@@ -204,7 +204,7 @@ def save_scene(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[s
 def _in_background(
     name: str, work: Callable[[Callable[[int, int], None]], Result], cancelled: Callable[[], bool]
 ) -> Generator[Event, None, Result | None]:
-    """Runs ``work(report)`` in a thread and yields its reports as Stage events; returns its result, None if cancelled."""
+    """Runs ``work(report)`` in a thread, yields its reports as Stage events, returns its result (None if cancelled)."""
     reports: queue.Queue[tuple[int, int]] = queue.Queue()
     outcome: dict[str, Any] = {}
 

@@ -7,7 +7,9 @@ import torch
 _PIECE_ELEMENTS = 16_000_000  # distances held at once
 
 
-def nearest(points: torch.Tensor, among: torch.Tensor, count: int, skip_self: bool) -> tuple[torch.Tensor, torch.Tensor]:
+def nearest(
+    points: torch.Tensor, among: torch.Tensor, count: int, skip_self: bool
+) -> tuple[torch.Tensor, torch.Tensor]:
     """Distances (P, count) ascending, and indices (P, count) into ``among``.
 
     Args:

@@ -40,7 +40,7 @@ class SceneOptimizer:
         ]
         if hasattr(model, "temporal_table"):
             groups.append({"params": [model.temporal_table], "name": "temporal_table"})
-            groups.append({"params": list(model.deformation.parameters()), "name": "deformation"})  # type: ignore[operator,union-attr]
+            groups.append({"params": list(model.deformation.parameters()), "name": "deformation"})  # type: ignore[union-attr]
         self._rates = rates
         self.adam = torch.optim.Adam(groups, lr=0.0, eps=1e-15, fused=True)
         self.schedule(0.0)

@@ -62,7 +62,7 @@ def anchors(
     # Coverage is a second cue: what nothing covers shows no error against a dark truth.
     score = error_map(image.rgb, truth) + (1 - image.alpha)
     chosen = choose_pixels(score, image.median_depth, count, generator)
-    height, width = image.median_depth.shape
+    width = image.median_depth.shape[1]
     pixels = torch.stack([chosen % width, torch.div(chosen, width, rounding_mode="floor")], dim=1) + 0.5
     distances = image.median_depth.flatten()[chosen]
     points = torch.from_numpy(camera.unproject(pixels.double().numpy(), distances.double().numpy())).float()

@@ -189,7 +189,8 @@ class Trainer:
         """Gaussians and changes at a time, with the schedules as they stand at ``progress``."""
         r = self.recipe
         if progress < r.warm_up:
-            gaussians, changes = self.model.canonical.gaussians(), {}
+            gaussians: GaussianArrays = self.model.canonical.gaussians()
+            changes: dict[str, torch.Tensor] = {}
         else:
             progressing = Progressing(ramp(progress, 0.0, r.fine_rows_until), ramp(progress, *r.opacity_ramp))
             gaussians, changes = self.model.deform(time_, progressing)

@@ -7,7 +7,7 @@ from torch import nn
 
 from ...rasterizer import GaussianArrays
 from ..canonical import CanonicalField
-from ..frog import Progressing
+from ..frog import FINISHED, Progressing
 
 
 class Static(nn.Module):
@@ -15,14 +15,14 @@ class Static(nn.Module):
 
     def __init__(self, canonical: CanonicalField) -> None:
         super().__init__()
-        self.canonical = canonical
+        self.canonical: CanonicalField = canonical
 
     def deform(
-        self, time: float, progressing: Progressing = Progressing()
+        self, time: float, progressing: Progressing = FINISHED
     ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
         return self.canonical.gaussians(), {}
 
-    def forward(self, time: float, progressing: Progressing = Progressing()) -> GaussianArrays:
+    def forward(self, time: float, progressing: Progressing = FINISHED) -> GaussianArrays:
         return self.canonical.gaussians()
 
     def total_deformation(self, changes: dict[str, torch.Tensor]) -> torch.Tensor:

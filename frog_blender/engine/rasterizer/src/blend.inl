@@ -7,26 +7,28 @@ constexpr float LOG2E = 1.4426950408889634f;
 constexpr int VECTORS = TILE / LANES;  // a row of the tile
 static_assert(TILE % LANES == 0, "a tile row is a whole number of vectors");
 
-// What one splat contributes in one tile, before any pixel is visited.
+// The part of a tile that one splat's bounding box touches: rows, and vectors of columns.
 struct Footprint {
-  Floats dx[VECTORS], quadratic[VECTORS];  // -a dx^2 / 2 in base 2
-  int first_row, last_row;
+  int first_row, last_row, first_vector, last_vector;
 };
 
 static inline Footprint footprint_of(const Splat &splat, const Tile &tile, int height) {
-  Footprint f;
-  static const float ramp[16] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
-  for (int v = 0; v < VECTORS; ++v) {
-    f.dx[v] = load(ramp + v * LANES) + (tile.x * TILE + 0.5f - splat.x);
-    f.quadratic[v] = f.dx[v] * f.dx[v] * (-0.5f * LOG2E * splat.a);
-  }
-  const float top = splat.y - splat.extent_y - 0.51f - tile.y * TILE;  // 0.01 pixel of margin
-  const float bottom = splat.y + splat.extent_y - 0.49f - tile.y * TILE;
+  constexpr float MARGIN = 0.01f;  // pixels, for rounding; every pixel is tested anyway
   const int rows = height - tile.y * TILE < TILE ? height - tile.y * TILE : TILE;
-  f.first_row = top > 0 ? static_cast<int>(clamped(top, 0, TILE)) + 1 : 0;
-  f.last_row = static_cast<int>(clamped(bottom, -1, static_cast<float>(rows - 1)));
-  if (bottom < 0) f.last_row = -1;
+  const float x = splat.x - tile.x * TILE - 0.5f, y = splat.y - tile.y * TILE - 0.5f;  // in pixel centres
+  const float reach_x = splat.extent_x + MARGIN, reach_y = splat.extent_y + MARGIN;
+  Footprint f;
+  // Conversion truncates, which only ever adds a row or a vector.
+  f.first_row = static_cast<int>(clamped(y - reach_y, 0, TILE));
+  f.last_row = static_cast<int>(clamped(y + reach_y + 1, 0, static_cast<float>(rows))) - 1;
+  f.first_vector = static_cast<int>(clamped(x - reach_x, 0, TILE)) / LANES;
+  f.last_vector = static_cast<int>(clamped(x + reach_x, -1, TILE - 1) + LANES) / LANES - 1;
   return f;
+}
+
+static inline Floats column_offsets(const Splat &splat, const Tile &tile, int vector) {
+  static const float ramp[16] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
+  return load(ramp + vector * LANES) + (tile.x * TILE + 0.5f - splat.x);
 }
 
 // Logarithm to base 2 of the splat's alpha along a row: quadratic + linear dx + offset.
@@ -69,15 +71,17 @@ static void blend_tile(const FrameView &view, const Tile &tile, const FrogImage 
 
   for (uint32_t n = tile.begin; n < tile.end; ++n) {
     if ((n - tile.begin) % 16 == 15 && finished(transmittance)) break;
+    __builtin_prefetch(view.splats + view.tile_splats[n + 4 < tile.end ? n + 4 : n]);
     const uint32_t index = view.tile_splats[n];
     const Splat &splat = view.splats[index];
     const Footprint f = footprint_of(splat, tile, height);
     const float log2_opacity = LOG2_ALPHA_MIN + 0.5f * LOG2E * splat.cutoff;
     Floats heaviest = {};
-    for (int row = f.first_row; row <= f.last_row; ++row) {
-      const RowTerms terms = row_terms(splat, tile, row, log2_opacity);
-      for (int v = 0; v < VECTORS; ++v) {
-        const Floats power = f.quadratic[v] + f.dx[v] * terms.linear + terms.offset;
+    for (int v = f.first_vector; v <= f.last_vector; ++v) {
+      const Floats dx = column_offsets(splat, tile, v), quadratic = dx * dx * (-0.5f * LOG2E * splat.a);
+      for (int row = f.first_row; row <= f.last_row; ++row) {
+        const RowTerms terms = row_terms(splat, tile, row, log2_opacity);
+        const Floats power = quadratic + dx * terms.linear + terms.offset;
         const int at = row * TILE + v * LANES;
         const Floats t = load(transmittance + at);
         const Ints drawn = (power >= LOG2_ALPHA_MIN) & (t > 0.0f);
@@ -151,15 +155,18 @@ static void blend_backward(const FrameView &view, const Tile &tile, const FrogIm
   for (uint32_t n = tile.begin; n < tile.end; ++n) {
     float *out = view.instance_gradients + static_cast<size_t>(view.tile_slots[n]) * INSTANCE_GRADIENTS;
     if ((n - tile.begin) % 16 == 15 && finished(transmittance)) return;  // the slots were zeroed when allocated
+    __builtin_prefetch(view.splats + view.tile_splats[n + 4 < tile.end ? n + 4 : n]);
     const Splat &splat = view.splats[view.tile_splats[n]];
     const Footprint f = footprint_of(splat, tile, height);
     const float log2_opacity = LOG2_ALPHA_MIN + 0.5f * LOG2E * splat.cutoff;
-    // Moments of dL/dpower over the rows, a lane for each column; dx is constant along a column.
-    Floats m0[VECTORS] = {}, m1[VECTORS] = {}, m2[VECTORS] = {}, by_red = {}, by_green = {}, by_blue = {}, by_log_opacity = {};
-    for (int row = f.first_row; row <= f.last_row; ++row) {
-      const RowTerms terms = row_terms(splat, tile, row, log2_opacity);
-      for (int v = 0; v < VECTORS; ++v) {
-        const Floats power = f.quadratic[v] + f.dx[v] * terms.linear + terms.offset;
+    Floats s_0 = {}, s_x = {}, s_xx = {}, s_y = {}, s_xy = {}, s_yy = {}, by_red = {}, by_green = {}, by_blue = {};
+    for (int v = f.first_vector; v <= f.last_vector; ++v) {
+      const Floats dx = column_offsets(splat, tile, v), quadratic = dx * dx * (-0.5f * LOG2E * splat.a);
+      // Moments of dL/dpower down the columns; dx is constant along each.
+      Floats m0 = {}, m1 = {}, m2 = {};
+      for (int row = f.first_row; row <= f.last_row; ++row) {
+        const RowTerms terms = row_terms(splat, tile, row, log2_opacity);
+        const Floats power = quadratic + dx * terms.linear + terms.offset;
         const int at = row * TILE + v * LANES;
         const Floats t = load(transmittance + at);
         const Ints drawn = (power >= LOG2_ALPHA_MIN) & (t > 0.0f);
@@ -180,19 +187,16 @@ static void blend_backward(const FrameView &view, const Tile &tile, const FrogIm
         const Floats by_alpha = t * g_colour - behind / (1.0f - alpha);
         // alpha = opacity exp(power): dL/dpower = dL/dalpha alpha; a clamped alpha passes nothing on.
         const Floats by_power = (blended & (raw < ALPHA_MAX)) ? by_alpha * alpha : Floats{};
-        by_log_opacity += by_power;
-        m0[v] += by_power;
-        m1[v] += by_power * terms.dy;
-        m2[v] += by_power * (terms.dy * terms.dy);
+        m0 += by_power;
+        m1 += by_power * terms.dy;
+        m2 += by_power * (terms.dy * terms.dy);
       }
-    }
-    Floats s_x = {}, s_xx = {}, s_y = {}, s_xy = {}, s_yy = {};
-    for (int v = 0; v < VECTORS; ++v) {
-      s_x += m0[v] * f.dx[v];
-      s_xx += m0[v] * f.dx[v] * f.dx[v];
-      s_y += m1[v];
-      s_xy += m1[v] * f.dx[v];
-      s_yy += m2[v];
+      s_0 += m0;
+      s_x += m0 * dx;
+      s_xx += m0 * dx * dx;
+      s_y += m1;
+      s_xy += m1 * dx;
+      s_yy += m2;
     }
     const float sx = sum(s_x), sy = sum(s_y);
     out[0] = splat.a * sx + splat.b * sy;
@@ -200,7 +204,7 @@ static void blend_backward(const FrameView &view, const Tile &tile, const FrogIm
     out[2] = -0.5f * sum(s_xx);
     out[3] = -sum(s_xy);
     out[4] = -0.5f * sum(s_yy);
-    out[5] = sum(by_log_opacity) / splat.opacity;
+    out[5] = sum(s_0) / splat.opacity;
     out[6] = sum(by_red);
     out[7] = sum(by_green);
     out[8] = sum(by_blue);

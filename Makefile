@@ -1,0 +1,52 @@
+# Two commands: `make demo` and `make test`. Both set everything up in .venv first.
+PYTHON ?= python3.11
+VENV := .venv
+BIN := $(VENV)/bin
+CAPTURE ?= room
+OUT ?= out/$(CAPTURE)
+# Where pip finds a CPU build of torch by itself (as on macOS) nothing is needed here; see the README for Linux and CUDA.
+PIP_FLAGS ?=
+INSTALL := $(BIN)/python -m pip install --disable-pip-version-check -q -c constraints.txt $(PIP_FLAGS)
+NATIVE := $(wildcard frog_blender/engine/rasterizer/src/*) CMakeLists.txt pyproject.toml
+
+.PHONY: demo test test-slow test-blender lint format extension clean setup
+
+setup: $(VENV)/.ready
+
+$(VENV)/.packages: constraints.txt pyproject.toml
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(INSTALL) scikit-build-core cmake ninja
+	$(INSTALL) torch numpy safetensors opencv-contrib-python-headless tqdm imageio-ffmpeg matplotlib bpy pytest ruff mypy
+	touch $@
+
+$(VENV)/.ready: $(VENV)/.packages $(NATIVE)
+	$(INSTALL) --no-build-isolation --no-deps -e .
+	touch $@
+
+demo: setup
+	$(BIN)/frog demo --capture $(CAPTURE) --out $(OUT)
+
+test: setup
+	$(BIN)/python -m pytest -q
+
+test-slow: setup
+	$(BIN)/python -m pytest -q -m slow
+
+# FROG_BLENDER names the Blender to test in, such as FROG_BLENDER=/opt/blender/blender
+test-blender: setup
+	$(FROG_BLENDER) -b --factory-startup --python tests/blender/run_in_blender.py
+
+lint: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+format: setup
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+extension: setup
+	$(BIN)/python tools/build_extension.py
+
+clean:
+	rm -rf build dist out .pytest_cache .mypy_cache .ruff_cache frog_blender/engine/rasterizer/*frog_native*

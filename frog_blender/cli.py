@@ -1,0 +1,195 @@
+"""``frog``: the engine without a window. Exit status 0 only when it did what was asked."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from .engine.errors import FrogError
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs a command; errors go to standard error in one sentence."""
+    options = _parser().parse_args(arguments)
+    try:
+        return options.run(options)
+    except FrogError as error:
+        print(f"frog: {error}", file=sys.stderr)
+    except KeyboardInterrupt:
+        print("frog: interrupted.", file=sys.stderr)
+    except MemoryError as error:
+        print(f"frog: out of memory ({error}).", file=sys.stderr)
+    except ModuleNotFoundError as error:
+        print(
+            f"frog: the Python package {error.name!r} is missing; see the README for the extras to install.",
+            file=sys.stderr,
+        )
+    except BrokenPipeError:
+        return 1
+    return 1
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="frog", description="Dynamic Gaussian scenes: train, evaluate, render.")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    info = commands.add_parser("info", help="say what a capture or a .frog holds")
+    info.add_argument("path", type=Path)
+    info.add_argument("--json", action="store_true")
+    _offset_argument(info)
+    info.set_defaults(run=_info)
+
+    train = commands.add_parser("train", help="train a scene from a capture")
+    train.add_argument("capture", type=Path)
+    train.add_argument("--out", type=Path, required=True, metavar="X.frog")
+    train.add_argument("--method", choices=["frog", "static"], default="frog")
+    train.add_argument("--recipe", choices=["draft", "standard", "paper"], default="standard")
+    train.add_argument("--steps", type=_positive(int), help="default: the recipe's")
+    train.add_argument("--seconds", type=_positive(float), help="train for this long instead")
+    train.add_argument("--seed", type=int, default=0)
+    train.add_argument("--scale", type=_positive(float), help="picture size factor, such as 0.5")
+    train.add_argument("--holdout-frames", type=int, metavar="K", help="withhold every K-th moment; 0 withholds none")
+    train.add_argument("--resume", action="store_true", help="go on from the checkpoint beside the .frog")
+    _offset_argument(train)
+    train.set_defaults(run=_train)
+
+    evaluate = commands.add_parser("eval", help="compare a scene with the capture's pictures")
+    evaluate.add_argument("scene", type=Path)
+    evaluate.add_argument("capture", type=Path)
+    evaluate.add_argument("--mask", type=Path, help="a picture, or an .npz with a mask for each camera")
+    evaluate.add_argument("--split", choices=["auto", "held-out", "training"], default="auto")
+    evaluate.add_argument("--json", action="store_true")
+    evaluate.set_defaults(run=_eval)
+
+    render = commands.add_parser("render", help="draw frames of a scene as one of its cameras saw them")
+    render.add_argument("scene", type=Path)
+    render.add_argument("--camera", required=True)
+    render.add_argument("--frames", default=None, metavar="A:B", help="frames A to B - 1, counted from 0; default: all")
+    render.add_argument("--out", type=Path, required=True)
+    render.set_defaults(run=_render)
+
+    demo = commands.add_parser("demo", help="train, play and render a demo capture inside Blender's module")
+    demo.add_argument("--capture", choices=["room", "walk"], default="room")
+    demo.add_argument("--out", type=Path, default=Path("out"))
+    demo.add_argument("--recipe", choices=["draft", "standard", "paper"], default="draft")
+    demo.set_defaults(run=_demo)
+    return parser
+
+
+def _positive(kind: Callable[[str], float]) -> Callable[[str], float]:
+    def parse(text: str) -> float:
+        value = kind(text)
+        if not 0 < value < float("inf"):
+            raise argparse.ArgumentTypeError(f"{text} is not a positive number")
+        return value
+
+    return parse
+
+
+def _offset_argument(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--pixel-offset",
+        action="append",
+        default=[],
+        metavar="CAMERA=DX,DY",
+        help="where a cropped video lies in its calibrated picture",
+    )
+
+
+def _offsets(options: argparse.Namespace) -> dict[str, tuple[float, float]] | None:
+    offsets = {}
+    for text in options.pixel_offset:
+        try:
+            name, pair = text.split("=")
+            dx, dy = pair.split(",")
+            offsets[name] = (float(dx), float(dy))
+        except ValueError:
+            raise FrogError(f"--pixel-offset {text}: expected CAMERA=DX,DY such as cam01=8,0.") from None
+    return offsets or None
+
+
+def _info(options: argparse.Namespace) -> int:
+    from .commands import describe
+
+    description = describe(options.path, _offsets(options))
+    if options.json:
+        print(json.dumps(description, indent=1))
+    else:
+        for key, value in description.items():
+            for line in value if isinstance(value, list) else [value]:
+                print(f"{key:>14}  {line}")
+    return 0
+
+
+def _train(options: argparse.Namespace) -> int:
+    from .engine.training.job import TrainingJob, run_training
+    from .engine.training.recipe import recipe
+    from .progress import show
+
+    job = TrainingJob(
+        capture=options.capture,
+        output=options.out,
+        method=options.method,
+        recipe=recipe(options.recipe),
+        steps=options.steps,
+        seconds=options.seconds,
+        seed=options.seed,
+        scale=options.scale,
+        holdout_frames=options.holdout_frames,
+        resume=options.resume,
+        pixel_offsets=_offsets(options),
+    )
+    stopping = False
+
+    def stop(*_: object) -> None:
+        nonlocal stopping
+        if stopping:
+            raise KeyboardInterrupt
+        stopping = True  # the first Ctrl-C saves what was learned, the second leaves at once
+
+    previous = signal.signal(signal.SIGINT, stop)
+    try:
+        finished = show(run_training(job, lambda: stopping))
+    finally:
+        signal.signal(signal.SIGINT, previous)
+    return 0 if finished else 1
+
+
+def _eval(options: argparse.Namespace) -> int:
+    from .commands import evaluate_file
+    from .progress import bar
+
+    with bar("Evaluating") as report:
+        result = evaluate_file(options.scene, options.capture, options.split, options.mask, report)
+    if options.json:
+        print(json.dumps(result, indent=1))
+        return 0
+    for key, value in result.items():
+        if key != "cameras":
+            print(f"{key:>18}  {value:.4f}" if isinstance(value, float) else f"{key:>18}  {value}")
+    return 0
+
+
+def _render(options: argparse.Namespace) -> int:
+    from .commands import render_frames
+    from .progress import bar
+
+    with bar("Rendering") as report:
+        count = render_frames(options.scene, options.camera, options.frames, options.out, report)
+    print(f"{count} pictures in {options.out}")
+    return 0
+
+
+def _demo(options: argparse.Namespace) -> int:
+    from .demo import run_demo
+
+    run_demo(options.capture, options.out, options.recipe)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

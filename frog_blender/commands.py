@@ -1,0 +1,124 @@
+"""What the commands do, as functions that the demo and the examples share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from .engine.capture.frames import FrameStore
+from .engine.capture.readers import open_capture
+from .engine.errors import FrogError
+from .engine.evaluation.evaluate import evaluate
+from .engine.inference.draw import draw, to_uint8
+from .engine.inference.scene import PlayableScene
+
+Report = Callable[[int, int], None]
+
+
+def describe(path: Path, pixel_offsets: dict[str, tuple[float, float]] | None) -> dict[str, Any]:
+    """What a capture folder or a ``.frog`` holds, as plain values; lists are lines."""
+    if path.suffix == ".frog":
+        return _describe_scene(PlayableScene.load(path), path)
+    capture = open_capture(path, pixel_offsets=pixel_offsets)
+    sizes = sorted({f"{camera.width} x {camera.height}" for camera in capture.cameras})
+    withheld = sorted(capture.test_cameras) or [f"{len(capture.test_frames)} of {capture.frame_count} moments"]
+    return {
+        "format": capture.format,
+        "cameras": "1, moving" if capture.is_moving else len(capture.cameras),
+        "frames": capture.frame_count,
+        "frame rate": capture.frames_per_second,
+        "size": ", ".join(sizes),
+        "held out": ", ".join(withheld) if capture.test_cameras or capture.test_frames else "nothing",
+        "distortion": "removed at import" if any(capture.distortions) else "none",
+        "warning": list(capture.warnings),
+    }
+
+
+def _describe_scene(scene: PlayableScene, path: Path) -> dict[str, Any]:
+    header = scene.header
+    return {
+        "method": header.method,
+        "gaussians": scene.count,
+        "bytes": path.stat().st_size,
+        "cameras": "1, moving" if header.is_moving else ", ".join(camera.name for camera in header.cameras),
+        "frames": header.frame_count,
+        "frame rate": header.frames_per_second,
+        "size": ", ".join(sorted({f"{camera.width} x {camera.height}" for camera in header.cameras})),
+        "training": f"{header.recipe.get('name')}, {header.steps} steps, {header.train_seconds:.0f} s",
+        "metrics": [f"{name} {value}" for name, value in header.metrics.items()],
+        "capture": header.capture_path,
+    }
+
+
+def open_evaluated(scene: PlayableScene, capture_path: Path) -> tuple[Any, FrameStore]:
+    """The capture as the scene saw it (size, offsets), and its frames. FrogError when it is another capture."""
+    header = scene.header
+    capture = open_capture(capture_path, pixel_offsets=header.pixel_offsets or None)
+    if header.scale != 1.0:
+        capture = capture.scaled(header.scale)
+    if [c.name for c in capture.cameras] != [c.name for c in header.cameras] or (
+        capture.frame_count != header.frame_count
+    ):
+        raise FrogError(
+            f"{capture_path}: found {len(capture.cameras)} cameras and {capture.frame_count} frames, expected the "
+            f"{len(header.cameras)} cameras and {header.frame_count} frames that the scene was trained on."
+        )
+    return capture, FrameStore.open(capture)
+
+
+def evaluate_file(
+    scene_path: Path, capture_path: Path, split: str = "auto", mask: Path | None = None, report: Report | None = None
+) -> dict[str, Any]:
+    """See ``evaluate``."""
+    scene = PlayableScene.load(scene_path)
+    capture, store = open_evaluated(scene, capture_path)
+    size = scene_path.stat().st_size
+    return evaluate(scene, capture, store, split=split, mask_file=mask, file_bytes=size, progress=report)
+
+
+def parse_frames(text: str | None, count: int) -> range:
+    """``A:B`` as frames A to B - 1, either end optional; FrogError for anything outside."""
+    try:
+        first, last = text.split(":") if text else ("", "")
+        frames = range(int(first or 0), int(last or count))
+    except ValueError:
+        raise FrogError(f"--frames {text}: expected A:B, such as 0:30.") from None
+    if not frames or frames[0] < 0 or frames[-1] >= count:
+        raise FrogError(f"--frames {text}: expected frames between 0:{count}.")
+    return frames
+
+
+def render_frames(scene_path: Path, camera_name: str, frames: str | None, out: Path, report: Report) -> int:
+    """Writes a PNG for each frame as the camera of that name sees it; returns how many.
+
+    A moving camera's name stands for one moment's pose; "moving" follows it.
+    """
+    import cv2
+
+    scene = PlayableScene.load(scene_path)
+    header = scene.header
+    names = [camera.name for camera in header.cameras]
+    follow = header.is_moving and camera_name == "moving"
+    if camera_name not in names and not follow:
+        known = ", ".join([*names[:12], "..."] if len(names) > 12 else names)
+        raise FrogError(f"{scene_path}: there is no camera {camera_name!r}; there are {known}.")
+    chosen = parse_frames(frames, header.frame_count)
+    by_frame = {shots[0]: camera for camera, shots in zip(header.cameras, header.camera_shots, strict=True) if shots}
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FrogError(f"{out}: the folder could not be made ({error.strerror}).") from error
+    for done, frame in enumerate(chosen):
+        camera = by_frame[frame] if follow else header.cameras[names.index(camera_name)]
+        picture = to_uint8(draw(scene.at_frame(frame), camera, header.background).rgb)
+        path = out / f"{camera_name}_{frame:04d}.png"
+        written, content = cv2.imencode(".png", picture[:, :, ::-1])
+        if not written:
+            raise FrogError(f"{path}: the picture could not be encoded.")
+        try:
+            path.write_bytes(content.tobytes())
+        except OSError as error:
+            raise FrogError(f"{path}: could not be written ({error.strerror}).") from error
+        report(done + 1, len(chosen))
+    return len(chosen)

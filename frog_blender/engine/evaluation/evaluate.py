@@ -1,0 +1,158 @@
+"""How good a finished scene is, on pictures of the capture it was trained on. No torch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..capture.capture import Capture
+from ..capture.frames import FrameStore
+from ..errors import FrogError, found_instead
+from ..inference.draw import draw
+from ..inference.scene import PlayableScene
+from .metrics import gradient_energy, psnr_of, ssim
+
+_MOVING_DEVIATION = 6 / 255  # temporal standard deviation above which a pixel counts as moving
+
+
+@dataclass
+class _Sums:
+    """Running sums over one camera's pictures."""
+
+    psnr: float = 0.0
+    ssim: float = 0.0
+    frames: int = 0
+    masked_error: float = 0.0
+    masked_count: int = 0
+    sharpness: float = 0.0
+    true_sharpness: float = 0.0
+
+
+def moving_mask(store: FrameStore, shot_indices: list[int]) -> np.ndarray:
+    """(H, W) bool: pixels of one fixed camera whose standard deviation over time, in the channel where it is largest,
+    exceeds 6/255 in the true pictures."""
+    total = square = np.zeros(())
+    for index in shot_indices:
+        picture = store.image(index).astype(np.float64) / 255
+        total = total + picture
+        square = square + picture**2
+    count = len(shot_indices)
+    variance = square / count - (total / count) ** 2
+    return np.sqrt(np.maximum(variance, 0).max(axis=2)) > _MOVING_DEVIATION
+
+
+def load_masks(path: Path, capture: Capture) -> dict[str, np.ndarray]:
+    """Masks by camera name: a picture (white counts) for all cameras, or an ``.npz`` with an array for each camera,
+    (H, W) or (frames, H, W). FrogError when a size does not fit."""
+    if not path.is_file():
+        raise found_instead(path, "no file", "a picture or an .npz of masks")
+    try:
+        if path.suffix.lower() == ".npz":
+            with np.load(path, allow_pickle=False) as archive:
+                masks = {name: archive[name] > 0 for name in archive.files}
+        else:
+            import cv2
+
+            picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+            if picture is None:
+                raise ValueError("not a picture")
+            masks = {camera.name: picture > 127 for camera in capture.cameras}
+    except (OSError, ValueError) as error:
+        raise found_instead(path, f"a file that cannot be read ({error})", "a picture or an .npz of masks") from error
+    for camera in capture.cameras:
+        mask = masks.get(camera.name)
+        if mask is not None and mask.shape[-2:] != (camera.height, camera.width):
+            raise found_instead(path, f"a mask of {mask.shape}", f"{camera.height} x {camera.width} for {camera.name}")
+    return masks
+
+
+def evaluate(
+    scene: PlayableScene,
+    capture: Capture,
+    store: FrameStore,
+    *,
+    split: str = "auto",
+    mask_file: Path | None = None,
+    file_bytes: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> dict[str, Any]:
+    """Figures as plain values, over all cameras and for each.
+
+    ``psnr`` and ``ssim`` are means over pictures; ``psnr_moving`` comes from the mean squared error over the masked
+    pixels of all pictures. Without a mask file the mask is ``moving_mask``, which a moving camera does not have.
+
+    Args:
+        split: "held-out", "training", or "auto": held-out pictures if there are any.
+    """
+    header = scene.header
+    test_cameras, test_frames = set(header.test_cameras), set(header.test_frames)
+    held_out = [
+        i
+        for i, shot in enumerate(capture.shots)
+        if shot.frame in test_frames or capture.cameras[shot.camera].name in test_cameras
+    ]
+    if split == "auto":
+        split = "held-out" if held_out else "training"
+    chosen = held_out if split == "held-out" else sorted(set(range(len(capture.shots))) - set(held_out))
+    if not chosen:
+        raise FrogError(f"{capture.path}: there is no {split} picture to evaluate on.")
+    masks = load_masks(mask_file, capture) if mask_file else None
+    mask_cache: dict[int, np.ndarray | None] = {}
+
+    def mask_of(camera: int, frame: int) -> np.ndarray | None:
+        if masks is not None:
+            mask = masks.get(capture.cameras[camera].name)
+            return mask if mask is None or mask.ndim == 2 else mask[min(frame, len(mask) - 1)]
+        if camera not in mask_cache:
+            shots = [i for i, shot in enumerate(capture.shots) if shot.camera == camera]
+            mask_cache[camera] = moving_mask(store, shots) if len(shots) > 1 else None
+        return mask_cache[camera]
+
+    sums: dict[str, _Sums] = {}
+    for done, index in enumerate(chosen):
+        shot = capture.shots[index]
+        camera = capture.cameras[shot.camera]
+        truth = store.image(index).astype(np.float32) / 255
+        picture = draw(scene.at_frame(shot.frame), camera, header.background).rgb.clip(0, 1)
+        error = (picture.astype(np.float64) - truth) ** 2
+        entry = sums.setdefault(camera.name, _Sums())
+        entry.psnr += psnr_of(float(error.mean()))
+        entry.ssim += ssim(picture, truth)
+        entry.frames += 1
+        mask = mask_of(shot.camera, shot.frame)
+        if mask is not None and mask.any():
+            entry.masked_error += float(error[mask].mean(axis=1).sum())
+            entry.masked_count += int(mask.sum())
+            entry.sharpness += gradient_energy(picture, mask)
+            entry.true_sharpness += gradient_energy(truth, mask)
+        if progress:
+            progress(done + 1, len(chosen))
+    return _report(scene, sums, split, file_bytes)
+
+
+def _report(scene: PlayableScene, sums: dict[str, _Sums], split: str, file_bytes: int) -> dict[str, Any]:
+    def figures(parts: list[_Sums]) -> dict[str, Any]:
+        frames, count = sum(p.frames for p in parts), sum(p.masked_count for p in parts)
+        true_sharpness = sum(p.true_sharpness for p in parts)
+        return {
+            "psnr": sum(p.psnr for p in parts) / frames,
+            "psnr_moving": psnr_of(sum(p.masked_error for p in parts) / count) if count else None,
+            "ssim": sum(p.ssim for p in parts) / frames,
+            "sharpness_moving": sum(p.sharpness for p in parts) / true_sharpness if true_sharpness else None,
+            "frames": frames,
+        }
+
+    return {
+        **figures(list(sums.values())),
+        "split": split,
+        "method": scene.header.method,
+        "gaussians": scene.count,
+        "bytes": file_bytes,
+        "steps": scene.header.steps,
+        "train_seconds": scene.header.train_seconds,
+        "cameras": {name: figures([part]) for name, part in sums.items()},
+    }

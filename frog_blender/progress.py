@@ -1,0 +1,68 @@
+"""Training events and other long work as progress bars on a terminal (tqdm)."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from tqdm import tqdm
+
+from .engine.training import events
+from .engine.training.events import Event
+
+
+@contextmanager
+def bar(name: str) -> Iterator[Callable[[int, int], None]]:
+    """Yields ``report(done, total)``."""
+    with tqdm(desc=name, file=sys.stderr, leave=False) as line:
+
+        def report(done: int, total: int) -> None:
+            line.total = total
+            line.update(done - line.n)
+
+        yield report
+
+
+def show(stream: Iterator[Event]) -> bool:
+    """Follows a training to its end; True when it finished, False when it was cancelled."""
+    line: tqdm | None = None
+
+    def switch(name: str, total: int, done: int) -> tqdm:
+        nonlocal line
+        if line is None or line.desc != f"{name}: ":
+            if line is not None:
+                line.close()
+            line = tqdm(desc=name, total=total, file=sys.stderr, smoothing=0.1)
+        line.total = total
+        line.update(done - line.n)
+        return line
+
+    try:
+        for event in stream:
+            match event:
+                case events.Stage(name, done, total):
+                    switch(name, total, done)
+                case events.Progress(step=step, steps=steps, loss=loss, gaussians=gaussians):
+                    switch("Training", steps, step).set_postfix(loss=f"{loss:.4f}", gaussians=gaussians)
+                case events.Evaluated(step, psnr, split):
+                    tqdm.write(f"step {step}: {split} PSNR {psnr:.2f} dB", file=sys.stderr)
+                case events.Warned(message):
+                    tqdm.write(f"warning: {message}", file=sys.stderr)
+                case events.Finished(path, steps, seconds, psnr, gaussians):
+                    _close(line)
+                    print(f"{path}: {steps} steps in {seconds:.0f} s, {gaussians} Gaussians, PSNR {psnr:.2f} dB")
+                    return True
+                case events.Cancelled(step, path):
+                    _close(line)
+                    kept = f"kept in {path}; --resume goes on" if path else "nothing was written"
+                    print(f"frog: cancelled at step {step}, {kept}.", file=sys.stderr)
+                    return False
+    finally:
+        _close(line)
+    return False
+
+
+def _close(line: tqdm | None) -> None:
+    if line is not None:
+        line.close()
