@@ -132,7 +132,7 @@ def picture_path(folder: Path, camera: int, frame: int) -> Path:
 
 
 def encode(folder: Path, film: Path, camera: int, quality: int) -> None:
-    """H.264 with full colour resolution (halved, the checkers lose 8 dB); readers assume BT.601 at this size."""
+    """H.264 with full colour resolution (halved, the checkers lose 13 dB); readers assume BT.601 at this size."""
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-loglevel", "error", "-framerate", str(RATE)]
     command += ["-i", str(folder / f"cam{camera:02d}_%03d.png"), "-frames:v", str(FRAMES)]
     command += ["-vf", "scale=out_color_matrix=bt601:out_range=tv:flags=lanczos+accurate_rnd+full_chroma_int"]
