@@ -1,0 +1,87 @@
+"""Fresh Gaussians, and the embedding smoothness that must not depend on the capture's units."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
+from frog_blender.engine.training.losses import embedding_smoothness, neighbour_weights
+from frog_blender.engine.training.neighbours import nearest, spacings
+from frog_blender.engine.training.recipe import RECIPES
+
+
+def test_fresh_gaussians_are_what_they_were_made_from() -> None:
+    points, colors = torch.randn(6, 3), torch.rand(6, 3)
+    spacing = torch.rand(6) + 0.1
+    field = CanonicalField(new_gaussians(points, colors, spacing, 9, 4))
+    gaussians = field.gaussians()
+    assert len(field) == 6 and gaussians.sh.shape == (6, 9, 3) and field.embeddings.shape == (6, 4)
+    torch.testing.assert_close(gaussians.means, points)
+    torch.testing.assert_close(gaussians.scales, spacing[:, None].expand(6, 3))
+    torch.testing.assert_close(gaussians.opacities, torch.full((6,), 0.1))
+    torch.testing.assert_close(gaussians.sh[:, 0] * 0.28209479177387814 + 0.5, colors)
+    assert not gaussians.sh[:, 1:].any() and not field.embeddings.any()
+    assert gaussians.quaternions.tolist() == [[1, 0, 0, 0]] * 6
+
+
+def test_a_spacing_of_zero_is_survived() -> None:
+    field = CanonicalField(new_gaussians(torch.zeros(2, 3), torch.zeros(2, 3), torch.zeros(2), 1, 0))
+    assert torch.isfinite(field.log_scales).all()
+
+
+def cloud(kind: str, scale: float) -> torch.Tensor:
+    generator = torch.Generator().manual_seed(4)
+    if kind == "volume":
+        return torch.randn(1500, 3, generator=generator) * scale
+    surface = torch.randn(1500, 3, generator=generator)
+    surface[:, 2] = 0.01 * surface[:, 2] + (surface[:, 0] * 3).sin()
+    return surface * scale
+
+
+@pytest.mark.parametrize("name", ["draft", "standard", "paper"])
+@pytest.mark.parametrize("kind", ["volume", "surface"])
+def test_smoothness_weights_are_the_same_in_any_unit_and_never_all_near_zero_or_one(name: str, kind: str) -> None:
+    recipe = RECIPES[name]
+    found = []
+    for scale in (1e-3, 1.0, 1e3):
+        points = cloud(kind, scale)
+        distances, _ = nearest(points[:300], points, recipe.smoothness_neighbours, skip_self=True)
+        weights = neighbour_weights(distances, recipe.smoothness_falloff)
+        assert weights.shape == (300, recipe.smoothness_neighbours)
+        between = ((weights > 0.05) & (weights < 0.95)).float().mean()
+        assert float(between) > 0.3, f"{float((weights <= 0.05).float().mean()):.2f} of the weights are near 0"
+        found.append(weights)
+    torch.testing.assert_close(found[0], found[1], atol=2e-3, rtol=0)
+    torch.testing.assert_close(found[2], found[1], atol=2e-3, rtol=0)
+
+
+def test_smoothness_is_the_weighted_distance_of_embeddings() -> None:
+    embeddings = torch.tensor([[0.0, 0], [3, 4], [0, 1], [6, 8]], requires_grad=True)
+    anchors, neighbours = torch.tensor([0, 2]), torch.tensor([[1, 2], [0, 3]])
+    weights = torch.tensor([[1.0, 0.5], [0.2, 0.0]])
+    loss = embedding_smoothness(embeddings, anchors, neighbours, weights)
+    torch.testing.assert_close(loss, torch.tensor((5 * 1 + 1 * 0.5 + 1 * 0.2 + 0) / 4))
+    loss.backward()
+    assert torch.isfinite(embeddings.grad).all() and not embeddings.grad[3].any()
+
+
+def test_smoothness_of_equal_embeddings_has_no_gradient_and_no_nan() -> None:
+    embeddings = torch.ones(3, 2, requires_grad=True)
+    embedding_smoothness(embeddings, torch.tensor([0]), torch.tensor([[1, 2]]), torch.ones(1, 2)).backward()
+    assert not embeddings.grad.any()
+
+
+def test_nearest_against_all_distances() -> None:
+    points = cloud("volume", 1.0)[:80]
+    distances, indices = nearest(points[:10], points, 5, skip_self=True)
+    every = (points[:10, None] - points[None]).norm(dim=2)
+    expected = every.sort(1)
+    torch.testing.assert_close(distances, expected.values[:, 1:6], atol=1e-3, rtol=1e-3)
+    assert torch.equal(indices, expected.indices[:, 1:6])
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 10])
+def test_spacings_of_few_points(count: int) -> None:
+    found = spacings(torch.arange(count * 3.0).reshape(count, 3))
+    assert found.shape == (count,) and (found > 0).all() and torch.isfinite(found).all()

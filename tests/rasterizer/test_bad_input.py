@@ -1,0 +1,142 @@
+"""Gaussians that cannot be drawn: nothing crashes, no neighbour changes, gradients stay where they belong."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from drawing import draw_with_gradients
+from helpers import ATTRIBUTES, join, odd_camera, one_gaussian, plain_camera, random_gaussians
+
+from frog_blender.engine.rasterizer import GaussianArrays
+
+NAN, INF = float("nan"), float("inf")
+CAMERA = plain_camera()  # at the origin, looking along +z
+
+INVISIBLE = {
+    "NaN mean": one_gaussian((NAN, 0, 1)),
+    "infinite mean": one_gaussian((0, INF, 1)),
+    "infinitely deep": one_gaussian((0, 0, INF)),
+    "zero quaternion": one_gaussian((0, 0, 1), quaternions=[[0.0, 0, 0, 0]]),
+    "NaN quaternion": one_gaussian((0, 0, 1), quaternions=[[1, NAN, 0, 0]]),
+    "infinite quaternion": one_gaussian((0, 0, 1), quaternions=[[INF, 0, 0, 0]]),
+    "NaN opacity": one_gaussian((0, 0, 1), opacities=[NAN]),
+    "infinite opacity": one_gaussian((0, 0, 1), opacities=[INF]),
+    "negative opacity": one_gaussian((0, 0, 1), opacities=[-0.5]),
+    "opacity below 1/255": one_gaussian((0, 0, 1), opacities=[0.0039]),
+    "opacity of exactly 1/255": one_gaussian((0, 0, 1), opacities=[1 / 255]),
+    "NaN scale": one_gaussian((0, 0, 1), scales=[[0.1, NAN, 0.1]]),
+    "infinite scale": one_gaussian((0, 0, 1), scales=[[0.1, INF, 0.1]]),
+    "scale beyond float": one_gaussian((0, 0, 1), scales=[[3e38, 3e38, 3e38]]),
+    "NaN colour": one_gaussian((0, 0, 1), sh=[[[NAN, 0, 0]]]),
+    "infinite colour": one_gaussian((0, 0, 1), sh=[[[0, INF, 0]]]),
+    "behind the camera": one_gaussian((0, 0, -1)),
+    "at the camera": one_gaussian((0, 0, 0)),
+    "before the near plane": one_gaussian((0, 0, 0.0099)),
+    "off the screen": one_gaussian((50, 0, 1)),
+}
+
+# Drawn or not, these must leave a finite picture.
+STRANGE = {
+    "on the near plane": one_gaussian((0, 0, 0.01)),
+    "just behind the near plane": one_gaussian((0.0001, 0, 0.0101), scales=[[1.0, 1.0, 1.0]]),
+    "huge": one_gaussian((0, 0, 2), scales=[[1e4, 1e4, 1e4]]),
+    "gigantic": one_gaussian((0, 0, 2), scales=[[1e9, 1e9, 1e9]]),
+    "zero scale": one_gaussian((0, 0, 2), scales=[[0.0, 0, 0]]),
+    "negative scale": one_gaussian((0, 0, 2), scales=[[-0.1, 0.1, 0.1]]),
+    "opacity above one": one_gaussian((0, 0, 2), opacities=[7.0]),
+    "opacity of one": one_gaussian((0, 0, 2), opacities=[1.0]),
+    "tiny quaternion": one_gaussian((0, 0, 2), quaternions=[[1e-9, 1e-9, 0, 0]]),
+    "needle": one_gaussian((0, 0, 2), scales=[[1e3, 1e-9, 1e-9]], quaternions=[[1, 0.3, 0.7, 0.2]]),
+    "far away": one_gaussian((0, 0, 1e9), scales=[[1e7, 1e7, 1e7]]),
+    "very bright": one_gaussian((0, 0, 2), sh=[[[1e6, 1e6, 1e6]]]),
+    "far to the side, wide": one_gaussian((1e6, 0, 2), scales=[[1e6, 1e6, 1e6]]),
+}
+
+
+def neighbours() -> GaussianArrays:
+    return random_gaussians(CAMERA, 30, 0, seed=7)
+
+
+@pytest.mark.parametrize("implementation", ["cpu", "reference"])
+@pytest.mark.parametrize("name", INVISIBLE)
+def test_what_cannot_be_drawn_changes_no_neighbour(name: str, implementation: str) -> None:
+    """The bad one comes first in the list and stands in front, so that a shifted index would show."""
+    expected, expected_gradients = draw_with_gradients(neighbours(), CAMERA, implementation)
+    image, gradients = draw_with_gradients(join(INVISIBLE[name], neighbours()), CAMERA, implementation)
+    for output in ("rgb", "alpha", "median_depth", "median_z", "mean_depth"):
+        assert torch.equal(getattr(image, output).nan_to_num(-1), getattr(expected, output).nan_to_num(-1)), output
+    assert image.radii[0] == 0 and image.max_weights[0] == 0
+    for attribute in (*ATTRIBUTES, "screen"):
+        assert not gradients[attribute][0].any(), attribute
+        np.testing.assert_array_equal(gradients[attribute][1:], expected_gradients[attribute])
+
+
+@pytest.mark.parametrize("name", STRANGE)
+def test_what_is_strange_leaves_a_finite_picture(name: str) -> None:
+    image, gradients = draw_with_gradients(join(STRANGE[name], neighbours()), CAMERA, "cpu")
+    assert torch.isfinite(image.rgb).all() and torch.isfinite(image.alpha).all()
+    assert float(image.alpha.detach().min()) >= 0 and float(image.alpha.detach().max()) <= 1
+    for attribute in (*ATTRIBUTES, "screen"):
+        assert np.isfinite(gradients[attribute]).all(), attribute
+
+
+def test_culled_gaussians_anywhere_shift_nothing() -> None:
+    """Bad ones scattered through the list, whichever way an index between compact and full arrays goes wrong."""
+    good = neighbours()
+    expected, expected_gradients = draw_with_gradients(good, CAMERA, "cpu")
+    bad = [INVISIBLE[name] for name in ("NaN mean", "behind the camera", "opacity below 1/255", "off the screen")]
+    parts, kept, count = [], [], 0
+    for i in range(len(good)):
+        if i % 3 == 0:
+            parts.append(bad[i // 3 % 4])
+            count += 1
+        parts.append(GaussianArrays(*[getattr(good, name)[i : i + 1] for name in ATTRIBUTES]))
+        kept.append(count)
+        count += 1
+    image, gradients = draw_with_gradients(join(*parts), CAMERA, "cpu")
+    assert torch.equal(image.rgb, expected.rgb)
+    assert torch.equal(image.radii[kept], expected.radii)
+    assert torch.equal(image.max_weights[kept], expected.max_weights)
+    culled = np.setdiff1d(np.arange(count), kept)
+    for attribute in (*ATTRIBUTES, "screen"):
+        np.testing.assert_array_equal(gradients[attribute][kept], expected_gradients[attribute])
+        assert not gradients[attribute][culled].any()
+
+
+@pytest.mark.parametrize("implementation", ["cpu", "reference"])
+def test_no_gaussians(implementation: str) -> None:
+    nothing = GaussianArrays(*[getattr(neighbours(), name)[:0] for name in ATTRIBUTES])
+    image, _ = draw_with_gradients(nothing, CAMERA, implementation)
+    assert torch.allclose(image.rgb, torch.tensor([0.3, 0.6, 0.1]).expand_as(image.rgb))
+    assert not image.alpha.any() and image.median_depth.isnan().all() and image.mean_depth.isnan().all()
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 40), (17, 1), (16, 16), (15, 33)])
+def test_small_and_odd_pictures(size: tuple[int, int]) -> None:
+    camera = plain_camera(*size)
+    image, _ = draw_with_gradients(random_gaussians(camera, 20, 0), camera, "cpu")
+    reference, _ = draw_with_gradients(random_gaussians(camera, 20, 0), camera, "reference", torch.float64)
+    assert image.rgb.shape == (size[1], size[0], 3)
+    assert float((image.rgb.detach() - reference.rgb.detach()).abs().max()) < 1e-5
+
+
+@pytest.mark.parametrize("edge", [16.0, 15.5, 16.5, 0.0, 0.5, 48.0, 31.9999])
+def test_splats_exactly_on_tile_and_picture_edges(edge: float) -> None:
+    """A splat whose centre lies on a tile's edge, or whose box ends there, must not lose its pixels."""
+    camera = plain_camera(48, 48)
+    positions = (np.array([[edge, 20.0], [20.0, edge], [edge, edge]]) - 24) / 40.0
+    parts = [one_gaussian((x, y, 1.0), scales=[[s, s, s]]) for x, y in positions for s in (1e-6, 0.02, 0.1)]
+    for part in parts:
+        image, _ = draw_with_gradients(part, camera, "cpu")
+        reference, _ = draw_with_gradients(part, camera, "reference", torch.float64)
+        assert float(reference.alpha.detach().max()) > 0.1
+        assert float((image.alpha.detach() - reference.alpha.detach()).abs().max()) < 1e-5
+
+
+def test_wrong_shapes_are_named() -> None:
+    gaussians = random_gaussians(odd_camera(), 5, 1)
+    for name, array in (("scales", gaussians.scales[:4]), ("sh", gaussians.sh[:, :3]), ("opacities", np.zeros((5, 1)))):
+        changed = GaussianArrays(**{**vars(gaussians), name: array})
+        with pytest.raises(ValueError, match=name):
+            changed.checked()
