@@ -167,7 +167,7 @@ def _contiguous(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 def _check_arrays(path: str | Path, header: SceneHeader, arrays: dict[str, np.ndarray]) -> None:
     """Shapes that playback relies on."""
-    count = len(arrays.get("means", ()))
+    count = (arrays["means"].shape or (0,))[0] if "means" in arrays else 0
     shapes: dict[str, tuple[int, ...]] = {
         "means": (count, 3),
         "log_scales": (count, 3),
@@ -179,7 +179,7 @@ def _check_arrays(path: str | Path, header: SceneHeader, arrays: dict[str, np.nd
         if found != shape or not count:
             raise found_instead(path, f"{name} of shape {found}", f"shape {shape} with at least one Gaussian")
     sh = arrays.get("sh")
-    if sh is None or sh.shape[0] != count or sh.ndim != 3 or sh.shape[1] not in (1, 4, 9, 16) or sh.shape[2] != 3:
+    if sh is None or sh.ndim != 3 or sh.shape[0] != count or sh.shape[1] not in (1, 4, 9, 16) or sh.shape[2] != 3:
         raise found_instead(path, "no usable colours (sh)", f"shape ({count}, 1 | 4 | 9 | 16, 3)")
     if header.method not in ("frog", "static"):
         raise found_instead(path, f"the method {header.method!r}", "'frog' or 'static'")

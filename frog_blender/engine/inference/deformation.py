@@ -18,6 +18,32 @@ def _padded(array: np.ndarray, axis: int) -> np.ndarray:
     return np.ascontiguousarray(np.pad(array, widths), dtype=np.float32)
 
 
+def _check_shapes(arrays: dict[str, np.ndarray], model: dict) -> None:
+    """KeyError or ValueError unless every array is what the settings say; the library only sees addresses."""
+    hidden, heads, deformed = int(model["hidden_width"]), int(model["head_width"]), int(model["deformed_sh"])
+    embedding, temporal = int(model["embedding_size"]), int(model["temporal_size"])
+    sizes = 11 + 3 * deformed  # means 3, scales 3, quaternions 4, opacity 1
+    expected = {
+        "embeddings": (len(arrays["means"]), embedding),
+        "temporal_table": (int(model["temporal_rows"]), temporal),
+        "network.embedding_weight": (hidden, embedding),
+        "network.temporal_weight": (hidden, temporal),
+        "network.bias": (hidden,),
+        "network.output_weight": (sizes, heads or hidden),
+        "network.output_bias": (sizes,),
+    }
+    if heads:
+        width = heads * (5 if deformed else 4)
+        expected |= {"network.head_weight": (width, hidden), "network.head_bias": (width,)}
+    for name, shape in expected.items():
+        if arrays[name].shape != shape or 0 in shape:
+            raise ValueError(f"{name} has shape {arrays[name].shape}, expected {shape}")
+    if not 0 <= deformed <= arrays["sh"].shape[1] or not 1 <= int(model["coarse_rows"]) <= int(model["temporal_rows"]):
+        raise ValueError("it deforms more colours or resamples to more rows than there are")
+    if model["opacity_reduction"] not in ("paper", "unit", "off") or not float(model["opacity_sharpness"]) >= 0:
+        raise ValueError(f"the opacity reduction is {model['opacity_reduction']!r}, {model['opacity_sharpness']}")
+
+
 class PlayableDeformation:
     """Changes of every Gaussian at a time, exactly as the training path computes them.
 
@@ -28,6 +54,7 @@ class PlayableDeformation:
 
     def __init__(self, arrays: dict[str, np.ndarray], model: dict) -> None:
         try:
+            _check_shapes(arrays, model)
             self._table = arrays["temporal_table"].astype(np.float32)
             embedding_weight = arrays["network.embedding_weight"]
             self._temporal_weight = arrays["network.temporal_weight"]
@@ -39,8 +66,6 @@ class PlayableDeformation:
             # (N, hidden): does not depend on time.
             self._first = _padded(arrays["embeddings"] @ embedding_weight.T, 1)
             self._network = self._build(arrays, int(model["head_width"]))
-            if self._table.shape[0] != self._rows[1]:
-                raise ValueError(f"the temporal table has {self._table.shape[0]} rows, not {self._rows[1]}")
         except (KeyError, ValueError, TypeError) as error:
             raise FrogError(f"The scene's deformation network cannot be used ({error}); train it again.") from error
 
