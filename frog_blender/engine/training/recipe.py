@@ -65,7 +65,7 @@ class Recipe:
     rotation_rate: float = 2e-3
     opacity_rate: float = 3e-2
     color_rate: float = 5e-3
-    embedding_rate: float = 2e-2
+    embedding_rate: float = 3e-2
     temporal_rate: float = 1e-2
     network_rate: float = 1e-3
     rate_decay: float = 0.1
