@@ -31,6 +31,7 @@ class _Rasterize(torch.autograd.Function):
         rgb = torch.empty((camera.height, camera.width, 3))
         alpha = torch.empty((camera.height, camera.width))
         ctx.frame = native.Frame(gaussians, camera, background, options, {"rgb": rgb, "alpha": alpha, **extras})
+        ctx.save_for_backward(rgb, alpha)
         ctx.shapes = [t.shape for t in (means, quaternions, scales, opacities, sh, screen)]
         return rgb, alpha
 
@@ -38,8 +39,10 @@ class _Rasterize(torch.autograd.Function):
     def backward(ctx: Any, *grad_outputs: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
         gradients = [torch.empty(shape) for shape in ctx.shapes]
         names = ("means", "quaternions", "scales", "opacities", "sh", "screen")
-        rgb, alpha = (gradient.contiguous() for gradient in grad_outputs)
-        ctx.frame.backward(rgb, alpha, dict(zip(names, gradients, strict=True)))
+        rgb, alpha = ctx.saved_tensors
+        by_rgb, by_alpha = (gradient.contiguous() for gradient in grad_outputs)
+        image = {"rgb": rgb, "alpha": alpha}
+        ctx.frame.backward(image, by_rgb, by_alpha, dict(zip(names, gradients, strict=True)))
         return (*gradients, None, None, None, None)
 
 

@@ -148,7 +148,7 @@ class Frame:
     ) -> None:
         self._free = library().frog_free
         self._handle = None
-        self._arrays = (gaussians, image)  # kept alive as long as the library may read them
+        self._arrays = gaussians  # kept alive as long as the library may read them
         self._gaussians = _Gaussians(
             len(gaussians),
             gaussians.sh.shape[1],
@@ -161,21 +161,31 @@ class Frame:
         native_options = _Options(
             (c_float * 3)(*background), options.low_pass, options.near_plane, options.depth, options.weights
         )
-        self._image = _pointers(_Image, _IMAGE, image)
         self._handle = library().frog_draw(
-            byref(self._gaussians), byref(native_camera), byref(native_options), byref(self._image)
+            byref(self._gaussians),
+            byref(native_camera),
+            byref(native_options),
+            byref(_pointers(_Image, _IMAGE, image)),
         )
         if not self._handle:
             raise MemoryError(
                 f"drawing {len(gaussians)} Gaussians at {camera.width} x {camera.height} ran out of memory"
             )
 
-    def backward(self, rgb: Any, alpha: Any, gradients: dict[str, Any]) -> None:
-        """Fills ``gradients`` (means, quaternions, scales, opacities, sh, screen (N, 2)) from dL/d(rgb, alpha)."""
+    def backward(self, image: dict[str, Any], rgb: Any, alpha: Any, gradients: dict[str, Any]) -> None:
+        """Fills ``gradients`` (means, quaternions, scales, opacities, sh, screen (N, 2)) from dL/d(rgb, alpha).
+
+        ``image`` holds the drawn ``rgb`` and ``alpha`` (the frame does not keep them: as outputs of a torch operation
+        they would keep it alive in turn, for ever).
+        """
         image_gradient = _ImageGradient(_address(rgb), _address(alpha))
         native = _pointers(_Gradients, _GRADIENTS, gradients)
         if library().frog_backward(
-            self._handle, byref(self._gaussians), byref(self._image), byref(image_gradient), byref(native)
+            self._handle,
+            byref(self._gaussians),
+            byref(_pointers(_Image, _IMAGE, image)),
+            byref(image_gradient),
+            byref(native),
         ):
             raise MemoryError("the rasterizer's backward pass ran out of memory")
 
