@@ -244,6 +244,9 @@ class Trainer:
     @torch.no_grad()
     def _find_neighbours(self) -> None:
         means = self.model.canonical.means.detach()
+        if len(means) < 2:  # nobody to be like
+            self.neighbourhood = None
+            return
         chosen = torch.randperm(len(means), generator=self.generator)[: self.recipe.smoothness_sample]
         distances, neighbours = nearest(means[chosen], means, self.recipe.smoothness_neighbours, skip_self=True)
         weights = neighbour_weights(distances, self.recipe.smoothness_falloff)

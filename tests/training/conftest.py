@@ -1,0 +1,84 @@
+"""The filmed scene opened, and trainers on it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import filmed as film
+import numpy as np
+import pytest
+import torch
+
+from frog_blender.engine.capture.capture import Capture
+from frog_blender.engine.capture.frames import FrameStore
+from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.training.recipe import Recipe, recipe
+from frog_blender.engine.training.trainer import Limits, Trainer
+
+# Rates at which four hundred steps are enough to follow the ball.
+LIVELY = {"network_rate": 3e-3, "embedding_rate": 3e-2, "mean_rate": 2e-4, "max_gaussians": 600}
+
+
+class WatchedStore:
+    """A frame store that remembers which pictures were read."""
+
+    def __init__(self, store: FrameStore) -> None:
+        self._store = store
+        self.read: list[int] = []
+
+    def image(self, shot_index: int) -> np.ndarray:
+        self.read.append(shot_index)
+        return self._store.image(shot_index)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def denormals_as_before() -> Iterator[None]:
+    """Trainers flush them for the whole process."""
+    torch.set_num_threads(1)
+    yield
+    torch.set_flush_denormal(False)
+
+
+@pytest.fixture(scope="session")
+def capture(filmed: Path) -> Capture:
+    return open_capture(filmed)
+
+
+@pytest.fixture(scope="session")
+def store(capture: Capture, cache_folder: Path) -> FrameStore:
+    return FrameStore.open(capture, cache_folder=cache_folder)
+
+
+@pytest.fixture(scope="session")
+def lively() -> Callable[..., Recipe]:
+    return lambda steps, **changes: recipe("draft", steps=steps, **{**LIVELY, **changes})
+
+
+@pytest.fixture(scope="session")
+def make_trainer(capture: Capture, store: FrameStore, lively: Callable[..., Recipe]) -> Callable[..., Trainer]:
+    """``make(steps, method="frog", seed=0, watched=None, **recipe changes)``."""
+
+    def make(steps: int, method: str = "frog", seed: int = 0, watched: Any = None, **changes: Any) -> Trainer:
+        limits = Limits(steps)
+        return Trainer(capture, watched or store, film.seeds(), lively(steps, **changes), method, limits, seed)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def watched(store: FrameStore) -> Callable[[], WatchedStore]:
+    return lambda: WatchedStore(store)
+
+
+@pytest.fixture(scope="session")
+def bits() -> Callable[[Trainer], dict[str, bytes]]:
+    """Everything a training has learned and remembers, as bytes by name."""
+
+    def read(trainer: Trainer) -> dict[str, bytes]:
+        tensors = {**trainer.model.state_dict(), **trainer.optimizer.state_arrays()}
+        tensors["generator"] = trainer.generator.get_state()
+        return {name: value.detach().numpy().tobytes() for name, value in tensors.items()}
+
+    return read

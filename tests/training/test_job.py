@@ -1,0 +1,212 @@
+"""A training from folder to file: its events, its files, cancelling and going on."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import filmed as film
+import numpy as np
+import pytest
+
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.files import read_scene
+from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender.engine.training import events, job
+from frog_blender.engine.training.checkpoint import checkpoint_path
+from frog_blender.engine.training.job import TrainingJob, run_training
+from frog_blender.engine.training.trainer import Trainer
+
+STEPS = 60
+
+
+@pytest.fixture(autouse=True)
+def quick(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Seeds at no cost, and an event for every step."""
+    monkeypatch.setattr(job, "find_seeds", lambda capture, store, **_: film.seeds())
+    monkeypatch.setattr(job, "_EVENT_SECONDS", 0.0)
+
+
+@pytest.fixture
+def task(filmed: Path, tmp_path: Path, lively: Callable) -> TrainingJob:
+    return TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(STEPS), seed=2)
+
+
+def names(stream: list[Any]) -> list[str]:
+    """Kinds of events, repetitions told once."""
+    kinds = [type(event).__name__ for event in stream]
+    return [kind for i, kind in enumerate(kinds) if i == 0 or kind != kinds[i - 1]]
+
+
+def stopping_after(steps: int, monkeypatch: pytest.MonkeyPatch) -> Callable[[], bool]:
+    """A ``cancelled`` that answers True once so many steps were taken."""
+    taken = [0]
+    step = Trainer.step
+
+    def counted(self: Trainer) -> None:
+        step(self)
+        taken[0] += 1
+
+    monkeypatch.setattr(Trainer, "step", counted)
+    return lambda: taken[0] >= steps
+
+
+def test_events_come_in_order_and_are_plain(task: TrainingJob) -> None:
+    stream = list(run_training(task))
+    kinds = [kind for kind in names(stream) if kind != "Stage"]
+    assert kinds[0] == "Started" and kinds[-3:] == ["Evaluated", "Saved", "Finished"]
+    assert set(kinds[1:-3]) == {"Progress", "Evaluated", "Preview"}
+    for event in stream:
+        assert is_dataclass(event) and isinstance(event, events.Event)
+        for field in fields(event):
+            assert type(getattr(event, field.name)) in (int, float, str, type(None), np.ndarray)
+    steps = [event.step for event in stream if isinstance(event, events.Progress)]
+    assert steps == list(range(1, STEPS + 1))
+    progress = [event for event in stream if isinstance(event, events.Progress)]
+    assert all(event.steps == STEPS for event in progress) and progress[-1].seconds_left == 0
+    started, finished = next(e for e in stream if isinstance(e, events.Started)), stream[-1]
+    assert (started.method, started.steps, started.cameras, started.frames, started.gaussians) == (
+        "frog",
+        60,
+        4,
+        6,
+        300,
+    )
+    assert (finished.path, finished.steps) == (str(task.output), STEPS)
+    preview = next(event for event in stream if isinstance(event, events.Preview))
+    assert preview.image.shape == (film.HEIGHT, film.WIDTH, 3) and preview.image.dtype == np.uint8
+    assert len([event for event in stream if isinstance(event, events.Evaluated)]) == 10
+
+
+def test_the_file_says_what_was_done(task: TrainingJob, filmed: Path) -> None:
+    finished = list(run_training(task))[-1]
+    header = read_scene(task.output).header
+    assert (header.method, header.steps, header.frame_count, header.scale) == ("frog", STEPS, 6, 1.0)
+    assert header.test_cameras == ("cam00",) and header.test_frames == ()
+    assert header.camera_shots == (tuple(range(6)),) * 4 and not header.is_moving
+    assert header.capture_path == str(filmed.resolve()) and header.capture_format == "n3dv"
+    assert header.recipe["hidden_width"] == 64 and header.train_seconds > 0
+    assert header.metrics["split"] == "held-out"
+    assert header.metrics["psnr"] == pytest.approx(finished.psnr)
+    scene = PlayableScene.load(task.output)
+    assert scene.count == finished.gaussians
+    np.testing.assert_allclose(header.cameras[2].center, film.rig()[2].center, atol=1e-9)
+
+
+def test_the_file_plays_the_picture_that_training_saw(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The job's trainer and the written file draw the same held-out picture."""
+    from frog_blender.engine.inference.draw import draw
+
+    seen: list[Trainer] = []
+    evaluate = Trainer.evaluate
+    monkeypatch.setattr(Trainer, "evaluate", lambda self, limit: (seen.append(self), evaluate(self, limit))[1])
+    list(run_training(task))
+    scene, trainer = PlayableScene.load(task.output), seen[-1]
+    for index in (0, 9, 23):
+        shot = trainer.capture.shots[index]
+        drawn = draw(scene.at_frame(shot.frame), scene.header.cameras[shot.camera], scene.header.background).rgb
+        assert np.abs(drawn - trainer.picture(index)).mean() < 1e-5
+
+
+@pytest.mark.parametrize(
+    "options", [{"holdout_frames": 3}, {"scale": 0.5}, {"method": "static"}, {"seconds": 0.2}], ids=str
+)
+def test_options_reach_the_file(task: TrainingJob, options: dict[str, Any]) -> None:
+    finished = list(run_training(replace(task, **options)))[-1]
+    header = read_scene(task.output).header
+    assert header.test_frames == ((1, 4) if "holdout_frames" in options else ())
+    assert header.cameras[0].width == (24 if "scale" in options else 48)
+    assert header.method == options.get("method", "frog") and bool(header.model) == (header.method == "frog")
+    assert isinstance(finished, events.Finished)
+    assert (finished.steps == STEPS) == ("seconds" not in options)
+
+
+def test_cancelling_keeps_a_scene_that_plays_and_resuming_ends_with_the_same_bits(
+    task: TrainingJob, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    undisturbed = replace(task, output=tmp_path / "undisturbed.frog")
+    list(run_training(undisturbed))
+    with monkeypatch.context() as patch:
+        stream = list(run_training(task, stopping_after(23, patch)))
+    assert stream[-1] == events.Cancelled(23, str(task.output))
+    assert names(stream)[-3:] == ["Evaluated", "Saved", "Cancelled"]
+    assert PlayableScene.load(task.output).header.steps == 23
+    assert checkpoint_path(task.output).is_file()
+    resumed = list(run_training(replace(task, resume=True)))
+    assert next(event for event in resumed if isinstance(event, events.Progress)).step == 24
+    assert isinstance(resumed[-1], events.Finished) and resumed[-1].steps == STEPS
+    found, expected = read_scene(task.output).arrays, read_scene(undisturbed.output).arrays
+    assert found.keys() == expected.keys()
+    for name, array in expected.items():
+        assert found[name].tobytes() == array.tobytes(), name
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        *("undisturbed.frog", "undisturbed.frog.checkpoint", "x.frog", "x.frog.checkpoint")
+    ]
+
+
+def test_cancelling_before_the_first_step_writes_nothing(task: TrainingJob) -> None:
+    stream = list(run_training(task, lambda: True))
+    assert stream == [events.Cancelled(0, None)]
+    assert not list(task.output.parent.iterdir())
+
+
+def test_cancelling_while_frames_are_decoded(
+    task: TrainingJob, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
+    asked = [0]
+
+    def cancelled() -> bool:
+        asked[0] += 1
+        return asked[0] > 5
+
+    assert list(run_training(task, cancelled))[-1] == events.Cancelled(0, None)
+    assert not task.output.exists()
+    assert not os.listdir(tmp_path / "cache")
+
+
+def test_decoding_and_seeding_report(task: TrainingJob, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.undo()
+    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
+    small = replace(task, recipe=replace(task.recipe, seed_gaussians=200, steps=3))
+    stream = list(run_training(small))
+    stages = [event for event in stream if isinstance(event, events.Stage)]
+    assert {"Decoding frames", "Finding seed points"} == {stage.name for stage in stages}
+    assert all(0 <= stage.done <= stage.total for stage in stages)
+    assert isinstance(stream[-1], events.Finished) and 20 < stream[-1].gaussians <= 250
+
+
+@pytest.mark.parametrize(
+    ("changes", "word"),
+    [
+        ({"method": "nerf"}, "nerf"),
+        ({"capture": Path("nowhere/at/all")}, "nowhere"),
+        ({"resume": True}, "no file"),
+        ({"scale": -1.0}, "scale"),
+        ({"holdout_frames": 1}, "held out"),
+        ({"pixel_offsets": {"cam77": (1.0, 0.0)}}, "cam77"),
+    ],
+    ids=str,
+)
+def test_what_the_user_can_mend_is_one_sentence(task: TrainingJob, changes: dict[str, Any], word: str) -> None:
+    with pytest.raises(FrogError, match=word) as caught:
+        list(run_training(replace(task, **changes)))
+    assert "\n" not in str(caught.value)
+    assert not task.output.exists()
+
+
+def test_an_output_that_cannot_be_written_is_said_before_training(task: TrainingJob, tmp_path: Path) -> None:
+    with pytest.raises(FrogError, match="folder"):
+        next(run_training(replace(task, output=tmp_path)))
+    (tmp_path / "file").write_text("")
+    with pytest.raises(FrogError, match="folder could not be made"):
+        next(run_training(replace(task, output=tmp_path / "file" / "x.frog")))
+
+
+def test_resuming_with_another_recipe_is_refused(task: TrainingJob) -> None:
+    list(run_training(task))
+    with pytest.raises(FrogError, match="embedding_size differ"):
+        list(run_training(replace(task, resume=True, recipe=replace(task.recipe, embedding_size=8))))

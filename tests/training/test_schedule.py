@@ -1,0 +1,121 @@
+"""Rounds, ramps and the order of pictures."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from helpers import plain_camera
+
+from frog_blender.engine.capture.capture import Capture, Shot
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.training.recipe import RECIPES, recipe
+from frog_blender.engine.training.schedule import Every, ShotPicker, ramp
+
+
+def rounds(every: Every, steps: int) -> list[int]:
+    """Steps after which a round is due."""
+    return [i for i in range(1, steps + 1) if every.due((i - 1) / steps, i / steps)]
+
+
+@pytest.mark.parametrize("steps", [40, 200, 2000, 10_000, 12_345])
+def test_rounds_are_as_many_in_any_training(steps: int) -> None:
+    found = rounds(Every(0.1, 0.6, 0.05), steps)
+    assert 10 <= len(found) <= 11  # whether the one at the very end counts is a matter of rounding
+    assert found[0] / steps == pytest.approx(0.1, abs=1.01 / steps)
+    for index, step in enumerate(found):
+        assert step / steps == pytest.approx(0.1 + 0.05 * index, abs=1.01 / steps)
+
+
+def test_steps_longer_than_the_interval_have_one_round_each() -> None:
+    assert rounds(Every(0.2, 0.9, 0.01), 10) == list(range(2, 10))
+
+
+def test_rounds_from_the_start_to_the_end() -> None:
+    assert not Every(0.1, 0.5, 0.1).due(0.0, 0.05)
+    assert not Every(0.1, 0.5, 0.1).due(0.55, 0.65)
+    assert Every(0.1, 0.5, 0.1).due(0.05, 0.1)
+    assert not Every(0.1, 0.5, 0.1).due(0.11, 0.19)
+    assert Every(0.1, 0.5, 0.1).due(0.19, 0.21)
+
+
+def test_ramp() -> None:
+    assert [ramp(p, 0.2, 0.6) for p in (0.0, 0.2, 0.3, 0.5, 0.6, 1.0)] == pytest.approx([0, 0, 0.25, 0.75, 1, 1])
+    assert [ramp(p, 0.3, 0.3) for p in (0.0, 0.29, 0.3, 0.5)] == [0, 0, 1, 1] or ramp(0.3, 0.3, 0.3) == 1
+    assert ramp(0.0, 0.0, 0.0) == 1.0
+
+
+def rig(cameras: int, frames: int, moving: bool = False) -> Capture:
+    shots = [
+        Shot(camera, frame, Path(f"{camera}.mp4"), frame)
+        for camera in range(cameras)
+        for frame in range(frames)
+        if not moving or camera == frame
+    ]
+    named = tuple(replace(plain_camera(), name=f"cam{i:02d}") for i in range(cameras))
+    return Capture(Path("."), "n3dv", named, (None,) * cameras, tuple(shots), frames, test_cameras=frozenset({"cam00"}))
+
+
+def picks(capture: Capture, opened: float, count: int = 400) -> set[tuple[int, int]]:
+    picker, generator = ShotPicker(capture), torch.Generator().manual_seed(0)
+    shots = [capture.shots[picker.pick(opened, generator)] for _ in range(count)]
+    return {(shot.camera, shot.frame) for shot in shots}
+
+
+def test_the_window_widens_from_the_middle_to_everything() -> None:
+    capture = rig(5, 21)
+    first, later, last = picks(capture, 0.0), picks(capture, 0.5), picks(capture, 1.0, 2000)
+    assert {frame for _, frame in first} == {9, 10, 11}
+    assert {camera for camera, _ in first} == {1, 2, 3, 4}
+    assert first < later < last
+    assert {(shot.camera, shot.frame) for shot in capture.train_shots} == last
+
+
+def test_one_moving_camera_starts_from_several_of_its_places() -> None:
+    assert len(picks(rig(30, 30, moving=True), 0.0)) >= 8
+
+
+def test_nothing_withheld_is_ever_picked() -> None:
+    capture = rig(3, 10).with_holdout(4)
+    assert {frame for _, frame in picks(capture, 1.0)} == {0, 1, 3, 4, 5, 7, 8, 9}
+    assert {camera for camera, _ in picks(capture, 1.0)} == {1, 2}
+
+
+def test_another_camera_at_the_same_moment() -> None:
+    capture = rig(4, 6)
+    picker, generator = ShotPicker(capture), torch.Generator().manual_seed(0)
+    shot = capture.shot_index(2, 3)
+    found = {picker.pick_same_moment(shot, generator) for _ in range(60)}
+    assert found == {capture.shot_index(camera, 3) for camera in (1, 2, 3)}
+
+
+@pytest.mark.parametrize("name", RECIPES)
+def test_every_schedule_of_a_recipe_is_a_fraction(name: str) -> None:
+    r = RECIPES[name]
+    assert r.name == name
+    for start, until, every in (
+        (r.densify_from, r.densify_until, r.densify_every),
+        (r.sampling_from, r.sampling_until, r.sampling_every),
+    ):
+        assert 0 <= start < until <= 1 and 0 < every < until - start
+    assert all(0 <= value <= 1 for value in (*r.sh_growth, *r.opacity_ramp, r.fine_rows_until, r.warm_up, r.dssim_from))
+    assert len(r.sh_growth) >= r.sh_degree
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("fast", {}),
+        ("draft", {"stesp": 3}),
+        ("draft", {"opacity_reduction": "most"}),
+        ("draft", {"sampling": "random"}),
+        ("draft", {"sh_degree": 4}),
+        ("draft", {"deformed_sh": 2}),
+        ("draft", {"steps": 0}),
+    ],
+)
+def test_recipes_that_do_not_exist(name: str, changes: dict) -> None:
+    with pytest.raises(FrogError):
+        recipe(name, **changes)
