@@ -218,7 +218,7 @@ class Network:
         )
 
     def evaluate(self, first: Any, shared: Any, result: Any) -> None:
-        """``result`` (N, outputs) from ``first`` (N, hidden), kept per Gaussian, and ``shared`` (hidden,), per moment."""
+        """``result`` (N, outputs) from ``first`` (N, hidden), kept per Gaussian, and ``shared`` (hidden,)."""
         if library().frog_evaluate_network(
             len(first),
             self.hidden,
