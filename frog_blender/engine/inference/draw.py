@@ -10,9 +10,6 @@ from ..capture.camera import Camera
 from ..rasterizer.arrays import GaussianArrays
 from ..rasterizer.native import Frame
 from ..rasterizer.options import RasterizeOptions
-from .transform import transform
-
-__all__ = ["Drawing", "draw", "to_uint8", "transform"]
 
 
 @dataclass
