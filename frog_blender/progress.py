@@ -14,14 +14,20 @@ from .engine.training.events import Event
 
 @contextmanager
 def bar(name: str) -> Iterator[Callable[[int, int], None]]:
-    """Yields ``report(done, total)``."""
-    with tqdm(desc=name, file=sys.stderr, leave=False) as line:
+    """Yields ``report(done, total)``; nothing is shown before its first call."""
+    line: tqdm | None = None
 
-        def report(done: int, total: int) -> None:
-            line.total = total
-            line.update(done - line.n)
+    def report(done: int, total: int) -> None:
+        nonlocal line
+        if line is None:
+            line = tqdm(desc=name, file=sys.stderr, leave=False)
+        line.total = total
+        line.update(done - line.n)
 
+    try:
         yield report
+    finally:
+        _close(line)
 
 
 def show(stream: Iterator[Event]) -> bool:
@@ -30,7 +36,7 @@ def show(stream: Iterator[Event]) -> bool:
 
     def switch(name: str, total: int, done: int) -> tqdm:
         nonlocal line
-        if line is None or line.desc != f"{name}: ":
+        if line is None or line.desc != name:
             if line is not None:
                 line.close()
             line = tqdm(desc=name, total=total, file=sys.stderr, smoothing=0.1)

@@ -19,7 +19,8 @@ from frog_blender.engine.inference.scene import PlayableScene
 NO_TORCH = "import sys; sys.modules['torch'] = None; sys.modules['bpy'] = None\n"
 PLAY = """
 from frog_blender.engine.inference.scene import PlayableScene
-from frog_blender.engine.inference.draw import draw, transform
+from frog_blender.engine.inference.draw import draw
+from frog_blender.engine.inference.transform import transform
 scene = PlayableScene.load(sys.argv[1])
 turned = transform(scene.at(0.4), [[0, -1, 0, 1], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
 drawing = draw(turned, scene.header.cameras[0])

@@ -91,7 +91,8 @@ rgb, alpha = np.empty((*size, 3), np.float32), np.empty(size, np.float32)
 frame = native.Frame(gaussians, camera, (0.3, 0.6, 0.1), RasterizeOptions(), {"rgb": rgb, "alpha": alpha})
 gradients = {name: np.empty_like(value) for name, value in vars(gaussians).items()}
 gradients["screen"] = np.empty((300, 2), np.float32)
-frame.backward(random.normal(size=rgb.shape).astype(np.float32), random.normal(size=size).astype(np.float32), gradients)
+by_rgb, by_alpha = np.float32(random.normal(size=rgb.shape)), np.float32(random.normal(size=size))
+frame.backward({"rgb": rgb, "alpha": alpha}, by_rgb, by_alpha, gradients)
 np.savez(sys.argv[1], rgb=rgb, alpha=alpha, **gradients)
 print(native.instruction_set())
 """

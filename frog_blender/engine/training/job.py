@@ -14,7 +14,7 @@ from ..capture.capture import Capture
 from ..capture.frames import FrameStore
 from ..capture.readers import open_capture
 from ..capture.seeds import find_seeds
-from ..errors import FrogError
+from ..errors import FrogError, found_instead
 from ..files import SceneFile, SceneHeader, settings_json, write_scene
 from ..inference.draw import to_uint8
 from . import events
@@ -89,6 +89,8 @@ def run_training(job: TrainingJob, cancelled: Callable[[], bool] = lambda: False
     if job.method not in METHODS:
         raise FrogError(f"There is no method {job.method!r}; there are {', '.join(METHODS)}.")
     _check_output(job.output)
+    if job.resume and not checkpoint_path(job.output).is_file():  # said before minutes of decoding
+        raise found_instead(checkpoint_path(job.output), "no file", "a training checkpoint to go on from")
     capture, scale = prepare_capture(job.capture, job.scale, job.holdout_frames, job.pixel_offsets)
     for warning in capture.warnings:
         yield events.Warned(warning)

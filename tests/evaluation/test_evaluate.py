@@ -1,0 +1,156 @@
+"""Evaluating a scene: the right pictures, the right pixels, the right sums."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import filmed as film
+import numpy as np
+import pytest
+from helpers import scene_file
+
+from frog_blender.engine.capture.capture import Capture
+from frog_blender.engine.capture.frames import FrameStore
+from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.evaluation.evaluate import evaluate, load_masks, moving_mask
+from frog_blender.engine.files import SceneFile
+from frog_blender.engine.inference.draw import draw
+from frog_blender.engine.inference.scene import PlayableScene
+
+MIDDLE = 3
+
+
+@pytest.fixture(scope="module")
+def capture(filmed: Path) -> Capture:
+    return open_capture(filmed)
+
+
+@pytest.fixture(scope="module")
+def store(capture: Capture, cache_folder: Path) -> FrameStore:
+    return FrameStore.open(capture, cache_folder=cache_folder)
+
+
+def frozen_scene(test_cameras: tuple[str, ...] = ("cam00",), test_frames: tuple[int, ...] = ()) -> PlayableScene:
+    """The true Gaussians of the middle moment at every time: right there, wrong elsewhere."""
+    true = film.gaussians_at(MIDDLE)
+    arrays = {
+        "means": true.means,
+        "quaternions": true.quaternions,
+        "log_scales": np.log(true.scales),
+        "opacity_logits": np.log(true.opacities / (1 - true.opacities)),
+        "sh": true.sh,
+    }
+    header = replace(
+        scene_file().header,
+        method="static",
+        model={},
+        cameras=tuple(film.rig()),
+        camera_shots=(tuple(range(film.FRAMES)),) * 4,
+        frame_count=film.FRAMES,
+        test_cameras=test_cameras,
+        test_frames=test_frames,
+        background=(0.0, 0.0, 0.0),
+        steps=77,
+        train_seconds=1.5,
+    )
+    return PlayableScene(SceneFile(header, {name: np.float32(array) for name, array in arrays.items()}))
+
+
+def errors(scene: PlayableScene, capture: Capture, store: FrameStore, camera: int) -> np.ndarray:
+    """(frames, H, W, 3) squared differences."""
+    drawn = [draw(scene.at_frame(f), capture.cameras[camera]).rgb.clip(0, 1) for f in range(film.FRAMES)]
+    truth = [store.image(capture.shot_index(camera, f)) / 255.0 for f in range(film.FRAMES)]
+    return (np.array(drawn, np.float64) - np.array(truth)) ** 2
+
+
+def decibels(squares: np.ndarray) -> float:
+    return -10 * float(np.log10(squares.mean()))
+
+
+def test_held_out_pictures_by_hand(capture: Capture, store: FrameStore) -> None:
+    scene = frozen_scene()
+    report = evaluate(scene, capture, store, file_bytes=321)
+    squares = errors(scene, capture, store, 0)
+    assert report["psnr"] == pytest.approx(np.mean([decibels(square) for square in squares]), abs=1e-4)
+    mask = moving_mask(store, [capture.shot_index(0, f) for f in range(film.FRAMES)])
+    assert report["psnr_moving"] == pytest.approx(decibels(squares[:, mask]), abs=1e-4)
+    assert report["psnr_moving"] < report["psnr"]
+    assert 0.3 < report["ssim"] < 1 and 0 < report["sharpness_moving"] < 3
+    assert report["frames"] == film.FRAMES and report["split"] == "held-out" and list(report["cameras"]) == ["cam00"]
+    assert (report["method"], report["gaussians"], report["bytes"]) == ("static", scene.count, 321)
+    assert (report["steps"], report["train_seconds"]) == (77, 1.5)
+
+
+def test_the_true_picture_scores_higher_than_the_wrong_ones(capture: Capture, store: FrameStore) -> None:
+    squares = errors(frozen_scene(), capture, store, 0)
+    scores = [decibels(square) for square in squares]
+    assert int(np.argmax(scores)) == MIDDLE and scores[MIDDLE] > 27
+
+
+def test_splits(capture: Capture, store: FrameStore) -> None:
+    report = evaluate(frozen_scene(), capture, store, split="training")
+    assert list(report["cameras"]) == ["cam01", "cam02", "cam03"] and report["frames"] == 18
+    means = [report["cameras"][name]["psnr"] for name in report["cameras"]]
+    assert report["psnr"] == pytest.approx(np.mean(means))
+    moments = evaluate(frozen_scene((), (1, 4)), capture, store)
+    assert moments["frames"] == 8 and moments["split"] == "held-out" and len(moments["cameras"]) == 4
+    everything = evaluate(frozen_scene(()), capture, store)
+    assert everything["frames"] == 24 and everything["split"] == "training"
+    with pytest.raises(FrogError, match="no held-out picture"):
+        evaluate(frozen_scene(()), capture, store, split="held-out")
+
+
+def test_the_header_decides_what_was_held_out_not_the_capture(capture: Capture, store: FrameStore) -> None:
+    """The capture holds cam00 out by itself; a scene that was trained on it must not be judged on it."""
+    report = evaluate(frozen_scene(("cam02",)), capture, store)
+    assert list(report["cameras"]) == ["cam02"]
+
+
+def test_progress_is_reported(capture: Capture, store: FrameStore) -> None:
+    told: list[tuple[int, int]] = []
+    evaluate(frozen_scene(), capture, store, progress=lambda done, total: told.append((done, total)))
+    assert told == [(i, 6) for i in range(1, 7)]
+
+
+def test_moving_pixels_are_those_that_change(capture: Capture, store: FrameStore) -> None:
+    mask = moving_mask(store, [capture.shot_index(2, f) for f in range(film.FRAMES)])
+    assert mask.shape == (film.HEIGHT, film.WIDTH) and 0.05 < mask.mean() < 0.6
+    for frame in range(film.FRAMES):
+        place = film.gaussians_at(frame).means[-12:].mean(0)
+        column, row = np.floor(capture.cameras[2].project(place[None])[0][0]).astype(int)
+        assert mask[row, column]
+    assert mask[:3].mean() < 0.2  # where the ball never comes, but for what the codec does
+    assert not moving_mask(store, [0, 0, 0]).any()
+
+
+def test_mask_files(capture: Capture, store: FrameStore, tmp_path: Path) -> None:
+    mask = np.zeros((film.HEIGHT, film.WIDTH), np.uint8)
+    mask[5:15, 20:40] = 255
+    cv2.imwrite(str(tmp_path / "mask.png"), mask)
+    np.savez(tmp_path / "masks.npz", cam00=mask)
+    np.savez(tmp_path / "frames.npz", cam00=np.stack([mask] * film.FRAMES))
+    scene = frozen_scene()
+    expected = decibels(errors(scene, capture, store, 0)[:, mask > 0])
+    for name in ("mask.png", "masks.npz", "frames.npz"):
+        report = evaluate(scene, capture, store, mask_file=tmp_path / name)
+        assert report["psnr_moving"] == pytest.approx(expected, abs=1e-4), name
+    others = evaluate(scene, capture, store, split="training", mask_file=tmp_path / "masks.npz")
+    assert others["psnr_moving"] is None and others["psnr"] > 0
+    black = tmp_path / "black.png"
+    cv2.imwrite(str(black), mask * 0)
+    assert evaluate(scene, capture, store, mask_file=black)["psnr_moving"] is None
+
+
+def test_mask_files_that_do_not_fit(capture: Capture, tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "small.png"), np.zeros((10, 10), np.uint8))
+    np.savez(tmp_path / "small.npz", cam01=np.zeros((10, 10)))
+    np.savez(tmp_path / "objects.npz", cam01=np.array([{}], dtype=object))
+    (tmp_path / "text.png").write_text("no picture")
+    (tmp_path / "text.npz").write_text("no archive")
+    for name in ("small.png", "small.npz", "objects.npz", "text.png", "text.npz", "missing.png"):
+        with pytest.raises(FrogError) as caught:
+            load_masks(tmp_path / name, capture)
+        assert str(tmp_path / name) in str(caught.value) and "\n" not in str(caught.value)

@@ -1,0 +1,89 @@
+"""What a drawing holds on to, and for how long."""
+
+from __future__ import annotations
+
+import gc
+import weakref
+from collections.abc import Iterator
+
+import pytest
+import torch
+from drawing import BACKGROUND, EVERYTHING, draw_with_gradients, tensors
+from helpers import ATTRIBUTES, odd_camera, random_gaussians
+
+from frog_blender.engine.inference.draw import draw
+from frog_blender.engine.rasterizer import GaussianArrays, native, rasterize
+
+CAMERA = odd_camera()
+
+
+@pytest.fixture
+def frames(monkeypatch: pytest.MonkeyPatch) -> Iterator[weakref.WeakSet]:
+    """The native frames that are alive; cyclic garbage collection is off, so that nothing hides behind it."""
+    alive: weakref.WeakSet = weakref.WeakSet()
+    create = native.Frame.__init__
+
+    def watched(self: native.Frame, *arguments: object) -> None:
+        create(self, *arguments)
+        alive.add(self)
+
+    monkeypatch.setattr(native.Frame, "__init__", watched)
+    gc.disable()
+    yield alive
+    gc.enable()
+
+
+def test_a_frame_goes_with_its_picture(frames: weakref.WeakSet) -> None:
+    image = rasterize(tensors(random_gaussians(CAMERA, 20)), CAMERA, BACKGROUND, EVERYTHING)
+    assert len(frames) == 1  # its backward pass may still come
+    del image
+    assert len(frames) == 0
+
+
+def test_a_frame_goes_after_its_backward_pass(frames: weakref.WeakSet) -> None:
+    for _ in range(3):
+        draw_with_gradients(random_gaussians(CAMERA, 20), CAMERA, "cpu")
+    assert len(frames) == 0
+
+
+def test_nothing_is_kept_without_gradients(frames: weakref.WeakSet) -> None:
+    with torch.no_grad():
+        image = rasterize(tensors(random_gaussians(CAMERA, 20)), CAMERA, BACKGROUND)
+    drawing = draw(random_gaussians(CAMERA, 20), CAMERA)
+    assert len(frames) == 0
+    assert image.rgb.shape == drawing.rgb.shape
+
+
+def test_the_backward_pass_outlives_everything_else_that_named_its_input() -> None:
+    """The frame reads the Gaussians again in its backward pass: they must still be there."""
+    expected = draw_with_gradients(random_gaussians(CAMERA, 200), CAMERA, "cpu")[1]["means"]
+    means = torch.tensor(random_gaussians(CAMERA, 200).means, dtype=torch.float32, requires_grad=True)
+
+    def drawn() -> torch.Tensor:
+        others = tensors(random_gaussians(CAMERA, 200))
+        scaled = GaussianArrays(
+            means * 1, others.quaternions * 1, others.scales * 1, others.opacities * 1, others.sh * 1
+        )
+        image = rasterize(scaled, CAMERA, BACKGROUND)
+        generator = torch.Generator().manual_seed(5)
+        by_rgb = torch.randn(CAMERA.height, CAMERA.width, 3, generator=generator, dtype=torch.float64).float()
+        by_alpha = torch.randn(CAMERA.height, CAMERA.width, generator=generator, dtype=torch.float64).float()
+        return (image.rgb * by_rgb).sum() + (image.alpha * by_alpha).sum()
+
+    loss = drawn()
+    _ = [torch.full((200, 16, 3), 7.0) for _ in range(50)]  # would land in freed memory
+    loss.backward()
+    torch.testing.assert_close(means.grad, torch.from_numpy(expected))
+
+
+def test_gradients_of_a_strided_or_missing_loss() -> None:
+    """torch hands over whatever gradient it has: expanded, transposed, or none for alpha."""
+    gaussians = random_gaussians(CAMERA, 60)
+    leaves, copies = tensors(gaussians), tensors(gaussians)
+    rasterize(leaves, CAMERA, BACKGROUND).rgb.sum().backward()
+    image = rasterize(copies, CAMERA, BACKGROUND)
+    (image.rgb.permute(2, 1, 0).contiguous().sum() + 0 * image.alpha.sum()).backward()
+    torch.testing.assert_close(leaves.means.grad, copies.means.grad)
+    alone = tensors(gaussians)
+    rasterize(alone, CAMERA, BACKGROUND).alpha.sum().backward()
+    assert float(alone.opacities.grad.abs().max()) > 0 and not alone.sh.grad.any()

@@ -1,0 +1,246 @@
+"""``frog`` from its arguments to its exit status: what it writes, what it prints, and one sentence for each mistake."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import cv2
+import filmed as film
+import numpy as np
+import pytest
+from helpers import scene_file
+
+from frog_blender import progress
+from frog_blender.cli import main
+from frog_blender.commands import parse_frames
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.files import read_scene, write_scene
+from frog_blender.engine.inference.draw import draw, to_uint8
+from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender.engine.training import job
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(own_cache: Path, capsys: pytest.CaptureFixture[str]) -> Run:
+    """``status, stdout, stderr = run(arguments...)``."""
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        capsys.readouterr()
+        status = main([str(argument) for argument in arguments])
+        return status, *capsys.readouterr()
+
+    return call
+
+
+@pytest.fixture(scope="module")
+def trained(filmed: Path, cache_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Trained by the command itself, from seeds that it found, if few of them."""
+    path = tmp_path_factory.mktemp("trained") / "x.frog"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("FROG_CACHE", str(cache_folder))
+        patch.setattr(job, "find_seeds", partial(find_few_seeds, job.find_seeds))
+        options = ["--out", str(path), "--recipe", "draft", "--steps", "30", "--seed", "1"]
+        assert main(["train", str(filmed), *options]) == 0
+    return path
+
+
+def find_few_seeds(find_seeds: Callable, *arguments: object, count_limit: int, **options: object) -> object:
+    return find_seeds(*arguments, count_limit=min(count_limit, 500), **options)
+
+
+def refused(result: tuple[int, str, str], *words: str) -> None:
+    status, out, err = result
+    assert status == 1 and out == ""
+    assert err.startswith("frog: ") and err.endswith(".\n") and err.count("\n") == 1
+    assert "Traceback" not in err
+    for word in words:
+        assert word in err
+
+
+def test_train_wrote_what_it_was_asked_for(trained: Path) -> None:
+    header = read_scene(trained).header
+    assert (header.steps, header.method, header.recipe["name"]) == (30, "frog", "draft")
+    assert PlayableScene.load(trained).count > 50
+    assert sorted(path.name for path in trained.parent.iterdir()) == ["x.frog", "x.frog.checkpoint"]
+
+
+@pytest.fixture
+def free_seeds(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(job, "find_seeds", lambda *_, **__: film.seeds())
+
+
+def test_train_says_how_it_went_and_resumes(run: Run, filmed: Path, tmp_path: Path, free_seeds: None) -> None:
+    options = (
+        "train",
+        filmed,
+        "--out",
+        tmp_path / "y.frog",
+        "--recipe",
+        "draft",
+        "--holdout-frames",
+        "3",
+        "--scale",
+        "0.5",
+    )
+    status, out, _ = run(*options, "--steps", "6", "--method", "static")
+    assert status == 0 and f"{tmp_path / 'y.frog'}: 6 steps" in out and "PSNR" in out
+    header = read_scene(tmp_path / "y.frog").header
+    assert (header.method, header.test_frames, header.scale) == ("static", (1, 4), 0.5)
+    status, out, _ = run(*options, "--steps", "9", "--method", "static", "--resume")
+    assert status == 0 and "9 steps" in out
+    refused(run(*options, "--steps", "9", "--resume"), "method")
+
+
+def test_one_bar_for_each_kind_of_work(
+    run: Run, filmed: Path, tmp_path: Path, free_seeds: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = []
+    tqdm = progress.tqdm
+
+    class Watched(tqdm):  # type: ignore[misc, valid-type]
+        def __init__(self, *arguments: object, **options: object) -> None:
+            made.append(options["desc"])
+            super().__init__(*arguments, **options)
+
+    monkeypatch.setattr(progress, "tqdm", Watched)
+    monkeypatch.setattr(job, "_EVENT_SECONDS", 0.0)
+    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
+    assert run("train", filmed, "--out", tmp_path / "y.frog", "--recipe", "draft", "--steps", "12")[0] == 0
+    assert made == ["Decoding frames", "Training"]
+
+
+def test_info_about_a_capture(run: Run, filmed: Path) -> None:
+    status, out, _ = run("info", filmed, "--json")
+    report = json.loads(out)
+    assert status == 0
+    assert (report["format"], report["cameras"], report["frames"]) == ("n3dv", 4, 6)
+    assert (report["size"], report["held out"], report["warning"]) == ("48 x 36", "cam00", [])
+    status, out, _ = run("info", filmed)
+    assert status == 0 and "n3dv" in out and "48 x 36" in out
+
+
+def test_info_about_a_scene(run: Run, trained: Path) -> None:
+    status, out, _ = run("info", trained, "--json")
+    report = json.loads(out)
+    assert status == 0
+    assert (report["method"], report["frames"], report["bytes"]) == ("frog", 6, trained.stat().st_size)
+    assert "30 steps" in report["training"] and "cam03" in report["cameras"]
+
+
+def test_eval_prints_every_figure(run: Run, trained: Path, filmed: Path) -> None:
+    status, out, _ = run("eval", trained, filmed, "--json")
+    report = json.loads(out)
+    assert status == 0
+    for key in ("psnr", "psnr_moving", "ssim", "gaussians", "bytes", "steps", "train_seconds", "cameras"):
+        assert report[key] is not None, key
+    assert 8 < report["psnr"] < 60 and 0 < report["ssim"] < 1 and report["steps"] == 30
+    assert report["bytes"] == trained.stat().st_size
+    assert report["cameras"]["cam00"]["frames"] == film.FRAMES
+    assert report["psnr"] == pytest.approx(read_scene(trained).header.metrics["psnr"], abs=0.05)
+    status, out, _ = run("eval", trained, filmed, "--split", "training")
+    assert status == 0 and "psnr_moving" in out and "18" in out
+
+
+def test_render_writes_exactly_what_the_camera_saw(run: Run, trained: Path, tmp_path: Path) -> None:
+    status, out, _ = run("render", trained, "--camera", "cam01", "--frames", "2:5", "--out", tmp_path / "o" / "deep")
+    assert status == 0 and "3 pictures" in out
+    scene = PlayableScene.load(trained)
+    pictures = sorted((tmp_path / "o" / "deep").iterdir())
+    assert [path.name for path in pictures] == [f"cam01_000{frame}.png" for frame in (2, 3, 4)]
+    for frame, path in zip((2, 3, 4), pictures, strict=True):
+        expected = to_uint8(draw(scene.at_frame(frame), scene.header.cameras[1], scene.header.background).rgb)
+        np.testing.assert_array_equal(cv2.imread(str(path))[:, :, ::-1], expected)
+
+
+def test_render_follows_a_moving_camera(run: Run, tmp_path: Path) -> None:
+    scene = scene_file()
+    header = replace(scene.header, camera_shots=((0,), (1,), (2,)), frame_count=3)
+    write_scene(tmp_path / "m.frog", replace(scene, header=header))
+    status, *_ = run("render", tmp_path / "m.frog", "--camera", "moving", "--out", tmp_path / "o")
+    assert status == 0
+    shapes = [cv2.imread(str(path)).shape[:2] for path in sorted((tmp_path / "o").iterdir())]
+    assert shapes == [(camera.height, camera.width) for camera in header.cameras]
+
+
+def test_frames() -> None:
+    assert parse_frames(None, 10) == range(10)
+    assert parse_frames("2:5", 10) == range(2, 5)
+    assert parse_frames(":3", 10) == range(3) and parse_frames("7:", 10) == range(7, 10)
+    assert parse_frames(":", 4) == range(4)
+    for text in ("5", "a:b", "3:3", "5:2", "0:11", "-1:4", "1:2:3"):
+        with pytest.raises(FrogError, match="--frames"):
+            parse_frames(text, 10)
+
+
+def test_missing_files(run: Run, trained: Path, filmed: Path, tmp_path: Path) -> None:
+    nowhere = tmp_path / "nowhere"
+    refused(run("info", nowhere), "nowhere")
+    refused(run("info", tmp_path / "none.frog"), "none.frog")
+    refused(run("info", tmp_path), "empty folder")
+    refused(run("train", nowhere, "--out", tmp_path / "x.frog"), "nowhere")
+    refused(run("train", filmed / "cam00.mp4", "--out", tmp_path / "x.frog"), "cam00.mp4")
+    refused(run("eval", tmp_path / "none.frog", filmed), "none.frog")
+    refused(run("eval", trained, nowhere), "nowhere")
+    refused(run("eval", trained, filmed, "--mask", nowhere), "nowhere")
+    refused(run("render", tmp_path / "none.frog", "--camera", "cam01", "--out", tmp_path), "none.frog")
+    refused(run("render", filmed / "cam01.mp4", "--camera", "cam01", "--out", tmp_path), "cam01.mp4")
+
+
+def test_mistaken_options(run: Run, trained: Path, filmed: Path, tmp_path: Path) -> None:
+    out = ("--out", tmp_path / "o")
+    refused(run("render", trained, "--camera", "cam77", *out), "cam77", "cam00, cam01")
+    refused(run("render", trained, "--camera", "moving", *out), "moving")
+    for frames in ("4", "x:y", "4:2", "0:7"):
+        refused(run("render", trained, "--camera", "cam01", "--frames", frames, *out), f"--frames {frames}")
+    for offset in ("cam01", "cam01=3", "cam01=a,b", "cam01=1,2,3"):
+        refused(run("info", filmed, "--pixel-offset", offset), f"--pixel-offset {offset}")
+    refused(run("info", filmed, "--pixel-offset", "cam77=1,2"), "cam77")
+    refused(run("info", filmed, "--pixel-offset", "cam01=nan,2"), "cam01")
+    refused(run("train", filmed, "--out", tmp_path), "found a folder")
+    refused(run("train", filmed, "--out", tmp_path / "x.frog", "--holdout-frames", "1"), "held out")
+    refused(run("train", filmed, "--out", tmp_path / "x.frog", "--resume"), "checkpoint")
+    (tmp_path / "file").write_text("")
+    refused(run("render", trained, "--camera", "cam01", "--out", tmp_path / "file"), "file")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file"]
+
+
+def test_another_capture_is_noticed(run: Run, filmed: Path, tmp_path: Path) -> None:
+    write_scene(tmp_path / "x.frog", scene_file())
+    refused(run("eval", tmp_path / "x.frog", filmed), "3 cameras and 7 frames")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["fly"],
+        ["train", "x"],
+        ["train", "x", "--out", "y", "--steps", "0"],
+        ["train", "x", "--out", "y", "--steps", "2.5"],
+        ["train", "x", "--out", "y", "--seconds", "nan"],
+        ["train", "x", "--out", "y", "--scale", "-1"],
+        ["train", "x", "--out", "y", "--recipe", "fast"],
+        ["render", "x", "--out", "y"],
+    ],
+    ids=" ".join,
+)
+def test_usage(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    assert caught.value.code == 2 and "usage: frog" in capsys.readouterr().err
+
+
+def test_an_offset_reaches_the_cameras(run: Run, filmed: Path, tmp_path: Path, free_seeds: None) -> None:
+    scene = tmp_path / "x.frog"
+    options = ("--recipe", "draft", "--steps", "2", "--pixel-offset", "cam01=2,-1.5")
+    assert run("train", filmed, "--out", scene, *options)[0] == 0
+    header = read_scene(scene).header
+    assert header.pixel_offsets == {"cam01": (2.0, -1.5)}
+    np.testing.assert_allclose(header.cameras[1].intrinsics[:2, 2], [film.WIDTH / 2 - 2, film.HEIGHT / 2 + 1.5])
+    assert run("eval", scene, filmed, "--json")[0] == 0
