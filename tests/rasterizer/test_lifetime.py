@@ -61,10 +61,8 @@ def test_the_backward_pass_outlives_everything_else_that_named_its_input() -> No
 
     def drawn() -> torch.Tensor:
         others = tensors(random_gaussians(CAMERA, 200))
-        scaled = GaussianArrays(
-            means * 1, others.quaternions * 1, others.scales * 1, others.opacities * 1, others.sh * 1
-        )
-        image = rasterize(scaled, CAMERA, BACKGROUND)
+        passing = [getattr(others, name) * 1 for name in ATTRIBUTES[1:]]  # named by nobody else
+        image = rasterize(GaussianArrays(means * 1, *passing), CAMERA, BACKGROUND)
         generator = torch.Generator().manual_seed(5)
         by_rgb = torch.randn(CAMERA.height, CAMERA.width, 3, generator=generator, dtype=torch.float64).float()
         by_alpha = torch.randn(CAMERA.height, CAMERA.width, generator=generator, dtype=torch.float64).float()
