@@ -104,7 +104,7 @@ class Recipe:
 
 
 RECIPES = {
-    "draft": Recipe(name="draft", steps=2_000, max_gaussians=25_000, seed_gaussians=20_000),
+    "draft": Recipe(name="draft", steps=2_000, max_gaussians=25_000, seed_gaussians=20_000, rate_decay=0.25),
     "standard": Recipe(),
     # The paper's network and schedules (five heads of 128, all SH deformed); made for a GPU and hours.
     "paper": Recipe(
