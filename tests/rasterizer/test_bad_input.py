@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 import torch
-from drawing import draw_with_gradients
+from drawing import draw_with_gradients, tensors
 from helpers import ATTRIBUTES, join, odd_camera, one_gaussian, plain_camera, random_gaussians
 
-from frog_blender.engine.rasterizer import GaussianArrays
+from frog_blender.engine.rasterizer import GaussianArrays, rasterize
 
 NAN, INF = float("nan"), float("inf")
 CAMERA = plain_camera()  # at the origin, looking along +z
@@ -140,3 +142,21 @@ def test_wrong_shapes_are_named() -> None:
         changed = GaussianArrays(**{**vars(gaussians), name: array})
         with pytest.raises(ValueError, match=name):
             changed.checked()
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("opacities", lambda tensor: tensor.double()),
+        ("sh", lambda tensor: tensor.half()),
+        ("sh", lambda tensor: tensor[:, :2]),
+        ("sh", lambda tensor: tensor.flatten(1)),
+        ("scales", lambda tensor: tensor[:, :1]),
+        ("quaternions", lambda tensor: tensor[:-1]),
+        ("opacities", lambda tensor: tensor[:, None]),
+    ],
+)
+def test_tensors_that_the_library_would_misread_are_refused(name: str, change: Callable) -> None:
+    leaves = tensors(random_gaussians(CAMERA, 6, 1))
+    with pytest.raises(ValueError, match=name):
+        rasterize(GaussianArrays(**{**vars(leaves), name: change(getattr(leaves, name))}), CAMERA)

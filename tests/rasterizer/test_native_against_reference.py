@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 from drawing import draw_with_gradients, relative_error
-from helpers import ATTRIBUTES, odd_camera, plain_camera, random_gaussians
+from helpers import ATTRIBUTES, odd_camera, one_gaussian, plain_camera, random_gaussians
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.rasterizer import GaussianArrays, Image
@@ -108,3 +108,22 @@ def test_many_opaque_layers_end_early_with_the_same_gradients() -> None:
     assert 3 <= seen.sum() < 30 and not seen[30:].any()
     for attribute in ATTRIBUTES:
         assert not native_gradients[attribute][~seen].any()
+
+
+def test_where_alpha_is_clamped_nothing_reaches_the_shape() -> None:
+    """Around the centre of an opaque splat alpha is 0.999 whatever its size; its rim still pulls."""
+    camera = odd_camera(45, 27)
+    gaussians = random_gaussians(camera, 12, 0, seed=12)
+    gaussians.opacities[:] = np.tile([1.0, 0.9995, 1.5], 4)
+    gaussians.scales *= 4
+    native, native_gradients, reference, reference_gradients = pair(camera, gaussians)
+    assert float((reference.alpha.detach() > 0.9985).double().mean()) > 0.02
+    assert_close_but_for_flips(native.rgb, reference.rgb)
+    for attribute in ATTRIBUTES:
+        assert relative_error(native_gradients[attribute], reference_gradients[attribute]) < 1e-4, attribute
+    assert not native_gradients["opacities"][2::3].any()  # beyond one nothing changes
+    wide = one_gaussian((0, 0, 2.0), scales=[[1e4, 1e4, 1e4]], opacities=[0.9999])
+    _, gradients = draw_with_gradients(wide, plain_camera(), "cpu")
+    for attribute in ("means", "scales", "quaternions", "opacities"):
+        assert not gradients[attribute].any(), attribute
+    assert gradients["sh"].any()
