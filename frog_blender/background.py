@@ -227,7 +227,9 @@ def _redraw() -> None:
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
             if area.type == "VIEW_3D":
-                area.tag_redraw()
+                for region in area.regions:  # the sidebar alone: drawing the view again would cost the window more
+                    if region.type == "UI":
+                        region.tag_redraw()
 
 
 @persistent
