@@ -64,7 +64,8 @@ class SceneHeader:
     @property
     def is_moving(self) -> bool:
         """One moving camera: every entry of ``cameras`` is one moment of it."""
-        return len(self.cameras) > 1 and all(len(frames) == 1 for frames in self.camera_shots)
+        moments = [frames[0] for frames in self.camera_shots if len(frames) == 1]
+        return len(moments) == len(self.cameras) > 1 and len(set(moments)) == len(moments)
 
     def to_json(self) -> str:
         values = {name: getattr(self, name) for name in self.__dataclass_fields__ if name != "cameras"}

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -55,3 +56,11 @@ def test_a_pixel_offset_moves_the_principal_point_back(n3dv: Path) -> None:
 def test_a_pixel_offset_for_nobody_is_refused(n3dv: Path) -> None:
     with pytest.raises(FrogError, match=r"'cam02'.*cam00, cam01, cam03"):
         open_capture(n3dv, pixel_offsets={"cam02": (8, 0)})
+
+
+def test_only_pictures_at_different_moments_are_one_moving_camera(n3dv: Path) -> None:
+    capture = open_capture(n3dv)
+    one_moment = tuple(shot for shot in capture.shots if shot.frame == 0)
+    along_a_path = tuple(replace(shot, frame=shot.camera) for shot in one_moment)
+    assert not replace(capture, shots=one_moment, frame_count=1).is_moving
+    assert replace(capture, shots=along_a_path).is_moving

@@ -89,7 +89,9 @@ class Capture:
     @property
     def is_moving(self) -> bool:
         """True for one moving camera: every camera has exactly one shot, at different moments."""
-        return self.frame_count > 1 and len(self.shots) == len({shot.camera for shot in self.shots})
+        count = len(self.shots)
+        cameras, frames = {shot.camera for shot in self.shots}, {shot.frame for shot in self.shots}
+        return count > 1 and len(cameras) == count and len(frames) == count
 
     @cached_property
     def _shot_indices(self) -> dict[tuple[int, int], int]:
