@@ -1,0 +1,83 @@
+"""Trains a capture over several seeds and prints one JSON line a run, then the medians.
+
+    python benchmarks/quality.py CAPTURE [--recipe draft] [--method frog] [--seeds 3] [--holdout-frames K] [--scale S]
+
+Decoding and seeding are timed apart from training; the machine should be quiet.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from frog_blender.commands import evaluate_file
+from frog_blender.engine.training.events import Started
+from frog_blender.engine.training.job import TrainingJob, run_training
+from frog_blender.engine.training.recipe import recipe
+
+FIGURES = (
+    "psnr",
+    "psnr_moving",
+    "ssim",
+    "sharpness_moving",
+    "gaussians",
+    "bytes",
+    "train_seconds",
+    "preparation_seconds",
+)
+
+
+def run(options: argparse.Namespace, seed: int, folder: Path) -> dict[str, Any]:
+    """One training and its figures on the held-out pictures."""
+    output = folder / f"{seed}.frog"
+    started, preparation = time.monotonic(), 0.0
+    job = TrainingJob(
+        options.capture,
+        output,
+        method=options.method,
+        recipe=recipe(options.recipe),
+        steps=options.steps,
+        seconds=options.seconds,
+        seed=seed,
+        scale=options.scale,
+        holdout_frames=options.holdout_frames,
+    )
+    for event in run_training(job):
+        if isinstance(event, Started):
+            preparation = time.monotonic() - started
+    result = evaluate_file(output, options.capture)
+    del result["cameras"]
+    return {"seed": seed, "recipe": options.recipe, "preparation_seconds": preparation, **result}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("capture", type=Path)
+    parser.add_argument("--recipe", default="draft")
+    parser.add_argument("--method", default="frog")
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--steps", type=int)
+    parser.add_argument("--seconds", type=float)
+    parser.add_argument("--scale", type=float)
+    parser.add_argument("--holdout-frames", type=int)
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        runs = []
+        for seed in range(options.seeds):
+            runs.append(run(options, seed, Path(folder)))
+            print(json.dumps(runs[-1]), flush=True)
+    medians = {}
+    for name in FIGURES:
+        values = [run[name] for run in runs if run[name] is not None]
+        if values:
+            medians[name] = round(statistics.median(values), 4)
+    print(json.dumps({"median of": len(runs), **medians}))
+
+
+if __name__ == "__main__":
+    main()
