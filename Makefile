@@ -1,4 +1,5 @@
 # Two commands: `make demo` and `make test`. Both set everything up in .venv first.
+# On Debian a fresh machine needs: python3.11 python3.11-venv g++ make, and for bpy libxi6 libxrender1 libxkbcommon0 libsm6 libgl1.
 PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
@@ -34,6 +35,7 @@ test-slow: setup
 
 # FROG_BLENDER names the Blender to test in, such as FROG_BLENDER=/opt/blender/blender
 test-blender: setup
+	@test -n "$(FROG_BLENDER)" || { echo "FROG_BLENDER is not set: name the blender to test in"; exit 1; }
 	$(FROG_BLENDER) -b --factory-startup --python tests/blender/run_in_blender.py
 
 lint: setup
@@ -49,4 +51,4 @@ extension: setup
 	$(BIN)/python tools/build_extension.py
 
 clean:
-	rm -rf build dist out .pytest_cache .mypy_cache .ruff_cache frog_blender/engine/rasterizer/*frog_native*
+	rm -rf build dist out .pytest_cache .mypy_cache .ruff_cache frog_blender/engine/rasterizer/*frog_native* $(VENV)/.ready

@@ -2,7 +2,7 @@
 
     python examples/make_room.py OUT [--samples 16] [--preview] [--keep-pictures]
 
-Needs bpy (Blender as a module), imageio-ffmpeg and OpenCV: ``pip install "frog-blender[blender,video,train]"``.
+Needs bpy (Blender as a module), imageio-ffmpeg and OpenCV: ``pip install "frog-blender[blender,capture,train]"``.
 OUT receives the N3DV layout: ``cam00.mp4`` .. ``cam11.mp4`` and ``poses_bounds.npy``. Pictures are kept in OUT/pictures
 until the films are made, so an interrupted run goes on where it stopped. Everything is a formula or a seed: the same
 Blender makes the same pictures. The scene is in room_scene.py, what moves in room_motion.py, the textures in

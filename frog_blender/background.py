@@ -162,8 +162,6 @@ class TrainingTask:
             case kinds.Cancelled():
                 state.cancelled = True
                 state.result = Path(event.path) if event.path else None
-            case kinds.Failed():
-                state.error = event.message
             case _Ended():
                 state.error = state.error or event.error
                 state.running = False

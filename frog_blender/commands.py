@@ -112,7 +112,7 @@ def render_frames(scene_path: Path, camera_name: str, frames: str | None, out: P
     for done, frame in enumerate(chosen):
         camera = by_frame[frame] if follow else header.cameras[names.index(camera_name)]
         picture = to_uint8(draw(scene.at_frame(frame), camera, header.background).rgb)
-        path = out / f"{camera_name}_{frame:04d}.png"
+        path = out / f"{camera_name.replace('/', '_')}_{frame:04d}.png"
         written, content = cv2.imencode(".png", picture[:, :, ::-1])
         if not written:
             raise FrogError(f"{path}: the picture could not be encoded.")

@@ -32,9 +32,6 @@ class FrogRenderEngine(bpy.types.RenderEngine):
     bl_use_eevee_viewport = True
     bl_use_postprocess = True
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
-
     def update_render_passes(self, scene: Any = None, renderlayer: Any = None) -> None:
         self.register_pass(scene, renderlayer, "Combined", 4, "RGBA", "COLOR")
         if renderlayer.use_pass_z:
@@ -50,13 +47,26 @@ class FrogRenderEngine(bpy.types.RenderEngine):
         if self.test_break():
             return
         height, width = depth.shape
-        result = self.begin_result(0, 0, width, height, layer=depsgraph.view_layer.name)
+        rows, columns = rendered_part(depsgraph.scene.render, width, height)
+        size = (columns.stop - columns.start, rows.stop - rows.start)
+        result = self.begin_result(0, 0, *size, layer=depsgraph.view_layer.name)
         for render_pass in result.layers[0].passes:
             values = {"Combined": combined, "Depth": depth}.get(render_pass.name)
             if values is not None:  # rows of a pass go from bottom to top; only a 1-D float32 array is copied at once
-                render_pass.rect.foreach_set(np.ascontiguousarray(values[::-1], dtype=np.float32).ravel())
+                render_pass.rect.foreach_set(
+                    np.ascontiguousarray(values[::-1][rows, columns], dtype=np.float32).ravel()
+                )
         self.end_result(result)
         self.update_progress(1.0)
+
+
+def rendered_part(render: Any, width: int, height: int) -> tuple[slice, slice]:
+    """Rows (from the bottom) and columns of the Render Region, which are all that Blender takes; else the picture's."""
+    if not render.use_border:
+        return slice(0, height), slice(0, width)
+    left, right = int(render.border_min_x * width), int(render.border_max_x * width)
+    bottom, top = int(render.border_min_y * height), int(render.border_max_y * height)
+    return slice(bottom, top), slice(left, right)
 
 
 def render_frame(engine: Any, depsgraph: Any) -> tuple[np.ndarray, np.ndarray]:

@@ -41,7 +41,7 @@ def copy_package(target: Path) -> None:
     """The package as it is imported: sources, kernels' sources and the native library, no caches."""
     package = ROOT / "frog_blender"
     if not any(path.suffix in LIBRARY_SUFFIXES for path in (package / "engine" / "rasterizer").iterdir()):
-        raise SystemExit("The native library is not built; build it first (make build), or the extension cannot draw.")
+        raise SystemExit("The native library is not built; build it first (make setup), or the extension cannot draw.")
     shutil.copytree(package, target, ignore=shutil.ignore_patterns("__pycache__", "*.pyc"))
     for name in ("LICENSE", "README.md"):
         if (ROOT / name).is_file():

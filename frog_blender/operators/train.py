@@ -52,6 +52,7 @@ class FROG_OT_inspect_capture(bpy.types.Operator):
     bl_label = "Check Capture"
 
     def execute(self, context: Any) -> set[str]:
+        preferences.add_environment()
         summary = capture_summary.inspect(bpy.path.abspath(context.scene.frog.capture_folder))
         if summary.error:
             self.report({"ERROR"}, summary.error)
@@ -77,7 +78,7 @@ def request_of(settings: Any) -> background.TrainingRequest:
         settings.recipe,
         steps=settings.steps or None,
         scale=settings.image_scale or None,
-        holdout_frames=settings.holdout_frames or None,
+        holdout_frames=None if settings.holdout_frames < 0 else settings.holdout_frames,
     )
 
 

@@ -55,15 +55,24 @@ def torch_needed() -> str:
 
 
 def make_torch_importable() -> None:
-    """Append the environment named in the preferences to ``sys.path``; FrogError if training still lacks torch."""
-    if not _is_importable() and torch_path():
-        folder = str(site_packages(Path(bpy.path.abspath(torch_path()))))
-        if folder not in sys.path:
-            sys.path.append(folder)  # appended, so that Blender's own packages win
-            importlib.invalidate_caches()
+    """Make the environment named in the preferences importable; FrogError if training still lacks torch."""
+    add_environment()
     needed = torch_needed()
     if needed:
         raise FrogError(needed)
+
+
+def add_environment() -> None:
+    """Append the environment named in the preferences to ``sys.path``, if Blender has no torch and it is one."""
+    if _is_importable() or not torch_path():
+        return
+    try:
+        folder = str(site_packages(Path(bpy.path.abspath(torch_path()))))
+    except FrogError:
+        return  # the panel and ``torch_needed`` say why
+    if folder not in sys.path:
+        sys.path.append(folder)  # appended, so that Blender's own packages win
+        importlib.invalidate_caches()
 
 
 def site_packages(folder: Path) -> Path:

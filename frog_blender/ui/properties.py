@@ -26,8 +26,9 @@ RECIPES = (
 
 
 def _on_capture_folder(settings: Any, _context: Any) -> None:
-    from . import capture_summary  # imports the readers, so not before someone names a folder
+    from . import capture_summary, preferences  # imports the readers, so not before someone names a folder
 
+    preferences.add_environment()  # OpenCV, which reads videos, may be there
     capture_summary.inspect(bpy.path.abspath(settings.capture_folder))
     if not settings.output_path and settings.capture_folder:
         settings.output_path = bpy.path.abspath(settings.capture_folder).rstrip("/\\") + ".frog"
@@ -69,9 +70,10 @@ class FrogTrainingSettings(bpy.types.PropertyGroup):
     )
     holdout_frames: IntProperty(
         name="Hold Out Every",
-        description="Keep one of this many frames out of training, to measure quality on it; zero keeps none",
-        min=0,
-        default=0,
+        description="Keep one of this many frames out of training, to measure quality on it; "
+        "zero keeps none, -1 what the capture's layout says",
+        min=-1,
+        default=-1,
     )
     import_when_done: BoolProperty(
         name="Import When Done",

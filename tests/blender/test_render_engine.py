@@ -229,3 +229,19 @@ def test_camera_projects_as_blender_does(empty, fit, size, aspect):
         x, y, distance = world_to_camera_view(scene, obj, mathutils.Vector(point))
         np.testing.assert_allclose(pixel, (x * size[0], (1.0 - y) * size[1]), atol=1e-3)
         assert z == pytest.approx(distance, rel=1e-5)
+
+
+@pytest.mark.parametrize("crop", [True, False])
+def test_a_render_region_is_that_part_of_the_picture(empty, static_rig, rendered, crop):
+    import_scene(static_rig)
+    whole = rendered(empty)
+    empty.render.border_min_x, empty.render.border_max_x = 0.25, 0.75
+    empty.render.border_min_y, empty.render.border_max_y = 0.5, 1.0
+    part = rendered(empty, use_border=True, use_crop_to_border=crop)
+    height, width = whole.shape[:2]
+    expected = whole[: height - height // 2, width // 4 : int(0.75 * width)]
+    if not crop:
+        assert part.shape == whole.shape
+        assert not part[height - height // 2 :].any(), "outside the region nothing is drawn"
+        part = part[: expected.shape[0], width // 4 : int(0.75 * width)]
+    np.testing.assert_array_equal(part, expected)

@@ -12,8 +12,12 @@ import filmed as film
 import numpy as np
 import pytest
 
+from frog_blender.engine.capture.capture import Capture
+from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.evaluation.metrics import psnr
 from frog_blender.engine.files import read_scene
+from frog_blender.engine.inference.draw import draw
 from frog_blender.engine.inference.scene import PlayableScene
 from frog_blender.engine.training import events, job
 from frog_blender.engine.training.checkpoint import checkpoint_path
@@ -98,8 +102,6 @@ def test_the_file_says_what_was_done(task: TrainingJob, filmed: Path) -> None:
 
 def test_the_file_plays_the_picture_that_training_saw(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
     """The job's trainer and the written file draw the same held-out picture."""
-    from frog_blender.engine.inference.draw import draw
-
     seen: list[Trainer] = []
     evaluate = Trainer.evaluate
     monkeypatch.setattr(Trainer, "evaluate", lambda self, limit: (seen.append(self), evaluate(self, limit))[1])
@@ -210,3 +212,43 @@ def test_resuming_with_another_recipe_is_refused(task: TrainingJob) -> None:
     list(run_training(task))
     with pytest.raises(FrogError, match="embedding_size differ"):
         list(run_training(replace(task, resume=True, recipe=replace(task.recipe, embedding_size=8))))
+
+
+def test_a_resume_takes_over_what_the_training_began_with(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
+    began = replace(task, seed=5, holdout_frames=3, steps=STEPS + 6)
+    with monkeypatch.context() as patch:
+        list(run_training(began, stopping_after(STEPS // 2, patch)))
+    resumed = list(run_training(replace(task, steps=None, resume=True)))
+    assert isinstance(resumed[-1], events.Finished) and resumed[-1].steps == STEPS + 6
+    kept = read_scene(task.output)
+    list(run_training(replace(began, output=task.output.with_name("whole.frog"))))
+    whole = read_scene(task.output.with_name("whole.frog"))
+    assert kept.header.test_frames == whole.header.test_frames == (1, 4)
+    assert kept.arrays["means"].tobytes() == whole.arrays["means"].tobytes()
+
+
+def test_a_disk_that_takes_no_checkpoint_costs_no_scene(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: Any) -> None:
+        raise FrogError("x.frog.checkpoint: could not be written (No space left on device); nothing was changed.")
+
+    monkeypatch.setattr(job, "save_checkpoint", full)
+    monkeypatch.setattr(job, "_SAVE_SECONDS", 0.0)
+    stream = list(run_training(task))
+    assert isinstance(stream[-1], events.Finished)
+    assert any(isinstance(event, events.Warned) and "No space left" in event.message for event in stream)
+    assert PlayableScene.load(task.output).header.steps == STEPS
+
+
+def test_a_scene_stopped_early_plays_as_it_was_trained(
+    task: TrainingJob, capture: Capture, store: FrameStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    began = replace(task, recipe=replace(task.recipe, opacity_ramp=(0.0, 1.0), fine_rows_until=1.0))
+    list(run_training(began, stopping_after(STEPS // 2, monkeypatch)))
+    scene = PlayableScene.load(task.output)
+    assert 0 < scene.header.model["opacity_share"] < 1
+    values = []
+    for index, shot in enumerate(capture.shots):
+        if capture.is_test(shot):
+            picture = draw(scene.at_frame(shot.frame), capture.cameras[shot.camera]).rgb.clip(0, 1)
+            values.append(psnr(picture, store.image(index) / 255.0))
+    assert sum(values) / len(values) == pytest.approx(scene.header.metrics["psnr"], abs=1e-3)

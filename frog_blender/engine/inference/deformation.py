@@ -40,6 +40,11 @@ def _check_shapes(arrays: dict[str, np.ndarray], model: dict) -> None:
             raise ValueError(f"{name} has shape {arrays[name].shape}, expected {shape}")
     if not 0 <= deformed <= arrays["sh"].shape[1] or not 1 <= int(model["coarse_rows"]) <= int(model["temporal_rows"]):
         raise ValueError("it deforms more colours or resamples to more rows than there are")
+    if (
+        not 0 <= int(model.get("fine_rows", 0)) <= int(model["temporal_rows"])
+        or not 0 <= float(model.get("opacity_share", 1.0)) <= 1
+    ):
+        raise ValueError("its schedules stand where they cannot")
     if model["opacity_reduction"] not in ("paper", "unit", "off") or not float(model["opacity_sharpness"]) >= 0:
         raise ValueError(f"the opacity reduction is {model['opacity_reduction']!r}, {model['opacity_sharpness']}")
 
@@ -59,7 +64,7 @@ class PlayableDeformation:
             embedding_weight = arrays["network.embedding_weight"]
             self._temporal_weight = arrays["network.temporal_weight"]
             self._bias = arrays["network.bias"]
-            self._rows = (int(model["coarse_rows"]), int(model["temporal_rows"]))
+            self._rows = (int(model["coarse_rows"]), int(model.get("fine_rows", 0)) or int(model["temporal_rows"]))
             self.motion_unit = float(model["motion_unit"])
             sizes = {"means": 3, "log_scales": 3, "quaternions": 4, "opacity_logits": 1, "sh": 3 * model["deformed_sh"]}
             self.sizes = {name: sizes[name] for name in _HEAD_ORDER if sizes[name]}

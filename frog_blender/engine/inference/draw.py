@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -47,7 +47,7 @@ def draw(
         "median_index": median_index,
         "mean_depth": np.empty(size, np.float32),
     }
-    Frame(gaussians, camera, background, options or RasterizeOptions(depth=True), image)
+    Frame(gaussians, camera, background, replace(options or RasterizeOptions(), depth=True), image)
     offsets = gaussians.means - camera.center.astype(np.float32)
     missing = np.full(1, np.nan, np.float32)  # index -1 picks it
     distances = np.concatenate([np.linalg.norm(offsets, axis=1), missing]).astype(np.float32)

@@ -70,7 +70,9 @@ class PlayableScene:
         if form == "off":
             return np.float32(1)
         factor = _sigmoid(sharpness * d_opacity)
-        return np.minimum(np.float32(1), 2 * factor) if form == "unit" else factor
+        if form == "unit":
+            factor = np.minimum(np.float32(1), 2 * factor)
+        return 1 + np.float32(self.header.model.get("opacity_share", 1.0)) * (factor - 1)
 
 
 def _sigmoid(x: np.ndarray) -> np.ndarray:

@@ -27,6 +27,8 @@ class FrogSettings:
         opacity_reduction, opacity_sharpness: see model.opacity.
         motion_unit: world units that a network output of one moves a Gaussian by (makes rates independent of the
             capture's units).
+        fine_rows, opacity_share: how far the schedules had come when the scene was written; all rows (0) and 1 unless
+            training was stopped early.
     """
 
     temporal_rows: int
@@ -39,6 +41,8 @@ class FrogSettings:
     opacity_reduction: str = "unit"
     opacity_sharpness: float = 10.0
     motion_unit: float = 1.0
+    fine_rows: int = 0
+    opacity_share: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -73,10 +77,15 @@ class Frog(nn.Module):
             settings.deformed_sh,
         )
 
+    def fine_rows(self, progressing: Progressing) -> int:
+        """Rows of the fine embedding as its schedule stands."""
+        s = self.settings
+        return round(s.coarse_rows + (s.temporal_rows - s.coarse_rows) * progressing.fine_rows)
+
     def temporal_embedding(self, time: float, progressing: Progressing = FINISHED) -> torch.Tensor:
         """(T,) coarse and fine embedding fused by the Hadamard product (FRoG, section on early fusion)."""
         s = self.settings
-        fine_rows = round(s.coarse_rows + (s.temporal_rows - s.coarse_rows) * progressing.fine_rows)
+        fine_rows = self.fine_rows(progressing)
         coarse = torch.from_numpy(temporal_weights(time, s.coarse_rows, s.temporal_rows)) @ self.temporal_table
         fine = torch.from_numpy(temporal_weights(time, fine_rows, s.temporal_rows)) @ self.temporal_table
         return coarse * fine

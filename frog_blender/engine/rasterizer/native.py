@@ -146,8 +146,8 @@ class Frame:
         options: RasterizeOptions,
         image: dict[str, Any],
     ) -> None:
-        self._free = library().frog_free
         self._handle = None
+        self._free = library().frog_free
         self._arrays = gaussians  # kept alive as long as the library may read them
         self._gaussians = _Gaussians(
             len(gaussians),

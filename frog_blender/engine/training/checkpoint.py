@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -16,7 +17,7 @@ from ..model.canonical import ATTRIBUTES
 from .trainer import Neighbourhood, Trainer
 
 _KEY = "frog-checkpoint"
-_VERSION = 1
+_VERSION = 2
 
 
 def checkpoint_path(scene: str | Path) -> Path:
@@ -24,8 +25,8 @@ def checkpoint_path(scene: str | Path) -> Path:
     return Path(f"{scene}.checkpoint")
 
 
-def save_checkpoint(path: Path, trainer: Trainer) -> None:
-    """Atomic; FrogError when the disk does not take it."""
+def save_checkpoint(path: Path, trainer: Trainer, settings: dict[str, Any] | None = None) -> None:
+    """Atomic; FrogError when the disk does not take it. ``settings`` are plain values for ``checkpoint_settings``."""
     tensors = {f"model.{name}": value for name, value in trainer.model.state_dict().items()}
     tensors |= trainer.optimizer.state_arrays()
     tensors["density.gradient_sum"] = trainer.density.gradient_sum
@@ -40,7 +41,8 @@ def save_checkpoint(path: Path, trainer: Trainer) -> None:
         "recipe": settings_json(trainer.recipe),
         "step_count": trainer.step_count,
         "seconds": trainer.seconds,
-        "progress": trainer.progress,
+        "settings": settings or {},
+        "cameras": [camera.name for camera in trainer.capture.cameras],
         "loss": trainer.loss if np.isfinite(trainer.loss) else None,
         "burst_shot": trainer.burst_shot,
         "shots": len(trainer.capture.shots),
@@ -48,6 +50,15 @@ def save_checkpoint(path: Path, trainer: Trainer) -> None:
     # ascontiguousarray would turn Adam's scalar step counters into vectors.
     arrays = {name: np.array(value.detach().numpy(), order="C") for name, value in tensors.items()}
     write_atomically(path, serialize(arrays, metadata={_KEY: json.dumps(state)}))
+
+
+def checkpoint_settings(path: Path) -> dict[str, Any]:
+    """What ``save_checkpoint`` was given; FrogError when the file cannot be used."""
+    _, metadata = read_tensors(path, "a training checkpoint")
+    try:
+        return dict(json.loads(metadata[_KEY])["settings"])
+    except (KeyError, ValueError, TypeError) as error:
+        raise found_instead(path, f"contents that do not fit ({error})", "a training checkpoint") from error
 
 
 def load_checkpoint(path: Path, trainer: Trainer) -> None:
@@ -59,7 +70,9 @@ def load_checkpoint(path: Path, trainer: Trainer) -> None:
             raise FrogError(f"{path}: found checkpoint version {state['version']}, expected {_VERSION}.")
         recipe = json.loads(json.dumps(settings_json(trainer.recipe)))
         differing = [key for key in recipe if state["recipe"].get(key) != recipe[key] and key not in ("name", "steps")]
-        if state["method"] != trainer.method or differing or state["shots"] != len(trainer.capture.shots):
+        same_capture = state["shots"] == len(trainer.capture.shots)
+        same_capture &= state["cameras"] == [camera.name for camera in trainer.capture.cameras]
+        if state["method"] != trainer.method or differing or not same_capture:
             what = ", ".join(differing) or ("the method" if state["method"] != trainer.method else "the capture")
             raise FrogError(f"{path}: belongs to another training ({what} differ); train again without resuming.")
         tensors = {name: torch.from_numpy(array.copy()) for name, array in arrays.items()}

@@ -78,9 +78,4 @@ class Cancelled:
     """The scene as far as it came, None when training had not begun."""
 
 
-@dataclass(frozen=True)
-class Failed:
-    message: str
-
-
-Event = Stage | Started | Progress | Evaluated | Preview | Warned | Saved | Finished | Cancelled | Failed
+Event = Stage | Started | Progress | Evaluated | Preview | Warned | Saved | Finished | Cancelled

@@ -6,7 +6,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Generator, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -17,8 +17,9 @@ from ..capture.seeds import find_seeds
 from ..errors import FrogError, found_instead
 from ..files import SceneFile, SceneHeader, settings_json, write_scene
 from ..inference.draw import to_uint8
+from ..model.frog import Frog
 from . import events
-from .checkpoint import checkpoint_path, load_checkpoint, save_checkpoint
+from .checkpoint import checkpoint_path, checkpoint_settings, load_checkpoint, save_checkpoint
 from .events import Event
 from .recipe import METHODS, Recipe, recipe
 from .trainer import Limits, Trainer
@@ -91,6 +92,8 @@ def run_training(job: TrainingJob, cancelled: Callable[[], bool] = lambda: False
     _check_output(job.output)
     if job.resume and not checkpoint_path(job.output).is_file():  # said before minutes of decoding
         raise found_instead(checkpoint_path(job.output), "no file", "a training checkpoint to go on from")
+    if job.resume:
+        job = _as_it_began(job)
     capture, scale = prepare_capture(job.capture, job.scale, job.holdout_frames, job.pixel_offsets)
     for warning in capture.warnings:
         yield events.Warned(warning)
@@ -119,6 +122,23 @@ def run_training(job: TrainingJob, cancelled: Callable[[], bool] = lambda: False
     yield from _train(job, trainer, scale, cancelled)
 
 
+_KEPT = ("seed", "scale", "holdout_frames", "pixel_offsets")
+
+
+def _as_it_began(job: TrainingJob) -> TrainingJob:
+    """A resumed job with what it was started with; only the limits can be set anew."""
+    before = checkpoint_settings(checkpoint_path(job.output))
+    kept = {name: before[name] for name in _KEPT if name in before}
+    if not (job.steps or job.seconds):
+        kept |= {name: before.get(name) for name in ("steps", "seconds")}
+    return replace(job, **kept)
+
+
+def _settings(job: TrainingJob) -> dict[str, Any]:
+    """What a resume takes over from this job."""
+    return {name: getattr(job, name) for name in (*_KEPT, "steps", "seconds")}
+
+
 def _check_output(output: Path) -> None:
     if output.is_dir():
         raise FrogError(f"{output}: found a folder, expected the name of a .frog file to write.")
@@ -144,17 +164,25 @@ def _train(job: TrainingJob, trainer: Trainer, scale: float, cancelled: Callable
             yield events.Evaluated(trainer.step_count, psnr, split)
             yield events.Preview(trainer.step_count, to_uint8(trainer.picture(preview_shot)))
         if now - last_save >= _SAVE_SECONDS:
-            save_checkpoint(checkpoint_path(job.output), trainer)
+            yield from _save_checkpoint(job, trainer)
             last_save = time.monotonic()
     psnr, split = trainer.evaluate(30)
     yield events.Evaluated(trainer.step_count, psnr, split)
-    save_checkpoint(checkpoint_path(job.output), trainer)
     save_scene(job, trainer, scale, {"psnr": psnr, "split": split})
     yield events.Saved(str(job.output))
+    yield from _save_checkpoint(job, trainer)
     if trainer.finished:
         yield events.Finished(str(job.output), trainer.step_count, trainer.seconds, psnr, trainer.count)
     else:
         yield events.Cancelled(trainer.step_count, str(job.output))
+
+
+def _save_checkpoint(job: TrainingJob, trainer: Trainer) -> Iterator[Event]:
+    """A disk that takes no checkpoint is no reason to lose the training."""
+    try:
+        save_checkpoint(checkpoint_path(job.output), trainer, _settings(job))
+    except FrogError as error:
+        yield events.Warned(f"{error} Training goes on without this checkpoint.")
 
 
 def _progress_event(trainer: Trainer) -> events.Progress:
@@ -184,14 +212,14 @@ def save_scene(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[s
     header = SceneHeader(
         method=trainer.method,
         recipe=settings_json(trainer.recipe),
-        model=settings_json(trainer.model.settings) if trainer.method == "frog" else {},
+        model=_model_settings(trainer),
         cameras=capture.cameras,
         camera_shots=tuple(tuple(frames) for frames in shots),
         test_cameras=tuple(sorted(capture.test_cameras)),
         test_frames=tuple(sorted(capture.test_frames)),
         frame_count=capture.frame_count,
         frames_per_second=capture.frames_per_second,
-        background=trainer.recipe.background,
+        background=capture.background,
         capture_path=str(Path(job.capture).resolve()),
         capture_format=capture.format,
         scale=scale,
@@ -203,6 +231,23 @@ def save_scene(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[s
     write_scene(job.output, SceneFile(header, arrays))
 
 
+def _model_settings(trainer: Trainer) -> dict[str, Any]:
+    """What playback needs to know of the model, schedules included: a scene stopped early plays as it was trained."""
+    if not isinstance(trainer.model, Frog):
+        return {}
+    progressing = trainer.progressing(trainer.progress)
+    settings = replace(
+        trainer.model.settings,
+        fine_rows=trainer.model.fine_rows(progressing),
+        opacity_share=progressing.opacity,
+    )
+    return settings_json(settings)
+
+
+class _Stopped(Exception):
+    """Ends work before training at its next report."""
+
+
 def _in_background(
     name: str, work: Callable[[Callable[[int, int], None]], Result], cancelled: Callable[[], bool]
 ) -> Generator[Event, None, Result | None]:
@@ -210,9 +255,14 @@ def _in_background(
     reports: queue.Queue[tuple[int, int]] = queue.Queue()
     outcome: dict[str, Any] = {}
 
+    def report(done: int, total: int) -> None:
+        if cancelled():
+            raise _Stopped
+        reports.put((done, total))
+
     def run() -> None:
         try:
-            outcome["result"] = work(lambda done, total: reports.put((done, total)))
+            outcome["result"] = work(report)
         except BaseException as error:
             outcome["error"] = error
 

@@ -22,7 +22,9 @@ def nearest(
     wanted = min(count + extra, len(among))
     distances, indices = [], []
     for piece in points.split(max(1, _PIECE_ELEMENTS // max(1, len(among)))):
-        found = torch.cdist(piece, among).topk(wanted, largest=False)
+        # Exact distances: the faster way through a matrix product loses them far from the origin.
+        distance = torch.cdist(piece, among, compute_mode="donot_use_mm_for_euclid_dist")
+        found = distance.topk(wanted, largest=False)
         distances.append(found.values[:, extra:])
         indices.append(found.indices[:, extra:])
     return torch.cat(distances), torch.cat(indices)

@@ -90,7 +90,6 @@ class Recipe:
     sampling_until: float = 0.6
     sampling_every: float = 0.05
     sampling_share: float = 0.01
-    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         if self.opacity_reduction not in FORMS:
@@ -124,7 +123,7 @@ RECIPES = {
         opacity_ramp=(0.0625, 0.075),
         dssim_weight=1.0,
         densify_from=0.0625,
-        densify_until=1.0,
+        densify_until=0.95,
         densify_every=100 / 80_000,
         densify_threshold=3e-4,
         smoothness_neighbours=20,

@@ -182,8 +182,13 @@ class Trainer:
         shot = self.capture.shots[shot_index]
         truth = torch.from_numpy(self._store.image(shot_index).astype(np.float32)) / 255
         gaussians, changes = self.gaussians_at(frame_to_time(shot.frame, self.capture.frame_count), progress)
-        image = rasterize(gaussians, self.capture.cameras[shot.camera], self.recipe.background, options)
+        image = rasterize(gaussians, self.capture.cameras[shot.camera], self.capture.background, options)
         return truth, image, changes
+
+    def progressing(self, progress: float) -> Progressing:
+        """The schedules inside the model at ``progress``."""
+        r = self.recipe
+        return Progressing(ramp(progress, 0.0, r.fine_rows_until), ramp(progress, *r.opacity_ramp))
 
     def gaussians_at(self, time_: float, progress: float) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
         """Gaussians and changes at a time, with the schedules as they stand at ``progress``."""
@@ -192,8 +197,7 @@ class Trainer:
             gaussians: GaussianArrays = self.model.canonical.gaussians()
             changes: dict[str, torch.Tensor] = {}
         else:
-            progressing = Progressing(ramp(progress, 0.0, r.fine_rows_until), ramp(progress, *r.opacity_ramp))
-            gaussians, changes = self.model.deform(time_, progressing)
+            gaussians, changes = self.model.deform(time_, self.progressing(progress))
         degree = sum(progress >= start for start in r.sh_growth[: r.sh_degree])
         gaussians.sh = gaussians.sh[:, : (degree + 1) ** 2]
         return gaussians, changes
@@ -257,7 +261,7 @@ class Trainer:
         """(H, W, 3) float32 what a shot looks like as training stands."""
         shot = self.capture.shots[shot_index]
         gaussians, _ = self.gaussians_at(frame_to_time(shot.frame, self.capture.frame_count), self.progress)
-        return rasterize(gaussians, self.capture.cameras[shot.camera], self.recipe.background).rgb.numpy()
+        return rasterize(gaussians, self.capture.cameras[shot.camera], self.capture.background).rgb.numpy()
 
     def evaluate(self, limit: int) -> tuple[float, str]:
         """Mean PSNR over at most ``limit`` evenly spread held-out pictures (training ones when none is withheld).

@@ -124,7 +124,7 @@ static inline void project_backward_one(const FrameView &view, const FrogGaussia
   const Splat &splat = view.splats[i];
   float d[INSTANCE_GRADIENTS] = {};
   for (uint32_t slot = view.slot_begin[i]; slot < view.slot_begin[i + 1]; ++slot)
-    for (int k = 0; k < INSTANCE_GRADIENTS; ++k) d[k] += view.instance_gradients[slot * INSTANCE_GRADIENTS + k];
+    for (int k = 0; k < INSTANCE_GRADIENTS; ++k) d[k] += view.instance_gradients[static_cast<size_t>(slot) * INSTANCE_GRADIENTS + k];
   Projection p;
   project_one(g, camera, view.options, i, p);
   out.opacities[i] = g.opacities[i] <= 1.0f ? d[5] : 0;

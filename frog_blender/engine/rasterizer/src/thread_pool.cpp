@@ -6,6 +6,7 @@
 #include <memory>
 #include <mutex>
 #include <new>
+#include <system_error>
 #include <thread>
 #include <vector>
 
@@ -55,9 +56,15 @@ struct Job {
 class Pool {
  public:
   explicit Pool(int workers) {
-    for (int i = 0; i < workers; ++i) threads_.emplace_back([this] { loop(); });
+    try {
+      for (int i = 0; i < workers; ++i) threads_.emplace_back([this] { loop(); });
+    } catch (...) {
+      end();
+      throw;
+    }
   }
-  ~Pool() {
+  ~Pool() { end(); }
+  void end() {
     {
       std::lock_guard<std::mutex> lock(mutex_);
       stop_ = true;
@@ -134,7 +141,13 @@ void parallel_for(int count, int grain, const std::function<void(int, int)> &wor
   if (!pool || pool->workers() != workers) {
     delete pool;
     pool = nullptr;
-    pool = new Pool(workers);
+    try {
+      pool = new Pool(workers);
+    } catch (const std::system_error &) {  // the system gives no more threads
+      job.run();
+      if (job.out_of_memory) throw std::bad_alloc();
+      return;
+    }
   }
   pool->run(job);
   if (job.out_of_memory) throw std::bad_alloc();
