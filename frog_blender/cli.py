@@ -75,7 +75,8 @@ def _parser() -> argparse.ArgumentParser:
     demo = commands.add_parser("demo", help="train, play and render a demo capture inside Blender's module")
     demo.add_argument("--capture", choices=["room", "walk"], default="room")
     demo.add_argument("--out", type=Path, default=Path("out"))
-    demo.add_argument("--recipe", choices=["draft", "standard", "paper"], default="draft")
+    demo.add_argument("--recipe", choices=["draft", "standard", "paper"], default="standard")
+    demo.add_argument("--seconds", type=_positive(float), help="of training; default: 300 for room, 900 for walk")
     demo.set_defaults(run=_demo)
     return parser
 
@@ -187,7 +188,7 @@ def _render(options: argparse.Namespace) -> int:
 def _demo(options: argparse.Namespace) -> int:
     from .demo import run_demo
 
-    run_demo(options.capture, options.out, options.recipe)
+    run_demo(options.capture, options.out, options.recipe, options.seconds)
     return 0
 
 

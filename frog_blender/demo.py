@@ -22,7 +22,7 @@ from .engine.inference.scene import PlayableScene
 _KEY_INTERVAL = 4  # frames between keys of the moving camera
 
 
-def run_demo(name: str, out: Path, recipe_name: str) -> None:
+def run_demo(name: str, out: Path, recipe_name: str, seconds: float | None) -> None:
     """Leaves ``scene.frog``, ``scene.blend``, ``video.mp4`` and ``comparison.png`` in ``out``."""
     from .engine.training.job import TrainingJob, run_training
     from .engine.training.recipe import recipe
@@ -35,6 +35,7 @@ def run_demo(name: str, out: Path, recipe_name: str) -> None:
         capture.path,
         scene_path,
         recipe=recipe(recipe_name),
+        seconds=seconds or capture.seconds,
         scale=capture.scale,
         pixel_offsets=capture.pixel_offsets or None,
     )

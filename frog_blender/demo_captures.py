@@ -31,6 +31,7 @@ class DemoCapture:
     """A capture and how the demo trains it (see TrainingJob)."""
 
     path: Path
+    seconds: float
     scale: float | None = None
     pixel_offsets: dict[str, tuple[float, float]] = field(default_factory=dict)
 
@@ -40,10 +41,12 @@ def demo_capture(name: str) -> DemoCapture:
     if name == "room":
         if not _ROOM.is_dir():
             raise found_instead(_ROOM, "no folder", "the demo capture; run the demo from a checkout of the project")
-        return DemoCapture(_ROOM)
+        return DemoCapture(_ROOM, seconds=300.0)
     # Its first two videos are eight columns narrower than their calibration says, at the left (1.1 pixels of error
     # between the views with this offset, 1.6 without).
-    return DemoCapture(_walk_folder(), scale=0.5, pixel_offsets={"cam01": (8.0, 0.0), "cam02": (8.0, 0.0)})
+    return DemoCapture(
+        _walk_folder(), seconds=900.0, scale=0.5, pixel_offsets={"cam01": (8.0, 0.0), "cam02": (8.0, 0.0)}
+    )
 
 
 def _walk_folder() -> Path:
