@@ -11,7 +11,7 @@ from frog_blender.engine.training.job import TrainingJob, run_training
 from frog_blender.engine.training.recipe import recipe
 
 ROOM = Path(__file__).resolve().parents[1] / "examples" / "captures" / "room"
-SECONDS = 90.0
+SECONDS = 150.0
 
 
 @pytest.mark.slow
