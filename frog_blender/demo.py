@@ -57,11 +57,7 @@ def write_comparison(scene_path: Path, capture_path: Path, out: Path, frame: int
     scene = PlayableScene.load(scene_path)
     capture, store = open_evaluated(scene, capture_path)
     header = scene.header
-    shots = [
-        i
-        for i, shot in enumerate(capture.shots)
-        if capture.cameras[shot.camera].name in header.test_cameras or shot.frame in header.test_frames
-    ]
+    shots = [i for i, shot in enumerate(capture.shots) if header.is_test(capture.cameras[shot.camera].name, shot.frame)]
     held_out = bool(shots)
     shots = shots or list(range(len(capture.shots)))
     wanted = capture.frame_count // 2 if frame is None else frame

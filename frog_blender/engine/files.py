@@ -67,6 +67,10 @@ class SceneHeader:
         moments = [frames[0] for frames in self.camera_shots if len(frames) == 1]
         return len(moments) == len(self.cameras) > 1 and len(set(moments)) == len(moments)
 
+    def is_test(self, camera_name: str, frame: int) -> bool:
+        """True for a picture that training did not see."""
+        return camera_name in self.test_cameras or frame in self.test_frames
+
     def to_json(self) -> str:
         values = {name: getattr(self, name) for name in self.__dataclass_fields__ if name != "cameras"}
         return json.dumps({**values, "cameras": [camera.to_json() for camera in self.cameras]}, allow_nan=False)

@@ -89,11 +89,8 @@ def evaluate(
         split: "held-out", "training", or "auto": held-out pictures if there are any.
     """
     header = scene.header
-    test_cameras, test_frames = set(header.test_cameras), set(header.test_frames)
     held_out = [
-        i
-        for i, shot in enumerate(capture.shots)
-        if shot.frame in test_frames or capture.cameras[shot.camera].name in test_cameras
+        i for i, shot in enumerate(capture.shots) if header.is_test(capture.cameras[shot.camera].name, shot.frame)
     ]
     if split == "auto":
         split = "held-out" if held_out else "training"
