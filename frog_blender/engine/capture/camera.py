@@ -53,6 +53,10 @@ class Camera:
         scale = np.diag([width / self.width, height / self.height, 1.0])
         return replace(self, width=width, height=height, intrinsics=scale @ self.intrinsics)
 
+    def with_pose(self, world_to_camera: np.ndarray) -> Camera:
+        """The same camera elsewhere; ``world_to_camera`` is (3, 4) or (4, 4)."""
+        return replace(self, world_to_camera=np.vstack([world_to_camera[:3], [[0.0, 0.0, 0.0, 1.0]]]))
+
     def cropped(self, left: int, top: int, width: int, height: int) -> Camera:
         """The view through the pixel rectangle that starts at (left, top); it may reach outside the image."""
         shift = np.array([[1.0, 0.0, -left], [0.0, 1.0, -top], [0.0, 0.0, 1.0]])

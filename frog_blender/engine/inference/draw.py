@@ -36,10 +36,16 @@ def draw(
     camera: Camera,
     background: tuple[float, float, float] = (0.0, 0.0, 0.0),
     options: RasterizeOptions | None = None,
+    depth_limit: np.ndarray | None = None,
 ) -> Drawing:
-    """What ``camera`` sees of ``gaussians``, exactly as in training."""
+    """What ``camera`` sees of ``gaussians``, exactly as in training; arguments as in ``rasterizer.rasterize``."""
     gaussians = gaussians.checked()
-    size = (camera.height, camera.width)
+    options = replace(options or RasterizeOptions(), depth=True)
+    size = options.region_of(camera)[3:1:-1]
+    if depth_limit is not None:
+        depth_limit = np.ascontiguousarray(depth_limit, np.float32)
+        if depth_limit.shape != size:
+            raise ValueError(f"depth_limit: shape {depth_limit.shape}, expected {size}")
     median_index = np.empty(size, np.int32)
     image = {
         "rgb": np.empty((*size, 3), np.float32),
@@ -47,7 +53,7 @@ def draw(
         "median_index": median_index,
         "mean_depth": np.empty(size, np.float32),
     }
-    Frame(gaussians, camera, background, replace(options or RasterizeOptions(), depth=True), image)
+    Frame(gaussians, camera, background, options, image, depth_limit)
     offsets = gaussians.means - camera.center.astype(np.float32)
     missing = np.full(1, np.nan, np.float32)  # index -1 picks it
     distances = np.concatenate([np.linalg.norm(offsets, axis=1), missing]).astype(np.float32)

@@ -5,8 +5,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .arrays import GaussianArrays
 from .options import RasterizeOptions
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
     from ..capture.camera import Camera
 
-__all__ = ["GaussianArrays", "Image", "RasterizeOptions", "rasterize"]
+__all__ = ["GaussianArrays", "Image", "RasterizeOptions", "rasterize", "rasterize_batch"]
 
 
 @dataclass
@@ -28,21 +29,26 @@ class Image:
         alpha: (H, W) coverage.
         radii: (N,) half the larger side of each splat's bounding box in pixels, 0 where culled.
         screen: (N, 2) zeros whose ``.grad`` becomes the gradient of the pixel positions (densification reads its norm).
+        screen_absolute: (N, 2) what the backward pass writes the sum over pixels of their absolute gradients to (AbsGS:
+            pulls to opposite sides do not cancel), or None.
         median_depth: (H, W) Euclidean distance to the centre of the Gaussian that takes transmittance through one half,
             NaN where none does (FRoG, section on canonical field sampling), or None.
         median_z: (H, W) planar depth of the same centre, or None.
         mean_depth: (H, W) planar depth averaged by blending weight, NaN where nothing was hit, or None.
         max_weights: (N,) each Gaussian's largest blending weight, or None.
+        at_fault: Gaussians that were dropped because a number in them is not finite or out of range.
     """
 
     rgb: torch.Tensor
     alpha: torch.Tensor
     radii: torch.Tensor
     screen: torch.Tensor
+    screen_absolute: torch.Tensor | None = None
     median_depth: torch.Tensor | None = None
     median_z: torch.Tensor | None = None
     mean_depth: torch.Tensor | None = None
     max_weights: torch.Tensor | None = None
+    at_fault: int = 0
 
 
 def rasterize(
@@ -51,6 +57,8 @@ def rasterize(
     background: torch.Tensor | tuple[float, float, float] = (0.0, 0.0, 0.0),
     options: RasterizeOptions | None = None,
     *,
+    pose: torch.Tensor | None = None,
+    depth_limit: torch.Tensor | None = None,
     implementation: str = "auto",
 ) -> Image:
     """Draws Gaussians (torch tensors) as ``camera`` sees them, differentiably in every Gaussian attribute.
@@ -60,14 +68,38 @@ def rasterize(
         camera: the view.
         background: three display-referred numbers.
         options: RasterizeOptions.
-        implementation: "auto" (native for float32 on the CPU, else the reference), "cpu" or "reference".
+        pose: (3, 4) or (4, 4) world_to_camera to use in place of the camera's, which receives gradients too.
+        depth_limit: (H, W) planar depth of what hides Gaussians behind it, world units, infinite where nothing does.
+        implementation: "auto" (what is fastest for where and what the tensors are), "cpu" (float32), "cuda" (float32)
+            or "reference" (anything, slowly).
     """
-    from . import cpu, reference
-
     options = options or RasterizeOptions()
     red, green, blue = (float(value) for value in background)
-    if implementation == "auto":
-        native = gaussians.means.device.type == "cpu" and gaussians.means.dtype.itemsize == 4
-        implementation = "cpu" if native else "reference"
-    draw = {"cpu": cpu.rasterize, "reference": reference.rasterize}[implementation]
-    return draw(gaussians, camera, (red, green, blue), options)
+    size = options.region_of(camera)[3:1:-1]
+    if pose is not None:
+        camera = camera.with_pose(pose.detach().cpu().numpy())
+    if depth_limit is not None and depth_limit.shape != size:
+        raise ValueError(f"depth_limit: shape {tuple(depth_limit.shape)}, expected {size}")
+    draw = _implementation(implementation, gaussians.means)
+    return draw(gaussians, camera, (red, green, blue), options, pose, depth_limit)
+
+
+def rasterize_batch(gaussians: GaussianArrays, cameras: Sequence[Camera], *args: Any, **keywords: Any) -> list[Image]:
+    """``rasterize`` for each of several cameras; gradients of the Gaussians add up."""
+    return [rasterize(gaussians, camera, *args, **keywords) for camera in cameras]
+
+
+def _implementation(name: str, means: torch.Tensor) -> Callable[..., Image]:
+    if name == "auto":
+        name = means.device.type if means.dtype.itemsize == 4 else "reference"
+    if name == "cpu":
+        from . import cpu
+
+        return cpu.rasterize
+    if name == "cuda":
+        from .cuda.rasterize import rasterize as cuda_rasterize
+
+        return cuda_rasterize
+    from . import reference
+
+    return reference.rasterize

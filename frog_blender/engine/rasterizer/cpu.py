@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -22,43 +23,74 @@ class _Rasterize(torch.autograd.Function):
         opacities: torch.Tensor,
         sh: torch.Tensor,
         screen: torch.Tensor,
-        camera: Camera,
-        background: tuple[float, float, float],
-        options: RasterizeOptions,
-        extras: dict[str, torch.Tensor],
+        pose: torch.Tensor | None,
+        drawing: _Drawing,
     ) -> tuple[torch.Tensor, torch.Tensor]:
         gaussians = GaussianArrays(*[t.contiguous() for t in (means, quaternions, scales, opacities, sh)])
-        rgb = torch.empty((camera.height, camera.width, 3))
-        alpha = torch.empty((camera.height, camera.width))
-        ctx.frame = native.Frame(gaussians, camera, background, options, {"rgb": rgb, "alpha": alpha, **extras})
+        rgb, alpha = torch.empty((*drawing.size, 3)), torch.empty(drawing.size)
+        ctx.frame = native.Frame(
+            gaussians,
+            drawing.camera,
+            drawing.background,
+            drawing.options,
+            {"rgb": rgb, "alpha": alpha, **drawing.extras},
+            drawing.depth_limit,
+        )
         ctx.save_for_backward(rgb, alpha)
         ctx.shapes = [t.shape for t in (means, quaternions, scales, opacities, sh, screen)]
+        ctx.pose_shape = None if pose is None else pose.shape
+        ctx.screen_absolute = drawing.screen_absolute
         return rgb, alpha
 
     @staticmethod
     def backward(ctx: Any, *grad_outputs: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
         gradients = [torch.empty(shape) for shape in ctx.shapes]
+        pose = None if ctx.pose_shape is None else torch.zeros(ctx.pose_shape)
         names = ("means", "quaternions", "scales", "opacities", "sh", "screen")
         rgb, alpha = ctx.saved_tensors
         by_rgb, by_alpha = (gradient.contiguous() for gradient in grad_outputs)
-        image = {"rgb": rgb, "alpha": alpha}
-        ctx.frame.backward(image, by_rgb, by_alpha, dict(zip(names, gradients, strict=True)))
-        return (*gradients, None, None, None, None)
+        wanted = dict(zip(names, gradients, strict=True)) | {"screen_absolute": ctx.screen_absolute, "pose": pose}
+        ctx.frame.backward({"rgb": rgb, "alpha": alpha}, by_rgb, by_alpha, wanted)
+        return (*gradients, pose, None)
+
+
+@dataclass
+class _Drawing:
+    """What ``_Rasterize`` needs besides tensors with gradients. ``extras`` are further outputs by name."""
+
+    camera: Camera
+    background: tuple[float, float, float]
+    options: RasterizeOptions
+    size: tuple[int, int]
+    depth_limit: torch.Tensor | None
+    screen_absolute: torch.Tensor | None
+    extras: dict[str, torch.Tensor]
 
 
 def rasterize(
-    gaussians: GaussianArrays, camera: Camera, background: tuple[float, float, float], options: RasterizeOptions
+    gaussians: GaussianArrays,
+    camera: Camera,
+    background: tuple[float, float, float],
+    options: RasterizeOptions,
+    pose: torch.Tensor | None = None,
+    depth_limit: torch.Tensor | None = None,
 ) -> Image:
     """As ``rasterizer.rasterize``, for float32 tensors on the CPU. The same bits for any number of threads."""
     _check(gaussians)
-    count, size = len(gaussians), (camera.height, camera.width)
+    count = len(gaussians)
+    _, _, width, height = options.region_of(camera)
+    size = (height, width)
     screen = torch.zeros((count, 2), requires_grad=True)
-    extras: dict[str, torch.Tensor] = {"radii": torch.empty(count)}
+    screen_absolute = torch.zeros((count, 2)) if options.absolute else None
+    extras: dict[str, torch.Tensor] = {"radii": torch.empty(count), "at_fault": torch.zeros(1, dtype=torch.int32)}
     if options.depth:
         extras["median_index"] = torch.empty(size, dtype=torch.int32)
         extras["mean_depth"] = torch.empty(size)
     if options.weights:
         extras["max_weights"] = torch.empty(count)
+    if depth_limit is not None:
+        depth_limit = depth_limit.detach().float().contiguous()
+    drawing = _Drawing(camera, background, options, size, depth_limit, screen_absolute, extras)
     rgb, alpha = _Rasterize.apply(
         gaussians.means,
         gaussians.quaternions,
@@ -66,12 +98,11 @@ def rasterize(
         gaussians.opacities,
         gaussians.sh,
         screen,
-        camera,
-        background,
-        options,
-        extras,
+        pose,
+        drawing,
     )
-    image = Image(rgb, alpha, extras["radii"], screen, max_weights=extras.get("max_weights"))
+    image = Image(rgb, alpha, extras["radii"], screen, screen_absolute, max_weights=extras.get("max_weights"))
+    image.at_fault = int(extras["at_fault"])
     if options.depth:
         image.mean_depth = extras["mean_depth"]
         image.median_depth, image.median_z = median_depths(extras["median_index"], gaussians.means.detach(), camera)

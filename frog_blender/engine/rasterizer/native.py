@@ -9,7 +9,7 @@ import ctypes
 import functools
 import os
 import sys
-from ctypes import POINTER, byref, c_char_p, c_float, c_int32, c_void_p
+from ctypes import POINTER, byref, c_char_p, c_float, c_int32, c_int64, c_void_p
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from ..errors import FrogError
 from .arrays import GaussianArrays
 from .options import RasterizeOptions
 
-ABI_VERSION = 1
+ABI_VERSION = 2
 
 
 def _struct(name: str, *fields: tuple[str, Any]) -> type[ctypes.Structure]:
@@ -43,13 +43,14 @@ _Options = _struct(
     ("background", c_float * 3),
     ("low_pass", c_float),
     ("near_plane", c_float),
-    ("want_depth", c_int32),
-    ("want_weights", c_int32),
+    ("compensate", c_int32),
+    ("region", c_int32 * 4),
+    ("depth_limit", c_void_p),
 )
-_IMAGE = ("rgb", "alpha", "median_index", "mean_depth", "max_weights", "radii")
+_IMAGE = ("rgb", "alpha", "median_index", "mean_depth", "max_weights", "radii", "at_fault")
 _Image = _struct("FrogImage", *[(name, c_void_p) for name in _IMAGE])
 _ImageGradient = _struct("FrogImageGradient", ("rgb", c_void_p), ("alpha", c_void_p))
-_GRADIENTS = ("means", "quaternions", "scales", "opacities", "sh", "screen")
+_GRADIENTS = ("means", "quaternions", "scales", "opacities", "sh", "screen", "screen_absolute", "pose")
 _Gradients = _struct("FrogGradients", *[(name, c_void_p) for name in _GRADIENTS])
 _Layer = _struct(
     "FrogLayer",
@@ -95,6 +96,8 @@ def library() -> ctypes.CDLL:
         POINTER(_Gradients),
     ]
     loaded.frog_backward.restype = c_int32
+    loaded.frog_count_work.argtypes = [c_void_p, POINTER(c_int64 * 3)]
+    loaded.frog_count_work.restype = None
     loaded.frog_free.argtypes = [c_void_p]
     loaded.frog_free.restype = None
     integer, address = c_int32, c_void_p
@@ -133,9 +136,11 @@ class Frame:
         gaussians: contiguous float32 arrays.
         camera: the view.
         background: three floats, display-referred.
-        options: what to fill; its arrays must be in ``image``.
-        image: arrays by name: ``rgb`` (H, W, 3), ``alpha`` (H, W) and, where wanted, ``median_index`` (H, W) int32,
-            ``mean_depth`` (H, W), ``max_weights`` (N,), ``radii`` (N,). They are written here.
+        options: how to draw.
+        image: arrays by name, with (H, W) of the options' region: ``rgb`` (H, W, 3), ``alpha`` (H, W) and, where
+            wanted, ``median_index`` (H, W) int32 with ``mean_depth`` (H, W), ``max_weights`` (N,), ``radii`` (N,),
+            ``at_fault`` (1,) int32. They are written here.
+        depth_limit: (H, W) planar depth beyond which nothing is drawn, or None.
     """
 
     def __init__(
@@ -145,10 +150,11 @@ class Frame:
         background: tuple[float, float, float],
         options: RasterizeOptions,
         image: dict[str, Any],
+        depth_limit: Any = None,
     ) -> None:
         self._handle = None
         self._free = library().frog_free
-        self._arrays = gaussians  # kept alive as long as the library may read them
+        self._arrays = gaussians, depth_limit  # kept alive as long as the library may read them
         self._gaussians = _Gaussians(
             len(gaussians),
             gaussians.sh.shape[1],
@@ -159,7 +165,12 @@ class Frame:
             (c_float * 12)(*w2c[:3].ravel()), k[0, 0], k[1, 1], k[0, 2], k[1, 2], camera.width, camera.height
         )
         native_options = _Options(
-            (c_float * 3)(*background), options.low_pass, options.near_plane, options.depth, options.weights
+            (c_float * 3)(*background),
+            options.low_pass,
+            options.near_plane,
+            options.compensate,
+            (c_int32 * 4)(*options.region_of(camera)),
+            _address(depth_limit),
         )
         self._handle = library().frog_draw(
             byref(self._gaussians),
@@ -173,10 +184,11 @@ class Frame:
             )
 
     def backward(self, image: dict[str, Any], rgb: Any, alpha: Any, gradients: dict[str, Any]) -> None:
-        """Fills ``gradients`` (means, quaternions, scales, opacities, sh, screen (N, 2)) from dL/d(rgb, alpha).
+        """Fills ``gradients`` from dL/d(rgb, alpha).
 
         ``image`` holds the drawn ``rgb`` and ``alpha`` (the frame does not keep them: as outputs of a torch operation
-        they would keep it alive in turn, for ever).
+        they would keep it alive in turn, for ever). ``gradients`` are arrays by name: those of the Gaussians,
+        ``screen`` (N, 2), and where wanted ``screen_absolute`` (N, 2) and ``pose`` (3, 4), see Image and rasterize.
         """
         image_gradient = _ImageGradient(_address(rgb), _address(alpha))
         native = _pointers(_Gradients, _GRADIENTS, gradients)
@@ -188,6 +200,12 @@ class Frame:
             byref(native),
         ):
             raise MemoryError("the rasterizer's backward pass ran out of memory")
+
+    def work(self) -> dict[str, int]:
+        """How much was drawn: ``gaussians``, ``instances`` (Gaussian, tile) and blended ``pairs`` (Gaussian, pixel)."""
+        counts = (c_int64 * 3)()
+        library().frog_count_work(self._handle, byref(counts))
+        return dict(zip(("gaussians", "instances", "pairs"), counts, strict=True))
 
     def __del__(self) -> None:
         if self._handle:

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ..capture.camera import Camera
 
 ALPHA_MIN = 1.0 / 255.0
 """Fainter contributions are skipped."""
 ALPHA_MAX = 0.999
 """Alpha is clamped here, and passes no gradient to the Gaussian's shape beyond it."""
+COMPENSATION_MIN = 0.005
+"""The opacity compensation never goes below, and passes no gradient there."""
 TRANSMITTANCE_MIN = 1e-4
 """The Gaussian that would take a pixel's transmittance below this is left out, and so is everything behind it."""
 
@@ -19,11 +25,28 @@ class RasterizeOptions:
     Attributes:
         depth: also median depth, median z and mean depth.
         weights: also each Gaussian's largest blending weight.
+        absolute: the backward pass also fills ``Image.screen_absolute``.
         low_pass: variance in pixels squared added to every screen covariance (3DGS: 0.3).
         near_plane: planar depth below which a Gaussian is culled, world units.
+        compensate: take from each opacity what the low-pass added to the splat's area, so that small Gaussians do not
+            grow brighter when seen from afar (mip-splatting; gsplat's "antialiased").
+        region: (left, top, width, height) in pixels, the only part of the camera's picture that is drawn; pictures
+            then have its size. None is all of it.
     """
 
     depth: bool = False
     weights: bool = False
+    absolute: bool = False
     low_pass: float = 0.3
     near_plane: float = 0.01
+    compensate: bool = False
+    region: tuple[int, int, int, int] | None = None
+
+    def region_of(self, camera: Camera) -> tuple[int, int, int, int]:
+        """The region, checked; ValueError for one that is empty or reaches out of the camera's picture."""
+        if self.region is None:
+            return 0, 0, camera.width, camera.height
+        left, top, width, height = self.region
+        if min(left, top) < 0 or min(width, height) < 1 or left + width > camera.width or top + height > camera.height:
+            raise ValueError(f"region {self.region} does not lie in a picture of {camera.width} x {camera.height}")
+        return self.region

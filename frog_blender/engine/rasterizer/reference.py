@@ -6,6 +6,7 @@ Memory grows with pixels times Gaussians; pixels are taken in strips, so that sm
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -13,7 +14,7 @@ import torch
 from ..capture.camera import Camera
 from . import Image
 from .arrays import GaussianArrays
-from .options import ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN, RasterizeOptions
+from .options import ALPHA_MAX, ALPHA_MIN, COMPENSATION_MIN, TRANSMITTANCE_MIN, RasterizeOptions
 
 _STRIP_ELEMENTS = 8_000_000  # pixels times Gaussians held at once
 
@@ -81,18 +82,29 @@ def _clamped_tangents(local: torch.Tensor, camera: Camera) -> torch.Tensor:
     return torch.stack(tangents, dim=-1)
 
 
-def _project(g: GaussianArrays, screen: torch.Tensor, camera: Camera, options: RasterizeOptions) -> _Splats:
+def _usable(g: GaussianArrays, local: torch.Tensor) -> torch.Tensor:
+    """(N,) True where the numbers are finite and in range; the others are dropped and counted."""
+    square = g.quaternions.square().sum(-1)
+    usable = (square > 1e-24) & (square < 1e24) & (g.opacities.abs() < 1e30)
+    usable &= (local.abs() < 1e30).all(-1) & (g.scales.abs() < 1e12).all(-1)
+    return usable
+
+
+def _project(
+    g: GaussianArrays, screen: torch.Tensor, camera: Camera, options: RasterizeOptions, pose: torch.Tensor | None
+) -> tuple[_Splats, int]:
+    """The splats, and how many Gaussians were at fault."""
     like = {"dtype": g.means.dtype, "device": g.means.device}
-    view = torch.as_tensor(camera.world_to_camera, **like)
+    view = torch.as_tensor(camera.world_to_camera, **like) if pose is None else pose.to(**like)
+    left, top, width, height = options.region_of(camera)
     k = camera.intrinsics
     with torch.no_grad():
         local = g.means @ view[:3, :3].T + view[:3, 3]
-        square = g.quaternions.square().sum(-1)
-        drawable = (local[:, 2] >= options.near_plane) & (square > 1e-24) & (square < 1e24)
-        drawable &= (g.opacities > ALPHA_MIN) & (g.opacities < 1e30)
-        drawable &= torch.isfinite(local).all(-1) & torch.isfinite(g.scales).all(-1)
-        drawable &= torch.isfinite(g.sh).flatten(1).all(-1) & (g.scales.abs().amax(-1) < 1e12)
-        kept = drawable.nonzero().squeeze(-1)
+        usable = _usable(g, local)
+        in_view = (local[:, 2] >= options.near_plane) & (g.opacities > ALPHA_MIN)
+        colored = torch.isfinite(g.sh).flatten(1).all(-1)
+        kept = (usable & in_view & colored).nonzero().squeeze(-1)
+        at_fault = int((~usable | (in_view & ~colored)).sum())
 
     means, opacities = g.means[kept], g.opacities[kept].clamp(max=1.0)
     local = means @ view[:3, :3].T + view[:3, 3]
@@ -107,23 +119,35 @@ def _project(g: GaussianArrays, screen: torch.Tensor, camera: Camera, options: R
         dim=1,
     )
     axes = jacobian @ view[:3, :3] @ rotation_matrices(g.quaternions[kept]) * g.scales[kept][:, None, :]
-    covariance = axes @ axes.transpose(1, 2) + options.low_pass * torch.eye(2, **like)
+    thin = axes @ axes.transpose(1, 2)
+    covariance = thin + options.low_pass * torch.eye(2, **like)
     xx, xy, yy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
     determinant = xx * yy - xy * xy
-    pixels = torch.stack([k[0, 0] * local[:, 0] / z + k[0, 2], k[1, 1] * local[:, 1] / z + k[1, 2]], -1)
-    directions = torch.nn.functional.normalize(means - torch.as_tensor(camera.center, **like), dim=-1)
+    if options.compensate:
+        share = (torch.linalg.cross(axes[:, 0], axes[:, 1]).square().sum(-1) / determinant).clamp(
+            min=COMPENSATION_MIN**2
+        )
+        opacities = opacities * share.sqrt()
+    pixels = torch.stack([k[0, 0] * local[:, 0] / z + k[0, 2] - left, k[1, 1] * local[:, 1] / z + k[1, 2] - top], -1)
+    directions = torch.nn.functional.normalize(means + view[:3, 3] @ view[:3, :3], dim=-1)
     sh = g.sh[kept]
     colors = (torch.einsum("nk,nkc->nc", sh_basis(sh.shape[1], directions), sh) + 0.5).clamp(min=0)
-    extents = (2 * torch.log(opacities / ALPHA_MIN)[:, None] * torch.stack([xx, yy], -1)).sqrt().detach()
-    size = torch.tensor([camera.width, camera.height], **like)
-    seen = ((pixels + extents >= 0.5) & (pixels - extents <= size - 0.5)).all(-1)
-    radii = torch.where(seen, extents.amax(-1), 0)
-
+    reach = torch.log(opacities.detach() / ALPHA_MIN).clamp(min=0)
+    extents = (2 * reach[:, None] * torch.stack([xx, yy], -1).detach()).sqrt()
+    size = torch.tensor([width, height], **like)
+    seen = ((pixels + extents >= 0.5) & (pixels - extents <= size - 0.5)).all(-1) & (opacities > ALPHA_MIN)
     order = torch.sort(z.detach(), stable=True).indices
+    order = order[seen[order]]
     conics = torch.stack([yy, -xy, xx], -1) / determinant[:, None]
-    return _Splats(
-        *(part[order] for part in (kept, pixels + screen[kept], conics, opacities, colors, z, radii)),
-    )
+    splats = (kept, pixels + screen[kept], conics, opacities, colors, z, extents.amax(-1))
+    return _Splats(*(part[order] for part in splats)), at_fault
+
+
+def _adder(target: torch.Tensor, index: torch.Tensor) -> Callable[[torch.Tensor], None]:
+    def add(gradient: torch.Tensor) -> None:
+        target.index_add_(0, index, gradient.abs().sum(0))
+
+    return add
 
 
 @dataclass
@@ -135,14 +159,28 @@ class _Strip:
     heaviest: torch.Tensor  # (M,)
 
 
-def _blend(splats: _Splats, points: torch.Tensor, background: torch.Tensor) -> _Strip:
-    """Blends all splats at pixel centres (P, 2), front to back."""
+def _blend(
+    splats: _Splats,
+    points: torch.Tensor,
+    background: torch.Tensor,
+    limits: torch.Tensor | None,
+    absolute: torch.Tensor | None,
+) -> _Strip:
+    """Blends all splats at pixel centres (P, 2), front to back, down to planar depths ``limits`` (P,).
+
+    The backward pass adds to ``absolute`` (N, 2) where that is given.
+    """
     dx = points[:, None, 0] - splats.pixels[None, :, 0]  # (P, M)
     dy = points[:, None, 1] - splats.pixels[None, :, 1]
+    if absolute is not None and dx.requires_grad:
+        for axis, offset in enumerate((dx, dy)):
+            offset.register_hook(_adder(absolute[:, axis], splats.index))
     a, b, c = splats.conics.unbind(-1)
     power = -0.5 * (a * dx * dx + c * dy * dy) - b * dx * dy
     alpha = splats.opacities * torch.exp(power)
     alpha = torch.where(alpha >= ALPHA_MIN, alpha.clamp(max=ALPHA_MAX), torch.zeros_like(alpha))
+    if limits is not None:
+        alpha = torch.where(splats.depths[None] <= limits[:, None], alpha, torch.zeros_like(alpha))
     # A Gaussian that would take transmittance below the limit finishes the pixel: it and all behind it are left out.
     after = torch.cumprod(1 - alpha, dim=1)
     alpha = torch.where(after.detach() >= TRANSMITTANCE_MIN, alpha, torch.zeros_like(alpha))
@@ -161,27 +199,34 @@ def _blend(splats: _Splats, points: torch.Tensor, background: torch.Tensor) -> _
 
 
 def rasterize(
-    gaussians: GaussianArrays, camera: Camera, background: tuple[float, float, float], options: RasterizeOptions
+    gaussians: GaussianArrays,
+    camera: Camera,
+    background: tuple[float, float, float],
+    options: RasterizeOptions,
+    pose: torch.Tensor | None = None,
+    depth_limit: torch.Tensor | None = None,
 ) -> Image:
     """As ``rasterizer.rasterize``, on any device and in any floating-point type."""
     like = {"dtype": gaussians.means.dtype, "device": gaussians.means.device}
     count = len(gaussians)
+    _, _, width, height = options.region_of(camera)
     screen = torch.zeros((count, 2), requires_grad=True, **like)
-    splats = _project(gaussians, screen, camera, options)
+    absolute = torch.zeros((count, 2), **like) if options.absolute else None
+    splats, at_fault = _project(gaussians, screen, camera, options, pose)
     color = torch.tensor(background, **like)
-    y, x = torch.meshgrid(
-        torch.arange(camera.height, **like) + 0.5, torch.arange(camera.width, **like) + 0.5, indexing="ij"
-    )
+    y, x = torch.meshgrid(torch.arange(height, **like) + 0.5, torch.arange(width, **like) + 0.5, indexing="ij")
     points = torch.stack([x.flatten(), y.flatten()], -1)
-    size = (camera.height, camera.width)
-    strips = [
-        _blend(splats, part, color) for part in points.split(max(1, _STRIP_ELEMENTS // max(1, len(splats.index))))
-    ]
+    size = (height, width)
+    piece = max(1, _STRIP_ELEMENTS // max(1, len(splats.index)))
+    pieces = points.split(piece)
+    limits = [None] * len(pieces) if depth_limit is None else depth_limit.detach().to(**like).flatten().split(piece)
+    strips = [_blend(splats, part, color, limit, absolute) for part, limit in zip(pieces, limits, strict=True)]
     radii, weights = torch.zeros(count, **like), torch.zeros(count, **like)
     radii[splats.index] = splats.radii
     weights[splats.index] = torch.stack([strip.heaviest for strip in strips]).amax(0)
     rgb = torch.cat([strip.rgb for strip in strips]).reshape(*size, 3)
-    image = Image(rgb, torch.cat([strip.alpha for strip in strips]).reshape(size), radii, screen)
+    image = Image(rgb, torch.cat([strip.alpha for strip in strips]).reshape(size), radii, screen, absolute)
+    image.at_fault = at_fault
     if options.depth:
         median = torch.cat([strip.median for strip in strips]).reshape(size)
         centers = (gaussians.means.detach() - torch.as_tensor(camera.center, **like))[splats.index]

@@ -1,12 +1,12 @@
 // The exported functions: choose the kernels for this processor, and run them over the pool.
 #include <algorithm>
-#include <cmath>
+#include <atomic>
 #include <cstdlib>
 #include <cstring>
 #include <new>
 #include <vector>
 
-#include "binning.h"
+#include "backward.h"
 #include "thread_pool.h"
 
 namespace {
@@ -31,14 +31,16 @@ const Kernels &kernels() {
 }
 
 void draw(FrogFrame &frame, const FrogGaussians &gaussians, const FrogImage &image) {
-  frame.splats.resize(gaussians.count);
-  frame.view.splats = frame.splats.data();
-  frog::parallel_for(gaussians.count, 1024,
-                     [&](int begin, int end) { kernels().project(frame.view, gaussians, begin, end); });
+  const int count = gaussians.count;
+  frame.view.splats = frame.splats.resize(count);
+  std::atomic<int32_t> at_fault{0};
+  frog::parallel_for(count, 1024,
+                     [&](int begin, int end) { at_fault += kernels().project(frame.view, gaussians, begin, end); });
+  if (image.at_fault) *image.at_fault = at_fault;
   frog::bin_splats(frame);
-  if (image.max_weights) std::fill_n(image.max_weights, gaussians.count, 0.0f);
+  if (image.max_weights) std::fill_n(image.max_weights, count, 0.0f);
   if (image.radii)
-    for (int i = 0; i < gaussians.count; ++i) image.radii[i] = frame.splats[i].radius;
+    for (int i = 0; i < count; ++i) image.radii[i] = frame.splats[i].radius;
   frog::parallel_for(static_cast<int>(frame.tiles.size()), 1, [&](int begin, int end) {
     for (int t = begin; t < end; ++t) kernels().blend(frame.view, frame.tiles[t], image);
   });
@@ -48,7 +50,7 @@ void draw(FrogFrame &frame, const FrogGaussians &gaussians, const FrogImage &ima
 
 extern "C" {
 
-int32_t frog_abi_version(void) { return 1; }
+int32_t frog_abi_version(void) { return 2; }
 const char *frog_instruction_set(void) { return kernels().name; }
 void frog_set_thread_count(int32_t count) { frog::set_thread_count(count); }
 int32_t frog_thread_count(void) { return frog::thread_count(); }
@@ -57,12 +59,12 @@ FrogFrame *frog_draw(const FrogGaussians *gaussians, const FrogCamera *camera, c
                      FrogImage *image) {
   FrogFrame *frame = nullptr;
   try {
-    frame = new FrogFrame;
+    frame = frog::take_frame();
     frame->view.camera = *camera;
     frame->view.options = *options;
     frame->view.count = gaussians->count;
-    frame->view.tiles_x = (camera->width + TILE - 1) / TILE;
-    frame->view.tiles_y = (camera->height + TILE - 1) / TILE;
+    frame->view.tiles_x = (options->region[2] + TILE - 1) / TILE;
+    frame->view.tiles_y = (options->region[3] + TILE - 1) / TILE;
     draw(*frame, *gaussians, *image);
     return frame;
   } catch (const std::bad_alloc &) {
@@ -71,26 +73,27 @@ FrogFrame *frog_draw(const FrogGaussians *gaussians, const FrogCamera *camera, c
   }
 }
 
-int32_t frog_backward(const FrogFrame *frame, const FrogGaussians *gaussians, const FrogImage *image,
+int32_t frog_backward(FrogFrame *frame, const FrogGaussians *gaussians, const FrogImage *image,
                       const FrogImageGradient *gradient, const FrogGradients *result) {
   try {
-    // Every slot belongs to one tile, so nothing is written twice and the sums below have a fixed order.
-    std::vector<float> instances(static_cast<size_t>(frame->tile_splats.size()) * INSTANCE_GRADIENTS);
-    FrameView view = frame->view;
-    view.instance_gradients = instances.data();
-    frog::parallel_for(static_cast<int>(frame->tiles.size()), 1, [&](int begin, int end) {
-      for (int t = begin; t < end; ++t) kernels().blend_backward(view, frame->tiles[t], *image, *gradient);
-    });
-    frog::parallel_for(gaussians->count, 1024, [&](int begin, int end) {
-      kernels().project_backward(view, *gaussians, *result, begin, end);
-    });
+    frog::go_backward(kernels(), *frame, *gaussians, *image, *gradient, *result);
     return 0;
   } catch (const std::bad_alloc &) {
     return 1;
   }
 }
 
-void frog_free(FrogFrame *frame) { delete frame; }
+void frog_count_work(const FrogFrame *frame, int64_t work[3]) {
+  std::atomic<int64_t> pairs{0};
+  frog::parallel_for(static_cast<int>(frame->tiles.size()), 1, [&](int begin, int end) {
+    for (int t = begin; t < end; ++t) pairs += kernels().count_blended(frame->view, frame->tiles[t]);
+  });
+  work[0] = frame->drawn;
+  work[1] = static_cast<int64_t>(frame->instances.size());
+  work[2] = pairs;
+}
+
+void frog_free(FrogFrame *frame) { frog::recycle(frame); }
 
 int32_t frog_evaluate_network(int32_t count, int32_t hidden, const float *first, const float *shared,
                               int32_t layer_count, const FrogLayer *layers, int32_t row_length, int32_t outputs,

@@ -1,138 +1,171 @@
-#include "binning.h"
-
+// From projected splats to a depth-ordered list for every tile. Every step counts in blocks of fixed size and then
+// writes to places known in advance, so that threads never meet and the result does not depend on their number.
 #include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <numeric>
 
+#include "frame.h"
 #include "thread_pool.h"
 
 namespace frog {
 namespace {
 
-// Stable least-significant-digit radix sort by depth. Positive floats order like their bits; equal depths keep index order.
-std::vector<uint32_t> sort_by_depth(const std::vector<Splat> &splats, std::vector<uint32_t> order) {
-  constexpr int BITS = 11, BUCKETS = 1 << BITS;
-  const size_t count = order.size();
-  std::vector<uint32_t> keys(count), other_keys(count), other(count);
-  for (size_t i = 0; i < count; ++i) std::memcpy(&keys[i], &splats[order[i]].depth, 4);
-  for (int pass = 0; pass < 3; ++pass) {
-    uint32_t start[BUCKETS + 1] = {};
-    const int shift = pass * BITS;
-    for (uint32_t key : keys) ++start[((key >> shift) & (BUCKETS - 1)) + 1];
-    for (int i = 0; i < BUCKETS; ++i) start[i + 1] += start[i];
-    for (size_t i = 0; i < count; ++i) {
-      uint32_t to = start[(keys[i] >> shift) & (BUCKETS - 1)]++;
-      other_keys[to] = keys[i];
-      other[to] = order[i];
-    }
-    keys.swap(other_keys);
-    order.swap(other);
-  }
-  return order;
+#include "shared/mathematics.h"
+#include "shared/projection.h"
+
+constexpr size_t BLOCK = 8192;  // splats counted at a time
+
+int blocks_of(size_t count) { return static_cast<int>((count + BLOCK - 1) / BLOCK); }
+
+template <class Use>
+void each_block(size_t count, Use use) {  // use(block, begin, end)
+  parallel_for(blocks_of(count), 1, [&](int first, int last) {
+    for (int block = first; block < last; ++block) use(block, block * BLOCK, std::min(count, (block + 1) * BLOCK));
+  });
 }
 
-// Tiles of tile row `row` that the splat's ellipse {alpha >= ALPHA_MIN} reaches: exact for the row's band of pixel centres.
-Span span_of(const Splat &splat, int row, const FrameView &view) {
-  constexpr float MARGIN = 0.01f;  // pixels; covers rounding, the blend tests every pixel anyway
-  const float top = row * TILE + 0.5f - splat.y, bottom = top + TILE - 1;
-  const float low = std::max(top, -splat.extent_y), high = std::min(bottom, splat.extent_y);
-  Span span{0, -1, 0};
-  if (low > high) return span;
-  // Boundary: a dx^2 + 2 b dx dy + c dy^2 = cutoff, where c - b^2 / a = cutoff / extent_y^2.
-  const float curvature = splat.cutoff / (splat.extent_y * splat.extent_y);
-  auto half_width = [&](float dy) {
-    return std::sqrt(std::max(0.0f, curvature * (splat.extent_y * splat.extent_y - dy * dy) / splat.a));
-  };
-  const float right_dy = std::min(std::max(splat.lean, low), high);
-  const float left_dy = std::min(std::max(-splat.lean, low), high);
-  const float right = splat.x - splat.b / splat.a * right_dy + half_width(right_dy) + MARGIN;
-  const float left = splat.x - splat.b / splat.a * left_dy - half_width(left_dy) - MARGIN;
-  const float limit = static_cast<float>(view.camera.width);
-  if (!(right >= 0.5f && left <= limit)) return span;
-  const int first = static_cast<int>(std::ceil(std::max(left - 0.5f, 0.0f)));
-  const int last = static_cast<int>(std::floor(std::min(right - 0.5f, limit - 1)));
-  if (first > last) return span;
-  span.first = static_cast<int16_t>(first / TILE);
-  span.last = static_cast<int16_t>(last / TILE);
-  return span;
+// Turns counts [block][bucket] into where each block writes each bucket's first element; returns the buckets' beginnings.
+std::vector<size_t> places(uint32_t *counts, int blocks, int buckets) {
+  std::vector<size_t> begin(buckets + 1, 0);
+  size_t total = 0;
+  for (int bucket = 0; bucket < buckets; ++bucket) {
+    begin[bucket] = total;
+    for (int block = 0; block < blocks; ++block) {
+      uint32_t &entry = counts[static_cast<size_t>(block) * buckets + bucket];
+      const uint32_t here = entry;
+      entry = static_cast<uint32_t>(total);
+      total += here;
+    }
+  }
+  begin[buckets] = total;
+  if (total > UINT32_MAX) throw std::bad_alloc();
+  return begin;
+}
+
+// The drawn splats by depth: stable least-significant-digit radix sort. Positive floats order like their bits; equal
+// depths keep index order. Leaves the result in frame.order.
+size_t sort_by_depth(FrogFrame &frame) {
+  const size_t count = frame.view.count;
+  constexpr int BITS = 11, BUCKETS = 1 << BITS;
+  uint32_t *counts = frame.histogram.resize(static_cast<size_t>(blocks_of(count)) * BUCKETS);
+  each_block(count, [&](int block, size_t begin, size_t end) {
+    counts[block] = 0;
+    for (size_t i = begin; i < end; ++i) counts[block] += frame.splats[i].radius > 0;
+  });
+  const size_t drawn = places(counts, blocks_of(count), 1).back();
+  Keyed *from = frame.order.resize(drawn), *to = frame.spare_order.resize(drawn);
+  each_block(count, [&](int block, size_t begin, size_t end) {
+    uint32_t at = counts[block];
+    for (size_t i = begin; i < end; ++i)
+      if (frame.splats[i].radius > 0) {
+        std::memcpy(&from[at].key, &frame.splats[i].depth, 4);
+        from[at++].splat = static_cast<uint32_t>(i);
+      }
+  });
+  for (int shift = 0; shift < 32; shift += BITS) {
+    each_block(drawn, [&](int block, size_t begin, size_t end) {
+      uint32_t *mine = counts + static_cast<size_t>(block) * BUCKETS;
+      std::fill_n(mine, BUCKETS, 0);
+      for (size_t i = begin; i < end; ++i) ++mine[(from[i].key >> shift) & (BUCKETS - 1)];
+    });
+    places(counts, blocks_of(drawn), BUCKETS);
+    each_block(drawn, [&](int block, size_t begin, size_t end) {
+      uint32_t *mine = counts + static_cast<size_t>(block) * BUCKETS;
+      for (size_t i = begin; i < end; ++i) to[mine[(from[i].key >> shift) & (BUCKETS - 1)]++] = from[i];
+    });
+    std::swap(from, to);
+  }
+  if (from != frame.order.data()) std::copy_n(from, drawn, frame.order.data());
+  return drawn;
+}
+
+// What each splat covers in each of its tile rows, row by row in depth order.
+void list_rows(FrogFrame &frame, size_t drawn) {
+  const FrameView &view = frame.view;
+  const Keyed *order = frame.order.data();
+  const int rows = view.tiles_y, width = view.options.region[2];
+  uint32_t *counts = frame.histogram.resize(static_cast<size_t>(blocks_of(drawn)) * rows);
+  each_block(drawn, [&](int block, size_t begin, size_t end) {
+    uint32_t *mine = counts + static_cast<size_t>(block) * rows;
+    std::fill_n(mine, rows, 0);
+    for (size_t k = begin; k < end; ++k) {
+      const Splat &splat = frame.splats[order[k].splat];
+      for (int row = splat.first_row; row <= splat.last_row; ++row) ++mine[row];
+    }
+  });
+  frame.row_begin = places(counts, blocks_of(drawn), rows);
+  RowEntry *entries = frame.entries.resize(frame.row_begin.back());
+  each_block(drawn, [&](int block, size_t begin, size_t end) {
+    uint32_t *mine = counts + static_cast<size_t>(block) * rows;
+    for (size_t k = begin; k < end; ++k) {
+      const uint32_t index = order[k].splat;
+      const Splat &splat = frame.splats[index];
+      uint32_t slots = 0;
+      for (int row = splat.first_row; row <= splat.last_row; ++row) {
+        int first, last;
+        tile_span(splat, row, width, first, last);
+        entries[mine[row]++] = {index, slots, static_cast<int16_t>(first), static_cast<int16_t>(last)};
+        slots += last - first + 1;
+      }
+      frame.slot_count[index] = slots;
+    }
+  });
 }
 
 }  // namespace
 
 void bin_splats(FrogFrame &frame) {
   FrameView &view = frame.view;
-  const std::vector<Splat> &splats = frame.splats;
-  const int count = view.count;
+  std::fill_n(frame.slot_count.resize(view.count), view.count, 0u);
+  const size_t drawn = sort_by_depth(frame);
+  frame.drawn = static_cast<int32_t>(drawn);
+  list_rows(frame, drawn);
 
-  std::vector<uint32_t> visible, row_begin(count + 1, 0);
-  visible.reserve(count);
-  for (int i = 0; i < count; ++i) {
-    const bool seen = splats[i].radius > 0;
-    if (seen) visible.push_back(i);
-    row_begin[i + 1] = row_begin[i] + (seen ? splats[i].last_row - splats[i].first_row + 1 : 0);
-  }
-
-  std::vector<Span> spans(row_begin[count]);
-  frame.slot_begin.assign(count + 1, 0);
-  parallel_for(count, 1024, [&](int begin, int end) {
-    for (int i = begin; i < end; ++i) {
-      uint32_t slots = 0;
-      for (uint32_t s = row_begin[i]; s < row_begin[i + 1]; ++s) {
-        spans[s] = span_of(splats[i], splats[i].first_row + static_cast<int>(s - row_begin[i]), view);
-        spans[s].slot = slots;
-        slots += spans[s].last - spans[s].first + 1;
-      }
-      frame.slot_begin[i + 1] = slots;
-    }
-  });
-  std::partial_sum(frame.slot_begin.begin(), frame.slot_begin.end(), frame.slot_begin.begin());
-
-  const std::vector<uint32_t> order = sort_by_depth(splats, std::move(visible));
-  struct Rows { int16_t first, last; };
-  std::vector<Rows> rows(order.size());  // read once for every tile row: keep it small
-  for (size_t k = 0; k < order.size(); ++k) rows[k] = {splats[order[k]].first_row, splats[order[k]].last_row};
-
-  std::vector<uint32_t> tile_begin(static_cast<size_t>(view.tiles_x) * view.tiles_y + 1, 0);
-  auto each_span = [&](int row, auto &&use) {
-    for (size_t k = 0; k < order.size(); ++k)
-      if (rows[k].first <= row && row <= rows[k].last)
-        use(order[k], spans[row_begin[order[k]] + (row - rows[k].first)]);
-  };
-  parallel_for(view.tiles_y, 1, [&](int begin, int end) {
-    for (int row = begin; row < end; ++row)
-      each_span(row, [&](uint32_t, const Span &span) {
-        for (int x = span.first; x <= span.last; ++x) ++tile_begin[row * view.tiles_x + x + 1];
-      });
-  });
-  std::partial_sum(tile_begin.begin(), tile_begin.end(), tile_begin.begin());
-
-  frame.tile_splats.resize(tile_begin.back());
-  frame.tile_slots.resize(tile_begin.back());
-  parallel_for(view.tiles_y, 1, [&](int begin, int end) {
+  // Instances of each tile: spans begin and end, their running sum counts.
+  const int columns = view.tiles_x, rows = view.tiles_y;
+  std::vector<uint32_t> tile_begin(static_cast<size_t>(rows) * (columns + 1), 0);
+  frame.row_instances.assign(rows + 1, 0);
+  parallel_for(rows, 1, [&](int begin, int end) {
     for (int row = begin; row < end; ++row) {
-      std::vector<uint32_t> next(tile_begin.begin() + row * view.tiles_x, tile_begin.begin() + (row + 1) * view.tiles_x);
-      each_span(row, [&](uint32_t index, const Span &span) {
-        for (int x = span.first; x <= span.last; ++x) {
-          frame.tile_splats[next[x]] = index;
-          frame.tile_slots[next[x]++] = frame.slot_begin[index] + span.slot + (x - span.first);
-        }
-      });
+      uint32_t *changes = tile_begin.data() + static_cast<size_t>(row) * (columns + 1);
+      for (size_t e = frame.row_begin[row]; e < frame.row_begin[row + 1]; ++e) {
+        const RowEntry &entry = frame.entries[e];
+        if (entry.last < entry.first) continue;
+        ++changes[entry.first];
+        --changes[entry.last + 1];
+      }
+      uint64_t total = 0;
+      uint32_t here = 0;
+      for (int x = 0; x <= columns; ++x) {
+        here += changes[x];
+        changes[x] = static_cast<uint32_t>(total);
+        total += here;
+      }
+      frame.row_instances[row + 1] = total;
     }
   });
-
-  frame.tiles.clear();
-  for (int y = 0; y < view.tiles_y; ++y)
-    for (int x = 0; x < view.tiles_x; ++x) {
-      const size_t t = static_cast<size_t>(y) * view.tiles_x + x;
-      frame.tiles.push_back({x, y, tile_begin[t], tile_begin[t + 1]});
+  std::partial_sum(frame.row_instances.begin(), frame.row_instances.end(), frame.row_instances.begin());
+  if (frame.row_instances.back() > UINT32_MAX) throw std::bad_alloc();
+  Instance *instances = frame.instances.resize(frame.row_instances.back());
+  frame.tiles.resize(static_cast<size_t>(rows) * columns);
+  parallel_for(rows, 1, [&](int begin, int end) {
+    for (int row = begin; row < end; ++row) {
+      uint32_t *next = tile_begin.data() + static_cast<size_t>(row) * (columns + 1);
+      const uint32_t base = static_cast<uint32_t>(frame.row_instances[row]);
+      for (int x = 0; x < columns; ++x)
+        frame.tiles[static_cast<size_t>(row) * columns + x] = {x, row, base + next[x], base + next[x + 1]};
+      for (size_t e = frame.row_begin[row]; e < frame.row_begin[row + 1]; ++e) {
+        const RowEntry &entry = frame.entries[e];
+        for (int x = entry.first; x <= entry.last; ++x)
+          instances[base + next[x]++] = {entry.splat, entry.slot + static_cast<uint32_t>(x - entry.first)};
+      }
     }
+  });
   // Dearest first, so that no thread is left alone with a crowded tile at the end.
   std::stable_sort(frame.tiles.begin(), frame.tiles.end(),
                    [](const Tile &p, const Tile &q) { return p.end - p.begin > q.end - q.begin; });
-  view.tile_splats = frame.tile_splats.data();
-  view.tile_slots = frame.tile_slots.data();
-  view.slot_begin = frame.slot_begin.data();
+  view.instances = instances;
 }
 
 }  // namespace frog

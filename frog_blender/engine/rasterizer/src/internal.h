@@ -1,35 +1,15 @@
-// What the parts of the CPU rasterizer share: one drawn frame, and the table of kernels.
+// What the parts of the CPU rasterizer share: a drawn frame as raw views, and the table of kernels.
 #pragma once
 #include "frog_native.h"
 
-constexpr int TILE = 16;                  // pixels a side
-constexpr float ALPHA_MIN = 1.0f / 255;   // fainter contributions are skipped
-constexpr float ALPHA_MAX = 0.999f;       // keeps 1 - alpha away from zero
-constexpr float TRANSMITTANCE_MIN = 1e-4f;  // a pixel that would fall below is finished
-constexpr int INSTANCE_GRADIENTS = 9;     // x y, conic a b c, opacity, r g b
-
-// A Gaussian on the screen. `radius` is 0 for one that is culled.
-struct alignas(64) Splat {
-  float x, y;                // pixels
-  float a, b, c;             // inverse covariance: power = -(a dx^2 + c dy^2) / 2 - b dx dy
-  float opacity;
-  float red, green, blue;
-  float depth;               // planar, world units
-  float extent_x, extent_y;  // half sides of the box outside which alpha < ALPHA_MIN
-  float lean;                // dy at which the ellipse reaches its largest dx
-  float radius;
-  int16_t first_row, last_row;  // tile rows, inclusive
-  float cutoff;                 // 2 ln(opacity / ALPHA_MIN): the squared distance at which alpha is ALPHA_MIN
-};
-
-struct Span {          // tiles of one splat in one tile row
-  int16_t first, last;  // inclusive; last < first when empty
-  uint32_t slot;        // instance slot of the first tile (slots are grouped by Gaussian)
+struct Instance {  // a splat in one tile
+  uint32_t splat;  // index of the Gaussian
+  uint32_t slot;   // number of this tile among the Gaussian's tiles
 };
 
 struct Tile {  // one tile's job
   int32_t x, y;
-  uint32_t begin, end;  // range in FrameView::tile_splats
+  uint32_t begin, end;  // range of instances
 };
 
 // Raw views of a frame's arrays, so that kernels compiled for one instruction set never instantiate shared templates.
@@ -38,19 +18,26 @@ struct FrameView {
   FrogOptions options;
   int32_t count;
   int32_t tiles_x, tiles_y;
-  Splat *splats;                 // (N,)
-  const uint32_t *tile_splats;   // instances: Gaussian index, tile by tile, in depth order
-  const uint32_t *tile_slots;    // instances: where the instance's gradients go
-  float *instance_gradients;     // (instances, INSTANCE_GRADIENTS) by slot
-  const uint32_t *slot_begin;    // (N + 1,) slots of each Gaussian
+  Splat *splats;              // (N,)
+  const Instance *instances;  // tile by tile, each in depth order
+};
+
+// Where the backward pass of some tile rows puts its numbers: Gaussian i's slot s at (slot_base[i] + s) * width.
+struct SlotView {
+  float *gradients;
+  const uint32_t *slot_base;  // (N,)
+  int32_t width;              // SPLAT_GRADIENTS, or BY_BLUE + 1 where absolute gradients are not wanted
 };
 
 struct Kernels {
   const char *name;
-  void (*project)(const FrameView &, const FrogGaussians &, int begin, int end);
+  int (*project)(const FrameView &, const FrogGaussians &, int begin, int end);  // returns how many are at fault
   void (*blend)(const FrameView &, const Tile &, const FrogImage &);
-  void (*blend_backward)(const FrameView &, const Tile &, const FrogImage &, const FrogImageGradient &);
-  void (*project_backward)(const FrameView &, const FrogGaussians &, const FrogGradients &, int begin, int end);
+  int64_t (*count_blended)(const FrameView &, const Tile &);
+  void (*blend_backward)(const FrameView &, const SlotView &, const Tile &, const FrogImage &, const FrogImageGradient &);
+  // `sums` are (N, SPLAT_GRADIENTS); `pose` is (12,) or null, and is added to.
+  void (*project_backward)(const FrameView &, const FrogGaussians &, const float *sums, const FrogGradients &, float *pose,
+                           int begin, int end);
   void (*network)(int begin, int end, int hidden, const float *first, const float *shared, int layer_count,
                   const FrogLayer *layers, int row_length, int outputs, float *scratch, float *result);
 };

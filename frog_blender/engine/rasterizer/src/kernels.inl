@@ -1,15 +1,22 @@
 // Everything that is compiled once for each instruction set, in a namespace of its own so that the linker can never
 // mix two of them. No standard containers here: their templates would be shared between the sets.
 #include <math.h>
+#if defined(__SSE__)
+#include <immintrin.h>
+#endif
 
 #include "internal.h"
 
 namespace FROG_ISA {
+#include "shared/mathematics.h"
+#include "shared/projection.h"
+#include "shared/projection_backward.h"
 #include "simd.inl"
-#include "mathematics.inl"
 #include "projection.inl"
+#include "tile.inl"
 #include "blend.inl"
+#include "blend_backward.inl"
 #include "network.inl"
 
-const Kernels kernels = {FROG_ISA_NAME, project, blend, blend_backward, project_backward, network};
+const Kernels kernels = {FROG_ISA_NAME, project, blend, count_blended, blend_backward, project_backward, network};
 }  // namespace FROG_ISA

@@ -1,5 +1,6 @@
-// A register's worth of floats, by the compilers' vector extension. The width is the machine's own: wider types are
-// taken apart into scalars and were several times slower.
+// A register's worth of floats and of truth values. The width is the machine's own: wider types are taken apart into
+// scalars and were several times slower. Arithmetic is the compilers' vector extension; what it has no word for, or
+// says badly, is written with intrinsics where there are any.
 constexpr int LANES = FROG_VECTOR_BYTES / 4;
 typedef float Floats __attribute__((vector_size(FROG_VECTOR_BYTES)));
 typedef int32_t Ints __attribute__((vector_size(FROG_VECTOR_BYTES)));
@@ -10,45 +11,125 @@ static inline void store(float *to, Floats v) { __builtin_memcpy(to, &v, sizeof 
 static inline Ints load(const int32_t *from) { Ints v; __builtin_memcpy(&v, from, sizeof v); return v; }
 static inline void store(int32_t *to, Ints v) { __builtin_memcpy(to, &v, sizeof v); }
 
-static inline bool any(Ints mask) {  // lanes are 0 or -1
-#if FROG_VECTOR_BYTES == 32 && defined(__AVX2__)
-  return __builtin_ia32_movmskps256((Floats)mask) != 0;
-#elif FROG_VECTOR_BYTES == 16 && defined(__SSE__)
-  return __builtin_ia32_movmskps((Floats)mask) != 0;
+// 2^f on [-1/2, 1/2], minimax of degree 5: relative error below 2.2e-7 with its rounding.
+static inline Floats exp2_fraction(Floats f) {
+  Floats p = all(1.3276472454890609e-3f);
+  p = p * f + 9.675540961325169e-3f;
+  p = p * f + 5.550713092088699e-2f;
+  p = p * f + 2.4022120237350464e-1f;
+  p = p * f + 6.931469440460205e-1f;
+  return p * f + 1.0000001192092896f;
+}
+
+#if FROG_VECTOR_BYTES == 64
+
+typedef __mmask16 Mask;
+static inline Mask at_least(Floats a, Floats b) { return _mm512_cmp_ps_mask(a, b, _CMP_GE_OQ); }
+static inline Mask at_least(Mask mask, Floats a, Floats b) { return _mm512_mask_cmp_ps_mask(mask, a, b, _CMP_GE_OQ); }
+static inline Mask and_not(Mask mask, Mask other) { return _kandn_mask16(other, mask); }
+static inline bool any(Mask mask) { return mask != 0; }
+static inline int count(Mask mask) { return __builtin_popcount(mask); }
+static inline Floats keep(Mask mask, Floats v) { return _mm512_maskz_mov_ps(mask, v); }
+static inline Floats choose(Mask mask, Floats yes, Floats no) { return _mm512_mask_mov_ps(no, mask, yes); }
+static inline Ints choose(Mask mask, int32_t yes, Ints no) {
+  return (Ints)_mm512_mask_set1_epi32((__m512i)no, mask, yes);
+}
+static inline Floats negate(Mask mask, Floats v) {
+  return (Floats)_mm512_mask_xor_epi32((__m512i)v, mask, (__m512i)v, _mm512_set1_epi32(INT32_MIN));
+}
+static inline Floats smaller(Floats a, Floats b) { return _mm512_min_ps(a, b); }
+static inline Floats larger(Floats a, Floats b) { return _mm512_max_ps(a, b); }
+static inline Floats absolute(Floats v) { return _mm512_abs_ps(v); }
+static inline Floats reciprocal(Floats v) {  // one Newton step on 14 bits
+  const Floats r = _mm512_rcp14_ps(v);
+  return r * (2.0f - v * r);
+}
+static inline Floats exp2(Floats x) {
+  const Floats whole = _mm512_roundscale_ps(x, _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC);
+  return _mm512_scalef_ps(exp2_fraction(x - whole), whole);
+}
+static inline float sum(Floats v) { return _mm512_reduce_add_ps(v); }
+
+// The sums of eight vectors at once: transposed while they are added.
+static inline void sums_of_8(const Floats *v, float *out) {
+  __m512 quads[2];
+  for (int i = 0; i < 2; ++i) {
+    const __m512 a = _mm512_add_ps(_mm512_unpacklo_ps(v[4 * i], v[4 * i + 1]), _mm512_unpackhi_ps(v[4 * i], v[4 * i + 1]));
+    const __m512 b = _mm512_add_ps(_mm512_unpacklo_ps(v[4 * i + 2], v[4 * i + 3]), _mm512_unpackhi_ps(v[4 * i + 2], v[4 * i + 3]));
+    quads[i] = _mm512_add_ps((__m512)_mm512_unpacklo_pd((__m512d)a, (__m512d)b), (__m512)_mm512_unpackhi_pd((__m512d)a, (__m512d)b));
+  }
+  const __m512 e = _mm512_add_ps(_mm512_shuffle_f32x4(quads[0], quads[1], 0x88), _mm512_shuffle_f32x4(quads[0], quads[1], 0xdd));
+  const __m512 f = _mm512_add_ps(_mm512_shuffle_f32x4(e, e, 0x08), _mm512_shuffle_f32x4(e, e, 0x0d));
+  _mm256_storeu_ps(out, _mm512_castps512_ps256(f));
+}
+
 #else
-  typedef int64_t Longs __attribute__((vector_size(FROG_VECTOR_BYTES)));
-  const Longs wide = (Longs)mask;
-  int64_t joined = 0;
-  for (int i = 0; i < LANES / 2; ++i) joined |= wide[i];
+
+typedef Ints Mask;  // lanes are 0 or -1
+static inline Mask at_least(Floats a, Floats b) { return a >= b; }
+static inline Mask at_least(Mask mask, Floats a, Floats b) { return mask & (a >= b); }
+static inline Mask and_not(Mask mask, Mask other) { return mask & ~other; }
+static inline bool any(Mask mask) {
+#if FROG_VECTOR_BYTES == 32
+  return _mm256_movemask_ps((__m256)mask) != 0;
+#elif defined(__SSE__)
+  return _mm_movemask_ps((__m128)mask) != 0;
+#else
+  int32_t joined = 0;
+  for (int i = 0; i < LANES; ++i) joined |= mask[i];
   return joined != 0;
 #endif
 }
-
-static inline float sum(Floats v) {  // by halves: a fixed order, whatever the thread
+static inline int count(Mask mask) {
+  int result = 0;
+  for (int i = 0; i < LANES; ++i) result -= mask[i];
+  return result;
+}
+static inline Floats keep(Mask mask, Floats v) { return (Floats)(mask & (Ints)v); }
+static inline Floats choose(Mask mask, Floats yes, Floats no) { return mask ? yes : no; }
+static inline Ints choose(Mask mask, int32_t yes, Ints no) { return mask ? yes - Ints{} : no; }
+static inline Floats negate(Mask mask, Floats v) { return (Floats)((Ints)v ^ (mask & INT32_MIN)); }
+static inline Floats smaller(Floats a, Floats b) { return a < b ? a : b; }
+static inline Floats larger(Floats a, Floats b) { return a > b ? a : b; }
+static inline Floats absolute(Floats v) { return (Floats)((Ints)v & INT32_MAX); }
+#if FROG_VECTOR_BYTES == 32
+static inline Floats reciprocal(Floats v) {  // one Newton step on 12 bits
+  const Floats r = _mm256_rcp_ps(v);
+  return r * (2.0f - v * r);
+}
+#else
+static inline Floats reciprocal(Floats v) { return 1.0f / v; }
+#endif
+// Rounds by adding a number whose last digit is a one; lanes that overflow come out as rubbish, and are masked by all callers.
+static inline Floats exp2(Floats x) {
+  constexpr float ROUND = 12582912.0f;  // 1.5 * 2^23
+  const Floats shifted = x + ROUND;
+  return (Floats)((Ints)exp2_fraction(x - (shifted - ROUND)) + ((Ints)shifted << 23));
+}
+static inline float sum(Floats v) {  // by halves: a fixed order
   float parts[LANES];
   store(parts, v);
   for (int width = LANES / 2; width > 0; width /= 2)
     for (int i = 0; i < width; ++i) parts[i] += parts[i + width];
   return parts[0];
 }
+#if FROG_VECTOR_BYTES == 32
+static inline void sums_of_8(const Floats *v, float *out) {  // transposed while they are added
+  __m256 quads[2];
+  for (int i = 0; i < 2; ++i)
+    quads[i] = _mm256_hadd_ps(_mm256_hadd_ps(v[4 * i], v[4 * i + 1]), _mm256_hadd_ps(v[4 * i + 2], v[4 * i + 3]));
+  _mm256_storeu_ps(out, _mm256_add_ps(_mm256_permute2f128_ps(quads[0], quads[1], 0x20),
+                                      _mm256_permute2f128_ps(quads[0], quads[1], 0x31)));
+}
+#else
+static inline void sums_of_8(const Floats *v, float *out) {
+  for (int i = 0; i < 8; ++i) out[i] = sum(v[i]);
+}
+#endif
+#endif
 
 static inline float largest(Floats v) {
   float result = v[0];
   for (int i = 1; i < LANES; ++i) result = v[i] > result ? v[i] : result;
   return result;
-}
-
-// 2^x for x <= 0, relative error below 2e-7; anything below -30 gives 2^-30 (far under every threshold here).
-static inline Floats exp2_nonpositive(Floats x) {
-  x = x > all(-30.0f) ? x : all(-30.0f);
-  const Ints whole = __builtin_convertvector(x - 0.5f, Ints);  // truncation of x - 1/2 rounds a negative x
-  const Floats f = x - __builtin_convertvector(whole, Floats);
-  Floats p = all(1.535336188319500e-4f);  // minimax on [-1/2, 1/2] (Cephes' exp2f coefficients)
-  p = p * f + 1.339887440266574e-3f;
-  p = p * f + 9.618437357674640e-3f;
-  p = p * f + 5.550332471162809e-2f;
-  p = p * f + 2.402264791363012e-1f;
-  p = p * f + 6.931472028550421e-1f;
-  p = p * f + 1.0f;
-  return (Floats)((Ints)p + (whole << 23));
 }

@@ -1,7 +1,8 @@
 // Small fixed-size mathematics of the projection: spherical harmonics and quaternions, with their derivatives.
+#pragma once
 
 // Real spherical harmonics in the order of 3D Gaussian Splatting, up to degree 3, at the unit direction (x, y, z).
-static inline void sh_basis(int count, float x, float y, float z, float *b) {
+FROG_FUNCTION void sh_basis(int count, float x, float y, float z, float *b) {
   b[0] = 0.28209479177387814f;
   if (count < 4) return;
   b[1] = -0.4886025119029199f * y;
@@ -25,7 +26,7 @@ static inline void sh_basis(int count, float x, float y, float z, float *b) {
 }
 
 // Derivatives of the same polynomials by x, y and z: d[k] = {db_k/dx, db_k/dy, db_k/dz}.
-static inline void sh_basis_gradient(int count, float x, float y, float z, float (*d)[3]) {
+FROG_FUNCTION void sh_basis_gradient(int count, float x, float y, float z, float (*d)[3]) {
   for (int k = 0; k < count; ++k) d[k][0] = d[k][1] = d[k][2] = 0;
   if (count < 4) return;
   d[1][1] = -0.4886025119029199f;
@@ -52,7 +53,7 @@ static inline void sh_basis_gradient(int count, float x, float y, float z, float
 }
 
 // Rotation matrix of the unit quaternion (w, x, y, z).
-static inline void rotation_of(const float *q, float r[3][3]) {
+FROG_FUNCTION void rotation_of(const float *q, float r[3][3]) {
   const float w = q[0], x = q[1], y = q[2], z = q[3];
   r[0][0] = 1 - 2 * (y * y + z * z), r[0][1] = 2 * (x * y - w * z), r[0][2] = 2 * (x * z + w * y);
   r[1][0] = 2 * (x * y + w * z), r[1][1] = 1 - 2 * (x * x + z * z), r[1][2] = 2 * (y * z - w * x);
@@ -60,7 +61,7 @@ static inline void rotation_of(const float *q, float r[3][3]) {
 }
 
 // Gradient by the unnormalised quaternion (length `norm`, direction q) from the gradient by the rotation matrix.
-static inline void rotation_gradient(const float *q, float norm, const float g[3][3], float *out) {
+FROG_FUNCTION void rotation_gradient(const float *q, float norm, const float g[3][3], float *out) {
   const float w = q[0], x = q[1], y = q[2], z = q[3];
   float d[4];
   d[0] = 2 * (x * (g[2][1] - g[1][2]) + y * (g[0][2] - g[2][0]) + z * (g[1][0] - g[0][1]));
@@ -71,6 +72,6 @@ static inline void rotation_gradient(const float *q, float norm, const float g[3
   for (int i = 0; i < 4; ++i) out[i] = (d[i] - along * q[i]) / norm;
 }
 
-static inline float clamped(float value, float low, float high) {
+FROG_FUNCTION float clamped(float value, float low, float high) {
   return value < low ? low : (value > high ? high : value);
 }

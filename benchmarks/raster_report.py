@@ -1,0 +1,174 @@
+"""What the rasterizer benchmark makes of its measurements: shares of the machine's peak, a table, a chart.
+
+Arithmetic of one blended (Gaussian, pixel) pair, in floating-point operations (a fused multiply-add counts 2; tests,
+minima, conversions and integer steps count nothing, nor do pairs that are tried and not blended; what only depends on
+the pixel's row or column within the Gaussian counts for that row or column, which is as good as nothing):
+
+    power = (log2 opacity - across dy^2) - (along dx + lean dy)^2            4
+    alpha = 2^power: reduction 2, polynomial of degree 6                     14
+    weight = T alpha, T = T - weight                                         2
+    red, green, blue += weight colour                                        6     forward: 26
+
+    power, alpha, weight, T again                                            20
+    s = g.colour (3 channels), rest -= weight s                              7
+    dL/dlog alpha = (T s - rest / (1 - alpha)) alpha                         5
+    gradient of the colour += weight g (3 channels)                          6
+    moments of dL/dlog alpha: 1, dy, dy^2 in a column; dx once a column      5     backward: 43
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+FORWARD_FLOPS = 4 + 14 + 2 + 6
+BACKWARD_FLOPS = 20 + 7 + 5 + 6 + 5
+COLORS = {"avx512": "#1b6ca8", "avx2": "#2a9d8f", "baseline": "#8d99ae", "cuda": "#c44536", "gsplat": "#e9a23b"}
+_HEADINGS = (
+    *("scene", "Gaussians", "M pairs", "kernels", "threads", "forward ms", "backward ms", "peak MB"),
+    *("forward G pairs/s/core", "backward G pairs/s/core", "forward of peak", "backward of peak"),
+)
+
+Record = dict[str, Any]
+
+
+def kernels(record: Record) -> str:
+    """What drew: the instruction set on the CPU, else the backend."""
+    return record["isa"] or record["backend"]
+
+
+def add_rates(record: Record, core_gflops: float | None) -> None:
+    """Adds ``{forward, backward}_gpairs_per_core`` and ``_share`` (of the peak of what it ran on; None: unknown).
+
+    A GPU counts as one core.
+    """
+    cores = record["threads"] or 1
+    peak = cores * core_gflops if core_gflops else None
+    if record["threads"] is None:
+        peak = record.get("device_peak_gflops")
+    for name, flops in (("forward", FORWARD_FLOPS), ("backward", BACKWARD_FLOPS)):
+        rate = record["pairs"] / record[f"{name}_s"] * 1e-9
+        record[f"{name}_gpairs_per_core"] = rate / cores
+        record[f"{name}_share"] = rate * flops / peak if peak else None
+
+
+def table(records: list[Record], markdown: bool = False) -> str:
+    """One row a run: aligned text, or a table of Markdown."""
+    rows = [list(_HEADINGS)] + [_row(record) for record in records]
+    widths = [max(len(row[column]) for row in rows) for column in range(len(_HEADINGS))]
+    names = (0, 3)  # columns of words stand on the left, of numbers on the right
+    lines = []
+    for row in rows:
+        pairs = enumerate(zip(row, widths, strict=True))
+        cells = [text.ljust(width) if column in names else text.rjust(width) for column, (text, width) in pairs]
+        lines.append(f"| {' | '.join(cells)} |" if markdown else "  ".join(cells).rstrip())
+    if markdown:
+        ruler = ["-" * width if column in names else "-" * (width - 1) + ":" for column, width in enumerate(widths)]
+        lines.insert(1, f"| {' | '.join(ruler)} |")
+    return "\n".join(lines)
+
+
+def _row(record: Record) -> list[str]:
+    shares = [record[f"{name}_share"] for name in ("forward", "backward")]
+    return [
+        record["scene"],
+        str(record["gaussians_in_scene"]),
+        f"{record['pairs'] / 1e6:.1f}",
+        kernels(record),
+        str(record["threads"] or "GPU"),
+        *(f"{1e3 * record[f'{name}_s']:.2f}" for name in ("forward", "backward")),
+        "?" if record["peak_rss_mb"] is None else f"{record['peak_rss_mb']:.0f}",
+        *(f"{record[f'{name}_gpairs_per_core']:.3f}" for name in ("forward", "backward")),
+        *("?" if share is None else f"{100 * share:.0f} %" for share in shares),
+    ]
+
+
+def remarks(records: list[Record]) -> list[str]:
+    """Sentences below the table: scaling over threads for every scene, and how straight time is against pairs."""
+    lines = []
+    cpu = {(r["scene"], r["isa"], r["threads"]): r for r in records if r["backend"] == "cpu"}
+    for (scene, isa, threads), run in cpu.items():
+        single = cpu.get((scene, isa, 1))
+        if threads > 1 and single:
+            gains = [single[f"{name}_s"] / run[f"{name}_s"] for name in ("forward", "backward")]
+            gain = f"forward {gains[0]:.2f} x, backward {gains[1]:.2f} x"
+            lines.append(f"{scene}, {isa}: {threads} threads for 1 make {gain}.")
+    for kernel in COLORS:
+        for label, names in (("forward", ["forward_s"]), ("forward and backward", ["forward_s", "backward_s"])):
+            pairs, seconds = _points([r for r in _sweep(records) if kernels(r) == kernel], names)
+            if len(pairs) > 2:
+                slope, offset = np.polyfit(np.log(pairs), np.log(seconds), 1)
+                farthest = np.exp(np.abs(np.log(seconds) - slope * np.log(pairs) - offset).max()) - 1
+                line = f"exponent {slope:.2f}, at most {100 * farthest:.0f} % from the straight line"
+                span = f"{pairs[0] / 1e6:.0f} to {pairs[-1] / 1e6:.0f} million pairs"
+                lines.append(f"{kernel}, {label}, against {span}: {line}.")
+    return lines
+
+
+def _sweep(records: list[Record]) -> list[Record]:
+    return [record for record in records if record["scene"].startswith("sweep")]
+
+
+def _points(records: list[Record], names: list[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs and the sum of the named seconds, by pairs."""
+    points = sorted((record["pairs"], sum(record[name] for name in names)) for record in records if record["pairs"])
+    pairs, seconds = np.array(points, float).reshape(-1, 2).T
+    return pairs, seconds
+
+
+def chart(records: list[Record], path: Path) -> None:
+    """Time against blended pairs (lines: the sweep; open marks: the other scenes), and pairs per second and core."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    most = max((r["threads"] or 1 for r in records), default=1)
+    drawn = [
+        r for r in records if r["backend"] != "reference" and r["scene"] != "tiny" and r["threads"] in (most, None)
+    ]
+    present = [kernel for kernel in COLORS if any(kernels(r) == kernel for r in drawn)]
+    figure, (times, rates) = pyplot.subplots(1, 2, figsize=(11, 4.4), width_ratios=(3, 2), layout="constrained")
+    for kernel in present:
+        own = [r for r in drawn if kernels(r) == kernel]
+        lines, others = _sweep(own), [r for r in own if r not in _sweep(own)]
+        for names, style, label in ((["forward_s"], "-", ""), (["forward_s", "backward_s"], "--", " + backward")):
+            look = {"color": COLORS[kernel], "label": f"{kernel}, forward{label}"}
+            if lines:
+                times.loglog(*_points(lines, names), "o", linestyle=style, markersize=4, **look)
+                look["label"] = None
+            times.loglog(*_points(others, names), "s" if label else "o", markerfacecolor="none", **look)
+    if _sweep(drawn):
+        pairs, seconds = _points(_sweep(drawn), ["forward_s"])
+        times.loglog(pairs, 0.5 * seconds.min() * pairs / pairs[0], color="#bbbbbb", label="proportional to pairs")
+    threads = f"{most} thread{'s' if most > 1 else ''}"
+    times.set(xlabel="blended (Gaussian, pixel) pairs", ylabel="seconds", title=f"Time against work, {threads}")
+    times.grid(True, which="major", alpha=0.3)
+    times.legend(fontsize=8)
+
+    scene = _busiest(drawn)
+    bars = [r for r in drawn if r["scene"] == scene and kernels(r) in present]
+    bars.sort(key=lambda record: present.index(kernels(record)))
+    at = np.arange(len(bars))
+    for shift, name, shade in ((-0.2, "forward", 1.0), (0.2, "backward", 0.55)):
+        heights = [r[f"{name}_gpairs_per_core"] for r in bars]
+        rates.bar(at + shift, heights, 0.38, color=[COLORS[kernels(r)] for r in bars], alpha=shade)
+        for x, record, height in zip(at + shift, bars, heights, strict=True):
+            share = record[f"{name}_share"]
+            text = f"{name}\n{height:.2f}" + ("" if share is None else f"\n{100 * share:.0f} %")
+            rates.annotate(text, (x, height), ha="center", va="bottom", fontsize=7)
+    rates.set_xticks(at, [kernels(r) for r in bars])
+    if any(r["threads"] is None for r in bars):
+        rates.set_yscale("log")
+    rates.set(ylabel="G pairs / s / core (GPU: whole)", title=f"Rate and share of the peak, {scene}, {threads}")
+    rates.margins(y=0.25)
+    figure.savefig(path, dpi=150)
+    pyplot.close(figure)
+
+
+def _busiest(records: list[Record]) -> str:
+    """The scene of most pairs, the sweep's only where there is no other."""
+    others = [record for record in records if record not in _sweep(records)]
+    return max(others or records, key=lambda record: record["pairs"])["scene"] if records else ""

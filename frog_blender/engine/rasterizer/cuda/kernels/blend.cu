@@ -1,0 +1,71 @@
+// One block a tile, one thread a pixel: blends the tile's splats front to back.
+// Compiled for DEPTH, WEIGHTS and LIMIT = 0 or 1: median and mean depth, largest weights, a depth limit at each pixel.
+#include "common.cuh"
+
+constexpr int BATCH = THREADS / QUARTERS;  // splats staged at once: every thread fetches 16 bytes
+static_assert(BATCH % WARP == 0, "a ballot tests 32 splats");
+
+extern "C" __global__ void __launch_bounds__(THREADS)
+    blend(const Splat *splats, const int *tile_splats, const int *ranges, FrogOptions options, int columns, float *rgb,
+          float *alpha, int *median_index, float *mean_depth, float *max_weights) {
+  __shared__ float4 staged[BATCH * STRIDE];
+  __shared__ int ids[BATCH];
+  const int width = options.region[2];
+  const Pixel pixel = pixel_of(columns, width, options.region[3]);
+  const long long to = static_cast<long long>(pixel.y) * width + pixel.x;
+  const float x = pixel.x + 0.5f, y = pixel.y + 0.5f;
+  const int begin = ranges[blockIdx.x], end = ranges[blockIdx.x + 1];
+  const int slot = threadIdx.x / QUARTERS, quarter = threadIdx.x % QUARTERS;
+
+  bool open = pixel.inside;
+  float transmittance = 1, red = 0, green = 0, blue = 0, depth = 0;
+  int median = -1;
+  float limit = 0;
+  if (LIMIT && open) limit = options.depth_limit[to];
+
+  float4 coming = fetch(splats, tile_splats, begin + slot, end, quarter);
+  for (int start = begin; start < end; start += BATCH) {
+    if (!__syncthreads_or(open)) break;  // also: everyone is done with the last batch
+    staged[slot * STRIDE + quarter] = coming;
+    if (quarter == 0) ids[slot] = start + slot < end ? tile_splats[start + slot] : -1;
+    __syncthreads();
+    coming = fetch(splats, tile_splats, start + BATCH + slot, end, quarter);  // arrives while this batch is blended
+
+    for (int group = 0; group < BATCH && start + group < end; group += WARP) {
+      if (!__any_sync(FULL, open)) break;
+      const bool near = start + group + lane_index() < end && reaches(staged + (group + lane_index()) * STRIDE, pixel);
+      for (unsigned left = __ballot_sync(FULL, near); left; left &= left - 1) {
+        const int k = group + __ffs(left) - 1;
+        const float4 shape = staged[k * STRIDE], more = staged[k * STRIDE + 1], rest = staged[k * STRIDE + 2];
+        if (LIMIT && rest.y > limit) open = false;
+        const Step s = step(shape, more, x, y, transmittance, open);
+        if (s.blended) {
+          red = fmaf(s.weight, more.z, red);
+          green = fmaf(s.weight, more.w, green);
+          blue = fmaf(s.weight, rest.x, blue);
+          if (DEPTH) {
+            depth = fmaf(s.weight, rest.y, depth);
+            if (transmittance > 0.5f && s.next <= 0.5f) median = ids[k];
+          }
+          transmittance = s.next;
+        }
+        if (WEIGHTS && __any_sync(FULL, s.blended)) {
+          float heaviest = s.blended ? s.weight : 0;
+          for (int offset = WARP / 2; offset; offset /= 2)
+            heaviest = fmaxf(heaviest, __shfl_xor_sync(FULL, heaviest, offset));
+          // Weights are positive: their bits order like integers, and a maximum does not depend on the order.
+          if (lane_index() == 0) atomicMax(reinterpret_cast<int *>(max_weights) + ids[k], __float_as_int(heaviest));
+        }
+      }
+    }
+  }
+  if (!pixel.inside) return;
+  rgb[3 * to] = fmaf(transmittance, options.background[0], red);
+  rgb[3 * to + 1] = fmaf(transmittance, options.background[1], green);
+  rgb[3 * to + 2] = fmaf(transmittance, options.background[2], blue);
+  alpha[to] = 1 - transmittance;
+  if (DEPTH) {
+    median_index[to] = median;
+    mean_depth[to] = transmittance < 1 ? depth / (1 - transmittance) : __int_as_float(0x7fc00000);
+  }
+}

@@ -1,0 +1,115 @@
+// What the kernels share: threads of a tile, splats in shared memory, one pixel's step along its splats, and sums over
+// a warp. No system header. The constants THREADS and STRIPE are known to the Python side as well (binning.py).
+#pragma once
+#include "types.h"
+
+constexpr int THREADS = TILE * TILE;  // of every block; one tile where pixels are concerned
+constexpr int WARP = 32;
+constexpr int WARPS = THREADS / WARP;
+constexpr unsigned FULL = 0xffffffffu;
+constexpr int ALONE = 32;  // a Gaussian of more tiles than this is worked on by its whole warp
+
+static __device__ __forceinline__ int lane_index() { return threadIdx.x % WARP; }
+static __device__ __forceinline__ int warp_index() { return threadIdx.x / WARP; }
+
+// A warp owns 8 x 4 pixels of its tile, so that a small splat concerns few warps.
+struct Pixel {
+  int x, y;        // of the region
+  int left, top;   // first pixel of the warp
+  bool inside;     // of the region
+};
+
+static __device__ __forceinline__ Pixel pixel_of(int columns, int width, int height) {
+  const int tile_x = blockIdx.x % columns * TILE, tile_y = blockIdx.x / columns * TILE;
+  Pixel p;
+  p.left = tile_x + warp_index() % 2 * 8;
+  p.top = tile_y + warp_index() / 2 * 4;
+  p.x = p.left + lane_index() % 8;
+  p.y = p.top + lane_index() / 8;
+  p.inside = p.x < width && p.y < height;
+  return p;
+}
+
+// Splats lie 80 bytes apart in shared memory, not 64: then 32 lanes that read 32 splats meet no bank conflict.
+constexpr int QUARTERS = sizeof(Splat) / sizeof(float4), STRIDE = QUARTERS + 1;
+static_assert(sizeof(Splat) == 64, "four float4");
+
+// Quarter `quarter` of splat number `at` of the tile's list, or nothing beyond its end.
+static __device__ __forceinline__ float4 fetch(const Splat *splats, const int *tile_splats, int at, int end, int quarter) {
+  if (at >= end) return make_float4(0, 0, 0, 0);
+  return reinterpret_cast<const float4 *>(splats + tile_splats[at])[quarter];
+}
+
+// Can the ellipse reach a pixel centre of the warp's 8 x 4? Never wrongly no: skipping what this denies changes no bit.
+static __device__ __forceinline__ bool reaches(const float4 *staged, const Pixel &pixel) {
+  const float4 shape = staged[0], more = staged[1], size = staged[2];
+  const float x = shape.x, y = shape.y, along = shape.z, lean = shape.w, across = more.x;
+  const float extent_x = size.y, extent_y = size.z, widest = staged[3].y;
+  const float margin = 0.01f + 1e-5f * (extent_x + extent_y);  // pixels, for rounding
+  const float top = pixel.top + 0.5f - y, low = fmaxf(top, -extent_y), high = fminf(top + 3, extent_y);
+  if (low > high + margin) return false;
+  // The widest places of the ellipse within these rows, as in tile_span.
+  const float reach = more.y - LOG2_ALPHA_MIN;
+  const float right_dy = fminf(fmaxf(widest, low), high), left_dy = fminf(fmaxf(-widest, low), high);
+  const float right_root = sqrtf(fmaxf(reach - across * right_dy * right_dy, 0.0f));
+  const float left_root = sqrtf(fmaxf(reach - across * left_dy * left_dy, 0.0f));
+  const float right = (right_root - lean * right_dy) / along + margin;
+  const float left = -(left_root + lean * left_dy) / along - margin;
+  const float first = pixel.left + 0.5f - x;
+  return !(right < first || left > first + 7);  // NaN stays
+}
+
+// One splat at one pixel. Explicit fused operations: both directions must take the very same decisions.
+struct Step {
+  float dx, dy, slant;       // slant = along dx + lean dy
+  float alpha, weight, next;  // next: transmittance behind it
+  bool blended, clamped;
+};
+
+// Returns whether the splat counts at this pixel; `open` goes down where it finishes the pixel.
+static __device__ __forceinline__ Step step(const float4 &shape, const float4 &more, float x, float y,
+                                            float transmittance, bool &open) {
+  Step s;
+  s.dx = x - shape.x;
+  s.dy = y - shape.y;
+  s.slant = fmaf(shape.z, s.dx, shape.w * s.dy);
+  const float power = fmaf(-s.slant, s.slant, fmaf(-more.x * s.dy, s.dy, more.y));
+  s.blended = open && power >= LOG2_ALPHA_MIN;
+  if (!s.blended) return s;
+  const float raw = exp2f(power);
+  s.clamped = raw >= ALPHA_MAX;
+  s.alpha = s.clamped ? ALPHA_MAX : raw;
+  s.weight = transmittance * s.alpha;
+  s.next = fmaf(-transmittance, s.alpha, transmittance);
+  if (s.next < TRANSMITTANCE_MIN) open = s.blended = false;
+  return s;
+}
+
+// Sums COUNT numbers over the warp's lanes, each step halving how many numbers a lane still carries: about COUNT + 4
+// shuffles instead of 5 COUNT. Afterwards values[0] of a lane is the total of number folded_index(lane).
+template <int COUNT, int OFFSET = WARP / 2>
+static __device__ __forceinline__ void fold(float *values) {
+  if constexpr (OFFSET > 0) {
+    constexpr int HALF = (COUNT + 1) / 2;
+    const bool upper = lane_index() & OFFSET;
+#pragma unroll
+    for (int k = 0; k < HALF; ++k) {
+      const float low = values[k], high = k + HALF < COUNT ? values[k + HALF < COUNT ? k + HALF : 0] : 0.0f;
+      values[k] = (upper ? high : low) + __shfl_xor_sync(FULL, upper ? low : high, OFFSET);
+    }
+    fold<HALF, OFFSET / 2>(values);
+  }
+}
+
+// Which number's total `fold` leaves in this lane; -1 for none.
+template <int COUNT, int OFFSET = WARP / 2>
+static __device__ __forceinline__ int folded_index(int lane) {
+  if constexpr (OFFSET == 0) {
+    return 0;
+  } else {
+    constexpr int HALF = (COUNT + 1) / 2;
+    const int within = folded_index<HALF, OFFSET / 2>(lane);
+    const int index = within + (lane & OFFSET ? HALF : 0);
+    return within < 0 || index >= COUNT ? -1 : index;
+  }
+}

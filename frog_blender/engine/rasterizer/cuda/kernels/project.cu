@@ -1,0 +1,31 @@
+// One thread a Gaussian: its splat, and how many tiles that reaches. Compiled for SH_COUNT = 1, 4, 9 or 16.
+#include "common.cuh"
+#include "mathematics.h"
+#include "projection.h"
+#include "camera.cuh"
+
+extern "C" __global__ void __launch_bounds__(THREADS)
+    project(FrogGaussians g, FrogCamera camera, FrogOptions options, const float *pose, Splat *splats, float *depths,
+            int *tile_counts, float *radii, int *at_fault) {
+  const long long at = static_cast<long long>(blockIdx.x) * THREADS + threadIdx.x;
+  if (at >= g.count) return;
+  const int i = static_cast<int>(at);
+  g.sh_count = SH_COUNT;  // a constant: loops unroll, the basis stays in registers
+  take_pose(camera, pose);
+  Splat splat;
+  const SplatState state = make_splat(g, camera, options, i, splat);
+  int tiles = 0;
+  if (state == SPLAT_DRAWN) {
+    for (int row = splat.first_row; row <= splat.last_row; ++row) {
+      int first, last;
+      tile_span(splat, row, options.region[2], first, last);
+      tiles += last - first + 1;
+    }
+    splats[i] = splat;
+  } else if (state == SPLAT_AT_FAULT) {
+    atomicAdd(at_fault, 1);
+  }
+  depths[i] = tiles ? splat.depth : 3.0e38f;  // what is not drawn sorts last
+  tile_counts[i] = tiles;
+  radii[i] = state == SPLAT_DRAWN ? splat.radius : 0;
+}

@@ -1,0 +1,91 @@
+// The backward pass over a whole frame. Each (Gaussian, tile) pair writes to a slot of its own and slots are summed in a
+// fixed order, so the result does not depend on the threads. Frames of very many pairs are taken in bands of tile rows,
+// so that the slots never need more than MAX_SLOTS.
+#include <algorithm>
+#include <cstdlib>
+
+#include "backward.h"
+#include "thread_pool.h"
+
+namespace frog {
+namespace {
+
+constexpr uint64_t MAX_SLOTS = 6'000'000;  // of 36 bytes
+constexpr int CHUNK = 1024;                // Gaussians whose pose gradients are added up together
+
+uint64_t slot_limit() {
+  const char *wanted = std::getenv("FROG_BACKWARD_SLOTS");  // for tests: bands on small frames
+  return wanted && *wanted ? std::max(1ull, std::strtoull(wanted, nullptr, 10)) : MAX_SLOTS;
+}
+
+// Where each Gaussian's slots of tile rows [first, last) begin; returns how many slots there are.
+size_t place_slots(FrogFrame &frame, int first, int last, bool whole, uint32_t *count) {
+  const int gaussians = frame.view.count;
+  uint32_t *base = frame.slot_base.data(), *seen = frame.slots_seen.data();
+  if (whole) {
+    std::copy_n(frame.slot_count.data(), gaussians, count);
+  } else {
+    std::fill_n(count, gaussians, 0u);
+    for (size_t e = frame.row_begin[first]; e < frame.row_begin[last]; ++e)
+      count[frame.entries[e].splat] += frame.entries[e].last - frame.entries[e].first + 1;
+  }
+  uint32_t total = 0;
+  for (int i = 0; i < gaussians; ++i) {
+    base[i] = total - seen[i];  // wraps; adding a slot of this band wraps back
+    total += count[i];
+  }
+  return total;
+}
+
+}  // namespace
+
+void go_backward(const Kernels &kernels, FrogFrame &frame, const FrogGaussians &gaussians, const FrogImage &image,
+                 const FrogImageGradient &gradient, const FrogGradients &result) {
+  const FrameView &view = frame.view;
+  const int count = view.count, width = result.screen_absolute ? SPLAT_GRADIENTS : BY_BLUE + 1;
+  float *sums = frame.sums.resize(static_cast<size_t>(count) * SPLAT_GRADIENTS);
+  frame.slot_base.resize(count);
+  std::fill_n(frame.slots_seen.resize(count), count, 0u);
+  uint32_t *counts = frame.histogram.resize(count);
+  const uint64_t limit = slot_limit();
+  for (int first = 0; first < view.tiles_y;) {
+    int last = first + 1;
+    while (last < view.tiles_y && frame.row_instances[last + 1] - frame.row_instances[first] <= limit) ++last;
+    const bool whole = first == 0 && last == view.tiles_y;
+    const size_t slots = place_slots(frame, first, last, whole, counts);
+    const SlotView slot_view = {frame.slot_gradients.resize(slots * width), frame.slot_base.data(), width};
+    parallel_for(static_cast<int>(frame.tiles.size()), 1, [&](int begin, int end) {
+      for (int t = begin; t < end; ++t)
+        if (frame.tiles[t].y >= first && frame.tiles[t].y < last)
+          kernels.blend_backward(view, slot_view, frame.tiles[t], image, gradient);
+    });
+    parallel_for(count, CHUNK, [&](int begin, int end) {
+      for (int i = begin; i < end; ++i) {
+        float total[SPLAT_GRADIENTS] = {};
+        float *out = sums + static_cast<size_t>(i) * SPLAT_GRADIENTS;
+        if (first > 0) std::copy_n(out, SPLAT_GRADIENTS, total);
+        const float *slot = slot_view.gradients + static_cast<size_t>(slot_view.slot_base[i] + frame.slots_seen[i]) * width;
+        for (uint32_t s = 0; s < counts[i]; ++s, slot += width)
+          for (int k = 0; k < width; ++k) total[k] += slot[k];
+        std::copy_n(total, SPLAT_GRADIENTS, out);
+        frame.slots_seen[i] += counts[i];
+      }
+    });
+    first = last;
+  }
+
+  const int chunks = (count + CHUNK - 1) / CHUNK;
+  float *poses = result.pose ? frame.poses.resize(static_cast<size_t>(chunks) * 12) : nullptr;
+  if (poses) std::fill_n(poses, static_cast<size_t>(chunks) * 12, 0.0f);
+  parallel_for(count, CHUNK, [&](int begin, int end) {
+    kernels.project_backward(view, gaussians, sums, result, poses ? poses + begin / CHUNK * 12 : nullptr, begin, end);
+  });
+  if (poses)
+    for (int k = 0; k < 12; ++k) {
+      double total = 0;
+      for (int chunk = 0; chunk < chunks; ++chunk) total += poses[chunk * 12 + k];
+      result.pose[k] = static_cast<float>(total);
+    }
+}
+
+}  // namespace frog

@@ -1,0 +1,90 @@
+// Gradients of one tile, by the same walk front to back.
+//
+// Picture C = sum w_i c_i + T_end background, alpha A = 1 - T_end. With g = dL/dC and h = dL/dA, the part of the loss
+// that lies behind Gaussian i is rest_i = sum_{j > i} w_j g.c_j + T_end (g.background - h); it starts as
+// g.C - h T_end and loses w_i g.c_i at each step. Then dL/dalpha_i = T_i g.c_i - rest_i / (1 - alpha_i), and
+// dL/dlog(alpha_i) = w_i g.c_i - rest_i alpha_i / (1 - alpha_i).
+
+template <bool LIMIT, bool ABSOLUTE>
+static void blend_tile_backward(const FrameView &view, const SlotView &slots, const Tile &tile, const FrogImage &image,
+                                const FrogImageGradient &gradient) {
+  alignas(64) float transmittance[TILE_PIXELS], rest[TILE_PIXELS] = {}, limit[LIMIT ? TILE_PIXELS : 1];
+  alignas(64) float red[TILE_PIXELS] = {}, green[TILE_PIXELS] = {}, blue[TILE_PIXELS] = {};  // dL/dC
+  open_tile(view, tile, transmittance, LIMIT ? limit : nullptr);
+  const TileSize size = size_of(view, tile);
+  for (int i = 0; i < TILE_PIXELS; ++i) {
+    if (!inside(size, i)) continue;
+    const long at = picture_index(view, tile, i);
+    red[i] = gradient.rgb[3 * at], green[i] = gradient.rgb[3 * at + 1], blue[i] = gradient.rgb[3 * at + 2];
+    rest[i] = red[i] * image.rgb[3 * at] + green[i] * image.rgb[3 * at + 1] + blue[i] * image.rgb[3 * at + 2] -
+              gradient.alpha[at] * (1 - image.alpha[at]);
+  }
+  Footprint f;
+  bool over = false;
+
+  for (uint32_t n = tile.begin; n < tile.end; ++n) {
+    const Instance &instance = view.instances[n];
+    float *out = slots.gradients + (static_cast<size_t>(slots.slot_base[instance.splat]) + instance.slot) * slots.width;
+    over = over || ((n - tile.begin) % CHECK_EVERY == CHECK_EVERY - 1 && finished(transmittance));
+    if (over) {
+      for (int k = 0; k < slots.width; ++k) out[k] = 0;
+      continue;
+    }
+    __builtin_prefetch(view.splats + view.instances[n + 6 < tile.end ? n + 6 : n].splat);
+    const Splat &splat = view.splats[instance.splat];
+    make_footprint(splat, tile, size.rows, f);
+    // The order of SplatGradient.
+    Floats sums[SPLAT_GRADIENTS] = {};
+    // d(power ln 2)/d(dx) and /d(dy) over the vectors of a row, for the absolute gradients.
+    const float slope = 2 / LOG2E;
+    for (int v = f.first_vector; v <= f.last_vector; ++v) {
+      const Floats dx = columns_of(f, v), along = dx * splat.along;
+      Floats m0 = {}, m1 = {}, m2 = {};  // moments down the columns: dx is constant along each
+      for (int row = f.first_row; row <= f.last_row; ++row) {
+        const Floats lateral = along + f.shift[row], power = f.constant[row] - lateral * lateral;
+        const int at = row * TILE + v * LANES;
+        const Floats t = load(transmittance + at);
+        Contribution c;
+        if (!contribution_of<LIMIT>(power, t, splat.depth, limit + (LIMIT ? at : 0), c)) continue;
+        store(transmittance + at, c.next);
+        const Floats g_red = load(red + at), g_green = load(green + at), g_blue = load(blue + at);
+        const Floats own = c.weight * (g_red * splat.red + g_green * splat.green + g_blue * splat.blue);
+        const Floats behind = load(rest + at) - own;
+        store(rest + at, behind);
+        sums[BY_RED] += c.weight * g_red;
+        sums[BY_GREEN] += c.weight * g_green;
+        sums[BY_BLUE] += c.weight * g_blue;
+        // A clamped alpha passes nothing on.
+        const Mask passes = and_not(c.blended, at_least(c.raw, all(ALPHA_MAX)));
+        const Floats by_log_alpha = keep(passes, own - behind * (c.alpha * reciprocal(1.0f - c.alpha)));
+        const Floats by_dy = by_log_alpha * f.dy[row];
+        m0 += by_log_alpha;
+        m1 += by_dy;
+        m2 += by_dy * f.dy[row];
+        if (ABSOLUTE) {
+          const Floats tilt = lateral * (slope * splat.along);
+          sums[ABSOLUTE_X] += absolute(by_log_alpha * tilt);
+          sums[ABSOLUTE_Y] += absolute(by_log_alpha * (lateral * (slope * splat.lean) + slope * splat.across * f.dy[row]));
+        }
+      }
+      const Floats mx = m0 * dx;
+      sums[SUM_1] += m0;
+      sums[SUM_X] += mx;
+      sums[SUM_XX] += mx * dx;
+      sums[SUM_Y] += m1;
+      sums[SUM_XY] += m1 * dx;
+      sums[SUM_YY] += m2;
+    }
+    sums_of_8(sums, out);
+    for (int k = 8; k < (ABSOLUTE ? SPLAT_GRADIENTS : BY_BLUE + 1); ++k) out[k] = sum(sums[k]);
+  }
+}
+
+static void blend_backward(const FrameView &view, const SlotView &slots, const Tile &tile, const FrogImage &image,
+                           const FrogImageGradient &gradient) {
+  const bool limit = view.options.depth_limit, absolute = slots.width == SPLAT_GRADIENTS;
+  if (limit && absolute) blend_tile_backward<true, true>(view, slots, tile, image, gradient);
+  else if (limit) blend_tile_backward<true, false>(view, slots, tile, image, gradient);
+  else if (absolute) blend_tile_backward<false, true>(view, slots, tile, image, gradient);
+  else blend_tile_backward<false, false>(view, slots, tile, image, gradient);
+}

@@ -1,0 +1,47 @@
+// An array that grows and never shrinks, without writing to memory it was not asked to write to: a frame's arrays are
+// used again for the next frame, since fresh pages cost more than the work done in them.
+#pragma once
+#include <cstddef>
+#include <new>
+
+namespace frog {
+
+template <class T>
+class Buffer {
+ public:
+  Buffer() = default;
+  Buffer(const Buffer &) = delete;
+  Buffer &operator=(const Buffer &) = delete;
+  ~Buffer() { release(); }
+
+  // Room for `count` elements, their values undefined; throws std::bad_alloc.
+  T *resize(size_t count) {
+    if (count > capacity_) {
+      release();
+      const size_t wanted = count + count / 8;
+      data_ = static_cast<T *>(::operator new(wanted * sizeof(T), ALIGNMENT));
+      capacity_ = wanted;
+    }
+    size_ = count;
+    return data_;
+  }
+  T *data() { return data_; }
+  const T *data() const { return data_; }
+  T &operator[](size_t i) { return data_[i]; }
+  const T &operator[](size_t i) const { return data_[i]; }
+  size_t size() const { return size_; }
+  size_t bytes() const { return capacity_ * sizeof(T); }
+
+ private:
+  static constexpr std::align_val_t ALIGNMENT{64};
+  void release() {
+    ::operator delete(data_, ALIGNMENT);
+    data_ = nullptr;
+    size_ = capacity_ = 0;
+  }
+
+  T *data_ = nullptr;
+  size_t size_ = 0, capacity_ = 0;
+};
+
+}  // namespace frog

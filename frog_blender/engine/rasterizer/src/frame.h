@@ -1,0 +1,52 @@
+// One drawn frame: what the backward pass needs, and the memory of the passes.
+#pragma once
+#include <vector>
+
+#include "buffer.h"
+#include "internal.h"
+
+namespace frog {
+
+// The tiles of one splat in one tile row.
+struct RowEntry {
+  uint32_t splat;
+  uint32_t slot;        // of the first tile
+  int16_t first, last;  // tiles, inclusive; last < first when none
+};
+
+struct Keyed {  // for sorting by depth
+  uint32_t key, splat;
+};
+
+}  // namespace frog
+
+struct FrogFrame {
+  FrameView view{};
+  int32_t drawn = 0;
+  frog::Buffer<Splat> splats;
+  frog::Buffer<Instance> instances;
+  frog::Buffer<frog::RowEntry> entries;  // row by row, each in depth order
+  std::vector<size_t> row_begin;         // (tiles_y + 1,) into entries
+  std::vector<Tile> tiles;               // dearest first
+  std::vector<uint64_t> row_instances;   // (tiles_y + 1,) first instance of each row
+  frog::Buffer<uint32_t> slot_count;     // (N,) tiles of each Gaussian
+  // Only used while drawing or going backward.
+  frog::Buffer<frog::Keyed> order, spare_order;
+  frog::Buffer<uint32_t> histogram, slot_base, slots_seen;
+  frog::Buffer<float> slot_gradients, sums, poses;
+
+  size_t bytes() const {
+    return splats.bytes() + instances.bytes() + entries.bytes() + slot_count.bytes() + order.bytes() + spare_order.bytes() +
+           histogram.bytes() + slot_base.bytes() + slots_seen.bytes() + slot_gradients.bytes() + sums.bytes() + poses.bytes();
+  }
+};
+
+namespace frog {
+
+void bin_splats(FrogFrame &frame);
+
+// A frame with the memory of one that was given back, and the way back. `recycle` frees what is too large to keep.
+FrogFrame *take_frame();
+void recycle(FrogFrame *frame);
+
+}  // namespace frog

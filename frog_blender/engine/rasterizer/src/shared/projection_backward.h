@@ -1,0 +1,109 @@
+// Gradients of one Gaussian's attributes, and of the camera's pose, from what its pixels sent back.
+#pragma once
+
+FROG_FUNCTION void no_gradient(const FrogGaussians &g, const FrogGradients &out, int i) {
+  for (int k = 0; k < 3; ++k) out.means[3l * i + k] = out.scales[3l * i + k] = 0;
+  for (int k = 0; k < 4; ++k) out.quaternions[4l * i + k] = 0;
+  for (int k = 0; k < 3 * g.sh_count; ++k) out.sh[static_cast<long>(i) * 3 * g.sh_count + k] = 0;
+  out.opacities[i] = out.screen[2l * i] = out.screen[2l * i + 1] = 0;
+  if (out.screen_absolute) out.screen_absolute[2l * i] = out.screen_absolute[2l * i + 1] = 0;
+}
+
+// Colour: by the coefficients, and by the viewing direction (unnormalised), which is left in `by_offset`.
+FROG_FUNCTION void colour_backward(const FrogGaussians &g, const FrogCamera &camera, int i, const float *by_colour,
+                                   float *sh_out, float *by_offset) {
+  float direction[3], basis[16], basis_gradient[16][3], colour[3], by_direction[3] = {0, 0, 0};
+  const float distance = view_direction(g, camera, i, direction);
+  colour_of(g, direction, i, basis, colour);
+  sh_basis_gradient(g.sh_count, direction[0], direction[1], direction[2], basis_gradient);
+  const float *sh = g.sh + static_cast<long>(i) * g.sh_count * 3;
+  for (int c = 0; c < 3; ++c) {
+    const float by = colour[c] > 0 ? by_colour[c] : 0;
+    for (int k = 0; k < g.sh_count; ++k) {
+      sh_out[3 * k + c] = by * basis[k];
+      for (int e = 0; e < 3; ++e) by_direction[e] += by * sh[3 * k + c] * basis_gradient[k][e];
+    }
+  }
+  const float along = by_direction[0] * direction[0] + by_direction[1] * direction[1] + by_direction[2] * direction[2];
+  for (int e = 0; e < 3; ++e) by_offset[e] = (by_direction[e] - along * direction[e]) / distance;
+}
+
+// Writes the gradients of Gaussian i, which was drawn. `sums` are its SPLAT_GRADIENTS numbers; its share of the pose's
+// gradient is added to `pose` (12,) unless that is null.
+FROG_FUNCTION void splat_backward(const FrogGaussians &g, const FrogCamera &camera, const FrogOptions &options, int i,
+                                  const float *sums, const FrogGradients &out, float *pose) {
+  const float *w = camera.world_to_camera, *s = g.scales + 3l * i, *m = g.means + 3l * i;
+  Projection p;
+  project_gaussian(g, camera, options, i, p);
+  const float opacity = g.opacities[i] < 1.0f ? g.opacities[i] : 1.0f, compensation = compensation_of(p, options);
+  out.opacities[i] = g.opacities[i] <= 1.0f ? sums[SUM_1] / opacity : 0;
+
+  // Inverse covariance (a, b; b, c): position, and covariance by dL/dC = -Q (dL/dQ) Q with symmetric matrices.
+  const float a = p.yy / p.determinant, b = -p.xy / p.determinant, c = p.xx / p.determinant;
+  const float by_pixel_x = a * sums[SUM_X] + b * sums[SUM_Y], by_pixel_y = b * sums[SUM_X] + c * sums[SUM_Y];
+  out.screen[2l * i] = by_pixel_x;
+  out.screen[2l * i + 1] = by_pixel_y;
+  if (out.screen_absolute)
+    for (int k = 0; k < 2; ++k) out.screen_absolute[2l * i + k] = sums[ABSOLUTE_X + k];
+  const float ga = -0.5f * sums[SUM_XX], gb = -0.5f * sums[SUM_XY], gc = -0.5f * sums[SUM_YY];
+  const float ta = a * ga + b * gb, tb = a * gb + b * gc, tc = b * ga + c * gb, td = b * gb + c * gc;
+  float by_xx = -(ta * a + tb * b), by_xy = -(ta * b + tb * c), by_yy = -(tc * b + td * c);
+  if (options.compensate && compensation > COMPENSATION_MIN) {
+    // log compensation = (log thin - log det) / 2; `by_xy` counts the off-diagonal entry twice in the sums below.
+    const float low = options.low_pass, half = 0.5f * sums[SUM_1];
+    const float thin = half / p.thin_determinant, whole = half / p.determinant;
+    by_xx += thin * (p.yy - low) - whole * p.yy;
+    by_yy += thin * (p.xx - low) - whole * p.xx;
+    by_xy += (whole - thin) * p.xy;
+  }
+
+  // Covariance = axes axes^T + low-pass; axes = J W R S.
+  float by_jwr[2][3], by_jw[2][3], by_rotation[3][3];
+  for (int k = 0; k < 3; ++k) {
+    const float by_axis_x = 2 * (by_xx * p.axes[0][k] + by_xy * p.axes[1][k]);
+    const float by_axis_y = 2 * (by_xy * p.axes[0][k] + by_yy * p.axes[1][k]);
+    out.scales[3l * i + k] = by_axis_x * p.jwr[0][k] + by_axis_y * p.jwr[1][k];
+    by_jwr[0][k] = by_axis_x * s[k];
+    by_jwr[1][k] = by_axis_y * s[k];
+  }
+  for (int r = 0; r < 3; ++r) {
+    for (int row = 0; row < 2; ++row)
+      by_jw[row][r] = by_jwr[row][0] * p.rotation[r][0] + by_jwr[row][1] * p.rotation[r][1] + by_jwr[row][2] * p.rotation[r][2];
+    for (int k = 0; k < 3; ++k) by_rotation[r][k] = p.jw[0][r] * by_jwr[0][k] + p.jw[1][r] * by_jwr[1][k];
+  }
+  rotation_gradient(p.quaternion, p.norm, by_rotation, out.quaternions + 4l * i);
+
+  // J W depends on the position through 1/z and the (unclamped) u and v.
+  const float z = p.local[2], jx = camera.fx / z, jy = camera.fy / z;
+  float by_u = 0, by_v = 0, by_local[3] = {by_pixel_x * jx, by_pixel_y * jy, 0};
+  for (int k = 0; k < 3; ++k) {
+    by_u -= by_jw[0][k] * jx * w[8 + k];
+    by_v -= by_jw[1][k] * jy * w[8 + k];
+    by_local[2] -= (by_jw[0][k] * p.jw[0][k] + by_jw[1][k] * p.jw[1][k]) / z;
+  }
+  by_local[2] -= (by_pixel_x * jx * p.local[0] + by_pixel_y * jy * p.local[1]) / z;
+  if (!p.u_clamped) by_local[0] += by_u / z, by_local[2] -= by_u * p.u / z;
+  if (!p.v_clamped) by_local[1] += by_v / z, by_local[2] -= by_v * p.v / z;
+
+  float by_offset[3];
+  colour_backward(g, camera, i, sums + BY_RED, out.sh + static_cast<long>(i) * g.sh_count * 3, by_offset);
+  for (int e = 0; e < 3; ++e)
+    out.means[3l * i + e] = by_offset[e] + w[e] * by_local[0] + w[4 + e] * by_local[1] + w[8 + e] * by_local[2];
+  if (!pose) return;
+
+  // The pose moves the Gaussian in camera space, turns J W, and moves the centre that colours are seen from:
+  // offset = m + R^T t.
+  const float by_j[2] = {jx, jy}, uv[2] = {p.u, p.v};
+  for (int row = 0; row < 2; ++row)
+    for (int k = 0; k < 3; ++k) {
+      pose[4 * row + k] += by_jw[row][k] * by_j[row];
+      pose[8 + k] -= by_jw[row][k] * by_j[row] * uv[row];
+    }
+  for (int r = 0; r < 3; ++r) {
+    for (int k = 0; k < 3; ++k) {
+      pose[4 * r + k] += by_local[r] * m[k] + by_offset[k] * w[4 * r + 3];
+      pose[4 * r + 3] += by_offset[k] * w[4 * r + k];
+    }
+    pose[4 * r + 3] += by_local[r];
+  }
+}

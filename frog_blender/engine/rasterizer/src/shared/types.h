@@ -1,0 +1,76 @@
+// Structs and constants of the rasterizer that the C interface, the CPU kernels and the CUDA kernels share.
+// No system header: the CUDA run-time compiler reads this file as it is. `int` has 32 bits everywhere.
+#pragma once
+
+#if defined(__CUDACC__)
+#define FROG_FUNCTION static __device__ __forceinline__
+#else
+#define FROG_FUNCTION static inline
+#endif
+
+constexpr int TILE = 16;                    // pixels a side
+constexpr float ALPHA_MIN = 1.0f / 255;     // fainter contributions are skipped
+constexpr float ALPHA_MAX = 0.999f;         // keeps 1 - alpha away from zero
+constexpr float TRANSMITTANCE_MIN = 1e-4f;  // a pixel that would fall below is finished
+constexpr float LOG2_ALPHA_MIN = -7.994353436858858f;  // log2(ALPHA_MIN)
+constexpr float LOG2E = 1.4426950408889634f;
+constexpr float COMPENSATION_MIN = 0.005f;  // the opacity compensation never goes below
+
+// Every array is float32, row-major and contiguous.
+typedef struct {
+  int count;                 // N
+  int sh_count;              // K = 1, 4, 9 or 16 coefficients a channel
+  const float *means;        // (N, 3) world units
+  const float *quaternions;  // (N, 4) w x y z, any length but zero
+  const float *scales;       // (N, 3) standard deviations, world units
+  const float *opacities;    // (N,) in [0, 1]
+  const float *sh;           // (N, K, 3)
+} FrogGaussians;
+
+typedef struct {
+  float world_to_camera[12];  // upper three rows of the 4x4 matrix
+  float fx, fy, cx, cy;       // pixels
+  int width, height;          // pixels
+} FrogCamera;
+
+typedef struct {
+  float background[3];
+  float low_pass;      // variance in pixels^2 added to each splat's screen covariance
+  float near_plane;    // planar depth below which a Gaussian is culled, world units
+  int compensate;      // scale opacities by sqrt(det without / det with the low-pass)
+  int region[4];       // left, top, width, height: the part of the camera's picture that is drawn, pixels
+  const float *depth_limit;  // (height, width) of the region: Gaussians of larger planar depth are hidden there (or null)
+} FrogOptions;
+
+typedef struct {
+  float *means, *quaternions, *scales, *opacities, *sh;  // shapes as in FrogGaussians
+  float *screen;                                         // (N, 2) gradient of the pixel position
+  float *screen_absolute;  // (N, 2) sum of the pixels' absolute gradients of the position (or null)
+  float *pose;             // (12,) gradient of world_to_camera (or null)
+} FrogGradients;
+
+// A Gaussian on the screen, in pixels of the drawn region. `radius` is 0 for one that is not drawn.
+// Its alpha at (dx, dy) from the centre is 2^power, power = log2_opacity - (along dx + lean dy)^2 - across dy^2:
+// the square is completed, so that needles lose no digits.
+struct alignas(64) Splat {
+  float x, y;
+  float along, lean, across;
+  float log2_opacity;
+  float red, green, blue;
+  float depth;               // planar, world units
+  float extent_x, extent_y;  // half sides of the box outside which alpha < ALPHA_MIN
+  float radius;              // the larger of the two
+  float widest;              // dy at which the ellipse reaches its largest dx
+  short first_row, last_row;  // tile rows, inclusive
+};
+
+// What a splat's pixels send back, summed: moments of g = dL/d(log alpha), and dL/d(red, green, blue).
+enum SplatGradient {
+  SUM_X, SUM_Y, SUM_XX, SUM_XY, SUM_YY,  // of g dx, g dy, g dx^2, g dx dy, g dy^2
+  SUM_1,                                 // of g
+  BY_RED, BY_GREEN, BY_BLUE,
+  ABSOLUTE_X, ABSOLUTE_Y,                // of |dL/dx|, |dL/dy| pixel by pixel; only where they are wanted
+  SPLAT_GRADIENTS
+};
+
+enum SplatState { SPLAT_DRAWN, SPLAT_UNSEEN, SPLAT_AT_FAULT };
