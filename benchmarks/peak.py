@@ -33,8 +33,8 @@ constexpr int BYTES = 16;
 #endif
 constexpr int LANES = BYTES / 4;
 constexpr int CHAINS = 12;  // covers the latency of two units; fits into sixteen registers with the two factors
-constexpr int64_t STEPS = 2000000;
-constexpr int REPEATS = 12;
+constexpr int64_t STEPS = 500000;  // a millisecond or two: what interrupts one measurement spares another
+constexpr int REPEATS = 60;
 typedef float Vector __attribute__((vector_size(BYTES)));
 
 static double now() {

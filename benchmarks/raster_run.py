@@ -1,7 +1,7 @@
 """One measurement of the rasterizer benchmark, in a process of its own (``rasterizer.py`` starts it).
 
     python benchmarks/raster_run.py SCENE.npz BACKEND THREADS      prints one JSON object
-    python benchmarks/raster_run.py --probe                        prints {backend: null, or why it is absent}
+    python benchmarks/raster_run.py --probe BACKEND ...            prints {backend: null, or why it is absent}
 
 A process of its own keeps the peak of memory honest, and ``FROG_INSTRUCTION_SET`` is read but once.
 """
@@ -124,20 +124,23 @@ def _wait(device: str) -> None:
 
 
 def timed(forward: Pass, backward: Pass) -> dict[str, Any]:
-    """Medians and minima in seconds of at least five runs after one that is not counted."""
+    """Medians and minima in seconds of at least five runs after one that is not counted, and the cores it kept busy."""
     seconds: tuple[list[float], list[float]] = [], []
     forward(), backward()
+    started_all, busy = time.perf_counter(), time.process_time()
     while len(seconds[0]) < MAX_REPEATS and (len(seconds[0]) < MIN_REPEATS or sum(map(sum, seconds)) < ENOUGH_SECONDS):
         for one_pass, spent in zip((forward, backward), seconds, strict=True):
             started = time.perf_counter()
             one_pass()
             spent.append(time.perf_counter() - started)
+    cores_used = (time.process_time() - busy) / (time.perf_counter() - started_all)
     return {
         "forward_s": statistics.median(seconds[0]),
         "backward_s": statistics.median(seconds[1]),
         "forward_min_s": min(seconds[0]),
         "backward_min_s": min(seconds[1]),
         "repeats": len(seconds[0]),
+        "cores_used": cores_used,
     }
 
 
@@ -202,30 +205,32 @@ def work(scene: Scene) -> dict[str, int]:
         "rgb": np.empty((camera.height, camera.width, 3), np.float32),
         "alpha": np.empty((camera.height, camera.width), np.float32),
     }
-    return native.Frame(scene.gaussians, camera, scene.background, RasterizeOptions(), image).work(image)
+    return native.Frame(scene.gaussians, camera, scene.background, RasterizeOptions(), image).work()
 
 
-def absences() -> dict[str, str | None]:
-    """For every backend None, or one sentence that says why it cannot run here."""
-    found: dict[str, str | None] = dict.fromkeys(BACKENDS)
-    try:
-        native.library()
-    except FrogError as error:
-        found["cpu"] = str(error)
+def absence(backend: str) -> str | None:
+    """None, or one sentence that says why the backend cannot run here."""
+    if backend == "cpu":
+        try:
+            native.library()
+        except FrogError as error:
+            return str(error)
+        return None
     if importlib.util.find_spec("torch") is None:
-        return found | dict.fromkeys(("cuda", "gsplat", "reference"), "torch is not installed.")
-    import torch
+        return "torch is not installed."
+    if backend == "gsplat" and importlib.util.find_spec("gsplat") is None:
+        return "gsplat is not installed."
+    if backend in ("cuda", "gsplat"):
+        import torch
 
-    if not torch.cuda.is_available():
-        found |= dict.fromkeys(("cuda", "gsplat"), "torch finds no CUDA device.")
-    if importlib.util.find_spec("gsplat") is None:
-        found["gsplat"] = "gsplat is not installed."
-    return found
+        if not torch.cuda.is_available():
+            return "torch finds no CUDA device."
+    return None
 
 
 def main() -> int:
-    if sys.argv[1:] == ["--probe"]:
-        print(json.dumps(absences()))
+    if sys.argv[1] == "--probe":
+        print(json.dumps({backend: absence(backend) for backend in sys.argv[2:]}))
         return 0
     path, backend, threads = sys.argv[1:]
     try:

@@ -11,7 +11,7 @@ from torch.nn import functional
 from frog_blender.engine.model.baselines.static import Static
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
 from frog_blender.engine.model.deformation import DeformationField
-from frog_blender.engine.model.frog import Frog, FrogSettings, Progressing
+from frog_blender.engine.model.frog import Frog, FrogSettings, Progressing, total_deformation
 
 SETTINGS = FrogSettings(temporal_rows=6, coarse_rows=3, temporal_size=7, embedding_size=5, hidden_width=20)
 ATTRIBUTES = ("means", "quaternions", "scales", "opacities", "sh")
@@ -156,7 +156,7 @@ def test_total_deformation_weighs_attributes_equally_and_finds_the_calmest() -> 
         "opacity_logits": torch.tensor([[0.05], [0.04], [0.0]]),
         "quaternions": torch.tensor([[0.01, 0, 0, 0], [0.01, 0, 0, 0], [0.001, 0, 0, 0]]),
     }
-    total = model.total_deformation(changes)
+    total = total_deformation(changes)
     expected = torch.tensor([0.05 / 0.03 + 0.01 / 0.007, 2.0 + 0.04 / 0.03 + 0.01 / 0.007, 1.0 + 0.001 / 0.007])
     torch.testing.assert_close(total, expected)
     assert int(total.argmin()) == 2
@@ -164,7 +164,7 @@ def test_total_deformation_weighs_attributes_equally_and_finds_the_calmest() -> 
 
 def test_total_deformation_without_any_change_is_finite() -> None:
     model = Frog(canonical(), SETTINGS)
-    total = model.total_deformation(model.deform(0.3)[1])
+    total = total_deformation(model.deform(0.3)[1])
     assert total.shape == (12,) and torch.isfinite(total).all() and not total.requires_grad
 
 

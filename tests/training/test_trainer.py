@@ -145,10 +145,10 @@ def test_a_short_training_passes_through_every_schedule(
         rounds.append(density_round(*arguments))
         return rounds[-1]
 
-    def watch_deform(time: float, progressing: Any) -> Any:
+    def watch_deform(time: float, progressing: Any, sh_count: int) -> Any:
         fine.append(progressing.fine_rows)
         opacity.append(progressing.opacity)
-        return deform(time, progressing)
+        return deform(time, progressing, sh_count)
 
     rasterize = trainer_module.rasterize
 

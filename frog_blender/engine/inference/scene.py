@@ -40,40 +40,11 @@ class PlayableScene:
     def at(self, time: float) -> GaussianArrays:
         """Gaussians at a time in [0, 1] (clamped): unit quaternions, scales and opacities activated."""
         a = self._arrays
-        means, log_scales, quaternions = a["means"], a["log_scales"], a["quaternions"]
-        logits, sh = a["opacity_logits"], a["sh"]
-        factor: np.ndarray | np.float32 = np.float32(1)
         if self._deformation is not None:
-            changes = self._deformation.at(time)
-            means = means + changes["means"]
-            log_scales = log_scales + changes["log_scales"]
-            quaternions = quaternions + changes["quaternions"]
-            d_opacity = changes["opacity_logits"][:, 0]
-            logits = logits + d_opacity
-            factor = self._reduction(d_opacity)
-            if "sh" in changes:
-                sh = sh.copy()
-                deformed = changes["sh"].shape[1] // 3
-                sh[:, :deformed] += changes["sh"].reshape(self.count, deformed, 3)
-        lengths = np.linalg.norm(quaternions, axis=1, keepdims=True)
-        return GaussianArrays(
-            means,
-            quaternions / np.maximum(lengths, 1e-12),
-            np.exp(log_scales),
-            _sigmoid(logits) * factor,
-            sh,
-        ).checked()
-
-    def _reduction(self, d_opacity: np.ndarray) -> np.ndarray | np.float32:
-        """The opacity reduction of model.opacity, which says what the forms are."""
-        form, sharpness = self.header.model["opacity_reduction"], np.float32(self.header.model["opacity_sharpness"])
-        if form == "off":
-            return np.float32(1)
-        factor = _sigmoid(sharpness * d_opacity)
-        if form == "unit":
-            factor = np.minimum(np.float32(1), 2 * factor)
-        return 1 + np.float32(self.header.model.get("opacity_share", 1.0)) * (factor - 1)
-
-
-def _sigmoid(x: np.ndarray) -> np.ndarray:
-    return 1 / (1 + np.exp(-np.clip(x, -80, 80)))
+            gaussians = self._deformation.at(time)
+        else:
+            opacities = 1 / (1 + np.exp(-np.clip(a["opacity_logits"], -80, 80)))
+            gaussians = GaussianArrays(a["means"], a["quaternions"], np.exp(a["log_scales"]), opacities, a["sh"])
+        lengths = np.linalg.norm(gaussians.quaternions, axis=1, keepdims=True)
+        gaussians.quaternions = gaussians.quaternions / np.maximum(lengths, 1e-12)
+        return gaussians.checked()

@@ -38,11 +38,10 @@ class CanonicalField(nn.Module):
     def __len__(self) -> int:
         return self.means.shape[0]
 
-    def gaussians(self) -> GaussianArrays:
-        """The undeformed Gaussians, activated."""
-        return GaussianArrays(
-            self.means, self.quaternions, self.log_scales.exp(), self.opacity_logits.sigmoid(), self.sh
-        )
+    def gaussians(self, sh_count: int | None = None) -> GaussianArrays:
+        """The undeformed Gaussians, activated, with the first ``sh_count`` coefficients (None: all)."""
+        sh = self.sh[:, :sh_count]
+        return GaussianArrays(self.means, self.quaternions, self.log_scales.exp(), self.opacity_logits.sigmoid(), sh)
 
 
 def new_gaussians(

@@ -9,8 +9,10 @@ import torch
 from torch import nn
 
 from ..rasterizer import GaussianArrays
+from ..rasterizer.native_deformation import FieldShape
 from .canonical import CanonicalField
 from .deformation import DeformationField
+from .fused import deform_fused
 from .opacity import reduction_factor
 from .temporal import temporal_weights
 
@@ -91,11 +93,42 @@ class Frog(nn.Module):
         return coarse * fine
 
     def deform(
-        self, time: float, progressing: Progressing = FINISHED
+        self, time: float, progressing: Progressing = FINISHED, sh_count: int | None = None
     ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
-        """The Gaussians at ``time`` and the changes (N, size) by attribute, means in world units."""
+        """The Gaussians at ``time`` and the changes (N, size) by attribute, means in world units.
+
+        Args:
+            sh_count: coefficients that come out, from the first; None for all.
+        """
+        sh_count = sh_count or self.canonical.sh.shape[1]
+        temporal = self.temporal_embedding(time, progressing)
+        means = self.canonical.means
+        if means.dtype == torch.float32 and means.device.type == "cpu":
+            s = self.settings
+            shape = FieldShape(
+                s.head_width,
+                sh_count,
+                s.deformed_sh,
+                s.opacity_reduction,
+                s.opacity_sharpness,
+                progressing.opacity,
+                s.motion_unit,
+            )
+            gaussians, changes = deform_fused(self.canonical, self.deformation, temporal, shape)
+            sizes = self.deformation.sizes
+            return gaussians, dict(zip(sizes, changes.split(list(sizes.values()), dim=1), strict=True))
+        return self.deform_plainly(temporal, progressing, sh_count)
+
+    def deform_plainly(
+        self, temporal: torch.Tensor, progressing: Progressing, sh_count: int
+    ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
+        """``deform`` in plain torch, on any device and in any floating-point type; the fused one is tested against it.
+
+        Args:
+            temporal: (T,) fused temporal embedding.
+        """
         c, s = self.canonical, self.settings
-        changes = self.deformation(self.temporal_embedding(time, progressing), c.embeddings)
+        changes = self.deformation(temporal, c.embeddings)
         changes["means"] = changes["means"] * s.motion_unit
         d_opacity = changes["opacity_logits"].squeeze(1)
         opacities = torch.sigmoid(c.opacity_logits + d_opacity)
@@ -112,17 +145,18 @@ class Frog(nn.Module):
             c.quaternions + changes["quaternions"],
             (c.log_scales + changes["log_scales"]).exp(),
             opacities,
-            sh,
+            sh[:, :sh_count],
         )
         return gaussians, changes
 
     def forward(self, time: float, progressing: Progressing = FINISHED) -> GaussianArrays:
         return self.deform(time, progressing)[0]
 
-    def total_deformation(self, changes: dict[str, torch.Tensor]) -> torch.Tensor:
-        """(N,) sum of the attributes' change norms, each in units of its own mean over the Gaussians."""
-        norms = [change.detach().norm(dim=1) for change in changes.values()]
-        return torch.stack([norm / norm.mean().clamp(min=1e-12) for norm in norms]).sum(0)
+
+def total_deformation(changes: dict[str, torch.Tensor]) -> torch.Tensor:
+    """(N,) sum of the attributes' change norms, each in units of its own mean over the Gaussians."""
+    norms = [change.detach().norm(dim=1) for change in changes.values()]
+    return torch.stack([norm / norm.mean().clamp(min=1e-12) for norm in norms]).sum(0)
 
 
 def initial_table(settings: FrogSettings) -> torch.Tensor:

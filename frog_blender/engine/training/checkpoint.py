@@ -17,7 +17,7 @@ from ..model.canonical import ATTRIBUTES
 from .trainer import Neighbourhood, Trainer
 
 _KEY = "frog-checkpoint"
-_VERSION = 2
+_VERSION = 3
 
 
 def checkpoint_path(scene: str | Path) -> Path:
@@ -32,6 +32,8 @@ def save_checkpoint(path: Path, trainer: Trainer, settings: dict[str, Any] | Non
     tensors["density.gradient_sum"] = trainer.density.gradient_sum
     tensors["density.seen"] = trainer.density.seen
     tensors["random"] = trainer.generator.get_state()
+    for camera, errors in enumerate(trainer.regions.errors):
+        tensors[f"regions.{camera}"] = errors
     if trainer.neighbourhood is not None:
         for name in ("anchors", "neighbours", "weights"):
             tensors[f"neighbourhood.{name}"] = getattr(trainer.neighbourhood, name)
@@ -83,6 +85,7 @@ def load_checkpoint(path: Path, trainer: Trainer) -> None:
         trainer.optimizer.load_state_arrays(tensors)
         trainer.density.gradient_sum, trainer.density.seen = tensors["density.gradient_sum"], tensors["density.seen"]
         trainer.generator.set_state(tensors["random"])
+        trainer.regions.errors = [tensors[f"regions.{camera}"] for camera in range(len(trainer.capture.cameras))]
         if "neighbourhood.anchors" in tensors:
             parts = [tensors[f"neighbourhood.{name}"] for name in ("anchors", "neighbours", "weights")]
             trainer.neighbourhood = Neighbourhood(*parts)

@@ -33,6 +33,8 @@ class Recipe:
             (FRoG, section on optimisation: 5 of 50 after an eighth of the training).
         smoothness_weight, smoothness_neighbours, smoothness_falloff: embedding smoothness; the falloff (the paper's
             lambda_w) multiplies squared distances in units of the median nearest-neighbour distance.
+        region_share, region_size: probability that a step draws only a rectangle where the errors are, and the
+            rectangle's sides over the picture's (see training.regions).
         densify_from, densify_until, densify_every: fractions.
         densify_threshold: mean screen gradient (in half picture widths, as in 3DGS) above which a Gaussian splits.
         densify_growth: share of new Gaussians a round at most.
@@ -78,6 +80,8 @@ class Recipe:
     smoothness_neighbours: int = 8
     smoothness_falloff: float = 0.3
     smoothness_sample: int = 2048
+    region_share: float = 0.0
+    region_size: float = 0.4
     densify_from: float = 0.08
     densify_until: float = 0.6
     densify_every: float = 0.025

@@ -18,13 +18,14 @@ from ..errors import FrogError
 from ..evaluation.metrics import psnr_of
 from ..model.baselines.static import Static
 from ..model.canonical import ATTRIBUTES, CanonicalField, new_gaussians
-from ..model.frog import Frog, FrogSettings, Progressing, rows_for
+from ..model.frog import Frog, FrogSettings, Progressing, rows_for, total_deformation
 from ..rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
 from .density import DensityControl
 from .losses import embedding_smoothness, neighbour_weights, ssim
 from .neighbours import nearest, spacings
 from .optimizer import SceneOptimizer
 from .recipe import Recipe
+from .regions import RegionPicker
 from .sampling import anchors
 from .schedule import Every, ShotPicker, ramp
 
@@ -83,6 +84,7 @@ class Trainer:
         self.step_count, self.seconds, self.progress, self.loss = 0, 0.0, 0.0, math.nan
         self.burst_shot = -1
         self._picker = ShotPicker(capture)
+        self.regions = RegionPicker(capture.cameras, recipe.region_share, recipe.region_size)
         self._densify = Every(recipe.densify_from, recipe.densify_until, recipe.densify_every)
         self._sample = Every(recipe.sampling_from, recipe.sampling_until, recipe.sampling_every)
 
@@ -135,10 +137,19 @@ class Trainer:
         before = self.progress
         self.optimizer.schedule(before)
         shot = self._next_shot(before)
-        truth, image, changes = self._draw(shot, before, RasterizeOptions())
-        loss = (image.rgb - truth).abs().mean()
+        camera = self.capture.shots[shot].camera
+        region = self.regions.pick(camera, self.generator)
+        options = RasterizeOptions(region=region)
+        truth, image, changes = self._draw(shot, before, options)
+        difference = image.rgb - truth
+        loss = difference.abs().mean()
         if self._in_burst(before):
             loss = loss + self.recipe.dssim_weight * (1 - ssim(image.rgb, truth)) / 2
+        if region is not None:  # a pixel weighs the same in every step
+            loss = loss * (
+                region[2] * region[3] / self.capture.cameras[camera].width / self.capture.cameras[camera].height
+            )
+        self.regions.observe(camera, options.region_of(self.capture.cameras[camera]), difference.detach())
         if changes and self.neighbourhood is not None and self.recipe.smoothness_weight:
             loss = loss + self.recipe.smoothness_weight * self._smoothness()
         value = loss.item()
@@ -180,9 +191,12 @@ class Trainer:
         self, shot_index: int, progress: float, options: RasterizeOptions
     ) -> tuple[torch.Tensor, Image, dict[str, torch.Tensor]]:
         shot = self.capture.shots[shot_index]
-        truth = torch.from_numpy(self._store.image(shot_index).astype(np.float32)) / 255
+        camera = self.capture.cameras[shot.camera]
+        left, top, width, height = options.region_of(camera)
+        pixels = self._store.image(shot_index)[top : top + height, left : left + width]
+        truth = torch.from_numpy(pixels.astype(np.float32)) / 255
         gaussians, changes = self.gaussians_at(frame_to_time(shot.frame, self.capture.frame_count), progress)
-        image = rasterize(gaussians, self.capture.cameras[shot.camera], self.capture.background, options)
+        image = rasterize(gaussians, camera, self.capture.background, options)
         return truth, image, changes
 
     def progressing(self, progress: float) -> Progressing:
@@ -193,14 +207,11 @@ class Trainer:
     def gaussians_at(self, time_: float, progress: float) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
         """Gaussians and changes at a time, with the schedules as they stand at ``progress``."""
         r = self.recipe
-        if progress < r.warm_up:
-            gaussians: GaussianArrays = self.model.canonical.gaussians()
-            changes: dict[str, torch.Tensor] = {}
-        else:
-            gaussians, changes = self.model.deform(time_, self.progressing(progress))
         degree = sum(progress >= start for start in r.sh_growth[: r.sh_degree])
-        gaussians.sh = gaussians.sh[:, : (degree + 1) ** 2]
-        return gaussians, changes
+        sh_count = (degree + 1) ** 2
+        if progress >= r.warm_up:
+            return self.model.deform(time_, self.progressing(progress), sh_count)
+        return self.model.canonical.gaussians(sh_count), {}
 
     def _smoothness(self) -> torch.Tensor:
         assert self.neighbourhood is not None
@@ -231,7 +242,7 @@ class Trainer:
         if not changes:
             return
         canonical = self.model.canonical
-        calmest = int(self.model.total_deformation(changes).argmin())
+        calmest = int(total_deformation(changes).argmin())
         new = anchors(
             image,
             truth,

@@ -18,12 +18,10 @@ class Static(nn.Module):
         self.canonical: CanonicalField = canonical
 
     def deform(
-        self, time: float, progressing: Progressing = FINISHED
+        self, time: float, progressing: Progressing = FINISHED, sh_count: int | None = None
     ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
-        return self.canonical.gaussians(), {}
+        """As ``Frog.deform``; nothing changes."""
+        return self.canonical.gaussians(sh_count), {}
 
     def forward(self, time: float, progressing: Progressing = FINISHED) -> GaussianArrays:
         return self.canonical.gaussians()
-
-    def total_deformation(self, changes: dict[str, torch.Tensor]) -> torch.Tensor:
-        return torch.zeros(len(self.canonical))

@@ -4,9 +4,9 @@
 #include <cstdlib>
 #include <cstring>
 #include <new>
-#include <vector>
 
 #include "backward.h"
+#include "deformation.h"
 #include "thread_pool.h"
 
 namespace {
@@ -95,15 +95,19 @@ void frog_count_work(const FrogFrame *frame, int64_t work[3]) {
 
 void frog_free(FrogFrame *frame) { frog::recycle(frame); }
 
-int32_t frog_evaluate_network(int32_t count, int32_t hidden, const float *first, const float *shared,
-                              int32_t layer_count, const FrogLayer *layers, int32_t row_length, int32_t outputs,
-                              float *result) {
+int32_t frog_deform(const FrogDeformation *field, const FrogDeformed *result) {
   try {
-    frog::parallel_for(count, 256, [&](int begin, int end) {
-      std::vector<float> scratch(static_cast<size_t>(row_length) * 4);
-      kernels().network(begin, end, hidden, first, shared, layer_count, layers, row_length, outputs, scratch.data(),
-                        result);
-    });
+    frog::deform(kernels(), *field, *result);
+    return 0;
+  } catch (const std::bad_alloc &) {
+    return 1;
+  }
+}
+
+int32_t frog_deform_backward(const FrogDeformation *field, const FrogDeformed *gradients,
+                             const FrogDeformationGradients *result) {
+  try {
+    frog::deform_backward(kernels(), *field, *gradients, *result);
     return 0;
   } catch (const std::bad_alloc &) {
     return 1;

@@ -162,9 +162,11 @@ void bin_splats(FrogFrame &frame) {
       }
     }
   });
-  // Dearest first, so that no thread is left alone with a crowded tile at the end.
+  // Dearest first, so that no thread is left alone with a crowded tile at the end; but only roughly, since neighbours
+  // share cache lines and pages.
+  auto dearness = [](const Tile &tile) { return std::ilogb(static_cast<float>(tile.end - tile.begin + 1)); };
   std::stable_sort(frame.tiles.begin(), frame.tiles.end(),
-                   [](const Tile &p, const Tile &q) { return p.end - p.begin > q.end - q.begin; });
+                   [&](const Tile &p, const Tile &q) { return dearness(p) > dearness(q); });
   view.instances = instances;
 }
 

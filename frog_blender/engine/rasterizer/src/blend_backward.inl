@@ -5,6 +5,11 @@
 // g.C - h T_end and loses w_i g.c_i at each step. Then dL/dalpha_i = T_i g.c_i - rest_i / (1 - alpha_i), and
 // dL/dlog(alpha_i) = w_i g.c_i - rest_i alpha_i / (1 - alpha_i).
 
+static inline float *slot_of(const SlotView &slots, const Instance &instance) {
+  // The sum wraps on purpose, see place_slots.
+  return slots.gradients + static_cast<size_t>(slots.slot_base[instance.splat] + instance.slot) * slots.width;
+}
+
 template <bool LIMIT, bool ABSOLUTE>
 static void blend_tile_backward(const FrameView &view, const SlotView &slots, const Tile &tile, const FrogImage &image,
                                 const FrogImageGradient &gradient) {
@@ -12,25 +17,27 @@ static void blend_tile_backward(const FrameView &view, const SlotView &slots, co
   alignas(64) float red[TILE_PIXELS] = {}, green[TILE_PIXELS] = {}, blue[TILE_PIXELS] = {};  // dL/dC
   open_tile(view, tile, transmittance, LIMIT ? limit : nullptr);
   const TileSize size = size_of(view, tile);
-  for (int i = 0; i < TILE_PIXELS; ++i) {
-    if (!inside(size, i)) continue;
-    const long at = picture_index(view, tile, i);
-    red[i] = gradient.rgb[3 * at], green[i] = gradient.rgb[3 * at + 1], blue[i] = gradient.rgb[3 * at + 2];
-    rest[i] = red[i] * image.rgb[3 * at] + green[i] * image.rgb[3 * at + 1] + blue[i] * image.rgb[3 * at + 2] -
-              gradient.alpha[at] * (1 - image.alpha[at]);
+  for (int row = 0; row < size.rows; ++row) {
+    long at = picture_index(view, tile, row * TILE);
+    for (int i = row * TILE; i < row * TILE + size.columns; ++i, ++at) {
+      red[i] = gradient.rgb[3 * at], green[i] = gradient.rgb[3 * at + 1], blue[i] = gradient.rgb[3 * at + 2];
+      rest[i] = red[i] * image.rgb[3 * at] + green[i] * image.rgb[3 * at + 1] + blue[i] * image.rgb[3 * at + 2] -
+                gradient.alpha[at] * (1 - image.alpha[at]);
+    }
   }
   Footprint f;
   bool over = false;
 
   for (uint32_t n = tile.begin; n < tile.end; ++n) {
-    const Instance &instance = view.instances[n];
-    float *out = slots.gradients + (static_cast<size_t>(slots.slot_base[instance.splat]) + instance.slot) * slots.width;
+    const Instance &instance = view.instances[n], &soon = view.instances[n + 6 < tile.end ? n + 6 : n];
+    float *out = slot_of(slots, instance);
+    __builtin_prefetch(slot_of(slots, soon), 1);
     over = over || ((n - tile.begin) % CHECK_EVERY == CHECK_EVERY - 1 && finished(transmittance));
     if (over) {
       for (int k = 0; k < slots.width; ++k) out[k] = 0;
       continue;
     }
-    __builtin_prefetch(view.splats + view.instances[n + 6 < tile.end ? n + 6 : n].splat);
+    __builtin_prefetch(view.splats + soon.splat);
     const Splat &splat = view.splats[instance.splat];
     make_footprint(splat, tile, size.rows, f);
     // The order of SplatGradient.

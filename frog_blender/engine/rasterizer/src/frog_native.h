@@ -29,13 +29,34 @@ typedef struct {
   const float *alpha;  // (H, W)
 } FrogImageGradient;
 
-// One step of a network over a scratch row: row[output..] = act(bias + weights^T row[input..]).
+enum { FROG_OPACITY_OFF = 0, FROG_OPACITY_PAPER = 1, FROG_OPACITY_UNIT = 2 };
+
+// The canonical field and the deformation network at one moment. Arrays are laid out as torch's parameters are.
 typedef struct {
-  int32_t input, inputs, output, outputs;  // offsets and lengths in the scratch row; outputs a multiple of 16
-  int32_t relu;
-  const float *weights;  // (inputs, outputs)
-  const float *bias;     // (outputs,)
-} FrogLayer;
+  int32_t count, embedding_size, hidden_width;
+  int32_t head_width;                         // of each head's hidden layer; 0: all outputs read the first layer
+  int32_t sh_count, sh_active, sh_deformed;   // coefficients there are, that come out, and that the network changes
+  int32_t opacity_form;
+  float opacity_sharpness, opacity_share;     // see model/opacity.py
+  float motion_unit;                          // world units that an output of one moves a Gaussian by
+  const float *means, *log_scales, *quaternions, *opacity_logits, *sh;  // (N, 3), (N, 3), (N, 4), (N,), (N, sh_count, 3)
+  const float *embeddings;                    // (N, embedding_size)
+  const float *shared;                        // (hidden_width,) the first layer's temporal part and bias
+  const float *embedding_weight;              // (hidden_width, embedding_size)
+  const float *head_weight, *head_bias;       // (heads * head_width, hidden_width), (heads * head_width,) or null
+  const float *output_weight, *output_bias;   // (outputs, head_width or hidden_width), (outputs,)
+} FrogDeformation;
+
+// Deformed, activated Gaussians, or the gradients by them.
+typedef struct {
+  float *means, *quaternions, *scales, *opacities, *sh;  // sh is (N, sh_active, 3)
+  float *changes;  // (N, outputs) what the network added: means, log_scales, quaternions, opacity logit, sh (or null)
+} FrogDeformed;
+
+typedef struct {  // shapes as in FrogDeformation
+  float *means, *log_scales, *quaternions, *opacity_logits, *sh, *embeddings, *shared, *embedding_weight;
+  float *head_weight, *head_bias, *output_weight, *output_bias;
+} FrogDeformationGradients;
 
 typedef struct FrogFrame FrogFrame;
 
@@ -53,8 +74,8 @@ FROG_EXPORT int32_t frog_backward(FrogFrame *, const FrogGaussians *, const Frog
 FROG_EXPORT void frog_count_work(const FrogFrame *, int64_t work[3]);
 FROG_EXPORT void frog_free(FrogFrame *);
 
-// Hidden layer relu(first[i] + shared), then the layers; the last `outputs` numbers of each row are copied out.
-FROG_EXPORT int32_t frog_evaluate_network(int32_t count, int32_t hidden, const float *first, const float *shared,
-                                          int32_t layer_count, const FrogLayer *layers, int32_t row_length,
-                                          int32_t outputs, float *result);
+// Both return 0, or 1 when memory ran out. The backward pass needs nothing kept.
+FROG_EXPORT int32_t frog_deform(const FrogDeformation *, const FrogDeformed *);
+FROG_EXPORT int32_t frog_deform_backward(const FrogDeformation *, const FrogDeformed *gradients,
+                                         const FrogDeformationGradients *);
 }

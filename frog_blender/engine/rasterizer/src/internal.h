@@ -1,5 +1,6 @@
 // What the parts of the CPU rasterizer share: a drawn frame as raw views, and the table of kernels.
 #pragma once
+#include "deformation_types.h"
 #include "frog_native.h"
 
 struct Instance {  // a splat in one tile
@@ -38,8 +39,10 @@ struct Kernels {
   // `sums` are (N, SPLAT_GRADIENTS); `pose` is (12,) or null, and is added to.
   void (*project_backward)(const FrameView &, const FrogGaussians &, const float *sums, const FrogGradients &, float *pose,
                            int begin, int end);
-  void (*network)(int begin, int end, int hidden, const float *first, const float *shared, int layer_count,
-                  const FrogLayer *layers, int row_length, int outputs, float *scratch, float *result);
+  // `scratch` has a block's layers; `partial` takes the weight gradients of a chunk, added to what is there.
+  void (*deform)(const DeformationPlan &, const FrogDeformed &, int begin, int end, float *scratch);
+  void (*deform_backward)(const DeformationPlan &, const FrogDeformed &gradients, const FrogDeformationGradients &, int begin,
+                          int end, float *scratch, float *partial);
 };
 
 const Kernels *kernels_baseline();

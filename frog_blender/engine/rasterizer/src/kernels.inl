@@ -16,7 +16,9 @@ namespace FROG_ISA {
 #include "tile.inl"
 #include "blend.inl"
 #include "blend_backward.inl"
-#include "network.inl"
+#include "gemm.inl"
+#include "deformation.inl"
 
-const Kernels kernels = {FROG_ISA_NAME, project, blend, count_blended, blend_backward, project_backward, network};
+const Kernels kernels = {FROG_ISA_NAME, project, blend, count_blended, blend_backward, project_backward,
+                         deform, deform_backward};
 }  // namespace FROG_ISA

@@ -8,8 +8,7 @@ static_assert(BATCH % WARP == 0, "a ballot tests 32 splats");
 extern "C" __global__ void __launch_bounds__(THREADS)
     blend(const Splat *splats, const int *tile_splats, const int *ranges, FrogOptions options, int columns, float *rgb,
           float *alpha, int *median_index, float *mean_depth, float *max_weights) {
-  __shared__ float4 staged[BATCH * STRIDE];
-  __shared__ int ids[BATCH];
+  __shared__ Staged staged[BATCH];
   const int width = options.region[2];
   const Pixel pixel = pixel_of(columns, width, options.region[3]);
   const long long to = static_cast<long long>(pixel.y) * width + pixel.x;
@@ -26,26 +25,24 @@ extern "C" __global__ void __launch_bounds__(THREADS)
   float4 coming = fetch(splats, tile_splats, begin + slot, end, quarter);
   for (int start = begin; start < end; start += BATCH) {
     if (!__syncthreads_or(open)) break;  // also: everyone is done with the last batch
-    staged[slot * STRIDE + quarter] = coming;
-    if (quarter == 0) ids[slot] = start + slot < end ? tile_splats[start + slot] : -1;
+    put(staged[slot], quarter, coming);
     __syncthreads();
     coming = fetch(splats, tile_splats, start + BATCH + slot, end, quarter);  // arrives while this batch is blended
 
     for (int group = 0; group < BATCH && start + group < end; group += WARP) {
       if (!__any_sync(FULL, open)) break;
-      const bool near = start + group + lane_index() < end && reaches(staged + (group + lane_index()) * STRIDE, pixel);
+      const bool near = start + group + lane_index() < end && reaches(staged[group + lane_index()], pixel);
       for (unsigned left = __ballot_sync(FULL, near); left; left &= left - 1) {
-        const int k = group + __ffs(left) - 1;
-        const float4 shape = staged[k * STRIDE], more = staged[k * STRIDE + 1], rest = staged[k * STRIDE + 2];
-        if (LIMIT && rest.y > limit) open = false;
-        const Step s = step(shape, more, x, y, transmittance, open);
+        const Staged &splat = staged[group + __ffs(left) - 1];
+        if (LIMIT && splat.depth > limit) open = false;
+        const Step s = step(splat, x, y, transmittance, open);
         if (s.blended) {
-          red = fmaf(s.weight, more.z, red);
-          green = fmaf(s.weight, more.w, green);
-          blue = fmaf(s.weight, rest.x, blue);
+          red = fmaf(s.weight, splat.red, red);
+          green = fmaf(s.weight, splat.green, green);
+          blue = fmaf(s.weight, splat.blue, blue);
           if (DEPTH) {
-            depth = fmaf(s.weight, rest.y, depth);
-            if (transmittance > 0.5f && s.next <= 0.5f) median = ids[k];
+            depth = fmaf(s.weight, splat.depth, depth);
+            if (transmittance > 0.5f && s.next <= 0.5f) median = splat.index;
           }
           transmittance = s.next;
         }
@@ -54,7 +51,8 @@ extern "C" __global__ void __launch_bounds__(THREADS)
           for (int offset = WARP / 2; offset; offset /= 2)
             heaviest = fmaxf(heaviest, __shfl_xor_sync(FULL, heaviest, offset));
           // Weights are positive: their bits order like integers, and a maximum does not depend on the order.
-          if (lane_index() == 0) atomicMax(reinterpret_cast<int *>(max_weights) + ids[k], __float_as_int(heaviest));
+          if (lane_index() == 0)
+            atomicMax(reinterpret_cast<int *>(max_weights) + splat.index, __float_as_int(heaviest));
         }
       }
     }

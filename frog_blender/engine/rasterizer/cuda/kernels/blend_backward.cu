@@ -13,7 +13,7 @@ extern "C" __global__ void __launch_bounds__(THREADS)
     blend_backward(const Splat *splats, const int *tile_splats, const long long *slots, const int *ranges,
                    FrogOptions options, int columns, const float *rgb, const float *alpha, const float *by_rgb,
                    const float *by_alpha, float *gradients) {
-  __shared__ float4 staged[BATCH * STRIDE];
+  __shared__ Staged staged[BATCH];
   __shared__ long long slot_of[BATCH];
   __shared__ float sums[WARPS][BATCH][VALUES];
   __shared__ unsigned touched[WARPS];  // splats of the batch that a warp has sums for
@@ -30,7 +30,8 @@ extern "C" __global__ void __launch_bounds__(THREADS)
   float transmittance = 1, g_red = 0, g_green = 0, g_blue = 0, behind = 0, limit = 0;
   if (open) {
     g_red = by_rgb[3 * at], g_green = by_rgb[3 * at + 1], g_blue = by_rgb[3 * at + 2];
-    behind = g_red * rgb[3 * at] + g_green * rgb[3 * at + 1] + g_blue * rgb[3 * at + 2] - by_alpha[at] * (1 - alpha[at]);
+    behind = g_red * rgb[3 * at] + g_green * rgb[3 * at + 1] + g_blue * rgb[3 * at + 2];
+    behind -= by_alpha[at] * (1 - alpha[at]);
     if (LIMIT) limit = options.depth_limit[at];
   }
 
@@ -39,7 +40,7 @@ extern "C" __global__ void __launch_bounds__(THREADS)
   for (int start = begin; start < end; start += BATCH) {
     if (!__syncthreads_or(open)) break;  // the slots of the rest were zeroed when allocated
     if (slot < BATCH) {
-      staged[slot * STRIDE + quarter] = coming;
+      put(staged[slot], quarter, coming);
       if (quarter == 0) slot_of[slot] = start + slot < end ? slots[start + slot] : -1;
     }
     __syncthreads();
@@ -47,19 +48,19 @@ extern "C" __global__ void __launch_bounds__(THREADS)
 
     unsigned summed = 0;
     if (__any_sync(FULL, open)) {
-      const bool near = start + lane_index() < end && reaches(staged + lane_index() * STRIDE, pixel);
+      const bool near = start + lane_index() < end && reaches(staged[lane_index()], pixel);
       for (unsigned left = __ballot_sync(FULL, near); left; left &= left - 1) {
         const int k = __ffs(left) - 1;
-        const float4 shape = staged[k * STRIDE], more = staged[k * STRIDE + 1], rest = staged[k * STRIDE + 2];
-        if (LIMIT && rest.y > limit) open = false;
-        const Step s = step(shape, more, x, y, transmittance, open);
+        const Staged &splat = staged[k];
+        if (LIMIT && splat.depth > limit) open = false;
+        const Step s = step(splat, x, y, transmittance, open);
         if (!__any_sync(FULL, s.blended)) continue;
         summed |= 1u << k;
         float v[VALUES];
 #pragma unroll
         for (int n = 0; n < VALUES; ++n) v[n] = 0;
         if (s.blended) {
-          const float by_weight = g_red * more.z + g_green * more.w + g_blue * rest.x;
+          const float by_weight = g_red * splat.red + g_green * splat.green + g_blue * splat.blue;
           behind = fmaf(-s.weight, by_weight, behind);
           v[BY_RED] = s.weight * g_red, v[BY_GREEN] = s.weight * g_green, v[BY_BLUE] = s.weight * g_blue;
           if (!s.clamped) {  // by the logarithm of alpha
@@ -69,8 +70,8 @@ extern "C" __global__ void __launch_bounds__(THREADS)
             v[SUM_XX] = v[SUM_X] * s.dx, v[SUM_XY] = v[SUM_X] * s.dy, v[SUM_YY] = v[SUM_Y] * s.dy;
             if constexpr (ABSOLUTE) {
               const float scale = 2 / LOG2E * by_log;
-              v[ABSOLUTE_X] = fabsf(scale * shape.z * s.slant);
-              v[ABSOLUTE_Y] = fabsf(scale * (shape.w * s.slant + more.x * s.dy));
+              v[ABSOLUTE_X] = fabsf(scale * splat.along * s.slant);
+              v[ABSOLUTE_Y] = fabsf(scale * (splat.lean * s.slant + splat.across * s.dy));
             }
           }
           transmittance = s.next;

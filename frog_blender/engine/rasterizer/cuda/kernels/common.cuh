@@ -30,32 +30,47 @@ static __device__ __forceinline__ Pixel pixel_of(int columns, int width, int hei
   return p;
 }
 
-// Splats lie 80 bytes apart in shared memory, not 64: then 32 lanes that read 32 splats meet no bank conflict.
-constexpr int QUARTERS = sizeof(Splat) / sizeof(float4), STRIDE = QUARTERS + 1;
-static_assert(sizeof(Splat) == 64, "four float4");
+// A splat in shared memory; a test holds its fields to those of Splat. They lie 80 bytes apart, not 64: then 32 lanes
+// that read 32 splats meet no bank conflict.
+struct alignas(16) Staged {
+  float x, y, along, lean;
+  float across, log2_opacity, red, green;
+  float blue, depth, extent_x, extent_y;
+  float radius, widest, rows;
+  int index;       // of the Gaussian; its place held the rows' padding
+  float4 padding;
+};
+constexpr int QUARTERS = sizeof(Splat) / sizeof(float4);
+static_assert(sizeof(Splat) == 64 && sizeof(Staged) == 80, "a splat is four float4");
 
 // Quarter `quarter` of splat number `at` of the tile's list, or nothing beyond its end.
-static __device__ __forceinline__ float4 fetch(const Splat *splats, const int *tile_splats, int at, int end, int quarter) {
+static __device__ __forceinline__ float4 fetch(const Splat *splats, const int *tile_splats, int at, int end,
+                                               int quarter) {
   if (at >= end) return make_float4(0, 0, 0, 0);
-  return reinterpret_cast<const float4 *>(splats + tile_splats[at])[quarter];
+  const int index = tile_splats[at];
+  float4 part = reinterpret_cast<const float4 *>(splats + index)[quarter];
+  if (quarter == QUARTERS - 1) part.w = __int_as_float(index);
+  return part;
+}
+
+static __device__ __forceinline__ void put(Staged &splat, int quarter, const float4 &part) {
+  reinterpret_cast<float4 *>(&splat)[quarter] = part;
 }
 
 // Can the ellipse reach a pixel centre of the warp's 8 x 4? Never wrongly no: skipping what this denies changes no bit.
-static __device__ __forceinline__ bool reaches(const float4 *staged, const Pixel &pixel) {
-  const float4 shape = staged[0], more = staged[1], size = staged[2];
-  const float x = shape.x, y = shape.y, along = shape.z, lean = shape.w, across = more.x;
-  const float extent_x = size.y, extent_y = size.z, widest = staged[3].y;
-  const float margin = 0.01f + 1e-5f * (extent_x + extent_y);  // pixels, for rounding
-  const float top = pixel.top + 0.5f - y, low = fmaxf(top, -extent_y), high = fminf(top + 3, extent_y);
+static __device__ __forceinline__ bool reaches(const Staged &splat, const Pixel &pixel) {
+  const float margin = 0.01f + 1e-5f * (splat.extent_x + splat.extent_y);  // pixels, for rounding
+  const float top = pixel.top + 0.5f - splat.y;
+  const float low = fmaxf(top, -splat.extent_y), high = fminf(top + 3, splat.extent_y);
   if (low > high + margin) return false;
   // The widest places of the ellipse within these rows, as in tile_span.
-  const float reach = more.y - LOG2_ALPHA_MIN;
-  const float right_dy = fminf(fmaxf(widest, low), high), left_dy = fminf(fmaxf(-widest, low), high);
-  const float right_root = sqrtf(fmaxf(reach - across * right_dy * right_dy, 0.0f));
-  const float left_root = sqrtf(fmaxf(reach - across * left_dy * left_dy, 0.0f));
-  const float right = (right_root - lean * right_dy) / along + margin;
-  const float left = -(left_root + lean * left_dy) / along - margin;
-  const float first = pixel.left + 0.5f - x;
+  const float reach = splat.log2_opacity - LOG2_ALPHA_MIN;
+  const float right_dy = fminf(fmaxf(splat.widest, low), high), left_dy = fminf(fmaxf(-splat.widest, low), high);
+  const float right_root = sqrtf(fmaxf(reach - splat.across * right_dy * right_dy, 0.0f));
+  const float left_root = sqrtf(fmaxf(reach - splat.across * left_dy * left_dy, 0.0f));
+  const float right = (right_root - splat.lean * right_dy) / splat.along + margin;
+  const float left = -(left_root + splat.lean * left_dy) / splat.along - margin;
+  const float first = pixel.left + 0.5f - splat.x;
   return !(right < first || left > first + 7);  // NaN stays
 }
 
@@ -66,14 +81,13 @@ struct Step {
   bool blended, clamped;
 };
 
-// Returns whether the splat counts at this pixel; `open` goes down where it finishes the pixel.
-static __device__ __forceinline__ Step step(const float4 &shape, const float4 &more, float x, float y,
-                                            float transmittance, bool &open) {
+// `open` goes down where the splat finishes the pixel. Where not `blended`, most of the result is undefined.
+static __device__ __forceinline__ Step step(const Staged &splat, float x, float y, float transmittance, bool &open) {
   Step s;
-  s.dx = x - shape.x;
-  s.dy = y - shape.y;
-  s.slant = fmaf(shape.z, s.dx, shape.w * s.dy);
-  const float power = fmaf(-s.slant, s.slant, fmaf(-more.x * s.dy, s.dy, more.y));
+  s.dx = x - splat.x;
+  s.dy = y - splat.y;
+  s.slant = fmaf(splat.along, s.dx, splat.lean * s.dy);
+  const float power = fmaf(-s.slant, s.slant, fmaf(-splat.across * s.dy, s.dy, splat.log2_opacity));
   s.blended = open && power >= LOG2_ALPHA_MIN;
   if (!s.blended) return s;
   const float raw = exp2f(power);

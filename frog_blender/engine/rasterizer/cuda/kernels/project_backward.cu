@@ -1,5 +1,5 @@
 // One thread a Gaussian: adds up the slots of its tiles, and turns that into the gradients of its attributes and, where
-// wanted, of the camera's pose (a sum for each block). Compiled for SH_COUNT = 1, 4, 9 or 16.
+// wanted, of the camera's pose (a sum for each block). Compiled for SH_COUNT = 1, 4, 9 or 16 and POSE = 0 or 1.
 #include "common.cuh"
 #include "mathematics.h"
 #include "projection.h"
@@ -8,7 +8,7 @@
 
 constexpr int POSE_VALUES = 12;
 
-// `values` numbers a slot; `pose_sums` (blocks, 12) or null.
+// `values` numbers a slot; `pose_sums` (blocks, 12) where POSE.
 extern "C" __global__ void __launch_bounds__(THREADS)
     project_backward(FrogGaussians g, FrogCamera camera, FrogOptions options, const float *pose,
                      const int *tile_counts, const long long *first_slots, const float *slot_gradients, int values,
@@ -50,9 +50,9 @@ extern "C" __global__ void __launch_bounds__(THREADS)
   float by_pose[POSE_VALUES];
 #pragma unroll
   for (int k = 0; k < POSE_VALUES; ++k) by_pose[k] = 0;
-  if (slots) splat_backward(g, camera, options, i, sums, out, pose_sums ? by_pose : nullptr);
+  if (slots) splat_backward(g, camera, options, i, sums, out, POSE ? by_pose : nullptr);
   else if (at < g.count) no_gradient(g, out, i);
-  if (!pose_sums) return;
+  if (!POSE) return;
 
   __shared__ float warps[WARPS][POSE_VALUES];
   fold<POSE_VALUES>(by_pose);

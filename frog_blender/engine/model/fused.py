@@ -1,0 +1,60 @@
+"""The deformation of all Gaussians as one torch operation, computed by the native library (float32 on the CPU)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+
+from ..rasterizer import GaussianArrays
+from ..rasterizer.native_deformation import FieldShape, deform, deform_backward
+from .canonical import CanonicalField
+from .deformation import DeformationField
+
+_OUTPUTS = ("means", "quaternions", "scales", "opacities", "sh")
+_CANONICAL = ("means", "log_scales", "quaternions", "opacity_logits", "sh", "embeddings")
+_NETWORK = ("embedding_weight", "output_weight", "output_bias")
+_HEADS = ("head_weight", "head_bias")
+
+
+class _Deform(torch.autograd.Function):
+    """Inputs in the order of ``names`` after ``shape`` and ``names``; outputs _OUTPUTS and the changes."""
+
+    @staticmethod
+    def forward(
+        ctx: Any, shape: FieldShape, names: tuple[str, ...], *tensors: torch.Tensor
+    ) -> tuple[torch.Tensor, ...]:
+        tensors = tuple(tensor.contiguous() for tensor in tensors)
+        count = len(tensors[0])
+        sizes = {"means": (3,), "quaternions": (4,), "scales": (3,), "opacities": (), "sh": (shape.sh_active, 3)}
+        result = {name: torch.empty((count, *sizes[name])) for name in _OUTPUTS}
+        result["changes"] = torch.empty((count, shape.outputs))
+        deform(shape, dict(zip(names, tensors, strict=True)), result)
+        ctx.shape, ctx.names = shape, names
+        ctx.save_for_backward(*tensors)
+        ctx.mark_non_differentiable(result["changes"])
+        return tuple(result.values())
+
+    @staticmethod
+    def backward(ctx: Any, *by: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
+        arrays = dict(zip(ctx.names, ctx.saved_tensors, strict=True))
+        gradients = {name: torch.empty_like(array) for name, array in arrays.items()}
+        by_outputs = {name: tensor.contiguous() for name, tensor in zip(_OUTPUTS, by, strict=False)}
+        deform_backward(ctx.shape, arrays, by_outputs, gradients)
+        return (None, None, *gradients.values())
+
+
+def deform_fused(
+    canonical: CanonicalField, network: DeformationField, temporal: torch.Tensor, shape: FieldShape
+) -> tuple[GaussianArrays, torch.Tensor]:
+    """Deformed, activated Gaussians with ``shape.sh_active`` coefficients, and the changes (N, outputs), means in world
+    units, without gradients.
+
+    Args:
+        temporal: (T,) fused temporal embedding of the moment.
+    """
+    arrays = {name: getattr(canonical, name) for name in _CANONICAL}
+    arrays["shared"] = network.temporal_weight @ temporal + network.bias
+    arrays |= {name: getattr(network, name) for name in (*_NETWORK, *(_HEADS if network.head_width else ()))}
+    *outputs, changes = _Deform.apply(shape, tuple(arrays), *arrays.values())
+    return GaussianArrays(**dict(zip(_OUTPUTS, outputs, strict=True))), changes

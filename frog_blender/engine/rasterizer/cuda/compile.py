@@ -1,0 +1,75 @@
+"""Machine code for kernels, kept on disk: compiled once for each source text, GPU architecture and compiler version.
+
+The compiler is NVRTC through an own binding (``nvrtc.py`` says why).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from pathlib import Path
+
+from . import nvrtc
+from .sources import Kernel, headers
+
+_FORMAT = b"frog kernel 1\n"
+_DIGEST = hashlib.sha256().digest_size
+
+
+def machine_code(kernel: Kernel, capability: int, folder: Path | None = None) -> bytes:
+    """What the driver loads for one kernel, from disk or freshly compiled.
+
+    Args:
+        kernel: which.
+        capability: of the GPU, ten times the major plus the minor number (90 for 9.0).
+        folder: the cache; by default ``kernels`` in the cache folder of this user.
+
+    Raises:
+        FrogError: no compiler was found, the GPU is too old, or the kernel does not compile.
+    """
+    from ...capture.frames import default_cache_folder
+
+    compiler = nvrtc.compiler()
+    target = compiler.target(capability)
+    path = (folder or default_cache_folder() / "kernels") / _name(kernel, target, compiler.version)
+    code = _read(path)
+    if code is None:
+        code = compiler.build(kernel, target)
+        _write(path, code)
+    return code
+
+
+def _name(kernel: Kernel, target: str, version: tuple[int, int]) -> str:
+    """A file name that changes with everything that decides the code."""
+    parts = [kernel.source, *kernel.options, target, repr(version)]
+    for name, text in headers().items():
+        parts += [name, text]
+    digest = hashlib.sha256("\0".join(parts).encode()).hexdigest()
+    return f"{kernel.name}-{target}-{digest[:32]}.bin"
+
+
+def _read(path: Path) -> bytes | None:
+    """The code in a cache file; None when there is none or it is damaged."""
+    try:
+        data = path.read_bytes()
+    except OSError:
+        return None
+    start = len(_FORMAT) + _DIGEST
+    digest, code = data[len(_FORMAT) : start], data[start:]
+    whole = data.startswith(_FORMAT) and code and hashlib.sha256(code).digest() == digest
+    return code if whole else None
+
+
+def _write(path: Path, code: bytes) -> None:
+    """Put a cache file in place at once; a folder that cannot be written only costs time at the next start."""
+    temporary = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=".partial-")
+        with os.fdopen(handle, "wb") as file:
+            file.write(_FORMAT + hashlib.sha256(code).digest() + code)
+        os.replace(temporary, path)
+    except OSError:
+        if temporary is not None:
+            Path(temporary).unlink(missing_ok=True)

@@ -1,0 +1,142 @@
+"""Kernels on the device: the few functions of the CUDA driver that loading and launching take, through ctypes."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import sys
+import threading
+from ctypes import POINTER, byref, c_char_p, c_int, c_int32, c_uint, c_void_p
+from typing import Any, Protocol
+
+import torch
+
+from ...errors import FrogError
+from .compile import machine_code
+from .sources import Kernel
+
+THREADS = 256  # of every block; THREADS in kernels/common.cuh
+
+
+class Launcher(Protocol):
+    """What ``rasterize`` needs of a device.
+
+    Attributes:
+        memory: bytes of the device.
+    """
+
+    memory: int
+
+    def launch(self, kernel: Kernel, blocks: int, *arguments: Any) -> None:
+        """Start a kernel on ``blocks`` blocks of THREADS threads; nothing where there are none.
+
+        Arguments are tensors (their addresses are passed), None (a null address), ints (32 bits) or ctypes structs (by
+        value), in the order of the kernel's parameters.
+        """
+
+
+def as_parameters(arguments: tuple[Any, ...]) -> list[Any]:
+    """ctypes objects for what ``Launcher.launch`` takes."""
+    parameters: list[Any] = []
+    for argument in arguments:
+        if argument is None or isinstance(argument, torch.Tensor):
+            parameters.append(c_void_p(None if argument is None else argument.data_ptr()))
+        elif isinstance(argument, int):
+            parameters.append(c_int32(argument))
+        else:
+            parameters.append(argument)
+    return parameters
+
+
+@functools.cache
+def _driver() -> ctypes.CDLL:
+    name = "nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1"
+    try:
+        driver = ctypes.CDLL(name)
+    except OSError as error:
+        raise FrogError(f"{name}: the CUDA driver could not be loaded ({error}).") from error
+    handle = POINTER(c_void_p)
+    signatures: dict[str, list[Any]] = {
+        "cuInit": [c_uint],
+        "cuDeviceGet": [POINTER(c_int), c_int],
+        "cuDevicePrimaryCtxRetain": [handle, c_int],
+        "cuCtxPushCurrent_v2": [c_void_p],
+        "cuCtxPopCurrent_v2": [handle],
+        "cuModuleLoadData": [handle, c_void_p],
+        "cuModuleGetFunction": [handle, c_void_p, c_char_p],
+        "cuLaunchKernel": [c_void_p, *[c_uint] * 7, c_void_p, POINTER(c_void_p), POINTER(c_void_p)],
+        "cuGetErrorString": [c_int, POINTER(c_char_p)],
+    }
+    for name, types in signatures.items():
+        function = getattr(driver, name)
+        function.argtypes, function.restype = types, c_int
+    return driver
+
+
+def _check(status: int, action: str) -> None:
+    if status:
+        text = c_char_p()
+        _driver().cuGetErrorString(status, byref(text))
+        reason = text.value.decode() if text.value else f"error {status}"
+        raise FrogError(f"{action}: the CUDA driver refused ({reason}).")
+
+
+class Device:
+    """A Launcher for one GPU, in the context and on the streams that torch uses.
+
+    Kernels are compiled and loaded when they are first launched. Any thread may launch.
+    """
+
+    def __init__(self, index: int) -> None:
+        self._index = index
+        properties = torch.cuda.get_device_properties(index)
+        self.memory: int = properties.total_memory
+        self._capability = 10 * properties.major + properties.minor
+        self._name = properties.name
+        self._functions: dict[Kernel, c_void_p] = {}
+        self._lock = threading.Lock()
+        torch.cuda.current_stream(index).synchronize()  # torch's context exists from here on
+        driver, device, self._context = _driver(), c_int(), c_void_p()
+        _check(driver.cuInit(0), self._name)
+        _check(driver.cuDeviceGet(byref(device), index), self._name)
+        _check(driver.cuDevicePrimaryCtxRetain(byref(self._context), device), self._name)
+
+    def launch(self, kernel: Kernel, blocks: int, *arguments: Any) -> None:
+        """See Launcher. FrogError when the kernel cannot be compiled, loaded or launched."""
+        if not blocks:
+            return
+        parameters = as_parameters(arguments)
+        addresses = (c_void_p * len(parameters))(*[ctypes.addressof(parameter) for parameter in parameters])
+        stream = torch.cuda.current_stream(self._index).cuda_stream
+        driver = _driver()
+        # The calling thread may be one of torch's own, on which no context is current yet.
+        _check(driver.cuCtxPushCurrent_v2(self._context), self._name)
+        try:
+            function = self._function(kernel)
+            status = driver.cuLaunchKernel(function, blocks, 1, 1, THREADS, 1, 1, 0, stream, addresses, None)
+            _check(status, f"{self._name}, {kernel}")
+        finally:
+            driver.cuCtxPopCurrent_v2(byref(c_void_p()))
+
+    def _function(self, kernel: Kernel) -> c_void_p:
+        with self._lock:
+            if kernel not in self._functions:
+                module, function = c_void_p(), c_void_p()
+                code = machine_code(kernel, self._capability) + b"\0"  # PTX text ends with a zero
+                action = f"{self._name}, {kernel}"
+                _check(_driver().cuModuleLoadData(byref(module), code), action)
+                _check(_driver().cuModuleGetFunction(byref(function), module, kernel.name.encode()), action)
+                self._functions[kernel] = function
+            return self._functions[kernel]
+
+
+@functools.cache
+def _device(index: int) -> Device:
+    return Device(index)
+
+
+def launcher_for(device: torch.device) -> Launcher:
+    """The launcher of a CUDA device; ValueError for another device."""
+    if device.type != "cuda":
+        raise ValueError(f"the CUDA rasterizer draws tensors on a GPU, not on {device}")
+    return _device(torch.cuda.current_device() if device.index is None else device.index)

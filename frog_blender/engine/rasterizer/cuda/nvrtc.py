@@ -1,0 +1,163 @@
+"""NVIDIA's run-time compiler through ctypes: finds the library and turns CUDA C++ into machine code.
+
+Why not a package: the CUDA wheel of torch already brings NVRTC in the version that fits its driver interface, and
+eight C functions are all there is to call. ``cuda-bindings`` and ``cuda-core`` are well kept, but are 15 MB of compiled
+wheels for each Python and CUDA version, which the extension would have to bundle and match to torch's CUDA; CuPy is
+larger still; ``torch.cuda._compile_kernel`` is private, wants a CUDA toolkit's headers and passes no structs.
+The interface used here has not changed since CUDA 11.1.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import importlib.util
+import os
+import re
+import sys
+from collections.abc import Iterator
+from ctypes import POINTER, byref, c_char_p, c_int, c_size_t, c_void_p
+from pathlib import Path
+
+from ...errors import FrogError
+from .sources import Kernel, headers
+
+
+def _package_folders() -> Iterator[Path]:
+    """Where wheels put CUDA's libraries: ``nvidia/*/lib`` (``bin`` on Windows) and ``torch/lib``."""
+    for package, patterns in (("nvidia", ("*/lib", "*/bin", "*/bin/x86_64")), ("torch", ("lib",))):
+        spec = importlib.util.find_spec(package)
+        for root in (spec.submodule_search_locations or ()) if spec else ():
+            for pattern in patterns:
+                yield from sorted(Path(root).glob(pattern))
+
+
+def library_candidates() -> list[str]:
+    """Paths and names to try, best first: of torch's own CUDA version, then the newest."""
+    if os.environ.get("FROG_NVRTC"):
+        return [os.environ["FROG_NVRTC"]]
+    name = re.compile(r"nvrtc64_(\d+)0_\d+\.dll" if sys.platform == "win32" else r"libnvrtc\.so\.(\d+)")
+    found = []
+    for folder in _package_folders():
+        found += [(int(match[1]), str(path)) for path in folder.iterdir() if (match := name.fullmatch(path.name))]
+    wanted = _torch_cuda_major()
+    found.sort(key=lambda entry: (entry[0] != wanted, -entry[0]))
+    if sys.platform == "win32":
+        plain = [(major, f"nvrtc64_{major}0_0.dll") for major in (13, 12)]
+    else:
+        plain = [(major, f"libnvrtc.so.{major}") for major in (13, 12)]
+    plain.sort(key=lambda entry: entry[0] != wanted)
+    return [path for _, path in [*found, *plain]]
+
+
+def _torch_cuda_major() -> int | None:
+    """12 for a torch built with CUDA 12.8; None without torch or CUDA. Does not import torch by itself."""
+    version = getattr(getattr(sys.modules.get("torch"), "version", None), "cuda", None)
+    return int(version.split(".")[0]) if version else None
+
+
+class Compiler:
+    """A loaded NVRTC.
+
+    Attributes:
+        path: of the library.
+        version: such as (12, 9).
+        architectures: compute capabilities it compiles for, such as 75 and 90, ascending.
+    """
+
+    def __init__(self, path: str) -> None:
+        """OSError when the library cannot be loaded or is no NVRTC."""
+        self.path = path
+        if sys.platform == "win32" and os.path.isabs(path):
+            os.add_dll_directory(str(Path(path).parent))  # its built-in functions lie beside it
+        self._library = ctypes.CDLL(path)
+        try:
+            self._declare()
+        except AttributeError as error:
+            raise OSError(f"{path}: {error}") from error
+        major, minor, count = c_int(), c_int(), c_int()
+        self._check(self._library.nvrtcVersion(byref(major), byref(minor)))
+        self.version = major.value, minor.value
+        self._check(self._library.nvrtcGetNumSupportedArchs(byref(count)))
+        architectures = (c_int * count.value)()
+        self._check(self._library.nvrtcGetSupportedArchs(architectures))
+        self.architectures = tuple(sorted(architectures))
+
+    def _declare(self) -> None:
+        text, size, integer = c_char_p, POINTER(c_size_t), POINTER(c_int)
+        program, texts = c_void_p, POINTER(c_char_p)
+        signatures = {
+            "nvrtcVersion": [integer, integer],
+            "nvrtcGetNumSupportedArchs": [integer],
+            "nvrtcGetSupportedArchs": [integer],
+            "nvrtcCreateProgram": [POINTER(c_void_p), text, text, c_int, texts, texts],
+            "nvrtcDestroyProgram": [POINTER(c_void_p)],
+            "nvrtcCompileProgram": [program, c_int, texts],
+            **{f"nvrtcGet{what}Size": [program, size] for what in ("ProgramLog", "CUBIN", "PTX")},
+            **{f"nvrtcGet{what}": [program, c_char_p] for what in ("ProgramLog", "CUBIN", "PTX")},
+        }
+        for name, arguments in signatures.items():
+            function = getattr(self._library, name)
+            function.argtypes, function.restype = arguments, c_int
+        self._library.nvrtcGetErrorString.argtypes, self._library.nvrtcGetErrorString.restype = [c_int], c_char_p
+
+    def _check(self, status: int) -> None:
+        if status:
+            reason = self._library.nvrtcGetErrorString(status).decode()
+            raise FrogError(f"{self.path}: the CUDA compiler failed ({reason}).")
+
+    def target(self, capability: int) -> str:
+        """``sm_90`` for a GPU of compute capability 9.0; ``compute_..`` (for the driver to finish) if it is too new."""
+        if capability in self.architectures:
+            return f"sm_{capability}"
+        older = [architecture for architecture in self.architectures if architecture < capability]
+        if not older:
+            found, oldest = (f"{number // 10}.{number % 10}" for number in (capability, self.architectures[0]))
+            raise FrogError(f"The GPU has compute capability {found}; this version of CUDA starts at {oldest}.")
+        return f"compute_{older[-1]}"
+
+    def build(self, kernel: Kernel, target: str) -> bytes:
+        """Machine code (or PTX text for a ``compute_`` target) of one kernel.
+
+        FrogError when it does not compile: one sentence, then the compiler's log.
+        """
+        texts = headers()
+        program = c_void_p()
+        contents = (c_char_p * len(texts))(*[text.encode() for text in texts.values()])
+        names = (c_char_p * len(texts))(*[name.encode() for name in texts])
+        create = self._library.nvrtcCreateProgram
+        self._check(
+            create(byref(program), kernel.source.encode(), kernel.path.name.encode(), len(texts), contents, names)
+        )
+        try:
+            options = [f"--gpu-architecture={target}", *kernel.options]
+            status = self._library.nvrtcCompileProgram(
+                program, len(options), (c_char_p * len(options))(*[option.encode() for option in options])
+            )
+            if status:
+                log = self._get(program, "ProgramLog").rstrip(b"\0").decode(errors="replace")
+                raise FrogError(f"The CUDA kernel {kernel} did not compile for {target}.\n{log}")
+            return self._get(program, "CUBIN" if target.startswith("sm_") else "PTX")
+        finally:
+            self._library.nvrtcDestroyProgram(byref(program))
+
+    def _get(self, program: c_void_p, what: str) -> bytes:
+        size = c_size_t()
+        self._check(getattr(self._library, f"nvrtcGet{what}Size")(program, byref(size)))
+        buffer = ctypes.create_string_buffer(size.value)
+        self._check(getattr(self._library, f"nvrtcGet{what}")(program, buffer))
+        return buffer.raw
+
+
+@functools.cache
+def compiler() -> Compiler:
+    """The first NVRTC that loads; FrogError when there is none."""
+    for candidate in library_candidates():
+        try:
+            return Compiler(candidate)
+        except OSError:
+            continue
+    raise FrogError(
+        "NVIDIA's run-time compiler (NVRTC) was not found; it comes with the CUDA build of torch, or install "
+        "nvidia-cuda-nvrtc-cu12."
+    )

@@ -1,0 +1,246 @@
+"""The CUDA rasterizer as a torch operation."""
+
+from __future__ import annotations
+
+from ctypes import c_float, c_int32
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch.autograd.function import once_differentiable
+
+from ...capture.camera import Camera
+from .. import Image
+from ..arrays import GaussianArrays
+from ..options import RasterizeOptions
+from . import launch, structs
+from .binning import TILE, Bins, bin_splats, blocks_for
+from .sources import kernel
+
+_MOMENTS, _MOMENTS_AND_ABSOLUTE = 9, 11  # numbers in a gradient slot: BY_BLUE + 1, ABSOLUTE_Y + 1 in src/shared/types.h
+
+
+@dataclass(frozen=True)
+class _View:
+    """What is drawn of which camera; ``depth_limit`` is kept here because ``options`` holds only its address."""
+
+    camera: structs.Camera
+    options: structs.Options
+    depth_limit: torch.Tensor | None
+    width: int
+    height: int
+
+    @property
+    def columns(self) -> int:
+        return -(-self.width // TILE)
+
+    @property
+    def tiles(self) -> int:
+        return self.columns * -(-self.height // TILE)
+
+
+@dataclass
+class _Outputs:
+    """What the forward pass fills besides the picture; None where it is not wanted. See Image."""
+
+    radii: torch.Tensor
+    median_index: torch.Tensor | None
+    mean_depth: torch.Tensor | None
+    max_weights: torch.Tensor | None
+    screen_absolute: torch.Tensor | None
+    at_fault: int = 0
+
+
+class _Rasterize(torch.autograd.Function):
+    @staticmethod
+    def forward(
+        ctx: Any,
+        means: torch.Tensor,
+        quaternions: torch.Tensor,
+        scales: torch.Tensor,
+        opacities: torch.Tensor,
+        sh: torch.Tensor,
+        screen: torch.Tensor,
+        pose: torch.Tensor | None,
+        view: _View,
+        outputs: _Outputs,
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        attributes = [tensor.contiguous() for tensor in (means, quaternions, scales, opacities, sh)]
+        count, device = len(means), means.device
+        launcher = launch.launcher_for(device)
+        splats = _floats(device, count, structs.SPLAT_FLOATS)
+        depths = _floats(device, count)
+        tile_counts = torch.empty(count, device=device, dtype=torch.int32)
+        at_fault = torch.zeros(1, device=device, dtype=torch.int64)
+        launcher.launch(
+            kernel("project", SH_COUNT=sh.shape[1]),
+            blocks_for(count),
+            *(_gaussians(attributes), view.camera, view.options, pose),
+            *(splats, depths, tile_counts, outputs.radii, at_fault),
+        )
+        size = (view.width, view.height)
+        bins, outputs.at_fault = bin_splats(launcher, splats, depths, tile_counts, at_fault, size)
+        rgb = _floats(device, view.height, view.width, 3)
+        alpha = _floats(device, view.height, view.width)
+        constants = {
+            "DEPTH": outputs.median_index is not None,
+            "WEIGHTS": outputs.max_weights is not None,
+            "LIMIT": view.depth_limit is not None,
+        }
+        launcher.launch(
+            kernel("blend", **constants),
+            view.tiles,
+            *(splats, bins.tile_splats, bins.ranges, view.options, view.columns),
+            *(rgb, alpha, outputs.median_index, outputs.mean_depth, outputs.max_weights),
+        )
+        ctx.view, ctx.screen_absolute = view, outputs.screen_absolute
+        drawn = (bins.tile_splats, bins.slots, bins.ranges, bins.first_slots, splats, tile_counts)
+        # Outputs and large buffers alike: torch frees them after the backward pass, and no cycle keeps them alive.
+        ctx.save_for_backward(*attributes, pose, rgb, alpha, *drawn)
+        return rgb, alpha
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, *grad_outputs: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
+        view, absolute = ctx.view, ctx.screen_absolute
+        *attributes, pose, rgb, alpha, tile_splats, slots, ranges, first_slots, splats, tile_counts = ctx.saved_tensors
+        bins = Bins(tile_splats, slots, ranges, first_slots)
+        by_rgb, by_alpha = (gradient.contiguous() for gradient in grad_outputs)
+        count, device = len(splats), splats.device
+        launcher = launch.launcher_for(device)
+        values = _MOMENTS if absolute is None else _MOMENTS_AND_ABSOLUTE
+        slot_gradients = _floats(device, len(bins.slots), values).zero_()
+        launcher.launch(
+            kernel("blend_backward", ABSOLUTE=absolute is not None, LIMIT=view.depth_limit is not None),
+            view.tiles,
+            *(splats, bins.tile_splats, bins.slots, bins.ranges, view.options, view.columns),
+            *(rgb, alpha, by_rgb, by_alpha, slot_gradients),
+        )
+        gradients = [_floats(device, *tensor.shape) for tensor in attributes]
+        by_screen = _floats(device, count, 2)
+        written = [tensor.data_ptr() for tensor in (*gradients, by_screen)]
+        blocks = blocks_for(count)
+        with_pose = pose is not None and ctx.needs_input_grad[6]
+        pose_sums = _floats(device, blocks, 12) if with_pose else None
+        launcher.launch(
+            kernel("project_backward", SH_COUNT=attributes[4].shape[1], POSE=with_pose),
+            blocks,
+            *(_gaussians(attributes), view.camera, view.options, pose, tile_counts, bins.first_slots),
+            *(slot_gradients, values),
+            structs.Gradients(*written, None if absolute is None else absolute.data_ptr(), None),
+            pose_sums,
+        )
+        by_pose = None
+        if pose_sums is not None:
+            by_pose = pose_sums.sum(0, dtype=torch.float64).to(torch.float32).reshape(3, 4)
+        return (*gradients, by_screen, by_pose, None, None)
+
+
+def rasterize(
+    gaussians: GaussianArrays,
+    camera: Camera,
+    background: tuple[float, float, float],
+    options: RasterizeOptions,
+    pose: torch.Tensor | None = None,
+    depth_limit: torch.Tensor | None = None,
+) -> Image:
+    """As ``rasterizer.rasterize``, for float32 tensors on an NVIDIA GPU. The same bits in every run.
+
+    Args:
+        gaussians: float32 tensors on one CUDA device.
+        camera: the view.
+        background: three display-referred numbers.
+        options: what to draw.
+        pose: (4, 4) or (3, 4) world_to_camera instead of the camera's, differentiable.
+        depth_limit: (H, W) planar depth beyond which nothing is drawn at a pixel, world units.
+
+    Raises:
+        ValueError: a tensor has another shape, type or device.
+        FrogError: no compiler or driver was found, or the picture needs too much memory.
+    """
+    _check(gaussians)
+    means = gaussians.means
+    count, device = len(gaussians), means.device
+    rows = _pose_rows(pose, device)
+    view = _view(camera, background, options, depth_limit, device)
+    size = (view.height, view.width)
+    screen = _floats(device, count, 2).zero_().requires_grad_()
+    outputs = _Outputs(
+        radii=_floats(device, count),
+        median_index=torch.empty(size, device=device, dtype=torch.int32) if options.depth else None,
+        mean_depth=_floats(device, *size) if options.depth else None,
+        max_weights=_floats(device, count).zero_() if options.weights else None,
+        screen_absolute=_floats(device, count, 2).zero_() if options.absolute else None,
+    )
+    attributes = [getattr(gaussians, name) for name in structs.ATTRIBUTES]
+    rgb, alpha = _Rasterize.apply(*attributes, screen, rows, view, outputs)
+    image = Image(rgb, alpha, outputs.radii, screen, outputs.screen_absolute)
+    image.mean_depth, image.max_weights, image.at_fault = outputs.mean_depth, outputs.max_weights, outputs.at_fault
+    if outputs.median_index is not None:
+        matrix = torch.tensor(camera.world_to_camera[:3], device=device, dtype=torch.float32) if rows is None else rows
+        image.median_depth, image.median_z = _median_depths(outputs.median_index, means.detach(), matrix.detach())
+    return image
+
+
+def _check(gaussians: GaussianArrays) -> None:
+    """ValueError naming a tensor that is not what the kernels, which only see addresses, would read."""
+    count, sh, device = len(gaussians), gaussians.sh, gaussians.means.device
+    coefficients = sh.shape[1] if sh.ndim == 3 and sh.shape[1] in (1, 4, 9, 16) else 1
+    shapes: dict[str, tuple[int, ...]] = {"means": (count, 3), "quaternions": (count, 4), "scales": (count, 3)}
+    shapes |= {"opacities": (count,), "sh": (count, coefficients, 3)}
+    for name, shape in shapes.items():
+        tensor = getattr(gaussians, name)
+        if tensor.shape != shape or tensor.dtype != torch.float32 or tensor.device != device:
+            found = f"{tuple(tensor.shape)} {tensor.dtype} on {tensor.device}"
+            raise ValueError(f"{name}: {found}, expected {shape} torch.float32 on {device}")
+
+
+def _pose_rows(pose: torch.Tensor | None, device: torch.device) -> torch.Tensor | None:
+    """The upper three rows as the kernels read them; gradients flow through."""
+    if pose is None:
+        return None
+    if pose.shape not in ((3, 4), (4, 4)):
+        raise ValueError(f"pose: shape {tuple(pose.shape)}, expected (3, 4) or (4, 4)")
+    return pose[:3].to(device=device, dtype=torch.float32).contiguous()
+
+
+def _view(
+    camera: Camera,
+    background: tuple[float, float, float],
+    options: RasterizeOptions,
+    depth_limit: torch.Tensor | None,
+    device: torch.device,
+) -> _View:
+    left, top, width, height = options.region_of(camera)
+    if depth_limit is not None:
+        if depth_limit.shape != (height, width):
+            raise ValueError(f"depth_limit: shape {tuple(depth_limit.shape)}, expected {(height, width)}")
+        depth_limit = depth_limit.detach().to(device=device, dtype=torch.float32).contiguous()
+    packed = structs.Options(
+        (c_float * 3)(*background),
+        options.low_pass,
+        options.near_plane,
+        options.compensate,
+        (c_int32 * 4)(left, top, width, height),
+        None if depth_limit is None else depth_limit.data_ptr(),
+    )
+    return _View(structs.camera_struct(camera), packed, depth_limit, width, height)
+
+
+def _floats(device: torch.device, *shape: int) -> torch.Tensor:
+    """Uninitialised float32, whatever torch's default type is."""
+    return torch.empty(shape, device=device, dtype=torch.float32)
+
+
+def _gaussians(attributes: list[torch.Tensor]) -> structs.Gaussians:
+    """The struct of addresses; the tensors must outlive the launch it is made for."""
+    return structs.Gaussians(len(attributes[0]), attributes[4].shape[1], *[tensor.data_ptr() for tensor in attributes])
+
+
+def _median_depths(index: torch.Tensor, means: torch.Tensor, view: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Euclidean and planar depth (H, W) of the Gaussians named by ``index`` (H, W), NaN where it is -1."""
+    local = (means[:, None, :] * view[:, :3]).sum(-1) + view[:, 3]  # no matrix product: those may run in TF32
+    missing = means.new_full((1,), float("nan"))
+    distances = torch.cat([local.norm(dim=1), missing])  # index -1 picks the last
+    planar = torch.cat([local[:, 2], missing])
+    return distances[index.long()], planar[index.long()]

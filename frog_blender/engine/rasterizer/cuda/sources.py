@@ -1,0 +1,89 @@
+"""What there is to compile: the kernels' source texts, their specialisations and the compiler's options."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+KERNELS = Path(__file__).parent / "kernels"
+SHARED = Path(__file__).parents[1] / "src" / "shared"
+
+# No fused operations where forward and backward, or counting and listing, must round alike in different kernels.
+_EXACT = ("-fmad=false",)
+# Blending says itself where it fuses; quick division and square root, no denormals.
+_QUICK = ("-ftz=true", "-prec-div=false", "-prec-sqrt=false")
+
+_OPTIONS = {"project": _EXACT, "emit": _EXACT, "blend": _QUICK, "blend_backward": _QUICK, "project_backward": _EXACT}
+_CHOICES: dict[str, dict[str, tuple[str, ...]]] = {
+    "project": {"SH_COUNT": ("1", "4", "9", "16")},
+    "emit": {"TILE_KEY": ("short", "int")},
+    "blend": {"DEPTH": ("0", "1"), "WEIGHTS": ("0", "1"), "LIMIT": ("0", "1")},
+    "blend_backward": {"ABSOLUTE": ("0", "1"), "LIMIT": ("0", "1")},
+    "project_backward": {"SH_COUNT": ("1", "4", "9", "16"), "POSE": ("0", "1")},
+}
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """One kernel compiled for one set of constants.
+
+    Attributes:
+        name: of the function, and of its file without ``.cu``.
+        constants: (name, value) pairs, given to the compiler as ``-DNAME=VALUE``.
+    """
+
+    name: str
+    constants: tuple[tuple[str, str], ...]
+
+    def __str__(self) -> str:
+        return f"{self.name}({', '.join(f'{name}={value}' for name, value in self.constants)})"
+
+    @property
+    def path(self) -> Path:
+        """The file that holds it."""
+        return KERNELS / f"{self.name}.cu"
+
+    @property
+    def source(self) -> str:
+        """The text of that file."""
+        return _text(self.path)
+
+    @property
+    def options(self) -> tuple[str, ...]:
+        """For the compiler, without the architecture."""
+        definitions = (f"-D{name}={value}" for name, value in self.constants)
+        return ("-std=c++17", *_OPTIONS[self.name], *definitions)
+
+
+def kernel(name: str, **constants: object) -> Kernel:
+    """The kernel ``name`` for these constants, such as ``kernel("blend", DEPTH=True, WEIGHTS=False, LIMIT=False)``.
+
+    KeyError or ValueError when there is no such kernel, constant or value.
+    """
+    choices = _CHOICES[name]
+    values = {key: str(int(value)) if isinstance(value, bool) else str(value) for key, value in constants.items()}
+    if values.keys() != choices.keys() or any(value not in choices[key] for key, value in values.items()):
+        raise ValueError(f"{name} takes {choices}, not {values}")
+    return Kernel(name, tuple((key, values[key]) for key in choices))
+
+
+def all_kernels() -> Iterator[Kernel]:
+    """Every specialisation there is."""
+    for name, choices in _CHOICES.items():
+        for values in itertools.product(*choices.values()):
+            yield Kernel(name, tuple(zip(choices, values, strict=True)))
+
+
+@functools.cache
+def headers() -> dict[str, str]:
+    """Texts by the names under which the kernels include them."""
+    paths = [*sorted(SHARED.glob("*.h")), *sorted(KERNELS.glob("*.cuh"))]
+    return {path.name: _text(path) for path in paths}
+
+
+@functools.cache
+def _text(path: Path) -> str:
+    return path.read_text(encoding="utf-8")

@@ -1,0 +1,82 @@
+"""The deformation field in the native library: network, activations and opacity reduction in one pass, and gradients.
+
+A block of Gaussians goes through all layers while they lie in the processor's caches; nothing of the size of a layer
+times the Gaussians is ever stored, and the backward pass computes a block's layers again.
+"""
+
+from __future__ import annotations
+
+from ctypes import byref
+from dataclasses import dataclass
+from typing import Any
+
+from . import structs
+from .native import library
+
+
+@dataclass(frozen=True)
+class FieldShape:
+    """What the arrays do not say themselves; see model.frog.FrogSettings for the meaning.
+
+    Attributes:
+        head_width: of each head's hidden layer; 0 when all outputs read the first layer.
+        sh_active, sh_deformed: coefficients that come out, and that the network changes.
+        opacity_form: "paper", "unit" or "off".
+    """
+
+    head_width: int
+    sh_active: int
+    sh_deformed: int
+    opacity_form: str
+    opacity_sharpness: float
+    opacity_share: float
+    motion_unit: float
+
+    @property
+    def outputs(self) -> int:
+        """Numbers that the network gives for a Gaussian: 3 + 3 + 4 + 1 and the spherical harmonics."""
+        return 11 + 3 * self.sh_deformed
+
+
+def deform(shape: FieldShape, arrays: dict[str, Any], result: dict[str, Any]) -> None:
+    """Fills ``result`` with the deformed, activated Gaussians.
+
+    Args:
+        shape: settings.
+        arrays: contiguous float32 by name: the canonical field's attributes, ``shared`` (hidden,) (the first layer's
+            temporal part and bias), and the network's ``embedding_weight``, ``output_weight``, ``output_bias`` and,
+            with heads, ``head_weight`` and ``head_bias``.
+        result: contiguous float32 by name: the attributes of GaussianArrays, with ``sh`` (N, sh_active, 3), and where
+            wanted ``changes`` (N, outputs).
+    """
+    if library().frog_deform(
+        byref(_field(shape, arrays)), byref(_pointers(structs.Deformed, structs.DEFORMED, result))
+    ):
+        raise MemoryError("deforming the Gaussians ran out of memory")
+
+
+def deform_backward(shape: FieldShape, arrays: dict[str, Any], by: dict[str, Any], result: dict[str, Any]) -> None:
+    """Fills ``result`` (names and shapes of ``arrays``) from the gradients ``by`` of what ``deform`` gave.
+
+    The same bits for any number of threads.
+    """
+    if library().frog_deform_backward(
+        byref(_field(shape, arrays)),
+        byref(_pointers(structs.Deformed, structs.DEFORMED, by)),
+        byref(_pointers(structs.FieldGradients, structs.FIELD_GRADIENTS, result)),
+    ):
+        raise MemoryError("the deformation's backward pass ran out of memory")
+
+
+_pointers = structs.pointers
+
+
+def _field(shape: FieldShape, arrays: dict[str, Any]) -> Any:
+    embeddings, sh = arrays["embeddings"], arrays["sh"]
+    hidden = arrays["embedding_weight"].shape[0]
+    return structs.Field(
+        *(len(embeddings), embeddings.shape[1], hidden, shape.head_width),
+        *(sh.shape[1], shape.sh_active, shape.sh_deformed, structs.OPACITY_FORMS[shape.opacity_form]),
+        *(shape.opacity_sharpness, shape.opacity_share, shape.motion_unit),
+        *[structs.address(arrays.get(name)) for name in structs.FIELD_ARRAYS],
+    )

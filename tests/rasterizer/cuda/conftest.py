@@ -1,0 +1,32 @@
+"""The emulator in place of a GPU, for tests that ask for it."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+for folder in (Path(__file__).parent, Path(__file__).parent / "emulator"):
+    if str(folder) not in sys.path:
+        sys.path.insert(0, str(folder))
+
+
+@pytest.fixture(scope="session")
+def built_emulator(tmp_path_factory: pytest.TempPathFactory):
+    """Keeps the compiled kernels for the whole run."""
+    import emulated
+
+    if emulated.COMPILER is None:
+        pytest.skip("the emulator compiles the kernels with g++ on Linux; there is none here")
+    return emulated.Emulator(tmp_path_factory.mktemp("emulator"))
+
+
+@pytest.fixture
+def emulator(built_emulator, monkeypatch: pytest.MonkeyPatch):
+    """``implementation="cuda"`` draws tensors on the CPU, with the kernels compiled by g++."""
+    from frog_blender.engine.rasterizer.cuda import launch
+
+    monkeypatch.setattr(launch, "launcher_for", lambda device: built_emulator)
+    built_emulator.launched.clear()
+    return built_emulator

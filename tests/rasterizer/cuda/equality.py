@@ -1,0 +1,201 @@
+"""Scenes on which the CUDA kernels must agree with the reference in float64, and the comparison."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from drawing import BACKGROUND, relative_error, tensors
+from helpers import ATTRIBUTES, join, odd_camera, one_gaussian, plain_camera, random_gaussians
+
+from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions, rasterize
+
+EVERYTHING = RasterizeOptions(depth=True, weights=True, absolute=True)
+OUTPUTS = ("rgb", "alpha", "median_depth", "median_z", "mean_depth", "radii", "max_weights")
+# Where float32 decides a threshold the other way a whole contribution appears or goes, at the rim of a splat mostly.
+FLIPPED_SHARE = 3e-4
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What is drawn, and how far float32 may stray.
+
+    Attributes:
+        camera, gaussians: as they are; gaussians float64 numpy.
+        options: of the drawing.
+        pose: the camera's own matrix is given as a tensor with gradients.
+        limit: planar depths between 1.5 and 5 hide what lies behind, without end at a fifth of the pixels.
+        tolerance: of pictures and depths.
+        gradient: largest relative error (L2) of any gradient.
+    """
+
+    camera: Camera
+    gaussians: GaussianArrays
+    options: RasterizeOptions = EVERYTHING
+    pose: bool = False
+    limit: bool = False
+    tolerance: float = 2e-5
+    gradient: float = 1e-5
+
+
+def _shaped(change: Callable[[GaussianArrays], None], gaussians: GaussianArrays) -> GaussianArrays:
+    change(gaussians)
+    return gaussians
+
+
+def _needles(g: GaussianArrays) -> None:
+    g.scales[::2] = [1.5, 1e-4, 1e-4]
+    g.scales[1::2] = [0.8, 0.8, 1e-5]
+
+
+def _giants(g: GaussianArrays) -> None:
+    g.scales[::3] *= 60
+    g.opacities *= 0.3
+
+
+def _some_behind(g: GaussianArrays) -> None:
+    g.means[::3] *= -1.0
+    g.means[1::6] *= 0.01  # close to the camera, on both sides of the near plane
+
+
+def _clear_and_opaque(g: GaussianArrays) -> None:
+    g.scales *= 6  # so that alpha is clamped over whole pixels
+    g.opacities[:] = np.tile([0.0, 1.0, 0.9995, 1.5, 0.0039, 0.5], len(g))[: len(g)]
+
+
+def _sheets(g: GaussianArrays) -> None:
+    g.means = np.stack([np.zeros(len(g)), np.zeros(len(g)), np.linspace(1.0, 5.0, len(g))], 1)
+    g.scales[:] = [3.0, 4.0, 2.0]
+
+
+def _ties(g: GaussianArrays) -> None:
+    g.means[:, 2] = 2.0
+
+
+def scenes() -> dict[str, Scene]:
+    """By what is special about them."""
+    odd, whole = odd_camera(97, 71), plain_camera(64, 32)
+    small, tall = odd_camera(45, 27), odd_camera(18, 700)
+    crowd = random_gaussians(odd, 400, 3, seed=1)
+    several = {"depth": False, "weights": False}
+    return {
+        "off-centre, degree 3": Scene(odd, crowd),
+        "only colour": Scene(odd, random_gaussians(odd, 400, 2, seed=2), RasterizeOptions()),
+        "only depth": Scene(small, random_gaussians(small, 80, 1, seed=3), RasterizeOptions(depth=True)),
+        "only weights": Scene(small, random_gaussians(small, 80, 0, seed=4), RasterizeOptions(weights=True)),
+        "only absolute": Scene(small, random_gaussians(small, 80, 0, seed=5), RasterizeOptions(absolute=True)),
+        "compensated": Scene(
+            odd,
+            _shaped(lambda g: np.multiply(g.scales, 0.3, g.scales), random_gaussians(odd, 300, 1, seed=6)),
+            replace(EVERYTHING, compensate=True),
+        ),
+        "region": Scene(odd, crowd, replace(EVERYTHING, region=(23, 5, 50, 44))),
+        "pose": Scene(odd, crowd, pose=True),
+        "pose of one colour": Scene(small, random_gaussians(small, 300, 0, seed=8), pose=True),
+        "pose, region, compensated": Scene(
+            odd, crowd, replace(EVERYTHING, region=(40, 30, 57, 41), compensate=True), pose=True
+        ),
+        "depth limit": Scene(odd, crowd, limit=True),
+        "depth limit, only colour": Scene(odd, crowd, RasterizeOptions(**several), limit=True),
+        "depth limit, pose and region": Scene(
+            odd, crowd, RasterizeOptions(depth=True, region=(3, 2, 60, 60)), pose=True, limit=True
+        ),
+        "depth limit, weights": Scene(
+            small, random_gaussians(small, 90, 1, seed=9), RasterizeOptions(weights=True), limit=True
+        ),
+        "wide low-pass, far near plane": Scene(
+            odd, random_gaussians(odd, 200, 1, seed=10), replace(EVERYTHING, low_pass=2.0, near_plane=2.5)
+        ),
+        "whole tiles": Scene(whole, random_gaussians(whole, 200, 3, seed=11)),
+        "needles": Scene(odd, _shaped(_needles, random_gaussians(odd, 80, 0, seed=12)), tolerance=2e-4, gradient=2e-3),
+        "giants": Scene(odd, _shaped(_giants, random_gaussians(odd, 60, 1, seed=13)), gradient=1e-4),
+        "giants over more tile rows than a warp has lanes": Scene(
+            tall, _shaped(_giants, random_gaussians(tall, 40, 1, seed=20)), gradient=1e-4
+        ),
+        "behind and near": Scene(
+            plain_camera(97, 71),
+            _shaped(_some_behind, random_gaussians(plain_camera(97, 71), 300, 1, seed=14)),
+            gradient=1e-4,
+        ),
+        "clear and opaque": Scene(
+            small, _shaped(_clear_and_opaque, random_gaussians(small, 60, 0, seed=15)), gradient=1e-4
+        ),
+        "sheets that finish early": Scene(
+            plain_camera(37, 21),
+            _shaped(_sheets, random_gaussians(plain_camera(37, 21), 200, 0, seed=16, opacity=(0.02, 0.5))),
+            gradient=1e-3,
+        ),
+        "equal depths": Scene(
+            plain_camera(45, 27), _shaped(_ties, random_gaussians(plain_camera(45, 27), 60, 0, seed=17))
+        ),
+        "one pixel": Scene(plain_camera(1, 1), random_gaussians(plain_camera(1, 1), 30, 0, seed=18), gradient=1e-4),
+        "one row": Scene(plain_camera(40, 1), random_gaussians(plain_camera(40, 1), 30, 0, seed=19), gradient=1e-4),
+        "nothing in view": Scene(small, join(one_gaussian((0.0, 0.0, -40.0)), one_gaussian((90.0, 0.0, -40.0)))),
+        "no Gaussians": Scene(small, GaussianArrays(*[getattr(crowd, name)[:0] for name in ATTRIBUTES])),
+    }
+
+
+def depth_limit(scene: Scene) -> torch.Tensor | None:
+    """(H, W) float32 of the scene's region, or None."""
+    if not scene.limit:
+        return None
+    _, _, width, height = scene.options.region_of(scene.camera)
+    random = np.random.default_rng(3)
+    limit = random.uniform(1.5, 5.0, (height, width))
+    limit[random.random(limit.shape) < 0.2] = np.inf
+    return torch.tensor(limit, dtype=torch.float32)
+
+
+def draw(scene: Scene, implementation: str, dtype: torch.dtype, device: str = "cpu") -> dict[str, np.ndarray]:
+    """Every output, ``at_fault``, and every gradient as ``by_...``, of a random linear loss; float64 numpy."""
+    leaves = tensors(scene.gaussians, dtype)
+    values = GaussianArrays(*[getattr(leaves, name).to(device) for name in ATTRIBUTES])
+    pose = torch.tensor(scene.camera.world_to_camera, dtype=dtype, requires_grad=True) if scene.pose else None
+    limit = depth_limit(scene)
+    image = rasterize(
+        values,
+        scene.camera,
+        BACKGROUND,
+        scene.options,
+        pose=None if pose is None else pose.to(device),
+        depth_limit=None if limit is None else limit.to(device),
+        implementation=implementation,
+    )
+    generator = torch.Generator().manual_seed(5)
+    by_rgb = torch.randn(image.rgb.shape, generator=generator, dtype=torch.float64).to(device, dtype)
+    by_alpha = torch.randn(image.alpha.shape, generator=generator, dtype=torch.float64).to(device, dtype)
+    ((image.rgb * by_rgb).sum() + (image.alpha * by_alpha).sum()).backward()
+    found = {name: getattr(image, name) for name in OUTPUTS}
+    found |= {f"by_{name}": getattr(leaves, name).grad for name in ATTRIBUTES}
+    found |= {"by_screen": image.screen.grad, "by_screen_absolute": image.screen_absolute}
+    found |= {"by_pose": None if pose is None else pose.grad, "at_fault": torch.tensor(float(image.at_fault))}
+    return {name: tensor.detach().double().cpu().numpy() for name, tensor in found.items() if tensor is not None}
+
+
+def assert_equal(scene: Scene, found: dict[str, np.ndarray], expected: dict[str, np.ndarray]) -> None:
+    """Within the scene's tolerances; thresholds may fall the other way at a few pixels."""
+    assert found.keys() == expected.keys()
+    assert found["at_fault"] == expected["at_fault"]
+    for name in ("rgb", "alpha", "median_depth", "median_z", "mean_depth"):
+        if name not in found:
+            continue
+        values, wanted = found[name], expected[name]
+        assert values.shape == wanted.shape, name
+        wrong = np.isnan(values) != np.isnan(wanted)
+        scale = np.maximum(1.0, np.abs(np.nan_to_num(wanted)))
+        wrong |= np.abs(np.nan_to_num(values) - np.nan_to_num(wanted)) > scene.tolerance * scale
+        allowed = max(1, FLIPPED_SHARE * wrong.size)
+        assert wrong.sum() <= allowed, f"{name}: {wrong.sum()} of {wrong.size} differ"
+    np.testing.assert_allclose(found["radii"], expected["radii"], rtol=1e-3, atol=1e-3)
+    if "max_weights" in found:
+        np.testing.assert_allclose(found["max_weights"], expected["max_weights"], atol=10 * scene.tolerance)
+    for name in expected:
+        if name.startswith("by_"):
+            assert np.isfinite(found[name]).all(), name
+            if not expected[name].any():
+                assert not found[name].any(), name
+            else:
+                assert relative_error(found[name], expected[name]) < scene.gradient, name

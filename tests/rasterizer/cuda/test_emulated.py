@@ -1,0 +1,201 @@
+"""The CUDA kernels, compiled for the CPU, against the reference in float64, through the code that drives a GPU."""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from drawing import BACKGROUND, tensors
+from emulated import HERE, Emulator, build
+from equality import EVERYTHING, Scene, assert_equal, draw, scenes
+from helpers import ATTRIBUTES, join, odd_camera, one_gaussian, random_gaussians
+
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.rasterizer import GaussianArrays, rasterize
+from frog_blender.engine.rasterizer.cuda import binning, launch, structs
+from frog_blender.engine.rasterizer.cuda import rasterize as module
+
+SCENES = scenes()
+SMALL = odd_camera(45, 27)
+NAN, INF = float("nan"), float("inf")
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_agrees_with_the_reference(name: str, emulator: Emulator) -> None:
+    scene = SCENES[name]
+    assert_equal(scene, draw(scene, "cuda", torch.float32), draw(scene, "reference", torch.float64))
+
+
+def same_bits(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> None:
+    for name in one:
+        np.testing.assert_array_equal(one[name], other[name], err_msg=name)
+
+
+@pytest.mark.parametrize("name", ["off-centre, degree 3", "pose", "giants", "depth limit", "sheets that finish early"])
+def test_threads_in_the_opposite_order_give_the_same_bits(
+    name: str, emulator: Emulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A barrier that is missing shows here; so do sums whose order is left to chance."""
+    first = draw(SCENES[name], "cuda", torch.float32)
+    monkeypatch.setattr(emulator, "turned", True)
+    same_bits(first, draw(SCENES[name], "cuda", torch.float32))
+
+
+def test_wide_tile_keys(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Above 32,767 tiles keys have 32 bits; here above 3."""
+    narrow = draw(SCENES["giants"], "cuda", torch.float32)
+    monkeypatch.setattr(binning, "_MOST_SHORT_TILES", 3)
+    emulator.launched.clear()
+    same_bits(narrow, draw(SCENES["giants"], "cuda", torch.float32))
+    assert ("TILE_KEY", "int") in emulator.launched[1].constants
+
+
+BAD = {
+    "NaN mean": one_gaussian((NAN, 0, 1)),
+    "infinite mean": one_gaussian((0, INF, 1)),
+    "zero quaternion": one_gaussian((0, 0, 1), quaternions=[[0.0, 0, 0, 0]]),
+    "NaN quaternion": one_gaussian((0, 0, 1), quaternions=[[1, NAN, 0, 0]]),
+    "NaN opacity": one_gaussian((0, 0, 1), opacities=[NAN]),
+    "infinite opacity": one_gaussian((0, 0, 1), opacities=[INF]),
+    "NaN scale": one_gaussian((0, 0, 1), scales=[[0.1, NAN, 0.1]]),
+    "scale beyond float": one_gaussian((0, 0, 1), scales=[[3e38, 3e38, 3e38]]),
+}
+
+
+def test_what_cannot_be_drawn_changes_no_neighbour(emulator: Emulator) -> None:
+    """The bad ones come first, so that a shifted index would show; they are counted and receive no gradient."""
+    good = random_gaussians(SMALL, 30, 0, seed=7)
+    expected = draw(Scene(SMALL, good), "cuda", torch.float32)
+    found = draw(Scene(SMALL, join(*BAD.values(), good)), "cuda", torch.float32)
+    assert found["at_fault"] == len(BAD) and expected["at_fault"] == 0
+    for name, values in expected.items():
+        if name == "at_fault":
+            continue
+        kept = found[name]
+        if len(kept) == len(good) + len(BAD):
+            assert not kept[: len(BAD)].any(), name
+            kept = kept[len(BAD) :]
+        np.testing.assert_array_equal(kept, values, err_msg=name)
+
+
+STRANGE = {
+    "on the near plane": one_gaussian((0, 0, 0.01)),
+    "gigantic": one_gaussian((0, 0, 2), scales=[[1e9, 1e9, 1e9]]),
+    "zero scale": one_gaussian((0, 0, 2), scales=[[0.0, 0, 0]]),
+    "negative scale": one_gaussian((0, 0, 2), scales=[[-0.1, 0.1, 0.1]]),
+    "needle": one_gaussian((0, 0, 2), scales=[[1e3, 1e-9, 1e-9]], quaternions=[[1, 0.3, 0.7, 0.2]]),
+    "far away": one_gaussian((0, 0, 1e9), scales=[[1e7, 1e7, 1e7]]),
+    "very bright": one_gaussian((0, 0, 2), sh=[[[1e6, 1e6, 1e6]]]),
+    "far to the side, wide": one_gaussian((1e6, 0, 2), scales=[[1e6, 1e6, 1e6]]),
+}
+
+
+@pytest.mark.parametrize("compensate", [False, True])
+def test_what_is_strange_leaves_everything_finite(compensate: bool, emulator: Emulator) -> None:
+    camera = replace(SMALL, world_to_camera=np.eye(4))
+    options = replace(EVERYTHING, compensate=compensate)
+    everything = join(*STRANGE.values(), random_gaussians(camera, 30, 0, seed=7))
+    found = draw(Scene(camera, everything, options, pose=True), "cuda", torch.float32)
+    for name, values in found.items():
+        if "depth" not in name and "_z" not in name:  # those are NaN where nothing is
+            assert np.isfinite(values).all(), name
+    assert found["alpha"].min() >= 0 and found["alpha"].max() <= 1
+
+
+def test_a_picture_over_the_budget_is_refused_with_a_sentence(
+    emulator: Emulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(emulator, "memory", 10_000)
+    with pytest.raises(FrogError, match=r"45 x 27: .* overlaps .* GPU memory"):
+        draw(Scene(SMALL, random_gaussians(SMALL, 100, 0)), "cuda", torch.float32)
+
+
+def test_the_backward_pass_can_run_twice(emulator: Emulator) -> None:
+    leaves = tensors(random_gaussians(SMALL, 40, 1, seed=3))
+    image = rasterize(leaves, SMALL, BACKGROUND, EVERYTHING, implementation="cuda")
+    loss = image.rgb.square().sum()
+    once = torch.autograd.grad(loss, leaves.means, retain_graph=True)[0]
+    assert torch.equal(once, torch.autograd.grad(loss, leaves.means)[0])
+
+
+def test_inputs_need_not_be_contiguous(emulator: Emulator) -> None:
+    gaussians = random_gaussians(SMALL, 40, 1, seed=3)
+    expected = rasterize(tensors(gaussians), SMALL, implementation="cuda")
+    leaves = tensors(gaussians)
+    turned = GaussianArrays(*[torch.stack([getattr(leaves, name)] * 2, -1)[..., 0] for name in ATTRIBUTES])
+    assert torch.equal(rasterize(turned, SMALL, implementation="cuda").rgb, expected.rgb)
+
+
+def test_tensors_that_the_kernels_would_misread_are_refused(emulator: Emulator) -> None:
+    leaves = tensors(random_gaussians(SMALL, 6, 1))
+    for name, wrong in (
+        ("opacities", leaves.opacities.double()),
+        ("sh", leaves.sh[:, :2]),
+        ("scales", leaves.means[:5]),
+    ):
+        with pytest.raises(ValueError, match=name):
+            rasterize(GaussianArrays(**{**vars(leaves), name: wrong}), SMALL, implementation="cuda")
+    with pytest.raises(ValueError, match="pose"):
+        module.rasterize(leaves, SMALL, BACKGROUND, EVERYTHING, torch.eye(3))
+    with pytest.raises(ValueError, match="depth_limit"):
+        module.rasterize(leaves, SMALL, BACKGROUND, EVERYTHING, None, torch.ones(3, 3))
+
+
+def test_tensors_on_the_cpu_are_refused_without_the_emulator() -> None:
+    with pytest.raises(ValueError, match="GPU"):
+        rasterize(tensors(random_gaussians(SMALL, 6, 1)), SMALL, implementation="cuda")
+
+
+def test_structs_and_constants_are_those_of_the_kernels(built_emulator: Emulator) -> None:
+    library = build(HERE / "layout.cpp", built_emulator.folder / "layout.so")
+    for name in ("Gaussians", "Camera", "Options", "Gradients"):
+        struct = getattr(structs, name)
+        fields = [field for field, *_ in struct._fields_]
+        expected = [ctypes.sizeof(struct), *[getattr(struct, field).offset for field in fields]]
+        layout = (ctypes.c_size_t * len(expected)).in_dll(library, f"{name.lower()}_layout")
+        assert list(layout) == expected, name
+    constants = list((ctypes.c_int * 5).in_dll(library, "constants"))
+    moments = [module._MOMENTS, module._MOMENTS_AND_ABSOLUTE]
+    assert constants == [launch.THREADS, binning.TILE, 4 * structs.SPLAT_FLOATS, *moments]
+
+
+BROKEN = {
+    "a barrier that not all threads reach": ("if (threadIdx.x < 5) __syncthreads(); out[threadIdx.x] = 1;", "barrier"),
+    "a warp operation that not all lanes reach": (
+        "out[threadIdx.x] = threadIdx.x % 32 < 5 ? __shfl_xor_sync(0xffffffffu, 1.0f, 1) : 0;",
+        "warp operation",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_the_emulator_refuses(name: str, built_emulator: Emulator, tmp_path: Path) -> None:
+    code, problem = BROKEN[name]
+    assert problem in (run_kernel(code, tmp_path, 256, turned=False)[0] or "")
+
+
+def test_the_emulator_shows_missing_barriers_and_empty_shared_memory(built_emulator: Emulator, tmp_path: Path) -> None:
+    code = "__shared__ float s[256]; s[threadIdx.x] = threadIdx.x; {} out[threadIdx.x] = s[255 - threadIdx.x];"
+    for barrier, sound in (("__syncthreads();", True), ("", False)):
+        _, forward = run_kernel(code.format(barrier), tmp_path, 256, turned=False)
+        _, backward = run_kernel(code.format(barrier), tmp_path, 256, turned=True)
+        assert np.array_equal(forward, backward) == sound
+        assert np.isfinite(forward).all() == sound
+
+
+def run_kernel(code: str, folder: Path, threads: int, *, turned: bool) -> tuple[str | None, np.ndarray]:
+    """Runs one block of a kernel ``f(float *out)`` with this body; the emulator's complaint and what it wrote."""
+    name = f"f{len(list(folder.iterdir()))}"
+    (folder / f"{name}.cu").write_text(f'extern "C" __global__ void f(float *out) {{ {code} }}')
+    options = [f"-I{folder}", "-DKERNEL=f", f'-DKERNEL_FILE="{name}.cu"']
+    function = build(HERE / "driver.cpp", folder / f"{name}.so", *options).frog_launch
+    function.restype = ctypes.c_char_p
+    out = np.zeros(threads, np.float32)
+    address = ctypes.c_void_p(out.ctypes.data)
+    arguments = (ctypes.c_void_p * 1)(ctypes.addressof(address))
+    problem = function(arguments, 1, threads, turned)
+    return (problem.decode() if problem else None), out

@@ -1,0 +1,106 @@
+"""The CUDA kernels on a real GPU: the scenes of the emulated tests, and what only a device can show."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+import torch
+from drawing import BACKGROUND, tensors
+from equality import EVERYTHING, Scene, assert_equal, draw, scenes
+from helpers import ATTRIBUTES, odd_camera, one_gaussian, plain_camera, random_gaussians
+
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.rasterizer import GaussianArrays, rasterize
+from frog_blender.engine.rasterizer.cuda import binning, nvrtc
+
+pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="torch sees no CUDA device")
+SCENES = scenes()
+
+
+@pytest.fixture(autouse=True, scope="module")
+def compiler() -> None:
+    if torch.cuda.is_available():
+        try:
+            nvrtc.compiler()
+        except FrogError as error:
+            pytest.skip(str(error))
+
+
+def on_gpu(gaussians: GaussianArrays) -> GaussianArrays:
+    leaves = tensors(gaussians)
+    return GaussianArrays(*[getattr(leaves, name).detach().cuda().requires_grad_() for name in ATTRIBUTES])
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_agrees_with_the_reference(name: str) -> None:
+    scene = SCENES[name]
+    assert_equal(scene, draw(scene, "cuda", torch.float32, "cuda"), draw(scene, "reference", torch.float64))
+
+
+@pytest.mark.parametrize("name", ["off-centre, degree 3", "pose", "giants", "depth limit"])
+def test_the_same_bits_in_every_run(name: str) -> None:
+    first = draw(SCENES[name], "cuda", torch.float32, "cuda")
+    for _ in range(5):
+        again = draw(SCENES[name], "cuda", torch.float32, "cuda")
+        for output, values in first.items():
+            np.testing.assert_array_equal(values, again[output], err_msg=output)
+
+
+def test_automatic_for_float32_on_a_gpu() -> None:
+    camera = plain_camera(33, 33)
+    gaussians = on_gpu(one_gaussian((0, 0, 2.0), scales=[[100.0, 100.0, 100.0]], opacities=[0.6]))
+    image = rasterize(gaussians, camera, (0.25, 0.25, 0.25))
+    assert image.rgb.device.type == "cuda"
+    expected = 0.6 * (0.5 + 0.5 * 0.28209479) + 0.4 * 0.25
+    np.testing.assert_allclose(image.rgb[16, 16].detach().cpu().numpy(), expected, atol=1e-5)
+
+
+def test_a_large_picture_and_many_gaussians_agree_with_the_cpu() -> None:
+    """More than 32,767 tiles: keys of 32 bits. Against the native library, which the reference vouches for."""
+    camera = odd_camera(3000, 3000)
+    scene = Scene(camera, random_gaussians(camera, 20_000, 1, seed=1), EVERYTHING)
+    assert (3000 // binning.TILE) ** 2 > binning._MOST_SHORT_TILES
+    found, expected = draw(scene, "cuda", torch.float32, "cuda"), draw(scene, "cpu", torch.float32)
+    assert float(np.abs(found["rgb"] - expected["rgb"]).mean()) < 1e-5
+    for name in ATTRIBUTES:
+        difference = np.linalg.norm(found[f"by_{name}"] - expected[f"by_{name}"])
+        assert difference < 1e-3 * np.linalg.norm(expected[f"by_{name}"]), name
+
+
+def test_other_streams_and_threads() -> None:
+    camera = odd_camera(97, 71)
+    gaussians = on_gpu(random_gaussians(camera, 400, 1, seed=1))
+    expected = rasterize(gaussians, camera, BACKGROUND).rgb.detach()
+    torch.cuda.synchronize()
+    results: list[torch.Tensor] = []
+
+    def work() -> None:
+        stream = torch.cuda.Stream()
+        with torch.cuda.stream(stream):
+            for _ in range(10):
+                image = rasterize(gaussians, camera, BACKGROUND)
+                torch.autograd.grad(image.rgb.sum(), gaussians.means)
+                results.append(image.rgb.detach())
+        stream.synchronize()
+
+    threads = [threading.Thread(target=work) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(results) == 20 and all(torch.equal(result, expected) for result in results)
+
+
+def test_nothing_is_kept_after_the_backward_pass() -> None:
+    camera = odd_camera(97, 71)
+    gaussians = on_gpu(random_gaussians(camera, 2000, 1, seed=1))
+    used = []
+    for _ in range(3):
+        image = rasterize(gaussians, camera, BACKGROUND, EVERYTHING)
+        image.rgb.sum().backward()
+        del image
+        torch.cuda.synchronize()
+        used.append(torch.cuda.memory_allocated())
+    assert used[1] == used[2]
