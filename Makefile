@@ -8,7 +8,10 @@ OUT ?= out/$(CAPTURE)
 # Where pip finds a CPU build of torch by itself (as on macOS) nothing is needed here; see the README for Linux and CUDA.
 PIP_FLAGS ?=
 INSTALL := $(BIN)/python -m pip install --disable-pip-version-check -q -c constraints.txt $(PIP_FLAGS)
-NATIVE := $(wildcard frog_blender/engine/rasterizer/src/*) CMakeLists.txt pyproject.toml
+NATIVE := $(wildcard frog_blender/engine/rasterizer/src/* frog_blender/engine/rasterizer/src/shared/*) CMakeLists.txt pyproject.toml
+
+# The CUDA run-time compiler, for tests that compile every kernel; there is none for macOS.
+NVRTC := $(if $(filter Darwin,$(shell uname)),,nvidia-cuda-nvrtc-cu12)
 
 .PHONY: demo test test-slow test-blender lint format extension clean setup
 
@@ -17,7 +20,7 @@ setup: $(VENV)/.ready
 $(VENV)/.packages: constraints.txt pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(INSTALL) scikit-build-core cmake ninja
-	$(INSTALL) torch numpy safetensors opencv-contrib-python-headless tqdm imageio-ffmpeg matplotlib bpy pytest ruff mypy
+	$(INSTALL) torch numpy safetensors opencv-contrib-python-headless tqdm imageio-ffmpeg matplotlib bpy pytest hypothesis ruff mypy $(NVRTC)
 	touch $@
 
 $(VENV)/.ready: $(VENV)/.packages $(NATIVE)

@@ -131,7 +131,7 @@ def test_a_short_training_passes_through_every_schedule(
 
         return call
 
-    trainer = make_trainer(120, sh_degree=3, deformed_sh=4, window=0.2, densify_threshold=1e-5)
+    trainer = make_trainer(120, sh_degree=3, deformed_sh=4, densify_threshold=1e-5)
     for name in ("ssim", "embedding_smoothness"):
         monkeypatch.setattr(trainer_module, name, counted(name, getattr(trainer_module, name)))
     anchors, density_round, deform = trainer_module.anchors, DensityControl.round, trainer.model.deform

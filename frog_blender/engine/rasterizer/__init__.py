@@ -76,8 +76,6 @@ def rasterize(
     options = options or RasterizeOptions()
     red, green, blue = (float(value) for value in background)
     size = options.region_of(camera)[3:1:-1]
-    if pose is not None:
-        camera = camera.with_pose(pose.detach().cpu().numpy())
     if depth_limit is not None and depth_limit.shape != size:
         raise ValueError(f"depth_limit: shape {tuple(depth_limit.shape)}, expected {size}")
     draw = _implementation(implementation, gaussians.means)

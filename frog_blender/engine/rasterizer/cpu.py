@@ -77,6 +77,8 @@ def rasterize(
 ) -> Image:
     """As ``rasterizer.rasterize``, for float32 tensors on the CPU. The same bits for any number of threads."""
     _check(gaussians)
+    if pose is not None:
+        camera = camera.with_pose(pose.detach().numpy())
     count = len(gaussians)
     _, _, width, height = options.region_of(camera)
     size = (height, width)

@@ -208,6 +208,8 @@ def rasterize(
 ) -> Image:
     """As ``rasterizer.rasterize``, on any device and in any floating-point type."""
     like = {"dtype": gaussians.means.dtype, "device": gaussians.means.device}
+    if pose is not None:
+        camera = camera.with_pose(pose.detach().cpu().numpy())
     count = len(gaussians)
     _, _, width, height = options.region_of(camera)
     screen = torch.zeros((count, 2), requires_grad=True, **like)

@@ -26,7 +26,6 @@ class Recipe:
         opacity_ramp: fractions of training between which the reduction is ramped in.
         fine_rows_until: fraction at which the fine temporal embedding has all its rows.
         warm_up: fraction of training without deformation.
-        window: fraction until which moments are drawn from a window that widens from the middle one; 0 for none.
         mean_rate ... network_rate: Adam rates at the start; means, deformation and temporal rates decay
             exponentially by ``rate_decay`` to the end, the others by ``attribute_decay``.
         dssim_weight: of (1 - SSIM) / 2, for ``dssim_burst`` of every ``dssim_period`` steps after ``dssim_from``
@@ -61,7 +60,6 @@ class Recipe:
     opacity_ramp: tuple[float, float] = (0.1, 0.25)
     fine_rows_until: float = 0.05
     warm_up: float = 0.01
-    window: float = 0.0
     mean_rate: float = 4e-5
     scale_rate: float = 5e-3
     rotation_rate: float = 2e-3
@@ -123,7 +121,6 @@ RECIPES = {
         opacity_reduction="paper",
         fine_rows_until=0.125,
         warm_up=0.0,
-        window=0.0,
         opacity_ramp=(0.0625, 0.075),
         dssim_weight=1.0,
         densify_from=0.0625,

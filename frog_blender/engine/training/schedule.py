@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import torch
 
 from ..capture.capture import Capture
-from ..capture.time import frame_to_time
 
 
 @dataclass(frozen=True)
@@ -35,32 +34,18 @@ def ramp(progress: float, start: float, end: float) -> float:
 
 
 class ShotPicker:
-    """Draws training pictures; at first from moments around the middle, in a window that widens to all.
-
-    The first window is the smallest one with at least ``_FIRST_SHOTS`` pictures, so that one moving camera starts from
-    several of its places too.
-    """
-
-    _FIRST_SHOTS = 8
+    """Draws training pictures, each as often as every other; never one that is withheld."""
 
     def __init__(self, capture: Capture) -> None:
         self._shots = [i for i, shot in enumerate(capture.shots) if not capture.is_test(shot)]
-        times = [frame_to_time(capture.shots[i].frame, capture.frame_count) for i in self._shots]
-        distances = torch.tensor([abs(time - 0.5) for time in times])
-        self._order = distances.argsort(stable=True)
-        self._distances = distances[self._order]
-        self._first = float(self._distances[min(self._FIRST_SHOTS, len(times)) - 1])
         self._by_frame: dict[int, list[int]] = {}
         for i in self._shots:
             self._by_frame.setdefault(capture.shots[i].frame, []).append(i)
         self._capture = capture
 
-    def pick(self, opened: float, generator: torch.Generator) -> int:
-        """A shot index; ``opened`` is how far the window has widened, 0 to 1."""
-        half = self._first + (0.5 - self._first) * opened
-        usable = int((self._distances <= half + 1e-9).sum())
-        drawn = int(torch.randint(max(1, usable), (1,), generator=generator))
-        return self._shots[int(self._order[drawn])]
+    def pick(self, generator: torch.Generator) -> int:
+        """A shot index."""
+        return self._shots[int(torch.randint(len(self._shots), (1,), generator=generator))]
 
     def pick_same_moment(self, shot: int, generator: torch.Generator) -> int:
         """Another camera at the moment of ``shot`` (the same picture when there is only one)."""

@@ -182,9 +182,7 @@ class Trainer:
         """A burst of D-SSIM stays at one moment and changes the camera (E-D3DGS's multi-view SSIM)."""
         if self._in_burst(progress) and self.step_count % self.recipe.dssim_period and self.burst_shot >= 0:
             return self._picker.pick_same_moment(self.burst_shot, self.generator)
-        r = self.recipe
-        opened = ramp(progress, r.warm_up, r.warm_up + r.window)
-        self.burst_shot = self._picker.pick(opened, self.generator)
+        self.burst_shot = self._picker.pick(self.generator)
         return self.burst_shot
 
     def _draw(

@@ -152,12 +152,13 @@ class Compiler:
 @functools.cache
 def compiler() -> Compiler:
     """The first NVRTC that loads; FrogError when there is none."""
-    for candidate in library_candidates():
+    tried = library_candidates()
+    for candidate in tried:
         try:
             return Compiler(candidate)
         except OSError:
             continue
     raise FrogError(
-        "NVIDIA's run-time compiler (NVRTC) was not found; it comes with the CUDA build of torch, or install "
-        "nvidia-cuda-nvrtc-cu12."
+        f"NVIDIA's run-time compiler (NVRTC) could not be loaded (tried {', '.join(tried)}); it comes "
+        "with the CUDA build of torch, or install nvidia-cuda-nvrtc-cu12."
     )

@@ -35,7 +35,7 @@ static int64_t blend_tile(const FrameView &view, const Tile &tile, const FrogIma
     for (int v = f.first_vector; v <= f.last_vector; ++v) {
       const Floats along = columns_of(f, v) * splat.along;
       for (int row = f.first_row; row <= f.last_row; ++row) {
-        const Floats lateral = along + f.shift[row], power = f.constant[row] - lateral * lateral;
+        const Floats u = along + f.shift[row], power = f.constant[row] - u * u;
         const int at = row * TILE + v * LANES;
         const Floats t = load(transmittance + at);
         Contribution c;

@@ -42,13 +42,10 @@ static void blend_tile_backward(const FrameView &view, const SlotView &slots, co
     make_footprint(splat, tile, size.rows, f);
     // The order of SplatGradient.
     Floats sums[SPLAT_GRADIENTS] = {};
-    // d(power ln 2)/d(dx) and /d(dy) over the vectors of a row, for the absolute gradients.
-    const float slope = 2 / LOG2E;
     for (int v = f.first_vector; v <= f.last_vector; ++v) {
-      const Floats dx = columns_of(f, v), along = dx * splat.along;
-      Floats m0 = {}, m1 = {}, m2 = {};  // moments down the columns: dx is constant along each
+      const Floats along = columns_of(f, v) * splat.along;
       for (int row = f.first_row; row <= f.last_row; ++row) {
-        const Floats lateral = along + f.shift[row], power = f.constant[row] - lateral * lateral;
+        const Floats u = along + f.shift[row], power = f.constant[row] - u * u;
         const int at = row * TILE + v * LANES;
         const Floats t = load(transmittance + at);
         Contribution c;
@@ -64,23 +61,18 @@ static void blend_tile_backward(const FrameView &view, const SlotView &slots, co
         // A clamped alpha passes nothing on.
         const Mask passes = and_not(c.blended, at_least(c.raw, all(ALPHA_MAX)));
         const Floats by_log_alpha = keep(passes, own - behind * (c.alpha * reciprocal(1.0f - c.alpha)));
-        const Floats by_dy = by_log_alpha * f.dy[row];
-        m0 += by_log_alpha;
-        m1 += by_dy;
-        m2 += by_dy * f.dy[row];
-        if (ABSOLUTE) {
-          const Floats tilt = lateral * (slope * splat.along);
-          sums[ABSOLUTE_X] += absolute(by_log_alpha * tilt);
-          sums[ABSOLUTE_Y] += absolute(by_log_alpha * (lateral * (slope * splat.lean) + slope * splat.across * f.dy[row]));
+        const Floats by_u = by_log_alpha * u, by_v = by_log_alpha * f.v[row];
+        sums[SUM_1] += by_log_alpha;
+        sums[SUM_U] += by_u;
+        sums[SUM_V] += by_v;
+        sums[SUM_UU] += by_u * u;
+        sums[SUM_UV] += by_u * f.v[row];
+        sums[SUM_VV] += by_v * f.v[row];
+        if (ABSOLUTE) {  // d(log alpha)/d(position)
+          sums[ABSOLUTE_X] += absolute(by_u * (2 / LOG2E * splat.along));
+          sums[ABSOLUTE_Y] += absolute((by_u * splat.lean + by_v * splat.across) * (2 / LOG2E));
         }
       }
-      const Floats mx = m0 * dx;
-      sums[SUM_1] += m0;
-      sums[SUM_X] += mx;
-      sums[SUM_XX] += mx * dx;
-      sums[SUM_Y] += m1;
-      sums[SUM_XY] += m1 * dx;
-      sums[SUM_YY] += m2;
     }
     sums_of_8(sums, out);
     for (int k = 8; k < (ABSOLUTE ? SPLAT_GRADIENTS : BY_BLUE + 1); ++k) out[k] = sum(sums[k]);

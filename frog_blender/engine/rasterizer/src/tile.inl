@@ -7,9 +7,9 @@ static_assert(TILE % LANES == 0, "a tile row is a whole number of vectors");
 constexpr int TILE_PIXELS = TILE * TILE;
 
 // One splat in a tile: the rows and vectors of columns that its bounding box touches, and its power row by row:
-// power = constant[row] - (along dx + shift[row])^2.
+// power = constant[row] - u^2 with u = along dx + shift[row].
 struct alignas(64) Footprint {
-  float dy[TILE], shift[TILE], constant[TILE];
+  float v[TILE], shift[TILE], constant[TILE];
   float left;  // dx of the tile's first column
   int first_row, last_row, first_vector, last_vector;
 };
@@ -27,9 +27,10 @@ static inline void make_footprint(const Splat &splat, const Tile &tile, int rows
   static const float ramp[TILE] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
   for (int i = 0; i < TILE; i += LANES) {
     const Floats dy = load(ramp + i) - y;
-    store(f.dy + i, dy);
+    const Floats v = dy * splat.across;
+    store(f.v + i, v);
     store(f.shift + i, dy * splat.lean);
-    store(f.constant + i, splat.log2_opacity - dy * dy * splat.across);
+    store(f.constant + i, splat.log2_opacity - v * v);
   }
 }
 

@@ -34,7 +34,7 @@ extern "C" __global__ void __launch_bounds__(THREADS)
       const bool near = start + group + lane_index() < end && reaches(staged[group + lane_index()], pixel);
       for (unsigned left = __ballot_sync(FULL, near); left; left &= left - 1) {
         const Staged &splat = staged[group + __ffs(left) - 1];
-        if (LIMIT && splat.depth > limit) open = false;
+        if (LIMIT && !(splat.depth <= limit)) open = false;
         const Step s = step(splat, x, y, transmittance, open);
         if (s.blended) {
           red = fmaf(s.weight, splat.red, red);

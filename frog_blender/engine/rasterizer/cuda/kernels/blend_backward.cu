@@ -52,7 +52,7 @@ extern "C" __global__ void __launch_bounds__(THREADS)
       for (unsigned left = __ballot_sync(FULL, near); left; left &= left - 1) {
         const int k = __ffs(left) - 1;
         const Staged &splat = staged[k];
-        if (LIMIT && splat.depth > limit) open = false;
+        if (LIMIT && !(splat.depth <= limit)) open = false;
         const Step s = step(splat, x, y, transmittance, open);
         if (!__any_sync(FULL, s.blended)) continue;
         summed |= 1u << k;
@@ -66,12 +66,11 @@ extern "C" __global__ void __launch_bounds__(THREADS)
           if (!s.clamped) {  // by the logarithm of alpha
             const float by_log = (transmittance * by_weight - behind / (1 - s.alpha)) * s.alpha;
             v[SUM_1] = by_log;
-            v[SUM_X] = by_log * s.dx, v[SUM_Y] = by_log * s.dy;
-            v[SUM_XX] = v[SUM_X] * s.dx, v[SUM_XY] = v[SUM_X] * s.dy, v[SUM_YY] = v[SUM_Y] * s.dy;
+            v[SUM_U] = by_log * s.u, v[SUM_V] = by_log * s.v;
+            v[SUM_UU] = v[SUM_U] * s.u, v[SUM_UV] = v[SUM_U] * s.v, v[SUM_VV] = v[SUM_V] * s.v;
             if constexpr (ABSOLUTE) {
-              const float scale = 2 / LOG2E * by_log;
-              v[ABSOLUTE_X] = fabsf(scale * splat.along * s.slant);
-              v[ABSOLUTE_Y] = fabsf(scale * (splat.lean * s.slant + splat.across * s.dy));
+              v[ABSOLUTE_X] = fabsf(2 / LOG2E * splat.along * v[SUM_U]);
+              v[ABSOLUTE_Y] = fabsf(2 / LOG2E * (splat.lean * v[SUM_U] + splat.across * v[SUM_V]));
             }
           }
           transmittance = s.next;

@@ -66,8 +66,9 @@ static __device__ __forceinline__ bool reaches(const Staged &splat, const Pixel 
   // The widest places of the ellipse within these rows, as in tile_span.
   const float reach = splat.log2_opacity - LOG2_ALPHA_MIN;
   const float right_dy = fminf(fmaxf(splat.widest, low), high), left_dy = fminf(fmaxf(-splat.widest, low), high);
-  const float right_root = sqrtf(fmaxf(reach - splat.across * right_dy * right_dy, 0.0f));
-  const float left_root = sqrtf(fmaxf(reach - splat.across * left_dy * left_dy, 0.0f));
+  const float right_v = splat.across * right_dy, left_v = splat.across * left_dy;
+  const float right_root = sqrtf(fmaxf(reach - right_v * right_v, 0.0f));
+  const float left_root = sqrtf(fmaxf(reach - left_v * left_v, 0.0f));
   const float right = (right_root - splat.lean * right_dy) / splat.along + margin;
   const float left = -(left_root + splat.lean * left_dy) / splat.along - margin;
   const float first = pixel.left + 0.5f - splat.x;
@@ -76,7 +77,7 @@ static __device__ __forceinline__ bool reaches(const Staged &splat, const Pixel 
 
 // One splat at one pixel. Explicit fused operations: both directions must take the very same decisions.
 struct Step {
-  float dx, dy, slant;       // slant = along dx + lean dy
+  float u, v;                 // whitened offset from the centre, see Splat
   float alpha, weight, next;  // next: transmittance behind it
   bool blended, clamped;
 };
@@ -84,10 +85,10 @@ struct Step {
 // `open` goes down where the splat finishes the pixel. Where not `blended`, most of the result is undefined.
 static __device__ __forceinline__ Step step(const Staged &splat, float x, float y, float transmittance, bool &open) {
   Step s;
-  s.dx = x - splat.x;
-  s.dy = y - splat.y;
-  s.slant = fmaf(splat.along, s.dx, splat.lean * s.dy);
-  const float power = fmaf(-s.slant, s.slant, fmaf(-splat.across * s.dy, s.dy, splat.log2_opacity));
+  const float dx = x - splat.x, dy = y - splat.y;
+  s.u = fmaf(splat.along, dx, splat.lean * dy);
+  s.v = splat.across * dy;
+  const float power = fmaf(-s.u, s.u, fmaf(-s.v, s.v, splat.log2_opacity));
   s.blended = open && power >= LOG2_ALPHA_MIN;
   if (!s.blended) return s;
   const float raw = exp2f(power);

@@ -13,6 +13,7 @@ struct Projection {
   float axes[2][3];               // J W R S: columns are the splat's half axes in pixels
   float xx, xy, yy, determinant;  // screen covariance with the low-pass
   float thin_determinant;         // without it
+  float cross[3];                 // of the two rows of axes
 };
 
 FROG_FUNCTION bool finite(float value) { return fabsf(value) < 1e30f; }
@@ -50,7 +51,8 @@ FROG_FUNCTION SplatState project_gaussian(const FrogGaussians &g, const FrogCame
     }
   const float *a = p.axes[0], *b = p.axes[1], low = options.low_pass;
   const float aa = a[0] * a[0] + a[1] * a[1] + a[2] * a[2], bb = b[0] * b[0] + b[1] * b[1] + b[2] * b[2];
-  const float cross[3] = {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+  float *cross = p.cross;
+  cross[0] = a[1] * b[2] - a[2] * b[1], cross[1] = a[2] * b[0] - a[0] * b[2], cross[2] = a[0] * b[1] - a[1] * b[0];
   p.xx = aa + low;
   p.xy = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
   p.yy = bb + low;
@@ -122,7 +124,7 @@ FROG_FUNCTION SplatState make_splat(const FrogGaussians &g, const FrogCamera &ca
   // Inverse covariance (a, b; b, c) = (yy, -xy; -xy, xx) / det, completed: a (dx + b/a dy)^2 + dy^2 / yy.
   splat.along = sqrtf(0.5f * LOG2E * p.yy / p.determinant);
   splat.lean = -splat.along * p.xy / p.yy;
-  splat.across = 0.5f * LOG2E / p.yy;
+  splat.across = sqrtf(0.5f * LOG2E / p.yy);
   splat.widest = p.xy / p.xx * splat.extent_x;
   // Rows whose pixel centres (y + 1/2) lie in [top, bottom], with a margin for rounding.
   splat.first_row = static_cast<short>(static_cast<int>(clamped(top - 1, 0, height - 1)) / TILE);
@@ -142,7 +144,8 @@ FROG_FUNCTION void tile_span(const Splat &splat, int row, int width, int &first,
   if (low > high) return;
   const float reach = splat.log2_opacity - LOG2_ALPHA_MIN;
   const float right_dy = clamped(splat.widest, low, high), left_dy = clamped(-splat.widest, low, high);
-  const float right_left = reach - splat.across * right_dy * right_dy, left_left = reach - splat.across * left_dy * left_dy;
+  const float right_v = splat.across * right_dy, left_v = splat.across * left_dy;
+  const float right_left = reach - right_v * right_v, left_left = reach - left_v * left_v;
   const float right = splat.x + (sqrtf(right_left > 0 ? right_left : 0) - splat.lean * right_dy) / splat.along + MARGIN;
   const float left = splat.x - (sqrtf(left_left > 0 ? left_left : 0) + splat.lean * left_dy) / splat.along - MARGIN;
   if (!(right >= 0.5f && left <= width)) return;

@@ -38,31 +38,36 @@ FROG_FUNCTION void splat_backward(const FrogGaussians &g, const FrogCamera &came
   const float opacity = g.opacities[i] < 1.0f ? g.opacities[i] : 1.0f, compensation = compensation_of(p, options);
   out.opacities[i] = g.opacities[i] <= 1.0f ? sums[SUM_1] / opacity : 0;
 
-  // Inverse covariance (a, b; b, c): position, and covariance by dL/dC = -Q (dL/dQ) Q with symmetric matrices.
-  const float a = p.yy / p.determinant, b = -p.xy / p.determinant, c = p.xx / p.determinant;
-  const float by_pixel_x = a * sums[SUM_X] + b * sums[SUM_Y], by_pixel_y = b * sums[SUM_X] + c * sums[SUM_Y];
+  // (u, v) = T (dx, dy) whitens the splat: its inverse covariance is S T^T T with S = 2 / log2 e. With M the moments of
+  // second order, dL/d(position) = S T^T (sum g u, sum g v) and dL/d(covariance) = S^2 / 2 T^T M T. Everything stays in
+  // u and v as long as it can: in pixels a needle's numbers would cancel to nothing.
+  constexpr float S = 2 / LOG2E;
+  const float along = sqrtf(p.yy / (S * p.determinant)), lean = -along * p.xy / p.yy, across = sqrtf(1 / (S * p.yy));
+  const float by_pixel_x = S * along * sums[SUM_U], by_pixel_y = S * (lean * sums[SUM_U] + across * sums[SUM_V]);
   out.screen[2l * i] = by_pixel_x;
   out.screen[2l * i + 1] = by_pixel_y;
   if (out.screen_absolute)
     for (int k = 0; k < 2; ++k) out.screen_absolute[2l * i + k] = sums[ABSOLUTE_X + k];
-  const float ga = -0.5f * sums[SUM_XX], gb = -0.5f * sums[SUM_XY], gc = -0.5f * sums[SUM_YY];
-  const float ta = a * ga + b * gb, tb = a * gb + b * gc, tc = b * ga + c * gb, td = b * gb + c * gc;
-  float by_xx = -(ta * a + tb * b), by_xy = -(ta * b + tb * c), by_yy = -(tc * b + td * c);
-  if (options.compensate && compensation > COMPENSATION_MIN) {
-    // log compensation = (log thin - log det) / 2; `by_xy` counts the off-diagonal entry twice in the sums below.
-    const float low = options.low_pass, half = 0.5f * sums[SUM_1];
-    const float thin = half / p.thin_determinant, whole = half / p.determinant;
-    by_xx += thin * (p.yy - low) - whole * p.yy;
-    by_yy += thin * (p.xx - low) - whole * p.xx;
-    by_xy += (whole - thin) * p.xy;
-  }
 
-  // Covariance = axes axes^T + low-pass; axes = J W R S.
+  // Covariance = axes axes^T + low-pass; axes = J W R S_k, one column for each of the Gaussian's own axes.
+  const float *a = p.axes[0], *b = p.axes[1], low = options.low_pass;
+  const bool compensated = options.compensate && compensation > COMPENSATION_MIN;
+  const float thin = compensated ? sums[SUM_1] / p.thin_determinant : 0, whole = compensated ? sums[SUM_1] / p.determinant : 0;
   float by_jwr[2][3], by_jw[2][3], by_rotation[3][3];
   for (int k = 0; k < 3; ++k) {
-    const float by_axis_x = 2 * (by_xx * p.axes[0][k] + by_xy * p.axes[1][k]);
-    const float by_axis_y = 2 * (by_xy * p.axes[0][k] + by_yy * p.axes[1][k]);
-    out.scales[3l * i + k] = by_axis_x * p.jwr[0][k] + by_axis_y * p.jwr[1][k];
+    // The column without its scale in u and v. u = along / yy (x yy - xy y), written out so that the long axis's own
+    // product with itself, which cancels, never appears.
+    const float x = p.jwr[0][k], y = p.jwr[1][k];
+    const int j = (k + 1) % 3, l = (k + 2) % 3;
+    const float u = along / p.yy * (low * x + b[j] * (x * b[j] - a[j] * y) + b[l] * (x * b[l] - a[l] * y)), v = across * y;
+    const float by_u = S * S * (sums[SUM_UU] * u + sums[SUM_UV] * v), by_v = S * S * (sums[SUM_UV] * u + sums[SUM_VV] * v);
+    float by_axis_x = along * by_u * s[k], by_axis_y = (lean * by_u + across * by_v) * s[k], by_scale = (u * by_u + v * by_v) * s[k];
+    if (compensated) {  // log compensation = (log |a x b|^2 - log determinant) / 2
+      const float across_b = b[j] * p.cross[l] - b[l] * p.cross[j], across_a = a[l] * p.cross[j] - a[j] * p.cross[l];
+      const float x_more = (thin - whole) * across_b - whole * low * a[k], y_more = (thin - whole) * across_a - whole * low * b[k];
+      by_axis_x += x_more, by_axis_y += y_more, by_scale += x_more * x + y_more * y;
+    }
+    out.scales[3l * i + k] = by_scale;
     by_jwr[0][k] = by_axis_x * s[k];
     by_jwr[1][k] = by_axis_y * s[k];
   }

@@ -50,8 +50,8 @@ typedef struct {
 } FrogGradients;
 
 // A Gaussian on the screen, in pixels of the drawn region. `radius` is 0 for one that is not drawn.
-// Its alpha at (dx, dy) from the centre is 2^power, power = log2_opacity - (along dx + lean dy)^2 - across dy^2:
-// the square is completed, so that needles lose no digits.
+// Its alpha at (dx, dy) from the centre is 2^power, power = log2_opacity - u^2 - v^2 with u = along dx + lean dy and
+// v = across dy: the square is completed, so that needles lose no digits.
 struct alignas(64) Splat {
   float x, y;
   float along, lean, across;
@@ -64,9 +64,10 @@ struct alignas(64) Splat {
   short first_row, last_row;  // tile rows, inclusive
 };
 
-// What a splat's pixels send back, summed: moments of g = dL/d(log alpha), and dL/d(red, green, blue).
+// What a splat's pixels send back, summed: moments of g = dL/d(log alpha) in u and v, which are of the order of one
+// whatever the splat's shape, and dL/d(red, green, blue).
 enum SplatGradient {
-  SUM_X, SUM_Y, SUM_XX, SUM_XY, SUM_YY,  // of g dx, g dy, g dx^2, g dx dy, g dy^2
+  SUM_U, SUM_V, SUM_UU, SUM_UV, SUM_VV,  // of g u, g v, g u^2, g u v, g v^2
   SUM_1,                                 // of g
   BY_RED, BY_GREEN, BY_BLUE,
   ABSOLUTE_X, ABSOLUTE_Y,                // of |dL/dx|, |dL/dy| pixel by pixel; only where they are wanted
