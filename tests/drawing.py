@@ -30,20 +30,38 @@ def image_weights(camera: Camera, seed: int = 5) -> tuple[torch.Tensor, torch.Te
     )
 
 
+def cut(picture: torch.Tensor, region: tuple[int, int, int, int]) -> torch.Tensor:
+    """The region (left, top, width, height) of a picture (H, W, ...)."""
+    left, top, width, height = region
+    return picture[top : top + height, left : left + width]
+
+
 def draw_with_gradients(
     gaussians: GaussianArrays,
     camera: Camera,
     implementation: str,
     dtype: torch.dtype = torch.float32,
     options: RasterizeOptions = EVERYTHING,
+    *,
+    pose: np.ndarray | None = None,
+    depth_limit: torch.Tensor | None = None,
 ) -> tuple[Image, dict[str, np.ndarray]]:
-    """The picture, and gradients by attribute (and ``screen``) of a random linear loss on rgb and alpha."""
+    """The picture, and gradients of a random linear loss on rgb and alpha by attribute, and by ``screen``, ``pose`` and
+    ``screen_absolute`` where there are any."""
     leaves = tensors(gaussians, dtype)
-    image = rasterize(leaves, camera, BACKGROUND, options, implementation=implementation)
-    by_rgb, by_alpha = image_weights(camera)
-    ((image.rgb * by_rgb.to(dtype)).sum() + (image.alpha * by_alpha.to(dtype)).sum()).backward()
+    moving = None if pose is None else torch.tensor(pose, dtype=torch.float32).to(dtype).requires_grad_()
+    image = rasterize(
+        leaves, camera, BACKGROUND, options, pose=moving, depth_limit=depth_limit, implementation=implementation
+    )
+    by_rgb, by_alpha = (cut(weights, options.region_of(camera)).to(dtype) for weights in image_weights(camera))
+    ((image.rgb * by_rgb).sum() + (image.alpha * by_alpha).sum()).backward()
     gradients = {name: getattr(leaves, name).grad.numpy() for name in ATTRIBUTES}
-    return image, {**gradients, "screen": image.screen.grad.numpy()}
+    gradients["screen"] = image.screen.grad.numpy()
+    if moving is not None:
+        gradients["pose"] = moving.grad.numpy()
+    if image.screen_absolute is not None:
+        gradients["screen_absolute"] = image.screen_absolute.numpy()
+    return image, gradients
 
 
 def native_picture(gaussians: GaussianArrays, camera: Camera) -> dict[str, np.ndarray]:
@@ -55,4 +73,4 @@ def native_picture(gaussians: GaussianArrays, camera: Camera) -> dict[str, np.nd
 
 def relative_error(found: np.ndarray, expected: np.ndarray) -> float:
     """L2 norm of the difference over the L2 norm of what is expected."""
-    return float(np.linalg.norm(found.astype(np.float64) - expected) / np.linalg.norm(expected))
+    return float(np.linalg.norm(found.astype(np.float64) - expected) / max(np.linalg.norm(expected), 1e-30))
