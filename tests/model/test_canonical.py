@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
-from frog_blender.engine.training.losses import embedding_smoothness, neighbour_weights
+from frog_blender.engine.training.losses import add_embedding_smoothness, neighbour_weights
 from frog_blender.engine.training.neighbours import nearest, spacings
 from frog_blender.engine.training.recipe import RECIPES
 
@@ -56,19 +56,23 @@ def test_smoothness_weights_are_the_same_in_any_unit_and_never_all_near_zero_or_
     torch.testing.assert_close(found[2], found[1], atol=2e-3, rtol=0)
 
 
-def test_smoothness_is_the_weighted_distance_of_embeddings() -> None:
-    embeddings = torch.tensor([[0.0, 0], [3, 4], [0, 1], [6, 8]], requires_grad=True)
+def test_smoothness_gradient_is_that_of_the_weighted_distance() -> None:
+    torch.manual_seed(0)
+    embeddings = torch.randn(6, 3, dtype=torch.float64, requires_grad=True)
     anchors, neighbours = torch.tensor([0, 2]), torch.tensor([[1, 2], [0, 3]])
-    weights = torch.tensor([[1.0, 0.5], [0.2, 0.0]])
-    loss = embedding_smoothness(embeddings, anchors, neighbours, weights)
-    torch.testing.assert_close(loss, torch.tensor((5 * 1 + 1 * 0.5 + 1 * 0.2 + 0) / 4))
-    loss.backward()
-    assert torch.isfinite(embeddings.grad).all() and not embeddings.grad[3].any()
+    weights = torch.tensor([[1.0, 0.5], [0.2, 0.0]], dtype=torch.float64)
+    distances = (embeddings[anchors][:, None] - embeddings[neighbours]).norm(dim=2)
+    (expected,) = torch.autograd.grad(0.7 * (weights * distances).mean(), embeddings)
+    embeddings.grad = torch.ones_like(embeddings)
+    add_embedding_smoothness(embeddings, anchors, neighbours, weights, 0.7)
+    torch.testing.assert_close(embeddings.grad - 1, expected)
+    assert not expected[3:].any()
 
 
 def test_smoothness_of_equal_embeddings_has_no_gradient_and_no_nan() -> None:
     embeddings = torch.ones(3, 2, requires_grad=True)
-    embedding_smoothness(embeddings, torch.tensor([0]), torch.tensor([[1, 2]]), torch.ones(1, 2)).backward()
+    embeddings.grad = torch.zeros(3, 2)
+    add_embedding_smoothness(embeddings, torch.tensor([0]), torch.tensor([[1, 2]]), torch.ones(1, 2), 1.0)
     assert not embeddings.grad.any()
 
 

@@ -132,7 +132,7 @@ def test_a_short_training_passes_through_every_schedule(
         return call
 
     trainer = make_trainer(120, sh_degree=3, deformed_sh=4, densify_threshold=1e-5)
-    for name in ("ssim", "embedding_smoothness"):
+    for name in ("ssim", "add_embedding_smoothness"):
         monkeypatch.setattr(trainer_module, name, counted(name, getattr(trainer_module, name)))
     anchors, density_round, deform = trainer_module.anchors, DensityControl.round, trainer.model.deform
 
@@ -173,7 +173,7 @@ def test_a_short_training_passes_through_every_schedule(
     assert trainer.count > start
     bursts = sum(r.dssim_from <= i / 120 and i % r.dssim_period < r.dssim_burst for i in range(120))
     assert calls["ssim"] == bursts > 0
-    assert calls["embedding_smoothness"] > 60
+    assert calls["add_embedding_smoothness"] > 60
     assert trainer.neighbourhood is not None and int(trainer.neighbourhood.neighbours.max()) < trainer.count
 
 
@@ -197,7 +197,7 @@ def test_what_the_recipe_switches_off_does_not_happen(
     def never(*_: Any) -> None:
         raise AssertionError("switched off")
 
-    for name in ("ssim", "anchors", "embedding_smoothness"):
+    for name in ("ssim", "anchors", "add_embedding_smoothness"):
         monkeypatch.setattr(trainer_module, name, never)
     train(make_trainer(60, sampling="off", dssim_weight=0.0, smoothness_weight=0.0))
 

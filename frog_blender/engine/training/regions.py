@@ -56,8 +56,8 @@ class RegionPicker:
     @torch.no_grad()
     def observe(self, camera: int, region: tuple[int, int, int, int], difference: torch.Tensor) -> None:
         """Takes in what a step saw: ``difference`` (height, width, 3), picture minus truth, of the region."""
-        square = difference.square().mean(2)[None, None]
-        mean = functional.avg_pool2d(square, CELL, ceil_mode=True, count_include_pad=False)[0, 0]
+        square = difference[::2, ::2].square().permute(2, 0, 1)  # a quarter of the pixels tells as much
+        mean = functional.avg_pool2d(square, CELL // 2, ceil_mode=True, count_include_pad=False).mean(0)
         row, column = region[1] // CELL, region[0] // CELL
         cells = self.errors[camera][row : row + mean.shape[0], column : column + mean.shape[1]]
         cells.copy_(torch.where(torch.isfinite(cells), _MEMORY * cells + (1 - _MEMORY) * mean, mean))

@@ -21,7 +21,7 @@ from ..model.canonical import ATTRIBUTES, CanonicalField, new_gaussians
 from ..model.frog import Frog, FrogSettings, Progressing, rows_for, total_deformation
 from ..rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
 from .density import DensityControl
-from .losses import embedding_smoothness, neighbour_weights, ssim
+from .losses import add_embedding_smoothness, neighbour_weights, ssim
 from .neighbours import nearest, spacings
 from .optimizer import SceneOptimizer
 from .recipe import Recipe
@@ -150,12 +150,12 @@ class Trainer:
                 region[2] * region[3] / self.capture.cameras[camera].width / self.capture.cameras[camera].height
             )
         self.regions.observe(camera, options.region_of(self.capture.cameras[camera]), difference.detach())
-        if changes and self.neighbourhood is not None and self.recipe.smoothness_weight:
-            loss = loss + self.recipe.smoothness_weight * self._smoothness()
         value = loss.item()
         if not math.isfinite(value):
             raise FrogError(f"Training became unstable at step {self.step_count} (the loss is not a number).")
         loss.backward()
+        if changes and self.neighbourhood is not None and self.recipe.smoothness_weight:
+            self._add_smoothness(self.neighbourhood)
         self.density.observe(image)
         self.optimizer.step()
         self.loss = value if math.isnan(self.loss) else 0.98 * self.loss + 0.02 * value
@@ -211,14 +211,11 @@ class Trainer:
             return self.model.deform(time_, self.progressing(progress), sh_count)
         return self.model.canonical.gaussians(sh_count), {}
 
-    def _smoothness(self) -> torch.Tensor:
-        assert self.neighbourhood is not None
-        n = self.neighbourhood
+    def _add_smoothness(self, n: Neighbourhood) -> None:
         start = (self.step_count * _SMOOTHNESS_BATCH) % max(1, len(n.anchors))
         part = slice(start, start + _SMOOTHNESS_BATCH)
-        return embedding_smoothness(
-            self.model.canonical.embeddings, n.anchors[part], n.neighbours[part], n.weights[part]
-        )
+        embeddings, weight = self.model.canonical.embeddings, self.recipe.smoothness_weight
+        add_embedding_smoothness(embeddings, n.anchors[part], n.neighbours[part], n.weights[part], weight)
 
     def _rounds(self, before: float, now: float, shot: int) -> None:
         changed = False
