@@ -150,7 +150,6 @@ def test_only_the_deformed_coefficients_change() -> None:
 
 def test_total_deformation_weighs_attributes_equally_and_finds_the_calmest() -> None:
     """In plain norms the first would win; in units of each attribute's mean the third does."""
-    model = Frog(canonical(), SETTINGS)
     changes = {
         "means": torch.tensor([[0.0, 0, 0], [200.0, 0, 0], [100.0, 0, 0]]),
         "opacity_logits": torch.tensor([[0.05], [0.04], [0.0]]),

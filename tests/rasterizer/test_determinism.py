@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
-from drawing import native_picture
-from helpers import join, odd_camera, one_gaussian, random_gaussians, run_python
+import torch
+from drawing import draw_with_gradients, native_picture, relative_error
+from helpers import join, odd_camera, one_gaussian, random_gaussians
 
-from frog_blender.engine.rasterizer import GaussianArrays, native
+from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions, native
 
 CAMERA = odd_camera(75, 51)
 
@@ -35,14 +35,26 @@ def assert_same_bits(found: dict[str, np.ndarray], expected: dict[str, np.ndarra
         assert found[name].tobytes() == values.tobytes(), name
 
 
-def test_one_two_and_three_threads(crowd: GaussianArrays) -> None:
+def test_any_number_of_threads(crowd: GaussianArrays) -> None:
     native.set_thread_count(1)
-    expected = native_picture(crowd, CAMERA)
+    expected, everything = native_picture(crowd, CAMERA), with_everything(crowd)
     assert native.library().frog_thread_count() == 1
-    for threads in (2, 3, 1):
+    for threads in (2, 3, 7, 1):
         native.set_thread_count(threads)
         assert native.library().frog_thread_count() == threads
         assert_same_bits(native_picture(crowd, CAMERA), expected)
+        assert_same_bits(with_everything(crowd), everything)
+
+
+def test_more_gaussians_than_one_block_of_the_sorting() -> None:
+    """Blocks of 8192 are counted and placed separately; many lie at the same depth."""
+    gaussians = random_gaussians(CAMERA, 20_000, 0, seed=3, opacity=(0.02, 0.1))
+    gaussians.means[::2] = gaussians.means[1]
+    native.set_thread_count(1)
+    expected = native_picture(gaussians, CAMERA)
+    for threads in (2, 7):
+        native.set_thread_count(threads)
+        assert_same_bits(native_picture(gaussians, CAMERA), expected)
 
 
 def test_repeated_runs(crowd: GaussianArrays) -> None:
@@ -80,38 +92,29 @@ def test_two_python_threads_at_once(crowd: GaussianArrays) -> None:
             assert_same_bits(picture, expected[which])
 
 
-DRAW = """
-import sys, numpy as np
-from helpers import odd_camera, random_gaussians
-from frog_blender.engine.rasterizer import RasterizeOptions, native
-camera, random = odd_camera(75, 51), np.random.default_rng(0)
-gaussians = random_gaussians(camera, 300, 3, seed=8).checked()
-size = (camera.height, camera.width)
-rgb, alpha = np.empty((*size, 3), np.float32), np.empty(size, np.float32)
-frame = native.Frame(gaussians, camera, (0.3, 0.6, 0.1), RasterizeOptions(), {"rgb": rgb, "alpha": alpha})
-gradients = {name: np.empty_like(value) for name, value in vars(gaussians).items()}
-gradients["screen"] = np.empty((300, 2), np.float32)
-by_rgb, by_alpha = np.float32(random.normal(size=rgb.shape)), np.float32(random.normal(size=size))
-frame.backward({"rgb": rgb, "alpha": alpha}, by_rgb, by_alpha, gradients)
-np.savez(sys.argv[1], rgb=rgb, alpha=alpha, **gradients)
-print(native.instruction_set())
-"""
+def with_everything(gaussians: GaussianArrays) -> dict[str, np.ndarray]:
+    """Gradients of every kind that there is."""
+    options, pose = RasterizeOptions(absolute=True, compensate=True), CAMERA.world_to_camera
+    limit = torch.full((CAMERA.height, CAMERA.width), 4.0)
+    return draw_with_gradients(gaussians, CAMERA, "cpu", options=options, pose=pose, depth_limit=limit)[1]
 
 
-def test_instruction_sets_agree(tmp_path: Path) -> None:
-    """Vector widths round and sum differently, and nothing else."""
-    pictures = {}
-    for wanted in ("baseline", "avx2", "avx512"):
-        run = run_python(DRAW, tmp_path / "picture.npz", FROG_INSTRUCTION_SET=wanted)
-        assert run.returncode == 0, run.stderr
-        with np.load(tmp_path / "picture.npz") as archive:
-            pictures[run.stdout.strip()] = dict(archive)
-    assert "baseline" in pictures
-    if len(pictures) == 1:
-        pytest.skip("this processor has the baseline only")
-    baseline = pictures.pop("baseline")
-    for name, picture in pictures.items():
-        assert np.abs(picture["rgb"] - baseline["rgb"]).max() < 1e-5, name
-        for attribute in ("means", "quaternions", "scales", "opacities", "sh"):
-            difference = np.linalg.norm(picture[attribute] - baseline[attribute])
-            assert difference < 1e-5 * np.linalg.norm(baseline[attribute]), (name, attribute)
+@pytest.mark.parametrize("slots", [1, 500, 3000])
+def test_bands_add_up_to_the_whole(crowd: GaussianArrays, slots: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Backward passes of large frames go through the tile rows in bands, to bound their memory."""
+    native.set_thread_count(1)
+    whole = with_everything(crowd)
+    monkeypatch.setenv("FROG_BACKWARD_SLOTS", str(slots))
+    banded = with_everything(crowd)
+    for name, expected in whole.items():
+        assert relative_error(banded[name], expected) < 1e-6, name
+    assert any(banded[name].tobytes() != whole[name].tobytes() for name in whole)  # there were several bands
+    for threads in (2, 7):
+        native.set_thread_count(threads)
+        assert_same_bits(with_everything(crowd), banded)
+
+
+def test_bands_of_a_hundred_thousand_slots_are_one(crowd: GaussianArrays, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = with_everything(crowd)
+    monkeypatch.setenv("FROG_BACKWARD_SLOTS", "100000")
+    assert_same_bits(with_everything(crowd), whole)

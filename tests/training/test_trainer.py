@@ -19,7 +19,7 @@ from frog_blender.engine.training import trainer as trainer_module
 from frog_blender.engine.training.density import DensityControl
 from frog_blender.engine.training.trainer import Limits, Trainer
 
-STEPS = 400
+STEPS = 600
 
 
 def train(trainer: Trainer, until: int | None = None) -> Trainer:
