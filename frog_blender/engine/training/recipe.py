@@ -32,6 +32,7 @@ class Recipe:
             (FRoG, section on optimisation: 5 of 50 after an eighth of the training).
         smoothness_weight, smoothness_neighbours, smoothness_falloff: embedding smoothness; the falloff (the paper's
             lambda_w) multiplies squared distances in units of the median nearest-neighbour distance.
+        moment_size: length of the first embeddings of seeds found at one moment (see model.canonical).
         region_share, region_size: probability that a step draws only a rectangle where the errors are, and the
             rectangle's sides over the picture's (see training.regions).
         densify_from, densify_until, densify_every: fractions.
@@ -78,6 +79,7 @@ class Recipe:
     smoothness_neighbours: int = 8
     smoothness_falloff: float = 0.3
     smoothness_sample: int = 2048
+    moment_size: float = 0.5
     region_share: float = 0.0
     region_size: float = 0.4
     densify_from: float = 0.08

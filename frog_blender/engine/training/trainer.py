@@ -17,7 +17,7 @@ from ..capture.time import frame_to_time
 from ..errors import FrogError
 from ..evaluation.metrics import psnr_of
 from ..model.baselines.static import Static
-from ..model.canonical import ATTRIBUTES, CanonicalField, new_gaussians
+from ..model.canonical import ATTRIBUTES, CanonicalField, moment_embeddings, new_gaussians
 from ..model.frog import Frog, FrogSettings, Progressing, rows_for, total_deformation
 from ..rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
 from .density import DensityControl
@@ -72,6 +72,8 @@ class Trainer:
         sh_count = (recipe.sh_degree + 1) ** 2
         embedding_size = recipe.embedding_size if method == "frog" else 0
         values = new_gaussians(points, colors, spacings(points), sh_count, embedding_size)
+        if embedding_size:
+            values["embeddings"] = moment_embeddings(torch.from_numpy(seeds.frames), embedding_size, recipe.moment_size)
         canonical = CanonicalField(values)
         self.model: Frog | Static
         if method == "frog":

@@ -52,6 +52,16 @@ def load_view(capture: Capture, store: Pictures, shot: int, longest_side: int) -
     return View(shot, capture.shots[shot].frame, camera, picture.astype(np.float32) / np.float32(255))
 
 
+def look_up(view: View, points: np.ndarray, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Values (N, ...) of a picture where the points (N, 3) project, and whether (N,) the view sees them at all."""
+    pixels, depths = view.camera.project(points)
+    # Far outside is as good as outside; the clip keeps the conversion to integers defined.
+    columns, lines = np.floor(np.clip(pixels, -1.0, 1e6)).astype(int).T
+    height, width = picture.shape[:2]
+    seen = (depths > 0) & (columns >= 0) & (lines >= 0) & (columns < width) & (lines < height)
+    return picture[np.where(seen, lines, 0), np.where(seen, columns, 0)], seen
+
+
 def train_indices(capture: Capture) -> list[int]:
     """Indices of the shots that may be read."""
     return [index for index, shot in enumerate(capture.shots) if not capture.is_test(shot)]

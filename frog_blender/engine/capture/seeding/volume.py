@@ -1,7 +1,6 @@
 """Seed points for cameras too far apart to match: drawn in the volume that several cameras see.
 
-Points whose pictures agree in colour are preferred, and a share lies in the hull of what moves: points that fall into
-the moving region of every camera that sees them.
+Points whose pictures agree in colour are preferred, and a share lies on what moves (see moving.py).
 """
 
 from __future__ import annotations
@@ -12,57 +11,35 @@ import numpy as np
 
 from ..capture import Capture
 from ..video import load_opencv
-from .views import Pictures, View, load_view, spread, train_indices
+from .moving import moving_points
+from .views import Pictures, View, load_view, look_up, spread, train_indices
 
 _SAMPLES = 300_000
 _LONGEST_SIDE = 320
 _MOVING_SHARE = 0.4
-_BACKGROUND_MOMENTS = 9
 
 
 def fill_volume(
     capture: Capture, store: Pictures, near: float, far: float, count: int, random: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
-    """At most ``count`` world points (N, 3) seen by several training cameras, and their colours (N, 3) in [0, 1]."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """At most ``count`` world points (N, 3) seen by several training cameras, their colours (N, 3) in [0, 1], and the
+    frame (N,) at which each was found, NaN for what may be there all the time."""
     by_frame: dict[int, list[int]] = {}
     for index in train_indices(capture):
         by_frame.setdefault(capture.shots[index].frame, []).append(index)
     frames = sorted(by_frame)
-    if capture.is_moving:
-        shots = spread(train_indices(capture), 12)
-        moving: dict[int, list[int]] = {}
-    else:
-        shots = by_frame[frames[len(frames) // 2]]
-        moving = {frame: by_frame[frame] for frame in spread(frames, 3)}
+    shots = spread(train_indices(capture), 12) if capture.is_moving else by_frame[frames[len(frames) // 2]]
     views = [load_view(capture, store, shot, _LONGEST_SIDE) for shot in shots]
     samples = _sample_frustums(views, near, far, _SAMPLES, random)
-    points, colors = [np.zeros((0, 3))], [np.zeros((0, 3))]
-    medians = _median_pictures(capture, store, by_frame) if len(frames) >= 3 and moving else {}
-    hulls = [
-        _moving_points(capture, [load_view(capture, store, s, _LONGEST_SIDE) for s in moment], medians, samples)
-        for moment in moving.values()
-        if medians
-    ]
-    for found, found_colors in hulls:
-        share = int(count * _MOVING_SHARE / len(hulls))
-        chosen = random.permutation(len(found))[:share]
-        points.append(found[chosen])
-        colors.append(found_colors[chosen])
-    rest = count - sum(map(len, points))
-    agreeing, agreeing_colors = _agreeing_points(views, samples, rest, random)
-    points.append(agreeing)
-    colors.append(agreeing_colors)
-    return np.concatenate(points), np.concatenate(colors)
-
-
-def look_up(view: View, points: np.ndarray, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Values (N, ...) of a picture where the points (N, 3) project, and whether (N,) the view sees them at all."""
-    pixels, depths = view.camera.project(points)
-    # Far outside is as good as outside; the clip keeps the conversion to integers defined.
-    columns, lines = np.floor(np.clip(pixels, -1.0, 1e6)).astype(int).T
-    height, width = picture.shape[:2]
-    seen = (depths > 0) & (columns >= 0) & (lines >= 0) & (columns < width) & (lines < height)
-    return picture[np.where(seen, lines, 0), np.where(seen, columns, 0)], seen
+    points, colors, moments = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
+    if len(frames) >= 3 and not capture.is_moving:
+        points, colors, moments = moving_points(capture, store, by_frame, samples, int(count * _MOVING_SHARE), random)
+    agreeing, agreeing_colors = _agreeing_points(views, samples, count - len(points), random)
+    return (
+        np.concatenate([points, agreeing]),
+        np.concatenate([colors, agreeing_colors]),
+        np.concatenate([moments, np.full(len(agreeing), np.nan)]),
+    )
 
 
 def _sample_frustums(
@@ -106,35 +83,3 @@ def _agreeing_points(
     score = np.sqrt(variance) / (0.05 + rough) * (0.9 + 0.2 * random.random(len(points)))
     best = np.argsort(score, kind="stable")[: max(count, 0)]
     return points[best], color[best]
-
-
-def _median_pictures(capture: Capture, store: Pictures, by_frame: dict[int, list[int]]) -> dict[int, np.ndarray]:
-    """For each camera the median (H, W, 3) of its pictures over some moments: what stands still."""
-    frames = spread(sorted(by_frame), _BACKGROUND_MOMENTS)
-    stacks: dict[int, list[np.ndarray]] = {}
-    for frame in frames:
-        for shot in by_frame[frame]:
-            picture = load_view(capture, store, shot, _LONGEST_SIDE).picture
-            stacks.setdefault(capture.shots[shot].camera, []).append(picture)
-    return {camera: np.median(np.stack(stack), axis=0) for camera, stack in stacks.items()}
-
-
-def _moving_points(
-    capture: Capture, views: Sequence[View], medians: dict[int, np.ndarray], points: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """The points that lie in the moving region of all views that see them (two at least), and their mean colours."""
-    cv2 = load_opencv()
-    seen_by = np.zeros(len(points), dtype=int)
-    moving_in = np.zeros(len(points), dtype=int)
-    color = np.zeros((len(points), 3))
-    for view in views:
-        difference = np.abs(view.picture - medians[capture.shots[view.shot].camera]).max(axis=2)
-        mask = cv2.medianBlur((difference > 0.1).astype(np.uint8), 5)
-        mask = cv2.dilate(mask, np.ones((7, 7), np.uint8))
-        is_moving, seen = look_up(view, points, mask)
-        value, _ = look_up(view, points, view.picture)
-        seen_by += seen
-        moving_in += seen & (is_moving > 0)
-        color += value * seen[:, None]
-    inside = (seen_by >= 2) & (moving_in == seen_by)
-    return points[inside], color[inside] / seen_by[inside, None]
