@@ -67,6 +67,8 @@ def library() -> ctypes.CDLL:
     loaded.frog_count_work.restype = None
     loaded.frog_free.argtypes = [c_void_p]
     loaded.frog_free.restype = None
+    loaded.frog_similarity.argtypes = [c_int32, c_int32, *[c_void_p] * 4]
+    loaded.frog_similarity.restype = c_int32
     loaded.frog_deform.argtypes = [POINTER(structs.Field), POINTER(structs.Deformed)]
     loaded.frog_deform.restype = c_int32
     loaded.frog_deform_backward.argtypes = [
@@ -86,6 +88,17 @@ def instruction_set() -> str:
 def set_thread_count(count: int) -> None:
     """Threads of the library's own pool; 0 means one for each core."""
     library().frog_set_thread_count(count)
+
+
+def similarity(image: Any, truth: Any, gradient: Any) -> float:
+    """Mean structural similarity of two pictures (H, W, 3) in [0, 1], window of 3DGS; fills ``gradient`` (H, W, 3)
+    with its gradient by ``image``."""
+    height, width = image.shape[:2]
+    value = c_float()
+    addresses = [structs.address(array) for array in (image, truth)]
+    if library().frog_similarity(height, width, *addresses, ctypes.addressof(value), structs.address(gradient)):
+        raise MemoryError("comparing two pictures ran out of memory")
+    return value.value
 
 
 class Frame:

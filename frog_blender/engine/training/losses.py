@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import functools
+from typing import Any
 
 import torch
 from torch.nn import functional
+
+from ..rasterizer.native import similarity
 
 _WINDOW, _SIGMA = 11, 1.5
 
@@ -17,8 +20,32 @@ def _kernel() -> torch.Tensor:
     return kernel / kernel.sum()
 
 
+class _Similarity(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, image: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
+        gradient = torch.empty_like(image)
+        value = similarity(image, truth, gradient)
+        ctx.save_for_backward(gradient)
+        return torch.tensor(value)
+
+    @staticmethod
+    def backward(ctx: Any, *by: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
+        (gradient,) = ctx.saved_tensors
+        return by[0] * gradient, None
+
+
 def ssim(image: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
-    """Mean structural similarity of (H, W, 3) pictures in [0, 1], with the window of 3DGS (11 pixels, sigma 1.5)."""
+    """Mean structural similarity of (H, W, 3) pictures in [0, 1], with the window of 3DGS (11 pixels, sigma 1.5).
+
+    Float32 on the CPU goes through the native library, which takes a tenth of the time. ``truth`` gets no gradient.
+    """
+    if image.dtype == torch.float32 and image.device.type == "cpu":
+        return _Similarity.apply(image.contiguous(), truth.contiguous())
+    return ssim_plainly(image, truth)
+
+
+def ssim_plainly(image: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
+    """``ssim`` in plain torch, on any device and in any floating-point type."""
     x, y = image.permute(2, 0, 1), truth.permute(2, 0, 1)
     moments = torch.cat([x, y, x * x, y * y, x * y])[None]
     channels = moments.shape[1]

@@ -4,6 +4,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <new>
+#include <vector>
 
 #include "backward.h"
 #include "deformation.h"
@@ -108,6 +109,30 @@ int32_t frog_deform_backward(const FrogDeformation *field, const FrogDeformed *g
                              const FrogDeformationGradients *result) {
   try {
     frog::deform_backward(kernels(), *field, *gradients, *result);
+    return 0;
+  } catch (const std::bad_alloc &) {
+    return 1;
+  }
+}
+
+int32_t frog_similarity(int32_t height, int32_t width, const float *image, const float *truth, float *similarity,
+                        float *gradient) {
+  try {
+    const int strips = (height + SSIM_STRIP - 1) / SSIM_STRIP;
+    std::vector<double> sums(3 * static_cast<size_t>(strips));
+    frog::parallel_for(3 * strips, 1, [&](int begin, int end) {
+      frog::Buffer<float> scratch;
+      scratch.resize(kernels().similarity_scratch(width));
+      for (int job = begin; job < end; ++job) {
+        const int first = job % strips * SSIM_STRIP, last = std::min(height, first + SSIM_STRIP);
+        sums[job] = kernels().similarity(height, width, image, truth, job / strips, first, last, gradient, scratch.data());
+      }
+    });
+    double total = 0;
+    for (double sum : sums) total += sum;
+    const float share = 1 / (3.0f * height * width);
+    *similarity = static_cast<float>(total) * share;
+    for (long i = 0; i < 3l * height * width; ++i) gradient[i] *= share;
     return 0;
   } catch (const std::bad_alloc &) {
     return 1;

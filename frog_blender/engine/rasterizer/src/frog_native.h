@@ -74,6 +74,11 @@ FROG_EXPORT int32_t frog_backward(FrogFrame *, const FrogGaussians *, const Frog
 FROG_EXPORT void frog_count_work(const FrogFrame *, int64_t work[3]);
 FROG_EXPORT void frog_free(FrogFrame *);
 
+// Mean structural similarity of two (H, W, 3) pictures in [0, 1] (window of 11 pixels, sigma 1.5, zero outside), and its
+// gradient (H, W, 3) by the first. Returns 0, or 1 when memory ran out.
+FROG_EXPORT int32_t frog_similarity(int32_t height, int32_t width, const float *image, const float *truth, float *similarity,
+                                    float *gradient);
+
 // Both return 0, or 1 when memory ran out. The backward pass needs nothing kept.
 FROG_EXPORT int32_t frog_deform(const FrogDeformation *, const FrogDeformed *);
 FROG_EXPORT int32_t frog_deform_backward(const FrogDeformation *, const FrogDeformed *gradients,

@@ -30,6 +30,8 @@ struct SlotView {
   int32_t width;              // SPLAT_GRADIENTS, or BY_BLUE + 1 where absolute gradients are not wanted
 };
 
+constexpr int SSIM_STRIP = 32;  // rows of a strip
+
 struct Kernels {
   const char *name;
   int (*project)(const FrameView &, const FrogGaussians &, int begin, int end);  // returns how many are at fault
@@ -43,6 +45,10 @@ struct Kernels {
   void (*deform)(const DeformationPlan &, const FrogDeformed &, int begin, int end, float *scratch);
   void (*deform_backward)(const DeformationPlan &, const FrogDeformed &gradients, const FrogDeformationGradients &, int begin,
                           int end, float *scratch, float *partial);
+  // Structural similarity summed over the rows of a strip of one channel; `scratch` has similarity_scratch(width) floats.
+  long (*similarity_scratch)(int width);
+  double (*similarity)(int height, int width, const float *image, const float *truth, int channel, int begin, int end,
+                       float *gradient, float *scratch);
 };
 
 const Kernels *kernels_baseline();

@@ -18,7 +18,8 @@ namespace FROG_ISA {
 #include "blend_backward.inl"
 #include "gemm.inl"
 #include "deformation.inl"
+#include "similarity.inl"
 
 const Kernels kernels = {FROG_ISA_NAME, project, blend, count_blended, blend_backward, project_backward,
-                         deform, deform_backward};
+                         deform, deform_backward, similarity_scratch, similarity};
 }  // namespace FROG_ISA
