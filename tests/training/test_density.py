@@ -100,7 +100,7 @@ def test_split_halves_lie_along_the_long_axis() -> None:
 def test_the_invisible_are_pruned_and_memory_follows() -> None:
     scene = Scene()
     for gone in (0, 4, 8):
-        scene.canonical.opacity_logits.data[gone] = -9.0
+        scene.density.peak_opacity[gone] = 1e-3
     assert scene.round({2: 1.0, 7: 2.0, 8: 9.0}) == (2, 3)
     kept = [2.0, 3, 4, 6, 7, 8, 10]
     for name, memory in scene.memory().items():
@@ -140,13 +140,13 @@ def test_the_strongest_come_first_until_the_budget_is_spent(growth: float, limit
 
 def test_pruning_makes_room() -> None:
     scene = Scene(replace(RECIPE, max_gaussians=COUNT))
-    scene.canonical.opacity_logits.data[0] = -9.0
+    scene.density.peak_opacity[0] = 1e-3
     assert scene.round({1: 1.0, 2: 2.0}) == (1, 1)
 
 
 def test_not_everything_is_pruned() -> None:
     scene = Scene()
-    scene.canonical.opacity_logits.data[:] = -9.0
+    scene.density.peak_opacity[:] = 1e-3
     assert scene.round({})[1] == 0
     assert len(scene.canonical) == COUNT
 
@@ -158,16 +158,31 @@ def test_a_round_forgets_what_was_observed() -> None:
     assert not scene.density.gradient_sum.any() and not scene.density.seen.any()
 
 
+def test_what_is_seen_at_one_moment_outlives_what_is_never_seen() -> None:
+    scene = Scene()
+    image = rasterize(scene.canonical.gaussians(), plain_camera(), BACKGROUND)
+    faint = torch.full((COUNT,), 0.001)
+    once = faint.clone()
+    once[3] = 0.9
+    for count in range(1, 20):
+        scene.density.observe(image, once if count == 5 else faint)
+        if scene.round({})[1]:
+            break
+    assert count > 5  # all start as visible, and a round may miss a moment
+    torch.testing.assert_close(scene.canonical.means.detach(), scene.before["means"][3:4])
+
+
 def test_observation_counts_only_what_is_seen_in_half_picture_widths() -> None:
     camera = plain_camera(48, 32)
     points = torch.tensor([[0.0, 0, 2], [0.2, 0.1, 2], [50.0, 0, 2], [0, 0, -2]])
     canonical = CanonicalField(new_gaussians(points, torch.rand(4, 3), torch.full((4,), 0.1), 1, 0))
     density = DensityControl(RECIPE, 1.0, 4)
     image = rasterize(canonical.gaussians(), camera, BACKGROUND)
-    density.observe(image)  # before a backward pass: nothing to see
+    gaussians = canonical.gaussians()
+    density.observe(image, gaussians.opacities)  # before a backward pass: nothing to see
     assert not density.seen.any()
     image.rgb[:, :24].sum().backward()
-    density.observe(image)
+    density.observe(image, gaussians.opacities)
     assert density.seen.tolist() == [1, 1, 0, 0]
     torch.testing.assert_close(density.gradient_sum, image.screen.grad.norm(dim=1) * 24)
     assert float(density.gradient_sum[0]) > 0 and not density.gradient_sum[2:].any()

@@ -31,6 +31,7 @@ def save_checkpoint(path: Path, trainer: Trainer, settings: dict[str, Any] | Non
     tensors |= trainer.optimizer.state_arrays()
     tensors["density.gradient_sum"] = trainer.density.gradient_sum
     tensors["density.seen"] = trainer.density.seen
+    tensors["density.peak_opacity"] = trainer.density.peak_opacity
     tensors["random"] = trainer.generator.get_state()
     for camera, errors in enumerate(trainer.regions.errors):
         tensors[f"regions.{camera}"] = errors
@@ -83,7 +84,8 @@ def load_checkpoint(path: Path, trainer: Trainer) -> None:
         trainer.model.load_state_dict({name[6:]: value for name, value in tensors.items() if name.startswith("model.")})
         trainer.rebuild_optimizer()
         trainer.optimizer.load_state_arrays(tensors)
-        trainer.density.gradient_sum, trainer.density.seen = tensors["density.gradient_sum"], tensors["density.seen"]
+        for name in ("gradient_sum", "seen", "peak_opacity"):
+            setattr(trainer.density, name, tensors[f"density.{name}"])
         trainer.generator.set_state(tensors["random"])
         trainer.regions.errors = [tensors[f"regions.{camera}"] for camera in range(len(trainer.capture.cameras))]
         if "neighbourhood.anchors" in tensors:

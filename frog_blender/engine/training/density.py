@@ -26,15 +26,21 @@ class DensityControl:
     def __init__(self, recipe: Recipe, scene_scale: float, count: int) -> None:
         self._recipe = recipe
         self._scene_scale = scene_scale
-        self.reset(count)
+        self.peak_opacity = torch.ones(count)
+        self.reset(torch.arange(count), 0)
 
-    def reset(self, count: int) -> None:
+    def reset(self, keep: torch.Tensor, added: int) -> None:
+        """Begins again with the Gaussians ``keep`` (indices) and ``added`` new ones after them."""
+        count = len(keep) + added
         self.gradient_sum = torch.zeros(count)
         self.seen = torch.zeros(count)
+        # Fades over several rounds: one round's steps may miss the moment at which a Gaussian is seen.
+        self.peak_opacity = torch.cat([0.5 * self.peak_opacity[keep], torch.ones(added)])
 
     @torch.no_grad()
-    def observe(self, image: Image) -> None:
-        """Adds one backward pass; call it before the optimiser clears the gradients."""
+    def observe(self, image: Image, opacities: torch.Tensor) -> None:
+        """Adds one backward pass and the opacities (N,) it drew; call it before the optimiser clears the gradients."""
+        torch.maximum(self.peak_opacity, opacities, out=self.peak_opacity)
         if image.screen.grad is None:
             return
         half = max(image.rgb.shape[:2]) / 2  # 3DGS counts in half picture widths
@@ -48,7 +54,8 @@ class DensityControl:
     ) -> tuple[int, int]:
         """One round of growth and pruning; returns how many came and how many went."""
         recipe, count = self._recipe, len(canonical)
-        keep = canonical.opacity_logits.sigmoid() > recipe.prune_opacity
+        # What is seen at one moment only is nearly transparent in the canonical field, and must stay.
+        keep = self.peak_opacity > recipe.prune_opacity
         keep |= ~keep.any()  # never everything
         pull = self.gradient_sum / self.seen.clamp(min=1)
         room = min(int(count * recipe.densify_growth), recipe.max_gaussians - int(keep.sum()))
@@ -67,6 +74,7 @@ class DensityControl:
         new = dict(values, means=values["means"] + offsets, log_scales=values["log_scales"] - shrink)
         canonical.means.data[chosen] -= offsets
         canonical.log_scales.data[chosen] -= shrink
-        optimizer.replace_gaussians(keep.nonzero().squeeze(1), new)
-        self.reset(len(canonical))
+        kept = keep.nonzero().squeeze(1)
+        optimizer.replace_gaussians(kept, new)
+        self.reset(kept, len(chosen))
         return len(chosen), count - int(keep.sum())

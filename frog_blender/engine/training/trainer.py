@@ -142,7 +142,7 @@ class Trainer:
         camera = self.capture.shots[shot].camera
         region = self.regions.pick(camera, self.generator)
         options = RasterizeOptions(region=region)
-        truth, image, changes = self._draw(shot, before, options)
+        truth, image, gaussians, changes = self._draw(shot, before, options)
         difference = image.rgb - truth
         loss = difference.abs().mean()
         if self._in_burst(before):
@@ -158,7 +158,7 @@ class Trainer:
         loss.backward()
         if changes and self.neighbourhood is not None and self.recipe.smoothness_weight:
             self._add_smoothness(self.neighbourhood)
-        self.density.observe(image)
+        self.density.observe(image, gaussians.opacities.detach())
         self.optimizer.step()
         self.loss = value if math.isnan(self.loss) else 0.98 * self.loss + 0.02 * value
         self.step_count += 1
@@ -189,7 +189,8 @@ class Trainer:
 
     def _draw(
         self, shot_index: int, progress: float, options: RasterizeOptions
-    ) -> tuple[torch.Tensor, Image, dict[str, torch.Tensor]]:
+    ) -> tuple[torch.Tensor, Image, GaussianArrays, dict[str, torch.Tensor]]:
+        """The truth, its drawing, and the Gaussians and changes that were drawn."""
         shot = self.capture.shots[shot_index]
         camera = self.capture.cameras[shot.camera]
         left, top, width, height = options.region_of(camera)
@@ -197,7 +198,7 @@ class Trainer:
         truth = torch.from_numpy(pixels.astype(np.float32)) / 255
         gaussians, changes = self.gaussians_at(frame_to_time(shot.frame, self.capture.frame_count), progress)
         image = rasterize(gaussians, camera, self.capture.background, options)
-        return truth, image, changes
+        return truth, image, gaussians, changes
 
     def progressing(self, progress: float) -> Progressing:
         """The schedules inside the model at ``progress``."""
@@ -235,7 +236,7 @@ class Trainer:
         room = min(int(self.recipe.sampling_share * self.count), self.recipe.max_gaussians - self.count)
         if room <= 0:
             return
-        truth, image, changes = self._draw(shot_index, progress, RasterizeOptions(depth=True))
+        truth, image, _, changes = self._draw(shot_index, progress, RasterizeOptions(depth=True))
         if not changes:
             return
         canonical = self.model.canonical
@@ -250,8 +251,9 @@ class Trainer:
             canonical.embeddings[calmest].detach(),
             self.generator,
         )
-        self.optimizer.replace_gaussians(torch.arange(self.count), {name: new[name] for name in ATTRIBUTES})
-        self.density.reset(self.count)
+        everyone = torch.arange(self.count)
+        self.optimizer.replace_gaussians(everyone, {name: new[name] for name in ATTRIBUTES})
+        self.density.reset(everyone, len(new["means"]))
 
     @torch.no_grad()
     def _find_neighbours(self) -> None:
