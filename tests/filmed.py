@@ -58,12 +58,7 @@ def seeds(count: int = 300) -> Seeds:
     chosen = random.integers(len(true), size=count)
     points = true.means[chosen] + random.normal(0, 0.1, (count, 3))
     colors = true.sh[chosen, 0] * 0.28209479177387814 + 0.5 + random.normal(0, 0.1, (count, 3))
-    return Seeds(
-        points.astype(np.float32),
-        colors.clip(0, 1).astype(np.float32),
-        "the tests",
-        np.full(len(points), np.nan, np.float32),
-    )
+    return Seeds(points.astype(np.float32), colors.clip(0, 1).astype(np.float32), "the tests")
 
 
 def write_capture(folder: Path) -> Path:

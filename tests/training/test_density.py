@@ -165,7 +165,7 @@ def test_what_is_seen_at_one_moment_outlives_what_is_never_seen() -> None:
     once = faint.clone()
     once[3] = 0.9
     for count in range(1, 20):
-        scene.density.observe(image, once if count == 5 else faint)
+        scene.density.observe(image, once if count == 5 else faint, plain_camera())
         if scene.round({})[1]:
             break
     assert count > 5  # all start as visible, and a round may miss a moment
@@ -179,10 +179,10 @@ def test_observation_counts_only_what_is_seen_in_half_picture_widths() -> None:
     density = DensityControl(RECIPE, 1.0, 4)
     image = rasterize(canonical.gaussians(), camera, BACKGROUND)
     gaussians = canonical.gaussians()
-    density.observe(image, gaussians.opacities)  # before a backward pass: nothing to see
+    density.observe(image, gaussians.opacities, camera)  # before a backward pass: nothing to see
     assert not density.seen.any()
     image.rgb[:, :24].sum().backward()
-    density.observe(image, gaussians.opacities)
+    density.observe(image, gaussians.opacities, camera)
     assert density.seen.tolist() == [1, 1, 0, 0]
     torch.testing.assert_close(density.gradient_sum, image.screen.grad.norm(dim=1) * 24)
     assert float(density.gradient_sum[0]) > 0 and not density.gradient_sum[2:].any()

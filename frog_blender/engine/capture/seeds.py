@@ -29,13 +29,11 @@ class Seeds:
         points: (N, 3) float32, world units.
         colors: (N, 3) float32 in [0, 1].
         origin: how they were found, in words.
-        frames: (N,) float32 frame at which each was found on something that moves; NaN for all others.
     """
 
     points: np.ndarray
     colors: np.ndarray
     origin: str
-    frames: np.ndarray
 
 
 Cloud = tuple[np.ndarray, np.ndarray]
@@ -84,8 +82,7 @@ def find_seeds(
         some = random.permutation(len(matched[0]))[: count_limit // 3]
         points = np.concatenate([matched[0][some], swept[0][keep]])
         colors = np.concatenate([matched[1][some], swept[1][keep]])
-        merged = _merge((points, colors), np.array([camera.center for camera in cameras]), count_limit)
-        parts.append((*merged, np.full(len(merged[0]), np.nan)))
+        parts.append(_merge((points, colors), np.array([camera.center for camera in cameras]), count_limit))
     counts = {"matched": len(matched[0]), "swept": len(swept[0])}
     if measured < _ENOUGH:
         wanted = count_limit - sum(len(part[0]) for part in parts)
@@ -98,13 +95,7 @@ def find_seeds(
     if not finite.any():
         raise FrogError(f"{capture.path}: no point is seen by two training cameras: are the poses right?")
     origin = ", ".join(f"{count} {name}" for name, count in counts.items() if count)
-    found_at = np.concatenate([part[2] for part in parts])
-    return Seeds(
-        points[finite].astype(np.float32),
-        np.clip(colors[finite], 0, 1).astype(np.float32),
-        origin,
-        found_at[finite].astype(np.float32),
-    )
+    return Seeds(points[finite].astype(np.float32), np.clip(colors[finite], 0, 1).astype(np.float32), origin)
 
 
 def _typical(near_far: tuple[float, float]) -> float:

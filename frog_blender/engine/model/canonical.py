@@ -75,18 +75,3 @@ def new_gaussians(
         "sh": sh,
         "embeddings": torch.zeros(count, embedding_size),
     }
-
-
-def moment_embeddings(frames: torch.Tensor, size: int, length: float) -> torch.Tensor:
-    """(N, size) start of the embeddings: zero, but one random direction for all Gaussians found at the same moment.
-
-    They then share what the deformation field learns of them first, such as when they are visible at all.
-
-    Args:
-        frames: (N,) NaN where a Gaussian belongs to no moment.
-        length: of the embeddings that are not zero.
-    """
-    embeddings = torch.zeros(len(frames), size)
-    for frame in frames[~frames.isnan()].unique():
-        embeddings[frames == frame] = length * nn.functional.normalize(torch.randn(size), dim=0)
-    return embeddings

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import torch
 
+from ..capture.camera import Camera
 from ..model.canonical import ATTRIBUTES, CanonicalField
 from ..rasterizer import Image
 from ..rasterizer.reference import rotation_matrices
@@ -38,12 +39,13 @@ class DensityControl:
         self.peak_opacity = torch.cat([0.5 * self.peak_opacity[keep], torch.ones(added)])
 
     @torch.no_grad()
-    def observe(self, image: Image, opacities: torch.Tensor) -> None:
-        """Adds one backward pass and the opacities (N,) it drew; call it before the optimiser clears the gradients."""
+    def observe(self, image: Image, opacities: torch.Tensor, camera: Camera) -> None:
+        """Adds one backward pass of ``camera`` and the opacities (N,) it drew; call it before the optimiser clears the
+        gradients."""
         torch.maximum(self.peak_opacity, opacities, out=self.peak_opacity)
         if image.screen.grad is None:
             return
-        half = max(image.rgb.shape[:2]) / 2  # 3DGS counts in half picture widths
+        half = max(camera.width, camera.height) / 2  # 3DGS counts in half picture widths
         visible = image.radii > 0
         self.gradient_sum += torch.where(visible, image.screen.grad.norm(dim=1) * half, 0)
         self.seen += visible

@@ -32,7 +32,6 @@ class Recipe:
             (FRoG, section on optimisation: 5 of 50 after an eighth of the training).
         smoothness_weight, smoothness_neighbours, smoothness_falloff: embedding smoothness; the falloff (the paper's
             lambda_w) multiplies squared distances in units of the median nearest-neighbour distance.
-        moment_size: length of the first embeddings of seeds found at one moment (see model.canonical).
         region_share, region_size: probability that a step draws only a rectangle where the errors are, and the
             rectangle's sides over the picture's (see training.regions).
         densify_from, densify_until, densify_every: fractions.
@@ -79,21 +78,20 @@ class Recipe:
     smoothness_neighbours: int = 8
     smoothness_falloff: float = 0.3
     smoothness_sample: int = 2048
-    moment_size: float = 0.5
-    region_share: float = 0.0
-    region_size: float = 0.4
+    region_share: float = 0.75
+    region_size: float = 0.35
     densify_from: float = 0.08
     densify_until: float = 0.6
     densify_every: float = 0.025
     densify_threshold: float = 2e-4
-    densify_growth: float = 0.04
+    densify_growth: float = 0.03
     split_scale: float = 0.01
     prune_opacity: float = 5e-3
     sampling: str = "anchors"
-    sampling_from: float = 0.2
-    sampling_until: float = 0.6
-    sampling_every: float = 0.05
-    sampling_share: float = 0.01
+    sampling_from: float = 0.1
+    sampling_until: float = 0.7
+    sampling_every: float = 0.01
+    sampling_share: float = 0.002
 
     def __post_init__(self) -> None:
         if self.opacity_reduction not in FORMS:

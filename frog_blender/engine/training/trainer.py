@@ -17,7 +17,7 @@ from ..capture.time import frame_to_time
 from ..errors import FrogError
 from ..evaluation.metrics import psnr_of
 from ..model.baselines.static import Static
-from ..model.canonical import ATTRIBUTES, CanonicalField, moment_embeddings, new_gaussians
+from ..model.canonical import ATTRIBUTES, CanonicalField, new_gaussians
 from ..model.frog import Frog, FrogSettings, Progressing, rows_for, total_deformation
 from ..rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
 from .density import DensityControl
@@ -72,8 +72,6 @@ class Trainer:
         sh_count = (recipe.sh_degree + 1) ** 2
         embedding_size = recipe.embedding_size if method == "frog" else 0
         values = new_gaussians(points, colors, spacings(points), sh_count, embedding_size)
-        if embedding_size:
-            values["embeddings"] = moment_embeddings(torch.from_numpy(seeds.frames), embedding_size, recipe.moment_size)
         canonical = CanonicalField(values)
         self.model: Frog | Static
         if method == "frog":
@@ -158,7 +156,7 @@ class Trainer:
         loss.backward()
         if changes and self.neighbourhood is not None and self.recipe.smoothness_weight:
             self._add_smoothness(self.neighbourhood)
-        self.density.observe(image, gaussians.opacities.detach())
+        self.density.observe(image, gaussians.opacities.detach(), self.capture.cameras[camera])
         self.optimizer.step()
         self.loss = value if math.isnan(self.loss) else 0.98 * self.loss + 0.02 * value
         self.step_count += 1
@@ -221,14 +219,14 @@ class Trainer:
         add_embedding_smoothness(embeddings, n.anchors[part], n.neighbours[part], n.weights[part], weight)
 
     def _rounds(self, before: float, now: float, shot: int) -> None:
-        changed = False
-        if self._densify.due(before, now):
+        densified = self._densify.due(before, now)
+        if densified:
             self.density.round(self.model.canonical, self.optimizer, self.generator)
-            changed = True
-        if self.recipe.sampling == "anchors" and self.method != "static" and self._sample.due(before, now):
-            self._inject_anchors(now, shot)
-            changed = True
-        if changed and self.method != "static" and self.recipe.smoothness_weight:
+        if self.method == "static":
+            return
+        if self.recipe.sampling == "anchors" and self._sample.due(before, now):
+            self._inject_anchors(now, shot)  # at the end of the list: nobody's neighbours change their places
+        if densified and self.recipe.smoothness_weight:
             self._find_neighbours()
 
     @torch.no_grad()

@@ -28,8 +28,8 @@ def moving_points(
     samples: np.ndarray,
     count: int,
     random: np.random.Generator,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """At most ``count`` world points (N, 3), their colours (N, 3) in [0, 1] and the frame (N,) each was found at.
+) -> tuple[np.ndarray, np.ndarray]:
+    """At most ``count`` world points (N, 3) and their colours (N, 3) in [0, 1].
 
     Args:
         by_frame: training shots of each frame; the cameras stand still.
@@ -37,7 +37,7 @@ def moving_points(
     """
     medians = _median_pictures(capture, store, by_frame)
     frames = spread(sorted(by_frame), _MOMENTS)
-    points, colors, moments = [np.zeros((0, 3))], [np.zeros((0, 3))], [np.zeros(0)]
+    points, colors = [np.zeros((0, 3))], [np.zeros((0, 3))]
     for frame in frames:
         views = [load_view(capture, store, shot, _LONGEST_SIDE) for shot in by_frame[frame]]
         masks = [_moving_mask(view, medians[capture.shots[view.shot].camera]) for view in views]
@@ -50,8 +50,7 @@ def moving_points(
             chosen = random.permutation(best)[: count // len(frames)]
             points.append(near[chosen])
             colors.append(color[chosen])
-            moments.append(np.full(len(chosen), frame))
-    return np.concatenate(points), np.concatenate(colors), np.concatenate(moments)
+    return np.concatenate(points), np.concatenate(colors)
 
 
 def _around(points: np.ndarray, count: int, random: np.random.Generator) -> np.ndarray:

@@ -21,9 +21,8 @@ _MOVING_SHARE = 0.4
 
 def fill_volume(
     capture: Capture, store: Pictures, near: float, far: float, count: int, random: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """At most ``count`` world points (N, 3) seen by several training cameras, their colours (N, 3) in [0, 1], and the
-    frame (N,) at which each was found, NaN for what may be there all the time."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """At most ``count`` world points (N, 3) seen by several training cameras, and their colours (N, 3) in [0, 1]."""
     by_frame: dict[int, list[int]] = {}
     for index in train_indices(capture):
         by_frame.setdefault(capture.shots[index].frame, []).append(index)
@@ -31,15 +30,11 @@ def fill_volume(
     shots = spread(train_indices(capture), 12) if capture.is_moving else by_frame[frames[len(frames) // 2]]
     views = [load_view(capture, store, shot, _LONGEST_SIDE) for shot in shots]
     samples = _sample_frustums(views, near, far, _SAMPLES, random)
-    points, colors, moments = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
+    points, colors = np.zeros((0, 3)), np.zeros((0, 3))
     if len(frames) >= 3 and not capture.is_moving:
-        points, colors, moments = moving_points(capture, store, by_frame, samples, int(count * _MOVING_SHARE), random)
+        points, colors = moving_points(capture, store, by_frame, samples, int(count * _MOVING_SHARE), random)
     agreeing, agreeing_colors = _agreeing_points(views, samples, count - len(points), random)
-    return (
-        np.concatenate([points, agreeing]),
-        np.concatenate([colors, agreeing_colors]),
-        np.concatenate([moments, np.full(len(agreeing), np.nan)]),
-    )
+    return np.concatenate([points, agreeing]), np.concatenate([colors, agreeing_colors])
 
 
 def _sample_frustums(
