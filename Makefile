@@ -13,7 +13,7 @@ NATIVE := $(wildcard frog_blender/engine/rasterizer/src/* frog_blender/engine/ra
 # The CUDA run-time compiler, for tests that compile every kernel; there is none for macOS.
 NVRTC := $(if $(filter Darwin,$(shell uname)),,nvidia-cuda-nvrtc-cu12)
 
-.PHONY: demo test test-slow test-blender lint format extension clean setup
+.PHONY: demo test test-slow test-sanitizers test-blender lint format extension clean setup
 
 setup: $(VENV)/.ready
 
@@ -35,6 +35,21 @@ test: setup
 
 test-slow: setup
 	$(BIN)/python -m pytest -q -m slow
+
+# The native library alone is built with sanitizers; the interpreter around it is not, so their libraries are loaded first.
+# Leaks are not looked for: an interpreter leaves much behind at its end by intention.
+SANITIZED := build/sanitizers
+PRELOAD = $(shell $(CXX) -print-file-name=libasan.so):$(shell $(CXX) -print-file-name=libubsan.so)
+
+test-sanitizers: setup
+	$(BIN)/cmake -S . -B $(SANITIZED) -G Ninja -DCMAKE_MAKE_PROGRAM=$(abspath $(BIN))/ninja \
+		-DCMAKE_BUILD_TYPE=RelWithDebInfo -DCMAKE_CXX_COMPILER=$(CXX) -DFROG_SANITIZE=ON
+	$(BIN)/cmake --build $(SANITIZED)
+	for set in avx512 avx2 baseline; do FROG_INSTRUCTION_SET=$$set LD_PRELOAD=$(PRELOAD) \
+		FROG_NATIVE_LIBRARY=$(abspath $(SANITIZED))/libfrog_native.so ASAN_OPTIONS=detect_leaks=0:halt_on_error=1 \
+		UBSAN_OPTIONS=halt_on_error=1:print_stacktrace=1 \
+		$(BIN)/python -m pytest -q --capture=sys -p no:cacheprovider --ignore=tests/rasterizer/cuda \
+		tests/rasterizer tests/model/test_fused.py tests/inference || exit 1; done
 
 # FROG_BLENDER names the Blender to test in, such as FROG_BLENDER=/opt/blender/blender
 test-blender: setup

@@ -14,8 +14,8 @@ EVERYTHING = RasterizeOptions(depth=True, weights=True)
 
 
 def tensors(gaussians: GaussianArrays, dtype: torch.dtype = torch.float32, exact: bool = False) -> GaussianArrays:
-    """The same as leaves that collect gradients; values pass through float32, so that both precisions agree, unless they
-    are wanted ``exact``."""
+    """The same as leaves that collect gradients; values pass through float32, so that both precisions agree, unless
+    they are wanted ``exact``."""
     through = dtype if exact else torch.float32
     return GaussianArrays(
         *[torch.tensor(getattr(gaussians, name), dtype=through).to(dtype).requires_grad_() for name in ATTRIBUTES]

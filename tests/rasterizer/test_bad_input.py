@@ -30,6 +30,10 @@ INVISIBLE = {
     "NaN scale": one_gaussian((0, 0, 1), scales=[[0.1, NAN, 0.1]]),
     "infinite scale": one_gaussian((0, 0, 1), scales=[[0.1, INF, 0.1]]),
     "scale beyond float": one_gaussian((0, 0, 1), scales=[[3e38, 3e38, 3e38]]),
+    "scale of 1e30": one_gaussian((0, 0, 1), scales=[[1e30, 0.1, 0.1]]),
+    "scales of 1e30": one_gaussian((0, 0, 1), scales=[[1e30, 1e30, 1e30]]),
+    "position of 1e30": one_gaussian((1e30, 0, 1)),
+    "quaternion of 1e30": one_gaussian((0, 0, 1), quaternions=[[1e30, 0, 0, 0]]),
     "NaN colour": one_gaussian((0, 0, 1), sh=[[[NAN, 0, 0]]]),
     "infinite colour": one_gaussian((0, 0, 1), sh=[[[0, INF, 0]]]),
     "behind the camera": one_gaussian((0, 0, -1)),
@@ -37,6 +41,9 @@ INVISIBLE = {
     "before the near plane": one_gaussian((0, 0, 0.0099)),
     "off the screen": one_gaussian((50, 0, 1)),
 }
+
+FAULTS = [name for name in INVISIBLE if any(word in name for word in ("NaN", "infinit", "zero", "1e30", "beyond"))]
+"""Those that are dropped because a number in them is no good; nothing is wrong with the others."""
 
 # Drawn or not, these must leave a finite picture.
 STRANGE = {
@@ -72,6 +79,22 @@ def test_what_cannot_be_drawn_changes_no_neighbour(name: str, implementation: st
     for attribute in (*ATTRIBUTES, "screen"):
         assert not gradients[attribute][0].any(), attribute
         np.testing.assert_array_equal(gradients[attribute][1:], expected_gradients[attribute])
+
+
+@pytest.mark.parametrize("implementation", ["cpu", "reference"])
+def test_what_is_at_fault_is_counted(implementation: str) -> None:
+    """Each kind by itself, and several together between good ones."""
+    assert 10 < len(FAULTS) < len(INVISIBLE)
+    counted = {}
+    for name, bad in INVISIBLE.items():
+        with torch.no_grad():
+            counted[name] = rasterize(tensors(bad), CAMERA, implementation=implementation).at_fault
+    assert {name for name, count in counted.items() if count} == set(FAULTS)
+    assert set(counted.values()) == {0, 1}
+    together = join(neighbours(), *INVISIBLE.values(), neighbours(), *INVISIBLE.values())
+    with torch.no_grad():
+        assert rasterize(tensors(together), CAMERA, implementation=implementation).at_fault == 2 * len(FAULTS)
+        assert rasterize(tensors(neighbours()), CAMERA, implementation=implementation).at_fault == 0
 
 
 @pytest.mark.parametrize("name", STRANGE)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 import torch
-from drawing import draw_with_gradients, native_picture, relative_error
+from drawing import draw_with_gradients, native_picture
 from helpers import join, odd_camera, one_gaussian, random_gaussians
 
 from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions, native
@@ -100,21 +100,12 @@ def with_everything(gaussians: GaussianArrays) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize("slots", [1, 500, 3000])
-def test_bands_add_up_to_the_whole(crowd: GaussianArrays, slots: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Backward passes of large frames go through the tile rows in bands, to bound their memory."""
+def test_bands_have_the_bits_of_the_whole(crowd: GaussianArrays, slots: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Backward passes of large frames go through the tile rows in bands, to bound their memory: of one row each, and of
+    one or two. Each Gaussian's tiles are still added up in the same order."""
     native.set_thread_count(1)
     whole = with_everything(crowd)
     monkeypatch.setenv("FROG_BACKWARD_SLOTS", str(slots))
-    banded = with_everything(crowd)
-    for name, expected in whole.items():
-        assert relative_error(banded[name], expected) < 1e-6, name
-    assert any(banded[name].tobytes() != whole[name].tobytes() for name in whole)  # there were several bands
-    for threads in (2, 7):
+    for threads in (1, 2, 7):
         native.set_thread_count(threads)
-        assert_same_bits(with_everything(crowd), banded)
-
-
-def test_bands_of_a_hundred_thousand_slots_are_one(crowd: GaussianArrays, monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = with_everything(crowd)
-    monkeypatch.setenv("FROG_BACKWARD_SLOTS", "100000")
-    assert_same_bits(with_everything(crowd), whole)
+        assert_same_bits(with_everything(crowd), whole)

@@ -132,7 +132,7 @@ int32_t frog_similarity(int32_t height, int32_t width, const float *image, const
     for (double sum : sums) total += sum;
     const float share = 1 / (3.0f * height * width);
     *similarity = static_cast<float>(total) * share;
-    for (long i = 0; i < 3l * height * width; ++i) gradient[i] *= share;
+    for (long long i = 0; i < 3ll * height * width; ++i) gradient[i] *= share;
     return 0;
   } catch (const std::bad_alloc &) {
     return 1;

@@ -65,7 +65,7 @@ static int64_t blend_tile(const FrameView &view, const Tile &tile, const FrogIma
 
   for (int from = 0; from < TILE_PIXELS; ++from) {
     if (!inside(size, from)) continue;
-    const long to = picture_index(view, tile, from);
+    const long long to = picture_index(view, tile, from);
     const float left = fabsf(transmittance[from]);
     image.rgb[3 * to] = red[from] + left * view.options.background[0];
     image.rgb[3 * to + 1] = green[from] + left * view.options.background[1];

@@ -18,7 +18,7 @@ static void blend_tile_backward(const FrameView &view, const SlotView &slots, co
   open_tile(view, tile, transmittance, LIMIT ? limit : nullptr);
   const TileSize size = size_of(view, tile);
   for (int row = 0; row < size.rows; ++row) {
-    long at = picture_index(view, tile, row * TILE);
+    long long at = picture_index(view, tile, row * TILE);
     for (int i = row * TILE; i < row * TILE + size.columns; ++i, ++at) {
       red[i] = gradient.rgb[3 * at], green[i] = gradient.rgb[3 * at + 1], blue[i] = gradient.rgb[3 * at + 2];
       rest[i] = red[i] * image.rgb[3 * at] + green[i] * image.rgb[3 * at + 1] + blue[i] * image.rgb[3 * at + 2] -

@@ -11,12 +11,12 @@ namespace frog {
 namespace {
 
 // (rows, columns) to rows of padded length; `transposed` swaps the two first. What pads is zero.
-const float *pack(std::vector<std::vector<float>> &memory, const float *from, long rows, long columns, bool transposed) {
-  const long out_rows = transposed ? columns : rows, out_columns = transposed ? rows : columns;
+const float *pack(std::vector<std::vector<float>> &memory, const float *from, long long rows, long long columns, bool transposed) {
+  const long long out_rows = transposed ? columns : rows, out_columns = transposed ? rows : columns;
   memory.emplace_back(static_cast<size_t>(out_rows * padded(out_columns)), 0.0f);
   float *to = memory.back().data();
-  for (long r = 0; r < rows; ++r)
-    for (long c = 0; c < columns; ++c)
+  for (long long r = 0; r < rows; ++r)
+    for (long long c = 0; c < columns; ++c)
       to[transposed ? c * padded(rows) + r : r * padded(columns) + c] = from[r * columns + c];
   return to;
 }
@@ -51,7 +51,7 @@ Packed plan_of(const FrogDeformation &field, bool backward) {
     branch.source = plan.heads ? b * field.head_width : 0;
     branch.output = output;
     branch.size = plan.heads ? sizes[b] : plan.outputs;
-    const float *weight = field.output_weight + static_cast<long>(output) * branch.inputs;
+    const float *weight = field.output_weight + static_cast<long long>(output) * branch.inputs;
     branch.forward = pack(packed.memory, weight, branch.size, branch.inputs, true);
     if (backward) branch.backward = pack(packed.memory, weight, branch.size, branch.inputs, false);
     branch.bias = pack(packed.memory, field.output_bias + output, 1, branch.size, false);
@@ -60,8 +60,8 @@ Packed plan_of(const FrogDeformation &field, bool backward) {
   return packed;
 }
 
-void unpack(const float *from, long rows, long row_length, long columns, float *to) {
-  for (long r = 0; r < rows; ++r) std::copy_n(from + r * row_length, columns, to + r * columns);
+void unpack(const float *from, long long rows, long long row_length, long long columns, float *to) {
+  for (long long r = 0; r < rows; ++r) std::copy_n(from + r * row_length, columns, to + r * columns);
 }
 
 }  // namespace
@@ -80,9 +80,9 @@ void deform_backward(const Kernels &kernels, const FrogDeformation &field, const
   const Packed packed = plan_of(field, true);
   const DeformationPlan &plan = packed.plan;
   const DeformationLayout l = layout_of(plan);
-  const long chunks = (field.count + DEFORM_CHUNK - 1) / DEFORM_CHUNK;
+  const long long chunks = (field.count + DEFORM_CHUNK - 1) / DEFORM_CHUNK;
   Buffer<float> partials;
-  partials.resize(std::max(1l, chunks) * l.partial);
+  partials.resize(std::max(1ll, chunks) * l.partial);
   std::fill_n(partials.data(), l.partial, 0.0f);  // the sum, where there is no chunk
   parallel_for(field.count, DEFORM_CHUNK, [&](int begin, int end) {
     Buffer<float> scratch;
@@ -91,8 +91,8 @@ void deform_backward(const Kernels &kernels, const FrogDeformation &field, const
     kernels.deform_backward(plan, by, result, begin, end, scratch.resize(l.scratch), mine);
   });
   float *sum = partials.data();
-  for (long chunk = 1; chunk < chunks; ++chunk)
-    for (long k = 0; k < l.partial; ++k) sum[k] += partials[chunk * l.partial + k];
+  for (long long chunk = 1; chunk < chunks; ++chunk)
+    for (long long k = 0; k < l.partial; ++k) sum[k] += partials[chunk * l.partial + k];
   unpack(sum + l.weight_embedding, plan.hidden, l.embedding, plan.embedding, result.embedding_weight);
   std::copy_n(sum + l.weight_shared, plan.hidden, result.shared);
   if (plan.heads) {

@@ -8,30 +8,31 @@ static inline float reduction_of(const FrogDeformation &field, float e, float &s
   if (field.opacity_form == FROG_OPACITY_OFF || field.opacity_share == 0) return 1;
   const float s = 1 / (1 + e);
   float factor = s, by_change = field.opacity_sharpness * s * (1 - s);
-  if (field.opacity_form == FROG_OPACITY_UNIT) factor = 2 * s < 1 ? 2 * s : 1, by_change = 2 * s < 1 ? 2 * by_change : 0;
+  if (field.opacity_form == FROG_OPACITY_UNIT) factor = 2 * s < 1 ? 2 * s : 1, by_change = 2 * s <= 1 ? 2 * by_change : 0;
   slope = field.opacity_share * by_change;
-  return 1 + field.opacity_share * (factor - 1);
+  return (1 - field.opacity_share) + field.opacity_share * factor;
 }
 
-static inline void fill_rows(float *rows, int count, long row_length, const float *row, long length) {
+static inline void fill_rows(float *rows, int count, long long row_length, const float *row, long long length) {
   for (int r = 0; r < count; ++r)
-    for (long i = 0; i < length; i += LANES) store(rows + r * row_length + i, load(row + i));
+    for (long long i = 0; i < length; i += LANES) store(rows + r * row_length + i, load(row + i));
 }
 
-static inline void relu(float *values, long count) {
-  for (long i = 0; i < count; i += LANES) store(values + i, larger(load(values + i), Floats{}));
+static inline void relu(float *values, long long count) {
+  for (long long i = 0; i < count; i += LANES) store(values + i, larger(load(values + i), Floats{}));
 }
 
-static inline void relu_backward(float *gradient, const float *values, long count) {  // zero where the value is not a normal positive number
-  for (long i = 0; i < count; i += LANES) {
+// Zero where the value is not a normal positive number.
+static inline void relu_backward(float *gradient, const float *values, long long count) {
+  for (long long i = 0; i < count; i += LANES) {
     const Floats v = load(values + i);
     store(gradient + i, keep(at_least(v, all(1.2e-38f)), load(gradient + i)));
   }
 }
 
-static inline void add_rows(const float *values, int rows, long row_length, float *sums) {
+static inline void add_rows(const float *values, int rows, long long row_length, float *sums) {
   for (int r = 0; r < rows; ++r)
-    for (long i = 0; i < row_length; i += LANES) store(sums + i, load(sums + i) + load(values + r * row_length + i));
+    for (long long i = 0; i < row_length; i += LANES) store(sums + i, load(sums + i) + load(values + r * row_length + i));
 }
 
 // Fills input, first, second and result of a block.
@@ -39,26 +40,26 @@ static void network_forward(const DeformationPlan &plan, const DeformationLayout
   const FrogDeformation &field = *plan.field;
   float *input = scratch + l.input, *first = scratch + l.first, *second = scratch + l.second, *result = scratch + l.result;
   for (int r = 0; r < rows; ++r) {
-    __builtin_memcpy(input + r * l.embedding, field.embeddings + static_cast<long>(begin + r) * plan.embedding,
+    __builtin_memcpy(input + r * l.embedding, field.embeddings + static_cast<long long>(begin + r) * plan.embedding,
                      plan.embedding * sizeof(float));
-    for (long k = plan.embedding; k < l.embedding; ++k) input[r * l.embedding + k] = 0;
+    for (long long k = plan.embedding; k < l.embedding; ++k) input[r * l.embedding + k] = 0;
   }
   fill_rows(first, rows, l.hidden, plan.shared, l.hidden);
   multiply<true>(rows, plan.embedding, static_cast<int>(l.hidden), {input, l.embedding, 1}, plan.embedding_forward, l.hidden, first, l.hidden);
   relu(first, rows * l.hidden);
   if (plan.heads) {
-    const long width = padded(plan.heads);
+    const long long width = padded(plan.heads);
     for (int r = 0; r < rows; ++r)
-      for (long k = width; k < l.heads; ++k) second[r * l.heads + k] = 0;
+      for (long long k = width; k < l.heads; ++k) second[r * l.heads + k] = 0;
     fill_rows(second, rows, l.heads, plan.head_bias, width);
     multiply<true>(rows, plan.hidden, static_cast<int>(width), {first, l.hidden, 1}, plan.head_forward, width, second, l.heads);
     relu(second, rows * l.heads);
   }
   const float *source = plan.heads ? second : first;
-  const long source_row = plan.heads ? l.heads : l.hidden;
+  const long long source_row = plan.heads ? l.heads : l.hidden;
   for (int b = 0; b < plan.branch_count; ++b) {
     const Branch &branch = plan.branches[b];
-    const long width = padded(branch.size);
+    const long long width = padded(branch.size);
     fill_rows(result + branch.output, rows, l.outputs, branch.bias, width);
     multiply<true>(rows, branch.inputs, static_cast<int>(width), {source + branch.source, source_row, 1}, branch.forward, width,
                    result + branch.output, l.outputs);
@@ -73,7 +74,7 @@ static void activate(const FrogDeformation &field, const DeformationLayout &l, f
   float *e = scratch + l.exponentials;
   const float *result = scratch + l.result;
   for (int r = 0; r < rows; ++r) {
-    const long i = begin + r;
+    const long long i = begin + r;
     const float *y = result + r * l.outputs;
     for (int k = 0; k < 3; ++k) e[(EXP_SCALES + k) * DEFORM_BLOCK + r] = field.log_scales[3 * i + k] + y[OUT_SCALES + k];
     e[EXP_OPACITY * DEFORM_BLOCK + r] = -(field.opacity_logits[i] + y[OUT_OPACITY]);
@@ -94,7 +95,7 @@ static void deform(const DeformationPlan &plan, const FrogDeformed &out, int beg
     network_forward(plan, l, scratch, start, rows);
     activate(field, l, scratch, start, rows);
     for (int r = 0; r < rows; ++r) {
-      const long i = start + r;
+      const long long i = start + r;
       const float *y = scratch + l.result + r * l.outputs, *e = scratch + l.exponentials + r;
       for (int k = 0; k < 3; ++k) out.means[3 * i + k] = field.means[3 * i + k] + field.motion_unit * y[OUT_MEANS + k];
       for (int k = 0; k < 3; ++k) out.scales[3 * i + k] = e[(EXP_SCALES + k) * DEFORM_BLOCK];
@@ -114,7 +115,7 @@ static void deform(const DeformationPlan &plan, const FrogDeformed &out, int beg
 
 // Gradients through the activations of Gaussian i: of its canonical attributes, and of the network's outputs.
 static inline void activations_backward(const FrogDeformation &field, const FrogDeformed &by, const FrogDeformationGradients &out,
-                                        long i, const float *e, float *by_y) {
+                                        long long i, const float *e, float *by_y) {
   for (int k = 0; k < 3; ++k) {
     const float by_mean = by.means[3 * i + k];
     out.means[3 * i + k] = by_mean;
@@ -141,7 +142,7 @@ static void network_backward(const DeformationPlan &plan, const DeformationLayou
   float *by_first = scratch + l.by_first, *by_second = scratch + l.by_second, *by_result = scratch + l.by_result;
   const float *source = plan.heads ? second : first;
   float *by_source = plan.heads ? by_second : by_first;
-  const long source_row = plan.heads ? l.heads : l.hidden;
+  const long long source_row = plan.heads ? l.heads : l.hidden;
   add_rows(by_result, rows, l.outputs, partial + l.bias_output);
   // In order: a head's padding is overwritten by the next head.
   for (int b = 0; b < plan.branch_count; ++b) {
@@ -154,7 +155,7 @@ static void network_backward(const DeformationPlan &plan, const DeformationLayou
   }
   if (plan.heads) {
     for (int r = 0; r < rows; ++r)  // what lies beyond the last head is no unit
-      for (long k = plan.heads; k < l.heads; ++k) by_second[r * l.heads + k] = 0;
+      for (long long k = plan.heads; k < l.heads; ++k) by_second[r * l.heads + k] = 0;
     relu_backward(by_second, second, rows * l.heads);
     add_rows(by_second, rows, l.heads, partial + l.bias_head);
     multiply<false>(rows, plan.heads, static_cast<int>(l.hidden), {by_second, l.heads, 1}, plan.head_backward, l.hidden, by_first, l.hidden);
@@ -178,12 +179,12 @@ static void deform_backward(const DeformationPlan &plan, const FrogDeformed &by,
     activate(field, l, scratch, start, rows);
     for (int r = 0; r < rows; ++r) {
       float *by_y = scratch + l.by_result + r * l.outputs;
-      for (long k = plan.outputs; k < l.outputs; ++k) by_y[k] = 0;
+      for (long long k = plan.outputs; k < l.outputs; ++k) by_y[k] = 0;
       activations_backward(field, by, out, start + r, scratch + l.exponentials + r, by_y);
     }
     network_backward(plan, l, scratch, rows, partial);
     for (int r = 0; r < rows; ++r)
-      __builtin_memcpy(out.embeddings + static_cast<long>(start + r) * plan.embedding, scratch + l.by_input + r * l.embedding,
+      __builtin_memcpy(out.embeddings + static_cast<long long>(start + r) * plan.embedding, scratch + l.by_input + r * l.embedding,
                        plan.embedding * sizeof(float));
   }
 }

@@ -7,7 +7,7 @@ constexpr int DEFORM_CHUNK = 960;  // Gaussians whose weight gradients are added
 constexpr int DEFORM_PAD = 16;     // rows of the packed matrices are padded to whole vectors of any instruction set
 constexpr int MAX_BRANCHES = 5;
 
-static inline long padded(long length) { return (length + DEFORM_PAD - 1) / DEFORM_PAD * DEFORM_PAD; }
+static inline long long padded(long long length) { return (length + DEFORM_PAD - 1) / DEFORM_PAD * DEFORM_PAD; }
 
 // Exponentials in a Gaussian's activations: its scales, and those of the two sigmoids.
 enum { EXP_SCALES = 0, EXP_OPACITY = 3, EXP_REDUCTION = 4, EXPONENTIALS = 5 };
@@ -37,9 +37,9 @@ struct DeformationPlan {
 
 // Where a block's layers lie in its scratch memory, and a chunk's weight gradients; lengths in floats.
 struct DeformationLayout {
-  long embedding, hidden, heads, outputs;  // row lengths
-  long input, first, second, result, by_first, by_second, by_result, by_input, exponentials, scratch;
-  long weight_embedding, weight_shared, weight_head, bias_head, weight_output, bias_output, partial;
+  long long embedding, hidden, heads, outputs;  // row lengths
+  long long input, first, second, result, by_first, by_second, by_result, by_input, exponentials, scratch;
+  long long weight_embedding, weight_shared, weight_head, bias_head, weight_output, bias_output, partial;
 };
 
 static inline DeformationLayout layout_of(const DeformationPlan &plan) {
@@ -47,15 +47,15 @@ static inline DeformationLayout layout_of(const DeformationPlan &plan) {
   l.embedding = padded(plan.embedding), l.hidden = padded(plan.hidden);
   l.heads = plan.heads ? padded(plan.heads) + DEFORM_PAD : 0;  // a head's padding may reach over the last one's end
   l.outputs = padded(plan.outputs) + DEFORM_PAD;
-  long at = 0;
-  auto room = [&](long length) { const long here = at; at += length * DEFORM_BLOCK; return here; };
+  long long at = 0;
+  auto room = [&](long long length) { const long long here = at; at += length * DEFORM_BLOCK; return here; };
   l.input = room(l.embedding), l.first = room(l.hidden), l.second = room(l.heads), l.result = room(l.outputs);
   l.by_first = room(l.hidden), l.by_second = room(l.heads), l.by_result = room(l.outputs);
   l.by_input = room(l.embedding), l.exponentials = room(EXPONENTIALS);
   l.scratch = at;
   at = 0;
-  auto part = [&](long length) { const long here = at; at += length; return here; };
-  const long source = plan.heads ? l.heads : l.hidden;
+  auto part = [&](long long length) { const long long here = at; at += length; return here; };
+  const long long source = plan.heads ? l.heads : l.hidden;
   l.weight_embedding = part(plan.hidden * l.embedding), l.weight_shared = part(l.hidden);
   l.weight_head = part(plan.heads * l.hidden), l.bias_head = part(l.heads);
   l.weight_output = part(plan.outputs * source), l.bias_output = part(l.outputs);

@@ -5,11 +5,11 @@
 
 struct MatrixView {
   const float *data;
-  long row, column;  // strides
+  long long row, column;  // strides
 };
 
 template <int ROWS, int VECTORS, bool ADD>
-static inline void multiply_block(int inner, const MatrixView &a, const float *b, long b_row, float *c, long c_row) {
+static inline void multiply_block(int inner, const MatrixView &a, const float *b, long long b_row, float *c, long long c_row) {
   Floats sums[ROWS][VECTORS];
   for (int r = 0; r < ROWS; ++r)
     for (int v = 0; v < VECTORS; ++v) sums[r][v] = ADD ? load(c + r * c_row + v * LANES) : Floats{};
@@ -26,7 +26,7 @@ static inline void multiply_block(int inner, const MatrixView &a, const float *b
 }
 
 template <int VECTORS, bool ADD>
-static inline void multiply_columns(int rows, int inner, const MatrixView &a, const float *b, long b_row, float *c, long c_row) {
+static inline void multiply_columns(int rows, int inner, const MatrixView &a, const float *b, long long b_row, float *c, long long c_row) {
   // As many sums as registers hold them: 24 of 32 in AVX-512 and 12 of 16 elsewhere.
   constexpr int ROWS = 6;
   int r = 0;
@@ -40,7 +40,7 @@ static inline void multiply_columns(int rows, int inner, const MatrixView &a, co
 
 // C (rows, columns) = or += A (rows, inner) B (inner, columns).
 template <bool ADD>
-static void multiply(int rows, int inner, int columns, const MatrixView &a, const float *b, long b_row, float *c, long c_row) {
+static void multiply(int rows, int inner, int columns, const MatrixView &a, const float *b, long long b_row, float *c, long long c_row) {
   constexpr int VECTORS = LANES == TILE ? 4 : 2;
   int at = 0;
   for (; at + VECTORS * LANES <= columns; at += VECTORS * LANES)

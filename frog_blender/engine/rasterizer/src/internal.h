@@ -46,7 +46,7 @@ struct Kernels {
   void (*deform_backward)(const DeformationPlan &, const FrogDeformed &gradients, const FrogDeformationGradients &, int begin,
                           int end, float *scratch, float *partial);
   // Structural similarity summed over the rows of a strip of one channel; `scratch` has similarity_scratch(width) floats.
-  long (*similarity_scratch)(int width);
+  long long (*similarity_scratch)(int width);
   double (*similarity)(int height, int width, const float *image, const float *truth, int channel, int begin, int end,
                        float *gradient, float *scratch);
 };

@@ -11,7 +11,7 @@ static void project_backward(const FrameView &view, const FrogGaussians &g, cons
                              float *pose, int begin, int end) {
   for (int i = begin; i < end; ++i)
     if (view.splats[i].radius > 0)
-      splat_backward(g, view.camera, view.options, i, sums + static_cast<long>(i) * SPLAT_GRADIENTS, out, pose);
+      splat_backward(g, view.camera, view.options, i, sums + static_cast<long long>(i) * SPLAT_GRADIENTS, out, pose);
     else
       no_gradient(g, out, i);
 }

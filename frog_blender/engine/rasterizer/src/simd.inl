@@ -4,6 +4,7 @@
 constexpr int LANES = FROG_VECTOR_BYTES / 4;
 typedef float Floats __attribute__((vector_size(FROG_VECTOR_BYTES)));
 typedef int32_t Ints __attribute__((vector_size(FROG_VECTOR_BYTES)));
+typedef uint32_t Bits __attribute__((vector_size(FROG_VECTOR_BYTES)));
 
 static inline Floats all(float value) { return value - Floats{}; }
 static inline Floats load(const float *from) { Floats v; __builtin_memcpy(&v, from, sizeof v); return v; }
@@ -104,7 +105,7 @@ static inline Floats reciprocal(Floats v) { return 1.0f / v; }
 static inline Floats exp2(Floats x) {
   constexpr float ROUND = 12582912.0f;  // 1.5 * 2^23
   const Floats shifted = x + ROUND;
-  return (Floats)((Ints)exp2_fraction(x - (shifted - ROUND)) + ((Ints)shifted << 23));
+  return (Floats)((Bits)exp2_fraction(x - (shifted - ROUND)) + ((Bits)shifted << 23));
 }
 static inline float sum(Floats v) {  // by halves: a fixed order
   float parts[LANES];

@@ -6,9 +6,9 @@ constexpr int SSIM_ROWS = SSIM_STRIP + 4 * SSIM_REACH;           // of the pictu
 constexpr int SSIM_MOMENTS = 5;                                  // x, y, x^2, y^2, xy
 constexpr int SSIM_SLOPES = 3;                                   // by the means of x, x^2 and xy
 
-static inline long ssim_row(int width) { return (width + 2 * SSIM_REACH + 15) / 16 * 16; }
+static inline long long ssim_row(int width) { return (width + 2 * SSIM_REACH + 15) / 16 * 16; }
 
-static long similarity_scratch(int width) {
+static long long similarity_scratch(int width) {
   return ssim_row(width) * (2 * SSIM_ROWS + SSIM_MOMENTS * SSIM_ROWS + 2 * SSIM_SLOPES * SSIM_ROWS + SSIM_MOMENTS + SSIM_SLOPES);
 }
 
@@ -19,7 +19,7 @@ static inline void blur_row(const float *window, const float *from, int width, f
     for (int i = 0; i < width; ++i) out[i] += window[k] * from[i + k];
 }
 
-static inline void blur_column(const float *window, const float *rows, long row_length, int width, float *out) {
+static inline void blur_column(const float *window, const float *rows, long long row_length, int width, float *out) {
   for (int i = 0; i < width; ++i) out[i] = 0;
   for (int k = 0; k <= 2 * SSIM_REACH; ++k)
     for (int i = 0; i < width; ++i) out[i] += window[k] * rows[k * row_length + i];
@@ -32,7 +32,7 @@ static double similarity(int height, int width, const float *image, const float 
   for (int k = 0; k <= 2 * SSIM_REACH; ++k) total += window[k] = expf(-(k - SSIM_REACH) * (k - SSIM_REACH) / (2 * 1.5f * 1.5f));
   for (float &w : window) w /= total;
   const float c1 = 0.01f * 0.01f, c2 = 0.03f * 0.03f;
-  const long row = ssim_row(width);
+  const long long row = ssim_row(width);
   float *x = scratch, *y = x + SSIM_ROWS * row, *moments = y + SSIM_ROWS * row;
   float *slopes = moments + SSIM_MOMENTS * SSIM_ROWS * row, *blurred = slopes + SSIM_SLOPES * SSIM_ROWS * row;
   float *products = blurred + SSIM_SLOPES * SSIM_ROWS * row, *sums = products;  // SSIM_MOMENTS rows, one after the other in use
@@ -42,13 +42,13 @@ static double similarity(int height, int width, const float *image, const float 
   for (int r = 0; r < rows; ++r) {
     float *xs = x + r * row, *ys = y + r * row;
     const int line = first + r;
-    for (long i = 0; i < row; ++i) xs[i] = ys[i] = 0;
+    for (long long i = 0; i < row; ++i) xs[i] = ys[i] = 0;
     if (line >= 0 && line < height)
       for (int i = 0; i < width; ++i) {
-        const long at = (static_cast<long>(line) * width + i) * 3 + channel;
+        const long long at = (static_cast<long long>(line) * width + i) * 3 + channel;
         xs[i + SSIM_REACH] = image[at], ys[i + SSIM_REACH] = truth[at];
       }
-    for (long i = 0; i < row; ++i)
+    for (long long i = 0; i < row; ++i)
       products[i] = xs[i] * xs[i], products[row + i] = ys[i] * ys[i], products[2 * row + i] = xs[i] * ys[i];
     const float *from[SSIM_MOMENTS] = {xs, ys, products, products + row, products + 2 * row};
     for (int m = 0; m < SSIM_MOMENTS; ++m) blur_row(window, from[m], width, moments + (m * SSIM_ROWS + r) * row);
@@ -60,7 +60,7 @@ static double similarity(int height, int width, const float *image, const float 
     float *by[SSIM_SLOPES];
     for (int s = 0; s < SSIM_SLOPES; ++s) {
       by[s] = slopes + (s * SSIM_ROWS + r) * row;
-      for (long i = 0; i < row; ++i) by[s][i] = 0;
+      for (long long i = 0; i < row; ++i) by[s][i] = 0;
     }
     if (line >= 0 && line < height) {
       for (int m = 0; m < SSIM_MOMENTS; ++m) blur_column(window, moments + (m * SSIM_ROWS + r) * row, row, width, sums + m * row);
@@ -84,7 +84,7 @@ static double similarity(int height, int width, const float *image, const float 
     for (int s = 0; s < SSIM_SLOPES; ++s) blur_column(window, blurred + (s * SSIM_ROWS + r) * row, row, width, back + s * row);
     const float *xs = x + (r + 2 * SSIM_REACH) * row + SSIM_REACH, *ys = y + (r + 2 * SSIM_REACH) * row + SSIM_REACH;
     for (int i = 0; i < width; ++i)
-      gradient[(static_cast<long>(begin + r) * width + i) * 3 + channel] = back[i] + 2 * xs[i] * back[row + i] + ys[i] * back[2 * row + i];
+      gradient[(static_cast<long long>(begin + r) * width + i) * 3 + channel] = back[i] + 2 * xs[i] * back[row + i] + ys[i] * back[2 * row + i];
   }
   return similar;
 }

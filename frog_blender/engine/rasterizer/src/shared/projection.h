@@ -20,7 +20,7 @@ FROG_FUNCTION bool finite(float value) { return fabsf(value) < 1e30f; }
 
 FROG_FUNCTION SplatState project_gaussian(const FrogGaussians &g, const FrogCamera &camera, const FrogOptions &options,
                                           int i, Projection &p) {
-  const float *m = g.means + 3l * i, *q = g.quaternions + 4l * i, *s = g.scales + 3l * i, *w = camera.world_to_camera;
+  const float *m = g.means + 3ll * i, *q = g.quaternions + 4ll * i, *s = g.scales + 3ll * i, *w = camera.world_to_camera;
   const float square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
   for (int r = 0; r < 3; ++r) p.local[r] = w[4 * r] * m[0] + w[4 * r + 1] * m[1] + w[4 * r + 2] * m[2] + w[4 * r + 3];
   const float z = p.local[2];
@@ -71,7 +71,7 @@ FROG_FUNCTION float compensation_of(const Projection &p, const FrogOptions &opti
 
 // Unit direction from the camera to the Gaussian, in the world; returns the distance.
 FROG_FUNCTION float view_direction(const FrogGaussians &g, const FrogCamera &camera, int i, float *direction) {
-  const float *w = camera.world_to_camera, *m = g.means + 3l * i;
+  const float *w = camera.world_to_camera, *m = g.means + 3ll * i;
   float square = 0;
   for (int k = 0; k < 3; ++k) {
     const float center = -(w[k] * w[3] + w[4 + k] * w[7] + w[8 + k] * w[11]);
@@ -85,7 +85,7 @@ FROG_FUNCTION float view_direction(const FrogGaussians &g, const FrogCamera &cam
 
 FROG_FUNCTION void colour_of(const FrogGaussians &g, const float *direction, int i, float *basis, float *colour) {
   sh_basis(g.sh_count, direction[0], direction[1], direction[2], basis);
-  const float *sh = g.sh + static_cast<long>(i) * g.sh_count * 3;
+  const float *sh = g.sh + static_cast<long long>(i) * g.sh_count * 3;
   for (int c = 0; c < 3; ++c) {
     colour[c] = 0.5f;
     for (int k = 0; k < g.sh_count; ++k) colour[c] += basis[k] * sh[3 * k + c];

@@ -2,11 +2,11 @@
 #pragma once
 
 FROG_FUNCTION void no_gradient(const FrogGaussians &g, const FrogGradients &out, int i) {
-  for (int k = 0; k < 3; ++k) out.means[3l * i + k] = out.scales[3l * i + k] = 0;
-  for (int k = 0; k < 4; ++k) out.quaternions[4l * i + k] = 0;
-  for (int k = 0; k < 3 * g.sh_count; ++k) out.sh[static_cast<long>(i) * 3 * g.sh_count + k] = 0;
-  out.opacities[i] = out.screen[2l * i] = out.screen[2l * i + 1] = 0;
-  if (out.screen_absolute) out.screen_absolute[2l * i] = out.screen_absolute[2l * i + 1] = 0;
+  for (int k = 0; k < 3; ++k) out.means[3ll * i + k] = out.scales[3ll * i + k] = 0;
+  for (int k = 0; k < 4; ++k) out.quaternions[4ll * i + k] = 0;
+  for (int k = 0; k < 3 * g.sh_count; ++k) out.sh[static_cast<long long>(i) * 3 * g.sh_count + k] = 0;
+  out.opacities[i] = out.screen[2ll * i] = out.screen[2ll * i + 1] = 0;
+  if (out.screen_absolute) out.screen_absolute[2ll * i] = out.screen_absolute[2ll * i + 1] = 0;
 }
 
 // Colour: by the coefficients, and by the viewing direction (unnormalised), which is left in `by_offset`.
@@ -16,7 +16,7 @@ FROG_FUNCTION void colour_backward(const FrogGaussians &g, const FrogCamera &cam
   const float distance = view_direction(g, camera, i, direction);
   colour_of(g, direction, i, basis, colour);
   sh_basis_gradient(g.sh_count, direction[0], direction[1], direction[2], basis_gradient);
-  const float *sh = g.sh + static_cast<long>(i) * g.sh_count * 3;
+  const float *sh = g.sh + static_cast<long long>(i) * g.sh_count * 3;
   for (int c = 0; c < 3; ++c) {
     const float by = colour[c] > 0 ? by_colour[c] : 0;
     for (int k = 0; k < g.sh_count; ++k) {
@@ -32,7 +32,7 @@ FROG_FUNCTION void colour_backward(const FrogGaussians &g, const FrogCamera &cam
 // gradient is added to `pose` (12,) unless that is null.
 FROG_FUNCTION void splat_backward(const FrogGaussians &g, const FrogCamera &camera, const FrogOptions &options, int i,
                                   const float *sums, const FrogGradients &out, float *pose) {
-  const float *w = camera.world_to_camera, *s = g.scales + 3l * i, *m = g.means + 3l * i;
+  const float *w = camera.world_to_camera, *s = g.scales + 3ll * i, *m = g.means + 3ll * i;
   Projection p;
   project_gaussian(g, camera, options, i, p);
   const float opacity = g.opacities[i] < 1.0f ? g.opacities[i] : 1.0f, compensation = compensation_of(p, options);
@@ -44,10 +44,10 @@ FROG_FUNCTION void splat_backward(const FrogGaussians &g, const FrogCamera &came
   constexpr float S = 2 / LOG2E;
   const float along = sqrtf(p.yy / (S * p.determinant)), lean = -along * p.xy / p.yy, across = sqrtf(1 / (S * p.yy));
   const float by_pixel_x = S * along * sums[SUM_U], by_pixel_y = S * (lean * sums[SUM_U] + across * sums[SUM_V]);
-  out.screen[2l * i] = by_pixel_x;
-  out.screen[2l * i + 1] = by_pixel_y;
+  out.screen[2ll * i] = by_pixel_x;
+  out.screen[2ll * i + 1] = by_pixel_y;
   if (out.screen_absolute)
-    for (int k = 0; k < 2; ++k) out.screen_absolute[2l * i + k] = sums[ABSOLUTE_X + k];
+    for (int k = 0; k < 2; ++k) out.screen_absolute[2ll * i + k] = sums[ABSOLUTE_X + k];
 
   // Covariance = axes axes^T + low-pass; axes = J W R S_k, one column for each of the Gaussian's own axes.
   const float *a = p.axes[0], *b = p.axes[1], low = options.low_pass;
@@ -67,7 +67,7 @@ FROG_FUNCTION void splat_backward(const FrogGaussians &g, const FrogCamera &came
       const float x_more = (thin - whole) * across_b - whole * low * a[k], y_more = (thin - whole) * across_a - whole * low * b[k];
       by_axis_x += x_more, by_axis_y += y_more, by_scale += x_more * x + y_more * y;
     }
-    out.scales[3l * i + k] = by_scale;
+    out.scales[3ll * i + k] = by_scale;
     by_jwr[0][k] = by_axis_x * s[k];
     by_jwr[1][k] = by_axis_y * s[k];
   }
@@ -76,7 +76,7 @@ FROG_FUNCTION void splat_backward(const FrogGaussians &g, const FrogCamera &came
       by_jw[row][r] = by_jwr[row][0] * p.rotation[r][0] + by_jwr[row][1] * p.rotation[r][1] + by_jwr[row][2] * p.rotation[r][2];
     for (int k = 0; k < 3; ++k) by_rotation[r][k] = p.jw[0][r] * by_jwr[0][k] + p.jw[1][r] * by_jwr[1][k];
   }
-  rotation_gradient(p.quaternion, p.norm, by_rotation, out.quaternions + 4l * i);
+  rotation_gradient(p.quaternion, p.norm, by_rotation, out.quaternions + 4ll * i);
 
   // J W depends on the position through 1/z and the (unclamped) u and v.
   const float z = p.local[2], jx = camera.fx / z, jy = camera.fy / z;
@@ -91,9 +91,9 @@ FROG_FUNCTION void splat_backward(const FrogGaussians &g, const FrogCamera &came
   if (!p.v_clamped) by_local[1] += by_v / z, by_local[2] -= by_v * p.v / z;
 
   float by_offset[3];
-  colour_backward(g, camera, i, sums + BY_RED, out.sh + static_cast<long>(i) * g.sh_count * 3, by_offset);
+  colour_backward(g, camera, i, sums + BY_RED, out.sh + static_cast<long long>(i) * g.sh_count * 3, by_offset);
   for (int e = 0; e < 3; ++e)
-    out.means[3l * i + e] = by_offset[e] + w[e] * by_local[0] + w[4 + e] * by_local[1] + w[8 + e] * by_local[2];
+    out.means[3ll * i + e] = by_offset[e] + w[e] * by_local[0] + w[4 + e] * by_local[1] + w[8 + e] * by_local[2];
   if (!pose) return;
 
   // The pose moves the Gaussian in camera space, turns J W, and moves the centre that colours are seen from:

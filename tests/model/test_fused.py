@@ -1,0 +1,245 @@
+"""The fused deformation of the native library computes what plain torch does: values, and all gradients."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from drawing import relative_error
+from helpers import run_python
+
+from frog_blender.engine.model.canonical import CanonicalField
+from frog_blender.engine.model.frog import Frog, FrogSettings, Progressing
+from frog_blender.engine.model.fused import deform_fused
+from frog_blender.engine.rasterizer import GaussianArrays, native
+from frog_blender.engine.rasterizer.native_deformation import FieldShape
+
+SETTINGS = FrogSettings(
+    temporal_rows=6, coarse_rows=3, temporal_size=7, embedding_size=8, hidden_width=32, motion_unit=0.7
+)
+ODD = replace(SETTINGS, hidden_width=33, embedding_size=3)
+OUTPUTS = ("means", "quaternions", "scales", "opacities", "sh")
+
+
+@pytest.fixture(autouse=True)
+def all_threads_afterwards() -> Iterator[None]:
+    yield
+    native.set_thread_count(0)
+
+
+def model_of(settings: FrogSettings, count: int = 200, sh_count: int = 16, seed: int = 1) -> Frog:
+    """Random in everything; changes of the size of what they change."""
+    generator = torch.Generator().manual_seed(seed)
+
+    def random(*size: int) -> torch.Tensor:
+        return torch.randn(*size, generator=generator)
+
+    values = {"means": random(count, 3), "log_scales": random(count, 3) - 2, "quaternions": random(count, 4)}
+    values |= {"opacity_logits": 2 * random(count), "sh": random(count, sh_count, 3)}
+    values["embeddings"] = random(count, settings.embedding_size)
+    model = Frog(CanonicalField(values), settings)
+    for parameter in model.deformation.parameters():
+        parameter.data = random(*parameter.shape) * (0.5 if parameter.ndim == 1 else parameter.shape[1] ** -0.5)
+    return model
+
+
+def temporal_of(settings: FrogSettings) -> torch.Tensor:
+    return torch.randn(settings.temporal_size, generator=torch.Generator().manual_seed(2))
+
+
+def looked_at(
+    model: Frog, fused: bool, share: float, sh_active: int
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Outputs and changes by name, and gradients of a random linear loss by every parameter and the embedding of the
+    moment; in the precision of the model."""
+    s, dtype = model.settings, model.canonical.means.dtype
+    temporal = temporal_of(s).to(dtype).requires_grad_()
+    if fused:
+        shape = FieldShape(
+            s.head_width, sh_active, s.deformed_sh, s.opacity_reduction, s.opacity_sharpness, share, s.motion_unit
+        )
+        gaussians, changes = deform_fused(model.canonical, model.deformation, temporal, shape)
+    else:
+        gaussians, parts = model.deform_plainly(temporal, Progressing(opacity=share), sh_active)
+        changes = torch.cat([part.flatten(1) for part in parts.values()], 1)
+    outputs = {name: getattr(gaussians, name) for name in OUTPUTS}
+    generator, loss = torch.Generator().manual_seed(3), 0.0
+    for output in outputs.values():
+        loss = loss + (output * torch.randn(output.shape, generator=generator).to(dtype)).sum()
+    model.zero_grad()
+    loss.backward()
+    parameters = {name: value for name, value in model.named_parameters() if name != "temporal_table"}
+    gradients = {name: parameter.grad.numpy().copy() for name, parameter in parameters.items()}
+    values = {name: output.detach().numpy() for name, output in outputs.items()}
+    return values | {"changes": changes.detach().numpy()}, gradients | {"temporal": temporal.grad.numpy()}
+
+
+def assert_equal_to_plain(model: Frog, share: float = 1.0, sh_active: int = 16) -> None:
+    found, gradients = looked_at(model, True, share, sh_active)
+    expected, by = looked_at(copy.deepcopy(model).double(), False, share, sh_active)
+    for name, values in expected.items():
+        assert found[name].shape == values.shape and found[name].dtype == np.float32
+        np.testing.assert_allclose(found[name], values, atol=1e-5, rtol=1e-5, err_msg=name)
+    assert gradients.keys() == by.keys()
+    for name, gradient in by.items():
+        assert gradients[name].shape == gradient.shape
+        assert relative_error(gradients[name], gradient) < 1e-5, name
+
+
+@pytest.mark.parametrize("head_width", [0, 1, 16, 24])
+@pytest.mark.parametrize("settings", [SETTINGS, ODD], ids=["even", "odd"])
+def test_every_shape_of_the_network(settings: FrogSettings, head_width: int) -> None:
+    assert_equal_to_plain(model_of(replace(settings, head_width=head_width, deformed_sh=4)))
+
+
+@pytest.mark.parametrize(("hidden", "embedding"), [(1, 1), (15, 16), (16, 17), (64, 32), (100, 40)])
+def test_other_sizes(hidden: int, embedding: int) -> None:
+    for head_width in (0, 128):
+        settings = replace(SETTINGS, hidden_width=hidden, embedding_size=embedding, head_width=head_width)
+        assert_equal_to_plain(model_of(settings, 100))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("form", ["paper", "unit", "off"])
+@pytest.mark.parametrize("head_width", [0, 24])
+def test_every_form_of_the_opacity(form: str, share: float, head_width: int) -> None:
+    assert_equal_to_plain(model_of(replace(SETTINGS, opacity_reduction=form, head_width=head_width)), share)
+
+
+@pytest.mark.parametrize("form", ["paper", "unit"])
+def test_where_nothing_changes_yet_gradients_are_the_same(form: str) -> None:
+    """All outputs are zero when training starts, which is where the unit form has its kink."""
+    model = model_of(replace(SETTINGS, opacity_reduction=form))
+    model.deformation.output_weight.data.zero_()
+    model.deformation.output_bias.data.zero_()
+    assert_equal_to_plain(model)
+
+
+@pytest.mark.parametrize("deformed", [0, 1, 4, 16])
+@pytest.mark.parametrize("active", [1, 4, 9, 16])
+@pytest.mark.parametrize("head_width", [0, 24])
+def test_spherical_harmonics_below_at_and_above_what_deforms(deformed: int, active: int, head_width: int) -> None:
+    assert_equal_to_plain(model_of(replace(ODD, deformed_sh=deformed, head_width=head_width), 60), sh_active=active)
+
+
+@pytest.mark.parametrize("stored", [1, 4, 9])
+def test_fewer_coefficients_than_sixteen(stored: int) -> None:
+    for active in {1, stored}:
+        assert_equal_to_plain(model_of(SETTINGS, sh_count=stored), sh_active=active)
+
+
+@pytest.mark.parametrize("count", [1, 2, 95, 96, 97, 960, 961, 2000])
+def test_any_number_of_gaussians(count: int) -> None:
+    """Blocks hold 96 Gaussians and chunks 960."""
+    for head_width in (0, 24):
+        assert_equal_to_plain(model_of(replace(ODD, head_width=head_width), count))
+
+
+@pytest.mark.parametrize("head_width", [0, 24])
+def test_no_gaussians(head_width: int) -> None:
+    values, gradients = looked_at(model_of(replace(SETTINGS, head_width=head_width), 0), True, 1.0, 16)
+    assert values["sh"].shape == (0, 16, 3) and values["changes"].shape == (0, 14)
+    assert not any(gradient.any() for gradient in gradients.values())
+
+
+def test_extreme_logits_and_scales_stay_finite() -> None:
+    model = model_of(SETTINGS, 8)
+    model.canonical.opacity_logits.data = torch.tensor([-200.0, -90, -30, 0, 30, 90, 200, 1000])
+    model.canonical.log_scales.data[:, 0] = torch.tensor([-80.0, -60, -20, 0, 5, 10, 20, 30])
+    model.deformation.output_bias.data[10] = -50
+    for form in ("paper", "unit", "off"):
+        model.settings = replace(SETTINGS, opacity_reduction=form)
+        values, gradients = looked_at(model, True, 1.0, 16)
+        expected, _ = looked_at(copy.deepcopy(model).double(), False, 1.0, 16)
+        np.testing.assert_allclose(values["opacities"], expected["opacities"], atol=1e-6)
+        np.testing.assert_allclose(values["scales"], expected["scales"], rtol=1e-5, atol=1e-30)
+        assert all(np.isfinite(gradient).all() for gradient in gradients.values())
+
+
+def test_parameters_that_are_not_contiguous() -> None:
+    model = model_of(ODD)
+    for name, parameter in [*model.canonical.named_parameters(), *model.deformation.named_parameters()]:
+        if name != "opacity_logits" and parameter.ndim > 1:
+            parameter.data = parameter.data.transpose(0, 1).contiguous().transpose(0, 1)
+            assert not parameter.is_contiguous() or 1 in parameter.shape
+        elif parameter.ndim == 1:
+            parameter.data = parameter.data.repeat_interleave(2)[::2]
+    assert_equal_to_plain(model)
+
+
+def test_the_model_takes_the_fused_way() -> None:
+    """``Frog.deform`` in float32 on the CPU: the same bits as the fused operation, whose tensors cannot all be used."""
+    model = model_of(SETTINGS)
+    gaussians, changes = model.deform(0.4, Progressing(opacity=0.3), 9)
+    assert isinstance(gaussians, GaussianArrays) and gaussians.sh.shape == (200, 9, 3)
+    assert list(changes) == ["means", "log_scales", "quaternions", "opacity_logits", "sh"]
+    plain, expected = model.deform_plainly(model.temporal_embedding(0.4), Progressing(opacity=0.3), 9)
+    for name in OUTPUTS:
+        torch.testing.assert_close(getattr(gaussians, name), getattr(plain, name), atol=1e-5, rtol=1e-5)
+    for name in changes:
+        torch.testing.assert_close(changes[name], expected[name].detach(), atol=1e-5, rtol=1e-5)
+    # A loss that reads one output only: the others arrive as zeros.
+    gaussians.scales.sum().backward()
+    assert model.canonical.log_scales.grad.any() and not model.canonical.sh.grad.any()
+
+
+def test_the_same_bits_on_any_number_of_threads() -> None:
+    for head_width in (0, 24):
+        model = model_of(replace(ODD, head_width=head_width), 5000)
+        native.set_thread_count(1)
+        expected = looked_at(model, True, 1.0, 16)
+        for threads in (2, 7, 1):
+            native.set_thread_count(threads)
+            for found, values in zip(looked_at(model, True, 1.0, 16), expected, strict=True):
+                assert all(found[name].tobytes() == values[name].tobytes() for name in values)
+
+
+DEFORM = """
+import sys
+import numpy as np
+from frog_blender.engine.rasterizer import native
+from frog_blender.engine.rasterizer.native_deformation import FieldShape, deform, deform_backward
+
+found = {}
+for case, (hidden, embedding, head, form) in enumerate([(33, 3, 0, "unit"), (33, 3, 24, "paper"), (64, 32, 0, "off")]):
+    random, count = np.random.default_rng(case), 500
+    shape = FieldShape(head, 9, 4, form, 10.0, 0.6, 0.5)
+    sizes = {"means": (count, 3), "log_scales": (count, 3), "quaternions": (count, 4), "opacity_logits": (count,)}
+    sizes |= {"sh": (count, 16, 3), "embeddings": (count, embedding), "shared": (hidden,)}
+    sizes |= {"embedding_weight": (hidden, embedding), "output_bias": (shape.outputs,)}
+    sizes |= {"output_weight": (shape.outputs, head or hidden)}
+    sizes |= {"head_weight": (5 * head, hidden), "head_bias": (5 * head,)} if head else {}
+    arrays = {name: np.float32(random.normal(0, 0.3, size)) for name, size in sizes.items()}
+    outputs = {"means": (count, 3), "quaternions": (count, 4), "scales": (count, 3), "opacities": (count,)}
+    outputs |= {"sh": (count, 9, 3)}
+    result = {name: np.empty(size, np.float32) for name, size in outputs.items()}
+    result["changes"] = np.empty((count, shape.outputs), np.float32)
+    by = {name: np.float32(random.normal(size=size)) for name, size in outputs.items()}
+    gradients = {name: np.empty_like(array) for name, array in arrays.items()}
+    deform(shape, arrays, result)
+    deform_backward(shape, arrays, by, gradients)
+    found |= {f"{case}/{name}": array for name, array in result.items()}
+    found |= {f"{case}/gradient/{name}": array for name, array in gradients.items()}
+np.savez(sys.argv[1], **found)
+print(native.instruction_set())
+"""
+
+
+def test_instruction_sets_agree(tmp_path: Path) -> None:
+    results: dict[str, dict[str, np.ndarray]] = {}
+    for wanted in ("baseline", "avx2", "avx512"):
+        run = run_python(DEFORM, tmp_path / "deformed.npz", FROG_INSTRUCTION_SET=wanted)
+        assert run.returncode == 0, run.stderr
+        with np.load(tmp_path / "deformed.npz") as archive:
+            results[run.stdout.strip()] = dict(archive)
+    baseline = results.pop("baseline")
+    if not results:
+        pytest.skip("this processor has the baseline only")
+    for instruction_set, result in results.items():
+        for name, expected in baseline.items():
+            assert relative_error(result[name], expected) < 1e-5, (instruction_set, name)

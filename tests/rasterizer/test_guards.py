@@ -1,0 +1,151 @@
+"""Ways in which other rasterizers have failed their users: each is shown not to happen here.
+
+More of them are shown elsewhere: numbers that are no good (test_bad_input), the same bits on any number of threads
+(test_determinism), principal points off the centre and quaternions of any length (everywhere, by ``odd_camera`` and
+``random_gaussians``), the background in the gradients (test_reference_gradients), brightness from afar (test_options).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from drawing import BACKGROUND, EVERYTHING, draw_with_gradients, relative_error, tensors
+from helpers import ATTRIBUTES, join, odd_camera, one_gaussian, plain_camera, random_gaussians
+
+from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions, native, rasterize
+
+IMPLEMENTATIONS = pytest.mark.parametrize("implementation", ["cpu", "reference"])
+FOCAL, LOW_PASS = 40.0, 0.3
+
+
+def reaching(center: tuple[float, float], reach: tuple[float, float], camera: Camera, opacity: float) -> GaussianArrays:
+    """One Gaussian whose box of alpha >= 1/255 has these half sides around ``center``, in pixels."""
+    variances = np.square(reach) / (2 * np.log(255 * opacity))
+    assert (variances > LOW_PASS).all()
+    x, y = (np.array(center) - camera.intrinsics[:2, 2]) / FOCAL
+    scales = [[*(np.sqrt(variances - LOW_PASS) / FOCAL), 1e-6]]
+    return one_gaussian((x, y, 1.0), scales=scales, opacities=[opacity])
+
+
+def exact_alpha(center: tuple[float, float], reach: tuple[float, float], camera: Camera, opacity: float) -> np.ndarray:
+    """(H, W) alpha of the same before anything is skipped."""
+    variances = np.square(reach) / (2 * np.log(255 * opacity))
+    y, x = np.mgrid[: camera.height, : camera.width] + 0.5
+    square = (x - center[0]) ** 2 / variances[0] + (y - center[1]) ** 2 / variances[1]
+    return opacity * np.exp(-square / 2)
+
+
+# Where the box of a splat ends, in pixels: at a tile's edge, at the pixel centres beside it, and a little off.
+EDGES = [15.5, 16.0, 16.5, 31.5, 32.0, 32.5, 15.4999, 16.5001]
+BORDERS = [0.5, 0.501, 47.5, 47.499]
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+@pytest.mark.parametrize("edge", EDGES + BORDERS)
+@pytest.mark.parametrize("axis", [0, 1])
+def test_boxes_that_end_exactly_at_an_edge_lose_nothing(axis: int, edge: float, side: int) -> None:
+    """Every pixel above the threshold is drawn, however the box falls on tiles and on the picture's border. Pixels
+    whose alpha is 1/255 within rounding may be drawn or not."""
+    camera = plain_camera(48, 48, FOCAL)
+    for reach, across, opacity in ((6.0, 9.0, 0.9), (2.5, 20.0, 0.3), (40.0, 7.25, 0.99)):
+        center = (edge - side * reach, 21.3)[:: 1 if axis == 0 else -1]
+        sides = (reach, across)[:: 1 if axis == 0 else -1]
+        part = reaching(center, sides, camera, opacity)
+        with torch.no_grad():
+            alpha = rasterize(tensors(part), camera, options=EVERYTHING).alpha.double().numpy()
+        expected = exact_alpha(center, sides, camera, opacity)
+        clear = np.abs(255 * expected - 1) > 1e-3
+        np.testing.assert_allclose(alpha[clear], np.where(expected >= 1 / 255, expected, 0)[clear], atol=2e-6)
+        nearly = ~clear & (alpha > 0)
+        np.testing.assert_allclose(alpha[nearly], 1 / 255, rtol=2e-3)
+
+
+def test_what_is_counted_is_what_is_drawn() -> None:
+    """Lists of tiles, blending and the count of blended pairs see the same pixels."""
+    camera = odd_camera(75, 51)
+    for seed in range(20):
+        gaussians = random_gaussians(camera, 1, 0, seed).checked()
+        alpha = np.empty((51, 75), np.float32)
+        image = {"rgb": np.empty((51, 75, 3), np.float32), "alpha": alpha}
+        work = native.Frame(gaussians, camera, (0, 0, 0), RasterizeOptions(), image).work()
+        assert work["pairs"] == np.count_nonzero(alpha)
+        assert work["gaussians"] <= 1 and work["pairs"] <= 256 * work["instances"]
+
+
+@IMPLEMENTATIONS
+@pytest.mark.parametrize("options", [EVERYTHING, RasterizeOptions(absolute=True, region=(3, 4, 20, 9))])
+def test_a_view_of_nothing(options: RasterizeOptions, implementation: str) -> None:
+    """Gaussians there are, but none in sight: the background, and zeros for gradients."""
+    camera = odd_camera()
+    gaussians = random_gaussians(camera, 50, 1)
+    gaussians.means = 2 * camera.center - gaussians.means  # behind the camera, all of them
+    image, gradients = draw_with_gradients(
+        gaussians, camera, implementation, options=options, pose=np.eye(4)[:3] @ camera.world_to_camera
+    )
+    torch.testing.assert_close(image.rgb.detach(), torch.tensor(BACKGROUND).expand_as(image.rgb))
+    assert not image.alpha.any() and not image.radii.any() and image.at_fault == 0
+    for name, gradient in gradients.items():
+        assert not gradient.any(), name
+
+
+def test_more_tiles_than_can_be_counted_are_refused() -> None:
+    """A hundred thousand Gaussians that each cover all tiles of a very wide picture: four thousand million entries. The
+    count is checked before anything is allocated for it."""
+    camera = plain_camera(16 * 32767, 1, 1e3)
+    gaussians = one_gaussian((0, 0, 1.0), scales=[[1e3] * 3])
+    many = GaussianArrays(*[np.repeat(getattr(gaussians, name), 2**32 // 32767 + 2, axis=0) for name in ATTRIBUTES])
+    with torch.no_grad(), pytest.raises(MemoryError, match="131078 Gaussians at 524272 x 1"):
+        rasterize(tensors(many), camera)
+
+
+@pytest.mark.parametrize("depth", [0.01, 0.0101, 0.02, 0.05])
+@pytest.mark.parametrize("size", [0.01, 1.0, 100.0])
+def test_giants_at_the_near_plane_are_finite(depth: float, size: float) -> None:
+    """In the middle, at the side, and right in the corner of what the camera sees."""
+    camera = odd_camera()
+    local = np.array([[0, 0, 1], [0.6, 0, 1], [-0.5, 0.5, 1], [30, 0, 1], [0, -1000, 1]]) * depth
+    places = (local - camera.world_to_camera[:3, 3]) @ camera.rotation
+    giants = join(*[one_gaussian(tuple(place), scales=[[size, size / 10, size / 1000]]) for place in places])
+    giants.quaternions[:] = 0.3, -0.8, 0.5, 0.1
+    image, gradients = draw_with_gradients(join(giants, random_gaussians(camera, 30, 0)), camera, "cpu")
+    assert torch.isfinite(image.rgb).all() and torch.isfinite(image.radii).all()
+    assert float(image.alpha.detach().min()) >= 0 and float(image.alpha.detach().max()) <= 1
+    for name, gradient in gradients.items():
+        assert np.isfinite(gradient).all(), name
+
+
+@IMPLEMENTATIONS
+def test_light_is_conserved_forward_and_backward(implementation: str) -> None:
+    """The gradient of a picture's brightness by a Gaussian's colour is the sum of its weights; over all Gaussians these
+    add up to the coverage. It holds only if the backward pass ends every pixel at the same Gaussian."""
+    camera = odd_camera(75, 51)
+    gaussians = random_gaussians(camera, 400, 0, seed=5, opacity=(0.3, 1.0))
+    gaussians.scales *= 3
+    gaussians.sh[:] = 0.5
+    leaves = tensors(gaussians)
+    image = rasterize(leaves, camera, (0, 0, 0), RasterizeOptions(weights=True), implementation=implementation)
+    image.rgb[..., 0].sum().backward()
+    weights = leaves.sh.grad[:, 0, 0].double() / 0.28209479177387814
+    assert float((image.alpha > 0.9998).double().mean()) > 0.3  # many pixels ended early
+    np.testing.assert_allclose(float(weights.sum()), float(image.alpha.detach().double().sum()), rtol=1e-6)
+    assert torch.equal(weights > 0, image.max_weights > 0)
+    hidden = (image.radii > 0) & (image.max_weights == 0)
+    assert int(hidden.sum()) > 20
+    for name in ATTRIBUTES:
+        assert not getattr(leaves, name).grad[hidden].any(), name
+
+
+@pytest.mark.parametrize("length", [1e-5, 0.01, 1.0, 300.0])
+def test_the_length_of_quaternions_scales_their_gradient_only(length: float) -> None:
+    camera = odd_camera()
+    gaussians = random_gaussians(camera, 60, 0, seed=3)
+    gaussians.quaternions /= np.linalg.norm(gaussians.quaternions, axis=1, keepdims=True)
+    expected, by = draw_with_gradients(gaussians, camera, "cpu")
+    gaussians.quaternions *= length
+    image, found = draw_with_gradients(gaussians, camera, "cpu")
+    torch.testing.assert_close(image.rgb, expected.rgb, atol=1e-5, rtol=0)
+    assert relative_error(found["quaternions"] * length, by["quaternions"]) < 1e-4
+    along = (found["quaternions"] * gaussians.quaternions).sum(1)
+    assert np.abs(along).max() < 1e-5 * np.abs(by["quaternions"]).max()

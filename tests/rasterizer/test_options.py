@@ -1,0 +1,210 @@
+"""Regions, depth limits and opacity compensation: each does what it says, forward and backward."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from drawing import BACKGROUND, EVERYTHING, cut, draw_with_gradients, image_weights, relative_error, tensors
+from helpers import ATTRIBUTES, join, odd_camera, one_gaussian, plain_camera, random_gaussians
+
+from frog_blender.engine.rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
+
+CAMERA = odd_camera(90, 61)
+IMPLEMENTATIONS = pytest.mark.parametrize("implementation", ["cpu", "reference"])
+PICTURES = ("rgb", "alpha", "median_depth", "median_z", "mean_depth")
+ALIGNED = [(0, 0, 90, 61), (32, 16, 48, 32), (64, 48, 26, 13), (0, 32, 16, 16), (16, 0, 1, 1)]
+"""Regions that begin where a tile does."""
+ANYWHERE = [(7, 5, 33, 29), (89, 60, 1, 1), (1, 0, 89, 61), (40, 13, 3, 48)]
+
+
+def crowd(degree: int = 1) -> GaussianArrays:
+    return random_gaussians(CAMERA, 400, degree, seed=21)
+
+
+def shallow_limit(seed: int = 1) -> torch.Tensor:
+    """(H, W) depths among the Gaussians', some pixels unlimited and some shut."""
+    random = np.random.default_rng(seed)
+    limit = random.uniform(1.0, 5.5, (CAMERA.height, CAMERA.width))
+    limit[random.uniform(size=limit.shape) < 0.1] = np.inf
+    limit[random.uniform(size=limit.shape) < 0.1] = 0
+    return torch.tensor(limit, dtype=torch.float32)
+
+
+def drawn(gaussians: GaussianArrays, options: RasterizeOptions, implementation: str, **more: object) -> Image:
+    with torch.no_grad():
+        return rasterize(tensors(gaussians), CAMERA, BACKGROUND, options, implementation=implementation, **more)
+
+
+def assert_same_picture(found: Image, expected: Image, region: tuple[int, int, int, int], exactly: bool) -> None:
+    for name in PICTURES:
+        part = cut(getattr(expected, name), region)
+        if exactly:
+            assert torch.equal(getattr(found, name).nan_to_num(-1), part.nan_to_num(-1)), name
+        else:
+            torch.testing.assert_close(getattr(found, name), part, atol=1e-5, rtol=1e-5, equal_nan=True)
+
+
+@pytest.mark.parametrize("region", ALIGNED)
+def test_a_region_of_whole_tiles_has_the_bits_of_the_whole_picture(region: tuple[int, int, int, int]) -> None:
+    whole = drawn(crowd(), EVERYTHING, "cpu")
+    assert_same_picture(drawn(crowd(), replace(EVERYTHING, region=region), "cpu"), whole, region, exactly=True)
+
+
+@IMPLEMENTATIONS
+@pytest.mark.parametrize("region", ALIGNED + ANYWHERE)
+def test_a_region_is_its_part_of_the_whole_picture(region: tuple[int, int, int, int], implementation: str) -> None:
+    """Where tiles begin elsewhere positions round differently, and nothing else."""
+    whole = drawn(crowd(), EVERYTHING, implementation)
+    part = drawn(crowd(), replace(EVERYTHING, region=region), implementation)
+    assert part.rgb.shape == (region[3], region[2], 3)
+    assert_same_picture(part, whole, region, exactly=False)
+    assert bool((part.max_weights <= whole.max_weights * (1 + 1e-5)).all())
+
+
+@IMPLEMENTATIONS
+@pytest.mark.parametrize("region", [ALIGNED[1], ALIGNED[2], ANYWHERE[0], ANYWHERE[1]])
+def test_gradients_of_a_region_are_those_of_a_loss_on_it(
+    region: tuple[int, int, int, int], implementation: str
+) -> None:
+    dtype = torch.float32 if implementation == "cpu" else torch.float64
+    options = RasterizeOptions(absolute=True)
+    limit, pose = shallow_limit(), CAMERA.world_to_camera
+    _, found = draw_with_gradients(
+        crowd(),
+        CAMERA,
+        implementation,
+        dtype,
+        replace(options, region=region),
+        pose=pose,
+        depth_limit=cut(limit, region),
+    )
+    leaves, moving = tensors(crowd(), dtype), torch.tensor(pose).float().to(dtype).requires_grad_()
+    image = rasterize(
+        leaves, CAMERA, BACKGROUND, options, pose=moving, depth_limit=limit, implementation=implementation
+    )
+    mask = torch.zeros_like(image.alpha)
+    cut(mask, region)[:] = 1
+    by_rgb, by_alpha = (weights.to(dtype) for weights in image_weights(CAMERA))
+    ((image.rgb * by_rgb * mask[..., None]).sum() + (image.alpha * by_alpha * mask).sum()).backward()
+    expected = {name: getattr(leaves, name).grad for name in ATTRIBUTES}
+    expected |= {"screen": image.screen.grad, "screen_absolute": image.screen_absolute, "pose": moving.grad}
+    for name, gradient in expected.items():
+        assert relative_error(found[name], gradient.double().numpy()) < 1e-6, name
+
+
+@pytest.mark.parametrize(
+    "region", [(-1, 0, 5, 5), (0, -1, 5, 5), (86, 0, 5, 5), (0, 57, 5, 5), (0, 0, 0, 5), (0, 0, 5, -2), (0, 0, 91, 61)]
+)
+@IMPLEMENTATIONS
+def test_regions_that_do_not_lie_in_the_picture_are_refused(
+    region: tuple[int, int, int, int], implementation: str
+) -> None:
+    with pytest.raises(ValueError, match="90 x 61"):
+        drawn(crowd(), RasterizeOptions(region=region), implementation)
+
+
+def test_depth_limits_equal_the_reference() -> None:
+    limit = shallow_limit()
+    image, gradients = draw_with_gradients(crowd(), CAMERA, "cpu", depth_limit=limit)
+    expected, by = draw_with_gradients(crowd(), CAMERA, "reference", torch.float64, depth_limit=limit)
+    for name in PICTURES:
+        difference = (getattr(image, name) - getattr(expected, name)).abs().nan_to_num(0)
+        assert float((difference > 1e-4).double().mean()) <= 3e-4, name
+    assert torch.equal(image.median_z.isnan(), expected.median_z.isnan())
+    for name, gradient in by.items():
+        assert relative_error(gradients[name], gradient) < 1e-5, name
+    assert float((expected.alpha.detach() - drawn(crowd(), EVERYTHING, "reference").alpha).abs().max()) > 0.5
+
+
+@IMPLEMENTATIONS
+def test_nothing_behind_a_limit_is_seen(implementation: str) -> None:
+    """Neither as colour nor as depth, and the splat exactly at the limit is."""
+    limit = shallow_limit()
+    image = drawn(crowd(), EVERYTHING, implementation, depth_limit=limit)
+    for depth in (image.median_z, image.mean_depth):
+        seen = ~depth.isnan()
+        assert 0.3 < float(seen.double().mean()) < 0.95 and bool((depth[seen] <= limit[seen] * (1 + 1e-6)).all())
+    camera = plain_camera()
+    for depth, visible in ((2.0, True), (np.nextafter(np.float32(2), np.float32(0)), False)):
+        limit = torch.full((32, 32), float(depth))
+        with torch.no_grad():
+            alpha = rasterize(
+                tensors(one_gaussian((0, 0, 2.0))), camera, depth_limit=limit, implementation=implementation
+            ).alpha
+        assert bool(alpha.any()) == visible
+
+
+@pytest.mark.parametrize("options", [EVERYTHING, RasterizeOptions(absolute=True)])
+def test_an_infinite_limit_is_none(options: RasterizeOptions) -> None:
+    unlimited = torch.full((CAMERA.height, CAMERA.width), torch.inf)
+    image, gradients = draw_with_gradients(crowd(), CAMERA, "cpu", options=options, depth_limit=unlimited)
+    expected, by = draw_with_gradients(crowd(), CAMERA, "cpu", options=options)
+    assert torch.equal(image.rgb, expected.rgb) and torch.equal(image.alpha, expected.alpha)
+    for name, gradient in by.items():
+        np.testing.assert_array_equal(gradients[name], gradient, err_msg=name)
+
+
+@IMPLEMENTATIONS
+def test_a_limit_of_zero_hides_everything(implementation: str) -> None:
+    shut = torch.zeros(CAMERA.height, CAMERA.width)
+    image, gradients = draw_with_gradients(crowd(), CAMERA, implementation, depth_limit=shut)
+    torch.testing.assert_close(image.rgb.detach(), torch.tensor(BACKGROUND).expand_as(image.rgb))
+    assert not image.alpha.any() and not image.max_weights.any()
+    assert image.median_depth.isnan().all() and image.mean_depth.isnan().all()
+    assert not any(gradient.any() for gradient in gradients.values())
+
+
+@IMPLEMENTATIONS
+def test_a_limit_of_another_size_is_refused(implementation: str) -> None:
+    options = RasterizeOptions(region=(16, 16, 20, 10))
+    for shape in ((61, 90), (20, 10), (10, 20, 1)):
+        with pytest.raises(ValueError, match="depth_limit"):
+            drawn(crowd(), options, implementation, depth_limit=torch.ones(shape))
+
+
+@pytest.mark.parametrize("low_pass", [0.1, 0.3, 2.0])
+def test_compensation_equals_the_reference(low_pass: float) -> None:
+    """From splats much wider than the low-pass down to some that are nothing else."""
+    gaussians = crowd()
+    gaussians.scales[:100] *= 0.05
+    gaussians.scales[100:120] = 1e-5  # at the factor's lower end, where it passes no gradient
+    options = RasterizeOptions(compensate=True, low_pass=low_pass, absolute=True)
+    image, gradients = draw_with_gradients(gaussians, CAMERA, "cpu", options=options)
+    expected, by = draw_with_gradients(gaussians, CAMERA, "reference", torch.float64, options)
+    wrong = (image.rgb - expected.rgb).abs() > 1e-5
+    assert float(wrong.double().mean()) <= 3e-4
+    for name, gradient in by.items():
+        assert relative_error(gradients[name], gradient) < 1e-5, name
+    plain = drawn(gaussians, RasterizeOptions(low_pass=low_pass), "cpu")
+    assert float((plain.alpha - image.alpha).detach().max()) > 0.3
+
+
+@IMPLEMENTATIONS
+def test_a_tiny_gaussian_gets_fainter_with_distance(implementation: str) -> None:
+    """Its light falls with the square of the distance; without compensation it stays that of the low-pass."""
+    camera = plain_camera(33, 33, 40.0)
+    light = {}
+    for compensate in (False, True):
+        for depth in (1.0, 3.0):
+            point = one_gaussian((0, 0, depth), scales=[[0.004] * 3], opacities=[0.99])
+            options = RasterizeOptions(compensate=compensate)
+            with torch.no_grad():
+                image = rasterize(tensors(point), camera, (0, 0, 0), options, implementation=implementation)
+            light[compensate, depth] = float(image.alpha.max())
+    assert light[False, 3.0] > 0.98 * light[False, 1.0]
+    np.testing.assert_allclose(light[True, 3.0] / light[True, 1.0], 1 / 9, rtol=0.1)
+
+
+@IMPLEMENTATIONS
+def test_a_wide_gaussian_is_not_compensated(implementation: str) -> None:
+    wide = join(one_gaussian((0, 0, 3.0), scales=[[5.0] * 3]), one_gaussian((0.5, 0, 4.0), scales=[[9.0] * 3]))
+    camera = plain_camera()
+    with torch.no_grad():
+        plain, compensated = (
+            rasterize(tensors(wide), camera, BACKGROUND, RasterizeOptions(compensate=on), implementation=implementation)
+            for on in (False, True)
+        )
+    torch.testing.assert_close(plain.rgb, compensated.rgb, atol=1e-4, rtol=0)

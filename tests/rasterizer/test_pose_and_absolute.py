@@ -1,0 +1,165 @@
+"""Gradients beyond the Gaussians' own: of the camera's pose, the positions' absolute ones, and over several cameras."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from drawing import BACKGROUND, draw_with_gradients, image_weights, relative_error, tensors
+from helpers import ATTRIBUTES, odd_camera, one_gaussian, plain_camera, random_gaussians, rotation_of
+
+from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions, rasterize, rasterize_batch
+
+CAMERA = odd_camera(45, 27)
+IMPLEMENTATIONS = pytest.mark.parametrize("implementation", ["cpu", "reference"])
+ABSOLUTE = RasterizeOptions(absolute=True)
+
+
+def moved() -> np.ndarray:
+    """(4, 4) a pose a little off the camera's own."""
+    pose = CAMERA.world_to_camera.copy()
+    pose[:3, :3] = rotation_of((1.0, 0.2, -0.4), 0.06) @ pose[:3, :3]
+    pose[:3, 3] += 0.05, -0.08, 0.1
+    return pose
+
+
+def few(degree: int) -> GaussianArrays:
+    """Overlapping Gaussians, bright enough that no colour is clamped at black."""
+    gaussians = random_gaussians(CAMERA, 6, degree, seed=3, opacity=(0.4, 0.9))
+    gaussians.sh[:, 0] += 1.0
+    gaussians.scales *= 2
+    return gaussians
+
+
+def reference_loss(gaussians: GaussianArrays, pose: torch.Tensor, options: RasterizeOptions) -> torch.Tensor:
+    leaves = GaussianArrays(*[torch.tensor(getattr(gaussians, name)) for name in ATTRIBUTES])
+    image = rasterize(leaves, CAMERA, BACKGROUND, options, pose=pose, implementation="reference")
+    by_rgb, by_alpha = image_weights(CAMERA)
+    return (image.rgb * by_rgb).sum() + (image.alpha * by_alpha).sum()
+
+
+@pytest.mark.parametrize("options", [RasterizeOptions(), RasterizeOptions(compensate=True)])
+@pytest.mark.parametrize("degree", [0, 2, 3])
+def test_pose_gradient_of_the_reference_equals_finite_differences(degree: int, options: RasterizeOptions) -> None:
+    """Colour depends on the pose too, through the viewing direction."""
+    gaussians, step = few(degree), 1e-6
+    pose = torch.tensor(moved(), requires_grad=True)
+    reference_loss(gaussians, pose, options).backward()
+    expected = np.zeros((4, 4))
+    with torch.no_grad():
+        for entry in range(12):
+            for sign in (1, -1):
+                other = pose.detach().clone()
+                other.view(-1)[entry] += sign * step
+                change = sign * float(reference_loss(gaussians, other, options)) / (2 * step)
+                expected.flat[entry] += change
+    assert np.abs(expected[:3]).min() > 1e-3
+    assert relative_error(pose.grad.numpy(), expected) < 1e-6
+
+
+@pytest.mark.parametrize("rows", [3, 4])
+@pytest.mark.parametrize("options", [RasterizeOptions(), RasterizeOptions(compensate=True, region=(8, 3, 30, 20))])
+@pytest.mark.parametrize("degree", [0, 3])
+def test_pose_gradient_equals_the_reference(rows: int, options: RasterizeOptions, degree: int) -> None:
+    gaussians, pose = random_gaussians(CAMERA, 150, degree, seed=6), moved()[:rows]
+    gaussians.scales[:20] *= 6  # reach in from where the linearisation is clamped
+    image, found = draw_with_gradients(gaussians, CAMERA, "cpu", options=options, pose=pose)
+    reference, expected = draw_with_gradients(gaussians, CAMERA, "reference", torch.float64, options, pose=pose)
+    assert float((image.rgb - reference.rgb).detach().abs().max()) < 1e-5
+    assert found["pose"].shape == (rows, 4) and not found["pose"][3:].any()
+    for name, gradient in expected.items():
+        assert relative_error(found[name], gradient) < 1e-5, name
+
+
+@IMPLEMENTATIONS
+def test_a_pose_is_where_the_camera_stands(implementation: str) -> None:
+    gaussians = random_gaussians(CAMERA, 80, 2, seed=6)
+    everything = RasterizeOptions(depth=True)
+    standing = draw_with_gradients(gaussians, CAMERA.with_pose(moved()), implementation, options=everything)
+    posed = draw_with_gradients(gaussians, CAMERA, implementation, options=everything, pose=moved())
+    for name in ("rgb", "alpha", "median_depth", "median_z", "mean_depth"):
+        found, expected = getattr(posed[0], name), getattr(standing[0], name)
+        torch.testing.assert_close(found, expected, atol=1e-5, rtol=1e-5, equal_nan=True)
+    elsewhere = draw_with_gradients(gaussians, CAMERA, implementation)[0]
+    assert float((elsewhere.rgb - posed[0].rgb).abs().max()) > 0.1
+
+
+def test_following_its_gradient_brings_a_pose_back() -> None:
+    """What the gradient is for: a camera that stands a little wrong finds its place."""
+    gaussians = tensors(random_gaussians(CAMERA, 150, 1, seed=6))
+    gaussians = GaussianArrays(*[getattr(gaussians, name).detach() for name in ATTRIBUTES])
+    true = torch.tensor(CAMERA.world_to_camera, dtype=torch.float32)
+    wanted = rasterize(gaussians, CAMERA).rgb.detach()
+    shift = torch.tensor([0.03, -0.04, 0.05], requires_grad=True)
+    optimizer = torch.optim.Adam([shift], lr=4e-3)
+    for _ in range(60):
+        pose = torch.cat([true[:3, :3], (true[:3, 3] + shift)[:, None]], 1)
+        optimizer.zero_grad()
+        (rasterize(gaussians, CAMERA, pose=pose).rgb - wanted).square().mean().backward()
+        optimizer.step()
+    assert float(shift.detach().norm()) < 0.2 * 0.07
+
+
+@pytest.mark.parametrize("compensate", [False, True])
+@pytest.mark.parametrize("limited", [False, True])
+def test_absolute_gradients_equal_the_reference(compensate: bool, limited: bool) -> None:
+    gaussians = random_gaussians(CAMERA, 200, 1, seed=13)
+    options = replace(ABSOLUTE, compensate=compensate)
+    limit = torch.full((CAMERA.height, CAMERA.width), 3.0) if limited else None
+    _, found = draw_with_gradients(gaussians, CAMERA, "cpu", options=options, depth_limit=limit)
+    _, expected = draw_with_gradients(gaussians, CAMERA, "reference", torch.float64, options, depth_limit=limit)
+    assert relative_error(found["screen_absolute"], expected["screen_absolute"]) < 1e-5
+    assert relative_error(found["screen"], expected["screen"]) < 1e-5
+    assert (found["screen_absolute"] >= np.abs(found["screen"]) * (1 - 1e-5)).all()
+    assert found["screen_absolute"].sum() > 1.5 * np.abs(found["screen"]).sum()
+
+
+@IMPLEMENTATIONS
+def test_opposite_pulls_cancel_in_the_sum_and_not_in_the_absolute(implementation: str) -> None:
+    """A splat in the middle of a picture that should be covered more everywhere: no side wins."""
+    leaves = tensors(one_gaussian((0, 0, 2.0), scales=[[0.1, 0.1, 0.1]]))
+    image = rasterize(leaves, plain_camera(), options=ABSOLUTE, implementation=implementation)
+    assert not image.screen_absolute.any()
+    image.alpha.sum().backward()
+    assert float(image.screen.grad.abs().max()) < 1e-5
+    assert float(image.screen_absolute.min()) > 1
+    # A single pixel pulls to one side only: both are the same.
+    leaves = tensors(one_gaussian((0, 0, 2.0), scales=[[0.1, 0.1, 0.1]]))
+    image = rasterize(leaves, plain_camera(), options=ABSOLUTE, implementation=implementation)
+    image.alpha[14, 17].backward()
+    torch.testing.assert_close(image.screen_absolute, image.screen.grad.abs())
+    assert float(image.screen_absolute.min()) > 0.01
+
+
+@IMPLEMENTATIONS
+def test_absolute_gradients_change_nothing_else(implementation: str) -> None:
+    gaussians = random_gaussians(CAMERA, 100, 1, seed=13)
+    _, found = draw_with_gradients(gaussians, CAMERA, implementation, options=ABSOLUTE)
+    image, expected = draw_with_gradients(gaussians, CAMERA, implementation, options=RasterizeOptions())
+    assert image.screen_absolute is None
+    for name, gradient in expected.items():
+        np.testing.assert_array_equal(found[name], gradient, err_msg=name)
+
+
+@IMPLEMENTATIONS
+def test_a_batch_adds_its_gradients_up(implementation: str) -> None:
+    cameras = [CAMERA, CAMERA.with_pose(moved()), replace(plain_camera(20, 30), world_to_camera=moved())]
+    gaussians = random_gaussians(CAMERA, 60, 1, seed=2)
+    together = tensors(gaussians)
+    images = rasterize_batch(together, cameras, BACKGROUND, ABSOLUTE, implementation=implementation)
+    assert [image.rgb.shape[:2] for image in images] == [(27, 45), (27, 45), (30, 20)]
+    sum(image.rgb.square().sum() for image in images).backward()
+    sums = dict.fromkeys(ATTRIBUTES, 0.0)
+    for camera, image in zip(cameras, images, strict=True):
+        alone = tensors(gaussians)
+        single = rasterize(alone, camera, BACKGROUND, ABSOLUTE, implementation=implementation)
+        single.rgb.square().sum().backward()
+        assert torch.equal(single.rgb, image.rgb)
+        assert torch.equal(single.screen.grad, image.screen.grad)
+        assert torch.equal(single.screen_absolute, image.screen_absolute)
+        for name in ATTRIBUTES:
+            sums[name] = sums[name] + getattr(alone, name).grad.double()
+    for name, total in sums.items():
+        assert relative_error(getattr(together, name).grad.numpy(), total.numpy()) < 1e-6, name
