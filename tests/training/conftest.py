@@ -18,7 +18,7 @@ from frog_blender.engine.training.recipe import Recipe, recipe
 from frog_blender.engine.training.trainer import Limits, Trainer
 
 # Rates at which six hundred steps are enough to follow the ball (four hundred are not, with most seeds).
-LIVELY = {"network_rate": 1e-3, "embedding_rate": 3e-2, "mean_rate": 2e-4, "max_gaussians": 600}
+LIVELY = {"steps_per_moment": 0, "network_rate": 1e-3, "embedding_rate": 3e-2, "mean_rate": 2e-4, "max_gaussians": 600}
 
 
 class WatchedStore:

@@ -114,3 +114,10 @@ def test_every_schedule_of_a_recipe_is_a_fraction(name: str) -> None:
 def test_recipes_that_do_not_exist(name: str, changes: dict) -> None:
     with pytest.raises(FrogError):
         recipe(name, **changes)
+
+
+def test_more_moments_take_more_steps() -> None:
+    standard = RECIPES["standard"]
+    assert standard.steps_for(30) == standard.steps
+    assert standard.steps_for(100) == 100 * standard.steps_per_moment > standard.steps
+    assert RECIPES["draft"].steps_for(30) < standard.steps_for(30)

@@ -72,7 +72,11 @@ def load_checkpoint(path: Path, trainer: Trainer) -> None:
         if state["version"] != _VERSION:
             raise FrogError(f"{path}: found checkpoint version {state['version']}, expected {_VERSION}.")
         recipe = json.loads(json.dumps(settings_json(trainer.recipe)))
-        differing = [key for key in recipe if state["recipe"].get(key) != recipe[key] and key not in ("name", "steps")]
+        differing = [
+            key
+            for key in recipe
+            if state["recipe"].get(key) != recipe[key] and key not in ("name", "steps", "steps_per_moment")
+        ]
         same_capture = state["shots"] == len(trainer.capture.shots)
         same_capture &= state["cameras"] == [camera.name for camera in trainer.capture.cameras]
         if state["method"] != trainer.method or differing or not same_capture:

@@ -114,7 +114,7 @@ def run_training(job: TrainingJob, cancelled: Callable[[], bool] = lambda: False
     if store is None or seeds is None:
         yield events.Cancelled(0, None)
         return
-    limits = Limits(job.steps or (None if job.seconds else job.recipe.steps), job.seconds)
+    limits = Limits(job.steps or (None if job.seconds else job.recipe.steps_for(capture.frame_count)), job.seconds)
     trainer = Trainer(capture, store, seeds, job.recipe, job.method, limits, job.seed)
     if job.resume:
         load_checkpoint(checkpoint_path(job.output), trainer)

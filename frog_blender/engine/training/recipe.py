@@ -17,7 +17,8 @@ class Recipe:
 
     Attributes:
         name: "draft", "standard" or "paper".
-        steps: optimiser steps, each on one picture.
+        steps: optimiser steps, each on one picture or part of it, at least.
+        steps_per_moment: for each of the capture's moments; what is longer of the two is trained.
         max_gaussians: growth stops here.
         seed_gaussians: seed points at most.
         sh_degree: 0 to 3; grows by one at each of ``sh_growth`` (fractions of training).
@@ -46,6 +47,7 @@ class Recipe:
 
     name: str = "standard"
     steps: int = 10_000
+    steps_per_moment: int = 300
     max_gaussians: int = 40_000
     seed_gaussians: int = 25_000
     sh_degree: int = 1
@@ -93,6 +95,10 @@ class Recipe:
     sampling_every: float = 0.01
     sampling_share: float = 0.002
 
+    def steps_for(self, moments: int) -> int:
+        """Steps for a capture of so many moments: motion takes time to learn, and more of it more time."""
+        return max(self.steps, self.steps_per_moment * moments)
+
     def __post_init__(self) -> None:
         if self.opacity_reduction not in FORMS:
             raise FrogError(f"opacity_reduction is {self.opacity_reduction!r}, expected one of {', '.join(FORMS)}.")
@@ -105,12 +111,20 @@ class Recipe:
 
 
 RECIPES = {
-    "draft": Recipe(name="draft", steps=2_000, max_gaussians=25_000, seed_gaussians=20_000, rate_decay=0.25),
+    "draft": Recipe(
+        name="draft",
+        steps=4_000,
+        steps_per_moment=60,
+        max_gaussians=25_000,
+        seed_gaussians=20_000,
+        rate_decay=0.25,
+    ),
     "standard": Recipe(),
     # The paper's network and schedules (five heads of 128, all SH deformed); made for a GPU and hours.
     "paper": Recipe(
         name="paper",
         steps=80_000,
+        steps_per_moment=0,
         max_gaussians=300_000,
         seed_gaussians=40_000,
         sh_degree=3,
