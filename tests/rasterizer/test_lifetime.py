@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import gc
+import os
 import weakref
 from collections.abc import Iterator
 
 import pytest
 import torch
 from drawing import BACKGROUND, EVERYTHING, draw_with_gradients, tensors
-from helpers import ATTRIBUTES, odd_camera, random_gaussians
+from helpers import ATTRIBUTES, odd_camera, random_gaussians, run_python
 
 from frog_blender.engine.inference.draw import draw
 from frog_blender.engine.rasterizer import GaussianArrays, native, rasterize
@@ -85,3 +86,25 @@ def test_gradients_of_a_strided_or_missing_loss() -> None:
     alone = tensors(gaussians)
     rasterize(alone, CAMERA, BACKGROUND).alpha.sum().backward()
     assert float(alone.opacities.grad.abs().max()) > 0 and not alone.sh.grad.any()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
+def test_a_forked_process_draws_with_threads_of_its_own() -> None:
+    script = """
+import os, sys
+import numpy as np
+from helpers import plain_camera, random_gaussians
+from frog_blender.engine.inference.draw import draw
+from frog_blender.engine.rasterizer import native
+native.set_thread_count(3)
+camera = plain_camera(64, 64)
+gaussians = random_gaussians(camera, 3000)
+expected = draw(gaussians, camera).rgb
+if (child := os.fork()) == 0:
+    os._exit(0 if np.array_equal(draw(gaussians, camera).rgb, expected) else 1)
+status = os.waitpid(child, 0)[1]
+assert np.array_equal(draw(gaussians, camera).rgb, expected)
+sys.exit(os.waitstatus_to_exitcode(status))
+"""
+    done = run_python(script)
+    assert done.returncode == 0, done.stderr

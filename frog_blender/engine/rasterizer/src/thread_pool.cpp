@@ -13,6 +13,9 @@
 #if defined(__SSE__)
 #include <xmmintrin.h>
 #endif
+#if !defined(_WIN32)
+#include <pthread.h>
+#endif
 
 namespace frog {
 namespace {
@@ -119,6 +122,15 @@ std::mutex pool_mutex;  // held while a job runs
 std::atomic<int> wanted{0};
 // Leaked on purpose: joining threads while a process unloads its libraries can hang it.
 Pool *pool = nullptr;
+
+#if !defined(_WIN32)
+// A forked child has the pool but not its threads; it starts a new one.
+const int fork_handlers = pthread_atfork([] { pool_mutex.lock(); }, [] { pool_mutex.unlock(); },
+                                         [] {
+                                           pool = nullptr;
+                                           pool_mutex.unlock();
+                                         });
+#endif
 
 }  // namespace
 
