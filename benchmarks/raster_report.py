@@ -50,6 +50,9 @@ def add_rates(record: Record, core_gflops: float | None) -> None:
     if record["threads"] is None:
         peak = record.get("device_peak_gflops")
     for name, flops in (("forward", FORWARD_FLOPS), ("backward", BACKWARD_FLOPS)):
+        if record["pairs"] is None:  # nobody counted them
+            record[f"{name}_gpairs_per_core"] = record[f"{name}_share"] = None
+            continue
         rate = record["pairs"] / record[f"{name}_s"] * 1e-9
         record[f"{name}_gpairs_per_core"] = rate / cores
         record[f"{name}_share"] = rate * flops / peak if peak else None
@@ -73,15 +76,16 @@ def table(records: list[Record], markdown: bool = False) -> str:
 
 def _row(record: Record) -> list[str]:
     shares = [record[f"{name}_share"] for name in ("forward", "backward")]
+    rates = [record[f"{name}_gpairs_per_core"] for name in ("forward", "backward")]
     return [
         record["scene"],
         str(record["gaussians_in_scene"]),
-        f"{record['pairs'] / 1e6:.1f}",
+        "?" if record["pairs"] is None else f"{record['pairs'] / 1e6:.1f}",
         kernels(record),
         str(record["threads"] or "GPU"),
         *(f"{1e3 * record[f'{name}_s']:.2f}" for name in ("forward", "backward")),
         "?" if record["peak_rss_mb"] is None else f"{record['peak_rss_mb']:.0f}",
-        *(f"{record[f'{name}_gpairs_per_core']:.3f}" for name in ("forward", "backward")),
+        *("?" if rate is None else f"{rate:.3f}" for rate in rates),
         *("?" if share is None else f"{100 * share:.0f} %" for share in shares),
     ]
 
@@ -129,6 +133,7 @@ def chart(records: list[Record], path: Path) -> None:
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
+    records = [r for r in records if r["pairs"] is not None]
     most = max((r["threads"] or 1 for r in records), default=1)
     drawn = [
         r for r in records if r["backend"] != "reference" and r["scene"] != "tiny" and r["threads"] in (most, None)

@@ -198,8 +198,13 @@ def measure(path: Path, backend: str, threads: int) -> dict[str, Any]:
     return {"isa": native.instruction_set() if backend == "cpu" else None, **result, **work(scene)}
 
 
-def work(scene: Scene) -> dict[str, int]:
-    """Gaussians drawn, (Gaussian, tile) instances and blended (Gaussian, pixel) pairs: the scene's, whoever draws."""
+def work(scene: Scene) -> dict[str, Any]:
+    """Gaussians drawn, (Gaussian, tile) instances and blended (Gaussian, pixel) pairs: the scene's, whoever draws.
+
+    The native library counts them; None where there is none.
+    """
+    if absence("cpu"):
+        return dict.fromkeys(("gaussians", "instances", "pairs"))
     camera = scene.camera
     image = {
         "rgb": np.empty((camera.height, camera.width, 3), np.float32),

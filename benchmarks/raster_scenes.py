@@ -17,7 +17,6 @@ import numpy as np
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.errors import FrogError, found_instead
-from frog_blender.engine.inference.scene import PlayableScene
 from frog_blender.engine.rasterizer.arrays import GaussianArrays
 
 SEED = 1234
@@ -166,6 +165,8 @@ def load(path: Path) -> Scene:
 
 def load_trained(path: Path, camera: int = 0, time: float | None = None) -> Scene:
     """A ``.frog`` file as one of its cameras sees it at ``time`` in [0, 1] (None: in the middle of what it filmed)."""
+    from frog_blender.engine.inference.scene import PlayableScene  # generated scenes need nothing but numpy
+
     played = PlayableScene.load(path)
     header = played.header
     if not -len(header.cameras) <= camera < len(header.cameras):

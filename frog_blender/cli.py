@@ -53,6 +53,9 @@ def _parser() -> argparse.ArgumentParser:
     train.add_argument("--seed", type=int, default=0)
     train.add_argument("--scale", type=_positive(float), help="picture size factor, such as 0.5")
     train.add_argument("--holdout-frames", type=int, metavar="K", help="withhold every K-th moment; 0 withholds none")
+    train.add_argument(
+        "--device", choices=["auto", "cpu", "cuda"], default="auto", help="auto: the GPU where there is a usable one"
+    )
     train.add_argument("--resume", action="store_true", help="go on from the checkpoint beside the .frog")
     _offset_argument(train)
     train.set_defaults(run=_train)
@@ -143,6 +146,7 @@ def _train(options: argparse.Namespace) -> int:
         holdout_frames=options.holdout_frames,
         resume=options.resume,
         pixel_offsets=_offsets(options),
+        device=options.device,
     )
     stopping = False
 

@@ -49,6 +49,8 @@ def show(stream: Iterator[Event]) -> bool:
             match event:
                 case events.Stage(name, done, total):
                     switch(name, total, done)
+                case events.Started(device="cuda"):
+                    tqdm.write("training on the GPU", file=sys.stderr)
                 case events.Progress(step=step, steps=steps, loss=loss, gaussians=gaussians):
                     switch("Training", steps, step).set_postfix(loss=f"{loss:.4f}", gaussians=gaussians)
                 case events.Evaluated(step, psnr, split):

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from helpers import REPOSITORY, run_python
 
 BENCHMARKS = REPOSITORY / "benchmarks"
@@ -73,3 +75,48 @@ def test_a_file_that_is_no_scene_is_refused_in_one_sentence(tmp_path: Path) -> N
         assert done.returncode == 1 and done.stdout == ""
         assert done.stderr.startswith(f"{path}: found ") and done.stderr.count("\n") == 1
         assert done.stderr.endswith(".\n")
+
+
+def rehearse(out: Path, *arguments: object, **environment: str) -> tuple[int, dict, str]:
+    """``gpu.py`` without a GPU: status, figures by part, and the report."""
+    command = [sys.executable, str(BENCHMARKS / "gpu.py"), "--device", "cpu", "--out", str(out), *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, env=os.environ | environment, check=False)
+    return done.returncode, json.loads((out / "gpu.json").read_text()), (out / "gpu.md").read_text()
+
+
+def test_the_gpu_check_can_be_rehearsed(tmp_path: Path) -> None:
+    status, parts, report = rehearse(tmp_path)
+    assert status == 0, report
+    assert list(parts) == ["machine", "rasterizer tests", "rasterizer", "training step", "draft training"]
+    assert not any("failed" in part for part in parts.values())
+    assert parts["rasterizer"]["runs"][0]["forward_s"] > 0
+    assert [run["pictures"] for run in parts["training step"]["runs"]] == ["regions", "whole"]
+    assert all(run["median_ms"] > 0 for run in parts["training step"]["runs"])
+    assert "capture" in parts["draft training"]["left out"]
+    assert all(f"## {name}" in report for name in parts)
+
+
+def test_a_part_of_the_gpu_check_that_fails_does_not_stop_the_others(tmp_path: Path) -> None:
+    status, parts, report = rehearse(tmp_path, FROG_NATIVE_LIBRARY=str(tmp_path / "nowhere.so"))
+    assert status == 1
+    assert parts["machine"]["native library"].startswith("none")
+    assert "nowhere.so" in parts["rasterizer"]["failed"] and "nowhere.so" in parts["training step"]["failed"]
+    assert "native library" in parts["rasterizer tests"]["left out"] and "failed" not in parts["rasterizer tests"]
+    assert len(parts) == 5 and "nowhere.so" in report
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
+def test_the_gpu_check_without_a_gpu_says_so_and_stops(tmp_path: Path) -> None:
+    command = [sys.executable, str(BENCHMARKS / "gpu.py"), "--out", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert list(json.loads((tmp_path / "gpu.json").read_text())) == ["machine"]
+    assert "torch sees no CUDA device" in done.stdout
+
+
+def test_training_modules_need_no_native_library(tmp_path: Path) -> None:
+    modules = ["training.trainer", "training.job", "rasterizer.cuda.rasterize"]
+    script = "; ".join(f"import frog_blender.engine.{module}" for module in modules)
+    environment = os.environ | {"FROG_NATIVE_LIBRARY": str(tmp_path / "nowhere.so")}
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, env=environment, check=False)
+    assert done.returncode == 0, done.stderr

@@ -36,7 +36,7 @@ def quick(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def task(filmed: Path, tmp_path: Path, lively: Callable) -> TrainingJob:
-    return TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(STEPS), seed=2)
+    return TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(STEPS), seed=2, device="cpu")
 
 
 def names(stream: list[Any]) -> list[str]:

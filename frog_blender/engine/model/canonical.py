@@ -62,16 +62,16 @@ def new_gaussians(
         embedding_size: E.
         opacity: in (0, 1).
     """
-    count = len(points)
-    sh = torch.zeros(count, sh_count, 3)
+    count, device = len(points), points.device
+    sh = torch.zeros(count, sh_count, 3, device=device)
     sh[:, 0] = (colors - 0.5) / SH_DC
-    quaternions = torch.zeros(count, 4)
+    quaternions = torch.zeros(count, 4, device=device)
     quaternions[:, 0] = 1
     return {
         "means": points.clone(),
         "log_scales": spacings.clamp(min=1e-7).log()[:, None].repeat(1, 3),
         "quaternions": quaternions,
-        "opacity_logits": torch.full((count,), opacity).logit(),
+        "opacity_logits": torch.full((count,), opacity, device=device).logit(),
         "sh": sh,
-        "embeddings": torch.zeros(count, embedding_size),
+        "embeddings": torch.zeros(count, embedding_size, device=device),
     }

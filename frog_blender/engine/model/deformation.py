@@ -13,6 +13,11 @@ HEADS = {"means": 3, "log_scales": 3, "quaternions": 4, "opacity_logits": 1, "sh
 """What each head changes and how many numbers it puts out; ``sh`` has three for each coefficient it deforms."""
 
 
+def _uniform(bound: float, *shape: int) -> nn.Parameter:
+    """On the CPU, whose generator draws the same numbers wherever the model goes afterwards."""
+    return nn.Parameter(torch.empty(shape, device="cpu").uniform_(-bound, bound))
+
+
 class DeformationField(nn.Module):
     """Args:
     embedding_size, temporal_size: lengths of e and t.
@@ -30,18 +35,18 @@ class DeformationField(nn.Module):
         self.sizes = {name: size for name, size in self.sizes.items() if size}
         self.head_width = head_width
         bound = (embedding_size + temporal_size) ** -0.5
-        self.embedding_weight = nn.Parameter(torch.empty(hidden_width, embedding_size).uniform_(-bound, bound))
-        self.temporal_weight = nn.Parameter(torch.empty(hidden_width, temporal_size).uniform_(-bound, bound))
-        self.bias = nn.Parameter(torch.empty(hidden_width).uniform_(-bound, bound))
+        self.embedding_weight = _uniform(bound, hidden_width, embedding_size)
+        self.temporal_weight = _uniform(bound, hidden_width, temporal_size)
+        self.bias = _uniform(bound, hidden_width)
         outputs = sum(self.sizes.values())
         if head_width:
             bound = hidden_width**-0.5
             width = head_width * len(self.sizes)
-            self.head_weight = nn.Parameter(torch.empty(width, hidden_width).uniform_(-bound, bound))
-            self.head_bias = nn.Parameter(torch.empty(width).uniform_(-bound, bound))
+            self.head_weight = _uniform(bound, width, hidden_width)
+            self.head_bias = _uniform(bound, width)
         # Zero outputs: training starts from the undeformed scene.
-        self.output_weight = nn.Parameter(torch.zeros(outputs, head_width or hidden_width))
-        self.output_bias = nn.Parameter(torch.zeros(outputs))
+        self.output_weight = nn.Parameter(torch.zeros(outputs, head_width or hidden_width, device="cpu"))
+        self.output_bias = nn.Parameter(torch.zeros(outputs, device="cpu"))
 
     def forward(self, temporal: torch.Tensor, embeddings: torch.Tensor) -> dict[str, torch.Tensor]:
         """Changes by attribute, (N, size) each, of embeddings (N, E) at the fused temporal embedding (T,)."""

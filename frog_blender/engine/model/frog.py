@@ -88,9 +88,15 @@ class Frog(nn.Module):
         """(T,) coarse and fine embedding fused by the Hadamard product (FRoG, section on early fusion)."""
         s = self.settings
         fine_rows = self.fine_rows(progressing)
-        coarse = torch.from_numpy(temporal_weights(time, s.coarse_rows, s.temporal_rows)) @ self.temporal_table
-        fine = torch.from_numpy(temporal_weights(time, fine_rows, s.temporal_rows)) @ self.temporal_table
-        return coarse * fine
+        return self._resampled(time, s.coarse_rows) * self._resampled(time, fine_rows)
+
+    def _resampled(self, time: float, rows: int) -> torch.Tensor:
+        """(T,) the table at ``time`` when resampled to ``rows`` rows."""
+        table = self.temporal_table
+        weights = torch.from_numpy(temporal_weights(time, rows, self.settings.temporal_rows))
+        if table.is_cuda:  # from pinned memory a copy does not wait for the work that is queued before it
+            weights = weights.pin_memory()
+        return weights.to(table.device, non_blocking=True) @ table
 
     def deform(
         self, time: float, progressing: Progressing = FINISHED, sh_count: int | None = None
@@ -164,11 +170,12 @@ def initial_table(settings: FrogSettings) -> torch.Tensor:
 
     Around one, because the product of a zero table with itself has no gradient at all; slow waves, because they let
     neighbouring moments learn from each other from the first step (0.5 dB better in the moving region than noise of
-    the same size after a short training).
+    the same size after a short training). On the CPU, as the network's first weights.
     """
-    times = torch.linspace(0, 1, settings.temporal_rows)[:, None]
-    frequencies = torch.rand(settings.temporal_size) * settings.coarse_rows / 2  # cycles over the capture
-    phases = torch.rand(settings.temporal_size)
+    times = torch.linspace(0, 1, settings.temporal_rows, device="cpu")[:, None]
+    # Cycles over the capture.
+    frequencies = torch.rand(settings.temporal_size, device="cpu") * settings.coarse_rows / 2
+    phases = torch.rand(settings.temporal_size, device="cpu")
     return 1 + torch.sin(2 * math.pi * (frequencies * times + phases))
 
 

@@ -27,8 +27,8 @@ class _Deform(torch.autograd.Function):
         tensors = tuple(tensor.contiguous() for tensor in tensors)
         count = len(tensors[0])
         sizes = {"means": (3,), "quaternions": (4,), "scales": (3,), "opacities": (), "sh": (shape.sh_active, 3)}
-        result = {name: torch.empty((count, *sizes[name])) for name in _OUTPUTS}
-        result["changes"] = torch.empty((count, shape.outputs))
+        result = {name: torch.empty((count, *sizes[name]), device="cpu") for name in _OUTPUTS}
+        result["changes"] = torch.empty((count, shape.outputs), device="cpu")
         deform(shape, dict(zip(names, tensors, strict=True)), result)
         ctx.shape, ctx.names = shape, names
         ctx.save_for_backward(*tensors)

@@ -33,6 +33,7 @@ def save_checkpoint(path: Path, trainer: Trainer, settings: dict[str, Any] | Non
     tensors["density.seen"] = trainer.density.seen
     tensors["density.peak_opacity"] = trainer.density.peak_opacity
     tensors["random"] = trainer.generator.get_state()
+    trainer.regions.settle()
     for camera, errors in enumerate(trainer.regions.errors):
         tensors[f"regions.{camera}"] = errors
     if trainer.neighbourhood is not None:
@@ -51,7 +52,7 @@ def save_checkpoint(path: Path, trainer: Trainer, settings: dict[str, Any] | Non
         "shots": len(trainer.capture.shots),
     }
     # ascontiguousarray would turn Adam's scalar step counters into vectors.
-    arrays = {name: np.array(value.detach().numpy(), order="C") for name, value in tensors.items()}
+    arrays = {name: np.array(value.detach().cpu().numpy(), order="C") for name, value in tensors.items()}
     write_atomically(path, serialize(arrays, metadata={_KEY: json.dumps(state)}))
 
 
@@ -65,7 +66,7 @@ def checkpoint_settings(path: Path) -> dict[str, Any]:
 
 
 def load_checkpoint(path: Path, trainer: Trainer) -> None:
-    """Puts ``trainer`` (made with the same capture, recipe and method) where the checkpoint was written."""
+    """Puts ``trainer`` (same capture, recipe and method; any device) where the checkpoint was written."""
     arrays, metadata = read_tensors(path, "a training checkpoint")
     try:
         state = json.loads(metadata[_KEY])
@@ -84,16 +85,17 @@ def load_checkpoint(path: Path, trainer: Trainer) -> None:
             raise FrogError(f"{path}: belongs to another training ({what} differ); train again without resuming.")
         tensors = {name: torch.from_numpy(array.copy()) for name, array in arrays.items()}
         for name in ATTRIBUTES:
-            setattr(trainer.model.canonical, name, nn.Parameter(tensors[f"model.canonical.{name}"]))
+            setattr(trainer.model.canonical, name, nn.Parameter(tensors[f"model.canonical.{name}"].to(trainer.device)))
         trainer.model.load_state_dict({name[6:]: value for name, value in tensors.items() if name.startswith("model.")})
         trainer.rebuild_optimizer()
         trainer.optimizer.load_state_arrays(tensors)
         for name in ("gradient_sum", "seen", "peak_opacity"):
-            setattr(trainer.density, name, tensors[f"density.{name}"])
+            setattr(trainer.density, name, tensors[f"density.{name}"].to(trainer.device))
         trainer.generator.set_state(tensors["random"])
         trainer.regions.errors = [tensors[f"regions.{camera}"] for camera in range(len(trainer.capture.cameras))]
         if "neighbourhood.anchors" in tensors:
-            parts = [tensors[f"neighbourhood.{name}"] for name in ("anchors", "neighbours", "weights")]
+            names = ("anchors", "neighbours", "weights")
+            parts = [tensors[f"neighbourhood.{name}"].to(trainer.device) for name in names]
             trainer.neighbourhood = Neighbourhood(*parts)
         trainer.resume_at(state)
     except (KeyError, ValueError, TypeError, RuntimeError) as error:

@@ -22,21 +22,23 @@ class DensityControl:
     Args:
         recipe: thresholds.
         scene_scale: world units.
+        count: Gaussians.
+        device: theirs.
     """
 
-    def __init__(self, recipe: Recipe, scene_scale: float, count: int) -> None:
+    def __init__(self, recipe: Recipe, scene_scale: float, count: int, device: torch.device | str = "cpu") -> None:
         self._recipe = recipe
         self._scene_scale = scene_scale
-        self.peak_opacity = torch.ones(count)
-        self.reset(torch.arange(count), 0)
+        self.peak_opacity = torch.ones(count, device=device)
+        self.reset(torch.arange(count, device=device), 0)
 
     def reset(self, keep: torch.Tensor, added: int) -> None:
         """Begins again with the Gaussians ``keep`` (indices) and ``added`` new ones after them."""
-        count = len(keep) + added
-        self.gradient_sum = torch.zeros(count)
-        self.seen = torch.zeros(count)
+        count, device = len(keep) + added, self.peak_opacity.device
+        self.gradient_sum = torch.zeros(count, device=device)
+        self.seen = torch.zeros(count, device=device)
         # Fades over several rounds: one round's steps may miss the moment at which a Gaussian is seen.
-        self.peak_opacity = torch.cat([0.5 * self.peak_opacity[keep], torch.ones(added)])
+        self.peak_opacity = torch.cat([0.5 * self.peak_opacity[keep], torch.ones(added, device=device)])
 
     @torch.no_grad()
     def observe(self, image: Image, opacities: torch.Tensor, camera: Camera) -> None:
@@ -61,7 +63,7 @@ class DensityControl:
         keep |= ~keep.any()  # never everything
         pull = self.gradient_sum / self.seen.clamp(min=1)
         room = min(int(count * recipe.densify_growth), recipe.max_gaussians - int(keep.sum()))
-        chosen = torch.empty(0, dtype=torch.long)
+        chosen = torch.empty(0, dtype=torch.long, device=keep.device)
         if room > 0:
             candidates = ((pull > recipe.densify_threshold) & keep).nonzero().squeeze(1)
             chosen = candidates[pull[candidates].topk(min(room, len(candidates))).indices].sort().values
@@ -69,8 +71,8 @@ class DensityControl:
         values = {name: getattr(canonical, name).detach()[chosen] for name in ATTRIBUTES}
         large = values["log_scales"].exp().amax(1) > recipe.split_scale * self._scene_scale
         # Split: two samples of the old Gaussian, 1.6 times smaller, in its place. Clone: the same one twice.
-        shrink = torch.where(large, torch.tensor(1.6).log(), torch.tensor(0.0))[:, None]
-        offsets = torch.randn(values["means"].shape, generator=generator)
+        shrink = torch.where(large, torch.tensor(1.6, device=large.device).log(), 0.0)[:, None]
+        offsets = torch.randn(values["means"].shape, generator=generator).to(large.device)
         offsets = offsets * values["log_scales"].exp() * large[:, None]
         offsets = (rotation_matrices(values["quaternions"]) @ offsets[:, :, None]).squeeze(2)
         new = dict(values, means=values["means"] + offsets, log_scales=values["log_scales"] - shrink)

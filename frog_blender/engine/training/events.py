@@ -24,6 +24,8 @@ class Started:
     cameras: int
     frames: int
     gaussians: int
+    device: str = "cpu"
+    """"cpu" or "cuda"."""
 
 
 @dataclass(frozen=True)

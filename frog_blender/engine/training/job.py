@@ -20,6 +20,7 @@ from ..inference.draw import to_uint8
 from ..model.frog import Frog
 from . import events
 from .checkpoint import checkpoint_path, checkpoint_settings, load_checkpoint, save_checkpoint
+from .device import choose_device
 from .events import Event
 from .recipe import METHODS, Recipe, recipe
 from .trainer import Limits, Trainer
@@ -47,6 +48,7 @@ class TrainingJob:
         holdout_frames: withhold every n-th moment; None keeps what the format says.
         resume: go on from the checkpoint beside ``output``.
         pixel_offsets: see ``open_capture``.
+        device: "auto", "cpu" or "cuda", see ``choose_device``; a resume may choose another.
     """
 
     capture: Path
@@ -60,6 +62,7 @@ class TrainingJob:
     holdout_frames: int | None = None
     resume: bool = False
     pixel_offsets: dict[str, tuple[float, float]] | None = None
+    device: str = "auto"
 
 
 _LARGEST_SIDE = 1600
@@ -95,7 +98,8 @@ def run_training(job: TrainingJob, cancelled: Callable[[], bool] = lambda: False
     if job.resume:
         job = _as_it_began(job)
     capture, scale = prepare_capture(job.capture, job.scale, job.holdout_frames, job.pixel_offsets)
-    for warning in capture.warnings:
+    device, left_aside = choose_device(job.device)
+    for warning in (*capture.warnings, *([left_aside] if left_aside else [])):
         yield events.Warned(warning)
     if cancelled():
         yield events.Cancelled(0, None)
@@ -115,10 +119,11 @@ def run_training(job: TrainingJob, cancelled: Callable[[], bool] = lambda: False
         yield events.Cancelled(0, None)
         return
     limits = Limits(job.steps or (None if job.seconds else job.recipe.steps_for(capture.frame_count)), job.seconds)
-    trainer = Trainer(capture, store, seeds, job.recipe, job.method, limits, job.seed)
+    trainer = Trainer(capture, store, seeds, job.recipe, job.method, limits, job.seed, device)
     if job.resume:
         load_checkpoint(checkpoint_path(job.output), trainer)
-    yield events.Started(job.method, limits.steps, len(capture.cameras), capture.frame_count, trainer.count)
+    counts = (len(capture.cameras), capture.frame_count, trainer.count)
+    yield events.Started(job.method, limits.steps, *counts, device.type)
     yield from _train(job, trainer, scale, cancelled)
 
 
@@ -160,12 +165,15 @@ def _train(job: TrainingJob, trainer: Trainer, scale: float, cancelled: Callable
             yield _progress_event(trainer)
         if int(trainer.progress * _EVALUATIONS) > evaluated and not trainer.finished:
             evaluated = int(trainer.progress * _EVALUATIONS)
+            trainer.check()
             psnr, split = trainer.evaluate(_EVALUATED_SHOTS)
             yield events.Evaluated(trainer.step_count, psnr, split)
             yield events.Preview(trainer.step_count, to_uint8(trainer.picture(preview_shot)))
         if now - last_save >= _SAVE_SECONDS:
+            trainer.check()
             yield from _save_checkpoint(job, trainer)
             last_save = time.monotonic()
+    trainer.check()
     psnr, split = trainer.evaluate(30)
     yield events.Evaluated(trainer.step_count, psnr, split)
     save_scene(job, trainer, scale, {"psnr": psnr, "split": split})
@@ -203,7 +211,7 @@ def save_scene(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[s
     arrays = {}
     for name, value in trainer.model.state_dict().items():
         name = name.removeprefix("canonical.").replace("deformation.", "network.")
-        arrays[name] = value.detach().numpy()
+        arrays[name] = value.detach().cpu().numpy()
     if trainer.method == "static":
         del arrays["embeddings"]
     shots: list[list[int]] = [[] for _ in capture.cameras]

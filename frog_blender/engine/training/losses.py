@@ -15,7 +15,7 @@ _WINDOW, _SIGMA = 11, 1.5
 
 @functools.cache
 def _kernel() -> torch.Tensor:
-    offsets = torch.arange(_WINDOW) - _WINDOW // 2
+    offsets = torch.arange(_WINDOW, device="cpu") - _WINDOW // 2
     kernel = torch.exp(-offsets.square() / (2 * _SIGMA**2))
     return kernel / kernel.sum()
 
@@ -26,7 +26,7 @@ class _Similarity(torch.autograd.Function):
         gradient = torch.empty_like(image)
         value = similarity(image, truth, gradient)
         ctx.save_for_backward(gradient)
-        return torch.tensor(value)
+        return torch.tensor(value, device=image.device)
 
     @staticmethod
     def backward(ctx: Any, *by: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
@@ -49,7 +49,7 @@ def ssim_plainly(image: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
     x, y = image.permute(2, 0, 1), truth.permute(2, 0, 1)
     moments = torch.cat([x, y, x * x, y * y, x * y])[None]
     channels = moments.shape[1]
-    kernel = _kernel().to(moments)
+    kernel = _kernel().to(moments, non_blocking=True)
     for shape, padding in (((1, _WINDOW), (0, _WINDOW // 2)), ((_WINDOW, 1), (_WINDOW // 2, 0))):
         weight = kernel.reshape(1, 1, *shape).expand(channels, 1, *shape)
         moments = functional.conv2d(moments, weight, padding=padding, groups=channels)

@@ -35,5 +35,5 @@ def spacings(points: torch.Tensor, among: torch.Tensor | None = None) -> torch.T
     own = among is None
     distances, _ = nearest(points, points if among is None else among, 3, skip_self=own)
     if distances.shape[1] == 0:
-        return torch.full((len(points),), 0.01)
+        return torch.full((len(points),), 0.01, device=points.device)
     return distances.square().mean(1).sqrt().clamp(min=1e-6)

@@ -101,6 +101,10 @@ class SceneOptimizer:
         for group in self.adam.param_groups:
             for number, parameter in enumerate(group["params"]):
                 prefix = f"adam.{group['name']}.{number}."
-                state = {key[len(prefix) :]: value for key, value in arrays.items() if key.startswith(prefix)}
+                state = {
+                    key[len(prefix) :]: value.to(parameter.device)
+                    for key, value in arrays.items()
+                    if key.startswith(prefix)
+                }
                 if state:
                     self.adam.state[parameter] = state

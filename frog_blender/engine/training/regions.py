@@ -6,6 +6,8 @@ little more than its share of the pixels, so the same time holds several times t
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import torch
 from torch.nn import functional
 
@@ -14,6 +16,16 @@ from ..capture.camera import Camera
 CELL = 16  # pixels a side; the rasterizer's tiles
 _MEMORY = 0.7  # share of the old estimate that a new look at a cell leaves
 _LEAST = 48  # pixels a side
+
+
+@dataclass(frozen=True)
+class _Look:
+    """Mean squared error by cell (rows, columns) of a camera's region; ``arrived`` tells when it is there to read."""
+
+    camera: int
+    region: tuple[int, int, int, int]
+    mean: torch.Tensor
+    arrived: torch.cuda.Event | None = None
 
 
 class RegionPicker:
@@ -25,18 +37,22 @@ class RegionPicker:
         size: sides of the rectangle over those of the picture, in (0, 1].
 
     Attributes:
-        errors: (rows, columns) by camera; infinite where nothing was drawn yet.
+        errors: (rows, columns) by camera, infinite where nothing was drawn yet; on the CPU, where rectangles are drawn.
+            ``settle`` first, where pictures are drawn elsewhere.
     """
 
     def __init__(self, cameras: tuple[Camera, ...] | list[Camera], share: float, size: float) -> None:
         self._cameras, self._share, self._size = cameras, share, size
-        self.errors = [torch.full((-(-c.height // CELL), -(-c.width // CELL)), torch.inf) for c in cameras]
+        sizes = [(-(-c.height // CELL), -(-c.width // CELL)) for c in cameras]
+        self.errors = [torch.full(size, torch.inf, device="cpu") for size in sizes]
+        self._arriving: list[_Look] = []
 
     def pick(self, camera: int, generator: torch.Generator) -> tuple[int, int, int, int] | None:
         """(left, top, width, height) in pixels, or None for the whole picture. Its centre falls into a cell with the
         probability of that cell's share of the squared error."""
         if self._share == 0.0 or float(torch.rand(1, generator=generator)) >= self._share:
             return None
+        self.settle()
         errors = self.errors[camera]
         if not bool(torch.isfinite(errors).all()):  # its first time: all of it
             return None
@@ -58,6 +74,28 @@ class RegionPicker:
         """Takes in what a step saw: ``difference`` (height, width, 3), picture minus truth, of the region."""
         square = difference[::2, ::2].square().permute(2, 0, 1)  # a quarter of the pixels tells as much
         mean = functional.avg_pool2d(square, CELL // 2, ceil_mode=True, count_include_pad=False).mean(0)
-        row, column = region[1] // CELL, region[0] // CELL
-        cells = self.errors[camera][row : row + mean.shape[0], column : column + mean.shape[1]]
+        if mean.device.type == "cpu":
+            self._take_in(_Look(camera, region, mean))
+            return
+        # The copy is queued behind this step's forward pass and fetched by the next step: its backward pass and the
+        # optimiser are not waited for. The look before it has long arrived.
+        self.settle()
+        arrived = None
+        fetched = mean.to("cpu", non_blocking=True)
+        if mean.device.type == "cuda":
+            arrived = torch.cuda.current_stream(mean.device).record_event()
+        self._arriving.append(_Look(camera, region, fetched, arrived))
+
+    def settle(self) -> None:
+        """Takes in what is still on its way from a GPU."""
+        for look in self._arriving:
+            if look.arrived is not None:
+                look.arrived.synchronize()
+            self._take_in(look)
+        self._arriving.clear()
+
+    def _take_in(self, look: _Look) -> None:
+        mean = look.mean
+        row, column = look.region[1] // CELL, look.region[0] // CELL
+        cells = self.errors[look.camera][row : row + mean.shape[0], column : column + mean.shape[1]]
         cells.copy_(torch.where(torch.isfinite(cells), _MEMORY * cells + (1 - _MEMORY) * mean, mean))

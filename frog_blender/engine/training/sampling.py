@@ -35,8 +35,9 @@ def choose_pixels(score: torch.Tensor, depth: torch.Tensor, count: int, generato
     candidates = candidates[score[candidates] > 0]
     if len(candidates) == 0:
         return candidates
-    drawn = torch.multinomial(score[candidates], min(count, len(candidates)), generator=generator)
-    return candidates[drawn]
+    weights = score[candidates].cpu()  # where the generator is
+    drawn = torch.multinomial(weights, min(count, len(candidates)), generator=generator)
+    return candidates[drawn.to(candidates.device)]
 
 
 @torch.no_grad()
@@ -65,7 +66,8 @@ def anchors(
     width = image.median_depth.shape[1]
     pixels = torch.stack([chosen % width, torch.div(chosen, width, rounding_mode="floor")], dim=1) + 0.5
     distances = image.median_depth.flatten()[chosen]
-    points = torch.from_numpy(camera.unproject(pixels.double().numpy(), distances.double().numpy())).float()
+    places = camera.unproject(pixels.double().cpu().numpy(), distances.double().cpu().numpy())
+    points = torch.from_numpy(places).float().to(existing.device)
     colors = truth.reshape(-1, 3)[chosen]
     sizes = spacings(points, existing) if len(points) else points.new_empty(0)
     new = new_gaussians(points, colors, sizes, sh_count, len(embedding))

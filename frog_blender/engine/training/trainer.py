@@ -14,20 +14,22 @@ from ..capture.capture import Capture
 from ..capture.frames import FrameStore
 from ..capture.seeds import Seeds
 from ..capture.time import frame_to_time
-from ..errors import FrogError
 from ..evaluation.metrics import psnr_of
 from ..model.baselines.static import Static
-from ..model.canonical import ATTRIBUTES, CanonicalField, new_gaussians
-from ..model.frog import Frog, FrogSettings, Progressing, rows_for, total_deformation
+from ..model.canonical import ATTRIBUTES
+from ..model.frog import Frog, Progressing, total_deformation
 from ..rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
 from .density import DensityControl
+from .device import picture_on
 from .losses import add_embedding_smoothness, neighbour_weights, ssim
-from .neighbours import nearest, spacings
+from .neighbours import nearest
 from .optimizer import SceneOptimizer
 from .recipe import Recipe
 from .regions import RegionPicker
+from .running_loss import RunningLoss
 from .sampling import anchors
 from .schedule import Every, ShotPicker, ramp
+from .start import first_model, scale_of
 
 _SMOOTHNESS_BATCH = 256  # anchors of the smoothness sample that a step looks at
 
@@ -52,64 +54,43 @@ class Neighbourhood:
 class Trainer:
     """Call ``step`` until ``progress`` is 1.
 
+    Everything that grows with the Gaussians lives on ``device``. Random numbers are drawn on the CPU, so that a seed
+    picks the same pictures and regions anywhere.
+
     Attributes:
         model: ``model.deform(time, progressing)`` gives Gaussians and changes.
         step_count, seconds: so far; seconds leave evaluation and saving out.
         progress: 0 to 1.
-        loss: a running mean.
     """
 
     def __init__(
-        self, capture: Capture, store: FrameStore, seeds: Seeds, recipe: Recipe, method: str, limits: Limits, seed: int
+        self,
+        capture: Capture,
+        store: FrameStore,
+        seeds: Seeds,
+        recipe: Recipe,
+        method: str,
+        limits: Limits,
+        seed: int,
+        device: torch.device | str = "cpu",
     ) -> None:
         self.capture, self.recipe, self.method, self.limits = capture, recipe, method, limits
-        self._store = store
+        self._store, self.device = store, torch.device(device)
         torch.manual_seed(seed)
         torch.set_flush_denormal(True)
         self.generator = torch.Generator().manual_seed(seed)
-        points, colors = torch.from_numpy(seeds.points), torch.from_numpy(seeds.colors)
-        self.scene_scale = self._scale_of(seeds.points)
-        sh_count = (recipe.sh_degree + 1) ** 2
-        embedding_size = recipe.embedding_size if method == "frog" else 0
-        values = new_gaussians(points, colors, spacings(points), sh_count, embedding_size)
-        canonical = CanonicalField(values)
-        self.model: Frog | Static
-        if method == "frog":
-            self.model = Frog(canonical, self._frog_settings(sh_count))
-        else:
-            self.model = Static(canonical)
+        self.scene_scale = scale_of(capture, seeds.points)
+        self.model: Frog | Static = first_model(capture, seeds, recipe, method, self.scene_scale, self.device)
         self.optimizer = SceneOptimizer(self.model, recipe, self.scene_scale)
-        self.density = DensityControl(recipe, self.scene_scale, len(canonical))
+        self.density = DensityControl(recipe, self.scene_scale, self.count, self.device)
         self.neighbourhood: Neighbourhood | None = None
-        self.step_count, self.seconds, self.progress, self.loss = 0, 0.0, 0.0, math.nan
+        self.step_count, self.seconds, self.progress = 0, 0.0, 0.0
+        self._loss = RunningLoss()
         self.burst_shot = -1
         self._picker = ShotPicker(capture)
         self.regions = RegionPicker(capture.cameras, recipe.region_share, recipe.region_size)
         self._densify = Every(recipe.densify_from, recipe.densify_until, recipe.densify_every)
         self._sample = Every(recipe.sampling_from, recipe.sampling_until, recipe.sampling_every)
-
-    def _scale_of(self, points: np.ndarray) -> float:
-        """Median distance from camera to seed point, world units."""
-        centers = np.array([camera.center for camera in self.capture.cameras])
-        some = points[:: max(1, len(points) // 2000)]
-        distances = np.linalg.norm(some[:, None] - centers[None, :: max(1, len(centers) // 20)], axis=2)
-        return float(np.median(distances))
-
-    def _frog_settings(self, sh_count: int) -> FrogSettings:
-        recipe = self.recipe
-        rows, coarse_rows = rows_for(self.capture.frame_count)
-        return FrogSettings(
-            temporal_rows=rows,
-            coarse_rows=coarse_rows,
-            temporal_size=recipe.temporal_size,
-            embedding_size=recipe.embedding_size,
-            hidden_width=recipe.hidden_width,
-            head_width=recipe.head_width,
-            deformed_sh=min(recipe.deformed_sh, sh_count),
-            opacity_reduction=recipe.opacity_reduction,
-            opacity_sharpness=recipe.opacity_sharpness,
-            motion_unit=0.2 * self.scene_scale,
-        )
 
     def rebuild_optimizer(self) -> None:
         """A fresh optimiser, after the model's parameters were replaced from outside."""
@@ -118,7 +99,7 @@ class Trainer:
     def resume_at(self, state: dict[str, Any]) -> None:
         """Sets the counters of a checkpoint."""
         self.step_count, self.seconds = int(state["step_count"]), float(state["seconds"])
-        self.loss = math.nan if state["loss"] is None else float(state["loss"])
+        self._loss.resume(math.nan if state["loss"] is None else float(state["loss"]))
         self.burst_shot = int(state["burst_shot"])
         self.progress = self._progress_now()
 
@@ -130,6 +111,15 @@ class Trainer:
     @property
     def finished(self) -> bool:
         return self.progress >= 1.0
+
+    @property
+    def loss(self) -> float:
+        """A running mean, NaN before the first step."""
+        return self._loss.mean
+
+    def check(self) -> None:
+        """FrogError when the training has become unstable; call it before anything is saved or shown."""
+        self._loss.check(self.step_count)
 
     def step(self) -> None:
         """One optimiser step on one picture, and whatever round is due after it."""
@@ -150,15 +140,12 @@ class Trainer:
                 region[2] * region[3] / self.capture.cameras[camera].width / self.capture.cameras[camera].height
             )
         self.regions.observe(camera, options.region_of(self.capture.cameras[camera]), difference.detach())
-        value = loss.item()
-        if not math.isfinite(value):
-            raise FrogError(f"Training became unstable at step {self.step_count} (the loss is not a number).")
+        self._loss.add(loss, self.step_count)
         loss.backward()
         if changes and self.neighbourhood is not None and self.recipe.smoothness_weight:
             self._add_smoothness(self.neighbourhood)
         self.density.observe(image, gaussians.opacities.detach(), self.capture.cameras[camera])
         self.optimizer.step()
-        self.loss = value if math.isnan(self.loss) else 0.98 * self.loss + 0.02 * value
         self.step_count += 1
         self.seconds += time.perf_counter() - started
         self.progress = self._progress_now()
@@ -193,7 +180,7 @@ class Trainer:
         camera = self.capture.cameras[shot.camera]
         left, top, width, height = options.region_of(camera)
         pixels = self._store.image(shot_index)[top : top + height, left : left + width]
-        truth = torch.from_numpy(pixels.astype(np.float32)) / 255
+        truth = picture_on(self.device, pixels)
         gaussians, changes = self.gaussians_at(frame_to_time(shot.frame, self.capture.frame_count), progress)
         image = rasterize(gaussians, camera, self.capture.background, options)
         return truth, image, gaussians, changes
@@ -249,7 +236,7 @@ class Trainer:
             canonical.embeddings[calmest].detach(),
             self.generator,
         )
-        everyone = torch.arange(self.count)
+        everyone = torch.arange(self.count, device=self.device)
         self.optimizer.replace_gaussians(everyone, {name: new[name] for name in ATTRIBUTES})
         self.density.reset(everyone, len(new["means"]))
 
@@ -259,7 +246,7 @@ class Trainer:
         if len(means) < 2:  # nobody to be like
             self.neighbourhood = None
             return
-        chosen = torch.randperm(len(means), generator=self.generator)[: self.recipe.smoothness_sample]
+        chosen = torch.randperm(len(means), generator=self.generator)[: self.recipe.smoothness_sample].to(self.device)
         distances, neighbours = nearest(means[chosen], means, self.recipe.smoothness_neighbours, skip_self=True)
         weights = neighbour_weights(distances, self.recipe.smoothness_falloff)
         self.neighbourhood = Neighbourhood(chosen, neighbours, weights)
@@ -269,7 +256,7 @@ class Trainer:
         """(H, W, 3) float32 what a shot looks like as training stands."""
         shot = self.capture.shots[shot_index]
         gaussians, _ = self.gaussians_at(frame_to_time(shot.frame, self.capture.frame_count), self.progress)
-        return rasterize(gaussians, self.capture.cameras[shot.camera], self.capture.background).rgb.numpy()
+        return rasterize(gaussians, self.capture.cameras[shot.camera], self.capture.background).rgb.cpu().numpy()
 
     def evaluate(self, limit: int) -> tuple[float, str]:
         """Mean PSNR over at most ``limit`` evenly spread held-out pictures (training ones when none is withheld).

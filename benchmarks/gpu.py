@@ -1,0 +1,215 @@
+"""Everything there is to check and measure on a machine with an NVIDIA GPU, in one command from a checkout:
+
+    PYTHONPATH=. python benchmarks/gpu.py [--capture DIR] --out OUT [--build]
+
+It needs torch with CUDA and numpy; what needs more (pytest, OpenCV, safetensors, gsplat, the native library) is left
+out with a word where that is missing. ``--build`` builds the native library first, with CMake or a C++ compiler alone.
+Every part runs in a process of its own: where one fails, the others go on, and the exit status is 1.
+OUT/gpu.json holds the figures, OUT/gpu.md the same as tables, OUT/*.log what the parts said.
+``--device cpu`` is a rehearsal without a GPU: sizes are tiny, and its figures mean nothing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from gpu_build import build
+from gpu_report import Failed, LeftOut, attempt, report
+
+ROOT = Path(__file__).resolve().parents[1]
+BENCHMARKS = ROOT / "benchmarks"
+GPU_TESTS = "tests/rasterizer/cuda/test_on_gpu.py"
+CPU_COMPARISON = f"{GPU_TESTS}::test_a_large_picture_and_many_gaussians_agree_with_the_cpu"
+LIMIT_SECONDS = 3600  # of one part
+
+
+class Check:
+    """The parts, for one set of options. Each returns its figures as plain values."""
+
+    def __init__(self, options: argparse.Namespace) -> None:
+        self.options = options
+        self.rehearsal = options.device == "cpu"
+        self.environment = dict(os.environ)
+        paths = [str(ROOT), os.environ.get("PYTHONPATH", "")]
+        self.environment["PYTHONPATH"] = os.pathsep.join(path for path in paths if path)
+        self.native = ""  # why there is no native library
+
+    def start(self, name: str, arguments: list[str], statuses: tuple[int, ...] = (0,)) -> str:
+        """The standard output of another interpreter, kept in a log; Failed with its last line when it fails."""
+        try:
+            done = subprocess.run(
+                [sys.executable, *arguments],
+                capture_output=True,
+                text=True,
+                cwd=ROOT,
+                env=self.environment,
+                timeout=LIMIT_SECONDS,
+                check=False,
+            )
+        except subprocess.TimeoutExpired as error:
+            raise Failed(f"not ready after {LIMIT_SECONDS} s") from error
+        self._log(name).write_text(f"{done.stdout}\n{done.stderr}", encoding="utf-8")
+        if done.returncode not in statuses:
+            raise Failed(f"{self.last_word(name)} (status {done.returncode})")
+        return done.stdout
+
+    def _log(self, name: str) -> Path:
+        return self.options.out / f"{name}.log"
+
+    def last_word(self, name: str) -> str:
+        """The last line of a part's log, and where to read on."""
+        said = self._log(name).read_text(encoding="utf-8").strip().splitlines()
+        return f"{said[-1] if said else 'it said nothing'}; see {self._log(name)}"
+
+    def machine(self) -> dict[str, Any]:
+        """What this is; raises Failed where torch sees no GPU."""
+        import numpy
+        import torch
+
+        found: dict[str, Any] = {
+            "python": platform.python_version(),
+            "torch": torch.__version__,
+            "numpy": numpy.__version__,
+            "cuda": torch.version.cuda,
+        }
+        asked = ["nvidia-smi", "--query-gpu=name,driver_version", "--format=csv,noheader"]
+        if shutil.which("nvidia-smi"):
+            done = subprocess.run(asked, capture_output=True, text=True, check=False)
+            found["driver"] = done.stdout.strip() or done.stderr.strip()
+        if torch.cuda.is_available():
+            properties = torch.cuda.get_device_properties(0)
+            found["device"] = properties.name
+            found["capability"] = f"{properties.major}.{properties.minor}"
+            found["memory_gb"] = round(properties.total_memory / 1e9, 1)
+        missing = [name for name in ("pytest", "cv2", "safetensors", "gsplat", "tqdm") if find_spec(name) is None]
+        found["missing"] = ", ".join(missing) or "nothing"
+        ask = "from frog_blender.engine.rasterizer import native; print(native.instruction_set())"
+        try:
+            found["native library"] = self.start("native", ["-c", ask]).strip()
+        except Failed as error:
+            self.native = str(error)
+            found["native library"] = "none (--build makes it)"
+        if not torch.cuda.is_available() and not self.rehearsal:
+            raise Failed("torch sees no CUDA device", found)
+        return found
+
+    def kernels(self) -> dict[str, Any]:
+        """The CUDA rasterizer's tests on the device."""
+        for package in ("pytest", "safetensors"):
+            if find_spec(package) is None:
+                raise LeftOut(f"{package} is not installed")
+        arguments = ["-m", "pytest", "-q", "-rs", "-p", "no:cacheprovider", GPU_TESTS]
+        if self.native:
+            arguments += ["--deselect", CPU_COMPARISON]
+        said = self.start("kernels", arguments).strip().splitlines()
+        result = {"tests": said[-1] if said else ""}
+        if self.native:
+            result["left out"] = "the comparison with the CPU, which needs the native library"
+        if "skipped" in result["tests"] and "passed" not in result["tests"] and not self.rehearsal:
+            reasons = [line for line in said if line.startswith("SKIPPED")]
+            raise Failed(f"every test was skipped: {reasons[-1] if reasons else ''}", result)
+        return result
+
+    def rasterizer(self) -> dict[str, Any]:
+        """Forward and backward on generated scenes, ours and gsplat's."""
+        backends = ["cpu"] if self.rehearsal else ["cuda", *self._gsplat()]
+        scenes = ["tiny"] if self.rehearsal else ["100k_b", "1M_b"]
+        arguments = [str(BENCHMARKS / "rasterizer.py"), "--json", "--scene", *scenes, "--backend", *backends]
+        said = self.start("rasterizer", arguments, statuses=(0, 1))
+        records = [json.loads(line) for line in said.splitlines() if line.startswith("{")]
+        keys = ("scene", "backend", "forward_s", "backward_s", "peak_device_mb", "pairs")
+        result = {"runs": [{key: record.get(key) for key in keys} for record in records]}
+        if len(records) < len(scenes) * len(backends):
+            ended = f"{len(records)} of {len(scenes) * len(backends)} runs came to their end"
+            raise Failed(f"{ended}: {self.last_word('rasterizer')}", result)
+        return result
+
+    def steps(self) -> dict[str, Any]:
+        """Whole training steps, with our rasterizer and with gsplat's."""
+        arguments = [str(BENCHMARKS / "gpu_step.py"), "--device", self.options.device]
+        arguments += ["--rasterizers", "ours", *self._gsplat()]
+        result: dict[str, Any] = {"learned": "a generated scene"}
+        if self.options.capture and find_spec("cv2") is not None:
+            arguments += ["--capture", str(self.options.capture)]
+            result["learned"] = str(self.options.capture)
+        elif self.options.capture:
+            result["left out"] = "the capture: OpenCV is not installed"
+        if self.rehearsal:
+            arguments += ["--counts", "500", "--steps", "2", "--scene", "tiny", "--scale", "0.25"]
+        said = self.start("steps", arguments, statuses=(0, 1))
+        result["runs"] = [json.loads(line) for line in said.splitlines() if line.startswith("{")]
+        failed = [run["failed"] for run in result["runs"] if "failed" in run]
+        if failed or not result["runs"]:
+            raise Failed(failed[0] if failed else self.last_word("steps"), result)
+        return result
+
+    def training(self) -> dict[str, Any]:
+        """The draft recipe on the capture, from decoding to its figures."""
+        if not self.options.capture:
+            raise LeftOut("there is no --capture")
+        for package in ("cv2", "safetensors"):
+            if find_spec(package) is None:
+                raise LeftOut(f"{package} is not installed")
+        arguments = [str(BENCHMARKS / "quality.py"), str(self.options.capture), "--seeds", "1", "--recipe", "draft"]
+        arguments += ["--device", self.options.device]
+        if self.rehearsal:
+            arguments += ["--steps", "5", "--scale", "0.25"]
+        result = json.loads(self.start("training", arguments).splitlines()[0])
+        if self.native:
+            result["left out"] = "all figures but psnr, which need the native library"
+        return result
+
+    @staticmethod
+    def _gsplat() -> list[str]:
+        return [] if find_spec("gsplat") is None else ["gsplat"]
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--capture", type=Path, help="a capture's folder")
+    parser.add_argument("--out", type=Path, required=True, help="folder for figures and logs")
+    parser.add_argument("--build", action="store_true", help="build the native library first")
+    parser.add_argument("--device", choices=["cuda", "cpu"], default="cuda", help="cpu: a rehearsal")
+    options = parser.parse_args()
+    options.out = options.out.resolve()
+    options.out.mkdir(parents=True, exist_ok=True)
+    options.capture = options.capture.resolve() if options.capture else None
+    check = Check(options)
+    parts: dict[str, Callable[[], dict[str, Any]]] = {}
+    if options.build:
+
+        def built() -> dict[str, Any]:
+            check.environment["FROG_NATIVE_LIBRARY"] = str(build(ROOT / "build" / "gpu"))
+            return {"library": check.environment["FROG_NATIVE_LIBRARY"]}
+
+        parts["native library"] = built
+    parts |= {"machine": check.machine, "rasterizer tests": check.kernels, "rasterizer": check.rasterizer}
+    parts |= {"training step": check.steps, "draft training": check.training}
+    results: dict[str, dict[str, Any]] = {}
+    for name, part in parts.items():
+        print(f"{name} ...", file=sys.stderr, flush=True)
+        results[name] = attempt(part)
+        print(report({name: results[name]}), flush=True)
+        (options.out / "gpu.json").write_text(json.dumps(results, indent=1), encoding="utf-8")
+        (options.out / "gpu.md").write_text(report(results), encoding="utf-8")
+        if name == "machine" and "failed" in results[name]:
+            break
+    if not check._gsplat():
+        print("gsplat is not installed: its half of the comparison is left out.")
+    failed = [name for name, result in results.items() if "failed" in result]
+    print(f"Failed: {', '.join(failed)}." if failed else "Nothing failed.")
+    return int(bool(failed))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,244 @@
+"""Times a whole training step on a GPU, and the same step with gsplat's rasterizer in place of ours.
+
+    python benchmarks/gpu_step.py [--capture DIR] [--counts 20000 100000 300000] [--steps 100] [--scale S]
+                                  [--rasterizers ours gsplat] [--scene 100k_b] [--device cuda]
+
+One JSON object a run. Milliseconds: the median of steps that are waited for one by one, and the mean of steps that are
+not, which is how a training runs. "regions" are steps as the recipes take them, most of them on a part of a picture;
+"whole" are steps on whole pictures. No rounds: the number of Gaussians stays as it is, and the same pictures are drawn
+in every run. Without a capture, pictures of a generated scene are learned.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import statistics
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import raster_scenes
+import torch
+
+from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.capture.capture import Capture, Shot
+from frog_blender.engine.capture.frames import FrameStore
+from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.capture.seeds import Seeds, find_seeds
+from frog_blender.engine.rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
+from frog_blender.engine.training import start
+from frog_blender.engine.training import trainer as trainer_module
+from frog_blender.engine.training.neighbours import nearest
+from frog_blender.engine.training.recipe import recipe
+from frog_blender.engine.training.trainer import Limits, Trainer
+
+WARM_UP = 20  # steps that are not counted; kernels are compiled in the first ones
+CAMERAS, FRAMES = 4, 5  # of the generated capture
+SH_DC = 0.28209479177387814
+
+
+class Pictures:
+    """Drawn pictures in place of a FrameStore."""
+
+    def __init__(self, pictures: list[np.ndarray]) -> None:
+        self._pictures = pictures
+
+    def image(self, shot_index: int) -> np.ndarray:
+        """(H, W, 3) uint8."""
+        return self._pictures[shot_index]
+
+
+def generated(name: str, device: str) -> tuple[Capture, Any, Seeds]:
+    """A benchmark scene whose shell swings to and fro, as CAMERAS cameras see it at FRAMES moments."""
+    scene = raster_scenes.generate(raster_scenes.RECIPES[name])
+    g = scene.gaussians
+    tensors = [torch.tensor(array, device=device) for array in (g.means, g.quaternions, g.scales, g.opacities, g.sh)]
+    moving = torch.linalg.vector_norm(tensors[0] - tensors[0].new_tensor([0.0, 0.1, 4.0]), dim=1) < 1.5
+    cameras, shots, pictures = [], [], []
+    for number in range(CAMERAS):
+        view = scene.camera.world_to_camera.copy()
+        view[0, 3] += 0.15 * (number - CAMERAS / 2)
+        cameras.append(replace(scene.camera, name=f"cam{number}", world_to_camera=view))
+    for frame in range(FRAMES):
+        swing = 0.2 * math.sin(2 * math.pi * frame / FRAMES)
+        means = tensors[0] + swing * moving[:, None] * tensors[0].new_tensor([1.0, 0.0, 0.0])
+        for number, camera in enumerate(cameras):
+            rgb = rasterize(GaussianArrays(means, *tensors[1:]), camera, scene.background).rgb
+            pictures.append((rgb.clamp(0, 1) * 255 + 0.5).to(torch.uint8).cpu().numpy())
+            shots.append(Shot(number, frame, Path("generated"), frame))
+    capture = Capture(
+        path=Path("generated"),
+        format="generated",
+        cameras=tuple(cameras),
+        distortions=(None,) * CAMERAS,
+        shots=tuple(shots),
+        frame_count=FRAMES,
+        frames_per_second=30.0,
+        crops=((0.0, 0.0),) * CAMERAS,
+        background=scene.background,
+    )
+    return capture, Pictures(pictures), Seeds(g.means, (g.sh[:, 0] * SH_DC + 0.5).clip(0, 1), "generated")
+
+
+def filmed(folder: Path, scale: float | None, count: int) -> tuple[Capture, Any, Seeds]:
+    """A capture with its frames and at most ``count`` seed points."""
+    capture = open_capture(folder)
+    if scale:
+        capture = capture.scaled(scale)
+    store = FrameStore.open(capture)
+    return capture, store, find_seeds(capture, store, count_limit=count)
+
+
+def resampled(seeds: Seeds, count: int) -> Seeds:
+    """Exactly ``count`` seed points: some of them, or all and more beside them."""
+    random, found = np.random.default_rng(0), len(seeds.points)
+    if count <= found:
+        chosen, shift = random.choice(found, count, replace=False), np.zeros((count, 3))
+    else:
+        chosen = np.concatenate([np.arange(found), random.integers(found, size=count - found)])
+        shift = random.normal(scale=0.01, size=(count, 3)) * seeds.points.std(0) * (np.arange(count) >= found)[:, None]
+    points = (seeds.points[chosen] + shift).astype(np.float32)
+    return Seeds(points, np.ascontiguousarray(seeds.colors[chosen], np.float32), seeds.origin)
+
+
+def one_spacing(points: torch.Tensor) -> torch.Tensor:
+    """(N,) a typical distance between neighbours for all: exact ones would take minutes and make no difference here."""
+    distances, _ = nearest(points[:: max(1, len(points) // 1000)], points, 3, skip_self=True)
+    return distances.square().mean(1).sqrt().median().clamp(min=1e-6).expand(len(points)).clone()
+
+
+class _Screen:
+    """Where the density control finds gsplat's gradient of the pixel positions (N, 2)."""
+
+    def __init__(self, means2d: torch.Tensor) -> None:
+        self._means2d = means2d
+
+    @property
+    def grad(self) -> torch.Tensor | None:
+        gradient = self._means2d.grad
+        return None if gradient is None else gradient.reshape(-1, 2)
+
+
+def gsplat_rasterize(
+    gaussians: GaussianArrays,
+    camera: Camera,
+    background: tuple[float, float, float],
+    options: RasterizeOptions | None = None,
+) -> Image:
+    """As ``rasterizer.rasterize``, drawn by gsplat."""
+    from gsplat import rasterization
+
+    options, device = options or RasterizeOptions(), gaussians.means.device
+    camera = camera.cropped(*options.region_of(camera))
+    rgb, alpha, info = rasterization(
+        gaussians.means,
+        gaussians.quaternions,
+        gaussians.scales,
+        gaussians.opacities,
+        gaussians.sh,
+        torch.tensor(camera.world_to_camera, device=device, dtype=torch.float32)[None],
+        torch.tensor(camera.intrinsics, device=device, dtype=torch.float32)[None],
+        camera.width,
+        camera.height,
+        sh_degree=gaussians.sh_degree,
+        near_plane=options.near_plane,
+        eps2d=options.low_pass,
+        packed=False,
+        backgrounds=torch.tensor([background], device=device, dtype=torch.float32),
+    )
+    means2d, radii = info["means2d"], info["radii"][0]
+    if means2d.requires_grad:
+        means2d.retain_grad()
+    radii = radii.amax(-1) if radii.dim() == 2 else radii  # newer versions: one for each axis
+    screen: Any = _Screen(means2d)
+    return Image(rgb[0], alpha[0, ..., 0], radii, screen)
+
+
+RASTERIZERS: dict[str, Callable[..., Image]] = {"ours": rasterize, "gsplat": gsplat_rasterize}
+
+
+def wait(device: str) -> None:
+    if device == "cuda":
+        torch.cuda.synchronize()
+
+
+def timed(trainer: Trainer, steps: int, device: str) -> dict[str, float]:
+    """Milliseconds, see above."""
+    for _ in range(WARM_UP):
+        trainer.step()
+    wait(device)
+    seconds = []
+    for _ in range(steps):
+        started = time.perf_counter()
+        trainer.step()
+        wait(device)
+        seconds.append(time.perf_counter() - started)
+    started = time.perf_counter()
+    for _ in range(steps):
+        trainer.step()
+    wait(device)
+    together = (time.perf_counter() - started) / steps
+    figures = {"median_ms": statistics.median(seconds), "fastest_ms": min(seconds), "back_to_back_ms": together}
+    return {name: round(1e3 * value, 3) for name, value in figures.items()}
+
+
+def runs(capture: Capture, store: Any, seeds: Seeds, steps: int, device: str, names: list[str]) -> Iterator[dict]:
+    """The records for one number of Gaussians; one with "failed" where a run did not come to its end."""
+    still = {"densify_from": 2.0, "sampling": "off", "warm_up": 0.0, "dssim_from": 0.0}
+    arrived = {"sh_growth": (0.0, 0.0, 0.0), "opacity_ramp": (0.0, 0.0), "fine_rows_until": 0.0}  # as at the end
+    start.spacings = one_spacing
+    settings = recipe("standard", **still, **arrived)
+    for pictures, share in (("regions", settings.region_share), ("whole", 0.0)):
+        compared: np.ndarray | None = None
+        for name in names:
+            record = {"gaussians": len(seeds.points), "pictures": pictures, "rasterizer": name}
+            try:
+                trainer_module.rasterize = RASTERIZERS[name]
+                changed = replace(settings, region_share=share)
+                trainer = Trainer(capture, store, seeds, changed, "frog", Limits(10**6), 0, device)  # type: ignore[arg-type]
+                trainer._find_neighbours()
+                picture = trainer.picture(0)
+                if compared is not None:
+                    record["mean_difference"] = float(np.abs(picture - compared).mean())
+                compared = picture
+                record |= timed(trainer, steps, device)
+                if device == "cuda":
+                    record["peak_device_mb"] = round(torch.cuda.max_memory_allocated() / 1e6)
+                    torch.cuda.reset_peak_memory_stats()
+            except Exception as error:
+                record["failed"] = f"{type(error).__name__}: {error}"
+            yield record
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--capture", type=Path)
+    parser.add_argument("--scale", type=float)
+    parser.add_argument("--scene", default="100k_b", help="the generated scene where there is no capture")
+    parser.add_argument("--counts", type=int, nargs="+", default=[20_000, 100_000, 300_000])
+    parser.add_argument("--steps", type=int, default=100)
+    parser.add_argument("--rasterizers", nargs="+", choices=list(RASTERIZERS), default=["ours"])
+    parser.add_argument("--device", choices=["cuda", "cpu"], default="cuda")
+    options = parser.parse_args()
+    if options.capture:
+        material = filmed(options.capture, options.scale, max(options.counts))
+    else:
+        material = generated(options.scene, options.device)
+    capture, store, seeds = material
+    failed = False
+    for count in options.counts:
+        for record in runs(capture, store, resampled(seeds, count), options.steps, options.device, options.rasterizers):
+            camera = capture.cameras[0]
+            print(json.dumps({"size": f"{camera.width} x {camera.height}", **record}), flush=True)
+            failed |= "failed" in record
+    return int(failed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,74 @@
+"""Where a training computes: the choice between processor and GPU, and how pictures get there."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from ..capture.camera import Camera
+from ..errors import FrogError
+from ..rasterizer import GaussianArrays, rasterize
+
+DEVICES = ("auto", "cpu", "cuda")
+
+
+def choose_device(name: str) -> tuple[torch.device, str]:
+    """The device that ``name`` asks for, and a sentence on why "auto" left a GPU aside ("" where it did not).
+
+    "auto" is the GPU where torch sees one and the CUDA rasterizer draws on it, else the CPU.
+
+    Raises:
+        FrogError: an unknown name, or "cuda" where nothing can be drawn on a GPU.
+    """
+    if name not in DEVICES:
+        raise FrogError(f"There is no device {name!r}; there are {', '.join(DEVICES)}.")
+    cpu = torch.device("cpu")
+    if name == "cpu":
+        return cpu, ""
+    if not torch.cuda.is_available():
+        if name == "cuda":
+            raise FrogError("Training on the device 'cuda' is not possible: this torch sees no NVIDIA GPU.")
+        return cpu, ""
+    try:
+        device = torch.device("cuda", torch.cuda.current_device())
+        _draw_one_gaussian(device)
+    except Exception as error:  # of the driver, the compiler, the kernels: whatever it is, the CPU can go on
+        reason = (str(error).strip() or type(error).__name__).splitlines()[0].rstrip(".")  # a compiler's log follows
+        if name == "cuda":
+            raise FrogError(f"Training on the device 'cuda' is not possible: {reason}.") from error
+        return cpu, f"The GPU is left aside, training on the CPU: {reason}."
+    return device, ""
+
+
+def _draw_one_gaussian(device: torch.device) -> None:
+    """Compiles and runs the kernels once, forward and backward; FrogError when the picture or a gradient is wrong."""
+    values = {
+        "means": [[0.0, 0.0, 2.0]],
+        "quaternions": [[1.0, 0.0, 0.0, 0.0]],
+        "scales": [[100.0, 100.0, 100.0]],
+        "opacities": [0.6],
+        "sh": [[[0.0, 0.0, 0.0]]],  # a colour of one half
+    }
+    leaves = {
+        name: torch.tensor(value, dtype=torch.float32, device=device, requires_grad=True)
+        for name, value in values.items()
+    }
+    camera = Camera("trial", 16, 16, np.array([[16.0, 0, 8], [0, 16, 8], [0, 0, 1]]), np.eye(4))
+    rgb = rasterize(GaussianArrays(**leaves), camera).rgb
+    rgb.mean().backward()
+    by_opacity = leaves["opacities"].grad
+    assert by_opacity is not None
+    found, slope = float(rgb.detach().mean()), float(by_opacity)
+    if not (abs(found - 0.3) < 1e-3 and abs(slope - 0.5) < 1e-3):
+        raise FrogError(f"The CUDA rasterizer found {found:.4f} and {slope:.4f}, expected 0.3 and 0.5.")
+
+
+def picture_on(device: torch.device, pixels: np.ndarray) -> torch.Tensor:
+    """(H, W, 3) float32 in [0, 1] on ``device`` from bytes (H, W, 3)."""
+    if device.type == "cpu":
+        return torch.from_numpy(pixels.astype(np.float32)) / 255
+    # Bytes cross the bus, a quarter of what floats would be, and from pinned memory nobody waits for them: torch gives
+    # the buffer out again only when the copy is done.
+    staged = torch.empty(pixels.shape, dtype=torch.uint8, device="cpu", pin_memory=device.type == "cuda")
+    staged.numpy()[...] = pixels
+    return staged.to(device, non_blocking=True).float() / 255
