@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import numpy as np
 import torch
 
@@ -61,6 +64,21 @@ def _draw_one_gaussian(device: torch.device) -> None:
     found, slope = float(rgb.detach().mean()), float(by_opacity)
     if not (abs(found - 0.3) < 1e-3 and abs(slope - 0.5) < 1e-3):
         raise FrogError(f"The CUDA rasterizer found {found:.4f} and {slope:.4f}, expected 0.3 and 0.5.")
+
+
+@contextmanager
+def torch_threads(count: int) -> Iterator[None]:
+    """Torch's own CPU threads inside the block.
+
+    A training step keeps them at one: what is left for torch is small, and its idle OpenMP threads spin on the cores
+    that the native library's threads want (a step took 1.45 times as long on two cores).
+    """
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 def picture_on(device: torch.device, pixels: np.ndarray) -> torch.Tensor:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import time
 from dataclasses import dataclass
 from typing import Any
@@ -20,7 +21,7 @@ from ..model.canonical import ATTRIBUTES
 from ..model.frog import Frog, Progressing, total_deformation
 from ..rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
 from .density import DensityControl
-from .device import picture_on
+from .device import picture_on, torch_threads
 from .losses import add_embedding_smoothness, neighbour_weights, ssim
 from .neighbours import nearest
 from .optimizer import SceneOptimizer
@@ -123,6 +124,10 @@ class Trainer:
 
     def step(self) -> None:
         """One optimiser step on one picture, and whatever round is due after it."""
+        with torch_threads(1):
+            self._step()
+
+    def _step(self) -> None:
         started = time.perf_counter()
         before = self.progress
         self.optimizer.schedule(before)
@@ -247,7 +252,8 @@ class Trainer:
             self.neighbourhood = None
             return
         chosen = torch.randperm(len(means), generator=self.generator)[: self.recipe.smoothness_sample].to(self.device)
-        distances, neighbours = nearest(means[chosen], means, self.recipe.smoothness_neighbours, skip_self=True)
+        with torch_threads(os.cpu_count() or 1):  # large enough for them
+            distances, neighbours = nearest(means[chosen], means, self.recipe.smoothness_neighbours, skip_self=True)
         weights = neighbour_weights(distances, self.recipe.smoothness_falloff)
         self.neighbourhood = Neighbourhood(chosen, neighbours, weights)
 
