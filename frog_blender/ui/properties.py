@@ -19,8 +19,8 @@ from bpy.props import (
 from .. import playback
 
 RECIPES = (
-    ("draft", "Draft", "A first look: 2,000 steps, minutes on a processor"),
-    ("standard", "Standard", "The usual choice: 10,000 steps and more Gaussians"),
+    ("draft", "Draft", "A first look: 4,000 steps or more, a minute or two on a processor"),
+    ("standard", "Standard", "The usual choice: 15,000 steps or more and more Gaussians, five to thirty minutes on a processor"),
     ("paper", "Paper", "The settings of the FRoG paper: 80,000 steps of a larger model, many hours"),
 )
 
