@@ -8,11 +8,10 @@ import torch
 
 from ..rasterizer import GaussianArrays
 from ..rasterizer.native_deformation import FieldShape, deform, deform_backward
-from .canonical import CanonicalField
+from .canonical import ATTRIBUTES, CanonicalField
 from .deformation import DeformationField
 
 _OUTPUTS = ("means", "quaternions", "scales", "opacities", "sh")
-_CANONICAL = ("means", "log_scales", "quaternions", "opacity_logits", "sh", "embeddings")
 _NETWORK = ("embedding_weight", "output_weight", "output_bias")
 _HEADS = ("head_weight", "head_bias")
 
@@ -53,7 +52,7 @@ def deform_fused(
     Args:
         temporal: (T,) fused temporal embedding of the moment.
     """
-    arrays = {name: getattr(canonical, name) for name in _CANONICAL}
+    arrays = {name: getattr(canonical, name) for name in ATTRIBUTES}
     arrays["shared"] = network.temporal_weight @ temporal + network.bias
     arrays |= {name: getattr(network, name) for name in (*_NETWORK, *(_HEADS if network.head_width else ()))}
     *outputs, changes = _Deform.apply(shape, tuple(arrays), *arrays.values())

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+if TYPE_CHECKING:
+    import torch
 
 
 @dataclass
@@ -51,3 +54,16 @@ class GaussianArrays:
         if sh.ndim != 3 or sh.shape[0] != count or sh.shape[1] not in (1, 4, 9, 16) or sh.shape[2] != 3:
             raise ValueError(f"sh: shape {sh.shape}, expected ({count}, 1 | 4 | 9 | 16, 3)")
         return GaussianArrays(**arrays)
+
+    def check_tensors(self, device: torch.device) -> None:
+        """ValueError naming a tensor that is not what native code, which only sees addresses, would read."""
+        count, sh = len(self), self.sh
+        shapes: dict[str, tuple[int, ...]] = {"means": (count, 3), "quaternions": (count, 4), "scales": (count, 3)}
+        coefficients = sh.shape[1] if sh.ndim == 3 and sh.shape[1] in (1, 4, 9, 16) else 1
+        shapes |= {"opacities": (count,), "sh": (count, coefficients, 3)}
+        for name, shape in shapes.items():
+            tensor = getattr(self, name)
+            # By name: the architecture keeps torch out of this file.
+            if tensor.shape != shape or str(tensor.dtype) != "torch.float32" or tensor.device != device:
+                found = f"{tuple(tensor.shape)} {tensor.dtype} on {tensor.device}"
+                raise ValueError(f"{name}: {found}, expected {shape} torch.float32 on {device}")

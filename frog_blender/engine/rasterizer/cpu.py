@@ -76,7 +76,7 @@ def rasterize(
     depth_limit: torch.Tensor | None = None,
 ) -> Image:
     """As ``rasterizer.rasterize``, for float32 tensors on the CPU. The same bits for any number of threads."""
-    _check(gaussians)
+    gaussians.check_tensors(torch.device("cpu"))
     if pose is not None:
         camera = camera.with_pose(pose.detach().numpy())
     count = len(gaussians)
@@ -109,19 +109,6 @@ def rasterize(
         image.mean_depth = extras["mean_depth"]
         image.median_depth, image.median_z = median_depths(extras["median_index"], gaussians.means.detach(), camera)
     return image
-
-
-def _check(gaussians: GaussianArrays) -> None:
-    """ValueError naming a tensor that is not what the library, which only sees addresses, would read."""
-    count, sh = len(gaussians), gaussians.sh
-    shapes: dict[str, tuple[int, ...]] = {"means": (count, 3), "quaternions": (count, 4), "scales": (count, 3)}
-    coefficients = sh.shape[1] if sh.ndim == 3 and sh.shape[1] in (1, 4, 9, 16) else 1
-    shapes |= {"opacities": (count,), "sh": (count, coefficients, 3)}
-    for name, shape in shapes.items():
-        tensor = getattr(gaussians, name)
-        if tensor.shape != shape or tensor.dtype != torch.float32 or tensor.device.type != "cpu":
-            found = f"{tuple(tensor.shape)} {tensor.dtype} on {tensor.device}"
-            raise ValueError(f"{name}: {found}, expected {shape} torch.float32 on cpu")
 
 
 def median_depths(index: torch.Tensor, means: torch.Tensor, camera: Camera) -> tuple[torch.Tensor, torch.Tensor]:

@@ -127,26 +127,9 @@ class Frame:
         self._handle = None
         self._free = library().frog_free
         self._arrays = gaussians, depth_limit  # kept alive as long as the library may read them
-        self._gaussians = structs.Gaussians(
-            len(gaussians),
-            gaussians.sh.shape[1],
-            *[
-                structs.address(getattr(gaussians, name))
-                for name in ("means", "quaternions", "scales", "opacities", "sh")
-            ],
-        )
-        k, w2c = camera.intrinsics, camera.world_to_camera
-        native_camera = structs.Camera(
-            (c_float * 12)(*w2c[:3].ravel()), k[0, 0], k[1, 1], k[0, 2], k[1, 2], camera.width, camera.height
-        )
-        native_options = structs.Options(
-            (c_float * 3)(*background),
-            options.low_pass,
-            options.near_plane,
-            options.compensate,
-            (c_int32 * 4)(*options.region_of(camera)),
-            structs.address(depth_limit),
-        )
+        self._gaussians = structs.gaussians_struct(gaussians)
+        native_camera = structs.camera_struct(camera)
+        native_options = structs.options_struct(options, background, options.region_of(camera), depth_limit)
         self._handle = library().frog_draw(
             byref(self._gaussians),
             byref(native_camera),

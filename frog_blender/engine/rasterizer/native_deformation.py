@@ -50,7 +50,7 @@ def deform(shape: FieldShape, arrays: dict[str, Any], result: dict[str, Any]) ->
             wanted ``changes`` (N, outputs).
     """
     if library().frog_deform(
-        byref(_field(shape, arrays)), byref(_pointers(structs.Deformed, structs.DEFORMED, result))
+        byref(_field(shape, arrays)), byref(structs.pointers(structs.Deformed, structs.DEFORMED, result))
     ):
         raise MemoryError("deforming the Gaussians ran out of memory")
 
@@ -62,13 +62,10 @@ def deform_backward(shape: FieldShape, arrays: dict[str, Any], by: dict[str, Any
     """
     if library().frog_deform_backward(
         byref(_field(shape, arrays)),
-        byref(_pointers(structs.Deformed, structs.DEFORMED, by)),
-        byref(_pointers(structs.FieldGradients, structs.FIELD_GRADIENTS, result)),
+        byref(structs.pointers(structs.Deformed, structs.DEFORMED, by)),
+        byref(structs.pointers(structs.FieldGradients, structs.FIELD_ARRAYS, result)),
     ):
         raise MemoryError("the deformation's backward pass ran out of memory")
-
-
-_pointers = structs.pointers
 
 
 def _field(shape: FieldShape, arrays: dict[str, Any]) -> Any:

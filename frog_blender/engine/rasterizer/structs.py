@@ -1,42 +1,54 @@
-"""The structs of the native library's interface (src/frog_native.h, src/shared/types.h), as ctypes sees them."""
+"""The structs of the native code's interface (src/frog_native.h, src/shared/types.h), as ctypes sees them.
+
+The library takes them by address, the CUDA kernels by value; a test compares their layout with what a compiler says.
+"""
 
 from __future__ import annotations
 
-import ctypes
-from ctypes import c_float, c_int32, c_void_p
+from ctypes import Structure, c_float, c_int32, c_void_p
 from typing import Any
 
+SPLAT_FLOATS = 16  # a Splat takes 64 bytes
+ATTRIBUTES = ("means", "quaternions", "scales", "opacities", "sh")
 
-def _struct(name: str, *fields: tuple[str, Any]) -> type[ctypes.Structure]:
-    return type(name, (ctypes.Structure,), {"_fields_": list(fields)})
+
+def _struct(name: str, *fields: tuple[str, Any]) -> type[Structure]:
+    return type(name, (Structure,), {"_fields_": list(fields)})
 
 
-Gaussians = _struct(
-    "FrogGaussians",
-    ("count", c_int32),
-    ("sh_count", c_int32),
-    *[(name, c_void_p) for name in ("means", "quaternions", "scales", "opacities", "sh")],
-)
-Camera = _struct(
-    "FrogCamera",
-    ("world_to_camera", c_float * 12),
-    *[(name, c_float) for name in ("fx", "fy", "cx", "cy")],
-    ("width", c_int32),
-    ("height", c_int32),
-)
-Options = _struct(
-    "FrogOptions",
-    ("background", c_float * 3),
-    ("low_pass", c_float),
-    ("near_plane", c_float),
-    ("compensate", c_int32),
-    ("region", c_int32 * 4),
-    ("depth_limit", c_void_p),
-)
+class Gaussians(Structure):
+    """``FrogGaussians``: addresses of (N, 3), (N, 4), (N, 3), (N,) and (N, K, 3) float32 arrays."""
+
+    _fields_ = [("count", c_int32), ("sh_count", c_int32), *[(name, c_void_p) for name in ATTRIBUTES]]
+
+
+class Camera(Structure):
+    """``FrogCamera``: the upper rows of world_to_camera, row-major; focal lengths and principal point in pixels."""
+
+    _fields_ = [
+        ("world_to_camera", c_float * 12),
+        *[(name, c_float) for name in ("fx", "fy", "cx", "cy")],
+        *[(name, c_int32) for name in ("width", "height")],
+    ]
+
+
+class Options(Structure):
+    """``FrogOptions``; ``region`` is left, top, width, height, and ``depth_limit`` an address or None."""
+
+    _fields_ = [
+        ("background", c_float * 3),
+        ("low_pass", c_float),
+        ("near_plane", c_float),
+        ("compensate", c_int32),
+        ("region", c_int32 * 4),
+        ("depth_limit", c_void_p),
+    ]
+
+
 IMAGE = ("rgb", "alpha", "median_index", "mean_depth", "max_weights", "radii", "at_fault")
 Image = _struct("FrogImage", *[(name, c_void_p) for name in IMAGE])
 ImageGradient = _struct("FrogImageGradient", ("rgb", c_void_p), ("alpha", c_void_p))
-GRADIENTS = ("means", "quaternions", "scales", "opacities", "sh", "screen", "screen_absolute", "pose")
+GRADIENTS = (*ATTRIBUTES, "screen", "screen_absolute", "pose")
 Gradients = _struct("FrogGradients", *[(name, c_void_p) for name in GRADIENTS])
 FIELD_SIZES = (
     *("count", "embedding_size", "hidden_width", "head_width", "sh_count", "sh_active", "sh_deformed", "opacity_form"),
@@ -51,13 +63,9 @@ Field = _struct(
     *[(name, c_float) for name in ("opacity_sharpness", "opacity_share", "motion_unit")],
     *[(name, c_void_p) for name in FIELD_ARRAYS],
 )
-DEFORMED = ("means", "quaternions", "scales", "opacities", "sh", "changes")
+DEFORMED = (*ATTRIBUTES, "changes")
 Deformed = _struct("FrogDeformed", *[(name, c_void_p) for name in DEFORMED])
-FIELD_GRADIENTS = (
-    *("means", "log_scales", "quaternions", "opacity_logits", "sh", "embeddings", "shared", "embedding_weight"),
-    *("head_weight", "head_bias", "output_weight", "output_bias"),
-)
-FieldGradients = _struct("FrogDeformationGradients", *[(name, c_void_p) for name in FIELD_GRADIENTS])
+FieldGradients = _struct("FrogDeformationGradients", *[(name, c_void_p) for name in FIELD_ARRAYS])
 OPACITY_FORMS = {"off": 0, "paper": 1, "unit": 2}
 
 
@@ -68,6 +76,33 @@ def address(array: Any) -> int | None:
     return array.data_ptr() if hasattr(array, "data_ptr") else array.ctypes.data
 
 
-def pointers(struct: type[ctypes.Structure], names: tuple[str, ...], arrays: dict[str, Any]) -> ctypes.Structure:
+def pointers(struct: type[Structure], names: tuple[str, ...], arrays: dict[str, Any]) -> Structure:
     """A struct of the addresses of ``arrays`` in the order of ``names``; null where there is none."""
     return struct(*[address(arrays.get(name)) for name in names])
+
+
+def gaussians_struct(gaussians: Any) -> Gaussians:
+    """From a ``GaussianArrays`` of contiguous float32 arrays, which must outlive the struct's use."""
+    addresses = [address(getattr(gaussians, name)) for name in ATTRIBUTES]
+    return Gaussians(len(gaussians), gaussians.sh.shape[1], *addresses)
+
+
+def camera_struct(camera: Any) -> Camera:
+    """From a ``capture.camera.Camera``."""
+    k = camera.intrinsics
+    rows = (c_float * 12)(*camera.world_to_camera[:3].ravel())
+    return Camera(rows, k[0, 0], k[1, 1], k[0, 2], k[1, 2], camera.width, camera.height)
+
+
+def options_struct(
+    options: Any, background: tuple[float, float, float], region: tuple[int, int, int, int], depth_limit: Any
+) -> Options:
+    """From ``RasterizeOptions``, its region of the camera, and an array or None, which must outlive it."""
+    return Options(
+        (c_float * 3)(*background),
+        options.low_pass,
+        options.near_plane,
+        options.compensate,
+        (c_int32 * 4)(*region),
+        address(depth_limit),
+    )

@@ -132,8 +132,9 @@ class Trainer:
         before = self.progress
         self.optimizer.schedule(before)
         shot = self._next_shot(before)
-        camera = self.capture.shots[shot].camera
-        region = self.regions.pick(camera, self.generator)
+        camera_index = self.capture.shots[shot].camera
+        camera = self.capture.cameras[camera_index]
+        region = self.regions.pick(camera_index, self.generator)
         options = RasterizeOptions(region=region)
         truth, image, gaussians, changes = self._draw(shot, before, options)
         difference = image.rgb - truth
@@ -141,15 +142,13 @@ class Trainer:
         if self._in_burst(before):
             loss = loss + self.recipe.dssim_weight * (1 - ssim(image.rgb, truth)) / 2
         if region is not None:  # a pixel weighs the same in every step
-            loss = loss * (
-                region[2] * region[3] / self.capture.cameras[camera].width / self.capture.cameras[camera].height
-            )
-        self.regions.observe(camera, options.region_of(self.capture.cameras[camera]), difference.detach())
+            loss = loss * (region[2] * region[3] / camera.width / camera.height)
+        self.regions.observe(camera_index, options.region_of(camera), difference.detach())
         self._loss.add(loss, self.step_count)
         loss.backward()
         if changes and self.neighbourhood is not None and self.recipe.smoothness_weight:
             self._add_smoothness(self.neighbourhood)
-        self.density.observe(image, gaussians.opacities.detach(), self.capture.cameras[camera])
+        self.density.observe(image, gaussians.opacities.detach(), camera)
         self.optimizer.step()
         self.step_count += 1
         self.seconds += time.perf_counter() - started

@@ -15,8 +15,8 @@ from equality import EVERYTHING, Scene, assert_equal, draw, scenes
 from helpers import ATTRIBUTES, join, odd_camera, one_gaussian, random_gaussians
 
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.rasterizer import GaussianArrays, rasterize
-from frog_blender.engine.rasterizer.cuda import binning, launch, structs
+from frog_blender.engine.rasterizer import GaussianArrays, rasterize, structs
+from frog_blender.engine.rasterizer.cuda import binning, launch
 from frog_blender.engine.rasterizer.cuda import rasterize as module
 
 SCENES = scenes()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from ctypes import c_float, c_int32
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,10 +9,10 @@ import torch
 from torch.autograd.function import once_differentiable
 
 from ...capture.camera import Camera
-from .. import Image
+from .. import Image, structs
 from ..arrays import GaussianArrays
 from ..options import RasterizeOptions
-from . import launch, structs
+from . import launch
 from .binning import TILE, Bins, bin_splats, blocks_for
 from .sources import kernel
 
@@ -75,7 +74,7 @@ class _Rasterize(torch.autograd.Function):
         launcher.launch(
             kernel("project", SH_COUNT=sh.shape[1]),
             blocks_for(count),
-            *(_gaussians(attributes), view.camera, view.options, pose),
+            *(structs.gaussians_struct(GaussianArrays(*attributes)), view.camera, view.options, pose),
             *(splats, depths, tile_counts, outputs.radii, at_fault),
         )
         size = (view.width, view.height)
@@ -125,9 +124,16 @@ class _Rasterize(torch.autograd.Function):
         launcher.launch(
             kernel("project_backward", SH_COUNT=attributes[4].shape[1], POSE=with_pose),
             blocks,
-            *(_gaussians(attributes), view.camera, view.options, pose, tile_counts, bins.first_slots),
+            *(
+                structs.gaussians_struct(GaussianArrays(*attributes)),
+                view.camera,
+                view.options,
+                pose,
+                tile_counts,
+                bins.first_slots,
+            ),
             *(slot_gradients, values),
-            structs.Gradients(*written, None if absolute is None else absolute.data_ptr(), None),
+            structs.Gradients(*written, structs.address(absolute), None),
             pose_sums,
         )
         by_pose = None
@@ -158,9 +164,9 @@ def rasterize(
         ValueError: a tensor has another shape, type or device.
         FrogError: no compiler or driver was found, or the picture needs too much memory.
     """
-    _check(gaussians)
     means = gaussians.means
     count, device = len(gaussians), means.device
+    gaussians.check_tensors(device)
     rows = _pose_rows(pose, device)
     view = _view(camera, background, options, depth_limit, device)
     size = (view.height, view.width)
@@ -180,19 +186,6 @@ def rasterize(
         matrix = torch.tensor(camera.world_to_camera[:3], device=device, dtype=torch.float32) if rows is None else rows
         image.median_depth, image.median_z = _median_depths(outputs.median_index, means.detach(), matrix.detach())
     return image
-
-
-def _check(gaussians: GaussianArrays) -> None:
-    """ValueError naming a tensor that is not what the kernels, which only see addresses, would read."""
-    count, sh, device = len(gaussians), gaussians.sh, gaussians.means.device
-    coefficients = sh.shape[1] if sh.ndim == 3 and sh.shape[1] in (1, 4, 9, 16) else 1
-    shapes: dict[str, tuple[int, ...]] = {"means": (count, 3), "quaternions": (count, 4), "scales": (count, 3)}
-    shapes |= {"opacities": (count,), "sh": (count, coefficients, 3)}
-    for name, shape in shapes.items():
-        tensor = getattr(gaussians, name)
-        if tensor.shape != shape or tensor.dtype != torch.float32 or tensor.device != device:
-            found = f"{tuple(tensor.shape)} {tensor.dtype} on {tensor.device}"
-            raise ValueError(f"{name}: {found}, expected {shape} torch.float32 on {device}")
 
 
 def _pose_rows(pose: torch.Tensor | None, device: torch.device) -> torch.Tensor | None:
@@ -216,25 +209,13 @@ def _view(
         if depth_limit.shape != (height, width):
             raise ValueError(f"depth_limit: shape {tuple(depth_limit.shape)}, expected {(height, width)}")
         depth_limit = depth_limit.detach().to(device=device, dtype=torch.float32).contiguous()
-    packed = structs.Options(
-        (c_float * 3)(*background),
-        options.low_pass,
-        options.near_plane,
-        options.compensate,
-        (c_int32 * 4)(left, top, width, height),
-        None if depth_limit is None else depth_limit.data_ptr(),
-    )
+    packed = structs.options_struct(options, background, (left, top, width, height), depth_limit)
     return _View(structs.camera_struct(camera), packed, depth_limit, width, height)
 
 
 def _floats(device: torch.device, *shape: int) -> torch.Tensor:
     """Uninitialised float32, whatever torch's default type is."""
     return torch.empty(shape, device=device, dtype=torch.float32)
-
-
-def _gaussians(attributes: list[torch.Tensor]) -> structs.Gaussians:
-    """The struct of addresses; the tensors must outlive the launch it is made for."""
-    return structs.Gaussians(len(attributes[0]), attributes[4].shape[1], *[tensor.data_ptr() for tensor in attributes])
 
 
 def _median_depths(index: torch.Tensor, means: torch.Tensor, view: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:

@@ -47,6 +47,17 @@ void draw(FrogFrame &frame, const FrogGaussians &gaussians, const FrogImage &ima
   });
 }
 
+// 0, or 1 when memory ran out: exceptions stay on this side of the interface.
+template <class Work>
+int32_t attempt(Work work) {
+  try {
+    work();
+    return 0;
+  } catch (const std::bad_alloc &) {
+    return 1;
+  }
+}
+
 }  // namespace
 
 extern "C" {
@@ -76,12 +87,7 @@ FrogFrame *frog_draw(const FrogGaussians *gaussians, const FrogCamera *camera, c
 
 int32_t frog_backward(FrogFrame *frame, const FrogGaussians *gaussians, const FrogImage *image,
                       const FrogImageGradient *gradient, const FrogGradients *result) {
-  try {
-    frog::go_backward(kernels(), *frame, *gaussians, *image, *gradient, *result);
-    return 0;
-  } catch (const std::bad_alloc &) {
-    return 1;
-  }
+  return attempt([&] { frog::go_backward(kernels(), *frame, *gaussians, *image, *gradient, *result); });
 }
 
 void frog_count_work(const FrogFrame *frame, int64_t work[3]) {
@@ -97,27 +103,17 @@ void frog_count_work(const FrogFrame *frame, int64_t work[3]) {
 void frog_free(FrogFrame *frame) { frog::recycle(frame); }
 
 int32_t frog_deform(const FrogDeformation *field, const FrogDeformed *result) {
-  try {
-    frog::deform(kernels(), *field, *result);
-    return 0;
-  } catch (const std::bad_alloc &) {
-    return 1;
-  }
+  return attempt([&] { frog::deform(kernels(), *field, *result); });
 }
 
 int32_t frog_deform_backward(const FrogDeformation *field, const FrogDeformed *gradients,
                              const FrogDeformationGradients *result) {
-  try {
-    frog::deform_backward(kernels(), *field, *gradients, *result);
-    return 0;
-  } catch (const std::bad_alloc &) {
-    return 1;
-  }
+  return attempt([&] { frog::deform_backward(kernels(), *field, *gradients, *result); });
 }
 
 int32_t frog_similarity(int32_t height, int32_t width, const float *image, const float *truth, float *similarity,
                         float *gradient) {
-  try {
+  return attempt([&] {
     const int strips = (height + SSIM_STRIP - 1) / SSIM_STRIP;
     std::vector<double> sums(3 * static_cast<size_t>(strips));
     frog::parallel_for(3 * strips, 1, [&](int begin, int end) {
@@ -133,9 +129,6 @@ int32_t frog_similarity(int32_t height, int32_t width, const float *image, const
     const float share = 1 / (3.0f * height * width);
     *similarity = static_cast<float>(total) * share;
     for (long long i = 0; i < 3ll * height * width; ++i) gradient[i] *= share;
-    return 0;
-  } catch (const std::bad_alloc &) {
-    return 1;
-  }
+  });
 }
 }
