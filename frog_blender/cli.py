@@ -10,6 +10,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from .engine.errors import FrogError
+from .engine.files import METHODS
+
+RECIPES = ("draft", "standard", "paper", "hypernerf", "technicolor")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -46,8 +49,8 @@ def _parser() -> argparse.ArgumentParser:
     train = commands.add_parser("train", help="train a scene from a capture")
     train.add_argument("capture", type=Path)
     train.add_argument("--out", type=Path, required=True, metavar="X.frog")
-    train.add_argument("--method", choices=["frog", "static"], default="frog")
-    train.add_argument("--recipe", choices=["draft", "standard", "paper"], default="standard")
+    train.add_argument("--method", choices=METHODS, default="frog")
+    train.add_argument("--recipe", choices=RECIPES, default="standard")
     train.add_argument("--steps", type=_positive(int), help="default: the recipe's")
     train.add_argument("--seconds", type=_positive(float), help="train for this long instead")
     train.add_argument("--seed", type=int, default=0)
@@ -78,7 +81,7 @@ def _parser() -> argparse.ArgumentParser:
     demo = commands.add_parser("demo", help="train, play and render a demo capture inside Blender's module")
     demo.add_argument("--capture", choices=["room", "walk"], default="room")
     demo.add_argument("--out", type=Path, default=Path("out"))
-    demo.add_argument("--recipe", choices=["draft", "standard", "paper"], default="standard")
+    demo.add_argument("--recipe", choices=RECIPES, default="standard")
     demo.add_argument("--seconds", type=_positive(float), help="of training; default: 300 for room, 900 for walk")
     demo.set_defaults(run=_demo)
     return parser

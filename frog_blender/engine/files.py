@@ -21,6 +21,7 @@ from .capture.camera import Camera
 from .errors import FrogError, found_instead
 
 FORMAT_VERSION = 1
+METHODS = ("frog", "ed3dgs", "static", "d3dgs", "hexplane", "curves")
 _HEADER_KEY = "frog"
 
 
@@ -29,7 +30,7 @@ class SceneHeader:
     """What a scene file says of itself.
 
     Attributes:
-        method: "frog" or "static".
+        method: one of METHODS.
         recipe: every setting of the training, as plain values.
         model: the model's settings (see FrogSettings), empty for a static scene.
         cameras: the capture's cameras at the size they were trained at.
@@ -186,7 +187,7 @@ def _check_arrays(path: str | Path, header: SceneHeader, arrays: dict[str, np.nd
     sh = arrays.get("sh")
     if sh is None or sh.ndim != 3 or sh.shape[0] != count or sh.shape[1] not in (1, 4, 9, 16) or sh.shape[2] != 3:
         raise found_instead(path, "no usable colours (sh)", f"shape ({count}, 1 | 4 | 9 | 16, 3)")
-    if header.method not in ("frog", "static"):
-        raise found_instead(path, f"the method {header.method!r}", "'frog' or 'static'")
+    if header.method not in METHODS:
+        raise found_instead(path, f"the method {header.method!r}", f"one of {', '.join(METHODS)}")
     if not header.cameras or header.frame_count < 1 or len(header.camera_shots) != len(header.cameras):
         raise found_instead(path, "a header without cameras or frames", "at least one of each")

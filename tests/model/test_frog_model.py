@@ -11,7 +11,9 @@ from torch.nn import functional
 from frog_blender.engine.model.baselines.static import Static
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
 from frog_blender.engine.model.deformation import DeformationField
-from frog_blender.engine.model.frog import Frog, FrogSettings, Progressing, total_deformation
+from frog_blender.engine.model.frog import Frog, FrogSettings, rows_for, total_deformation
+from frog_blender.engine.model.fusion import FUSIONS, fuse, fused_size, network_count
+from frog_blender.engine.model.interface import FINISHED, Progressing
 
 SETTINGS = FrogSettings(temporal_rows=6, coarse_rows=3, temporal_size=7, embedding_size=5, hidden_width=20)
 ATTRIBUTES = ("means", "quaternions", "scales", "opacities", "sh")
@@ -35,29 +37,32 @@ def awake(field: DeformationField) -> DeformationField:
 
 
 def literal(field: DeformationField, temporal: torch.Tensor, embeddings: torch.Tensor) -> dict[str, torch.Tensor]:
-    """The network as a newcomer would write it: concatenate, one layer, one head after the other."""
-    weight = torch.cat([field.temporal_weight, field.embedding_weight], dim=1)
-    inputs = torch.cat([temporal.expand(len(embeddings), -1), embeddings], dim=1)
-    hidden = functional.linear(inputs, weight, field.bias).relu()
-    changes, row = {}, 0
-    for number, (name, size) in enumerate(field.sizes.items()):
-        head = hidden
-        if field.head_width:
-            part = slice(number * field.head_width, (number + 1) * field.head_width)
-            head = functional.linear(hidden, field.head_weight[part], field.head_bias[part]).relu()
-        changes[name] = functional.linear(
-            head, field.output_weight[row : row + size], field.output_bias[row : row + size]
-        )
-        row += size
-    return changes
+    """The networks as a newcomer would write them: concatenate, one layer, one head after the other; then add up."""
+    n, total = field.networks, {}
+    for k in range(n):
+        weight = torch.cat([field.temporal_weight.chunk(n)[k], field.embedding_weight.chunk(n)[k]], dim=1)
+        inputs = torch.cat([temporal[k].expand(len(embeddings), -1), embeddings], dim=1)
+        hidden = functional.linear(inputs, weight, field.bias.chunk(n)[k]).relu()
+        row = 0
+        for number, (name, size) in enumerate(field.sizes.items()):
+            head = hidden
+            if field.head_width:
+                part = slice(number * field.head_width, (number + 1) * field.head_width)
+                weight, bias = field.head_weight.chunk(n)[k][part], field.head_bias.chunk(n)[k][part]
+                head = functional.linear(hidden, weight, bias).relu()
+            change = head @ field.output_weight.chunk(n, dim=1)[k][row : row + size].T
+            total[name] = total[name] + change if k else change + field.output_bias[row : row + size]
+            row += size
+    return total
 
 
+@pytest.mark.parametrize("networks", [1, 2])
 @pytest.mark.parametrize("head_width", [0, 6])
 @pytest.mark.parametrize("sh_count", [0, 1, 4])
-def test_the_folded_network_equals_the_literal_one(head_width: int, sh_count: int) -> None:
+def test_the_folded_network_equals_the_literal_one(networks: int, head_width: int, sh_count: int) -> None:
     torch.manual_seed(3)
-    field = awake(DeformationField(5, 7, 20, head_width, sh_count))
-    temporal, embeddings = torch.randn(7), torch.randn(9, 5)
+    field = awake(DeformationField(5, 7, 20, head_width, sh_count, networks))
+    temporal, embeddings = torch.randn(networks, 7), torch.randn(9, 5)
     found, expected = field(temporal, embeddings), literal(field, temporal, embeddings)
     assert (
         list(found)
@@ -69,11 +74,12 @@ def test_the_folded_network_equals_the_literal_one(head_width: int, sh_count: in
         assert float(found[name].detach().abs().max()) > 0.01
 
 
+@pytest.mark.parametrize("networks", [1, 2])
 @pytest.mark.parametrize("head_width", [0, 6])
-def test_every_weight_has_the_gradient_of_the_literal_network(head_width: int) -> None:
+def test_every_weight_has_the_gradient_of_the_literal_network(networks: int, head_width: int) -> None:
     torch.manual_seed(3)
-    field = awake(DeformationField(5, 7, 20, head_width, 1))
-    temporal, embeddings = torch.randn(7), torch.randn(9, 5)
+    field = awake(DeformationField(5, 7, 20, head_width, 1, networks))
+    temporal, embeddings = torch.randn(networks, 7), torch.randn(9, 5)
     targets = {name: torch.randn(9, size) for name, size in field.sizes.items()}
     gradients = []
     for network in (field, lambda *inputs: literal(field, *inputs)):
@@ -125,11 +131,95 @@ def test_the_embedding_is_the_product_of_coarse_and_fine() -> None:
     table = model.temporal_table.detach()
     # Time 0.5 of six rows lies between rows 2 and 3; of three rows it is the middle one, which lies there too.
     middle = (table[2] + table[3]) / 2
-    torch.testing.assert_close(model.temporal_embedding(0.5).detach(), middle * middle)
+    torch.testing.assert_close(model.temporal_embedding(0.5).detach(), (middle * middle)[None])
     coarse = table[0] * 0.5 + middle * 0.5
     fine = table[1] * 0.75 + table[2] * 0.25
-    torch.testing.assert_close(model.temporal_embedding(0.25).detach(), coarse * fine)
-    torch.testing.assert_close(model.temporal_embedding(0.25, Progressing(fine_rows=0.0)).detach(), coarse * coarse)
+    torch.testing.assert_close(model.temporal_embedding(0.25).detach(), (coarse * fine)[None])
+    torch.testing.assert_close(
+        model.temporal_embedding(0.25, Progressing(fine_rows=0.0)).detach(), (coarse * coarse)[None]
+    )
+
+
+def test_every_other_fusion_is_what_its_name_says() -> None:
+    coarse, fine = torch.tensor([1.0, 2, -3]), torch.tensor([0.5, -1, 2])
+    expected = {
+        "product": [[0.5, -2, -6]],
+        "add": [[1.5, 1, -1]],
+        "concat": [[1.0, 2, -3, 0.5, -1, 2]],
+        "coarse": [[1.0, 2, -3]],
+        "fine": [[0.5, -1, 2]],
+        "dual": [[1.0, 2, -3], [0.5, -1, 2]],
+    }
+    assert {*expected, "attention"} == set(FUSIONS)
+    for form, value in expected.items():
+        found = fuse(form, coarse, fine)
+        assert torch.equal(found, torch.tensor(value)), form
+        assert found.shape == (network_count(form), fused_size(form, 3))
+
+
+def test_attention_lies_between_the_embeddings_and_follows_its_scores() -> None:
+    coarse, fine = torch.tensor([1.0, 0.0]), torch.tensor([0.0, 1.0])
+    weight = torch.eye(2) * 9  # tanh is 1 where the embedding is
+    for query, share in ((torch.zeros(2), 0.5), (torch.tensor([20.0, 0.0]), 1.0), (torch.tensor([0.0, 20.0]), 0.0)):
+        found = fuse("attention", coarse, fine, (weight, query))
+        torch.testing.assert_close(found, torch.tensor([[share, 1 - share]]), atol=1e-6, rtol=0)
+
+
+@pytest.mark.parametrize("fusion", FUSIONS)
+@pytest.mark.parametrize("head_width", [0, 6])
+def test_every_fusion_learns_all_its_parameters(fusion: str, head_width: int) -> None:
+    model = Frog(canonical(), replace(SETTINGS, fusion=fusion, head_width=head_width))
+    awake(model.deformation)
+    plain, _ = model.deform_plainly(model.temporal_embedding(0.37), FINISHED, 4)
+    gaussians, _ = model.deform(0.37)
+    for name in ATTRIBUTES:
+        torch.testing.assert_close(getattr(gaussians, name), getattr(plain, name), atol=1e-5, rtol=1e-4)
+    sum(getattr(gaussians, name).square().sum() for name in ATTRIBUTES).backward()
+    grouped = {parameter for group in model.rate_groups().values() for parameter in group}
+    assert grouped == {p for name, p in model.named_parameters() if not name.startswith("canonical.")}
+    for parameter in grouped:
+        assert parameter.grad is not None and bool(parameter.grad.any())
+
+
+def test_an_opacity_that_does_not_deform_is_never_reduced() -> None:
+    """The trap of sigmoid(k 0) = 1/2: without an opacity head the factor is one, in every form."""
+    settings = replace(SETTINGS, opacity_reduction="paper", deformed_opacity=False)
+    model = Frog(canonical(), settings)
+    optimizer = torch.optim.Adam(model.deformation.parameters(), lr=0.1)
+    for _ in range(3):
+        optimizer.zero_grad()
+        (model(0.4).opacities.sum() + model(0.4).means.square().sum()).backward()
+        optimizer.step()
+    torch.testing.assert_close(model(0.4).opacities, model.canonical.gaussians().opacities)
+    assert float((model(0.4).means - model.canonical.means).detach().abs().max()) > 1e-3
+    assert model.stored_settings(FINISHED)["opacity_reduction"] == "off"
+
+
+def test_the_table_is_smoothed_only_where_asked() -> None:
+    assert Frog(canonical(), SETTINGS).regularization() is None
+    model = Frog(canonical(), SETTINGS, table_smoothness=2.0)
+    loss = model.regularization()
+    assert float(loss) == pytest.approx(
+        2 * float((model.temporal_table[1:] - model.temporal_table[:-1]).square().mean())
+    )
+    model.temporal_table.data[:] = 1.5
+    assert float(model.regularization()) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("frames", "most", "share", "expected"),
+    [
+        (300, 150, 0.2, (150, 30)),  # N3DV, as in E-D3DGS's own settings; the next are its HyperNeRF scenes
+        (513, 250, 0.2, (250, 50)),
+        (164, 250, 0.2, (82, 16)),
+        (50, 150, 0.2, (25, 5)),  # Technicolor
+        (30, 150, 0.0, (15, 5)),
+        (300, 150, 0.0, (150, 30)),
+        (1, 150, 0.0, (2, 2)),
+    ],
+)
+def test_rows_follow_the_frames(frames: int, most: int, share: float, expected: tuple[int, int]) -> None:
+    assert rows_for(frames, most, share) == expected
 
 
 def test_changes_of_the_means_are_in_world_units() -> None:

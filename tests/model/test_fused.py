@@ -49,7 +49,7 @@ def model_of(settings: FrogSettings, count: int = 200, sh_count: int = 16, seed:
 
 
 def temporal_of(settings: FrogSettings) -> torch.Tensor:
-    return torch.randn(settings.temporal_size, generator=torch.Generator().manual_seed(2))
+    return torch.randn(1, settings.temporal_size, generator=torch.Generator().manual_seed(2))
 
 
 def looked_at(

@@ -63,7 +63,7 @@ def test_weights_are_continuous_in_time() -> None:
 
 @pytest.mark.parametrize("frames", [1, 2, 3, 10, 60, 300, 5000])
 def test_rows_follow_the_frames(frames: int) -> None:
-    rows, coarse = rows_for(frames)
+    rows, coarse = rows_for(frames, 150, 0.0)
     assert 2 <= coarse <= rows <= 150
     assert rows <= max(2, frames)
     if frames == 300:

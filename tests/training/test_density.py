@@ -8,9 +8,9 @@ import pytest
 import torch
 from drawing import BACKGROUND
 from helpers import plain_camera
-from torch import nn
 
 from frog_blender.engine.model.canonical import ATTRIBUTES, CanonicalField, new_gaussians
+from frog_blender.engine.model.interface import SceneModel
 from frog_blender.engine.rasterizer import rasterize
 from frog_blender.engine.training.density import DensityControl
 from frog_blender.engine.training.optimizer import SceneOptimizer
@@ -21,7 +21,7 @@ RECIPE = replace(RECIPES["draft"], densify_growth=1.0, max_gaussians=1000, split
 SMALL, LARGE = 0.01, 0.5  # below and above the size at which a Gaussian is split, at scene scale 1
 
 
-class Model(nn.Module):
+class Model(SceneModel):
     def __init__(self, canonical: CanonicalField) -> None:
         super().__init__()
         self.canonical = canonical

@@ -10,7 +10,14 @@ from helpers import odd_camera
 from frog_blender.engine.evaluation import metrics
 from frog_blender.engine.rasterizer import Image
 from frog_blender.engine.training import losses
-from frog_blender.engine.training.sampling import anchors, choose_pixels, error_map
+from frog_blender.engine.training.sampling import (
+    choose_pixels,
+    distances_along_rays,
+    error_map,
+    new_anchors,
+    undeformed,
+    worst_points,
+)
 
 NAN = float("nan")
 
@@ -99,7 +106,8 @@ def test_anchors_project_back_to_the_pixels_they_came_from(drawn_wall: tuple[Ima
     embedding = torch.tensor([1.0, -2.0])
     pixels = np.random.default_rng(0).uniform(0, [60, 40], (50, 2))
     existing = torch.from_numpy(camera.unproject(pixels, np.full(50, 3.5))).float()
-    new = anchors(image, truth, camera, 40, existing, 4, embedding, generator())
+    points, colors = worst_points(image, truth, camera, 40, "median", generator())
+    new = new_anchors(points, colors, embedding.expand(len(points), -1), existing, 4)
     assert 20 <= len(new["means"]) <= 40
     pixels, _ = camera.project(new["means"].double().numpy())
     centers = np.floor(pixels) + 0.5
@@ -117,8 +125,31 @@ def test_anchors_project_back_to_the_pixels_they_came_from(drawn_wall: tuple[Ima
 def test_a_picture_without_any_depth_gives_no_anchor(drawn_wall: tuple[Image, torch.Tensor]) -> None:
     image, truth = drawn_wall
     image.median_depth[:] = NAN
-    new = anchors(image, truth, odd_camera(60, 40), 40, torch.randn(9, 3), 1, torch.zeros(2), generator())
+    points, colors = worst_points(image, truth, odd_camera(60, 40), 40, "median", generator())
+    points, embeddings = undeformed(points, torch.randn(9, 3), torch.randn(9, 3), torch.randn(9, 2))
+    new = new_anchors(points, colors, embeddings, torch.randn(9, 3), 1)
     assert {name: len(value) for name, value in new.items()} == dict.fromkeys(new, 0)
+
+
+def test_mean_depth_lies_on_the_same_ray_at_its_own_depth(drawn_wall: tuple[Image, torch.Tensor]) -> None:
+    """The mean depth is planar; along the ray it is longer, the more so off the axis."""
+    image, truth = drawn_wall
+    camera = odd_camera(60, 40)
+    image.mean_depth = torch.full((40, 60), 2.5)
+    points, _ = worst_points(image, truth, camera, 40, "mean", generator())
+    _, planar = camera.project(points.double().numpy())
+    np.testing.assert_allclose(planar, 2.5, rtol=1e-5)
+    along = distances_along_rays(image, camera, "mean")
+    assert (along >= 2.5).all() and along.max() > 2.51
+
+
+def test_inverse_deformation_takes_off_the_nearest_motion_and_copies_its_embedding() -> None:
+    deformed = torch.tensor([[0.0, 0, 0], [5, 0, 0]])
+    motion = torch.tensor([[1.0, 0, 0], [0, 2, 0]])
+    embeddings = torch.tensor([[1.0, 2], [3, 4]])
+    points, copied = undeformed(torch.tensor([[4.5, 0, 0], [0.5, 0, 0.0]]), deformed, motion, embeddings)
+    torch.testing.assert_close(points, torch.tensor([[4.5, -2, 0], [-0.5, 0, 0.0]]))
+    assert torch.equal(copied, embeddings[[1, 0]])
 
 
 def test_coverage_is_a_second_cue() -> None:
@@ -128,8 +159,8 @@ def test_coverage_is_a_second_cue() -> None:
     alpha = torch.ones(40, 60)
     alpha[:, 50:] = 0.55
     image = Image(black, alpha, torch.zeros(5), torch.zeros(5, 2), median_depth=torch.full((40, 60), 3.0))
-    new = anchors(image, black, camera, 60, torch.randn(9, 3), 1, torch.zeros(2), generator())
-    pixels, _ = camera.project(new["means"].double().numpy())
+    points, _ = worst_points(image, black, camera, 60, "median", generator())
+    pixels, _ = camera.project(points.double().numpy())
     assert len(pixels) and (pixels[:, 0] > 50).all()
 
 

@@ -134,7 +134,7 @@ def test_a_short_training_passes_through_every_schedule(
     trainer = make_trainer(120, sh_degree=3, deformed_sh=4, densify_threshold=1e-5)
     for name in ("ssim", "add_embedding_smoothness"):
         monkeypatch.setattr(trainer_module, name, counted(name, getattr(trainer_module, name)))
-    anchors, density_round, deform = trainer_module.anchors, DensityControl.round, trainer.model.deform
+    anchors, density_round, deform = trainer_module.new_anchors, DensityControl.round, trainer.model.deform
 
     def watch_anchors(*arguments: Any) -> Any:
         new = anchors(*arguments)
@@ -156,7 +156,7 @@ def test_a_short_training_passes_through_every_schedule(
         degrees.add(gaussians.sh_degree)
         return rasterize(gaussians, *arguments)
 
-    monkeypatch.setattr(trainer_module, "anchors", watch_anchors)
+    monkeypatch.setattr(trainer_module, "new_anchors", watch_anchors)
     monkeypatch.setattr(DensityControl, "round", watch_round)
     monkeypatch.setattr(trainer.model, "deform", watch_deform)
     monkeypatch.setattr(trainer_module, "rasterize", watch_rasterize)
@@ -197,7 +197,7 @@ def test_what_the_recipe_switches_off_does_not_happen(
     def never(*_: Any) -> None:
         raise AssertionError("switched off")
 
-    for name in ("ssim", "anchors", "add_embedding_smoothness"):
+    for name in ("ssim", "worst_points", "add_embedding_smoothness"):
         monkeypatch.setattr(trainer_module, name, never)
     train(make_trainer(60, sampling="off", dssim_weight=0.0, smoothness_weight=0.0))
 

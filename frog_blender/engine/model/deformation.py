@@ -20,46 +20,63 @@ def _uniform(bound: float, *shape: int) -> nn.Parameter:
 
 class DeformationField(nn.Module):
     """Args:
-    embedding_size, temporal_size: lengths of e and t.
+    embedding_size, temporal_size: lengths of e and of the temporal embedding that a network is given.
     hidden_width: first layer.
     head_width: hidden layer of each head as in the paper (five of 128); 0 shares the first layer among all heads,
         which gave the same PSNR at a third of the time.
     sh_count: SH coefficients that deform (0 to K).
+    networks: 2 for E-D3DGS's coarse and fine network, whose changes add up. Their layers lie one after the other in
+        the same arrays: rows of the first and the heads' layers, columns of the output layer.
     """
 
     def __init__(
-        self, embedding_size: int, temporal_size: int, hidden_width: int, head_width: int, sh_count: int
+        self,
+        embedding_size: int,
+        temporal_size: int,
+        hidden_width: int,
+        head_width: int,
+        sh_count: int,
+        networks: int = 1,
     ) -> None:
         super().__init__()
+        self.networks = networks
         self.sizes = {name: size or 3 * sh_count for name, size in HEADS.items()}
         self.sizes = {name: size for name, size in self.sizes.items() if size}
         self.head_width = head_width
         bound = (embedding_size + temporal_size) ** -0.5
-        self.embedding_weight = _uniform(bound, hidden_width, embedding_size)
-        self.temporal_weight = _uniform(bound, hidden_width, temporal_size)
-        self.bias = _uniform(bound, hidden_width)
+        self.embedding_weight = _uniform(bound, networks * hidden_width, embedding_size)
+        self.temporal_weight = _uniform(bound, networks * hidden_width, temporal_size)
+        self.bias = _uniform(bound, networks * hidden_width)
         outputs = sum(self.sizes.values())
         if head_width:
             bound = hidden_width**-0.5
-            width = head_width * len(self.sizes)
+            width = networks * head_width * len(self.sizes)
             self.head_weight = _uniform(bound, width, hidden_width)
             self.head_bias = _uniform(bound, width)
         # Zero outputs: training starts from the undeformed scene.
-        self.output_weight = nn.Parameter(torch.zeros(outputs, head_width or hidden_width, device="cpu"))
+        self.output_weight = nn.Parameter(torch.zeros(outputs, networks * (head_width or hidden_width), device="cpu"))
         self.output_bias = nn.Parameter(torch.zeros(outputs, device="cpu"))
 
+    def shared(self, temporal: torch.Tensor) -> torch.Tensor:
+        """(networks * hidden,) the first layer's temporal part and bias at a moment, from (networks, T)."""
+        weights = self.temporal_weight.reshape(self.networks, -1, self.temporal_weight.shape[1])
+        return (weights @ temporal[:, :, None]).flatten() + self.bias
+
     def forward(self, temporal: torch.Tensor, embeddings: torch.Tensor) -> dict[str, torch.Tensor]:
-        """Changes by attribute, (N, size) each, of embeddings (N, E) at the fused temporal embedding (T,)."""
-        shared = self.temporal_weight @ temporal + self.bias
-        hidden = torch.addmm(shared, embeddings, self.embedding_weight.T).relu_()
+        """Changes by attribute, (N, size) each, of embeddings (N, E) at the fused temporal embedding (networks, T)."""
+        sizes = list(self.sizes.values())
+        hidden = torch.addmm(self.shared(temporal), embeddings, self.embedding_weight.T).relu_()
         if not self.head_width:
             output = torch.addmm(self.output_bias, hidden, self.output_weight.T)
-            return dict(zip(self.sizes, output.split(list(self.sizes.values()), dim=1), strict=True))
-        hidden = torch.addmm(self.head_bias, hidden, self.head_weight.T).relu_()
-        weights = self.output_weight.split(list(self.sizes.values()))
-        biases = self.output_bias.split(list(self.sizes.values()))
-        slices = hidden.split(self.head_width, dim=1)
-        return {
-            name: torch.addmm(bias, part, weight.T)
-            for name, part, weight, bias in zip(self.sizes, slices, weights, biases, strict=True)
-        }
+            return dict(zip(self.sizes, output.split(sizes, dim=1), strict=True))
+        layers = zip(
+            *(hidden.chunk(self.networks, dim=1), self.head_weight.chunk(self.networks)),
+            *(self.head_bias.chunk(self.networks), self.output_weight.chunk(self.networks, dim=1)),
+            strict=True,
+        )
+        changes = dict(zip(self.sizes, self.output_bias.split(sizes), strict=True))
+        for first, head_weight, head_bias, output_weight in layers:
+            second = torch.addmm(head_bias, first, head_weight.T).relu_().split(self.head_width, dim=1)
+            for name, part, weight in zip(self.sizes, second, output_weight.split(sizes), strict=True):
+                changes[name] = changes[name] + part @ weight.T
+        return changes

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import torch
 from torch import nn
@@ -11,8 +12,10 @@ from torch import nn
 from ..rasterizer import GaussianArrays
 from ..rasterizer.native_deformation import FieldShape
 from .canonical import CanonicalField
-from .deformation import DeformationField
+from .deformation import HEADS, DeformationField
 from .fused import deform_fused
+from .fusion import fuse, fused_size, network_count
+from .interface import FINISHED, Progressing, SceneModel
 from .opacity import reduction_factor
 from .temporal import temporal_weights
 
@@ -27,6 +30,8 @@ class FrogSettings:
         hidden_width, head_width: see DeformationField.
         deformed_sh: SH coefficients that deform.
         opacity_reduction, opacity_sharpness: see model.opacity.
+        fusion: of the coarse and the fine temporal embedding, see model.fusion.
+        deformed_opacity: False leaves opacities as they are at every moment (and there is nothing to reduce).
         motion_unit: world units that a network output of one moves a Gaussian by (makes rates independent of the
             capture's units).
         fine_rows, opacity_share: how far the schedules had come when the scene was written; all rows (0) and 1 unless
@@ -45,50 +50,68 @@ class FrogSettings:
     motion_unit: float = 1.0
     fine_rows: int = 0
     opacity_share: float = 1.0
+    fusion: str = "product"
+    deformed_opacity: bool = True
 
 
-@dataclass(frozen=True)
-class Progressing:
-    """How far the schedules inside the model have come, each from 0 to 1 (all 1 in a finished scene).
-
-    Attributes:
-        fine_rows: the fine embedding's rows grow from the coarse to all (E-D3DGS's coarse-to-fine schedule).
-        opacity: how far the opacity reduction is ramped in.
-    """
-
-    fine_rows: float = 1.0
-    opacity: float = 1.0
+_ATTENTION_WIDTH = 16
 
 
-FINISHED = Progressing()
+class Frog(SceneModel):
+    """Canonical Gaussians, temporal table and deformation field; with ``fusion="dual"`` E-D3DGS's two networks."""
 
-
-class Frog(nn.Module):
-    """``model(time)`` gives the Gaussians at a time in [0, 1]; ``model.deform`` also what was added to them."""
-
-    def __init__(self, canonical: CanonicalField, settings: FrogSettings) -> None:
+    def __init__(self, canonical: CanonicalField, settings: FrogSettings, table_smoothness: float = 0.0) -> None:
+        """``table_smoothness`` weighs the mean square of the differences between the table's neighbouring rows."""
         super().__init__()
         self.canonical: CanonicalField = canonical
         self.settings = settings
+        self.table_smoothness = table_smoothness
         self.temporal_table = nn.Parameter(initial_table(settings))
         self.deformation = DeformationField(
             settings.embedding_size,
-            settings.temporal_size,
+            fused_size(settings.fusion, settings.temporal_size),
             settings.hidden_width,
             settings.head_width,
             settings.deformed_sh,
+            network_count(settings.fusion),
         )
+        if settings.fusion == "attention":
+            bound = settings.temporal_size**-0.5
+            self.attention_weight = nn.Parameter(
+                torch.empty(_ATTENTION_WIDTH, settings.temporal_size, device="cpu").uniform_(-bound, bound)
+            )
+            self.attention_query = nn.Parameter(torch.empty(_ATTENTION_WIDTH, device="cpu").uniform_(-bound, bound))
+        if not settings.deformed_opacity:
+            self._silence_opacity()
 
     def fine_rows(self, progressing: Progressing) -> int:
         """Rows of the fine embedding as its schedule stands."""
         s = self.settings
         return round(s.coarse_rows + (s.temporal_rows - s.coarse_rows) * progressing.fine_rows)
 
+    def _silence_opacity(self) -> None:
+        """Keeps the opacity head at zero, where it starts: nothing reaches its weights."""
+        first = sum(size for name, size in HEADS.items() if name in ("means", "log_scales", "quaternions"))
+
+        def without_opacity(gradient: torch.Tensor) -> torch.Tensor:
+            gradient = gradient.clone()
+            gradient[first] = 0
+            return gradient
+
+        for parameter in (self.deformation.output_weight, self.deformation.output_bias):
+            parameter.register_hook(without_opacity)
+
+    @property
+    def opacity_form(self) -> str:
+        """The opacity reduction; none where opacities do not deform."""
+        return self.settings.opacity_reduction if self.settings.deformed_opacity else "off"
+
     def temporal_embedding(self, time: float, progressing: Progressing = FINISHED) -> torch.Tensor:
-        """(T,) coarse and fine embedding fused by the Hadamard product (FRoG, section on early fusion)."""
+        """(networks, T) coarse and fine embedding, fused (FRoG, section on early fusion)."""
         s = self.settings
-        fine_rows = self.fine_rows(progressing)
-        return self._resampled(time, s.coarse_rows) * self._resampled(time, fine_rows)
+        coarse, fine = (self._resampled(time, rows) for rows in (s.coarse_rows, self.fine_rows(progressing)))
+        attention = (self.attention_weight, self.attention_query) if s.fusion == "attention" else None
+        return fuse(s.fusion, coarse, fine, attention)
 
     def _resampled(self, time: float, rows: int) -> torch.Tensor:
         """(T,) the table at ``time`` when resampled to ``rows`` rows."""
@@ -101,11 +124,7 @@ class Frog(nn.Module):
     def deform(
         self, time: float, progressing: Progressing = FINISHED, sh_count: int | None = None
     ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
-        """The Gaussians at ``time`` and the changes (N, size) by attribute, means in world units.
-
-        Args:
-            sh_count: coefficients that come out, from the first; None for all.
-        """
+        """See SceneModel."""
         sh_count = sh_count or self.canonical.sh.shape[1]
         temporal = self.temporal_embedding(time, progressing)
         means = self.canonical.means
@@ -115,10 +134,11 @@ class Frog(nn.Module):
                 s.head_width,
                 sh_count,
                 s.deformed_sh,
-                s.opacity_reduction,
+                self.opacity_form,
                 s.opacity_sharpness,
                 progressing.opacity,
                 s.motion_unit,
+                self.deformation.networks,
             )
             gaussians, changes = deform_fused(self.canonical, self.deformation, temporal, shape)
             sizes = self.deformation.sizes
@@ -131,16 +151,16 @@ class Frog(nn.Module):
         """``deform`` in plain torch, on any device and in any floating-point type; the fused one is tested against it.
 
         Args:
-            temporal: (T,) fused temporal embedding.
+            temporal: (networks, T) fused temporal embedding.
         """
         c, s = self.canonical, self.settings
         changes = self.deformation(temporal, c.embeddings)
         changes["means"] = changes["means"] * s.motion_unit
         d_opacity = changes["opacity_logits"].squeeze(1)
         opacities = torch.sigmoid(c.opacity_logits + d_opacity)
-        if s.opacity_reduction != "off":
+        if self.opacity_form != "off":
             opacities = opacities * reduction_factor(
-                d_opacity, s.opacity_reduction, s.opacity_sharpness, progressing.opacity
+                d_opacity, self.opacity_form, s.opacity_sharpness, progressing.opacity
             )
         sh = c.sh
         if s.deformed_sh:
@@ -155,8 +175,26 @@ class Frog(nn.Module):
         )
         return gaussians, changes
 
-    def forward(self, time: float, progressing: Progressing = FINISHED) -> GaussianArrays:
-        return self.deform(time, progressing)[0]
+    def rate_groups(self) -> dict[str, list[nn.Parameter]]:
+        network = list(self.deformation.parameters())
+        if self.settings.fusion == "attention":
+            network += [self.attention_weight, self.attention_query]
+        return {"temporal": [self.temporal_table], "network": network}
+
+    def regularization(self) -> torch.Tensor | None:
+        if not self.table_smoothness:
+            return None
+        return self.table_smoothness * self.temporal_table.diff(dim=0).square().mean()
+
+    def stored_settings(self, progressing: Progressing) -> dict[str, Any]:
+        """Schedules included: a scene stopped early plays as it was trained."""
+        settings = replace(
+            self.settings,
+            fine_rows=self.fine_rows(progressing),
+            opacity_share=progressing.opacity,
+            opacity_reduction=self.opacity_form,
+        )
+        return asdict(settings)
 
 
 def total_deformation(changes: dict[str, torch.Tensor]) -> torch.Tensor:
@@ -179,10 +217,12 @@ def initial_table(settings: FrogSettings) -> torch.Tensor:
     return 1 + torch.sin(2 * math.pi * (frequencies * times + phases))
 
 
-def rows_for(frame_count: int) -> tuple[int, int]:
-    """(temporal rows, coarse rows) for a capture: a row for every two frames up to 150, and a third of them coarse.
+def rows_for(frame_count: int, most: int, coarse_share: float) -> tuple[int, int]:
+    """(temporal rows, coarse rows): a row for every two frames up to ``most``, and a share of them coarse.
 
-    The paper's base uses 150 and 30 for 300 frames; short captures keep a few rows more.
+    Args:
+        coarse_share: 0 for a third of a short table and a fifth of a long one; E-D3DGS has a fifth (150 and 30 for 300
+            frames), which leaves short captures very few.
     """
-    rows = max(2, min(150, math.ceil(frame_count / 2)))
-    return rows, max(2, min(rows, round(rows / 3 if rows < 60 else rows / 5)))
+    rows = max(2, min(most, math.ceil(frame_count / 2)))
+    return rows, max(2, min(rows, round(rows * (coarse_share or (1 / 3 if rows < 60 else 1 / 5)))))

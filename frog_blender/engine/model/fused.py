@@ -50,10 +50,10 @@ def deform_fused(
     units, without gradients.
 
     Args:
-        temporal: (T,) fused temporal embedding of the moment.
+        temporal: (networks, T) fused temporal embedding of the moment.
     """
     arrays = {name: getattr(canonical, name) for name in ATTRIBUTES}
-    arrays["shared"] = network.temporal_weight @ temporal + network.bias
+    arrays["shared"] = network.shared(temporal)
     arrays |= {name: getattr(network, name) for name in (*_NETWORK, *(_HEADS if network.head_width else ()))}
     *outputs, changes = _Deform.apply(shape, tuple(arrays), *arrays.values())
     return GaussianArrays(**dict(zip(_OUTPUTS, outputs, strict=True))), changes

@@ -22,6 +22,7 @@ class FieldShape:
         head_width: of each head's hidden layer; 0 when all outputs read the first layer.
         sh_active, sh_deformed: coefficients that come out, and that the network changes.
         opacity_form: "paper", "unit" or "off".
+        networks: 2 where the outputs of two networks of the same shape add up.
     """
 
     head_width: int
@@ -31,6 +32,7 @@ class FieldShape:
     opacity_sharpness: float
     opacity_share: float
     motion_unit: float
+    networks: int = 1
 
     @property
     def outputs(self) -> int:

@@ -17,7 +17,7 @@ from ..model.canonical import ATTRIBUTES
 from .trainer import Neighbourhood, Trainer
 
 _KEY = "frog-checkpoint"
-_VERSION = 3
+_VERSION = 4
 
 
 def checkpoint_path(scene: str | Path) -> Path:
@@ -32,6 +32,7 @@ def save_checkpoint(path: Path, trainer: Trainer, settings: dict[str, Any] | Non
     tensors["density.gradient_sum"] = trainer.density.gradient_sum
     tensors["density.seen"] = trainer.density.seen
     tensors["density.peak_opacity"] = trainer.density.peak_opacity
+    tensors["losses"] = trainer.picker.losses
     tensors["random"] = trainer.generator.get_state()
     trainer.regions.settle()
     for camera, errors in enumerate(trainer.regions.errors):
@@ -49,6 +50,7 @@ def save_checkpoint(path: Path, trainer: Trainer, settings: dict[str, Any] | Non
         "cameras": [camera.name for camera in trainer.capture.cameras],
         "loss": trainer.loss if np.isfinite(trainer.loss) else None,
         "burst_shot": trainer.burst_shot,
+        "draws": trainer.picker.draws,
         "shots": len(trainer.capture.shots),
     }
     # ascontiguousarray would turn Adam's scalar step counters into vectors.
@@ -81,7 +83,7 @@ def load_checkpoint(path: Path, trainer: Trainer) -> None:
         same_capture = state["shots"] == len(trainer.capture.shots)
         same_capture &= state["cameras"] == [camera.name for camera in trainer.capture.cameras]
         if state["method"] != trainer.method or differing or not same_capture:
-            what = ", ".join(differing) or ("the method" if state["method"] != trainer.method else "the capture")
+            what = "the method" if state["method"] != trainer.method else ", ".join(differing) or "the capture"
             raise FrogError(f"{path}: belongs to another training ({what} differ); train again without resuming.")
         tensors = {name: torch.from_numpy(array.copy()) for name, array in arrays.items()}
         for name in ATTRIBUTES:
@@ -91,6 +93,7 @@ def load_checkpoint(path: Path, trainer: Trainer) -> None:
         trainer.optimizer.load_state_arrays(tensors)
         for name in ("gradient_sum", "seen", "peak_opacity"):
             setattr(trainer.density, name, tensors[f"density.{name}"].to(trainer.device))
+        trainer.picker.losses = tensors["losses"]
         trainer.generator.set_state(tensors["random"])
         trainer.regions.errors = [tensors[f"regions.{camera}"] for camera in range(len(trainer.capture.cameras))]
         if "neighbourhood.anchors" in tensors:

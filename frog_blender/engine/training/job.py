@@ -17,12 +17,12 @@ from ..capture.seeds import find_seeds
 from ..errors import FrogError, found_instead
 from ..files import SceneFile, SceneHeader, settings_json, write_scene
 from ..inference.draw import to_uint8
-from ..model.frog import Frog
 from . import events
 from .checkpoint import checkpoint_path, checkpoint_settings, load_checkpoint, save_checkpoint
 from .device import choose_device
 from .events import Event
-from .recipe import METHODS, Recipe, recipe
+from .methods import method_named
+from .recipe import Recipe, recipe
 from .trainer import Limits, Trainer
 
 Result = TypeVar("Result")
@@ -30,7 +30,6 @@ Result = TypeVar("Result")
 _EVENT_SECONDS = 0.5  # between progress events
 _SAVE_SECONDS = 180.0  # between checkpoints
 _EVALUATIONS = 10  # over a training
-_EVALUATED_SHOTS = 6
 
 
 @dataclass(frozen=True)
@@ -40,7 +39,7 @@ class TrainingJob:
     Attributes:
         capture: the capture's folder.
         output: the ``.frog`` to write; its checkpoint lies beside it.
-        method: "frog" or "static".
+        method: one of ``methods.METHODS``.
         recipe: the settings.
         steps, seconds: limits; the recipe's steps when neither is given.
         seed: of everything random.
@@ -49,6 +48,9 @@ class TrainingJob:
         resume: go on from the checkpoint beside ``output``.
         pixel_offsets: see ``open_capture``.
         device: "auto", "cpu" or "cuda", see ``choose_device``; a resume may choose another.
+        opened: the capture itself, where it is not what ``open_capture`` makes of the folder (a segment, a protocol's
+            own split).
+        evaluated_shots: pictures that each evaluation on the way looks at, at most.
     """
 
     capture: Path
@@ -63,6 +65,8 @@ class TrainingJob:
     resume: bool = False
     pixel_offsets: dict[str, tuple[float, float]] | None = None
     device: str = "auto"
+    opened: Capture | None = None
+    evaluated_shots: int = 6
 
 
 _LARGEST_SIDE = 1600
@@ -73,9 +77,11 @@ def prepare_capture(
     scale: float | None,
     holdout_frames: int | None,
     pixel_offsets: dict[str, tuple[float, float]] | None,
+    opened: Capture | None = None,
 ) -> tuple[Capture, float]:
-    """The capture as it will be trained on or evaluated, and the scale that was used."""
-    capture = open_capture(Path(path), pixel_offsets=pixel_offsets)
+    """The capture as it will be trained on or evaluated, and the scale that was used; ``opened`` instead of the folder's
+    if given."""
+    capture = opened if opened is not None else open_capture(Path(path), pixel_offsets=pixel_offsets)
     if scale is None:
         scale = min(1.0, _LARGEST_SIDE / max(max(c.width, c.height) for c in capture.cameras))
     if scale != 1.0:
@@ -90,14 +96,13 @@ def run_training(job: TrainingJob, cancelled: Callable[[], bool] = lambda: False
 
     Cancelling keeps what was learned: a scene that plays and a checkpoint that resumes.
     """
-    if job.method not in METHODS:
-        raise FrogError(f"There is no method {job.method!r}; there are {', '.join(METHODS)}.")
+    method_named(job.method)
     _check_output(job.output)
     if job.resume and not checkpoint_path(job.output).is_file():  # said before minutes of decoding
         raise found_instead(checkpoint_path(job.output), "no file", "a training checkpoint to go on from")
     if job.resume:
         job = _as_it_began(job)
-    capture, scale = prepare_capture(job.capture, job.scale, job.holdout_frames, job.pixel_offsets)
+    capture, scale = prepare_capture(job.capture, job.scale, job.holdout_frames, job.pixel_offsets, job.opened)
     device, left_aside = choose_device(job.device)
     for warning in (*capture.warnings, *([left_aside] if left_aside else [])):
         yield events.Warned(warning)
@@ -166,8 +171,8 @@ def _train(job: TrainingJob, trainer: Trainer, scale: float, cancelled: Callable
         if int(trainer.progress * _EVALUATIONS) > evaluated and not trainer.finished:
             evaluated = int(trainer.progress * _EVALUATIONS)
             trainer.check()
-            psnr, split = trainer.evaluate(_EVALUATED_SHOTS)
-            yield events.Evaluated(trainer.step_count, psnr, split)
+            psnr, split = trainer.evaluate(job.evaluated_shots)
+            yield events.Evaluated(trainer.step_count, psnr, split, trainer.seconds)
             yield events.Preview(trainer.step_count, to_uint8(trainer.picture(preview_shot)))
         if now - last_save >= _SAVE_SECONDS:
             trainer.check()
@@ -175,7 +180,7 @@ def _train(job: TrainingJob, trainer: Trainer, scale: float, cancelled: Callable
             last_save = time.monotonic()
     trainer.check()
     psnr, split = trainer.evaluate(30)
-    yield events.Evaluated(trainer.step_count, psnr, split)
+    yield events.Evaluated(trainer.step_count, psnr, split, trainer.seconds)
     save_scene(job, trainer, scale, {"psnr": psnr, "split": split})
     yield events.Saved(str(job.output))
     yield from _save_checkpoint(job, trainer)
@@ -212,7 +217,7 @@ def save_scene(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[s
     for name, value in trainer.model.state_dict().items():
         name = name.removeprefix("canonical.").replace("deformation.", "network.")
         arrays[name] = value.detach().cpu().numpy()
-    if trainer.method == "static":
+    if not arrays["embeddings"].size:
         del arrays["embeddings"]
     shots: list[list[int]] = [[] for _ in capture.cameras]
     for shot in capture.shots:
@@ -220,7 +225,7 @@ def save_scene(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[s
     header = SceneHeader(
         method=trainer.method,
         recipe=settings_json(trainer.recipe),
-        model=_model_settings(trainer),
+        model=trainer.model.stored_settings(trainer.progressing(trainer.progress)),
         cameras=capture.cameras,
         camera_shots=tuple(tuple(frames) for frames in shots),
         test_cameras=tuple(sorted(capture.test_cameras)),
@@ -237,19 +242,6 @@ def save_scene(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[s
         train_seconds=trainer.seconds,
     )
     write_scene(job.output, SceneFile(header, arrays))
-
-
-def _model_settings(trainer: Trainer) -> dict[str, Any]:
-    """What playback needs to know of the model, schedules included: a scene stopped early plays as it was trained."""
-    if not isinstance(trainer.model, Frog):
-        return {}
-    progressing = trainer.progressing(trainer.progress)
-    settings = replace(
-        trainer.model.settings,
-        fine_rows=trainer.model.fine_rows(progressing),
-        opacity_share=progressing.opacity,
-    )
-    return settings_json(settings)
 
 
 class _Stopped(Exception):

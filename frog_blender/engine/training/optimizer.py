@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import torch
 from torch import nn
 
-from ..model.canonical import ATTRIBUTES, CanonicalField
+from ..model.canonical import ATTRIBUTES
+from ..model.interface import SceneModel
 from .recipe import Recipe
 
 
 class SceneOptimizer:
-    """One parameter group for each canonical attribute and one each for table and network.
+    """One parameter group for each canonical attribute, and one for each of the model's own (``rate_groups``).
 
     Args:
-        model: with a ``canonical`` field, and for dynamic methods ``temporal_table`` and ``deformation``.
+        model: a method.
         recipe: the rates.
         scene_scale: world units; multiplies the rate of the means.
     """
 
-    def __init__(self, model: nn.Module, recipe: Recipe, scene_scale: float) -> None:
-        self._canonical: CanonicalField = model.canonical  # type: ignore[assignment]
+    def __init__(self, model: SceneModel, recipe: Recipe, scene_scale: float) -> None:
+        self._canonical = model.canonical
         decay, attribute_decay = recipe.rate_decay, recipe.attribute_decay
         rates = {
             "means": (recipe.mean_rate * scene_scale, decay),
@@ -30,17 +32,16 @@ class SceneOptimizer:
             "opacity_logits": (recipe.opacity_rate, attribute_decay),
             "sh": (recipe.color_rate, attribute_decay),
             "embeddings": (recipe.embedding_rate, decay),
-            "temporal_table": (recipe.temporal_rate, decay),
-            "deformation": (recipe.network_rate, decay),
+            "temporal": (recipe.temporal_rate, decay),
+            "network": (recipe.network_rate, decay),
+            "grid": (recipe.grid_rate, decay),
         }
-        groups = [
+        groups: list[dict[str, Any]] = [
             {"params": [getattr(self._canonical, name)], "name": name}
             for name in ATTRIBUTES
             if getattr(self._canonical, name).numel()
         ]
-        if hasattr(model, "temporal_table"):
-            groups.append({"params": [model.temporal_table], "name": "temporal_table"})
-            groups.append({"params": list(model.deformation.parameters()), "name": "deformation"})  # type: ignore[union-attr]
+        groups += [{"params": parameters, "name": name} for name, parameters in model.rate_groups().items()]
         self._rates = rates
         self.adam = torch.optim.Adam(groups, lr=0.0, eps=1e-15, fused=True)
         self.schedule(0.0)

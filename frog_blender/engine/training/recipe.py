@@ -6,9 +6,10 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from ..errors import FrogError
+from ..model.fusion import FUSIONS
 from ..model.opacity import FORMS
 
-METHODS = ("frog", "static")
+SAMPLINGS = ("anchors", "inverse", "off")
 
 
 @dataclass(frozen=True)
@@ -16,23 +17,30 @@ class Recipe:
     """How to train. Lengths are in world units times the scene's scale (median distance from camera to seed point).
 
     Attributes:
-        name: "draft", "standard" or "paper".
+        name: "draft" or "standard"; "paper" (N3DV), "hypernerf" and "technicolor" follow the papers.
         steps: optimiser steps, each on one picture or part of it, at least.
         steps_per_moment: for each of the capture's moments; what is longer of the two is trained.
         max_gaussians: growth stops here.
         seed_gaussians: seed points at most.
         sh_degree: 0 to 3; grows by one at each of ``sh_growth`` (fractions of training).
-        embedding_size, temporal_size, hidden_width, head_width, deformed_sh: see model.frog.
+        fusion: of the temporal embeddings, see model.fusion.FUSIONS (FRoG, section on early fusion; its table compares
+            them).
+        embedding_size, temporal_size, hidden_width, head_width, deformed_sh, deformed_opacity: see model.frog.
+        most_temporal_rows, coarse_share: rows of the temporal table at most, and the coarse embedding's share of them
+            (0: see model.frog.rows_for).
         opacity_reduction, opacity_sharpness: "paper", "unit" or "off", and the paper's k.
         opacity_ramp: fractions of training between which the reduction is ramped in.
+        table_smoothness: weight of the temporal table's smoothness (E-D3DGS has 1e-4 for HyperNeRF).
         fine_rows_until: fraction at which the fine temporal embedding has all its rows.
         warm_up: fraction of training without deformation.
-        mean_rate ... network_rate: Adam rates at the start; means, deformation and temporal rates decay
+        mean_rate ... grid_rate: Adam rates at the start; means, embedding, network, grid and temporal rates decay
             exponentially by ``rate_decay`` to the end, the others by ``attribute_decay``.
         dssim_weight: of (1 - SSIM) / 2, for ``dssim_burst`` of every ``dssim_period`` steps after ``dssim_from``
             (FRoG, section on optimisation: 5 of 50 after an eighth of the training).
         smoothness_weight, smoothness_neighbours, smoothness_falloff: embedding smoothness; the falloff (the paper's
             lambda_w) multiplies squared distances in units of the median nearest-neighbour distance.
+        frame_choice: "even" draws every training picture alike; "loss" draws every second moment in proportion to its
+            last loss (E-D3DGS's loss-based frame sampling).
         region_share, region_size: probability that a step draws only a rectangle where the errors are, and the
             rectangle's sides over the picture's (see training.regions).
         densify_from, densify_until, densify_every: fractions.
@@ -40,7 +48,10 @@ class Recipe:
         densify_growth: share of new Gaussians a round at most.
         split_scale: above this size a Gaussian is split, below it is cloned.
         prune_opacity: canonical opacity below which a Gaussian is removed.
-        sampling: "anchors" (FRoG, section on canonical field sampling) or "off".
+        sampling: "anchors" puts the points into the canonical field as they are (FRoG, section on canonical field
+            sampling), "inverse" takes off the motion of the nearest Gaussian (the paper's inverse deformation), or
+            "off".
+        sampling_depth: "median" (the paper's) or "mean" depth along the pixel's ray.
         sampling_from, sampling_until, sampling_every: fractions; sampling_share: new anchors a round, as a share of
             the Gaussians.
     """
@@ -52,11 +63,16 @@ class Recipe:
     seed_gaussians: int = 25_000
     sh_degree: int = 1
     sh_growth: tuple[float, ...] = (0.1, 0.3, 0.5)
+    fusion: str = "product"
     embedding_size: int = 32
     temporal_size: int = 64
     hidden_width: int = 64
     head_width: int = 0
     deformed_sh: int = 1
+    deformed_opacity: bool = True
+    most_temporal_rows: int = 150
+    coarse_share: float = 0.0
+    table_smoothness: float = 0.0
     opacity_reduction: str = "unit"
     opacity_sharpness: float = 10.0
     opacity_ramp: tuple[float, float] = (0.1, 0.25)
@@ -70,6 +86,7 @@ class Recipe:
     embedding_rate: float = 3e-2
     temporal_rate: float = 1e-2
     network_rate: float = 1e-3
+    grid_rate: float = 1e-2
     rate_decay: float = 0.1
     attribute_decay: float = 0.2
     dssim_weight: float = 0.2
@@ -80,6 +97,7 @@ class Recipe:
     smoothness_neighbours: int = 8
     smoothness_falloff: float = 0.3
     smoothness_sample: int = 2048
+    frame_choice: str = "even"
     region_share: float = 0.75
     region_size: float = 0.35
     densify_from: float = 0.08
@@ -90,6 +108,7 @@ class Recipe:
     split_scale: float = 0.01
     prune_opacity: float = 5e-3
     sampling: str = "anchors"
+    sampling_depth: str = "median"
     sampling_from: float = 0.1
     sampling_until: float = 0.7
     sampling_every: float = 0.01
@@ -100,15 +119,47 @@ class Recipe:
         return max(self.steps, self.steps_per_moment * moments)
 
     def __post_init__(self) -> None:
-        if self.opacity_reduction not in FORMS:
-            raise FrogError(f"opacity_reduction is {self.opacity_reduction!r}, expected one of {', '.join(FORMS)}.")
-        if self.sampling not in ("anchors", "off"):
-            raise FrogError(f"sampling is {self.sampling!r}, expected 'anchors' or 'off'.")
+        for name, known in _CHOICES.items():
+            if getattr(self, name) not in known:
+                raise FrogError(f"{name} is {getattr(self, name)!r}, expected one of {', '.join(known)}.")
         if not 0 <= self.sh_degree <= 3 or self.deformed_sh not in (0, 1, 4, 9, 16):
             raise FrogError("sh_degree must be 0 to 3, and deformed_sh 0, 1, 4, 9 or 16.")
         if self.steps < 1:
             raise FrogError(f"The number of steps is {self.steps}, expected at least 1.")
 
+
+_CHOICES = {
+    "fusion": FUSIONS,
+    "opacity_reduction": FORMS,
+    "sampling": SAMPLINGS,
+    "sampling_depth": ("median", "mean"),
+    "frame_choice": ("even", "loss"),
+}
+
+# The paper's network and schedules for N3DV: five heads of 128, all SH deformed; made for a GPU and hours.
+_PAPER = Recipe(
+    name="paper",
+    steps=80_000,
+    steps_per_moment=0,
+    max_gaussians=300_000,
+    seed_gaussians=40_000,
+    sh_degree=3,
+    temporal_size=256,
+    hidden_width=128,
+    head_width=128,
+    deformed_sh=16,
+    coarse_share=0.2,
+    opacity_reduction="paper",
+    fine_rows_until=0.125,
+    warm_up=0.0,
+    opacity_ramp=(0.0625, 0.075),
+    dssim_weight=1.0,
+    densify_from=0.0625,
+    densify_until=0.95,
+    densify_every=100 / 80_000,
+    densify_threshold=3e-4,
+    smoothness_neighbours=20,
+)
 
 RECIPES = {
     "draft": Recipe(
@@ -120,28 +171,33 @@ RECIPES = {
         rate_decay=0.25,
     ),
     "standard": Recipe(),
-    # The paper's network and schedules (five heads of 128, all SH deformed); made for a GPU and hours.
-    "paper": Recipe(
-        name="paper",
-        steps=80_000,
-        steps_per_moment=0,
-        max_gaussians=300_000,
-        seed_gaussians=40_000,
-        sh_degree=3,
-        temporal_size=256,
-        hidden_width=128,
-        head_width=128,
-        deformed_sh=16,
-        opacity_reduction="paper",
-        fine_rows_until=0.125,
-        warm_up=0.0,
-        opacity_ramp=(0.0625, 0.075),
-        dssim_weight=1.0,
-        densify_from=0.0625,
-        densify_until=0.95,
-        densify_every=100 / 80_000,
-        densify_threshold=3e-4,
-        smoothness_neighbours=20,
+    "paper": _PAPER,
+    # One moving camera; colours do not deform, no D-SSIM.
+    "hypernerf": replace(
+        _PAPER,
+        name="hypernerf",
+        steps=60_000,
+        deformed_sh=0,
+        most_temporal_rows=250,
+        table_smoothness=1e-4,
+        fine_rows_until=1 / 3,
+        opacity_ramp=(0.1, 0.11),
+        dssim_weight=0.0,
+        densify_from=500 / 60_000,
+        densify_every=100 / 60_000,
+        densify_threshold=2e-4,
+    ),
+    # Fifty moments; colours do not deform, all rows from the start.
+    "technicolor": replace(
+        _PAPER,
+        name="technicolor",
+        steps=100_000,
+        deformed_sh=0,
+        fine_rows_until=0.0,
+        opacity_ramp=(0.1, 0.11),
+        dssim_from=0.1,
+        densify_from=500 / 100_000,
+        densify_every=100 / 100_000,
     ),
 }
 

@@ -2,17 +2,19 @@
 
 Pixels of high error are sent along their rays to the median depth, and the points are put into the canonical field as
 they are: low-cost anchors, whose small deformation is learned from the embedding of the Gaussian that moves least.
+The paper's two variants are here too: mean depth, and points taken back by an inverse deformation.
 """
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 from torch.nn import functional
 
 from ..capture.camera import Camera
 from ..model.canonical import new_gaussians
 from ..rasterizer import Image
-from .neighbours import spacings
+from .neighbours import nearest, spacings
 
 _PATCH = 7  # pixels: single bright pixels are noise
 _BRIGHTNESS_FLOOR = 0.05  # of the display range: below it, error counts as it is
@@ -40,36 +42,67 @@ def choose_pixels(score: torch.Tensor, depth: torch.Tensor, count: int, generato
     return candidates[drawn.to(candidates.device)]
 
 
+def distances_along_rays(image: Image, camera: Camera, kind: str) -> torch.Tensor:
+    """(H, W) Euclidean distance to the surface: the median depth as it is, or the mean planar depth made Euclidean."""
+    if kind == "median":
+        assert image.median_depth is not None
+        return image.median_depth
+    assert image.mean_depth is not None
+    height, width = image.mean_depth.shape
+    y, x = np.mgrid[:height, :width] + 0.5
+    rays = camera.ray_directions(np.stack([x.ravel(), y.ravel()], axis=1))
+    planar = (rays @ camera.forward).reshape(height, width)
+    return image.mean_depth / torch.from_numpy(planar).to(image.mean_depth)
+
+
 @torch.no_grad()
-def anchors(
-    image: Image,
-    truth: torch.Tensor,
-    camera: Camera,
-    count: int,
-    existing: torch.Tensor,
-    sh_count: int,
-    embedding: torch.Tensor,
-    generator: torch.Generator,
-) -> dict[str, torch.Tensor]:
-    """New Gaussians by attribute (see new_gaussians), at most ``count``.
+def worst_points(
+    image: Image, truth: torch.Tensor, camera: Camera, count: int, depth: str, generator: torch.Generator
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Points (M, 3) in the deformed scene, and colours (M, 3), of at most ``count`` pixels of high error.
 
     Args:
-        image: drawn with median depth.
+        image: drawn with depth.
         truth: (H, W, 3) the training picture.
-        existing: (N, 3) canonical means, for the size of the new ones.
-        embedding: (E,) of the Gaussian that deforms least at this moment.
+        depth: "median" or "mean".
     """
-    assert image.median_depth is not None
+    distances = distances_along_rays(image, camera, depth)
     # Coverage is a second cue: what nothing covers shows no error against a dark truth.
     score = error_map(image.rgb, truth) + (1 - image.alpha)
-    chosen = choose_pixels(score, image.median_depth, count, generator)
-    width = image.median_depth.shape[1]
+    chosen = choose_pixels(score, distances, count, generator)
+    width = distances.shape[1]
     pixels = torch.stack([chosen % width, torch.div(chosen, width, rounding_mode="floor")], dim=1) + 0.5
-    distances = image.median_depth.flatten()[chosen]
-    places = camera.unproject(pixels.double().cpu().numpy(), distances.double().cpu().numpy())
-    points = torch.from_numpy(places).float().to(existing.device)
-    colors = truth.reshape(-1, 3)[chosen]
+    places = camera.unproject(pixels.double().cpu().numpy(), distances.flatten()[chosen].double().cpu().numpy())
+    return torch.from_numpy(places).float().to(truth.device), truth.reshape(-1, 3)[chosen]
+
+
+@torch.no_grad()
+def undeformed(
+    points: torch.Tensor, deformed: torch.Tensor, motion: torch.Tensor, embeddings: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Where points (M, 3) of the deformed scene lie in the canonical field if they move as the nearest Gaussian does,
+    and that Gaussian's embeddings (M, E): the paper's inverse deformation, which it shows to be unstable.
+
+    Args:
+        deformed, motion: (N, 3) means at the moment, and what was added to the canonical ones.
+        embeddings: (N, E).
+    """
+    if len(points) == 0:
+        return points, embeddings.new_empty(0, embeddings.shape[1])
+    closest = nearest(points, deformed.detach(), 1, skip_self=False)[1][:, 0]
+    return points - motion.detach()[closest], embeddings.detach()[closest]
+
+
+@torch.no_grad()
+def new_anchors(
+    points: torch.Tensor, colors: torch.Tensor, embeddings: torch.Tensor, existing: torch.Tensor, sh_count: int
+) -> dict[str, torch.Tensor]:
+    """New Gaussians by attribute (see new_gaussians) at canonical ``points`` (M, 3), with ``embeddings`` (M, E).
+
+    Args:
+        existing: (N, 3) canonical means, for the size of the new ones.
+    """
     sizes = spacings(points, existing) if len(points) else points.new_empty(0)
-    new = new_gaussians(points, colors, sizes, sh_count, len(embedding))
-    new["embeddings"] = embedding.expand(len(points), -1).clone()
+    new = new_gaussians(points, colors, sizes, sh_count, embeddings.shape[1])
+    new["embeddings"] = embeddings.detach().clone()
     return new

@@ -33,10 +33,26 @@ def ramp(progress: float, start: float, end: float) -> float:
     return max(0.0, (progress - start) / (end - start)) if end > start else 1.0
 
 
-class ShotPicker:
-    """Draws training pictures, each as often as every other; never one that is withheld."""
+_UNSEEN = 100.0  # no picture in [0, 1] can lose as much
 
-    def __init__(self, capture: Capture) -> None:
+
+class ShotPicker:
+    """Draws training pictures; never one that is withheld.
+
+    Args:
+        choice: "even": each as often as every other. "loss": every second draw picks its moment in proportion to the
+            moment's loss, summed over the cameras' last looks (E-D3DGS, its loss-based frame sampling); what nobody
+            has looked at yet comes first.
+
+    Attributes:
+        draws: so far.
+        losses: (cameras, frames) mean absolute error at the last look, ``_UNSEEN`` before the first.
+    """
+
+    def __init__(self, capture: Capture, choice: str = "even") -> None:
+        self._by_loss = choice == "loss"
+        self.draws = 0
+        self.losses = torch.full((len(capture.cameras), capture.frame_count), _UNSEEN, device="cpu")
         self._shots = [i for i, shot in enumerate(capture.shots) if not capture.is_test(shot)]
         self._by_frame: dict[int, list[int]] = {}
         for i in self._shots:
@@ -45,7 +61,23 @@ class ShotPicker:
 
     def pick(self, generator: torch.Generator) -> int:
         """A shot index."""
+        self.draws += 1
+        if self._by_loss and self.draws % 2 == 0:
+            return self._pick_by_loss(generator)
         return self._shots[int(torch.randint(len(self._shots), (1,), generator=generator))]
+
+    def _pick_by_loss(self, generator: torch.Generator) -> int:
+        frames = sorted(self._by_frame)
+        by_frame = self.losses[:, frames].sum(0)
+        weights = by_frame - by_frame.min() + 1e-6 * by_frame.max() + 1e-12
+        there = self._by_frame[frames[int(torch.multinomial(weights, 1, generator=generator))]]
+        return there[int(torch.randint(len(there), (1,), generator=generator))]
+
+    def observe(self, shot: int, difference: torch.Tensor) -> None:
+        """Takes in how far a drawn picture (H, W, 3) was from the truth."""
+        if self._by_loss:
+            drawn = self._capture.shots[shot]
+            self.losses[drawn.camera, drawn.frame] = difference.abs().mean().cpu()
 
     def pick_same_moment(self, shot: int, generator: torch.Generator) -> int:
         """Another camera at the moment of ``shot`` (the same picture when there is only one)."""

@@ -7,9 +7,9 @@ import torch
 
 from ..capture.capture import Capture
 from ..capture.seeds import Seeds
-from ..model.baselines.static import Static
 from ..model.canonical import CanonicalField, new_gaussians
-from ..model.frog import Frog, FrogSettings, rows_for
+from ..model.interface import SceneModel
+from .methods import Beginning, method_named
 from .neighbours import spacings
 from .recipe import Recipe
 
@@ -24,28 +24,9 @@ def scale_of(capture: Capture, points: np.ndarray) -> float:
 
 def first_model(
     capture: Capture, seeds: Seeds, recipe: Recipe, method: str, scene_scale: float, device: torch.device
-) -> Frog | Static:
+) -> SceneModel:
     """The model before its first step, on ``device``; its random numbers are torch's own of the CPU on any device."""
     points, colors = (torch.from_numpy(array).to(device) for array in (seeds.points, seeds.colors))
     sh_count = (recipe.sh_degree + 1) ** 2
-    embedding_size = recipe.embedding_size if method == "frog" else 0
-    canonical = CanonicalField(new_gaussians(points, colors, spacings(points), sh_count, embedding_size))
-    if method == "frog":
-        return Frog(canonical, _settings(capture, recipe, sh_count, scene_scale)).to(device)
-    return Static(canonical)
-
-
-def _settings(capture: Capture, recipe: Recipe, sh_count: int, scene_scale: float) -> FrogSettings:
-    rows, coarse_rows = rows_for(capture.frame_count)
-    return FrogSettings(
-        temporal_rows=rows,
-        coarse_rows=coarse_rows,
-        temporal_size=recipe.temporal_size,
-        embedding_size=recipe.embedding_size,
-        hidden_width=recipe.hidden_width,
-        head_width=recipe.head_width,
-        deformed_sh=min(recipe.deformed_sh, sh_count),
-        opacity_reduction=recipe.opacity_reduction,
-        opacity_sharpness=recipe.opacity_sharpness,
-        motion_unit=0.2 * scene_scale,
-    )
+    canonical = CanonicalField(new_gaussians(points, colors, spacings(points), sh_count, recipe.embedding_size))
+    return method_named(method).build(Beginning(canonical, recipe, capture.frame_count, scene_scale)).to(device)

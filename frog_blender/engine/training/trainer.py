@@ -16,19 +16,20 @@ from ..capture.frames import FrameStore
 from ..capture.seeds import Seeds
 from ..capture.time import frame_to_time
 from ..evaluation.metrics import psnr_of
-from ..model.baselines.static import Static
 from ..model.canonical import ATTRIBUTES
-from ..model.frog import Frog, Progressing, total_deformation
+from ..model.frog import total_deformation
+from ..model.interface import Progressing, SceneModel
 from ..rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
 from .density import DensityControl
 from .device import picture_on, torch_threads
 from .losses import add_embedding_smoothness, neighbour_weights, ssim
+from .methods import method_named
 from .neighbours import nearest
 from .optimizer import SceneOptimizer
 from .recipe import Recipe
 from .regions import RegionPicker
 from .running_loss import RunningLoss
-from .sampling import anchors
+from .sampling import new_anchors, undeformed, worst_points
 from .schedule import Every, ShotPicker, ramp
 from .start import first_model, scale_of
 
@@ -75,20 +76,21 @@ class Trainer:
         seed: int,
         device: torch.device | str = "cpu",
     ) -> None:
+        recipe = method_named(method).adapt(recipe)
         self.capture, self.recipe, self.method, self.limits = capture, recipe, method, limits
         self._store, self.device = store, torch.device(device)
         torch.manual_seed(seed)
         torch.set_flush_denormal(True)
         self.generator = torch.Generator().manual_seed(seed)
         self.scene_scale = scale_of(capture, seeds.points)
-        self.model: Frog | Static = first_model(capture, seeds, recipe, method, self.scene_scale, self.device)
+        self.model: SceneModel = first_model(capture, seeds, recipe, method, self.scene_scale, self.device)
         self.optimizer = SceneOptimizer(self.model, recipe, self.scene_scale)
         self.density = DensityControl(recipe, self.scene_scale, self.count, self.device)
         self.neighbourhood: Neighbourhood | None = None
         self.step_count, self.seconds, self.progress = 0, 0.0, 0.0
         self._loss = RunningLoss()
         self.burst_shot = -1
-        self._picker = ShotPicker(capture)
+        self.picker = ShotPicker(capture, recipe.frame_choice)
         self.regions = RegionPicker(capture.cameras, recipe.region_share, recipe.region_size)
         self._densify = Every(recipe.densify_from, recipe.densify_until, recipe.densify_every)
         self._sample = Every(recipe.sampling_from, recipe.sampling_until, recipe.sampling_every)
@@ -101,7 +103,7 @@ class Trainer:
         """Sets the counters of a checkpoint."""
         self.step_count, self.seconds = int(state["step_count"]), float(state["seconds"])
         self._loss.resume(math.nan if state["loss"] is None else float(state["loss"]))
-        self.burst_shot = int(state["burst_shot"])
+        self.burst_shot, self.picker.draws = int(state["burst_shot"]), int(state["draws"])
         self.progress = self._progress_now()
 
     @property
@@ -144,8 +146,10 @@ class Trainer:
         if region is not None:  # a pixel weighs the same in every step
             loss = loss * (region[2] * region[3] / camera.width / camera.height)
         self.regions.observe(camera_index, options.region_of(camera), difference.detach())
+        self.picker.observe(shot, difference.detach())
         self._loss.add(loss, self.step_count)
-        loss.backward()
+        extra = self.model.regularization() if changes else None
+        (loss if extra is None else loss + extra).backward()
         if changes and self.neighbourhood is not None and self.recipe.smoothness_weight:
             self._add_smoothness(self.neighbourhood)
         self.density.observe(image, gaussians.opacities.detach(), camera)
@@ -172,8 +176,8 @@ class Trainer:
     def _next_shot(self, progress: float) -> int:
         """A burst of D-SSIM stays at one moment and changes the camera (E-D3DGS's multi-view SSIM)."""
         if self._in_burst(progress) and self.step_count % self.recipe.dssim_period and self.burst_shot >= 0:
-            return self._picker.pick_same_moment(self.burst_shot, self.generator)
-        self.burst_shot = self._picker.pick(self.generator)
+            return self.picker.pick_same_moment(self.burst_shot, self.generator)
+        self.burst_shot = self.picker.pick(self.generator)
         return self.burst_shot
 
     def _draw(
@@ -213,9 +217,7 @@ class Trainer:
         densified = self._densify.due(before, now)
         if densified:
             self.density.round(self.model.canonical, self.optimizer, self.generator)
-        if self.method == "static":
-            return
-        if self.recipe.sampling == "anchors" and self._sample.due(before, now):
+        if self.recipe.sampling != "off" and self._sample.due(before, now):
             self._inject_anchors(now, shot)  # at the end of the list: nobody's neighbours change their places
         if densified and self.recipe.smoothness_weight:
             self._find_neighbours()
@@ -225,21 +227,18 @@ class Trainer:
         room = min(int(self.recipe.sampling_share * self.count), self.recipe.max_gaussians - self.count)
         if room <= 0:
             return
-        truth, image, _, changes = self._draw(shot_index, progress, RasterizeOptions(depth=True))
+        truth, image, gaussians, changes = self._draw(shot_index, progress, RasterizeOptions(depth=True))
         if not changes:
             return
         canonical = self.model.canonical
-        calmest = int(total_deformation(changes).argmin())
-        new = anchors(
-            image,
-            truth,
-            self.capture.cameras[self.capture.shots[shot_index].camera],
-            room,
-            canonical.means.detach(),
-            canonical.sh.shape[1],
-            canonical.embeddings[calmest].detach(),
-            self.generator,
-        )
+        camera = self.capture.cameras[self.capture.shots[shot_index].camera]
+        points, colors = worst_points(image, truth, camera, room, self.recipe.sampling_depth, self.generator)
+        if self.recipe.sampling == "inverse":
+            points, embeddings = undeformed(points, gaussians.means, changes["means"], canonical.embeddings)
+        else:
+            calmest = canonical.embeddings[int(total_deformation(changes).argmin())]
+            embeddings = calmest.expand(len(points), -1)
+        new = new_anchors(points, colors, embeddings, canonical.means.detach(), canonical.sh.shape[1])
         everyone = torch.arange(self.count, device=self.device)
         self.optimizer.replace_gaussians(everyone, {name: new[name] for name in ATTRIBUTES})
         self.density.reset(everyone, len(new["means"]))

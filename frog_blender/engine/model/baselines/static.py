@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import torch
-from torch import nn
 
 from ...rasterizer import GaussianArrays
 from ..canonical import CanonicalField
-from ..frog import FINISHED, Progressing
+from ..interface import FINISHED, Progressing, SceneModel
 
 
-class Static(nn.Module):
+class Static(SceneModel):
     """The canonical Gaussians at every time."""
 
     def __init__(self, canonical: CanonicalField) -> None:
@@ -20,8 +19,5 @@ class Static(nn.Module):
     def deform(
         self, time: float, progressing: Progressing = FINISHED, sh_count: int | None = None
     ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
-        """As ``Frog.deform``; nothing changes."""
+        """See SceneModel; nothing changes."""
         return self.canonical.gaussians(sh_count), {}
-
-    def forward(self, time: float, progressing: Progressing = FINISHED) -> GaussianArrays:
-        return self.canonical.gaussians()

@@ -1,0 +1,47 @@
+"""Fusing the coarse and the fine temporal embedding (FRoG, section on early fusion, and its table of variants)."""
+
+from __future__ import annotations
+
+import torch
+
+FUSIONS = ("product", "add", "concat", "attention", "coarse", "fine", "dual")
+"""``product`` is FRoG's t_c * t_f, ``dual`` E-D3DGS's late fusion: two networks whose changes add up. The paper does
+not write out its attention; here a small layer scores each embedding and a softmax over the scores weighs them."""
+
+
+def network_count(form: str) -> int:
+    """Networks that a form needs."""
+    return 2 if form == "dual" else 1
+
+
+def fused_size(form: str, temporal_size: int) -> int:
+    """Length of what each network is given."""
+    return 2 * temporal_size if form == "concat" else temporal_size
+
+
+def fuse(
+    form: str, coarse: torch.Tensor, fine: torch.Tensor, attention: tuple[torch.Tensor, torch.Tensor] | None = None
+) -> torch.Tensor:
+    """(networks, fused size) what the networks are given at a moment.
+
+    Args:
+        form: one of FUSIONS.
+        coarse, fine: (T,) embeddings of the moment.
+        attention: weight (A, T) and query (A,): the score of t is query . tanh(weight t).
+    """
+    if form == "dual":
+        return torch.stack([coarse, fine])
+    if form == "product":
+        fused = coarse * fine
+    elif form == "add":
+        fused = coarse + fine
+    elif form == "concat":
+        fused = torch.cat([coarse, fine])
+    elif form == "attention":
+        assert attention is not None
+        weight, query = attention
+        both = torch.stack([coarse, fine])
+        fused = torch.softmax(torch.tanh(both @ weight.T) @ query, dim=0) @ both
+    else:
+        fused = coarse if form == "coarse" else fine
+    return fused[None]

@@ -1,0 +1,64 @@
+"""What every method is to the trainer: canonical Gaussians and a way to move them through time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import nn
+
+from ..rasterizer import GaussianArrays
+from .canonical import CanonicalField
+
+
+@dataclass(frozen=True)
+class Progressing:
+    """How far the schedules inside a model have come, each from 0 to 1 (all 1 in a finished scene).
+
+    Attributes:
+        fine_rows: the fine embedding's rows grow from the coarse to all (E-D3DGS's coarse-to-fine schedule).
+        opacity: how far the opacity reduction is ramped in.
+    """
+
+    fine_rows: float = 1.0
+    opacity: float = 1.0
+
+
+FINISHED = Progressing()
+
+
+class SceneModel(nn.Module):
+    """A method: ``model(time)`` gives the Gaussians at a time in [0, 1].
+
+    Methods share the canonical field, the rasterizer, the losses and the trainer; a method is what it does in
+    ``deform`` and the parameters it does it with.
+    """
+
+    canonical: CanonicalField
+
+    def deform(
+        self, time: float, progressing: Progressing = FINISHED, sh_count: int | None = None
+    ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
+        """The Gaussians at ``time`` and the changes (N, size) by attribute, means in world units; {} where a method
+        has none.
+
+        Args:
+            sh_count: coefficients that come out, from the first; None for all.
+        """
+        raise NotImplementedError
+
+    def forward(self, time: float, progressing: Progressing = FINISHED) -> GaussianArrays:
+        return self.deform(time, progressing)[0]
+
+    def rate_groups(self) -> dict[str, list[nn.Parameter]]:
+        """Parameters beyond the canonical field's, by the rate that drives them: "temporal", "network" or "grid"."""
+        return {}
+
+    def regularization(self) -> torch.Tensor | None:
+        """A loss of the method's own, weighted."""
+        return None
+
+    def stored_settings(self, progressing: Progressing) -> dict[str, Any]:
+        """Plain values that playback needs, with the schedules as they stand at the end."""
+        return {}

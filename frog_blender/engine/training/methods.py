@@ -1,0 +1,91 @@
+"""The methods that the trainer knows: FRoG and its rivals, each with the recipe as it trains it.
+
+All share canonical Gaussians, rasterizer, losses and schedules, so that a comparison compares methods.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from ..errors import FrogError
+from ..model.baselines.static import Static
+from ..model.canonical import CanonicalField
+from ..model.frog import Frog, FrogSettings, rows_for
+from ..model.interface import SceneModel
+from .recipe import Recipe
+
+
+@dataclass(frozen=True)
+class Beginning:
+    """What a model is made of.
+
+    Attributes:
+        canonical: the seeds' Gaussians, with embeddings (N, ``recipe.embedding_size``) of zeros.
+        recipe: as the method adapted it.
+        frame_count: moments of the capture.
+        scene_scale: world units, see ``start.scale_of``.
+    """
+
+    canonical: CanonicalField
+    recipe: Recipe
+    frame_count: int
+    scene_scale: float
+
+
+@dataclass(frozen=True)
+class Method:
+    """A way to model motion.
+
+    Attributes:
+        title: as people write it.
+        adapt: the recipe as this method trains it.
+        build: its model before the first step.
+    """
+
+    title: str
+    adapt: Callable[[Recipe], Recipe]
+    build: Callable[[Beginning], SceneModel]
+
+
+def _frog(begin: Beginning) -> Frog:
+    recipe, sh_count = begin.recipe, begin.canonical.sh.shape[1]
+    rows, coarse_rows = rows_for(begin.frame_count, recipe.most_temporal_rows, recipe.coarse_share)
+    settings = FrogSettings(
+        temporal_rows=rows,
+        coarse_rows=coarse_rows,
+        temporal_size=recipe.temporal_size,
+        embedding_size=recipe.embedding_size,
+        hidden_width=recipe.hidden_width,
+        head_width=recipe.head_width,
+        deformed_sh=min(recipe.deformed_sh, sh_count),
+        opacity_reduction=recipe.opacity_reduction,
+        opacity_sharpness=recipe.opacity_sharpness,
+        motion_unit=0.2 * begin.scene_scale,
+        fusion=recipe.fusion,
+        deformed_opacity=recipe.deformed_opacity,
+    )
+    return Frog(begin.canonical, settings, recipe.table_smoothness)
+
+
+def _ed3dgs(recipe: Recipe) -> Recipe:
+    """FRoG's base: dual networks, no sampling, no opacity reduction."""
+    return replace(recipe, fusion="dual", sampling="off", opacity_reduction="off")
+
+
+def _without_embeddings(recipe: Recipe) -> Recipe:
+    return replace(recipe, embedding_size=0, sampling="off", smoothness_weight=0.0)
+
+
+METHODS = {
+    "frog": Method("FRoG", lambda recipe: recipe, _frog),
+    "ed3dgs": Method("E-D3DGS", _ed3dgs, _frog),
+    "static": Method("3DGS (static)", _without_embeddings, lambda begin: Static(begin.canonical)),
+}
+
+
+def method_named(name: str) -> Method:
+    """FrogError for a name that does not exist."""
+    if name not in METHODS:
+        raise FrogError(f"There is no method {name!r}; there are {', '.join(METHODS)}.")
+    return METHODS[name]
