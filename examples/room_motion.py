@@ -8,8 +8,8 @@ its arms, a banner carries travelling waves, a ball squashes where it bounces.
 from __future__ import annotations
 
 import numpy as np
+from shapes import TURN, frames, sphere, spine, tube
 
-TURN = 2 * np.pi
 FROG_PLACE = np.array([-0.42, 0.15, 0.24])
 BODY_LENGTH = 1.50
 ARM_LENGTH = 0.70
@@ -19,44 +19,13 @@ BALL_PLACE = np.array([0.74, -0.55])
 BALL_RADIUS = 0.21
 
 
-def _spine(start: np.ndarray, directions: np.ndarray, length: float) -> np.ndarray:
-    """(N, 3) points of a curve with the given unit directions (N, 3), beginning at `start`."""
-    middle = (directions[1:] + directions[:-1]) / 2
-    steps = middle / np.linalg.norm(middle, axis=1, keepdims=True) * (length / (len(directions) - 1))
-    return start + np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
-
-
-def _frames(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(N, 3) back (away from the cameras) and side axes at right angles to the directions (N, 3)."""
-    tangent = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    back = np.array([0.0, 1.0, 0.0]) - tangent * tangent[:, 1:2]
-    back /= np.linalg.norm(back, axis=1, keepdims=True)
-    return back, np.cross(back, tangent)
-
-
-def _tube(points: np.ndarray, directions: np.ndarray, radii: np.ndarray, columns: int) -> np.ndarray:
-    """(N, columns, 3) rings around a spine; the seam faces away from the cameras and the middle column towards them."""
-    back, side = _frames(directions)
-    angle = TURN * np.arange(columns) / columns
-    ring = np.cos(angle)[None, :, None] * back[:, None] - np.sin(angle)[None, :, None] * side[:, None]
-    return points[:, None] + radii[:, None, None] * ring
-
-
-def _sphere(rows: int, columns: int) -> np.ndarray:
-    """(rows, columns, 3) unit vectors from the pole -z to the pole +z."""
-    polar = np.linspace(np.pi, 0, rows)[:, None]
-    angle = TURN * np.arange(columns)[None] / columns
-    x, y, z = np.sin(polar) * np.cos(angle), np.sin(polar) * np.sin(angle), np.cos(polar)
-    return np.stack(np.broadcast_arrays(x, y, z), axis=-1)
-
-
 def _body_spine(phase: float, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Points and directions (count, 3) of the frog's body: a bend that runs upwards, stronger towards the head."""
     s = np.linspace(0, 1, count)
     lean = 0.46 * s**0.7 * np.sin(TURN * (phase - 0.30 * s)) + 0.26 * s * np.sin(TURN * (2 * phase - 0.5 * s))
     nod = -0.10 + 0.30 * s * np.sin(TURN * (phase - 0.25 * s) + 1.3)
     directions = np.stack([np.sin(lean) * np.cos(nod), np.sin(nod), np.cos(lean) * np.cos(nod)], axis=1)
-    return _spine(FROG_PLACE, directions, BODY_LENGTH), directions
+    return spine(FROG_PLACE, directions, BODY_LENGTH), directions
 
 
 def frog_body(phase: float, rows: int = 72, columns: int = 48) -> np.ndarray:
@@ -66,7 +35,7 @@ def frog_body(phase: float, rows: int = 72, columns: int = 48) -> np.ndarray:
     girth = np.interp(s, [0, 0.08, 0.35, 0.62, 0.74, 0.84, 0.93, 1], [0.14, 0.18, 0.22, 0.18, 0.17, 0.22, 0.21, 0.16])
     girth = np.convolve(np.pad(girth, 4, mode="edge"), np.ones(9) / 9, mode="valid")
     dome = np.sqrt(np.clip((1 - s) / 0.11, 0, 1)) ** 0.9
-    return _tube(points, directions, girth * dome * (1 + 0.06 * np.sin(TURN * (2 * phase - 1.5 * s))), columns)
+    return tube(points, directions, girth * dome * (1 + 0.06 * np.sin(TURN * (2 * phase - 1.5 * s))), columns)
 
 
 def frog_arm(phase: float, side: int, rows: int = 40, columns: int = 24) -> np.ndarray:
@@ -80,15 +49,15 @@ def frog_arm(phase: float, side: int, rows: int = 40, columns: int = 24) -> np.n
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     radii = np.interp(s, [0, 0.15, 0.70, 0.80, 0.92, 1], [0.09, 0.078, 0.065, 0.100, 0.105, 0.085])
     shoulder = points[66] + np.array([side * 0.12, -0.02, 0.0])
-    return _tube(_spine(shoulder, across, ARM_LENGTH), across, radii * np.sqrt(np.clip((1 - s) / 0.06, 0, 1)), columns)
+    return tube(spine(shoulder, across, ARM_LENGTH), across, radii * np.sqrt(np.clip((1 - s) / 0.06, 0, 1)), columns)
 
 
 def frog_eye(phase: float, side: int, rows: int = 20, columns: int = 24) -> np.ndarray:
     """A ball on top of the head; its rows run from the back to the pupil, which looks at the cameras."""
     points, directions = _body_spine(phase, 100)
-    back, across = _frames(directions[92:93])
+    back, across = frames(directions[92:93])
     center = points[92] + across[0] * side * 0.13 + directions[92] * 0.10 - back[0] * 0.07
-    local = _sphere(rows, columns)
+    local = sphere(rows, columns)
     gaze = -back[0] + 0.12 * directions[92]
     return center + 0.105 * local @ np.stack([across[0], directions[92], gaze / np.linalg.norm(gaze)])
 
@@ -118,7 +87,7 @@ def ball(phase: float, rows: int = 32, columns: int = 48) -> np.ndarray:
         flight = (beat - contact) / (1 - contact)
         arc = 4 * flight * (1 - flight)
         lift, stretch = 0.52 * arc, 1 + 0.22 * abs(1 - 2 * flight) * min(1.0, 2 * arc)
-    local = _sphere(rows, columns)
+    local = sphere(rows, columns)
     tilt, spin = 0.5, TURN * phase
     axis = np.array([[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]])
     turn = np.array([[np.cos(spin), -np.sin(spin), 0], [np.sin(spin), np.cos(spin), 0], [0, 0, 1]])

@@ -1,4 +1,4 @@
-"""Pictures painted with numpy for the room of make_room.py: every texture is a formula and a seed.
+"""Pictures painted with numpy for the scenes of the rendered captures: every texture is a formula and a seed.
 
 Each function returns (height, width, 3) float32, display-referred sRGB in [0, 1]; row 0 is the bottom, as in Blender.
 """
@@ -110,6 +110,16 @@ def checker(
     size = 512
     u, v = coordinates(size, size)
     return finish(mix(flat(size, size, first), second, (np.floor(u * u_count) + np.floor(v * v_count)) % 2), 0.05, 50)
+
+
+def stripes(
+    colors: list[tuple[float, float, float]], count: int, slant: float = 0.0, seed: int = 51, size: int = 512
+) -> np.ndarray:
+    """Bands along v in turn in the given colours, `slant` bands further across the width; each with its own tone."""
+    u, v = coordinates(size, size)
+    band = np.floor(v * count + slant * u).astype(int) % count
+    tone = np.random.default_rng(seed).uniform(0.85, 1.1, count)[band]
+    return finish(np.array(colors)[band % len(colors)] * tone[..., None], 0.05, seed)
 
 
 def banner() -> np.ndarray:

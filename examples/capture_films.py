@@ -1,0 +1,128 @@
+"""What the scripts that render a capture share: pictures by Cycles, films of them, the command line.
+
+Needs bpy (Blender as a module), imageio-ffmpeg and OpenCV: ``pip install "frog-blender[blender,capture,train]"``.
+OUT receives the N3DV layout: ``cam00.mp4`` .. ``cam11.mp4`` and ``poses_bounds.npy``. Pictures are kept in OUT/pictures
+until the films are made, so an interrupted run goes on where it stopped. Everything is a formula or a seed: the same
+Blender makes the same pictures.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import bpy
+import cv2
+import imageio_ffmpeg
+import numpy as np
+from capture_rig import Rig
+from scene_parts import Scene
+
+FRAMES, RATE = 30, 15
+
+
+def configure(rig: Rig, samples: int, threads: int = 0) -> None:
+    """Cycles on the processor with the denoiser; the Standard view leaves colours as they were computed."""
+    scene = bpy.context.scene
+    render, cycles = scene.render, scene.cycles
+    render.engine = "CYCLES"
+    render.resolution_x, render.resolution_y, render.resolution_percentage = rig.width, rig.height, 100
+    render.use_persistent_data, render.use_motion_blur = True, False
+    render.image_settings.file_format, render.image_settings.color_mode = "PNG", "RGB"
+    if threads:
+        render.threads_mode, render.threads = "FIXED", threads
+    cycles.device, cycles.samples, cycles.use_adaptive_sampling = "CPU", samples, False
+    cycles.use_light_tree = False  # two lamps need none
+    cycles.use_denoising, cycles.denoiser = True, "OPENIMAGEDENOISE"
+    cycles.denoising_quality = "BALANCED"
+    cycles.denoising_prefilter = "NONE"  # its guides, albedo and normal, hold no noise without blur
+    cycles.max_bounces, cycles.diffuse_bounces, cycles.glossy_bounces = 2, 2, 1
+    cycles.caustics_reflective = cycles.caustics_refractive = False
+    cycles.sample_clamp_indirect = 4.0
+    scene.view_settings.view_transform, scene.view_settings.look = "Standard", "None"
+
+
+def render(folder: Path, scene: Scene, cameras: list[bpy.types.Object], frames: list[int]) -> None:
+    """Render every missing picture; the geometry moves once per moment, then all cameras look at it."""
+    settings = bpy.context.scene
+    for frame in frames:
+        missing = [index for index in range(len(cameras)) if not picture_path(folder, index, frame).exists()]
+        if not missing:
+            continue
+        started = time.perf_counter()
+        scene.pose(frame / FRAMES)
+        for index in missing:
+            settings.camera = cameras[index]
+            settings.cycles.seed = index  # the same at every moment: what stands still does not flicker
+            unfinished = folder / "unfinished.png"
+            settings.render.filepath = str(unfinished)
+            bpy.ops.render.render(write_still=True)
+            unfinished.rename(picture_path(folder, index, frame))
+        print(f"moment {frame}: {(time.perf_counter() - started) / len(missing):.2f} s a picture", flush=True)
+
+
+def picture_path(folder: Path, camera: int, frame: int) -> Path:
+    return folder / f"cam{camera:02d}_{frame:03d}.png"
+
+
+def encode(folder: Path, film: Path, camera: int, quality: int) -> None:
+    """H.264 with full colour resolution (halved, the checkers lose 13 dB); readers assume BT.601 at this size."""
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-loglevel", "error", "-framerate", str(RATE)]
+    command += ["-i", str(folder / f"cam{camera:02d}_%03d.png"), "-frames:v", str(FRAMES)]
+    command += ["-vf", "scale=out_color_matrix=bt601:out_range=tv:flags=lanczos+accurate_rnd+full_chroma_int"]
+    command += ["-c:v", "libx264", "-preset", "veryslow", "-crf", str(quality), "-tune", "psnr"]
+    command += ["-pix_fmt", "yuv444p", "-threads", "1"]
+    command += ["-colorspace", "smpte170m", "-color_range", "tv", "-movflags", "+faststart", "-map_metadata", "-1"]
+    subprocess.run([*command, "-fflags", "+bitexact", "-flags:v", "+bitexact", str(film)], check=True)
+
+
+def compare(folder: Path, film: Path, camera: int) -> float:
+    """Mean PSNR in dB between the decoded film and the pictures; raises if the film has another length."""
+    reader, ratios = cv2.VideoCapture(str(film)), []
+    while (decoded := reader.read())[0]:
+        picture = cv2.imread(str(picture_path(folder, camera, len(ratios))))
+        if picture is None:
+            raise RuntimeError(f"{film} decodes to more than {FRAMES} frames")
+        ratios.append(cv2.PSNR(decoded[1], picture))
+    if len(ratios) != FRAMES:
+        raise RuntimeError(f"{film} decodes to {len(ratios)} frames, expected {FRAMES}")
+    return float(np.mean(ratios))
+
+
+def make(
+    summary: str, rig: Rig, build: Callable[[], Scene], preview: list[int], samples: int = 16, quality: int = 13
+) -> None:
+    """The command line of a capture's script: `summary` is its help, `preview` the moments that --preview renders."""
+    parser = argparse.ArgumentParser(description=summary)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--samples", type=int, default=samples, help="light paths per pixel")
+    parser.add_argument("--quality", type=int, default=quality, help="the films' constant rate factor, lower is better")
+    parser.add_argument("--threads", type=int, default=0, help="processor threads; 0 takes all")
+    parser.add_argument("--preview", action="store_true", help="only a few moments, no films")
+    parser.add_argument("--keep-pictures", action="store_true", help="leave OUT/pictures where it is")
+    options = parser.parse_args()
+    folder = options.out / "pictures"
+    folder.mkdir(parents=True, exist_ok=True)
+    scene = build()
+    cameras = rig.add_cameras()
+    configure(rig, options.samples, options.threads)
+    bounds = np.empty((FRAMES // 5, len(cameras), 2))
+    for step in range(len(bounds)):
+        scene.pose(5 * step / FRAMES)
+        bpy.context.view_layer.update()
+        bounds[step] = [rig.measure_depths(index) for index in range(len(cameras))]
+    near, far = bounds[..., 0].min(axis=0), bounds[..., 1].max(axis=0)
+    rig.write_poses(options.out / "poses_bounds.npy", np.stack([0.9 * near, 1.05 * far], axis=1))
+    render(folder, scene, cameras, preview if options.preview else list(range(FRAMES)))
+    if options.preview:
+        return
+    for index in range(len(cameras)):
+        film = options.out / f"cam{index:02d}.mp4"
+        encode(folder, film, index, options.quality)
+        print(f"{film.name}: {film.stat().st_size / 1e3:.0f} kB, {compare(folder, film, index):.1f} dB", flush=True)
+    if not options.keep_pictures:
+        shutil.rmtree(folder)
