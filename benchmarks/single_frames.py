@@ -1,0 +1,72 @@
+"""What single moments trained alone reach in the moving pixels: roughly what the pictures of one moment allow.
+
+    python benchmarks/single_frames.py CAPTURE [--frames 4] [--steps 4000] [--recipe standard] [--scale S]
+
+Each chosen moment is trained as a static scene of its own (3DGS on that moment's training views) and scored on its
+held-out picture, inside the mask of what moves over the whole capture. Prints one JSON line a moment and the mean error
+of all in decibels, which is how ``psnr_moving`` averages a whole scene.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+
+from frog_blender.engine.capture.capture import Capture
+from frog_blender.engine.capture.frames import FrameStore
+from frog_blender.engine.capture.seeds import find_seeds
+from frog_blender.engine.evaluation.evaluate import moving_mask
+from frog_blender.engine.evaluation.metrics import psnr_of
+from frog_blender.engine.training.job import prepare_capture
+from frog_blender.engine.training.recipe import Recipe, recipe
+from frog_blender.engine.training.trainer import Limits, Trainer
+
+
+def trained_alone(capture: Capture, frame: int, recipe: Recipe, steps: int, seed: int) -> Trainer:
+    """A static scene of one moment."""
+    alone = capture.segment(frame, 1)
+    store = FrameStore.open(alone)
+    seeds = find_seeds(alone, store, count_limit=recipe.seed_gaussians, seed=seed)
+    trainer = Trainer(alone, store, seeds, recipe, "static", Limits(steps), seed)
+    while not trainer.finished:
+        trainer.step()
+    return trainer
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("capture", type=Path)
+    parser.add_argument("--frames", type=int, default=4, help="moments, evenly spread")
+    parser.add_argument("--steps", type=int, default=4000)
+    parser.add_argument("--recipe", default="standard")
+    parser.add_argument("--scale", type=float)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    capture, _ = prepare_capture(options.capture, options.scale, None, None)
+    store = FrameStore.open(capture)
+    held_out = [i for i, camera in enumerate(capture.cameras) if camera.name in capture.test_cameras]
+    shots = {c: [i for i, shot in enumerate(capture.shots) if shot.camera == c] for c in held_out}
+    masks = {c: moving_mask(store, shots[c]) for c in held_out}
+    errors = []
+    for frame in np.linspace(0, capture.frame_count - 1, options.frames + 2)[1:-1].round().astype(int):
+        trainer = trained_alone(capture, int(frame), recipe(options.recipe), options.steps, options.seed)
+        whole, moving = [], []
+        for i, shot in enumerate(trainer.capture.shots):
+            if not trainer.capture.is_test(shot):
+                continue
+            camera = held_out[[capture.cameras[c].name for c in held_out].index(trainer.capture.cameras[shot.camera].name)]
+            truth = store.image(capture.shot_index(camera, int(frame))).astype(np.float32) / 255
+            error = (trainer.picture(i).clip(0, 1).astype(np.float64) - truth) ** 2
+            whole.append(error.mean())
+            moving.append(error[masks[camera]].mean())
+        errors.append(np.mean(moving))
+        figures = {"frame": int(frame), "psnr": psnr_of(float(np.mean(whole))), "psnr_moving": psnr_of(float(errors[-1]))}
+        print(json.dumps({**figures, "seconds": round(trainer.seconds, 1), "gaussians": trainer.count}), flush=True)
+    print(json.dumps({"moments": len(errors), "psnr_moving": psnr_of(float(np.mean(errors)))}))
+
+
+if __name__ == "__main__":
+    main()
