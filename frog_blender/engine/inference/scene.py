@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -10,6 +12,10 @@ from ..capture.time import frame_to_time
 from ..files import SceneFile, SceneHeader, read_scene
 from ..rasterizer.arrays import GaussianArrays
 from .deformation import PlayableDeformation
+from .rivals import RIVALS
+
+PLAYABLE: dict[str, Callable[[dict[str, np.ndarray], dict], Any]] = {"frog": PlayableDeformation, **RIVALS}
+"""What moves a scene, by the method in its header; a method that is not here has nothing that moves."""
 
 
 class PlayableScene:
@@ -24,9 +30,8 @@ class PlayableScene:
         self.header: SceneHeader = scene.header
         self._arrays = scene.arrays
         self.count = len(scene.arrays["means"])
-        self._deformation = (
-            PlayableDeformation(scene.arrays, scene.header.model) if scene.header.method == "frog" else None
-        )
+        playable = PLAYABLE.get(scene.header.method)
+        self._deformation = playable(scene.arrays, scene.header.model) if playable else None
 
     @classmethod
     def load(cls, path: str | Path) -> PlayableScene:

@@ -9,11 +9,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from ..errors import FrogError
+from ..model.baselines import curves, d3dgs, hexplane
 from ..model.baselines.static import Static
 from ..model.canonical import CanonicalField
 from ..model.frog import Frog, FrogSettings, rows_for
 from ..model.interface import SceneModel
 from .recipe import Recipe
+
+MOTION_UNIT = 0.2
+"""What a network's output of one moves a Gaussian by, times the scene's scale: the same for every method."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +65,7 @@ def _frog(begin: Beginning) -> Frog:
         deformed_sh=min(recipe.deformed_sh, sh_count),
         opacity_reduction=recipe.opacity_reduction,
         opacity_sharpness=recipe.opacity_sharpness,
-        motion_unit=0.2 * begin.scene_scale,
+        motion_unit=MOTION_UNIT * begin.scene_scale,
         fusion=recipe.fusion,
         deformed_opacity=recipe.deformed_opacity,
     )
@@ -73,14 +77,47 @@ def _ed3dgs(recipe: Recipe) -> Recipe:
     return replace(recipe, fusion="dual", sampling="off", opacity_reduction="off")
 
 
-def _without_embeddings(recipe: Recipe) -> Recipe:
-    return replace(recipe, embedding_size=0, sampling="off", smoothness_weight=0.0)
+def _plain(recipe: Recipe, embedding_size: int = 0) -> Recipe:
+    """Nothing of FRoG's own. Rates stay as the recipe has them, so that a run can ask for others."""
+    return replace(
+        recipe, embedding_size=embedding_size, sampling="off", opacity_reduction="off", smoothness_weight=0.0
+    )
+
+
+def _curves_recipe(recipe: Recipe) -> Recipe:
+    return _plain(recipe, curves.EMBEDDING_SIZE)
+
+
+def _d3dgs(begin: Beginning) -> d3dgs.D3dgs:
+    scale = begin.scene_scale
+    settings = d3dgs.settings_for(begin.recipe.hidden_width, begin.frame_count, MOTION_UNIT * scale)
+    return d3dgs.D3dgs(begin.canonical, settings, scale)
+
+
+def _hexplane(begin: Beginning) -> hexplane.HexPlane:
+    recipe, sh_count = begin.recipe, begin.canonical.sh.shape[1]
+    settings = hexplane.settings_for(
+        recipe.hidden_width,
+        recipe.head_width,
+        begin.frame_count,
+        min(recipe.deformed_sh, sh_count),
+        recipe.deformed_opacity,
+        MOTION_UNIT * begin.scene_scale,
+    )
+    return hexplane.HexPlane(begin.canonical, settings)
+
+
+def _curves(begin: Beginning) -> curves.Curves:
+    return curves.Curves(begin.canonical, curves.settings_for(MOTION_UNIT * begin.scene_scale))
 
 
 METHODS = {
     "frog": Method("FRoG", lambda recipe: recipe, _frog),
     "ed3dgs": Method("E-D3DGS", _ed3dgs, _frog),
-    "static": Method("3DGS (static)", _without_embeddings, lambda begin: Static(begin.canonical)),
+    "static": Method("3DGS (static)", _plain, lambda begin: Static(begin.canonical)),
+    "d3dgs": Method("Deformable-3DGS", _plain, _d3dgs),
+    "hexplane": Method("4DGaussians", _plain, _hexplane),
+    "curves": Method("SpacetimeGaussians", _curves_recipe, _curves),
 }
 
 

@@ -1,0 +1,91 @@
+"""SpacetimeGaussians (arXiv 2312.16812, its lite form): each Gaussian has a curve of its own, and no network.
+
+With t_c a Gaussian's temporal centre and d = t - t_c:
+    mean(t) = mean + b_1 d + b_2 d^2 + b_3 d^3,   quaternion(t) = quaternion + w d,
+    opacity(t) = opacity * exp(-(d / s)^2).
+
+The fifteen numbers are the Gaussian's embedding: b_1, b_2, b_3 (three each), w (four), t_c and log s, each counted from
+where a fresh Gaussian begins, in a unit of its own, so that one Adam rate serves all of them (``UNITS``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import torch
+
+from ...rasterizer import GaussianArrays
+from ..canonical import CanonicalField
+from ..interface import FINISHED, Progressing, SceneModel
+
+EMBEDDING_SIZE = 15
+DEGREE = 3
+
+
+@dataclass(frozen=True)
+class CurveSettings:
+    """Units of an embedding's numbers; written into the scene file. A whole capture is one unit of time.
+
+    The original's rates (at positions' 1.6e-4 times the scene's extent, for captures of 50 moments): motion 5.6e-4
+    times the extent, rotation and centre 1e-4, log-width 3e-2.
+
+    Attributes:
+        motion_units: world units of b_1, b_2 and b_3.
+        rotation_unit: of w.
+        centre_unit: of t_c, which begins at one half.
+        width_unit: of log s.
+        first_width: s of a fresh Gaussian.
+    """
+
+    motion_units: tuple[float, float, float]
+    rotation_unit: float = 0.1
+    centre_unit: float = 0.1
+    width_unit: float = 1.0
+    first_width: float = 1.0
+
+
+def settings_for(motion_unit: float) -> CurveSettings:
+    """``motion_unit``: world units that a Gaussian may move by."""
+    return CurveSettings((motion_unit, motion_unit, motion_unit))
+
+
+class Curves(SceneModel):
+    """See the module. The canonical field's embeddings (N, 15) hold all there is of motion."""
+
+    def __init__(self, canonical: CanonicalField, settings: CurveSettings, spread: float = 0.0) -> None:
+        """``spread``: fresh centres lie evenly within so much of the capture, in random order."""
+        super().__init__()
+        self.canonical: CanonicalField = canonical
+        self.settings = settings
+        if canonical.embeddings.shape[1] != EMBEDDING_SIZE:
+            raise ValueError(f"embeddings of {canonical.embeddings.shape[1]} numbers, expected {EMBEDDING_SIZE}")
+        if spread:
+            offsets = (torch.rand(len(canonical), device="cpu") - 0.5) * spread / settings.centre_unit
+            with torch.no_grad():
+                canonical.embeddings[:, 13] = offsets.to(canonical.embeddings.device)
+
+    def deform(
+        self, time: float, progressing: Progressing = FINISHED, sh_count: int | None = None
+    ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
+        """See SceneModel."""
+        c, s = self.canonical, self.settings
+        curve, spin, centre, width = c.embeddings.split([3 * DEGREE, 4, 1, 1], dim=1)
+        since = time - 0.5 - s.centre_unit * centre  # (N, 1)
+        first, second, third = curve.split(3, dim=1)
+        one, two, three = s.motion_units
+        motion = since * (one * first + since * (two * second + since * (three * third)))
+        turn = (s.rotation_unit * since) * spin
+        share = since * (torch.exp(-s.width_unit * width) / s.first_width)
+        presence = torch.exp(-share.square()).squeeze(1)
+        gaussians = GaussianArrays(
+            c.means + motion,
+            c.quaternions + turn,
+            c.log_scales.exp(),
+            c.opacity_logits.sigmoid() * presence,
+            c.sh[:, :sh_count],
+        )
+        return gaussians, {"means": motion, "quaternions": turn}
+
+    def stored_settings(self, progressing: Progressing) -> dict[str, Any]:
+        return asdict(self.settings)
