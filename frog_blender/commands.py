@@ -23,6 +23,8 @@ def describe(path: Path, pixel_offsets: dict[str, tuple[float, float]] | None) -
     capture = open_capture(path, pixel_offsets=pixel_offsets)
     sizes = sorted({f"{camera.width} x {camera.height}" for camera in capture.cameras})
     withheld = sorted(capture.test_cameras) or [f"{len(capture.test_frames)} of {capture.frame_count} moments"]
+    if len(withheld) > 12:
+        withheld = [*withheld[:12], f"... ({len(withheld)} in all)"]
     return {
         "format": capture.format,
         "cameras": "1, moving" if capture.is_moving else len(capture.cameras),
@@ -110,7 +112,10 @@ def render_frames(scene_path: Path, camera_name: str, frames: str | None, out: P
     except OSError as error:
         raise FrogError(f"{out}: the folder could not be made ({error.strerror}).") from error
     for done, frame in enumerate(chosen):
-        camera = by_frame[frame] if follow else header.cameras[names.index(camera_name)]
+        if follow:  # the nearest moment that has a picture: captures may leave moments out
+            camera = by_frame[min(by_frame, key=lambda moment: abs(moment - frame))]
+        else:
+            camera = header.cameras[names.index(camera_name)]
         picture = to_uint8(draw(scene.at_frame(frame), camera, header.background).rgb)
         path = out / f"{camera_name.replace('/', '_')}_{frame:04d}.png"
         written, content = cv2.imencode(".png", picture[:, :, ::-1])

@@ -62,6 +62,7 @@ MAY_IMPORT = {
     "inference": {"capture", "rasterizer", "model"},
     "evaluation": {"capture", "rasterizer", "model", "inference"},
     "training": {"capture", "rasterizer", "model", "inference", "evaluation"},
+    "comparison": {"capture", "rasterizer", "model", "inference", "evaluation", "training"},
 }
 
 

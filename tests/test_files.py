@@ -61,6 +61,9 @@ def test_a_moving_camera_is_known_by_its_shots() -> None:
     assert not header.is_moving
     assert replace(header, camera_shots=((0,), (1,), (2,))).is_moving
     assert not replace(header, cameras=(odd_camera(),), camera_shots=((0,),)).is_moving
+    rig = replace(header, camera_shots=((1,), (0,), (1,)))  # the first is withheld
+    assert rig.is_moving
+    assert not replace(rig, test_cameras=()).is_moving
 
 
 def break_write(monkeypatch: pytest.MonkeyPatch, how: str) -> None:

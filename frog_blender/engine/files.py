@@ -64,9 +64,12 @@ class SceneHeader:
 
     @property
     def is_moving(self) -> bool:
-        """One moving camera: every entry of ``cameras`` is one moment of it."""
-        moments = [frames[0] for frames in self.camera_shots if len(frames) == 1]
-        return len(moments) == len(self.cameras) > 1 and len(set(moments)) == len(moments)
+        """One moving camera: every entry of ``cameras`` is one moment of it, or a withheld picture."""
+        if any(len(frames) != 1 for frames in self.camera_shots):
+            return False
+        named = zip(self.cameras, self.camera_shots, strict=True)
+        moments = [frame for camera, (frame,) in named if not self.is_test(camera.name, frame)]
+        return len(moments) > 1 and len(set(moments)) == len(moments)
 
     def is_test(self, camera_name: str, frame: int) -> bool:
         """True for a picture that training did not see."""

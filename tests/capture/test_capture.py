@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from frog_blender.engine.capture.capture import Shot
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
 
@@ -64,3 +65,60 @@ def test_only_pictures_at_different_moments_are_one_moving_camera(n3dv: Path) ->
     along_a_path = tuple(replace(shot, frame=shot.camera) for shot in one_moment)
     assert not replace(capture, shots=one_moment, frame_count=1).is_moving
     assert replace(capture, shots=along_a_path).is_moving
+
+
+def test_of_a_rig_of_two_moving_cameras_one_trains_and_one_judges(n3dv: Path) -> None:
+    """Withheld pictures may share a moment with training ones; two training pictures may not."""
+    capture = open_capture(n3dv)
+    frames = {"cam00": 0, "cam01": 0, "cam03": 1}
+    shots = tuple(Shot(i, frames[camera.name], Path("x"), 0) for i, camera in enumerate(capture.cameras))
+    rig = replace(capture, shots=shots, frame_count=2)
+    assert rig.is_moving
+    assert not replace(rig, test_cameras=frozenset()).is_moving
+    assert not replace(rig, test_cameras=frozenset({"cam00", "cam01"})).is_moving  # one picture moves nowhere
+
+
+def test_a_camera_left_out_is_gone_with_its_pose_and_its_shots(n3dv: Path) -> None:
+    capture = open_capture(n3dv, pixel_offsets={"cam03": (8, 0)})
+    less = capture.without_cameras({"cam01"})
+    assert [camera.name for camera in less.cameras] == ["cam00", "cam03"]
+    np.testing.assert_allclose(less.cameras[1].center, [2, 0, 0])
+    assert less.crops == ((0.0, 0.0), (8.0, 0.0))
+    assert len(less.distortions) == 2
+    assert [(s.frame, s.camera) for s in less.shots] == [(f, c) for f in range(5) for c in range(2)]
+    assert {s.path.stem for s in less.shots if s.camera == 1} == {"cam03"}
+    assert less.test_cameras == {"cam00"}
+    assert not capture.without_cameras({"cam00"}).test_cameras
+    assert capture.without_cameras(set()).shots == capture.shots
+
+
+@pytest.mark.parametrize(
+    ("names", "sentence"),
+    [({"cam02"}, "cam02 cannot be left out, expected some of cam00"), ({"cam00", "cam01", "cam03"}, "all 3 cameras")],
+)
+def test_leaving_out_nobody_or_everybody_is_refused(n3dv: Path, names: set[str], sentence: str) -> None:
+    with pytest.raises(FrogError, match=sentence):
+        open_capture(n3dv).without_cameras(names)
+
+
+def test_a_segment_counts_its_frames_from_0_and_shows_the_same_pictures(n3dv: Path) -> None:
+    capture = open_capture(n3dv).with_holdout(2)  # 1 and 3
+    segment = capture.segment(2, 3)
+    assert segment.frame_count == 3
+    assert [(s.frame, s.index) for s in segment.shots if s.camera == 1] == [(0, 2), (1, 3), (2, 4)]
+    assert segment.test_frames == {1}
+    assert len(segment.cameras) == 3
+
+
+def test_a_segment_of_a_moving_camera_keeps_the_cameras_that_it_shows(n3dv: Path) -> None:
+    capture = open_capture(n3dv)
+    shots = tuple(Shot(index, index, Path("x"), 0) for index in range(3))
+    segment = replace(capture, shots=shots, frame_count=3).segment(1, 2)
+    assert [camera.name for camera in segment.cameras] == ["cam01", "cam03"]
+    assert [(s.frame, s.camera) for s in segment.shots] == [(0, 0), (1, 1)]
+
+
+@pytest.mark.parametrize(("first", "count"), [(3, 3), (-1, 2), (0, 0)])
+def test_a_segment_outside_the_capture_is_refused(n3dv: Path, first: int, count: int) -> None:
+    with pytest.raises(FrogError, match="expected some of 0 to 4"):
+        open_capture(n3dv).segment(first, count)

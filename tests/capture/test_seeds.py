@@ -9,6 +9,7 @@ import pytest
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Capture, Shot
+from frog_blender.engine.capture.seeding.volume import fill_volume
 from frog_blender.engine.capture.seeds import Seeds, find_seeds
 from frog_blender.engine.errors import FrogError
 
@@ -114,6 +115,19 @@ def test_seeds_of_a_moving_camera_never_read_withheld_frames() -> None:
     seeds = find_seeds(capture, Store(capture, pictures), count_limit=3000)
     assert "swept" in seeds.origin
     check_on_planes(seeds)
+
+
+def test_a_moving_rig_that_trains_with_both_its_cameras_gets_seeds() -> None:
+    """Every picture has its own camera, and two share each moment; no camera stands still for a median picture."""
+    positions = [(0.12 * (step // 2) - 0.4 + 0.3 * (step % 2), 0.1 * np.sin(step)) for step in range(8)]
+    capture, pictures = make_scene(positions, 1, moving=True)
+    capture = replace(capture, shots=tuple(replace(shot, frame=shot.camera // 2) for shot in capture.shots))
+    capture = replace(capture, frame_count=4)
+    assert not capture.is_moving
+    store = Store(capture, pictures)
+    check_on_planes(find_seeds(capture, store, count_limit=1500))
+    points, _ = fill_volume(capture, store, 1.0, 8.0, 100, np.random.default_rng(0))
+    assert len(points) == 100
 
 
 def test_the_same_seed_gives_the_same_points() -> None:

@@ -5,7 +5,7 @@ A capture only names its pictures; ``frames.FrameStore`` decodes them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -22,9 +22,11 @@ class Distortion:
 
     Attributes:
         coefficients: (4..14,) float64 in OpenCV's order k1 k2 p1 p2 k3 ...
+        skew: K[0, 1] of the stored pictures over their focal length in x; removed too, so that cameras have none.
     """
 
     coefficients: np.ndarray
+    skew: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "coefficients", np.asarray(self.coefficients, dtype=np.float64).reshape(-1))
@@ -53,7 +55,7 @@ class Capture:
 
     Attributes:
         path: the capture's folder.
-        format: ``"n3dv"``, ``"calibrated_videos"`` or ``"transforms"``.
+        format: a name of ``readers.detect``.
         cameras: undistorted pinhole cameras at the size of the stored frames.
         distortions: one for each camera, None where the lens needs no correction.
         shots: ordered by frame, then camera.
@@ -64,6 +66,7 @@ class Capture:
         test_frames: moments withheld in every camera.
         near_far: distances in world units between which the scene lies, where the format gives them.
         background: colour in [0, 1] under transparent pictures.
+        points: (N, 3) float64 points on surfaces that came with the capture, world units; None for most.
         warnings: one sentence each.
     """
 
@@ -79,6 +82,7 @@ class Capture:
     test_frames: frozenset[int] = frozenset()
     near_far: tuple[float, float] | None = None
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    points: np.ndarray | None = None
     warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -88,10 +92,14 @@ class Capture:
 
     @property
     def is_moving(self) -> bool:
-        """True for one moving camera: every camera has exactly one shot, at different moments."""
-        count = len(self.shots)
-        cameras, frames = {shot.camera for shot in self.shots}, {shot.frame for shot in self.shots}
-        return count > 1 and len(cameras) == count and len(frames) == count
+        """True for one moving camera: every camera has one shot, and no two that may be trained on share a moment.
+
+        A withheld picture may share it: of a rig of two cameras one is trained on and the other judges.
+        """
+        if len({shot.camera for shot in self.shots}) < len(self.shots):
+            return False
+        frames = [shot.frame for shot in self.train_shots]
+        return len(frames) > 1 and len(set(frames)) == len(frames)
 
     @cached_property
     def _shot_indices(self) -> dict[tuple[int, int], int]:
@@ -167,3 +175,47 @@ class Capture:
             cameras[index] = replace(camera, intrinsics=camera.intrinsics - shift)
             crops[index] = (crops[index][0] + float(dx), crops[index][1] + float(dy))
         return replace(self, cameras=tuple(cameras), crops=tuple(crops))
+
+    def without_cameras(self, names: Collection[str]) -> Capture:
+        """The capture as if these cameras had not filmed.
+
+        Raises:
+            FrogError: for a name that is no camera, or if no camera would be left.
+        """
+        known = {camera.name for camera in self.cameras}
+        if not set(names) <= known:
+            unknown = ", ".join(sorted(set(names) - known))
+            raise FrogError(f"{self.path}: {unknown} cannot be left out, expected some of {', '.join(sorted(known))}.")
+        if set(names) == known:
+            raise FrogError(f"{self.path}: all {len(known)} cameras are left out, expected one to be left.")
+        return self._with_shots(shot for shot in self.shots if self.cameras[shot.camera].name not in names)
+
+    def segment(self, first: int, count: int) -> Capture:
+        """The moments ``first`` .. ``first + count - 1`` as a capture of their own, its frames counted from 0.
+
+        Raises:
+            FrogError: if the capture does not have these moments.
+        """
+        if first < 0 or count < 1 or first + count > self.frame_count:
+            raise FrogError(
+                f"{self.path}: frames {first} to {first + count - 1} are asked for, expected some of 0 to "
+                f"{self.frame_count - 1}."
+            )
+        inside = (shot for shot in self.shots if first <= shot.frame < first + count)
+        kept = self._with_shots(replace(shot, frame=shot.frame - first) for shot in inside)
+        frames = frozenset(frame - first for frame in self.test_frames if first <= frame < first + count)
+        return replace(kept, frame_count=count, test_frames=frames)
+
+    def _with_shots(self, shots: Iterable[Shot]) -> Capture:
+        """The capture with these shots (their cameras as numbered here) and only the cameras that have one."""
+        shots = tuple(shots)
+        used = sorted({shot.camera for shot in shots})
+        place = {camera: index for index, camera in enumerate(used)}
+        return replace(
+            self,
+            cameras=tuple(self.cameras[camera] for camera in used),
+            distortions=tuple(self.distortions[camera] for camera in used),
+            crops=tuple(self.crops[camera] for camera in used),
+            shots=tuple(replace(shot, camera=place[shot.camera]) for shot in shots),
+            test_cameras=self.test_cameras & {self.cameras[camera].name for camera in used},
+        )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import groupby
+from itertools import groupby, repeat
 
 import numpy as np
 
@@ -27,9 +27,10 @@ def decode_shots(capture: Capture, order: Sequence[int]) -> Iterator[np.ndarray]
         shots = [capture.shots[index] for index in group]
         camera, distortion = capture.cameras[camera_index], capture.distortions[camera_index]
         if path.suffix.lower() in VIDEO_SUFFIXES:
-            pictures = decode(path, [shot.index for shot in shots])
+            pictures: Iterator[np.ndarray] = decode(path, [shot.index for shot in shots])
         else:
-            pictures = iter([read_picture(path, capture.background)])
+            # One picture may stand for several moments: a damaged one is replaced by that of the frame before.
+            pictures = repeat(read_picture(path, capture.background), len(shots))
         maps: Maps | None = None
         map_shape: tuple[int, ...] = ()
         for picture in pictures:
@@ -48,9 +49,14 @@ def undistortion_maps(camera: Camera, distortion: Distortion, width: int, height
     cv2 = load_opencv()
     intrinsics = camera.resized(width, height).intrinsics.copy()
     intrinsics[:2, 2] -= 0.5  # OpenCV counts pixel centres from 0, the camera from 0.5
-    maps = cv2.initUndistortRectifyMap(
-        intrinsics, distortion.coefficients, None, intrinsics, (width, height), cv2.CV_16SC2
-    )
+    given = (intrinsics, distortion.coefficients, None, intrinsics, (width, height))
+    if not distortion.skew:
+        maps = cv2.initUndistortRectifyMap(*given, cv2.CV_16SC2)
+        return maps[0], maps[1]
+    columns, lines = cv2.initUndistortRectifyMap(*given, cv2.CV_32FC1)
+    # OpenCV's distortion knows no skew: x_pixel = f_x (x + skew y) + c_x
+    columns += distortion.skew * intrinsics[0, 0] * (lines - intrinsics[1, 2]) / intrinsics[1, 1]
+    maps = cv2.convertMaps(columns, lines, cv2.CV_16SC2)
     return maps[0], maps[1]
 
 

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import FrogError
-from .capture import Capture, Shot
+from .capture import Capture, Distortion, Shot
 from .decoding import decode_shots
 
 _VERSION = 1  # raise it when the same capture would decode to other bytes
@@ -134,13 +134,20 @@ def _keys(capture: Capture) -> tuple[str, str]:
             ) from error
         sources.update(json.dumps([str(path.resolve()), facts.st_size, facts.st_mtime_ns]).encode())
     cameras = [
-        [c.width, c.height, c.intrinsics.tolist(), None if d is None else d.coefficients.tolist(), crop]
+        [c.width, c.height, c.intrinsics.tolist(), _distortion_key(d), crop]
         for c, d, crop in zip(capture.cameras, capture.distortions, capture.crops, strict=True)
     ]
     shots = [[s.camera, s.frame, str(s.path.resolve()), s.index] for s in capture.shots]
     text = json.dumps([_VERSION, sources.hexdigest(), cameras, shots, capture.background])
     everything.update(text.encode())
     return sources.hexdigest()[:32], everything.hexdigest()[:32]
+
+
+def _distortion_key(distortion: Distortion | None) -> list[float] | dict[str, object] | None:
+    if distortion is None:
+        return None
+    coefficients = distortion.coefficients.tolist()
+    return {"coefficients": coefficients, "skew": distortion.skew} if distortion.skew else coefficients
 
 
 def _is_whole(folder: Path, capture: Capture) -> bool:

@@ -9,9 +9,10 @@ import numpy as np
 
 from ..errors import FrogError
 from .capture import Capture
+from .seeding.given import given_points
 from .seeding.matching import triangulate
 from .seeding.plane_sweep import DepthMap, consistent, sweep, world_points
-from .seeding.views import Pictures, View, load_view, neighbours, scene_depth, spread, train_indices
+from .seeding.views import Pictures, View, cameras_move, load_view, neighbours, scene_depth, spread, train_indices
 from .seeding.volume import fill_volume
 
 _MATCH_SIDE, _SWEEP_SIDE = 800, 256  # longest side in pixels
@@ -49,6 +50,8 @@ def find_seeds(
 ) -> Seeds:
     """Seed points from matched features and a plane sweep, or from the common volume where views are too far apart.
 
+    Points that came with the capture count as matched ones.
+
     Only training shots are read; the same input and seed give the same points.
 
     Args:
@@ -71,7 +74,8 @@ def find_seeds(
 
     cameras = [capture.cameras[capture.shots[index].camera] for index in train]
     depth = _typical(capture.near_far) if capture.near_far else scene_depth(cameras)
-    matched = _match(capture, store, train, depth)
+    found, given = _match(capture, store, train, depth), given_points(capture, store, train)
+    matched = np.concatenate([found[0], given[0]]), np.concatenate([found[1], given[1]])
     report(1)
     near, far = _depth_range(capture, matched[0], depth)
     swept, textured = _sweep(capture, store, train, references, (near, far), lambda done: report(1 + done))
@@ -83,7 +87,7 @@ def find_seeds(
         points = np.concatenate([matched[0][some], swept[0][keep]])
         colors = np.concatenate([matched[1][some], swept[1][keep]])
         parts.append(_merge((points, colors), np.array([camera.center for camera in cameras]), count_limit))
-    counts = {"matched": len(matched[0]), "swept": len(swept[0])}
+    counts = {"matched": len(found[0]), "given": len(given[0]), "swept": len(swept[0])}
     if measured < _ENOUGH:
         wanted = count_limit - sum(len(part[0]) for part in parts)
         parts.append(fill_volume(capture, store, near, far, wanted, random))
@@ -104,8 +108,8 @@ def _typical(near_far: tuple[float, float]) -> float:
 
 
 def _references(capture: Capture, train: list[int]) -> list[int]:
-    """Shots whose depth is measured: all cameras at the middle moment, or a moving camera's spread frames."""
-    if capture.is_moving:
+    """Shots whose depth is measured: all cameras at the middle moment, or of moving ones spread frames."""
+    if cameras_move(capture):
         return spread(train, _SWEEP_REFERENCES)
     frames = sorted({capture.shots[index].frame for index in train})
     middle = frames[len(frames) // 2]
@@ -113,8 +117,8 @@ def _references(capture: Capture, train: list[int]) -> list[int]:
 
 
 def _candidates(capture: Capture, train: list[int], reference: int) -> list[int]:
-    """Training shots that may show the same state of the scene: the same moment, or of a moving camera all."""
-    if capture.is_moving:
+    """Training shots that may show the same state of the scene: the same moment, or of moving cameras all."""
+    if cameras_move(capture):
         return [index for index in train if index != reference]
     frame = capture.shots[reference].frame
     return [index for index in train if capture.shots[index].frame == frame and index != reference]
@@ -122,7 +126,7 @@ def _candidates(capture: Capture, train: list[int], reference: int) -> list[int]
 
 def _match(capture: Capture, store: Pictures, train: list[int], depth: float) -> Cloud:
     """Points triangulated from features, at some moments or between near frames."""
-    if capture.is_moving:
+    if cameras_move(capture):
         shots = spread(train, _MATCH_VIEWS // 2)
     else:
         frames = sorted({capture.shots[index].frame for index in train})

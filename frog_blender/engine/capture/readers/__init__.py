@@ -8,17 +8,25 @@ from pathlib import Path
 
 from ...errors import FrogError
 from ..capture import Capture
-from . import calibrated_videos, n3dv, transforms_json
+from . import calibrated_videos, hypernerf, n3dv, technicolor, transforms_json
 
-_READERS = {"n3dv": n3dv, "transforms": transforms_json, "calibrated_videos": calibrated_videos}
+_READERS = {
+    "n3dv": n3dv,
+    "transforms": transforms_json,
+    "hypernerf": hypernerf,
+    "technicolor": technicolor,
+    "calibrated_videos": calibrated_videos,
+}
 KNOWN_LAYOUTS = (
-    "videos with poses_bounds.npy (N3DV), pictures with transforms.json or transforms_train.json, "
+    "videos with poses_bounds.npy (N3DV), pictures with transforms.json, transforms_train.json, "
+    "dataset.json and camera (HyperNeRF) or cameras_parameters.txt (Technicolor), "
     "or videos with cameras_opencv.json or *.qca.txt"
 )
 
 
 def detect(path: Path) -> str:
-    """Name of the layout of a capture folder: ``"n3dv"``, ``"transforms"`` or ``"calibrated_videos"``.
+    """Name of the layout of a capture folder: ``"n3dv"``, ``"transforms"``, ``"hypernerf"``, ``"technicolor"`` or
+    ``"calibrated_videos"``.
 
     Raises:
         FrogError: if the folder does not exist or fits no known layout.

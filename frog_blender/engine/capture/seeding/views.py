@@ -67,6 +67,12 @@ def train_indices(capture: Capture) -> list[int]:
     return [index for index, shot in enumerate(capture.shots) if not capture.is_test(shot)]
 
 
+def cameras_move(capture: Capture) -> bool:
+    """True where every camera took one picture and they show several moments: a moving camera, or a moving rig."""
+    frames = {shot.frame for shot in capture.train_shots}
+    return len(frames) > 1 and len({shot.camera for shot in capture.shots}) == len(capture.shots)
+
+
 def spread(items: Sequence[int], count: int) -> list[int]:
     """At most ``count`` of the items, evenly spread, the first and the last among them."""
     if len(items) <= count:

@@ -12,7 +12,7 @@ import numpy as np
 from ..capture import Capture
 from ..video import load_opencv
 from .moving import moving_points
-from .views import Pictures, View, load_view, look_up, spread, train_indices
+from .views import Pictures, View, cameras_move, load_view, look_up, spread, train_indices
 
 _SAMPLES = 300_000
 _LONGEST_SIDE = 320
@@ -26,12 +26,12 @@ def fill_volume(
     by_frame: dict[int, list[int]] = {}
     for index in train_indices(capture):
         by_frame.setdefault(capture.shots[index].frame, []).append(index)
-    frames = sorted(by_frame)
-    shots = spread(train_indices(capture), 12) if capture.is_moving else by_frame[frames[len(frames) // 2]]
+    frames, moves = sorted(by_frame), cameras_move(capture)
+    shots = spread(train_indices(capture), 12) if moves else by_frame[frames[len(frames) // 2]]
     views = [load_view(capture, store, shot, _LONGEST_SIDE) for shot in shots]
     samples = _sample_frustums(views, near, far, _SAMPLES, random)
     points, colors = np.zeros((0, 3)), np.zeros((0, 3))
-    if len(frames) >= 3 and not capture.is_moving:
+    if len(frames) >= 3 and not moves:
         points, colors = moving_points(capture, store, by_frame, samples, int(count * _MOVING_SHARE), random)
     agreeing, agreeing_colors = _agreeing_points(views, samples, count - len(points), random)
     return np.concatenate([points, agreeing]), np.concatenate([colors, agreeing_colors])

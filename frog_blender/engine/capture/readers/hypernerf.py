@@ -1,0 +1,229 @@
+"""HyperNeRF and Nerfies: ``dataset.json``, ``metadata.json``, ``camera/ID.json`` and ``rgb/Nx/ID.png``.
+
+Every picture has its own camera, in OpenCV's axes: ``orientation`` is the world-to-camera rotation, ``position`` the
+centre; lengths in pixels belong to the 1x pictures, whose corner is (0, 0). ``dataset.json`` says which pictures are
+for training and which are withheld. A rig of two cameras ("vrig") has two pictures a moment: of each one trains and
+the other judges, left and right by turns. (google/nerfies, nerfies/camera.py and its README.)
+
+Lens distortion and skew are removed when frames are decoded. World units are the files' own: ``scene.json``'s
+centre and scale are not applied.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import FrogError, found_instead
+from ..camera import Camera
+from ..capture import Capture, Distortion, Shot
+from ..video import PICTURE_SUFFIXES, read_picture
+from .checks import number, numbers, pose, read_json, rotation, size
+
+_DATASET, _METADATA, _SCENE, _POINTS = "dataset.json", "metadata.json", "scene.json", "points.npy"
+_USUAL = "2x"  # what HyperNeRF and the papers after it are evaluated at
+_LARGEST_SIDE = 1600  # pixels: what a training takes unless it is told otherwise
+_FEW_POINTS = 50
+
+
+def matches(path: Path) -> bool:
+    """True if the folder holds ``dataset.json`` and a folder ``camera``."""
+    return (path / _DATASET).is_file() and (path / "camera").is_dir()
+
+
+def read(path: Path) -> Capture:
+    """Open a HyperNeRF or Nerfies folder.
+
+    The pictures of ``rgb/2x`` are taken, as in the papers; without them the largest of at most 1600 pixels a side.
+    Where ``dataset.json`` withholds nothing, the papers' rule holds: of its ids the first of every four trains and the
+    third is withheld.
+
+    Raises:
+        FrogError: if a file is missing, no listed picture exists, or a value cannot be used.
+    """
+    warnings: list[str] = []
+    train, held_out = _split(path, warnings)
+    pictures = _pictures(path, [*train, *held_out], warnings)
+    train, held_out = ([name for name in names if name in pictures] for names in (train, held_out))
+    if not train:
+        raise found_instead(path / _DATASET, "no picture to train on", "train_ids with pictures in rgb and in camera")
+    names = [*train, *held_out]
+    moments = _moments(path, names)
+    cameras: list[Camera] = []
+    distortions: list[Distortion | None] = []
+    sizes: dict[tuple[int, int], tuple[int, int]] = {}
+    for name in names:
+        camera, distortion = _camera(name, path / "camera" / f"{name}.json")
+        full = (camera.width, camera.height)
+        if full not in sizes:  # the pictures of one camera share a size; decoding the first is enough
+            sizes[full] = _picture_size(pictures[name], full, path / "camera" / f"{name}.json")
+        cameras.append(camera.resized(*sizes[full]))
+        distortions.append(distortion)
+    points = _points(path / _POINTS)
+    return Capture(
+        path=path,
+        format="hypernerf",
+        cameras=tuple(cameras),
+        distortions=tuple(distortions),
+        shots=tuple(Shot(i, moments[name], pictures[name], 0) for i, name in enumerate(names)),
+        frame_count=max(moments.values()) + 1,
+        test_cameras=frozenset(held_out),
+        near_far=_near_far(path, cameras[: len(train)], points),
+        points=points,
+        warnings=tuple(warnings),
+    )
+
+
+def _split(path: Path, warnings: list[str]) -> tuple[list[str], list[str]]:
+    """Names of the pictures to train on and of the withheld ones."""
+    data = read_json(path / _DATASET)
+    listed = {key: _names(data.get(key, []), path / _DATASET, key) for key in ("ids", "train_ids", "val_ids")}
+    train, held_out = listed["train_ids"], listed["val_ids"]
+    if not held_out:
+        ids = listed["ids"] or train
+        train, held_out = ids[0::4], ids[2::4]
+        if held_out:
+            warnings.append(
+                f"{path / _DATASET}: nothing is withheld by val_ids, so of every four pictures the first trains, "
+                "the third is withheld and the others are left out."
+            )
+    if both := set(train) & set(held_out):
+        warnings.append(f"{path / _DATASET}: {len(both)} of the train_ids are in val_ids too and are withheld.")
+    return [name for name in train if name not in both], held_out
+
+
+def _names(value: Any, path: Path, key: str) -> list[str]:
+    """The list of picture names under a key, each once."""
+    if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
+        raise found_instead(path, f"{key} that is no list of names", f'"{key}": ["000001", ...]')
+    for name in value:
+        if not name or "\0" in name or "\\" in name or Path(name).name != name:
+            raise found_instead(path, f"the picture name {name!r} in {key}", "a name without folders")
+    return list(dict.fromkeys(value))
+
+
+def _pictures(path: Path, names: list[str], warnings: list[str]) -> dict[str, Path]:
+    """The picture files by name, of those that have one and a camera."""
+    folder = _picture_folder(path, names, warnings)
+    files = {name: _picture(folder, name) for name in names}
+    found = {
+        name: file for name, file in files.items() if file is not None and (path / "camera" / f"{name}.json").is_file()
+    }
+    if lacking := [name for name in names if name not in found]:
+        warnings.append(
+            f"{path}: {len(lacking)} of {len(names)} listed pictures (the first is {lacking[0]}) lack their file in "
+            f"{folder.name} or in camera and are left out."
+        )
+    return found
+
+
+def _picture(folder: Path, name: str) -> Path | None:
+    candidates = (folder / f"{name}{suffix}" for suffix in PICTURE_SUFFIXES)
+    return next((file for file in candidates if file.is_file()), None)
+
+
+def _picture_folder(path: Path, names: list[str], warnings: list[str]) -> Path:
+    """``rgb/2x``, or the folder beside it whose pictures fit best."""
+    examples: dict[Path, Path] = {}
+    for folder in sorted(path.glob("rgb/*x")):
+        example = next((file for name in names if (file := _picture(folder, name)) is not None), None)
+        if example is not None:
+            examples[folder] = example
+    usual = path / "rgb" / _USUAL
+    if usual in examples:
+        return usual
+    if not examples:
+        raise found_instead(path, "none of the listed pictures", f"them in rgb/{_USUAL} (or rgb/1x, rgb/4x, ...)")
+    sides = {folder: max(read_picture(example).shape[:2]) for folder, example in examples.items()}
+    fitting = [folder for folder, side in sides.items() if side <= _LARGEST_SIDE]
+    chosen = max(fitting, key=sides.__getitem__) if fitting else min(sides, key=sides.__getitem__)
+    warnings.append(f"{path}: there are no pictures in rgb/{_USUAL}, those of rgb/{chosen.name} are taken.")
+    return chosen
+
+
+def _moments(path: Path, names: list[str]) -> dict[str, int]:
+    """The moment of each picture, counted from 0 in steps as long as the shortest that all share."""
+    metadata = read_json(path / _METADATA)
+    entries: list[dict[str, Any]] = []
+    for name in names:
+        entry = metadata.get(name)
+        if not isinstance(entry, dict):
+            raise found_instead(path / _METADATA, f"nothing about the picture {name}", '{"warp_id": ...}')
+        entries.append(entry)
+    key = "time_id" if all("time_id" in entry for entry in entries) else "warp_id"
+    values = [
+        number(entry.get(key), path / _METADATA, f"{key} of {name}") for name, entry in zip(names, entries, strict=True)
+    ]
+    whole = np.array(values).round().astype(np.int64)
+    if np.abs(whole - values).max() > 1e-6:
+        raise found_instead(path / _METADATA, f"a {key} with a fraction", "whole numbers")
+    whole -= whole.min()
+    whole //= max(int(np.gcd.reduce(whole)), 1)
+    return dict(zip(names, whole.tolist(), strict=True))
+
+
+def _camera(name: str, file: Path) -> tuple[Camera, Distortion | None]:
+    """The camera of one picture at its 1x size."""
+    data = read_json(file)
+    width, height = (
+        size(value, file, "image_size") for value in numbers(data.get("image_size"), (2,), file, "image_size")
+    )
+    focal = number(data.get("focal_length"), file, "focal_length", positive=True)
+    aspect = number(data.get("pixel_aspect_ratio", 1.0), file, "pixel_aspect_ratio", positive=True)
+    center = numbers(data.get("principal_point"), (2,), file, "principal_point")
+    intrinsics = np.array([[focal, 0.0, center[0]], [0.0, focal * aspect, center[1]], [0.0, 0.0, 1.0]])
+    orientation = rotation(numbers(data.get("orientation"), (3, 3), file, "orientation"), file, "an orientation")
+    position = numbers(data.get("position"), (3,), file, "position")
+    radial = numbers(data.get("radial_distortion", [0.0] * 3), (3,), file, "radial_distortion")
+    old_name = data.get("tangential", [0.0] * 2)  # of the first Nerfies captures
+    tangential = numbers(data.get("tangential_distortion", old_name), (2,), file, "tangential_distortion")
+    skew = number(data.get("skew", 0.0), file, "skew") / focal
+    coefficients = np.array([*radial[:2], *tangential, radial[2]])
+    camera = Camera(name, width, height, intrinsics, pose(orientation, position))
+    return camera, Distortion(coefficients, skew) if skew or np.any(coefficients) else None
+
+
+def _picture_size(picture: Path, full: tuple[int, int], file: Path) -> tuple[int, int]:
+    """(width, height) of a stored picture, which must have the proportions of its camera."""
+    height, width = read_picture(picture).shape[:2]
+    if abs(width * full[1] / (height * full[0]) - 1) > 0.02:
+        found = f"image_size {full[0]} x {full[1]} for {picture.parent.name} pictures of {width} x {height}"
+        raise found_instead(file, found, "[width, height] of the same proportions")
+    return width, height
+
+
+def _points(file: Path) -> np.ndarray | None:
+    """(N, 3) points in world units, None where the capture has none."""
+    if not file.is_file():
+        return None
+    try:
+        points = np.load(file, allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise found_instead(file, "a file that is not a NumPy array of numbers", "points of shape (N, 3)") from error
+    if not isinstance(points, np.ndarray) or points.dtype.kind not in "fiu" or points.ndim != 2 or points.shape[1] != 3:
+        found = f"{points.dtype} of shape {points.shape}" if isinstance(points, np.ndarray) else "an archive"
+        raise found_instead(file, found, "numbers of shape (N, 3)")
+    points = points.astype(np.float64)
+    return points[np.isfinite(points).all(axis=1)]
+
+
+def _near_far(path: Path, cameras: list[Camera], points: np.ndarray | None) -> tuple[float, float] | None:
+    """Where the scene lies: by its points where there are enough, else by ``scene.json``, in world units."""
+    if points is not None and len(points) >= _FEW_POINTS:
+        depths = np.concatenate([camera.project(points)[1] for camera in cameras[:: -(-len(cameras) // 8)]])
+        if (depths > 0).sum() >= _FEW_POINTS:
+            low, high = np.percentile(depths[depths > 0], [2, 98])
+            return 0.7 * float(low), 1.6 * float(high)
+    if not (path / _SCENE).is_file():
+        return None
+    scene = read_json(path / _SCENE)
+    if any(key not in scene for key in ("scale", "near", "far")):
+        return None
+    scale, near, far = (
+        number(scene[key], path / _SCENE, key, positive=key == "scale") for key in ("scale", "near", "far")
+    )
+    if not 0 < near < far:
+        raise FrogError(f"{path / _SCENE}: found near = {near:g} and far = {far:g}, expected 0 < near < far.")
+    return near / scale, far / scale

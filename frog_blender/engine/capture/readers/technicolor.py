@@ -1,0 +1,187 @@
+"""The Technicolor light field: ``SCENE_undist_FRAME_CAMERA.png`` and ``cameras_parameters.txt``.
+
+Sixteen synchronised cameras in a 4 x 4 grid, 2048 x 1088 pixels, lens distortion already removed. A header line, then
+a row for each camera: focal length, principal point (far from the centre), aspect, skew, the quaternion w x y z and the
+translation from world to camera (OpenCV's axes). f_y is f_x times the aspect, as in HyperReel; ST-GS and E-D3DGS leave
+the aspect out. (facebookresearch/hyperreel, datasets/technicolor.py; SpacetimeGaussians, script/pre_technicolor.py.)
+
+The test view is row 2, column 2 of the grid, counted from 0: camera 10.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import FrogError, found_instead
+from ..camera import Camera
+from ..capture import Capture, Distortion, Shot
+from .checks import numbers, pose
+
+_PARAMETERS = "cameras_parameters.txt"
+_PICTURE = re.compile(r"(?P<scene>.+)_undist_(?P<frame>\d{1,9})_(?P<camera>\d{1,4})\.png", re.IGNORECASE)
+_CALIBRATED = (2048, 1088)  # pixels that the parameters belong to
+_COLUMNS = 12
+_TEST_CAMERA = "cam10"
+_PNG_START, _PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB\x60\x82"
+
+
+def matches(path: Path) -> bool:
+    """True if the folder holds ``cameras_parameters.txt``."""
+    return (path / _PARAMETERS).is_file()
+
+
+def read(path: Path, frames: range | None = None) -> Capture:
+    """Open a scene's folder, whose pictures lie in it or in ``images`` beneath.
+
+    A picture that is cut off (Birthday's frame 173 of camera 9 is published so) is replaced by that of the same
+    camera's frame before; of the test camera it is left out, where a repeated frame would judge wrongly.
+
+    Args:
+        frames: numbers of the frames to take, as in the files' names; by default all from the lowest to the highest.
+
+    Raises:
+        FrogError: if one of ``frames`` has no picture at all, or a value cannot be used.
+    """
+    rows = _read_rows(path / _PARAMETERS)
+    files = _find_pictures(path, len(rows))
+    found = {frame for _, frame in files}
+    if frames is None:
+        frames = range(min(found), max(found) + 1)
+    elif not found.issuperset(frames):
+        expected = f"every frame from {frames[0]} to {frames[-1]}"
+        raise found_instead(path, f"frames between {min(found)} and {max(found)}", expected)
+    files = {key: file for key, file in files.items() if key[1] in frames}
+    used = sorted({camera for camera, _ in files})
+    place = {camera: index for index, camera in enumerate(used)}
+    cameras, distortions = [], []
+    for index in used:
+        example = next(file for (camera, _), file in sorted(files.items()) if camera == index)
+        camera, distortion = _camera(f"cam{index:02d}", rows[index], path / _PARAMETERS)
+        cameras.append(camera.resized(*_picture_size(example)))
+        distortions.append(distortion)
+    warnings = []
+    if len(used) < len(rows):
+        warnings.append(f"{path}: {_PARAMETERS} has {len(rows)} cameras, and {len(used)} of them have pictures.")
+    if missing := len(used) * len(frames) - len(files):
+        warnings.append(f"{path}: {missing} of {len(used) * len(frames)} pictures are missing and left out.")
+    whole = _replace_damaged(files, warnings)
+    names = {camera.name for camera in cameras}
+    if _TEST_CAMERA not in names:
+        warnings.append(f"{path}: the test view {_TEST_CAMERA} has no pictures, so no camera is withheld.")
+    return Capture(
+        path=path,
+        format="technicolor",
+        cameras=tuple(cameras),
+        distortions=tuple(distortions),
+        shots=tuple(Shot(place[camera], frame - frames[0], file, 0) for (camera, frame), file in whole.items()),
+        frame_count=len(frames),
+        test_cameras=frozenset({_TEST_CAMERA} & names) if len(names) > 1 else frozenset(),
+        warnings=tuple(warnings),
+    )
+
+
+def _read_rows(path: Path) -> np.ndarray:
+    """(cameras, 12) float64 rows, checked."""
+    try:
+        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError as error:
+        raise found_instead(path, f"a file that cannot be read ({error.strerror})", "a row for each camera") from error
+    rows = []
+    for position, line in enumerate(lines, start=1):
+        fields = line.split()  # rows end in blanks
+        try:
+            values = [float(field) for field in fields]
+        except ValueError as error:
+            if position == 1:  # the header
+                continue
+            raise found_instead(path, f"line {position} with words", f"{_COLUMNS} numbers") from error
+        if not fields or (position == 1 and len(fields) != _COLUMNS):
+            continue
+        rows.append(numbers(values, (_COLUMNS,), path, f"line {position}"))
+    if not rows:
+        raise found_instead(path, "no row after the header", f"{_COLUMNS} numbers for each camera")
+    return np.array(rows)
+
+
+def _find_pictures(path: Path, cameras: int) -> dict[tuple[int, int], Path]:
+    """The pictures by (camera, frame number)."""
+    for folder in (path, path / "images"):
+        if not folder.is_dir():
+            continue
+        named = [(file, match) for file in sorted(folder.iterdir()) if (match := _PICTURE.fullmatch(file.name))]
+        if not named:
+            continue
+        scenes = Counter(match["scene"] for _, match in named)
+        if len(scenes) > 1:
+            raise found_instead(folder, f"pictures of {' and '.join(sorted(scenes))}", "those of one scene")
+        files = {(int(match["camera"]), int(match["frame"])): file for file, match in named}
+        highest = max(camera for camera, _ in files)
+        if highest >= cameras:
+            raise FrogError(
+                f"{path / _PARAMETERS}: found {cameras} rows and pictures of camera {highest} "
+                f"({files[max(files)].name}), expected a row for each camera from 0."
+            )
+        return files
+    raise found_instead(path, f"{_PARAMETERS} and no picture", "pictures named SCENE_undist_00151_00.png and so on")
+
+
+def _camera(name: str, row: np.ndarray, path: Path) -> tuple[Camera, Distortion | None]:
+    """The camera of one row at the size it was calibrated at; skew is what remains to be removed."""
+    focal, center_x, center_y, aspect, skew = row[:5]
+    if min(focal, aspect) <= 0:
+        raise found_instead(path, f"a focal length or aspect of zero or less for {name}", "positive numbers")
+    w, x, y, z = row[5:9]
+    length = float(np.linalg.norm(row[5:9]))
+    if abs(length - 1) > 0.02:
+        raise found_instead(path, f"a quaternion of length {length:g} for {name}", "one of length 1")
+    w, x, y, z = row[5:9] / length
+    matrix = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    intrinsics = np.array([[focal, 0.0, center_x], [0.0, focal * aspect, center_y], [0.0, 0.0, 1.0]])
+    camera = Camera(name, *_CALIBRATED, intrinsics, pose(matrix, -matrix.T @ row[9:12]))
+    return camera, Distortion(np.zeros(5), skew / focal) if skew else None
+
+
+def _picture_size(picture: Path) -> tuple[int, int]:
+    """(width, height) from a PNG's header, checked against the proportions of the calibration."""
+    with picture.open("rb") as file:
+        start = file.read(24)
+    if len(start) < 24 or not start.startswith(_PNG_START):
+        raise found_instead(picture, "a file that is not a PNG", "a picture")
+    width, height = struct.unpack(">II", start[16:24])
+    if not height or abs(width * _CALIBRATED[1] / (height * _CALIBRATED[0]) - 1) > 0.02:
+        expected = f"the proportions of {_CALIBRATED[0]} x {_CALIBRATED[1]}"
+        raise found_instead(picture, f"a picture of {width} x {height} pixels", expected)
+    return width, height
+
+
+def _replace_damaged(files: dict[tuple[int, int], Path], warnings: list[str]) -> dict[tuple[int, int], Path]:
+    """The pictures, damaged ones replaced by the frame before of the same camera, or left out where none is whole."""
+    whole = {key: file for key, file in files.items() if _is_whole(file)}
+    for (camera, frame), file in sorted(files.items()):
+        if (camera, frame) in whole:
+            continue
+        before = whole.get((camera, frame - 1))
+        if before is None or f"cam{camera:02d}" == _TEST_CAMERA:
+            warnings.append(f"{file}: the picture is cut off and left out.")
+        else:
+            whole[camera, frame] = before
+            warnings.append(f"{file}: the picture is cut off; {before.name} takes its place.")
+    return whole
+
+
+def _is_whole(picture: Path) -> bool:
+    """True if a PNG has its end; decoders fill what is missing with black and say nothing."""
+    with picture.open("rb") as file:
+        file.seek(max(0, picture.stat().st_size - 1024))
+        return _PNG_END in file.read()

@@ -1,0 +1,34 @@
+"""Seed points that came with the capture, as HyperNeRF's ``points.npy``: positions without colours."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..capture import Capture
+from .views import Pictures, load_view, look_up, spread
+
+_VIEWS = 16
+_LONGEST_SIDE = 400  # pixels
+_MOST = 100_000  # points that are looked up
+
+
+def given_points(capture: Capture, store: Pictures, train: list[int]) -> tuple[np.ndarray, np.ndarray]:
+    """World points (N, 3) that training pictures see, and their colours (N, 3) float32 in [0, 1].
+
+    N is 0 for captures that bring none.
+    A point's colour is the median over the views that look at it: what hides it from some of them does not count.
+    """
+    points, colors = np.zeros((0, 3)), np.zeros((0, 3), np.float32)
+    if capture.points is None or not len(capture.points):
+        return points, colors
+    points = capture.points[:: -(-len(capture.points) // _MOST)]
+    values, seen = [], []
+    for index in spread(train, _VIEWS):
+        view = load_view(capture, store, index, _LONGEST_SIDE)
+        value, is_seen = look_up(view, points, view.picture)
+        values.append(np.where(is_seen[:, None], value, np.nan))
+        seen.append(is_seen)
+    kept = np.any(seen, axis=0)
+    if kept.any():
+        colors = np.nanmedian(np.array(values)[:, kept], axis=0).astype(np.float32)
+    return points[kept], colors
