@@ -68,6 +68,7 @@ def _parser() -> argparse.ArgumentParser:
     evaluate.add_argument("capture", type=Path)
     evaluate.add_argument("--mask", type=Path, help="a picture, or an .npz with a mask for each camera")
     evaluate.add_argument("--split", choices=["auto", "held-out", "training"], default="auto")
+    evaluate.add_argument("--perceptual", action="store_true", help="FLIP and LPIPS too, where they can be computed")
     evaluate.add_argument("--json", action="store_true")
     evaluate.set_defaults(run=_eval)
 
@@ -172,10 +173,14 @@ def _eval(options: argparse.Namespace) -> int:
     from .progress import bar
 
     with bar("Evaluating") as report:
-        result = evaluate_file(options.scene, options.capture, options.split, options.mask, report)
+        result = evaluate_file(
+            options.scene, options.capture, options.split, options.mask, report, perceptual=options.perceptual
+        )
     if options.json:
         print(json.dumps(result, indent=1))
         return 0
+    for key, reason in result.pop("missing", {}).items():
+        result[key] = f"- ({reason})"
     for key, value in result.items():
         if key != "cameras":
             print(f"{key:>18}  {value:.4f}" if isinstance(value, float) else f"{key:>18}  {value}")

@@ -9,7 +9,7 @@ from typing import Any
 from .engine.capture.frames import FrameStore
 from .engine.capture.readers import open_capture
 from .engine.errors import FrogError
-from .engine.evaluation.evaluate import evaluate
+from .engine.evaluation.evaluate import Measure, evaluate
 from .engine.inference.draw import draw, to_uint8
 from .engine.inference.scene import PlayableScene
 
@@ -70,13 +70,30 @@ def open_evaluated(scene: PlayableScene, capture_path: Path) -> tuple[Any, Frame
 
 
 def evaluate_file(
-    scene_path: Path, capture_path: Path, split: str = "auto", mask: Path | None = None, report: Report | None = None
+    scene_path: Path,
+    capture_path: Path,
+    split: str = "auto",
+    mask: Path | None = None,
+    report: Report | None = None,
+    *,
+    perceptual: bool = False,
 ) -> dict[str, Any]:
-    """See ``evaluate``."""
+    """See ``evaluate``; with ``perceptual`` also "flip" and "lpips", None where they cannot be computed, and then
+    "missing" says why by name."""
     scene = PlayableScene.load(scene_path)
     capture, store = open_evaluated(scene, capture_path)
+    measures: dict[str, Measure] = {}
+    absent: dict[str, Any] = {}
+    if perceptual:
+        from .engine.comparison.perceptual import perceptual_measures
+
+        measures, missing = perceptual_measures()
+        absent = {**dict.fromkeys(missing), "missing": missing}
     size = scene_path.stat().st_size
-    return evaluate(scene, capture, store, split=split, mask_file=mask, file_bytes=size, progress=report)
+    figures = evaluate(
+        scene, capture, store, split=split, mask_file=mask, file_bytes=size, measures=measures, progress=report
+    )
+    return {**figures, **absent}
 
 
 def parse_frames(text: str | None, count: int) -> range:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,9 @@ from ..errors import FrogError, found_instead
 from ..inference.draw import draw
 from ..inference.scene import PlayableScene
 from .metrics import gradient_energy, psnr_of, ssim
+
+Measure = Callable[[np.ndarray, np.ndarray], float]
+"""A figure of a picture and its truth, both (H, W, 3) in [0, 1]."""
 
 _MOVING_DEVIATION = 6 / 255  # temporal standard deviation above which a pixel counts as moving
 
@@ -30,6 +33,7 @@ class _Sums:
     masked_count: int = 0
     sharpness: float = 0.0
     true_sharpness: float = 0.0
+    measured: dict[str, float] = field(default_factory=dict)
 
 
 def moving_mask(store: FrameStore, shot_indices: list[int]) -> np.ndarray:
@@ -78,6 +82,7 @@ def evaluate(
     split: str = "auto",
     mask_file: Path | None = None,
     file_bytes: int = 0,
+    measures: Mapping[str, Measure] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, Any]:
     """Figures as plain values, over all cameras and for each.
@@ -87,6 +92,7 @@ def evaluate(
 
     Args:
         split: "held-out", "training", or "auto": held-out pictures if there are any.
+        measures: further figures by name, means over pictures (see comparison.perceptual); they take time.
     """
     header = scene.header
     held_out = [
@@ -119,6 +125,8 @@ def evaluate(
         entry = sums.setdefault(camera.name, _Sums())
         entry.psnr += psnr_of(float(error.mean()))
         entry.ssim += ssim(picture, truth)
+        for name, measure in (measures or {}).items():
+            entry.measured[name] = entry.measured.get(name, 0.0) + measure(picture, truth)
         entry.frames += 1
         mask = mask_of(shot.camera, shot.frame)
         if mask is not None and mask.any():
@@ -139,6 +147,7 @@ def _report(scene: PlayableScene, sums: dict[str, _Sums], split: str, file_bytes
             "psnr": sum(p.psnr for p in parts) / frames,
             "psnr_moving": psnr_of(sum(p.masked_error for p in parts) / count) if count else None,
             "ssim": sum(p.ssim for p in parts) / frames,
+            **{name: sum(p.measured[name] for p in parts) / frames for name in parts[0].measured},
             "sharpness_moving": sum(p.sharpness for p in parts) / true_sharpness if true_sharpness else None,
             "frames": frames,
         }
