@@ -13,7 +13,7 @@ NATIVE := $(wildcard frog_blender/engine/rasterizer/src/* frog_blender/engine/ra
 # The CUDA run-time compiler, for tests that compile every kernel; there is none for macOS.
 NVRTC := $(if $(filter Darwin,$(shell uname)),,nvidia-cuda-nvrtc-cu12)
 
-.PHONY: demo test test-slow test-sanitizers test-blender lint format extension clean setup
+.PHONY: demo chart test test-slow test-sanitizers test-blender lint format extension clean setup
 
 setup: $(VENV)/.ready
 
@@ -29,6 +29,14 @@ $(VENV)/.ready: $(VENV)/.packages $(NATIVE)
 
 demo: setup
 	$(BIN)/frog demo --capture $(CAPTURE) --out $(OUT)
+
+# Trains every method on the bundled captures, for hours; killed, it goes on where it stopped. CHART_FLAGS overrides the grid.
+CHART_CAPTURES ?= examples/captures/room examples/captures/dim examples/captures/fast
+CHART_OUT ?= docs/chart
+CHART_FLAGS ?= --ablation --equal-time --timing
+
+chart: setup
+	$(BIN)/frog chart $(CHART_CAPTURES) --out $(CHART_OUT) $(CHART_FLAGS)
 
 test: setup
 	$(BIN)/python -m pytest -q

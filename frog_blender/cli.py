@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from .chart_command import add_chart_parser
 from .engine.errors import FrogError
 from .engine.files import METHODS
 
@@ -78,6 +79,8 @@ def _parser() -> argparse.ArgumentParser:
     render.add_argument("--frames", default=None, metavar="A:B", help="frames A to B - 1, counted from 0; default: all")
     render.add_argument("--out", type=Path, required=True)
     render.set_defaults(run=_render)
+
+    add_chart_parser(commands, _positive, RECIPES)
 
     demo = commands.add_parser("demo", help="train, play and render a demo capture inside Blender's module")
     demo.add_argument("--capture", choices=["room", "walk"], default="room")

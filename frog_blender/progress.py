@@ -53,7 +53,7 @@ def show(stream: Iterator[Event]) -> bool:
                     tqdm.write("training on the GPU", file=sys.stderr)
                 case events.Progress(step=step, steps=steps, loss=loss, gaussians=gaussians):
                     switch("Training", steps, step).set_postfix(loss=f"{loss:.4f}", gaussians=gaussians)
-                case events.Evaluated(step, psnr, split):
+                case events.Evaluated(step=step, psnr=psnr, split=split):
                     tqdm.write(f"step {step}: {split} PSNR {psnr:.2f} dB", file=sys.stderr)
                 case events.Warned(message):
                     tqdm.write(f"warning: {message}", file=sys.stderr)

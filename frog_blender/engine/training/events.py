@@ -45,6 +45,8 @@ class Evaluated:
     psnr: float
     split: str
     """"held-out", or "training" when nothing is withheld."""
+    seconds: float = 0.0
+    """Of training so far."""
 
 
 @dataclass(frozen=True)

@@ -79,8 +79,11 @@ def prepare_capture(
     pixel_offsets: dict[str, tuple[float, float]] | None,
     opened: Capture | None = None,
 ) -> tuple[Capture, float]:
-    """The capture as it will be trained on or evaluated, and the scale that was used; ``opened`` instead of the folder's
-    if given."""
+    """The capture as it will be trained on or evaluated, and the scale that was used.
+
+    Args:
+        opened: the capture itself, instead of what the folder holds.
+    """
     capture = opened if opened is not None else open_capture(Path(path), pixel_offsets=pixel_offsets)
     if scale is None:
         scale = min(1.0, _LARGEST_SIDE / max(max(c.width, c.height) for c in capture.cameras))

@@ -1,0 +1,199 @@
+"""The charts of a comparison: accuracy against speed, accuracy against training time, what each ablation changes."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ..errors import FrogError
+from .labels import place_labels
+from .summary import Row, Section, differences
+
+# Okabe and Ito's palette, which people of every colour vision tell apart; each method has a marker of its own besides.
+STYLES = {
+    "frog": ("#D55E00", "o"),
+    "ed3dgs": ("#0072B2", "s"),
+    "static": ("#000000", "X"),
+    "d3dgs": ("#009E73", "^"),
+    "hexplane": ("#CC79A7", "D"),
+    "curves": ("#E69F00", "v"),
+}
+_OTHERS = (("#56B4E9", "P"), ("#F0E442", "h"), ("#999999", "p"))
+_GROUP_COLORS = {"fusion": "#0072B2", "sampling": "#009E73", "opacity": "#D55E00", "k": "#E69F00"}
+_DPI = 130
+_LARGEST_SVG = 300_000  # bytes
+
+
+def write_charts(sections: Sequence[Section], folder: Path) -> list[Path]:
+    """Every chart that the results have figures for, as PNG, and as SVG where that is small; their paths."""
+    written: list[Path] = []
+    for section in sections:
+        for name, make in (("speed", speed_chart), ("training", training_chart), ("ablation", ablation_chart)):
+            figure = make(section)
+            if figure is not None:
+                written += _save(figure, folder / f"{name}_{section.file_name}")
+    return written
+
+
+def speed_chart(section: Section) -> Any:
+    """FPS against PSNR, storage as the bubbles' area, and the Pareto front; None without a row that has both."""
+    rows = [row for row in section.rows.get("methods", ()) if row.fps and row.median("psnr") is not None]
+    if not rows:
+        return None
+    figure, axes = _figure(section.title)
+    points = [(row.fps or 0.0, row.median("psnr") or 0.0) for row in rows]
+    sizes = [(row.median("bytes") or 0.0) / 1e6 for row in rows]
+    largest = max([*sizes, 1e-9])
+    areas = [60 + 840 * size / largest for size in sizes]  # square points
+    fps, psnr = [x for x, _ in points], [y for _, y in points]
+    axes.set_xscale("log")
+    axes.set_xlim(min(fps) / 1.7, max(fps) * 1.7)
+    margin = max(0.4, 0.25 * (max(psnr) - min(psnr)))
+    axes.set_ylim(min(psnr) - margin, max(psnr) + margin)
+    _plain_ticks(axes)
+    front = pareto_front(points)
+    if len(front) > 1:
+        axes.plot(
+            *zip(*front, strict=True), color="0.55", linestyle="--", linewidth=1.2, zorder=1, label="Pareto front"
+        )
+    for row, point, area, (color, marker) in zip(rows, points, areas, _styles(rows), strict=True):
+        low, high = min(row.values("psnr")), max(row.values("psnr"))
+        axes.vlines(point[0], low, high, color=color, linewidth=1, zorder=2)
+        axes.scatter(
+            *point, s=area, color=color, marker=marker, edgecolors="white", linewidths=0.8, alpha=0.9, zorder=3
+        )
+    axes.set_xlabel("frames a second, deformation and rasterization (logarithmic)")
+    axes.set_ylabel("PSNR of the held-out pictures, dB")
+    if len(front) > 1:
+        axes.legend(loc="lower left", frameon=False, fontsize=9)
+    figure.draw_without_rendering()  # the layout decides where things lie
+    figure.set_layout_engine("none")
+    radii = [(area**0.5) / 2 * figure.dpi / 72 for area in areas]
+    names = [f"{row.label}, {size:.1f} MB" for row, size in zip(rows, sizes, strict=True)]
+    place_labels(axes, points, names, radii)
+    return figure
+
+
+def pareto_front(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    """The points that no other one beats in both coordinates, from left to right."""
+    front: list[tuple[float, float]] = []
+    for point in sorted(set(points), reverse=True):
+        if not front or point[1] > front[-1][1]:
+            front.append(point)
+    return front[::-1]
+
+
+def training_chart(section: Section) -> Any:
+    """PSNR against seconds of training: a thin line for each seed, a thick one for their median. Where a dedicated
+    pass was made its seconds count. None without a curve."""
+    rows = [row for row in section.rows.get("methods", ()) if any(r.get("curve") for r in row.records.values())]
+    if not rows:
+        return None
+    figure, axes = _figure(section.title)
+    for row, (color, marker) in zip(rows, _styles(rows), strict=True):
+        curves = [_seconds_and_psnr(row, record) for record in row.records.values() if record.get("curve")]
+        if len(curves) > 1:
+            for seconds, psnr in curves:
+                axes.plot(seconds, psnr, color=color, linewidth=0.7, alpha=0.4)
+        points = range(min(len(seconds) for seconds, _ in curves))
+        middle = [[statistics.median(curve[axis][i] for curve in curves) for i in points] for axis in (0, 1)]
+        axes.plot(*middle, color=color, marker=marker, markersize=5, linewidth=1.8, label=row.label)
+    dedicated = all(row.timing is not None or row.is_dedicated for row in rows)
+    axes.set_xlabel("training, s" + ("" if dedicated else " (some with several runs at once)"))
+    axes.set_ylabel("PSNR of the held-out pictures, dB")
+    figure.legend(loc="outside right upper", frameon=False, fontsize=9)
+    return figure
+
+
+def _seconds_and_psnr(row: Row, record: dict[str, Any]) -> tuple[list[float], list[float]]:
+    """A run's curve; its seconds stretched to those of the dedicated pass, if there is one."""
+    factor = 1.0
+    if row.timing is not None and record["train_seconds"]:
+        factor = row.timing["training"]["seconds"] / record["train_seconds"]
+    return [point[0] * factor for point in record["curve"]], [point[2] for point in record["curve"]]
+
+
+def ablation_chart(section: Section) -> Any:
+    """What each choice changes against FRoG: bars for the mean difference by seed, whiskers for its range, in all and
+    in the moving pixels. None without an ablation."""
+    frog = section.of_method("frog")
+    rows = [row for group in _GROUP_COLORS for row in section.rows.get(group, ()) if differences(row, frog, "psnr")]
+    if frog is None or not rows:
+        return None
+    panels = [("psnr", "all pixels")]
+    if any(differences(row, frog, "psnr_moving") for row in rows):
+        panels.append(("psnr_moving", "moving pixels"))
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(2.6 + 3.4 * len(panels), 1.6 + 0.36 * len(rows)), dpi=_DPI, layout="constrained")
+    figure.suptitle(f"{section.title}: difference to FRoG", fontsize=11)
+    all_axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
+    for axes, (name, title) in zip(all_axes, panels, strict=True):
+        for place, row in enumerate(rows):
+            values = list(differences(row, frog, name).values())
+            if not values:
+                continue
+            axes.barh(place, statistics.mean(values), height=0.62, color=_GROUP_COLORS[row.group], alpha=0.85)
+            axes.plot([min(values), max(values)], [place, place], color="black", linewidth=1.3)
+            axes.plot(values, [place] * len(values), linestyle="none", marker="|", color="black", markersize=7)
+        axes.axvline(0, color="black", linewidth=0.8)
+        axes.set_xlabel(f"PSNR of {title}, dB")
+        axes.locator_params(axis="x", nbins=5)
+        axes.grid(axis="x", color="0.9")
+        axes.set_axisbelow(True)
+    all_axes[0].set_yticks(range(len(rows)), [row.label for row in rows])
+    all_axes[0].invert_yaxis()
+    return figure
+
+
+def _figure(title: str) -> tuple[Any, Any]:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.2, 5.2), dpi=_DPI, layout="constrained")
+    axes = figure.subplots()
+    axes.set_title(title, fontsize=11)
+    axes.grid(color="0.92")
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    return figure, axes
+
+
+def _styles(rows: Sequence[Row]) -> list[tuple[str, str]]:
+    """Colour and marker of each row: the method's own for its first row, free ones for others."""
+    used: set[str] = set()
+    spare = iter(_OTHERS * len(rows))
+    styles = []
+    for row in rows:
+        styles.append(STYLES[row.method] if row.method in STYLES and row.method not in used else next(spare))
+        used.add(row.method)
+    return styles
+
+
+def _plain_ticks(axes: Any) -> None:
+    """Ticks at 1, 2, 5, 10, 20 ... written as such."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+
+
+def _save(figure: Any, stem: Path) -> list[Path]:
+    """The same bytes for the same figure."""
+    import matplotlib
+
+    written = [stem.with_name(stem.name + ".png")]
+    drawing = stem.with_name(stem.name + ".svg")
+    try:
+        figure.savefig(written[0], metadata={"Software": None})
+        with matplotlib.rc_context({"svg.hashsalt": "frog"}):
+            figure.savefig(drawing, metadata={"Date": None})
+    except OSError as error:
+        raise FrogError(f"{written[0]}: could not be written ({error.strerror}).") from error
+    if drawing.stat().st_size <= _LARGEST_SVG:
+        written.append(drawing)
+    else:
+        drawing.unlink()
+    return written

@@ -1,0 +1,126 @@
+"""Invented results of a comparison, as ``frog chart`` would have written them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+Record = dict[str, Any]
+
+TITLES = {
+    "frog": "FRoG",
+    "ed3dgs": "E-D3DGS",
+    "static": "3DGS (static)",
+    "d3dgs": "Deformable-3DGS",
+    "hexplane": "4DGaussians",
+    "curves": "STG",
+}
+_MADE_ON = {
+    "machine": {"cpu": "Abacus", "cores": 2, "instruction_set": "avx2", "gpu": None},
+    "versions": {"project": "0.1.0", "python": "3.11.0", "torch": "2.7.0", "numpy": "2.0.0"},
+    "finished_at": "2026-01-01T00:00:00Z",
+}
+
+
+def run_record(method: str = "frog", seed: int = 0, scene: str = "room", **changes: Any) -> Record:
+    """A finished run of 30 dB."""
+    label = changes.get("label", TITLES.get(method, method))
+    group = changes.get("group", "methods")
+    psnr = changes.get("psnr", 30.0)
+    record = {
+        "kind": "run",
+        "key": f"{scene}-{label}-{group}-{seed}",
+        "scene": scene,
+        "protocol": "",
+        "method": method,
+        "label": label,
+        "group": group,
+        "seed": seed,
+        "equal_time": group == "time",
+        "scale": None,
+        "holdout_frames": None,
+        "title": TITLES.get(method, method),
+        "recipe_name": "draft",
+        "overrides": {},
+        "planned_steps": None,
+        "recipe": {},
+        "seconds_limit": None,
+        "steps": 4000,
+        "train_seconds": 70.0,
+        "preparation_seconds": 5.0,
+        "gaussians": 25000,
+        "device": "cpu",
+        "curve": [[7.0 * i, 400 * i, psnr - 5 / i] for i in range(1, 11)],
+        "warnings": [],
+        "psnr": psnr,
+        "psnr_moving": psnr - 6,
+        "ssim": 0.9,
+        "flip": 0.1,
+        "lpips": None,
+        "missing": {"lpips": "not installed"},
+        "bytes": 5_500_000,
+        "threads": 0,
+        "dedicated": True,
+        "wall_seconds": 90.0,
+        **_MADE_ON,
+    }
+    return {**record, **changes}
+
+
+def timing_record(method: str = "frog", fps: float = 50.0, scene: str = "room", **changes: Any) -> Record:
+    """A line of the dedicated pass."""
+    start = {name: value for name, value in run_record(method, scene=scene).items() if name not in ("recipe", "psnr")}
+    record = {
+        **start,
+        "kind": "timing",
+        "training": {
+            "steps": 300,
+            "step_ms": 17.0,
+            "step_median_ms": 15.0,
+            "rounds": 9,
+            "round_ms": 30.0,
+            "seconds": 68.3,
+        },
+        "training_path": {
+            "gaussians": 25000,
+            "device": "cpu",
+            "forward_ms": 3.0,
+            "forward_backward_ms": 9.0,
+            "fps": 60.0,
+        },
+        "playback": {
+            "gaussians": 25000,
+            "size": [384, 288],
+            "deformation_ms": 2.0,
+            "rasterization_ms": 1e3 / fps - 2.0,
+            "frame_ms": 1e3 / fps,
+            "fps": fps,
+        },
+        "scene_played": "finished",
+    }
+    return {**record, **changes}
+
+
+def whole_chart() -> list[Record]:
+    """Six methods on two scenes, three seeds of the main two, ablations, runs at equal time, timings."""
+    psnrs = {"frog": 30.1, "ed3dgs": 30.15, "static": 22.0, "d3dgs": 29.0, "hexplane": 28.9, "curves": 29.1}
+    speeds = {"frog": 52.0, "ed3dgs": 40.0, "static": 80.0, "d3dgs": 9.0, "hexplane": 30.0, "curves": 70.0}
+    records = []
+    for shift, scene in enumerate(("room", "dim")):
+        for method, psnr in psnrs.items():
+            for seed in range(3 if method in ("frog", "ed3dgs") else 1):
+                value = psnr - 2 * shift + 0.05 * seed
+                records.append(run_record(method, seed, scene, psnr=value, bytes=5_000_000 + 300_000 * len(method)))
+                if method != "frog":
+                    records.append(run_record(method, seed, scene, group="time", psnr=value - 0.2))
+            records.append(timing_record(method, speeds[method], scene))
+        for label, group, gain in (
+            ("fusion: add", "fusion", -0.3),
+            ("fusion: dual", "fusion", 0.02),
+            ("sampling: off", "sampling", -0.1),
+            ("opacity: paper", "opacity", 0.15),
+            ("k = 5", "k", 0.0),
+        ):
+            for seed in range(3):
+                psnr = psnrs["frog"] - 2 * shift + 0.05 * seed + gain * (1 + 0.2 * seed)
+                records.append(run_record("frog", seed, scene, label=label, group=group, psnr=psnr))
+    return records
