@@ -1,4 +1,4 @@
-"""Steps on rectangles: where they look, what they remember, and that a pixel weighs the same in every step."""
+"""Steps on rectangles: where they look, what they remember, and what their pixels weigh."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 from drawing import cut
+from filmed import rig
 from helpers import plain_camera
 
 from frog_blender.engine.rasterizer import RasterizeOptions
@@ -223,30 +224,32 @@ def one_step(trainer: Trainer, masked: bool) -> tuple[dict[str, torch.Tensor], t
     return gradients, gradients.pop("pulls")
 
 
-@pytest.fixture
-def pair(make_trainer: Make) -> list[tuple[dict[str, torch.Tensor], torch.Tensor]]:
+def pair(make_trainer: Make, emphasis: float) -> list[tuple[dict[str, torch.Tensor], torch.Tensor]]:
     """``one_step`` on the rectangle, and masked, of the same shot in the middle of the same training."""
     steps = []
     for masked in (False, True):
-        trainer = train(make_trainer(40, dssim_weight=0.0, smoothness_weight=0.0), until=20)
+        recipe = {"dssim_weight": 0.0, "smoothness_weight": 0.0, "region_emphasis": emphasis}
+        trainer = train(make_trainer(40, **recipe), until=20)
         steps.append(one_step(trainer, masked))
     return steps
 
 
-def test_a_pixel_weighs_the_same_in_every_step(pair: list[tuple[dict[str, torch.Tensor], torch.Tensor]]) -> None:
-    """A step on a rectangle has the gradients of a whole step whose loss is masked to it."""
-    (found, _), (expected, _) = pair
+@pytest.mark.parametrize("emphasis", [0.0, 0.5, 1.0])
+def test_a_rectangle_weighs_as_the_recipe_says(make_trainer: Make, emphasis: float) -> None:
+    """Without emphasis, a step on a rectangle has the gradients of a whole step whose loss is masked to it."""
+    (found, _), (expected, _) = pair(make_trainer, emphasis)
+    camera = rig()[0]
+    weight = (camera.width * camera.height / (REGION[2] * REGION[3])) ** emphasis
+    expected = {name: gradient * weight for name, gradient in expected.items()}
     assert found.keys() == expected.keys() and len(found) > 8
     for name, gradient in expected.items():
         error = (found[name] - gradient).norm() / gradient.norm().clamp(min=1e-12)
         assert float(error) < 1e-4, name
 
 
-def test_a_pull_counts_the_same_for_densification(
-    pair: list[tuple[dict[str, torch.Tensor], torch.Tensor]],
-) -> None:
+def test_a_pull_counts_the_same_for_densification(make_trainer: Make) -> None:
     """Pulls are in half picture widths, whatever part of the picture was drawn."""
-    (_, found), (_, expected) = pair
+    (_, found), (_, expected) = pair(make_trainer, 0.0)
     pulled = expected > 0
     assert int(pulled.sum()) > 20
     torch.testing.assert_close(found[pulled], expected[pulled], rtol=1e-3, atol=1e-9)

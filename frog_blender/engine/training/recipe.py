@@ -41,8 +41,9 @@ class Recipe:
             lambda_w) multiplies squared distances in units of the median nearest-neighbour distance.
         frame_choice: "even" draws every training picture alike; "loss" draws every second moment in proportion to its
             last loss (E-D3DGS's loss-based frame sampling).
-        region_share, region_size: probability that a step draws only a rectangle where the errors are, and the
-            rectangle's sides over the picture's (see training.regions).
+        region_share, region_size, region_emphasis: probability that a step draws only a rectangle where the errors
+            are, the rectangle's sides over the picture's, and how much more its pixels weigh than a whole picture's:
+            with 0 a pixel weighs the same in every step, with 1 a step weighs the same (see training.regions).
         densify_from, densify_until, densify_every: fractions.
         densify_threshold: mean screen gradient (in half picture widths, as in 3DGS) above which a Gaussian splits.
         densify_growth: share of new Gaussians a round at most.
@@ -100,6 +101,7 @@ class Recipe:
     frame_choice: str = "even"
     region_share: float = 0.75
     region_size: float = 0.35
+    region_emphasis: float = 0.5
     densify_from: float = 0.08
     densify_until: float = 0.6
     densify_every: float = 0.025

@@ -143,8 +143,9 @@ class Trainer:
         loss = difference.abs().mean()
         if self._in_burst(before):
             loss = loss + self.recipe.dssim_weight * (1 - ssim(image.rgb, truth)) / 2
-        if region is not None:  # a pixel weighs the same in every step
-            loss = loss * (region[2] * region[3] / camera.width / camera.height)
+        if region is not None:
+            share = region[2] * region[3] / (camera.width * camera.height)
+            loss = loss * share ** (1 - self.recipe.region_emphasis)
         self.regions.observe(camera_index, options.region_of(camera), difference.detach())
         self.picker.observe(shot, difference.detach())
         self._loss.add(loss, self.step_count)
