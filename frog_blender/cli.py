@@ -83,10 +83,10 @@ def _parser() -> argparse.ArgumentParser:
     add_chart_parser(commands, _positive, RECIPES)
 
     demo = commands.add_parser("demo", help="train, play and render a demo capture inside Blender's module")
-    demo.add_argument("--capture", choices=["room", "walk"], default="room")
+    demo.add_argument("--capture", choices=["room", "dim", "fast", "walk"], default="room")
     demo.add_argument("--out", type=Path, default=Path("out"))
     demo.add_argument("--recipe", choices=RECIPES, default="standard")
-    demo.add_argument("--seconds", type=_positive(float), help="of training; default: 300 for room, 900 for walk")
+    demo.add_argument("--seconds", type=_positive(float), help="of training; default: 300, and 900 for walk")
     demo.set_defaults(run=_demo)
     return parser
 

