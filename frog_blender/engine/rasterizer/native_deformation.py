@@ -22,7 +22,8 @@ class FieldShape:
         head_width: of each head's hidden layer; 0 when all outputs read the first layer.
         sh_active, sh_deformed: coefficients that come out, and that the network changes.
         opacity_form: "paper", "unit" or "off".
-        networks: 2 where the outputs of two networks of the same shape add up.
+        networks: 2 where the outputs of two networks of the same shape add up (E-D3DGS's coarse and fine one); see
+            model.deformation.DeformationField for how their layers lie in the arrays.
     """
 
     head_width: int
@@ -40,20 +41,23 @@ class FieldShape:
         return 11 + 3 * self.sh_deformed
 
 
-def deform(shape: FieldShape, arrays: dict[str, Any], result: dict[str, Any]) -> None:
+def deform(
+    shape: FieldShape, arrays: dict[str, Any], result: dict[str, Any], *, unit_quaternions: bool = False
+) -> None:
     """Fills ``result`` with the deformed, activated Gaussians.
 
     Args:
         shape: settings.
-        arrays: contiguous float32 by name: the canonical field's attributes, ``shared`` (hidden,) (the first layer's
-            temporal part and bias), and the network's ``embedding_weight``, ``output_weight``, ``output_bias`` and,
-            with heads, ``head_weight`` and ``head_bias``.
+        arrays: contiguous float32 by name: the canonical field's attributes, ``shared`` (networks * hidden,) (the first
+            layer's temporal part and bias), and the network's ``embedding_weight``, ``output_weight``, ``output_bias``
+            and, with heads, ``head_weight`` and ``head_bias``. With ``first_layer`` (N, networks * hidden), the
+            embeddings times the transposed ``embedding_weight``, no ``embeddings`` are needed.
         result: contiguous float32 by name: the attributes of GaussianArrays, with ``sh`` (N, sh_active, 3), and where
-            wanted ``changes`` (N, outputs).
+            wanted ``changes`` (N, outputs). Coefficients that ``arrays["sh"]`` does not have are left as they are.
+        unit_quaternions: normalise them.
     """
-    if library().frog_deform(
-        byref(_field(shape, arrays)), byref(structs.pointers(structs.Deformed, structs.DEFORMED, result))
-    ):
+    field = _field(shape, arrays, unit_quaternions)
+    if library().frog_deform(byref(field), byref(structs.pointers(structs.Deformed, structs.DEFORMED, result))):
         raise MemoryError("deforming the Gaussians ran out of memory")
 
 
@@ -63,19 +67,18 @@ def deform_backward(shape: FieldShape, arrays: dict[str, Any], by: dict[str, Any
     The same bits for any number of threads.
     """
     if library().frog_deform_backward(
-        byref(_field(shape, arrays)),
+        byref(_field(shape, arrays, False)),
         byref(structs.pointers(structs.Deformed, structs.DEFORMED, by)),
         byref(structs.pointers(structs.FieldGradients, structs.FIELD_ARRAYS, result)),
     ):
         raise MemoryError("the deformation's backward pass ran out of memory")
 
 
-def _field(shape: FieldShape, arrays: dict[str, Any]) -> Any:
-    embeddings, sh = arrays["embeddings"], arrays["sh"]
-    hidden = arrays["embedding_weight"].shape[0]
+def _field(shape: FieldShape, arrays: dict[str, Any], unit_quaternions: bool) -> Any:
+    weight, sh = arrays["embedding_weight"], arrays["sh"]
     return structs.Field(
-        *(len(embeddings), embeddings.shape[1], hidden, shape.head_width),
+        *(len(arrays["means"]), weight.shape[1], weight.shape[0] // shape.networks, shape.head_width, shape.networks),
         *(sh.shape[1], shape.sh_active, shape.sh_deformed, structs.OPACITY_FORMS[shape.opacity_form]),
-        *(shape.opacity_sharpness, shape.opacity_share, shape.motion_unit),
-        *[structs.address(arrays.get(name)) for name in structs.FIELD_ARRAYS],
+        *(unit_quaternions, shape.opacity_sharpness, shape.opacity_share, shape.motion_unit),
+        *[structs.address(arrays.get(name)) for name in (*structs.FIELD_ARRAYS, "first_layer")],
     )

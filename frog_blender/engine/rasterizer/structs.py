@@ -51,7 +51,8 @@ ImageGradient = _struct("FrogImageGradient", ("rgb", c_void_p), ("alpha", c_void
 GRADIENTS = (*ATTRIBUTES, "screen", "screen_absolute", "pose")
 Gradients = _struct("FrogGradients", *[(name, c_void_p) for name in GRADIENTS])
 FIELD_SIZES = (
-    *("count", "embedding_size", "hidden_width", "head_width", "sh_count", "sh_active", "sh_deformed", "opacity_form"),
+    *("count", "embedding_size", "hidden_width", "head_width", "networks", "sh_count", "sh_active", "sh_deformed"),
+    *("opacity_form", "unit_quaternions"),
 )
 FIELD_ARRAYS = (
     *("means", "log_scales", "quaternions", "opacity_logits", "sh", "embeddings", "shared"),
@@ -61,7 +62,7 @@ Field = _struct(
     "FrogDeformation",
     *[(name, c_int32) for name in FIELD_SIZES],
     *[(name, c_float) for name in ("opacity_sharpness", "opacity_share", "motion_unit")],
-    *[(name, c_void_p) for name in FIELD_ARRAYS],
+    *[(name, c_void_p) for name in (*FIELD_ARRAYS, "first_layer")],
 )
 DEFORMED = (*ATTRIBUTES, "changes")
 Deformed = _struct("FrogDeformed", *[(name, c_void_p) for name in DEFORMED])

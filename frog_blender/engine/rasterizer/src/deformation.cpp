@@ -10,58 +10,148 @@
 namespace frog {
 namespace {
 
-// (rows, columns) to rows of padded length; `transposed` swaps the two first. What pads is zero.
-const float *pack(std::vector<std::vector<float>> &memory, const float *from, long long rows, long long columns, bool transposed) {
-  const long long out_rows = transposed ? columns : rows, out_columns = transposed ? rows : columns;
-  memory.emplace_back(static_cast<size_t>(out_rows * padded(out_columns)), 0.0f);
+using Memory = std::vector<std::vector<float>>;
+
+// `count` rows of `length` numbers to rows of padded length. What pads is zero.
+float *pad(Memory &memory, const float *from, int count, int length) {
+  memory.emplace_back(static_cast<size_t>(count * padded(length)), 0.0f);
   float *to = memory.back().data();
-  for (long long r = 0; r < rows; ++r)
-    for (long long c = 0; c < columns; ++c)
-      to[transposed ? c * padded(rows) + r : r * padded(columns) + c] = from[r * columns + c];
+  for (long long r = 0; r < count; ++r) std::copy_n(from + r * length, length, to + r * padded(length));
   return to;
 }
 
+// A matrix of `inner` rows in panels of DEFORM_PAD columns (see gemm.inl).
+struct Panels {
+  float *data;
+  int inner;
+
+  // Elements (r, c) from from[r * by_row + c * by_column].
+  void put(const float *from, int rows, int columns, long long by_row, long long by_column, int first_row, int first_column) const {
+    for (int r = 0; r < rows; ++r)
+      for (int c = 0; c < columns; ++c) {
+        const int row = first_row + r, column = first_column + c;
+        const long long panel = column / DEFORM_PAD;
+        data[(panel * inner + row) * DEFORM_PAD + column % DEFORM_PAD] = from[r * by_row + c * by_column];
+      }
+  }
+};
+
+Panels panels(Memory &memory, long long rows, long long columns) {
+  memory.emplace_back(static_cast<size_t>(rows * padded(columns)), 0.0f);
+  return {memory.back().data(), static_cast<int>(rows)};
+}
+
+// A matrix (rows, columns) whose rows are `length` apart, and its transpose.
+const float *pack(Memory &memory, const float *from, int rows, int columns, long long length) {
+  const Panels to = panels(memory, rows, columns);
+  to.put(from, rows, columns, length, 1, 0, 0);
+  return to.data;
+}
+const float *pack_transposed(Memory &memory, const float *from, int rows, int columns, long long length) {
+  const Panels to = panels(memory, columns, rows);
+  to.put(from, columns, rows, 1, length, 0, 0);
+  return to.data;
+}
+
 struct Packed {
-  std::vector<std::vector<float>> memory;
+  Memory memory;
   DeformationPlan plan{};
 };
+
+void plan_first(Packed &packed, bool backward) {
+  DeformationPlan &plan = packed.plan;
+  const FrogDeformation &field = *plan.field;
+  const int row = static_cast<int>(padded(plan.hidden)), parts = plan.networks;
+  plan.shared = pad(packed.memory, field.shared, parts, plan.hidden);
+  const Panels forward = panels(packed.memory, plan.embedding, parts * row);
+  for (int n = 0; n < parts; ++n) {
+    const float *weight = field.embedding_weight + static_cast<long long>(n) * plan.hidden * plan.embedding;
+    forward.put(weight, plan.embedding, plan.hidden, 1, plan.embedding, 0, n * row);
+  }
+  plan.embedding_forward = forward.data;
+  if (!backward) return;
+  const Panels to = panels(packed.memory, parts * row, plan.embedding);
+  for (int n = 0; n < parts; ++n) {
+    const float *weight = field.embedding_weight + static_cast<long long>(n) * plan.hidden * plan.embedding;
+    to.put(weight, plan.hidden, plan.embedding, plan.embedding, 1, n * row, 0);
+  }
+  plan.embedding_backward = to.data;
+}
+
+void plan_heads(Packed &packed, bool backward) {
+  DeformationPlan &plan = packed.plan;
+  const FrogDeformation &field = *plan.field;
+  plan.head_bias = pad(packed.memory, field.head_bias, plan.networks, plan.heads);
+  for (int n = 0; n < plan.networks; ++n) {
+    const float *weight = field.head_weight + static_cast<long long>(n) * plan.heads * plan.hidden;
+    plan.head_forward[n] = pack_transposed(packed.memory, weight, plan.heads, plan.hidden, plan.hidden);
+    if (backward) plan.head_backward[n] = pack(packed.memory, weight, plan.heads, plan.hidden, plan.hidden);
+  }
+}
+
+void plan_outputs(Packed &packed, bool backward) {
+  DeformationPlan &plan = packed.plan;
+  const FrogDeformation &field = *plan.field;
+  const int sizes[] = {3, 3, 4, 1, 3 * field.sh_deformed};
+  const int heads = plan.heads ? plan.heads / field.head_width : 1, inputs = plan.heads ? field.head_width : plan.hidden;
+  // Padded as the outputs' rows are: a branch's padding may reach over the last one.
+  packed.memory.emplace_back(static_cast<size_t>(padded(plan.outputs) + DEFORM_PAD), 0.0f);
+  plan.output_bias = packed.memory.back().data();
+  std::copy_n(field.output_bias, plan.outputs, packed.memory.back().data());
+  for (int n = 0; n < plan.networks; ++n) {
+    int output = 0;
+    for (int head = 0; head < heads; ++head) {
+      Branch &branch = plan.branches[plan.branch_count++];
+      branch = {n, head * inputs, inputs, output, plan.heads ? sizes[head] : plan.outputs, nullptr, nullptr};
+      const long long length = static_cast<long long>(plan.networks) * inputs;
+      const float *weight = field.output_weight + output * length + n * inputs;
+      branch.forward = pack_transposed(packed.memory, weight, branch.size, inputs, length);
+      if (backward) branch.backward = pack(packed.memory, weight, branch.size, inputs, length);
+      output += branch.size;
+    }
+  }
+}
 
 Packed plan_of(const FrogDeformation &field, bool backward) {
   Packed packed;
   DeformationPlan &plan = packed.plan;
   plan.field = &field;
-  plan.embedding = field.embedding_size, plan.hidden = field.hidden_width;
+  plan.networks = field.head_width ? field.networks : 1;
+  plan.embedding = field.embedding_size;
+  plan.hidden = field.head_width ? field.hidden_width : field.networks * field.hidden_width;
+  plan.heads = field.head_width * (field.sh_deformed ? 5 : 4);
   plan.outputs = 11 + 3 * field.sh_deformed;
-  const int sizes[MAX_BRANCHES] = {3, 3, 4, 1, 3 * field.sh_deformed};
-  plan.branch_count = field.head_width ? (field.sh_deformed ? 5 : 4) : 1;
-  plan.heads = field.head_width ? field.head_width * plan.branch_count : 0;
-  packed.memory.reserve(6 + 3 * MAX_BRANCHES);
-  plan.shared = pack(packed.memory, field.shared, 1, plan.hidden, false);
-  plan.embedding_forward = pack(packed.memory, field.embedding_weight, plan.hidden, plan.embedding, true);
-  if (backward) plan.embedding_backward = pack(packed.memory, field.embedding_weight, plan.hidden, plan.embedding, false);
-  if (plan.heads) {
-    plan.head_bias = pack(packed.memory, field.head_bias, 1, plan.heads, false);
-    plan.head_forward = pack(packed.memory, field.head_weight, plan.heads, plan.hidden, true);
-    if (backward) plan.head_backward = pack(packed.memory, field.head_weight, plan.heads, plan.hidden, false);
-  }
-  int output = 0;
-  for (int b = 0; b < plan.branch_count; ++b) {
-    Branch &branch = plan.branches[b];
-    branch.inputs = plan.heads ? field.head_width : plan.hidden;
-    branch.source = plan.heads ? b * field.head_width : 0;
-    branch.output = output;
-    branch.size = plan.heads ? sizes[b] : plan.outputs;
-    const float *weight = field.output_weight + static_cast<long long>(output) * branch.inputs;
-    branch.forward = pack(packed.memory, weight, branch.size, branch.inputs, true);
-    if (backward) branch.backward = pack(packed.memory, weight, branch.size, branch.inputs, false);
-    branch.bias = pack(packed.memory, field.output_bias + output, 1, branch.size, false);
-    output += branch.size;
-  }
+  packed.memory.reserve(8 + 2 * MAX_BRANCHES);
+  plan_first(packed, backward);
+  if (plan.heads) plan_heads(packed, backward);
+  plan_outputs(packed, backward);
   return packed;
 }
 
-void unpack(const float *from, long long rows, long long row_length, long long columns, float *to) {
-  for (long long r = 0; r < rows; ++r) std::copy_n(from + r * row_length, columns, to + r * columns);
+void unpack(const float *from, long long rows, long long row_length, long long columns, float *to, long long to_length) {
+  for (long long r = 0; r < rows; ++r) std::copy_n(from + r * row_length, columns, to + r * to_length);
+}
+
+void unpack_gradients(const DeformationPlan &plan, const DeformationLayout &l, const float *sum, const FrogDeformationGradients &result) {
+  for (long long n = 0; n < plan.networks; ++n) {
+    unpack(sum + l.weight_embedding + n * l.hidden * l.embedding, plan.hidden, l.embedding, plan.embedding,
+           result.embedding_weight + n * plan.hidden * plan.embedding, plan.embedding);
+    std::copy_n(sum + l.weight_shared + n * l.hidden, plan.hidden, result.shared + n * plan.hidden);
+    const long long inputs = plan.branches[0].inputs;
+    unpack(sum + l.weight_output + n * padded(inputs), plan.outputs, l.weight_output_row, inputs, result.output_weight + n * inputs,
+           plan.networks * inputs);
+    if (!plan.heads) continue;
+    unpack(sum + l.weight_head + n * plan.heads * l.hidden, plan.heads, l.hidden, plan.hidden,
+           result.head_weight + n * plan.heads * plan.hidden, plan.hidden);
+    std::copy_n(sum + l.bias_head + n * l.heads, plan.heads, result.head_bias + n * plan.heads);
+  }
+  std::copy_n(sum + l.bias_output, plan.outputs, result.output_bias);
+}
+
+// Each thread's own, kept from chunk to chunk and call to call.
+float *thread_scratch(size_t length) {
+  static thread_local Buffer<float> scratch;
+  return scratch.resize(length);
 }
 
 }  // namespace
@@ -70,8 +160,7 @@ void deform(const Kernels &kernels, const FrogDeformation &field, const FrogDefo
   const Packed packed = plan_of(field, false);
   const DeformationLayout layout = layout_of(packed.plan);
   parallel_for(field.count, DEFORM_CHUNK, [&](int begin, int end) {
-    Buffer<float> scratch;
-    kernels.deform(packed.plan, result, begin, end, scratch.resize(layout.scratch));
+    kernels.deform(packed.plan, result, begin, end, thread_scratch(layout.forward));
   });
 }
 
@@ -85,22 +174,14 @@ void deform_backward(const Kernels &kernels, const FrogDeformation &field, const
   partials.resize(std::max(1ll, chunks) * l.partial);
   std::fill_n(partials.data(), l.partial, 0.0f);  // the sum, where there is no chunk
   parallel_for(field.count, DEFORM_CHUNK, [&](int begin, int end) {
-    Buffer<float> scratch;
     float *mine = partials.data() + begin / DEFORM_CHUNK * l.partial;
     std::fill_n(mine, l.partial, 0.0f);
-    kernels.deform_backward(plan, by, result, begin, end, scratch.resize(l.scratch), mine);
+    kernels.deform_backward(plan, by, result, begin, end, thread_scratch(l.scratch), mine);
   });
   float *sum = partials.data();
   for (long long chunk = 1; chunk < chunks; ++chunk)
     for (long long k = 0; k < l.partial; ++k) sum[k] += partials[chunk * l.partial + k];
-  unpack(sum + l.weight_embedding, plan.hidden, l.embedding, plan.embedding, result.embedding_weight);
-  std::copy_n(sum + l.weight_shared, plan.hidden, result.shared);
-  if (plan.heads) {
-    unpack(sum + l.weight_head, plan.heads, l.hidden, plan.hidden, result.head_weight);
-    std::copy_n(sum + l.bias_head, plan.heads, result.head_bias);
-  }
-  unpack(sum + l.weight_output, plan.outputs, plan.heads ? l.heads : l.hidden, plan.branches[0].inputs, result.output_weight);
-  std::copy_n(sum + l.bias_output, plan.outputs, result.output_bias);
+  unpack_gradients(plan, l, sum, result);
 }
 
 }  // namespace frog

@@ -4,61 +4,67 @@
 
 constexpr int DEFORM_BLOCK = 96;   // Gaussians that go through the network together
 constexpr int DEFORM_CHUNK = 960;  // Gaussians whose weight gradients are added up together
-constexpr int DEFORM_PAD = 16;     // rows of the packed matrices are padded to whole vectors of any instruction set
-constexpr int MAX_BRANCHES = 5;
+constexpr int DEFORM_PAD = 16;     // columns of a panel of the packed matrices: whole vectors of any instruction set
+constexpr int MAX_BRANCHES = 10;
 
 static inline long long padded(long long length) { return (length + DEFORM_PAD - 1) / DEFORM_PAD * DEFORM_PAD; }
 
-// Exponentials in a Gaussian's activations: its scales, and those of the two sigmoids.
-enum { EXP_SCALES = 0, EXP_OPACITY = 3, EXP_REDUCTION = 4, EXPONENTIALS = 5 };
-
-// One linear output layer: of everything when the hidden layer is shared, else of one head.
+// One linear output layer: of everything when the hidden layer is shared, else of one head of one network.
 struct Branch {
-  int source;         // column of the layer it reads
-  int inputs;         // how many columns
-  int output, size;   // its numbers among the outputs
-  const float *forward;   // (inputs, padded(size))
-  const float *backward;  // (size, padded(inputs))
-  const float *bias;      // (padded(size),)
+  int network, source;    // whose layer it reads, from which column
+  int inputs;             // how many columns
+  int output, size;       // its numbers among the outputs
+  const float *forward;   // (inputs, size) packed
+  const float *backward;  // (size, inputs) packed
 };
 
+// Two networks without heads are one of twice the width; with heads they share the first matrix product only.
 struct DeformationPlan {
   const FrogDeformation *field;
-  int embedding, hidden, heads, outputs;  // true sizes; heads is the width of all heads' hidden layers, or 0
-  const float *shared;                    // (padded(hidden),)
-  const float *embedding_forward;         // (embedding, padded(hidden))
-  const float *embedding_backward;        // (hidden, padded(embedding))
-  const float *head_bias;                 // (padded(heads),)
-  const float *head_forward;              // (hidden, padded(heads))
-  const float *head_backward;             // (heads, padded(hidden))
+  int networks, embedding, hidden, heads, outputs;  // hidden and heads (the width of all heads' layers, or 0) of a network
+  const float *shared;                    // (networks, padded(hidden))
+  const float *embedding_forward;         // (embedding, networks * padded(hidden)) packed
+  const float *embedding_backward;        // (networks * padded(hidden), embedding) packed
+  const float *head_bias;                 // (networks, padded(heads))
+  const float *head_forward[2];           // (hidden, heads) packed
+  const float *head_backward[2];          // (heads, hidden) packed
+  const float *output_bias;               // (padded(outputs) + DEFORM_PAD,)
   int branch_count;
   Branch branches[MAX_BRANCHES];
 };
 
-// Where a block's layers lie in its scratch memory, and a chunk's weight gradients; lengths in floats.
+// Where a block's layers lie in its scratch memory, and a chunk's weight gradients; lengths in floats. A layer of
+// `networks` parts has rows of them all.
 struct DeformationLayout {
-  long long embedding, hidden, heads, outputs;  // row lengths
-  long long input, first, second, result, by_first, by_second, by_result, by_input, exponentials, scratch;
+  long long embedding, hidden, heads, outputs;  // row lengths, hidden and heads of one network's part
+  long long first_row, second_row, weight_output_row;
+  long long input, first, second, result, scales, opacities, reductions, lengths, forward;
+  long long by_first, by_second, by_result, by_input, scratch;
   long long weight_embedding, weight_shared, weight_head, bias_head, weight_output, bias_output, partial;
 };
 
 static inline DeformationLayout layout_of(const DeformationPlan &plan) {
   DeformationLayout l;
   l.embedding = padded(plan.embedding), l.hidden = padded(plan.hidden);
-  l.heads = plan.heads ? padded(plan.heads) + DEFORM_PAD : 0;  // a head's padding may reach over the last one's end
-  l.outputs = padded(plan.outputs) + DEFORM_PAD;
+  // A head's padding may reach over the last one's end, and a branch's over the last output.
+  l.heads = plan.heads ? padded(plan.heads) + DEFORM_PAD : 0;
+  l.outputs = padded(plan.outputs) + (plan.heads ? DEFORM_PAD : 0);
+  l.first_row = plan.networks * l.hidden, l.second_row = plan.networks * l.heads;
+  l.weight_output_row = plan.networks * padded(plan.branches[0].inputs);
   long long at = 0;
   auto room = [&](long long length) { const long long here = at; at += length * DEFORM_BLOCK; return here; };
-  l.input = room(l.embedding), l.first = room(l.hidden), l.second = room(l.heads), l.result = room(l.outputs);
-  l.by_first = room(l.hidden), l.by_second = room(l.heads), l.by_result = room(l.outputs);
-  l.by_input = room(l.embedding), l.exponentials = room(EXPONENTIALS);
+  l.input = room(l.embedding), l.first = room(l.first_row), l.second = room(l.second_row), l.result = room(l.outputs);
+  l.scales = room(3), at += DEFORM_PAD;  // stored in fours
+  l.opacities = room(1), l.reductions = room(1), l.lengths = room(1);
+  l.forward = at;
+  l.by_first = room(l.first_row), l.by_second = room(l.second_row), l.by_result = room(l.outputs);
+  l.by_input = room(l.embedding);
   l.scratch = at;
   at = 0;
   auto part = [&](long long length) { const long long here = at; at += length; return here; };
-  const long long source = plan.heads ? l.heads : l.hidden;
-  l.weight_embedding = part(plan.hidden * l.embedding), l.weight_shared = part(l.hidden);
-  l.weight_head = part(plan.heads * l.hidden), l.bias_head = part(l.heads);
-  l.weight_output = part(plan.outputs * source), l.bias_output = part(l.outputs);
+  l.weight_embedding = part(l.first_row * l.embedding), l.weight_shared = part(l.first_row);
+  l.weight_head = part(plan.networks * plan.heads * l.hidden), l.bias_head = part(l.second_row);
+  l.weight_output = part(plan.outputs * l.weight_output_row), l.bias_output = part(l.outputs);
   l.partial = padded(at);
   return l;
 }

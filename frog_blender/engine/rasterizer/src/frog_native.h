@@ -35,19 +35,24 @@ enum { FROG_OPACITY_OFF = 0, FROG_OPACITY_PAPER = 1, FROG_OPACITY_UNIT = 2 };
 typedef struct {
   int32_t count, embedding_size, hidden_width;
   int32_t head_width;                         // of each head's hidden layer; 0: all outputs read the first layer
+  int32_t networks;                           // 1 or 2 of this shape, whose outputs add up
   int32_t sh_count, sh_active, sh_deformed;   // coefficients there are, that come out, and that the network changes
   int32_t opacity_form;
+  int32_t unit_quaternions;                   // in the forward pass: they come out normalised
   float opacity_sharpness, opacity_share;     // see model/opacity.py
   float motion_unit;                          // world units that an output of one moves a Gaussian by
   const float *means, *log_scales, *quaternions, *opacity_logits, *sh;  // (N, 3), (N, 3), (N, 4), (N,), (N, sh_count, 3)
   const float *embeddings;                    // (N, embedding_size)
-  const float *shared;                        // (hidden_width,) the first layer's temporal part and bias
-  const float *embedding_weight;              // (hidden_width, embedding_size)
-  const float *head_weight, *head_bias;       // (heads * head_width, hidden_width), (heads * head_width,) or null
-  const float *output_weight, *output_bias;   // (outputs, head_width or hidden_width), (outputs,)
+  const float *shared;                        // (networks * hidden_width,) the first layer's temporal part and bias
+  const float *embedding_weight;              // (networks * hidden_width, embedding_size)
+  const float *head_weight, *head_bias;       // (networks * heads * head_width, hidden_width), as many, or null
+  const float *output_weight, *output_bias;   // (outputs, networks * (head_width or hidden_width)), (outputs,)
+  const float *first_layer;                   // (N, networks * hidden_width) embeddings times embedding_weight, or null:
+                                              // the forward pass then reads no embeddings
 } FrogDeformation;
 
-// Deformed, activated Gaussians, or the gradients by them.
+// Deformed, activated Gaussians, or the gradients by them. Where sh_active is more than sh_count, the forward pass leaves
+// the coefficients beyond sh_count as they are in the output.
 typedef struct {
   float *means, *quaternions, *scales, *opacities, *sh;  // sh is (N, sh_active, 3)
   float *changes;  // (N, outputs) what the network added: means, log_scales, quaternions, opacity logit, sh (or null)

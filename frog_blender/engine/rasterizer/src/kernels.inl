@@ -17,6 +17,7 @@ namespace FROG_ISA {
 #include "blend.inl"
 #include "blend_backward.inl"
 #include "gemm.inl"
+#include "activation.inl"
 #include "deformation.inl"
 #include "similarity.inl"
 

@@ -1,0 +1,154 @@
+// What becomes of the deformation network's outputs: activations, opacity reduction, the deformed attributes; and their
+// gradients. Gaussians' numbers are handled in fours, which overlap the next Gaussian's where there are three: what is
+// stored over it is written again when its turn comes, and the last one of a block goes number by number.
+
+typedef float Quad __attribute__((vector_size(16)));
+static inline Quad load_4(const float *from) { Quad v; __builtin_memcpy(&v, from, sizeof v); return v; }
+static inline void store_4(float *to, Quad v) { __builtin_memcpy(to, &v, sizeof v); }
+
+// Offsets of the outputs: means 3, log_scales 3, quaternions 4, opacity logit 1, then spherical harmonics.
+enum { OUT_MEANS = 0, OUT_SCALES = 3, OUT_QUATERNIONS = 6, OUT_OPACITY = 10, OUT_SH = 11 };
+
+// to = a + b, or a.
+static inline void add(float *to, const float *a, const float *b, long long count) {
+  long long k = 0;
+  for (; k + 4 <= count; k += 4) store_4(to + k, load_4(a + k) + load_4(b + k));
+  for (; k < count; ++k) to[k] = a[k] + b[k];
+}
+static inline void copy(float *to, const float *a, long long count) {
+  long long k = 0;
+  for (; k + 4 <= count; k += 4) store_4(to + k, load_4(a + k));
+  for (; k < count; ++k) to[k] = a[k];
+}
+
+static inline bool reduces(const FrogDeformation &field) {
+  return field.opacity_form != FROG_OPACITY_OFF && field.opacity_share != 0;
+}
+
+// Factor on the opacity at a change of its logit, from e = exp(-sharpness * change) (see model/opacity.py).
+static inline Floats reduction(const FrogDeformation &field, Floats e) {
+  Floats factor = 1.0f / (1.0f + e);
+  if (field.opacity_form == FROG_OPACITY_UNIT) factor = smaller(2.0f * factor, all(1.0f));
+  return (1 - field.opacity_share) + field.opacity_share * factor;
+}
+// Its derivative by the change.
+static inline float reduction_slope(const FrogDeformation &field, float e) {
+  if (!reduces(field)) return 0;
+  const float s = 1 / (1 + e);
+  const float by_change = field.opacity_sharpness * s * (1 - s);
+  if (field.opacity_form == FROG_OPACITY_PAPER) return field.opacity_share * by_change;
+  return 2 * s <= 1 ? field.opacity_share * 2 * by_change : 0;
+}
+
+static inline void exponentials(float *values, long long count) {
+  for (long long i = 0; i < count; i += LANES)
+    store(values + i, exp2(larger(smaller(load(values + i) * LOG2E, all(120.0f)), all(-120.0f))));
+}
+
+// The block's exponentials: its scales (rows, 3), and those in the sigmoids of its opacities and of their reduction.
+static void activate(const FrogDeformation &field, const DeformationLayout &l, float *scratch, int begin, int rows) {
+  float *scales = scratch + l.scales, *opacities = scratch + l.opacities, *reductions = scratch + l.reductions;
+  const float *log_scales = field.log_scales + 3ll * begin, *logits = field.opacity_logits + begin;
+  const float *y = scratch + l.result;
+  for (int r = 0; r < rows; ++r, y += l.outputs) {
+    if (r < rows - 1)
+      store_4(scales + 3 * r, load_4(log_scales + 3 * r) + load_4(y + OUT_SCALES));
+    else
+      add(scales + 3 * r, log_scales + 3 * r, y + OUT_SCALES, 3);
+    opacities[r] = -(logits[r] + y[OUT_OPACITY]);
+    reductions[r] = -field.opacity_sharpness * y[OUT_OPACITY];
+  }
+  exponentials(scales, 3 * rows);
+  exponentials(opacities, rows);
+  if (reduces(field)) exponentials(reductions, rows);
+}
+
+// Turns the exponentials in `opacities` into the opacities themselves.
+static void finish_opacities(const FrogDeformation &field, const DeformationLayout &l, float *scratch, int rows) {
+  float *opacities = scratch + l.opacities;
+  const float *reductions = scratch + l.reductions;
+  for (int r = 0; r < rows; r += LANES) {
+    const Floats factor = reduces(field) ? reduction(field, load(reductions + r)) : all(1.0f);
+    store(opacities + r, factor / (1.0f + load(opacities + r)));
+  }
+}
+
+static void finish_quaternions(const FrogDeformation &field, const DeformationLayout &l, float *scratch, float *quaternions,
+                               int begin, int rows) {
+  const float *from = field.quaternions + 4ll * begin, *y = scratch + l.result + OUT_QUATERNIONS;
+  float *lengths = scratch + l.lengths;
+  for (int r = 0; r < rows; ++r, y += l.outputs) {
+    const Quad q = load_4(from + 4 * r) + load_4(y), squares = q * q;
+    store_4(quaternions + 4 * r, q);
+    lengths[r] = (squares[0] + squares[1]) + (squares[2] + squares[3]);
+  }
+  if (!field.unit_quaternions) return;
+  for (int r = 0; r < rows; ++r) {
+    const float length = __builtin_sqrtf(lengths[r]);
+    lengths[r] = 1 / (length > 1e-12f ? length : 1e-12f);
+  }
+  for (int r = 0; r < rows; ++r) store_4(quaternions + 4 * r, load_4(quaternions + 4 * r) * lengths[r]);
+}
+
+// The deformed attributes of a block, from its outputs and exponentials.
+static void finish(const DeformationPlan &plan, const DeformationLayout &l, float *scratch, const FrogDeformed &out, int begin,
+                   int rows) {
+  const FrogDeformation &field = *plan.field;
+  const float *means = field.means + 3ll * begin, *y = scratch + l.result;
+  float *means_out = out.means + 3ll * begin;
+  for (int r = 0; r < rows - 1; ++r, y += l.outputs)
+    store_4(means_out + 3 * r, load_4(means + 3 * r) + field.motion_unit * load_4(y + OUT_MEANS));
+  for (int k = 3 * (rows - 1), j = 0; j < 3; ++j) means_out[k + j] = means[k + j] + field.motion_unit * y[OUT_MEANS + j];
+  __builtin_memcpy(out.scales + 3ll * begin, scratch + l.scales, 3 * rows * sizeof(float));
+  finish_opacities(field, l, scratch, rows);
+  __builtin_memcpy(out.opacities + begin, scratch + l.opacities, rows * sizeof(float));
+  finish_quaternions(field, l, scratch, out.quaternions + 4ll * begin, begin, rows);
+  const int there = 3 * (field.sh_count < field.sh_active ? field.sh_count : field.sh_active);
+  const int deformed = 3 * field.sh_deformed < there ? 3 * field.sh_deformed : there;
+  const float *sh = field.sh + 3ll * field.sh_count * begin;
+  float *sh_out = out.sh + 3ll * field.sh_active * begin;
+  y = scratch + l.result + OUT_SH;
+  for (int r = 0; r < rows; ++r, sh += 3 * field.sh_count, sh_out += 3 * field.sh_active, y += l.outputs) {
+    add(sh_out, sh, y, deformed);
+    copy(sh_out + deformed, sh + deformed, there - deformed);
+  }
+  if (!out.changes) return;
+  y = scratch + l.result;
+  float *changes = out.changes + static_cast<long long>(plan.outputs) * begin;
+  for (int r = 0; r < rows; ++r, changes += plan.outputs, y += l.outputs) {
+    copy(changes, y, plan.outputs);
+    for (int k = 0; k < 3; ++k) changes[OUT_MEANS + k] *= field.motion_unit;
+  }
+}
+
+// Gradients through the activations of a block: of its canonical attributes, and of the network's outputs.
+static void activations_backward(const DeformationPlan &plan, const DeformationLayout &l, float *scratch, const FrogDeformed &by,
+                                 const FrogDeformationGradients &out, int begin, int rows) {
+  const FrogDeformation &field = *plan.field;
+  const int active = 3 * field.sh_active, stored = 3 * field.sh_count, deformed = 3 * field.sh_deformed;
+  const int both = deformed < active ? deformed : active;
+  for (int r = 0; r < rows; ++r) {
+    const long long i = begin + r;
+    float *by_y = scratch + l.by_result + r * l.outputs;
+    for (int k = 0; k < 3; ++k) {
+      const float by_mean = by.means[3 * i + k];
+      out.means[3 * i + k] = by_mean;
+      by_y[OUT_MEANS + k] = field.motion_unit * by_mean;
+    }
+    for (int k = 0; k < 3; ++k)
+      out.log_scales[3 * i + k] = by_y[OUT_SCALES + k] = by.scales[3 * i + k] * scratch[l.scales + 3 * r + k];
+    for (int k = 0; k < 4; ++k) out.quaternions[4 * i + k] = by_y[OUT_QUATERNIONS + k] = by.quaternions[4 * i + k];
+    const float e = scratch[l.reductions + r], opacity = 1 / (1 + scratch[l.opacities + r]);
+    const float factor = reduces(field) ? reduction(field, all(e))[0] : 1;
+    const float by_logit = by.opacities[i] * factor * opacity * (1 - opacity);
+    out.opacity_logits[i] = by_logit;
+    by_y[OUT_OPACITY] = by_logit + by.opacities[i] * opacity * reduction_slope(field, e);
+    const float *by_sh = by.sh + i * active;
+    float *sh_out = out.sh + i * stored;
+    copy(sh_out, by_sh, active);
+    for (int k = active; k < stored; ++k) sh_out[k] = 0;
+    copy(by_y + OUT_SH, by_sh, both);
+    for (int k = both; k < deformed; ++k) by_y[OUT_SH + k] = 0;
+    for (long long k = plan.outputs; k < l.outputs; ++k) by_y[k] = 0;
+  }
+}

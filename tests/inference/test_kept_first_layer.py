@@ -1,0 +1,74 @@
+"""What playback asks of the native deformation: the kept first layer, unit quaternions, constant colours."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from fields import field_arrays, output_arrays
+
+from frog_blender.engine.rasterizer import native
+from frog_blender.engine.rasterizer.native_deformation import FieldShape, deform
+
+
+def kept(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The same field without embeddings, their product with the first layer's weights in their place."""
+    product = arrays["embeddings"] @ arrays["embedding_weight"].T
+    return {name: array for name, array in arrays.items() if name != "embeddings"} | {"first_layer": product}
+
+
+@pytest.mark.parametrize("networks", [1, 2])
+@pytest.mark.parametrize(("hidden", "head"), [(1, 0), (33, 0), (64, 0), (33, 24), (16, 16)])
+@pytest.mark.parametrize("count", [1, 5, 97, 1000])
+def test_the_kept_product_gives_the_same(networks: int, hidden: int, head: int, count: int) -> None:
+    # A sharpness of 10 would make the rounding of the opacity's change ten times larger.
+    shape = FieldShape(head, 9, 4, "unit", 1.0, 1.0, 0.5, networks)
+    arrays = field_arrays(shape, hidden, 7, count)
+    expected, found = output_arrays(shape, count, changes=True), output_arrays(shape, count, changes=True)
+    deform(shape, arrays, expected)
+    deform(shape, kept(arrays), found)
+    for name, values in expected.items():
+        assert np.isfinite(values).all()
+        np.testing.assert_allclose(found[name], values, rtol=1e-6, atol=1e-6, err_msg=name)
+
+
+def test_the_same_bits_on_any_number_of_threads() -> None:
+    try:
+        for head in (0, 24):
+            shape, results = FieldShape(head, 9, 4, "unit", 10.0, 1.0, 0.5, 2), []
+            arrays = kept(field_arrays(shape, 33, 7, 5000))
+            for threads in (1, 2, 7):
+                native.set_thread_count(threads)
+                results.append(output_arrays(shape, 5000))
+                deform(shape, arrays, results[-1], unit_quaternions=True)
+            for name, values in results[0].items():
+                assert all(result[name].tobytes() == values.tobytes() for result in results)
+    finally:
+        native.set_thread_count(0)
+
+
+@pytest.mark.parametrize("count", [1, 97, 500])
+def test_unit_quaternions(count: int) -> None:
+    shape = FieldShape(0, 4, 1, "off", 10.0, 1.0, 0.5)
+    arrays = field_arrays(shape, 20, 5, count, sh_count=4)
+    arrays["output_weight"][6:10], arrays["output_bias"][6:10] = 0, 0
+    arrays["quaternions"][0] = 0  # has no direction, and gets none
+    plain, unit = output_arrays(shape, count), output_arrays(shape, count)
+    deform(shape, arrays, plain)
+    deform(shape, arrays, unit, unit_quaternions=True)
+    lengths = np.linalg.norm(plain["quaternions"].astype(np.float64), axis=1, keepdims=True)
+    np.testing.assert_allclose(unit["quaternions"], plain["quaternions"] / np.maximum(lengths, 1e-12), atol=3e-7)
+    assert not unit["quaternions"][0].any()
+    for name in ("means", "scales", "opacities", "sh"):
+        np.testing.assert_array_equal(unit[name], plain[name])
+
+
+@pytest.mark.parametrize("deformed", [0, 1, 4, 16])
+def test_colours_that_are_not_given_stay_in_the_output(deformed: int) -> None:
+    shape = FieldShape(0, 16, deformed, "unit", 10.0, 1.0, 0.5)
+    arrays = field_arrays(shape, 20, 5, 300)
+    expected, found = output_arrays(shape, 300), output_arrays(shape, 300)
+    deform(shape, arrays, expected)
+    found["sh"][:] = arrays["sh"]
+    deform(shape, arrays | {"sh": np.ascontiguousarray(arrays["sh"][:, :deformed])}, found)
+    np.testing.assert_array_equal(found["sh"], expected["sh"])
+    np.testing.assert_array_equal(found["means"], expected["means"])
