@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 from drawing import relative_error
+from fields import field_arrays, output_arrays
 from helpers import run_python
 
 from frog_blender.engine.model.canonical import CanonicalField
@@ -18,7 +19,7 @@ from frog_blender.engine.model.frog import Frog, FrogSettings, Progressing
 from frog_blender.engine.model.fused import deform_fused
 from frog_blender.engine.model.fusion import network_count
 from frog_blender.engine.rasterizer import GaussianArrays, native
-from frog_blender.engine.rasterizer.native_deformation import FieldShape
+from frog_blender.engine.rasterizer.native_deformation import FieldShape, deform_backward
 
 SETTINGS = FrogSettings(
     temporal_rows=6, coarse_rows=3, temporal_size=7, embedding_size=8, hidden_width=32, motion_unit=0.7
@@ -273,3 +274,41 @@ def test_instruction_sets_agree(tmp_path: Path) -> None:
     for instruction_set, result in results.items():
         for name, expected in baseline.items():
             assert relative_error(result[name], expected) < 1e-5, (instruction_set, name)
+
+
+@pytest.mark.parametrize("pulled", [0, 1, 300, 3740, 3760, 5000])
+@pytest.mark.parametrize("head_width", [0, 24])
+def test_gaussians_without_a_gradient_cost_nothing_and_change_nothing(pulled: int, head_width: int) -> None:
+    """The backward pass leaves them out: theirs are zero, the others' are as before, and the weights' add up."""
+    count = 5000
+    shape = FieldShape(head_width, 9, 4, "unit", 10.0, 0.6, 0.5)
+    arrays = field_arrays(shape, 33, 3, count)
+    random = np.random.default_rng(5)
+    seen = np.zeros(count, bool)
+    seen[random.permutation(count)[:pulled]] = True
+    whole = {name: np.float32(random.normal(size=array.shape)) for name, array in output_arrays(shape, count).items()}
+
+    def gradients(of: np.ndarray) -> dict[str, np.ndarray]:
+        by = {n: np.where(of.reshape(-1, *[1] * (a.ndim - 1)), a, np.float32(0)) for n, a in whole.items()}
+        result = {name: np.full_like(array, np.nan) for name, array in arrays.items()}
+        deform_backward(shape, arrays, by, result)
+        return result
+
+    found, others, expected = gradients(seen), gradients(~seen), gradients(np.ones(count, bool))
+    for name, value in expected.items():
+        if len(value) == count:
+            assert not found[name][~seen].any(), name
+            np.testing.assert_allclose(found[name][seen], value[seen], rtol=1e-5, atol=1e-6)
+        else:
+            assert relative_error(found[name] + others[name], value) < 1e-5, name
+        assert np.isfinite(found[name]).all()
+
+
+def test_a_gradient_that_is_not_a_number_is_not_lost() -> None:
+    shape = FieldShape(0, 4, 1, "unit", 10.0, 1.0, 0.5)
+    arrays = field_arrays(shape, 16, 3, 50)
+    by = {name: np.zeros_like(array) for name, array in output_arrays(shape, 50).items()}
+    by["scales"][7, 1] = np.nan
+    result = {name: np.zeros_like(array) for name, array in arrays.items()}
+    deform_backward(shape, arrays, by, result)
+    assert np.isnan(result["log_scales"][7, 1]) and np.isfinite(np.delete(result["log_scales"], 7, 0)).all()

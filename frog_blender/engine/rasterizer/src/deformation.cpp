@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "buffer.h"
+#include "pulled_rows.h"
 #include "thread_pool.h"
 
 namespace frog {
@@ -154,17 +155,7 @@ float *thread_scratch(size_t length) {
   return scratch.resize(length);
 }
 
-}  // namespace
-
-void deform(const Kernels &kernels, const FrogDeformation &field, const FrogDeformed &result) {
-  const Packed packed = plan_of(field, false);
-  const DeformationLayout layout = layout_of(packed.plan);
-  parallel_for(field.count, DEFORM_CHUNK, [&](int begin, int end) {
-    kernels.deform(packed.plan, result, begin, end, thread_scratch(layout.forward));
-  });
-}
-
-void deform_backward(const Kernels &kernels, const FrogDeformation &field, const FrogDeformed &by,
+void backward_of_all(const Kernels &kernels, const FrogDeformation &field, const FrogDeformed &by,
                      const FrogDeformationGradients &result) {
   const Packed packed = plan_of(field, true);
   const DeformationPlan &plan = packed.plan;
@@ -182,6 +173,25 @@ void deform_backward(const Kernels &kernels, const FrogDeformation &field, const
   for (long long chunk = 1; chunk < chunks; ++chunk)
     for (long long k = 0; k < l.partial; ++k) sum[k] += partials[chunk * l.partial + k];
   unpack_gradients(plan, l, sum, result);
+}
+
+}  // namespace
+
+void deform(const Kernels &kernels, const FrogDeformation &field, const FrogDeformed &result) {
+  const Packed packed = plan_of(field, false);
+  const DeformationLayout layout = layout_of(packed.plan);
+  parallel_for(field.count, DEFORM_CHUNK, [&](int begin, int end) {
+    kernels.deform(packed.plan, result, begin, end, thread_scratch(layout.forward));
+  });
+}
+
+void deform_backward(const Kernels &kernels, const FrogDeformation &field, const FrogDeformed &by,
+                     const FrogDeformationGradients &result) {
+  PulledRows pulled(field, by);
+  if (pulled.count() > field.count / 4 * 3) return backward_of_all(kernels, field, by, result);
+  pulled.gather();
+  backward_of_all(kernels, pulled.field(), pulled.by(), pulled.results(result));
+  pulled.scatter(result);
 }
 
 }  // namespace frog

@@ -1,0 +1,80 @@
+#include "pulled_rows.h"
+
+#include <algorithm>
+
+#include "thread_pool.h"
+
+namespace frog {
+namespace {
+
+constexpr int GRAIN = 4096;
+
+bool any(const float *values, int count) {
+  bool found = false;
+  for (int k = 0; k < count; ++k) found |= values[k] != 0;  // true for NaN too
+  return found;
+}
+
+}  // namespace
+
+PulledRows::PulledRows(const FrogDeformation &field, const FrogDeformed &by) : field_(field), by_(by) {
+  places_.resize(field.count);
+  const int colors = 3 * field.sh_active;
+  parallel_for(field.count, GRAIN, [&](int begin, int end) {
+    for (long long i = begin; i < end; ++i)
+      places_[i] = by.opacities[i] != 0 || any(by.means + 3 * i, 3) || any(by.scales + 3 * i, 3) ||
+                   any(by.quaternions + 4 * i, 4) || any(by.sh + colors * i, colors);
+  });
+  for (int i = 0; i < field.count; ++i) {
+    const bool pulled = places_[i] != 0;
+    places_[i] = pulled ? count() : -1;
+    if (pulled) rows_.push_back(i);
+  }
+}
+
+float *PulledRows::room(int length) {
+  memory_.push_back(std::make_unique<Buffer<float>>());
+  return memory_.back()->resize(std::max<size_t>(1, rows_.size() * length));
+}
+
+const float *PulledRows::gathered(const float *from, int length) {
+  float *to = room(length);
+  parallel_for(count(), GRAIN, [&](int begin, int end) {
+    for (long long r = begin; r < end; ++r) std::copy_n(from + static_cast<long long>(rows_[r]) * length, length, to + r * length);
+  });
+  return to;
+}
+
+void PulledRows::gather() {
+  field_.log_scales = gathered(field_.log_scales, 3);
+  field_.opacity_logits = gathered(field_.opacity_logits, 1);
+  field_.embeddings = gathered(field_.embeddings, field_.embedding_size);
+  const auto moved = [&](float *from, int length) { return const_cast<float *>(gathered(from, length)); };
+  by_.means = moved(by_.means, 3), by_.quaternions = moved(by_.quaternions, 4), by_.scales = moved(by_.scales, 3);
+  by_.opacities = moved(by_.opacities, 1), by_.sh = moved(by_.sh, 3 * field_.sh_active);
+  field_.count = count();
+}
+
+FrogDeformationGradients PulledRows::results(const FrogDeformationGradients &all) {
+  results_ = all;
+  results_.means = room(3), results_.log_scales = room(3), results_.quaternions = room(4), results_.opacity_logits = room(1);
+  results_.sh = room(3 * field_.sh_count), results_.embeddings = room(field_.embedding_size);
+  return results_;
+}
+
+void PulledRows::scatter(const FrogDeformationGradients &all) const {
+  const struct { const float *from; float *to; long long length; } arrays[] = {
+      {results_.means, all.means, 3}, {results_.log_scales, all.log_scales, 3}, {results_.quaternions, all.quaternions, 4},
+      {results_.opacity_logits, all.opacity_logits, 1}, {results_.sh, all.sh, 3 * field_.sh_count},
+      {results_.embeddings, all.embeddings, field_.embedding_size}};
+  parallel_for(static_cast<int>(places_.size()), GRAIN, [&](int begin, int end) {
+    for (const auto &array : arrays)
+      for (int i = begin; i < end; ++i) {
+        float *to = array.to + i * array.length;
+        if (places_[i] < 0) std::fill_n(to, array.length, 0.0f);
+        else std::copy_n(array.from + places_[i] * array.length, array.length, to);
+      }
+  });
+}
+
+}  // namespace frog

@@ -1,0 +1,37 @@
+// The Gaussians that a picture pulls at: those with a gradient that is not zero. A step that draws a part of a picture
+// sees few of them, and for the others the deformation's backward pass would add up zeros.
+#pragma once
+#include <memory>
+#include <vector>
+
+#include "buffer.h"
+#include "frog_native.h"
+
+namespace frog {
+
+class PulledRows {
+ public:
+  PulledRows(const FrogDeformation &field, const FrogDeformed &by);
+  int count() const { return static_cast<int>(rows_.size()); }
+
+  // The same field, gradients and places for results, of the pulled Gaussians alone.
+  FrogDeformation field() const { return field_; }
+  FrogDeformed by() const { return by_; }
+  FrogDeformationGradients results(const FrogDeformationGradients &all);
+  // Gathers what the backward pass reads; call it before field() and by().
+  void gather();
+  // Puts the results where they belong, and zero everywhere else.
+  void scatter(const FrogDeformationGradients &all) const;
+
+ private:
+  const float *gathered(const float *from, int length);
+  float *room(int length);
+
+  FrogDeformation field_;
+  FrogDeformed by_;
+  FrogDeformationGradients results_{};
+  std::vector<int> rows_, places_;  // of the pulled among all, and of all among the pulled (-1: none)
+  std::vector<std::unique_ptr<Buffer<float>>> memory_;
+};
+
+}  // namespace frog
