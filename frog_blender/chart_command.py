@@ -195,7 +195,7 @@ def _work(options: argparse.Namespace, runs: Sequence[Run], conditions: Conditio
     numpy.finfo(numpy.float64)  # looked up once; later, with denormals flushed by training, it would warn
     with _stopping() as cancelled:
         try:
-            with _shown() as told:
+            with _shown(len(runs)) as told:
                 progress = run_grid(runs, conditions, jobs=options.jobs, told=told, cancelled=cancelled)
         except Stopped:
             return False, 0
@@ -226,17 +226,16 @@ def _stopping() -> Iterator[Callable[[], bool]]:
 
 
 @contextmanager
-def _shown() -> Iterator[Callable[[Progress], None]]:
+def _shown(total: int) -> Iterator[Callable[[Progress], None]]:
     """Yields what takes the grid's progress: one bar over all runs, and a line for each that ended."""
     from tqdm import tqdm
 
     from .engine.comparison.tables import duration
 
     layout = "{desc} |{bar}| {n:.2f}/{total} runs{postfix}"
-    with tqdm(desc="Grid", total=1, file=sys.stderr, bar_format=layout) as line:
+    with tqdm(desc="Grid", total=total, file=sys.stderr, bar_format=layout) as line:
 
         def show(progress: Progress) -> None:
-            line.total = progress.total
             line.n = progress.done + progress.failed + sum(progress.shares.values())
             names = [f"{run.scene} {run.label} {run.seed}" for run in progress.shares]
             left = "" if progress.seconds_left is None else f"about {duration(progress.seconds_left)} left"

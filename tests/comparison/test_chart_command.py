@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import filmed as film
 import pytest
 
 from frog_blender.cli import main
-from frog_blender.engine.comparison import execute, timing, timing_pass
+from frog_blender.engine.capture.capture import Capture
+from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.comparison import execute, protocols, timing, timing_pass
 from frog_blender.engine.comparison.results import read
 from frog_blender.engine.training import job
 
@@ -132,3 +135,28 @@ def test_perceptual_figures_of_a_scene(
         assert f"{name}  - ({reason})" in text
     assert main(["eval", scene, str(filmed), "--json"]) == 0
     assert "flip" not in json.loads(capsys.readouterr().out)
+
+
+def test_a_protocol(chart: Chart, filmed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The protocol opens the captures, names them, chooses the recipe, and its published table stands beside ours."""
+    asked: list[object] = []
+
+    def captures(protocol: str, directory: Path, names: object = None) -> list[tuple[str, Capture]]:
+        asked.append((protocol, directory, names))
+        segment = replace(open_capture(filmed), test_cameras=frozenset({"cam02"}))
+        return [("flame", segment)]
+
+    monkeypatch.setattr(protocols, "captures", captures)
+    out = tmp_path / "o"
+    options = ("--protocol", "n3dv", "--out", out, "--methods", "static", "--steps", 2)
+    status, _, err = chart(filmed.parent, *options)
+    assert status == 0, err
+    (record,) = read(out / "runs.jsonl")
+    assert (record["scene"], record["protocol"], record["recipe_name"]) == ("flame", "n3dv", "paper")
+    assert record["scale"] == 1.0 and record["frames"] == film.FRAMES
+    assert asked[0] == ("n3dv", filmed.parent, None) and ("n3dv", filmed.parent, ["flame"]) in asked
+    assert "## Published" in (out / "tables.md").read_text() and "E-D3DGS" in (out / "tables.md").read_text()
+    status, _, err = chart(filmed.parent, filmed, *options)
+    assert status == 1 and "found 2 folders" in err
+    status, _, err = chart(filmed.parent, "--protocol", "nerf", "--out", out)
+    assert status == 1 and "no protocol 'nerf'" in err

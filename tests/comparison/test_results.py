@@ -50,9 +50,11 @@ def test_the_last_one_counts() -> None:
         {"kind": "run", "key": "a", "psnr": 2},
         {"kind": "timing", "key": "a", "scene": "room", "label": "FRoG", "fps": 1},
         {"kind": "timing", "key": "a", "scene": "room", "label": "FRoG", "fps": 2},
+        {"kind": "timing", "key": "a", "scene": "dim", "label": "FRoG", "fps": 3},
     ]
     assert finished(records) == {"a": records[2]}
-    assert timings(records) == {("room", "FRoG"): records[4]}
+    names = ("scene", "label")
+    assert timings(records, names) == {("room", "FRoG"): records[4], ("dim", "FRoG"): records[5]}
 
 
 def test_two_processes_do_not_work_on_the_same_results(tmp_path: Path) -> None:

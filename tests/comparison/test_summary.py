@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from invented import run_record, whole_chart
+from invented import run_record, timing_record, whole_chart
 
 from frog_blender.engine.comparison.summary import differences, sections
 from frog_blender.engine.comparison.tables import cell, duration, markdown, table
@@ -36,6 +36,11 @@ def test_other_recipes_and_sizes_are_not_mixed() -> None:
     titles = [section.title for section in sections(records)]
     assert titles == ["room (draft, 4000 steps)", "room (draft, 4000 steps, scale 0.5)", "room (standard, 4000 steps)"]
     assert len({section.file_name for section in sections(records)}) == 3
+
+
+def test_times_belong_to_the_size_that_was_timed() -> None:
+    records = [run_record(key="a"), run_record(key="b", scale=0.5), timing_record(fps=44.0, scale=0.5)]
+    assert [section.of_method("frog").fps for section in sections(records)] == [None, 44.0]
 
 
 def test_differences_are_taken_seed_by_seed() -> None:

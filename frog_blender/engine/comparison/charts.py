@@ -38,42 +38,61 @@ def write_charts(sections: Sequence[Section], folder: Path) -> list[Path]:
 
 
 def speed_chart(section: Section) -> Any:
-    """FPS against PSNR, storage as the bubbles' area, and the Pareto front; None without a row that has both."""
+    """FPS against PSNR, storage as the discs' area, and the Pareto front; None without a row that has both.
+
+    A method that lies far below all others (a static scene, mostly) stands at the lower edge with its PSNR in its name,
+    so that the others can be told apart.
+    """
     rows = [row for row in section.rows.get("methods", ()) if row.fps and row.median("psnr") is not None]
     if not rows:
         return None
     figure, axes = _figure(section.title)
     points = [(row.fps or 0.0, row.median("psnr") or 0.0) for row in rows]
     sizes = [(row.median("bytes") or 0.0) / 1e6 for row in rows]
-    largest = max([*sizes, 1e-9])
-    areas = [60 + 840 * size / largest for size in sizes]  # square points
-    fps, psnr = [x for x, _ in points], [y for _, y in points]
+    areas = [60 + 840 * size / max([*sizes, 1e-9]) for size in sizes]  # square points
+    names = [f"{row.label}, {size:.1f} MB" for row, size in zip(rows, sizes, strict=True)]
+    front = pareto_front(points)
+    bottom = _far_below([psnr for _, psnr in points])
+    if bottom is not None:
+        names[bottom] += f", {points[bottom][1]:.1f} dB (below)"
+    seen = [psnr for i, (_, psnr) in enumerate(points) if i != bottom]
+    margin = max(0.4, 0.3 * (max(seen) - min(seen)))
+    low = min(seen) - margin * (1 if bottom is None else 2)
+    if bottom is not None:
+        points[bottom] = (points[bottom][0], low + 0.5 * margin)
+    fps = [x for x, _ in points]
     axes.set_xscale("log")
     axes.set_xlim(min(fps) / 1.7, max(fps) * 1.7)
-    margin = max(0.4, 0.25 * (max(psnr) - min(psnr)))
-    axes.set_ylim(min(psnr) - margin, max(psnr) + margin)
+    axes.set_ylim(low, max(seen) + margin)
     _plain_ticks(axes)
-    front = pareto_front(points)
     if len(front) > 1:
         axes.plot(
             *zip(*front, strict=True), color="0.55", linestyle="--", linewidth=1.2, zorder=1, label="Pareto front"
         )
-    for row, point, area, (color, marker) in zip(rows, points, areas, _styles(rows), strict=True):
-        low, high = min(row.values("psnr")), max(row.values("psnr"))
-        axes.vlines(point[0], low, high, color=color, linewidth=1, zorder=2)
-        axes.scatter(
-            *point, s=area, color=color, marker=marker, edgecolors="white", linewidths=0.8, alpha=0.9, zorder=3
-        )
+    for i, (row, (color, marker)) in enumerate(zip(rows, _styles(rows), strict=True)):
+        axes.scatter(*points[i], s=areas[i], color=color, alpha=0.35, linewidths=0, zorder=2)
+        axes.scatter(*points[i], s=42, color=color, marker=marker, edgecolors="white", linewidths=0.7, zorder=4)
+        if i != bottom:
+            low, high = min(row.values("psnr")), max(row.values("psnr"))
+            axes.vlines(points[i][0], low, high, color=color, linewidth=1.2, zorder=3)
+    axes.scatter([], [], s=120, color="0.5", alpha=0.35, linewidths=0, label="area: storage on disk")
     axes.set_xlabel("frames a second, deformation and rasterization (logarithmic)")
     axes.set_ylabel("PSNR of the held-out pictures, dB")
-    if len(front) > 1:
-        axes.legend(loc="lower left", frameon=False, fontsize=9)
+    axes.legend(loc="lower left", frameon=False, fontsize=9)
     figure.draw_without_rendering()  # the layout decides where things lie
     figure.set_layout_engine("none")
     radii = [(area**0.5) / 2 * figure.dpi / 72 for area in areas]
-    names = [f"{row.label}, {size:.1f} MB" for row, size in zip(rows, sizes, strict=True)]
     place_labels(axes, points, names, radii)
     return figure
+
+
+def _far_below(values: Sequence[float]) -> int | None:
+    """Which value lies so far under all others that they would become one line beside it; None if none does."""
+    if len(values) < 3:
+        return None
+    lowest, second, *_, highest = sorted(values)
+    far = second - lowest > max(2.0, 2.0 * (highest - second))
+    return list(values).index(lowest) if far else None
 
 
 def pareto_front(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
@@ -99,7 +118,9 @@ def training_chart(section: Section) -> Any:
                 axes.plot(seconds, psnr, color=color, linewidth=0.7, alpha=0.4)
         points = range(min(len(seconds) for seconds, _ in curves))
         middle = [[statistics.median(curve[axis][i] for curve in curves) for i in points] for axis in (0, 1)]
-        axes.plot(*middle, color=color, marker=marker, markersize=5, linewidth=1.8, label=row.label)
+        top = 4 if row.method == "frog" else 3
+        style = {"markersize": 6, "markeredgecolor": "white", "markeredgewidth": 0.6, "linewidth": 1.6, "zorder": top}
+        axes.plot(*middle, color=color, marker=marker, label=row.label, **style)
     dedicated = all(row.timing is not None or row.is_dedicated for row in rows)
     axes.set_xlabel("training, s" + ("" if dedicated else " (some with several runs at once)"))
     axes.set_ylabel("PSNR of the held-out pictures, dB")

@@ -32,17 +32,17 @@ def place_labels(
     frame = tuple(axes.get_window_extent(renderer).extents)
     crowd = [sum(math.dist(a, b) < 120 for b in centers) for a in centers]
     for index in sorted(range(len(names)), key=lambda i: (-crowd[i], i)):
-        text = axes.text(*points[index], names[index], fontsize=9, ha="center", va="center")
+        text = axes.text(*points[index], names[index], fontsize=9, ha="center", va="center", zorder=5)
         extent = text.get_window_extent(renderer)
         place = _free_place(centers[index], radii[index], extent.width, extent.height, taken, frame)
         x, y = place
+        text.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.8})  # above the front's line
         text.set_position(axes.transData.inverted().transform(place))
         box = (x - extent.width / 2, y - extent.height / 2, x + extent.width / 2, y + extent.height / 2)
         taken.append(box)
         if _gap(box, blobs[index]) > 2 * _STEP:
             ends = axes.transData.inverted().transform([centers[index], place])
             axes.plot(*zip(*ends, strict=True), color="0.6", linewidth=0.7, zorder=1)
-            text.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 1.0})
 
 
 def _renderer(figure: Any) -> Any:

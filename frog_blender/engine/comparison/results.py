@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -81,9 +81,9 @@ def finished(records: Iterable[Record]) -> dict[str, Record]:
     return {record["key"]: record for record in records if record["kind"] == "run"}
 
 
-def timings(records: Iterable[Record]) -> dict[tuple[str, str], Record]:
-    """The last timing of each (scene, label)."""
-    return {(record["scene"], record["label"]): record for record in records if record["kind"] == "timing"}
+def timings(records: Iterable[Record], same: Sequence[str]) -> dict[tuple[Any, ...], Record]:
+    """The last timing by the fields ``same``."""
+    return {tuple(record[name] for name in same): record for record in records if record["kind"] == "timing"}
 
 
 def finite(value: Any) -> Any:

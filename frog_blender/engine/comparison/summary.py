@@ -121,7 +121,7 @@ _IDENTITY = ("scene", "recipe_name", "planned_steps", "scale", "holdout_frames",
 def sections(records: Iterable[Record]) -> list[Section]:
     """All finished runs, put together; of two runs with the same row and seed the later counts."""
     records = list(records)
-    times = timings(records)
+    times = timings(records, (*_IDENTITY, "label"))
     found: dict[tuple[object, ...], Section] = {}
     for record in finished(records).values():
         identity = tuple(record[name] for name in _IDENTITY)
@@ -130,7 +130,7 @@ def sections(records: Iterable[Record]) -> list[Section]:
         row = next((row for row in rows if row.label == record["label"]), None)
         if row is None:
             group = record["group"]
-            row = Row(record["label"], record["method"], group, {}, times.get((record["scene"], record["label"])))
+            row = Row(record["label"], record["method"], group, {}, times.get((*identity, record["label"])))
             rows.append(row)
         row.records[record["seed"]] = record
     for section in found.values():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 from .protocols import averages, protocol_named
 from .results import Record
@@ -117,7 +118,9 @@ def _section(section: Section) -> str:
         if group == "methods":
             parts.append(_rows(rows))
         elif group == "time":
-            parts.append("### As long as FRoG took\n\n" + _rows([*first, *rows]))
+            parts.append(
+                "### As long as FRoG took\n\n" + _rows([*(replace(row, group="time") for row in first), *rows])
+            )
         else:
             changes = table(
                 ["difference to FRoG", *TITLES.values()],

@@ -9,6 +9,7 @@ import json
 import os
 import sys
 import threading
+from contextlib import suppress
 from pathlib import Path
 from typing import TextIO
 
@@ -28,8 +29,9 @@ def serve(task: str, answer: TextIO, stopping: threading.Event) -> None:
     conditions = Conditions(Path(wanted["folder"]), wanted["device"], wanted["threads"], wanted["dedicated"])
 
     def say(**values: object) -> None:
-        answer.write(json.dumps(finite(values), allow_nan=False) + "\n")
-        answer.flush()
+        with suppress(OSError):  # nobody listens any more: then it is about to be stopped, and must come to save
+            answer.write(json.dumps(finite(values), allow_nan=False) + "\n")
+            answer.flush()
 
     try:
         record = perform(run, conditions, wanted["seconds"], lambda share: say(share=share), stopping.is_set)
