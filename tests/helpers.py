@@ -98,6 +98,8 @@ def scene_file(count: int = 40, seed: int = 0, sh_count: int = 4, **model: objec
     gaussians = random_gaussians(camera, count, int(sh_count**0.5) - 1, seed)
     settings = {**MODEL, **model}
     sizes = [3, 3, 4, 1] + [3 * settings["deformed_sh"]] * bool(settings["deformed_sh"])
+    networks = 2 if settings.get("fusion") == "dual" else 1
+    given = settings["temporal_size"] * (2 if settings.get("fusion") == "concat" else 1)
     hidden, heads, outputs = settings["hidden_width"], settings["head_width"], sum(sizes)
     arrays = {
         "means": gaussians.means,
@@ -107,15 +109,18 @@ def scene_file(count: int = 40, seed: int = 0, sh_count: int = 4, **model: objec
         "sh": gaussians.sh,
         "embeddings": random.normal(size=(count, settings["embedding_size"])),
         "temporal_table": random.normal(1.0, 0.3, (settings["temporal_rows"], settings["temporal_size"])),
-        "network.embedding_weight": random.normal(0, 0.4, (hidden, settings["embedding_size"])),
-        "network.temporal_weight": random.normal(0, 0.4, (hidden, settings["temporal_size"])),
-        "network.bias": random.normal(0, 0.2, hidden),
-        "network.output_weight": random.normal(0, 0.08, (outputs, heads or hidden)),
+        "network.embedding_weight": random.normal(0, 0.4, (networks * hidden, settings["embedding_size"])),
+        "network.temporal_weight": random.normal(0, 0.4, (networks * hidden, given)),
+        "network.bias": random.normal(0, 0.2, networks * hidden),
+        "network.output_weight": random.normal(0, 0.08, (outputs, networks * (heads or hidden))),
         "network.output_bias": random.normal(0, 0.02, outputs),
     }
     if heads:
-        arrays["network.head_weight"] = random.normal(0, 0.3, (heads * len(sizes), hidden))
-        arrays["network.head_bias"] = random.normal(0, 0.2, heads * len(sizes))
+        arrays["network.head_weight"] = random.normal(0, 0.3, (networks * heads * len(sizes), hidden))
+        arrays["network.head_bias"] = random.normal(0, 0.2, networks * heads * len(sizes))
+    if settings.get("fusion") == "attention":
+        arrays["attention_weight"] = random.normal(0, 0.5, (16, settings["temporal_size"]))
+        arrays["attention_query"] = random.normal(0, 0.5, 16)
     header = SceneHeader(
         method="frog",
         recipe={"name": "test"},

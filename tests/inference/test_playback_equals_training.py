@@ -7,13 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from helpers import ATTRIBUTES, odd_camera, scene_file
+from helpers import ATTRIBUTES, MODEL, odd_camera, scene_file
 
 from frog_blender.engine.files import SceneFile, read_scene, write_scene
 from frog_blender.engine.inference.draw import draw, to_uint8
 from frog_blender.engine.inference.scene import PlayableScene
 from frog_blender.engine.model.canonical import CanonicalField
 from frog_blender.engine.model.frog import Frog, FrogSettings
+from frog_blender.engine.model.interface import Progressing
 from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions, rasterize
 
 TIMES = (0.0, 0.013, 0.25, 0.5, 0.9, 1.0)
@@ -44,7 +45,18 @@ SHAPES = [
     {"opacity_reduction": "off"},
     {"opacity_reduction": "unit", "opacity_sharpness": 3.0},
     {"temporal_rows": 2, "coarse_rows": 2},
+    {"fine_rows": 4, "opacity_share": 0.3},
+    *[{"fusion": fusion} for fusion in ("add", "concat", "attention", "coarse", "fine", "dual")],
+    {"fusion": "dual", "deformed_sh": 4, "hidden_width": 33},
+    {"fusion": "dual", "head_width": 24, "deformed_sh": 4, "hidden_width": 17},
+    {"fusion": "concat", "head_width": 24},
 ]
+
+
+def fine_share(shape: dict) -> float:
+    """How far the schedule of the fine rows has come when it stands at ``shape["fine_rows"]``."""
+    rows, coarse = MODEL["temporal_rows"], MODEL["coarse_rows"]
+    return (shape["fine_rows"] - coarse) / (rows - coarse) if "fine_rows" in shape else 1.0
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: ", ".join(f"{k} {v}" for k, v in shape.items()))
@@ -58,7 +70,7 @@ def test_gaussians_at_many_times(tmp_path: Path, shape: dict, count: int) -> Non
     for time in TIMES:
         found = played.at(time)
         with torch.no_grad():
-            expected = model(time)
+            expected = model(time, Progressing(opacity=shape.get("opacity_share", 1.0), fine_rows=fine_share(shape)))
         assert float((expected.means - still).abs().max()) > 0.01  # it does move
         expected.quaternions = torch.nn.functional.normalize(expected.quaternions, dim=1)
         for name in ATTRIBUTES:
@@ -101,7 +113,7 @@ def test_drawing_without_torch_is_drawing_with_it(tmp_path: Path) -> None:
     camera = odd_camera(53, 38)
     drawing = draw(gaussians, camera, (0.1, 0.2, 0.3))
     image = rasterize(
-        GaussianArrays(*[torch.from_numpy(getattr(gaussians, name)) for name in ATTRIBUTES]),
+        GaussianArrays(*[torch.tensor(getattr(gaussians, name)) for name in ATTRIBUTES]),
         camera,
         (0.1, 0.2, 0.3),
         RasterizeOptions(depth=True),

@@ -1,83 +1,101 @@
-"""The deformation network at playback: numpy and the native library."""
+"""The deformation network at playback (FRoG's, and E-D3DGS's two): numpy and the native library.
+
+What does not depend on time is computed once: the first layer's product with the Gaussians' embeddings, and colours
+that do not deform lie in the frames' memory already.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ..errors import FrogError
-from ..model.temporal import temporal_weights
 from ..rasterizer.arrays import GaussianArrays
 from ..rasterizer.native_deformation import FieldShape, deform
+from .frame_memory import FrameMemory
+from .temporal import TemporalEmbedding, checked
+
+_CANONICAL = ("means", "log_scales", "quaternions", "opacity_logits")
 
 
-def _check_shapes(arrays: dict[str, np.ndarray], model: dict) -> None:
-    """KeyError or ValueError unless every array is what the settings say; the library only sees addresses."""
-    hidden, heads, deformed = int(model["hidden_width"]), int(model["head_width"]), int(model["deformed_sh"])
-    embedding, temporal = int(model["embedding_size"]), int(model["temporal_size"])
-    sizes = 11 + 3 * deformed  # means 3, scales 3, quaternions 4, opacity 1
-    expected = {
-        "embeddings": (len(arrays["means"]), embedding),
-        "temporal_table": (int(model["temporal_rows"]), temporal),
-        "network.embedding_weight": (hidden, embedding),
-        "network.temporal_weight": (hidden, temporal),
-        "network.bias": (hidden,),
-        "network.output_weight": (sizes, heads or hidden),
-        "network.output_bias": (sizes,),
+def _checked_arrays(arrays: dict[str, np.ndarray], model: dict, temporal: TemporalEmbedding) -> dict[str, np.ndarray]:
+    """Contiguous float32 by the native library's names, and ``temporal_weight`` and ``bias``.
+
+    KeyError or ValueError unless every array is what the settings say: the library only sees addresses.
+    """
+    count, networks, embedding = len(arrays["means"]), temporal.networks, int(model["embedding_size"])
+    hidden, heads, deformed = (int(model[name]) for name in ("hidden_width", "head_width", "deformed_sh"))
+    outputs = 11 + 3 * deformed  # means 3, scales 3, quaternions 4, opacity 1
+    if not 0 <= deformed <= arrays["sh"].shape[1]:
+        raise ValueError("it deforms more colours than there are")
+    shapes = {name: (count, *size) for name, size in zip(_CANONICAL, ((3,), (3,), (4,), ()), strict=True)}
+    shapes |= {"sh": (count, arrays["sh"].shape[1], 3), "embeddings": (count, embedding)}
+    shapes |= {
+        "network.embedding_weight": (networks * hidden, embedding),
+        "network.temporal_weight": (networks * hidden, temporal.size),
+        "network.bias": (networks * hidden,),
+        "network.output_weight": (outputs, networks * (heads or hidden)),
+        "network.output_bias": (outputs,),
     }
     if heads:
-        width = heads * (5 if deformed else 4)
-        expected |= {"network.head_weight": (width, hidden), "network.head_bias": (width,)}
-    for name, shape in expected.items():
-        if arrays[name].shape != shape or 0 in shape:
-            raise ValueError(f"{name} has shape {arrays[name].shape}, expected {shape}")
-    if not 0 <= deformed <= arrays["sh"].shape[1] or not 1 <= int(model["coarse_rows"]) <= int(model["temporal_rows"]):
-        raise ValueError("it deforms more colours or resamples to more rows than there are")
-    if (
-        not 0 <= int(model.get("fine_rows", 0)) <= int(model["temporal_rows"])
-        or not 0 <= float(model.get("opacity_share", 1.0)) <= 1
-    ):
-        raise ValueError("its schedules stand where they cannot")
-    if model["opacity_reduction"] not in ("paper", "unit", "off") or not float(model["opacity_sharpness"]) >= 0:
-        raise ValueError(f"the opacity reduction is {model['opacity_reduction']!r}, {model['opacity_sharpness']}")
+        width = networks * heads * (5 if deformed else 4)
+        shapes |= {"network.head_weight": (width, hidden), "network.head_bias": (width,)}
+    return {name.removeprefix("network."): checked(arrays, name, shape) for name, shape in shapes.items()}
+
+
+def _shape(model: dict, sh_count: int, networks: int) -> FieldShape:
+    """KeyError or ValueError for settings that cannot be."""
+    form, sharpness = model["opacity_reduction"], float(model["opacity_sharpness"])
+    if form not in ("paper", "unit", "off") or not sharpness >= 0:
+        raise ValueError(f"the opacity reduction is {form!r}, {sharpness}")
+    share = float(model.get("opacity_share", 1.0))
+    if not 0 <= share <= 1:
+        raise ValueError(f"the opacity reduction's share is {share}")
+    head_width, deformed, unit = int(model["head_width"]), int(model["deformed_sh"]), float(model["motion_unit"])
+    return FieldShape(head_width, sh_count, deformed, form, sharpness, share, unit, networks)
 
 
 class PlayableDeformation:
-    """Deformed Gaussians at a time, exactly as the training path computes them.
+    """Deformed Gaussians at a time, exactly as the training path computes them, but for rounding.
 
     Args:
         arrays: the scene file's arrays.
         model: the scene header's model settings.
     """
 
+    unit_quaternions = True
+
     def __init__(self, arrays: dict[str, np.ndarray], model: dict) -> None:
         try:
-            _check_shapes(arrays, model)
-            self._shape = FieldShape(
-                int(model["head_width"]),
-                arrays["sh"].shape[1],
-                int(model["deformed_sh"]),
-                model["opacity_reduction"],
-                float(model["opacity_sharpness"]),
-                float(model.get("opacity_share", 1.0)),
-                float(model["motion_unit"]),
-            )
-            self._table = arrays["temporal_table"].astype(np.float32)
-            self._temporal_weight, self._bias = arrays["network.temporal_weight"], arrays["network.bias"]
-            self._rows = (int(model["coarse_rows"]), int(model.get("fine_rows", 0)) or int(model["temporal_rows"]))
-            self._arrays = {
-                name.removeprefix("network."): np.ascontiguousarray(array, np.float32)
-                for name, array in arrays.items()
-                if name != "temporal_table"
-            }
-        except (KeyError, ValueError, TypeError) as error:
+            self._temporal = TemporalEmbedding(arrays, model)
+            a = _checked_arrays(arrays, model, self._temporal)
+            self._shape = _shape(model, a["sh"].shape[1], self._temporal.networks)
+        except (KeyError, ValueError, TypeError, AttributeError, IndexError, OverflowError) as error:
             raise FrogError(f"The scene's deformation network cannot be used ({error}); train it again.") from error
+        weight = a.pop("temporal_weight")
+        self._temporal_weight, self._bias = weight.reshape(self._temporal.networks, -1, weight.shape[1]), a.pop("bias")
+        count, deformed = len(a["means"]), self._shape.sh_deformed
+        self._sh = a["sh"]
+        a["sh"] = np.ascontiguousarray(a["sh"][:, :deformed])  # the others are in the frames' memory
+        if not self._shape.head_width:
+            # With heads the product is a twentieth of the arithmetic, and not worth its memory.
+            a["first_layer"] = a.pop("embeddings") @ a["embedding_weight"].T
+        self._arrays = a
+        shapes: dict[str, tuple[int, ...]] = {"means": (count, 3), "quaternions": (count, 4), "scales": (count, 3)}
+        shapes |= {"opacities": (count,)}
+        if deformed:
+            shapes["sh"] = self._sh.shape
+        self._memory = FrameMemory(shapes, {"sh": self._sh} if deformed else {})
+
+    def temporal(self, time: float) -> np.ndarray:
+        """(networks, T) what each network is given at a time in [0, 1]."""
+        return self._temporal.at(time)
+
+    def shared(self, time: float) -> np.ndarray:
+        """(networks * hidden,) the first layer's temporal part and bias."""
+        return (self._temporal_weight @ self.temporal(time)[:, :, None]).ravel() + self._bias
 
     def at(self, time: float) -> GaussianArrays:
-        """The Gaussians at a time in [0, 1], activated; quaternions are not normalised."""
-        coarse, fine = (temporal_weights(time, rows, len(self._table)) @ self._table for rows in self._rows)
-        shared = (self._temporal_weight @ (coarse * fine) + self._bias).astype(np.float32)
-        a = self._arrays
-        result = {name: np.empty_like(a[name]) for name in ("means", "quaternions", "sh")}
-        result |= {"scales": np.empty_like(a["log_scales"]), "opacities": np.empty_like(a["opacity_logits"])}
-        deform(self._shape, a | {"shared": shared}, result)
+        """The Gaussians at a time in [0, 1], activated, with unit quaternions; the arrays are not to be changed."""
+        result = {"sh": self._sh, **self._memory.take()}
+        deform(self._shape, self._arrays | {"shared": self.shared(time)}, result, unit_quaternions=True)
         return GaussianArrays(**result)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import threading
+from collections import OrderedDict
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +17,20 @@ from ..rasterizer.arrays import GaussianArrays
 from .deformation import PlayableDeformation
 from .rivals import RIVALS
 
-PLAYABLE: dict[str, Callable[[dict[str, np.ndarray], dict], Any]] = {"frog": PlayableDeformation, **RIVALS}
-"""What moves a scene, by the method in its header; a method that is not here has nothing that moves."""
+PLAYABLE: dict[str, Callable[[dict[str, np.ndarray], dict], Any]] = {
+    "frog": PlayableDeformation,
+    "ed3dgs": PlayableDeformation,
+    **RIVALS,
+}
+"""What moves a scene, by the method in its header; a method that is not here has nothing that moves. Quaternions may be
+of any length unless the class has a true ``unit_quaternions``."""
+
+TIMES_KEPT = 4
+"""Times a scene remembers: a render asks for the same one for every view layer, playback for its neighbours."""
 
 
 class PlayableScene:
-    """Stateless: any time, in any order, from any thread.
+    """Stateless to its callers: any time, in any order, from any thread.
 
     Attributes:
         header: the scene file's header.
@@ -32,6 +43,8 @@ class PlayableScene:
         self.count = len(scene.arrays["means"])
         playable = PLAYABLE.get(scene.header.method)
         self._deformation = playable(scene.arrays, scene.header.model) if playable else None
+        self._recent: OrderedDict[float, GaussianArrays] = OrderedDict()
+        self._lock = threading.Lock()
 
     @classmethod
     def load(cls, path: str | Path) -> PlayableScene:
@@ -43,13 +56,39 @@ class PlayableScene:
         return self.at(frame_to_time(frame, self.header.frame_count))
 
     def at(self, time: float) -> GaussianArrays:
-        """Gaussians at a time in [0, 1] (clamped): unit quaternions, scales and opacities activated."""
+        """Gaussians at a time in [0, 1] (clamped): unit quaternions, scales and opacities activated.
+
+        The arrays are read-only: others may be shown the same.
+        """
+        time = min(max(float(time), 0.0), 1.0) if self._deformation is not None else 0.0
+        with self._lock:
+            known = self._recent.get(time)
+            if known is not None:
+                self._recent.move_to_end(time)
+                return _read_only(known)
+            while len(self._recent) >= TIMES_KEPT:
+                self._recent.popitem(last=False)  # before the new one is computed, which may use its memory again
+        gaussians = _read_only(self._compute(time))
+        with self._lock:
+            self._recent[time] = gaussians
+        return _read_only(gaussians)
+
+    def _compute(self, time: float) -> GaussianArrays:
         a = self._arrays
         if self._deformation is not None:
             gaussians = self._deformation.at(time)
         else:
             opacities = 1 / (1 + np.exp(-np.clip(a["opacity_logits"], -80, 80)))
             gaussians = GaussianArrays(a["means"], a["quaternions"], np.exp(a["log_scales"]), opacities, a["sh"])
-        lengths = np.linalg.norm(gaussians.quaternions, axis=1, keepdims=True)
-        gaussians.quaternions = gaussians.quaternions / np.maximum(lengths, 1e-12)
+        if not getattr(self._deformation, "unit_quaternions", False):
+            lengths = np.linalg.norm(gaussians.quaternions, axis=1, keepdims=True)
+            gaussians.quaternions = gaussians.quaternions / np.maximum(lengths, 1e-12)
         return gaussians.checked()
+
+
+def _read_only(gaussians: GaussianArrays) -> GaussianArrays:
+    """Other views of the same arrays, which cannot be written through."""
+    views = {field.name: getattr(gaussians, field.name).view() for field in fields(GaussianArrays)}
+    for view in views.values():
+        view.flags.writeable = False
+    return GaussianArrays(**views)

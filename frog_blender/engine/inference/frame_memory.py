@@ -1,0 +1,53 @@
+"""Memory for the Gaussians of a frame, used again once nobody holds a frame's arrays any more.
+
+Fresh memory costs a page fault every few kilobytes, and colours that do not deform need to be written only once.
+"""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+
+
+class FrameMemory:
+    """Hands out the same arrays again and again, each time when the last holder of the time before is gone.
+
+    Args:
+        shapes: of the float32 arrays of a frame, by name.
+        constant: arrays by name that fill those of a new frame; who overwrites parts of them does so in every frame.
+        kept: frames to remember; what is handed out beyond them is forgotten, oldest first.
+    """
+
+    def __init__(self, shapes: dict[str, tuple[int, ...]], constant: dict[str, np.ndarray], kept: int = 6) -> None:
+        self._shapes, self._constant, self._kept = shapes, constant, kept
+        self._blocks: list[bytearray] = []
+        self._lock = threading.Lock()
+
+    def take(self) -> dict[str, np.ndarray]:
+        """Arrays of one frame, whose values are those of an earlier frame or ``constant``."""
+        with self._lock:
+            for block in self._blocks:
+                try:
+                    # Python refuses to resize what an array still shows. It costs nothing: no memory is given back.
+                    block.append(block.pop())
+                except BufferError:
+                    continue
+                return self._arrays(block)
+            block = bytearray(4 * sum(map(_length, self._shapes.values())) + 1)
+            self._blocks = [*self._blocks, block][-self._kept :]
+            arrays = self._arrays(block)
+        for name, values in self._constant.items():
+            arrays[name][...] = values
+        return arrays
+
+    def _arrays(self, block: bytearray) -> dict[str, np.ndarray]:
+        arrays, start = {}, 0
+        for name, shape in self._shapes.items():
+            arrays[name] = np.frombuffer(block, np.float32, _length(shape), 4 * start).reshape(shape)
+            start += _length(shape)
+        return arrays
+
+
+def _length(shape: tuple[int, ...]) -> int:
+    return int(np.prod(shape, dtype=np.int64))
