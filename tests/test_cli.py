@@ -44,14 +44,14 @@ def trained(filmed: Path, cache_folder: Path, tmp_path_factory: pytest.TempPathF
     path = tmp_path_factory.mktemp("trained") / "x.frog"
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("FROG_CACHE", str(cache_folder))
-        patch.setattr(job, "find_seeds", partial(find_few_seeds, job.find_seeds))
+        patch.setattr(job, "stored_seeds", partial(find_few_seeds, job.stored_seeds))
         options = ["--out", str(path), "--recipe", "draft", "--steps", "30", "--seed", "1"]
         assert main(["train", str(filmed), *options]) == 0
     return path
 
 
-def find_few_seeds(find_seeds: Callable, *arguments: object, count_limit: int, **options: object) -> object:
-    return find_seeds(*arguments, count_limit=min(count_limit, 500), **options)
+def find_few_seeds(stored_seeds: Callable, *arguments: object, count_limit: int, **options: object) -> object:
+    return stored_seeds(*arguments, count_limit=min(count_limit, 500), **options)
 
 
 def refused(result: tuple[int, str, str], *words: str) -> None:
@@ -72,7 +72,7 @@ def test_train_wrote_what_it_was_asked_for(trained: Path) -> None:
 
 @pytest.fixture
 def free_seeds(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(job, "find_seeds", lambda *_, **__: film.seeds())
+    monkeypatch.setattr(job, "stored_seeds", lambda *_, **__: film.seeds())
 
 
 def test_train_says_how_it_went_and_resumes(run: Run, filmed: Path, tmp_path: Path, free_seeds: None) -> None:

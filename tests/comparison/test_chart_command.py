@@ -23,7 +23,7 @@ Chart = Callable[..., tuple[int, str, str]]
 @pytest.fixture
 def chart(own_cache: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Chart:
     for module in (job, timing_pass):
-        monkeypatch.setattr(module, "find_seeds", lambda *_, **__: film.seeds())
+        monkeypatch.setattr(module, "stored_seeds", lambda *_, **__: film.seeds())
     monkeypatch.setattr(timing, "MOMENTS", 3)
 
     def call(*arguments: object) -> tuple[int, str, str]:

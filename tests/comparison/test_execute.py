@@ -159,7 +159,7 @@ def test_time_left_looks_at_the_most_similar_runs() -> None:
 
 @pytest.fixture
 def quick_seeds(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(job, "find_seeds", lambda *_, **__: film.seeds())
+    monkeypatch.setattr(job, "stored_seeds", lambda *_, **__: film.seeds())
 
 
 def filmed_run(filmed: Path, **changes: Any) -> Run:

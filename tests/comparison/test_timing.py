@@ -64,7 +64,7 @@ def test_a_trainings_length_follows_from_its_steps() -> None:
 @pytest.fixture
 def quick(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for module in (job, timing_pass):
-        monkeypatch.setattr(module, "find_seeds", lambda *_, **__: film.seeds())
+        monkeypatch.setattr(module, "stored_seeds", lambda *_, **__: film.seeds())
     monkeypatch.setattr(timing, "MOMENTS", 3)
 
 

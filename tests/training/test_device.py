@@ -167,7 +167,7 @@ def test_resuming_on_another_device(machine: Machine, make: Make, tmp_path: Path
 def test_a_job_elsewhere_writes_a_scene_and_goes_on(
     machine: Machine, filmed: Path, tmp_path: Path, own_cache: Path, lively: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(job, "find_seeds", lambda capture, store, **_: film.seeds(80))
+    monkeypatch.setattr(job, "stored_seeds", lambda capture, store, **_: film.seeds(80))
     monkeypatch.setattr(job, "choose_device", lambda name: (ELSEWHERE if name == "cuda" else CPU, ""))
     task = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(12), steps=6, device="cuda")
     stream = list(run_training(task))

@@ -30,7 +30,7 @@ STEPS = 60
 @pytest.fixture(autouse=True)
 def quick(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Seeds at no cost, and an event for every step."""
-    monkeypatch.setattr(job, "find_seeds", lambda capture, store, **_: film.seeds())
+    monkeypatch.setattr(job, "stored_seeds", lambda capture, store, **_: film.seeds())
     monkeypatch.setattr(job, "_EVENT_SECONDS", 0.0)
 
 

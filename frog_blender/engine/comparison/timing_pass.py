@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from ..capture.frames import FrameStore
-from ..capture.seeds import find_seeds
+from ..capture.seed_store import stored_seeds
 from ..errors import FrogError
 from ..inference.scene import PlayableScene
 from ..training.checkpoint import checkpoint_path, load_checkpoint
@@ -59,7 +59,7 @@ def time_grid(
 def _prepare(run: Run, conditions: Conditions) -> tuple[Any, ...]:
     capture, scale = prepare_capture(Path(run.capture), run.scale, run.holdout_frames, None, run.opened())
     store = FrameStore.open(capture)
-    seeds = find_seeds(capture, store, count_limit=run.settings().seed_gaussians, seed=run.seed)
+    seeds = stored_seeds(capture, store, count_limit=run.settings().seed_gaussians, seed=run.seed)
     return capture, scale, store, seeds, choose_device(conditions.device)[0]
 
 

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 from ..capture.capture import Capture
 from ..capture.frames import FrameStore
 from ..capture.readers import open_capture
-from ..capture.seeds import find_seeds
+from ..capture.seed_store import stored_seeds
 from ..errors import FrogError, found_instead
 from ..files import SceneFile, SceneHeader, settings_json, write_scene
 from ..inference.draw import to_uint8
@@ -120,7 +120,7 @@ def run_training(job: TrainingJob, cancelled: Callable[[], bool] = lambda: False
         limit = job.recipe.seed_gaussians
         seeds = yield from _in_background(
             "Finding seed points",
-            lambda report: find_seeds(capture, store, count_limit=limit, seed=job.seed, progress=report),
+            lambda report: stored_seeds(capture, store, count_limit=limit, seed=job.seed, progress=report),
             cancelled,
         )
     if store is None or seeds is None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import time
 from dataclasses import dataclass
 from typing import Any
@@ -79,6 +78,7 @@ class Trainer:
         recipe = method_named(method).adapt(recipe)
         self.capture, self.recipe, self.method, self.limits = capture, recipe, method, limits
         self._store, self.device = store, torch.device(device)
+        self._threads = torch.get_num_threads()  # what the caller allows, outside of steps
         torch.manual_seed(seed)
         torch.set_flush_denormal(True)
         self.generator = torch.Generator().manual_seed(seed)
@@ -251,7 +251,7 @@ class Trainer:
             self.neighbourhood = None
             return
         chosen = torch.randperm(len(means), generator=self.generator)[: self.recipe.smoothness_sample].to(self.device)
-        with torch_threads(os.cpu_count() or 1):  # large enough for them
+        with torch_threads(self._threads):  # large enough for them
             distances, neighbours = nearest(means[chosen], means, self.recipe.smoothness_neighbours, skip_self=True)
         weights = neighbour_weights(distances, self.recipe.smoothness_falloff)
         self.neighbourhood = Neighbourhood(chosen, neighbours, weights)

@@ -1,0 +1,69 @@
+"""Seed points kept beside the decoded frames: found once for a capture, however often it is trained or resumed."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+import zipfile
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+
+from .capture import Capture
+from .frames import FrameStore
+from .seeds import Seeds, find_seeds
+
+_VERSION = 1  # raise it when the same capture would get other seeds
+
+
+def stored_seeds(
+    capture: Capture,
+    store: FrameStore,
+    *,
+    count_limit: int,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> Seeds:
+    """``find_seeds``, or what it found for the same pictures, cameras and arguments before."""
+    path = store.folder / f"seeds-{_key(capture, count_limit, seed)}.npz"
+    try:
+        with np.load(path, allow_pickle=False) as kept:
+            return Seeds(kept["points"], kept["colors"], str(kept["origin"]))
+    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):
+        pass  # not there, or cut off
+    seeds = find_seeds(capture, store, count_limit=count_limit, seed=seed, progress=progress)
+    _keep(path, seeds)
+    return seeds
+
+
+def _key(capture: Capture, count_limit: int, seed: int) -> str:
+    """Everything that decides the seeds but the frames themselves, for which the store's folder stands."""
+    points = b"" if capture.points is None else np.ascontiguousarray(capture.points).tobytes()
+    decides = {
+        "version": _VERSION,
+        "count_limit": count_limit,
+        "seed": seed,
+        "cameras": [camera.to_json() for camera in capture.cameras],
+        "test": [sorted(capture.test_cameras), sorted(capture.test_frames)],
+        "near_far": capture.near_far,
+        "background": capture.background,
+        "points": hashlib.sha256(points).hexdigest(),
+    }
+    return hashlib.sha256(json.dumps(decides, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _keep(path: Path, seeds: Seeds) -> None:
+    """A disk that takes no seeds is no reason to stop: they are found again."""
+    with suppress(OSError):
+        handle, name = tempfile.mkstemp(prefix=".seeds-", suffix=".npz", dir=path.parent)
+        try:
+            with os.fdopen(handle, "wb") as file:
+                np.savez(file, points=seeds.points, colors=seeds.colors, origin=np.array(seeds.origin))
+            Path(name).replace(path)
+        except OSError:
+            Path(name).unlink(missing_ok=True)
+            raise

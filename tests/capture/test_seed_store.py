@@ -1,0 +1,93 @@
+"""Seeds are found once and kept with the frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import filmed
+import numpy as np
+import pytest
+
+from frog_blender.engine.capture import seed_store
+from frog_blender.engine.capture.capture import Capture
+from frog_blender.engine.capture.frames import FrameStore
+from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.capture.seed_store import stored_seeds
+from frog_blender.engine.capture.seeds import Seeds
+
+
+@pytest.fixture
+def capture(tmp_path: Path) -> Capture:
+    return open_capture(filmed.write_capture(tmp_path / "capture"))
+
+
+@pytest.fixture
+def store(capture: Capture, tmp_path: Path) -> FrameStore:
+    return FrameStore.open(capture, cache_folder=tmp_path / "cache")
+
+
+@pytest.fixture
+def searches(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Counts the searches, and makes them short; each finds other points."""
+    calls: list[int] = []
+
+    def search(*_: Any, seed: int, **__: Any) -> Seeds:
+        calls.append(seed)
+        return replace(filmed.seeds(), points=filmed.seeds().points + np.float32(len(calls)))
+
+    monkeypatch.setattr(seed_store, "find_seeds", search)
+    return calls
+
+
+def same(a: Seeds, b: Seeds) -> bool:
+    return a.origin == b.origin and np.array_equal(a.points, b.points) and np.array_equal(a.colors, b.colors)
+
+
+def test_the_same_question_is_answered_from_the_disk(capture: Capture, store: FrameStore, searches: list[int]) -> None:
+    first = stored_seeds(capture, store, count_limit=300, seed=1)
+    assert same(first, stored_seeds(capture, store, count_limit=300, seed=1))
+    assert searches == [1]
+    assert not list(store.folder.glob(".seeds-*"))
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        lambda c: replace(c, cameras=(c.cameras[0].with_pose(np.eye(4)), *c.cameras[1:])),
+        lambda c: c.with_holdout(2),
+        lambda c: replace(c, test_cameras=frozenset()),
+        lambda c: replace(c, near_far=(0.5, 77.0)),
+        lambda c: replace(c, points=np.zeros((3, 3))),
+    ],
+)
+def test_whatever_decides_them_has_seeds_of_its_own(
+    capture: Capture, store: FrameStore, searches: list[int], changed: Callable[[Capture], Capture]
+) -> None:
+    first = stored_seeds(capture, store, count_limit=300, seed=1)
+    assert not same(first, stored_seeds(changed(capture), store, count_limit=300, seed=1))
+    stored_seeds(capture, store, count_limit=200, seed=1)
+    stored_seeds(capture, store, count_limit=300, seed=2)
+    assert len(searches) == 4
+
+
+def test_a_damaged_file_is_found_again(capture: Capture, store: FrameStore, searches: list[int]) -> None:
+    stored_seeds(capture, store, count_limit=300)
+    (path,) = store.folder.glob("seeds-*.npz")
+    path.write_bytes(path.read_bytes()[:200])
+    stored_seeds(capture, store, count_limit=300)
+    stored_seeds(capture, store, count_limit=300)
+    assert len(searches) == 2
+
+
+def test_a_disk_that_takes_nothing_is_no_reason_to_stop(
+    capture: Capture, store: FrameStore, searches: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: Any, **__: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(seed_store.np, "savez", full)
+    assert len(stored_seeds(capture, store, count_limit=300).points)
+    assert [path.name for path in store.folder.iterdir() if "seeds" in path.name] == []
