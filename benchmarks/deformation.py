@@ -1,93 +1,144 @@
-"""Times the deformation field, forward and backward: the native library's fused pass against plain torch.
+"""Times the deformation field: the training path (forward, and forward with backward) and the inference engine.
 
-    python benchmarks/deformation.py [--count 20000] [--threads 2] [--repeats 9]
+    python benchmarks/deformation.py [--counts 20000 200000] [--threads 2] [--repeats 15]
 
-One JSON line for each network (the recipes' shared hidden layer of 64, and the paper's five heads of 128) and each
-implementation: medians in seconds, the arithmetic it needs (forward plus twice that backward) and its rate.
+One JSON line for each network (the recipes' shared hidden layer of 64, the paper's five heads of 128; one network as in
+FRoG, two as in E-D3DGS), number of Gaussians and path: seconds (median and best), and what they cannot be less than:
+the arithmetic at the machine's measured peak, and the bytes that must be moved at its measured bandwidth (which binds
+only what is larger than the caches). Paths take turns, so that what else the machine does meets all of them alike.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import statistics
 import time
 from collections.abc import Callable
+from typing import Any
 
+import bandwidth
+import peak
 import torch
 
+from frog_blender.engine.inference.deformation import PlayableDeformation
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
 from frog_blender.engine.model.frog import FINISHED, Frog, FrogSettings
-from frog_blender.engine.rasterizer import GaussianArrays, native
+from frog_blender.engine.rasterizer import native
 
-NETWORKS = {
+NETWORKS: dict[str, dict[str, Any]] = {
     "shared 64": {"hidden_width": 64, "head_width": 0, "deformed_sh": 1},
     "five heads of 128": {"hidden_width": 128, "head_width": 128, "deformed_sh": 4},
 }
+FUSIONS = {1: "product", 2: "dual"}
 OUTPUTS = ("means", "quaternions", "scales", "opacities", "sh")
+EMBEDDING, SH_COUNT = 32, 4
+_GOLDEN = 0.6180339887498949
+_LONGEST = 20.0  # seconds that one network and number of Gaussians may take beyond three repeats
 
 
-def make(count: int, **settings: int) -> Frog:
+def make(count: int, **settings: Any) -> Frog:
     """A model of random Gaussians whose network puts something out."""
     torch.manual_seed(0)
-    values = new_gaussians(torch.randn(count, 3), torch.rand(count, 3), torch.full((count,), 0.02), 4, 32)
-    values["embeddings"] = 0.3 * torch.randn(count, 32)
+    points, colors, sizes = torch.randn(count, 3), torch.rand(count, 3), torch.full((count,), 0.02)
+    values = new_gaussians(points, colors, sizes, SH_COUNT, EMBEDDING)
+    values["embeddings"] = 0.3 * torch.randn(count, EMBEDDING)
     model = Frog(CanonicalField(values), FrogSettings(temporal_rows=15, coarse_rows=5, **settings))
     torch.nn.init.normal_(model.deformation.output_weight, std=0.1)
     return model
 
 
-def multiplications(model: Frog) -> int:
-    """Multiply-adds of the folded network's forward pass over all Gaussians."""
-    network, s = model.deformation, model.settings
-    weights = network.embedding_weight.numel() + network.output_weight.numel()
-    if s.head_width:
-        weights += network.head_weight.numel()
-    return weights * len(model.canonical)
+def player(model: Frog) -> PlayableDeformation:
+    """The inference engine's view of the same scene."""
+    arrays = {}
+    for name, value in model.state_dict().items():
+        arrays[name.removeprefix("canonical.").replace("deformation.", "network.")] = value.numpy()
+    return PlayableDeformation(arrays, model.stored_settings(FINISHED))
 
 
-def timed(model: Frog, deform: Callable[[], GaussianArrays], repeats: int) -> tuple[float, float]:
-    """Median seconds forward and backward."""
-    forward, backward = [], []
-    for _ in range(repeats + 2):
-        model.zero_grad()
-        started = time.perf_counter()
-        gaussians = deform()
-        forward.append(time.perf_counter() - started)
+def paths_of(model: Frog, plain: bool) -> dict[str, Callable[[float], object]]:
+    """What is timed, by name, each at a time in [0, 1]; ``plain`` adds the training path in torch's own operations."""
+    played = player(model)
+
+    def backward(gaussians: Any) -> None:
         outputs = [getattr(gaussians, name) for name in OUTPUTS]
-        by = [torch.ones_like(output) for output in outputs]
-        started = time.perf_counter()
-        torch.autograd.backward(outputs, by)
-        backward.append(time.perf_counter() - started)
-    return statistics.median(forward[2:]), statistics.median(backward[2:])
+        torch.autograd.backward(outputs, [torch.ones_like(output) for output in outputs])
+        model.zero_grad(set_to_none=True)
+
+    def deform_plainly(moment: float) -> Any:
+        return model.deform_plainly(model.temporal_embedding(moment), FINISHED, SH_COUNT)[0]
+
+    paths: dict[str, Callable[[float], object]] = {
+        "training, forward": lambda moment: model.deform(moment),
+        "training, forward and backward": lambda moment: backward(model.deform(moment)[0]),
+        "inference": played.at,
+    }
+    if plain:
+        paths["plain torch, forward"] = deform_plainly
+        paths["plain torch, forward and backward"] = lambda moment: backward(deform_plainly(moment))
+    return paths
+
+
+def work_of(model: Frog, path: str) -> tuple[float, float]:
+    """(operations, bytes) that cannot be avoided: a multiply-add is two operations, every array is moved once, and the
+    backward pass takes twice the forward's arithmetic."""
+    network, s, count = model.deformation, model.settings, len(model.canonical)
+    first, output = network.embedding_weight.numel(), network.output_weight.numel()
+    heads = network.head_weight.numel() if s.head_width else 0
+    canonical, deformed = 11 + 3 * SH_COUNT, network.output_bias.numel()
+    kept = path == "inference" and not s.head_width
+    products = first * (not kept) + heads + output
+    floats = len(network.embedding_weight) if kept else EMBEDDING
+    floats += 2 * deformed if path == "inference" else 2 * canonical + deformed  # read and write; the changes too
+    if "backward" in path:
+        products *= 3
+        floats += 2 * (EMBEDDING + canonical) + canonical  # read again with gradients, and gradients written
+    return 2.0 * products * count, 4.0 * floats * count
+
+
+def timed(paths: dict[str, Callable[[float], object]], repeats: int) -> dict[str, list[float]]:
+    """Seconds of each path at ``repeats`` moments, fewer where that takes long, no moment twice."""
+    seconds: dict[str, list[float]] = {name: [] for name in paths}
+    began = time.perf_counter()
+    for repeat in range(repeats + 2):
+        for name, run in paths.items():
+            started = time.perf_counter()
+            result = run((0.5 + repeat * _GOLDEN) % 1.0)
+            seconds[name].append(time.perf_counter() - started)
+            del result
+        if repeat >= 4 and time.perf_counter() - began > _LONGEST:
+            break
+    return {name: values[2:] for name, values in seconds.items()}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--count", type=int, default=20_000)
+    parser.add_argument("--counts", type=int, nargs="+", default=[20_000, 200_000])
     parser.add_argument("--threads", type=int, default=0, help="0: one for each core")
-    parser.add_argument("--repeats", type=int, default=9)
+    parser.add_argument("--repeats", type=int, default=15)
+    parser.add_argument("--plain", action="store_true", help="the training path in torch's own operations too")
     options = parser.parse_args()
     native.set_thread_count(options.threads)
-    if options.threads:
-        torch.set_num_threads(options.threads)
-    for name, settings in NETWORKS.items():
-        model = make(options.count, **settings)
-        ways = {
-            "native": lambda model=model: model.deform(0.37)[0],
-            "torch": lambda model=model: model.deform_plainly(model.temporal_embedding(0.37), FINISHED, 4)[0],
-        }
-        flops = 6 * multiplications(model)
-        for way, deform in ways.items():
-            forward, backward = timed(model, deform, options.repeats)
-            result = {"network": name, "count": options.count, "implementation": way, "threads": options.threads}
-            result |= {
-                "isa": native.instruction_set(),
-                "forward_s": round(forward, 5),
-                "backward_s": round(backward, 5),
-            }
-            result |= {"gflop": round(flops / 1e9, 2), "gflop_per_s": round(flops / 1e9 / (forward + backward), 1)}
-            print(json.dumps(result), flush=True)
+    torch.set_num_threads(1 if not options.plain else options.threads or os.cpu_count() or 1)  # as in a training step
+    threads, core = options.threads or os.cpu_count() or 1, peak.measure()
+    gigabytes = bandwidth.measure(threads)
+    for count in options.counts:
+        for name, settings in NETWORKS.items():
+            for networks, fusion in FUSIONS.items():
+                model = make(count, fusion=fusion, **settings)
+                for path, seconds in timed(paths_of(model, options.plain), options.repeats).items():
+                    operations, moved = work_of(model, path)
+                    result: dict[str, Any] = {"network": name, "networks": networks, "count": count, "path": path}
+                    result |= {"threads": threads, "isa": native.instruction_set()}
+                    result |= {"seconds": statistics.median(seconds), "best": min(seconds)}
+                    result |= {"arithmetic_bound": operations / (1e9 * core.gflops * threads) if core else None}
+                    result |= {"memory_bound": moved / (1e9 * gigabytes)}
+                    result |= {"gflop": operations / 1e9, "megabytes": moved / 1e6, "gigabytes_per_s": gigabytes}
+                    print(
+                        json.dumps({k: round(v, 6) if isinstance(v, float) else v for k, v in result.items()}),
+                        flush=True,
+                    )
 
 
 if __name__ == "__main__":

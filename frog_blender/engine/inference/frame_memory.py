@@ -5,6 +5,7 @@ Fresh memory costs a page fault every few kilobytes, and colours that do not def
 
 from __future__ import annotations
 
+import math
 import threading
 
 import numpy as np
@@ -20,7 +21,11 @@ class FrameMemory:
     """
 
     def __init__(self, shapes: dict[str, tuple[int, ...]], constant: dict[str, np.ndarray], kept: int = 6) -> None:
-        self._shapes, self._constant, self._kept = shapes, constant, kept
+        self._constant, self._kept, self._size = constant, kept, 0
+        self._layout: list[tuple[str, tuple[int, ...], int, int]] = []  # name, shape, length, first byte
+        for name, shape in shapes.items():
+            self._layout.append((name, shape, math.prod(shape), self._size))
+            self._size += 4 * math.prod(shape)
         self._blocks: list[bytearray] = []
         self._lock = threading.Lock()
 
@@ -34,7 +39,7 @@ class FrameMemory:
                 except BufferError:
                     continue
                 return self._arrays(block)
-            block = bytearray(4 * sum(map(_length, self._shapes.values())) + 1)
+            block = bytearray(self._size + 1)
             self._blocks = [*self._blocks, block][-self._kept :]
             arrays = self._arrays(block)
         for name, values in self._constant.items():
@@ -42,12 +47,7 @@ class FrameMemory:
         return arrays
 
     def _arrays(self, block: bytearray) -> dict[str, np.ndarray]:
-        arrays, start = {}, 0
-        for name, shape in self._shapes.items():
-            arrays[name] = np.frombuffer(block, np.float32, _length(shape), 4 * start).reshape(shape)
-            start += _length(shape)
-        return arrays
-
-
-def _length(shape: tuple[int, ...]) -> int:
-    return int(np.prod(shape, dtype=np.int64))
+        return {
+            name: np.frombuffer(block, np.float32, length, start).reshape(shape)
+            for name, shape, length, start in self._layout
+        }
