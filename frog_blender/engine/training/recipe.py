@@ -41,6 +41,7 @@ class Recipe:
             lambda_w) multiplies squared distances in units of the median nearest-neighbour distance.
         frame_choice: "even" draws every training picture alike; "loss" draws every second moment in proportion to its
             last loss (E-D3DGS's loss-based frame sampling).
+        half_size_until: fraction of training in which pictures have half their size (see training.resolution).
         region_share, region_size, region_emphasis: probability that a step draws only a rectangle where the errors
             are, the rectangle's sides over the picture's, and how much more its pixels weigh than a whole picture's:
             with 0 a pixel weighs the same in every step, with 1 a step weighs the same (see training.regions).
@@ -99,6 +100,7 @@ class Recipe:
     smoothness_falloff: float = 0.3
     smoothness_sample: int = 2048
     frame_choice: str = "even"
+    half_size_until: float = 0.4
     region_share: float = 0.75
     region_size: float = 0.35
     region_emphasis: float = 0.5
@@ -152,6 +154,7 @@ _PAPER = Recipe(
     deformed_sh=16,
     coarse_share=0.2,
     opacity_reduction="paper",
+    half_size_until=0.0,
     fine_rows_until=0.125,
     warm_up=0.0,
     opacity_ramp=(0.0625, 0.075),

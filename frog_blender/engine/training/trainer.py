@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.frames import FrameStore
 from ..capture.seeds import Seeds
@@ -27,6 +28,7 @@ from .neighbours import nearest
 from .optimizer import SceneOptimizer
 from .recipe import Recipe
 from .regions import RegionPicker
+from .resolution import halved, halved_picture, is_halved
 from .running_loss import RunningLoss
 from .sampling import new_anchors, undeformed, worst_points
 from .schedule import Every, ShotPicker, ramp
@@ -135,8 +137,9 @@ class Trainer:
         self.optimizer.schedule(before)
         shot = self._next_shot(before)
         camera_index = self.capture.shots[shot].camera
-        camera = self.capture.cameras[camera_index]
-        region = self.regions.pick(camera_index, self.generator)
+        camera = self._camera(camera_index, before)
+        whole_size = camera is self.capture.cameras[camera_index]
+        region = self.regions.pick(camera_index, self.generator) if whole_size else None
         options = RasterizeOptions(region=region)
         truth, image, gaussians, changes = self._draw(shot, before, options)
         difference = image.rgb - truth
@@ -146,7 +149,8 @@ class Trainer:
         if region is not None:
             share = region[2] * region[3] / (camera.width * camera.height)
             loss = loss * share ** (1 - self.recipe.region_emphasis)
-        self.regions.observe(camera_index, options.region_of(camera), difference.detach())
+        if whole_size:
+            self.regions.observe(camera_index, options.region_of(camera), difference.detach())
         self.picker.observe(shot, difference.detach())
         self._loss.add(loss, self.step_count)
         extra = self.model.regularization() if changes else None
@@ -186,13 +190,20 @@ class Trainer:
     ) -> tuple[torch.Tensor, Image, GaussianArrays, dict[str, torch.Tensor]]:
         """The truth, its drawing, and the Gaussians and changes that were drawn."""
         shot = self.capture.shots[shot_index]
-        camera = self.capture.cameras[shot.camera]
+        camera = self._camera(shot.camera, progress)
+        pixels = self._store.image(shot_index)
+        if camera is not self.capture.cameras[shot.camera]:
+            pixels = halved_picture(pixels)
         left, top, width, height = options.region_of(camera)
-        pixels = self._store.image(shot_index)[top : top + height, left : left + width]
-        truth = picture_on(self.device, pixels)
+        truth = picture_on(self.device, pixels[top : top + height, left : left + width])
         gaussians, changes = self.gaussians_at(frame_to_time(shot.frame, self.capture.frame_count), progress)
         image = rasterize(gaussians, camera, self.capture.background, options)
         return truth, image, gaussians, changes
+
+    def _camera(self, index: int, progress: float) -> Camera:
+        """A camera at the size at which it is drawn at ``progress``."""
+        camera = self.capture.cameras[index]
+        return halved(camera) if is_halved(camera, progress, self.recipe.half_size_until) else camera
 
     def progressing(self, progress: float) -> Progressing:
         """The schedules inside the model at ``progress``."""
@@ -232,7 +243,7 @@ class Trainer:
         if not changes:
             return
         canonical = self.model.canonical
-        camera = self.capture.cameras[self.capture.shots[shot_index].camera]
+        camera = self._camera(self.capture.shots[shot_index].camera, progress)
         points, colors = worst_points(image, truth, camera, room, self.recipe.sampling_depth, self.generator)
         if self.recipe.sampling == "inverse":
             points, embeddings = undeformed(points, gaussians.means, changes["means"], canonical.embeddings)
