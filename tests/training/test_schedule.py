@@ -138,6 +138,14 @@ def test_recipes_that_do_not_exist(name: str, changes: dict) -> None:
         recipe(name, **changes)
 
 
+def test_a_scene_of_few_seeds_can_grow() -> None:
+    """A share of a hundred would be nobody in a round of anchors, and no forest from a few in a density round."""
+    standard = RECIPES["standard"]
+    assert standard.newcomers(100, standard.sampling_share) == int(standard.sampling_share * 20_000)
+    assert standard.newcomers(100, standard.densify_growth) >= 500
+    assert standard.newcomers(30_000, standard.densify_growth) == int(30_000 * standard.densify_growth)
+
+
 def test_more_moments_take_more_steps() -> None:
     standard = RECIPES["standard"]
     assert standard.steps_for(30) == standard.steps

@@ -62,7 +62,7 @@ class DensityControl:
         keep = self.peak_opacity > recipe.prune_opacity
         keep |= ~keep.any()  # never everything
         pull = self.gradient_sum / self.seen.clamp(min=1)
-        room = min(int(count * recipe.densify_growth), recipe.max_gaussians - int(keep.sum()))
+        room = min(recipe.newcomers(count, recipe.densify_growth), recipe.max_gaussians - int(keep.sum()))
         chosen = torch.empty(0, dtype=torch.long, device=keep.device)
         if room > 0:
             candidates = ((pull > recipe.densify_threshold) & keep).nonzero().squeeze(1)

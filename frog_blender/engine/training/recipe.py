@@ -47,15 +47,15 @@ class Recipe:
             with 0 a pixel weighs the same in every step, with 1 a step weighs the same (see training.regions).
         densify_from, densify_until, densify_every: fractions.
         densify_threshold: mean screen gradient (in half picture widths, as in 3DGS) above which a Gaussian splits.
-        densify_growth: share of new Gaussians a round at most.
+        densify_growth: share of new Gaussians a round at most, see ``newcomers``.
         split_scale: above this size a Gaussian is split, below it is cloned.
         prune_opacity: canonical opacity below which a Gaussian is removed.
         sampling: "anchors" puts the points into the canonical field as they are (FRoG, section on canonical field
             sampling), "inverse" takes off the motion of the nearest Gaussian (the paper's inverse deformation), or
             "off".
         sampling_depth: "median" (the paper's) or "mean" depth along the pixel's ray.
-        sampling_from, sampling_until, sampling_every: fractions; sampling_share: new anchors a round, as a share of
-            the Gaussians.
+        sampling_from, sampling_until, sampling_every: fractions; sampling_share: new anchors a round, see
+            ``newcomers``.
     """
 
     name: str = "standard"
@@ -121,6 +121,11 @@ class Recipe:
     def steps_for(self, moments: int) -> int:
         """Steps for a capture of so many moments: motion takes time to learn, and more of it more time."""
         return max(self.steps, self.steps_per_moment * moments)
+
+    def newcomers(self, count: int, share: float) -> int:
+        """New Gaussians of a round: a share of those there are, or of half the limit where seeds were few, so that a
+        scene that begins with a hundred points can grow."""
+        return int(share * max(count, self.max_gaussians // 2))
 
     def __post_init__(self) -> None:
         for name, known in _CHOICES.items():

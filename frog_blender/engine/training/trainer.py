@@ -236,7 +236,9 @@ class Trainer:
 
     @torch.no_grad()
     def _inject_anchors(self, progress: float, shot_index: int) -> None:
-        room = min(int(self.recipe.sampling_share * self.count), self.recipe.max_gaussians - self.count)
+        room = min(
+            self.recipe.newcomers(self.count, self.recipe.sampling_share), self.recipe.max_gaussians - self.count
+        )
         if room <= 0:
             return
         truth, image, gaussians, changes = self._draw(shot_index, progress, RasterizeOptions(depth=True))
