@@ -50,21 +50,23 @@ def main() -> None:
     held_out = [i for i, camera in enumerate(capture.cameras) if camera.name in capture.test_cameras]
     shots = {c: [i for i, shot in enumerate(capture.shots) if shot.camera == c] for c in held_out}
     masks = {c: moving_mask(store, shots[c]) for c in held_out}
-    errors = []
+    by_name = {capture.cameras[c].name: c for c in held_out}
+    errors: list[float] = []
     for frame in np.linspace(0, capture.frame_count - 1, options.frames + 2)[1:-1].round().astype(int):
         trainer = trained_alone(capture, int(frame), recipe(options.recipe), options.steps, options.seed)
         whole, moving = [], []
         for i, shot in enumerate(trainer.capture.shots):
             if not trainer.capture.is_test(shot):
                 continue
-            camera = held_out[[capture.cameras[c].name for c in held_out].index(trainer.capture.cameras[shot.camera].name)]
+            camera = by_name[trainer.capture.cameras[shot.camera].name]
             truth = store.image(capture.shot_index(camera, int(frame))).astype(np.float32) / 255
             error = (trainer.picture(i).clip(0, 1).astype(np.float64) - truth) ** 2
             whole.append(error.mean())
             moving.append(error[masks[camera]].mean())
-        errors.append(np.mean(moving))
-        figures = {"frame": int(frame), "psnr": psnr_of(float(np.mean(whole))), "psnr_moving": psnr_of(float(errors[-1]))}
-        print(json.dumps({**figures, "seconds": round(trainer.seconds, 1), "gaussians": trainer.count}), flush=True)
+        errors.append(float(np.mean(moving)))
+        figures = {"psnr": psnr_of(float(np.mean(whole))), "psnr_moving": psnr_of(errors[-1])}
+        figures |= {"seconds": round(trainer.seconds, 1), "gaussians": trainer.count}
+        print(json.dumps({"frame": int(frame), **figures}), flush=True)
     print(json.dumps({"moments": len(errors), "psnr_moving": psnr_of(float(np.mean(errors)))}))
 
 
