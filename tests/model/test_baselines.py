@@ -9,6 +9,7 @@ import torch
 
 from frog_blender.engine.model.baselines import curves, d3dgs, hexplane
 from frog_blender.engine.model.baselines.changes import bounds_of
+from frog_blender.engine.model.baselines.visible_rows import through_visible_rows
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
 from frog_blender.engine.model.interface import FINISHED, SceneModel
 from frog_blender.engine.training.methods import METHODS, Beginning
@@ -197,6 +198,23 @@ def test_hexplane_without_moving_opacities() -> None:
     assert list(model.settings.sizes) == ["means", "log_scales", "quaternions"]
     torch.testing.assert_close(model(0.2).opacities, model.canonical.gaussians().opacities)
     assert float((model(0.2).means - model(0.9).means).detach().abs().max()) > 1e-4
+
+
+@pytest.mark.parametrize("wide", [False, True], ids=["small", "paper"])
+@pytest.mark.parametrize("method", ["d3dgs", "hexplane"])
+@pytest.mark.parametrize("rows", [0, 1, 17, COUNT])
+def test_leaving_out_what_was_not_drawn_changes_no_gradient(method: str, wide: bool, rows: int) -> None:
+    model = awake(built(method, **({"hidden_width": 128, "head_width": 16} if wide else {})))
+    field, means = model.deformation, model.canonical.means
+    if method == "d3dgs":
+        means = means.detach()
+    wanted = [*field.parameters()] + [means] * (method == "hexplane")
+    weights = torch.randn(COUNT, field(means, 0.3).shape[1], generator=torch.Generator().manual_seed(8))
+    weights[torch.randperm(COUNT)[rows:]] = 0
+    plain = torch.autograd.grad((field(means, 0.3) * weights).sum(), wanted)
+    found = torch.autograd.grad((through_visible_rows(field, means, 0.3) * weights).sum(), wanted)
+    for one, other in zip(found, plain, strict=True):
+        torch.testing.assert_close(one, other, atol=1e-5, rtol=1e-4)
 
 
 def test_stray_points_do_not_blow_up_the_box() -> None:

@@ -78,14 +78,20 @@ def _ed3dgs(recipe: Recipe) -> Recipe:
 
 
 def _plain(recipe: Recipe, embedding_size: int = 0) -> Recipe:
-    """Nothing of FRoG's own. Rates stay as the recipe has them, so that a run can ask for others."""
+    """Nothing of FRoG's own."""
     return replace(
         recipe, embedding_size=embedding_size, sampling="off", opacity_reduction="off", smoothness_weight=0.0
     )
 
 
+def _d3dgs_recipe(recipe: Recipe) -> Recipe:
+    """Its deep network learns best at three times the rate of FRoG's one layer (docs/rivals.md)."""
+    return replace(_plain(recipe), network_rate=3 * recipe.network_rate)
+
+
 def _curves_recipe(recipe: Recipe) -> Recipe:
-    return _plain(recipe, curves.EMBEDDING_SIZE)
+    """Its coefficients learn best at a third of the embeddings' rate (docs/rivals.md)."""
+    return replace(_plain(recipe, curves.EMBEDDING_SIZE), embedding_rate=recipe.embedding_rate / 3)
 
 
 def _d3dgs(begin: Beginning) -> d3dgs.D3dgs:
@@ -115,7 +121,7 @@ METHODS = {
     "frog": Method("FRoG", lambda recipe: recipe, _frog),
     "ed3dgs": Method("E-D3DGS", _ed3dgs, _frog),
     "static": Method("3DGS (static)", _plain, lambda begin: Static(begin.canonical)),
-    "d3dgs": Method("Deformable-3DGS", _plain, _d3dgs),
+    "d3dgs": Method("Deformable-3DGS", _d3dgs_recipe, _d3dgs),
     "hexplane": Method("4DGaussians", _plain, _hexplane),
     "curves": Method("SpacetimeGaussians", _curves_recipe, _curves),
 }

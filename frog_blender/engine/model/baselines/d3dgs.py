@@ -21,6 +21,7 @@ from ...rasterizer import GaussianArrays
 from ..canonical import CanonicalField
 from ..interface import FINISHED, Progressing, SceneModel
 from .changes import bounds_of, deformed
+from .visible_rows import through_visible_rows
 
 OUTPUTS = {"means": 3, "quaternions": 4, "log_scales": 3}
 """What the network puts out, in this order."""
@@ -134,7 +135,7 @@ class D3dgs(SceneModel):
         self, time: float, progressing: Progressing = FINISHED, sh_count: int | None = None
     ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
         """See SceneModel."""
-        output = self.deformation(self.canonical.means.detach(), time)
+        output = through_visible_rows(self.deformation, self.canonical.means.detach(), time)
         changes = dict(zip(OUTPUTS, output.split(list(OUTPUTS.values()), dim=1), strict=True))
         changes["means"] = changes["means"] * self.settings.motion_unit
         return deformed(self.canonical, changes, sh_count), changes

@@ -20,6 +20,7 @@ from ..canonical import CanonicalField
 from ..deformation import HEADS
 from ..interface import FINISHED, Progressing, SceneModel
 from .changes import bounds_of, deformed
+from .visible_rows import through_visible_rows
 
 AXES = ((0, 1), (0, 2), (1, 2))
 """Columns and rows of the planes of space."""
@@ -137,22 +138,20 @@ class HexPlaneField(nn.Module):
             found.append(_product(parts))
         return torch.cat(found)[:, 0].T
 
-    def forward(self, means: torch.Tensor, time: float) -> dict[str, torch.Tensor]:
-        """Changes (N, size) by attribute, means in motion units."""
+    def forward(self, means: torch.Tensor, time: float) -> torch.Tensor:
+        """(N, sum of sizes) changes, means in motion units."""
         s = self.settings
         hidden = self.second(self.first(self.features(means, time)).relu()).relu()
-        sizes = list(s.sizes.values())
         if not s.head_width:
-            output = functional.linear(hidden, self.output_weight, self.output_bias).split(sizes, dim=1)
-        else:
-            parts = zip(
-                hidden.split(s.head_width, dim=1),
-                self.output_weight.split(sizes),
-                self.output_bias.split(sizes),
-                strict=True,
-            )
-            output = tuple(functional.linear(part, weight, bias) for part, weight, bias in parts)
-        return dict(zip(s.sizes, output, strict=True))
+            return functional.linear(hidden, self.output_weight, self.output_bias)
+        sizes = list(s.sizes.values())
+        parts = zip(
+            hidden.split(s.head_width, dim=1),
+            self.output_weight.split(sizes),
+            self.output_bias.split(sizes),
+            strict=True,
+        )
+        return torch.cat([functional.linear(part, weight, bias) for part, weight, bias in parts], dim=1)
 
 
 def _read(planes: torch.Tensor, places: torch.Tensor) -> torch.Tensor:
@@ -183,7 +182,9 @@ class HexPlane(SceneModel):
         self, time: float, progressing: Progressing = FINISHED, sh_count: int | None = None
     ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
         """See SceneModel."""
-        changes = self.deformation(self.canonical.means, time)
+        output = through_visible_rows(self.deformation, self.canonical.means, time)
+        sizes = self.settings.sizes
+        changes = dict(zip(sizes, output.split(list(sizes.values()), dim=1), strict=True))
         changes["means"] = changes["means"] * self.settings.motion_unit
         return deformed(self.canonical, changes, sh_count), changes
 
