@@ -90,8 +90,8 @@ def _d3dgs_recipe(recipe: Recipe) -> Recipe:
 
 
 def _curves_recipe(recipe: Recipe) -> Recipe:
-    """Its coefficients learn best at a third of the embeddings' rate (docs/rivals.md)."""
-    return replace(_plain(recipe, curves.EMBEDDING_SIZE), embedding_rate=recipe.embedding_rate / 3)
+    """The units of its coefficients make the embeddings' rate right for them (see CurveSettings)."""
+    return _plain(recipe, curves.EMBEDDING_SIZE)
 
 
 def _d3dgs(begin: Beginning) -> d3dgs.D3dgs:

@@ -27,27 +27,30 @@ DEGREE = 3
 class CurveSettings:
     """Units of an embedding's numbers; written into the scene file. A whole capture is one unit of time.
 
-    The original's rates (at positions' 1.6e-4 times the scene's extent, for captures of 50 moments): motion 5.6e-4
-    times the extent, rotation and centre 1e-4, log-width 3e-2.
+    A unit is what the recipe's ``embedding_rate`` is multiplied by, so they stand for rates. The original's, for
+    captures of 50 moments: motion 5.6e-4 times the scene's extent (positions' 1.6e-4 times 3.5), rotation and centre
+    1e-4, log-width 3e-2. The defaults are to each other as those within a factor of four (docs/rivals.md tells how they
+    were found): an ``embedding_rate`` of 8.4e-3 gives the original's rate of motion.
 
     Attributes:
         motion_units: world units of b_1, b_2 and b_3.
         rotation_unit: of w.
         centre_unit: of t_c, which begins at one half.
         width_unit: of log s.
-        first_width: s of a fresh Gaussian.
+        first_width: s of a fresh Gaussian, which is there at all times.
     """
 
     motion_units: tuple[float, float, float]
-    rotation_unit: float = 0.1
-    centre_unit: float = 0.1
-    width_unit: float = 1.0
+    rotation_unit: float = 1 / 30
+    centre_unit: float = 1 / 30
+    width_unit: float = 8 / 3
     first_width: float = 1.0
 
 
 def settings_for(motion_unit: float) -> CurveSettings:
-    """``motion_unit``: world units that a Gaussian may move by."""
-    return CurveSettings((motion_unit, motion_unit, motion_unit))
+    """``motion_unit``: world units that a network's output of one would move a Gaussian by."""
+    unit = motion_unit / 3
+    return CurveSettings((unit, unit, unit))
 
 
 class Curves(SceneModel):
