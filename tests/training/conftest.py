@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -34,11 +34,8 @@ class WatchedStore:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def denormals_as_before() -> Iterator[None]:
-    """Trainers flush them for the whole process."""
+def one_thread() -> None:
     torch.set_num_threads(1)
-    yield
-    torch.set_flush_denormal(False)
 
 
 @pytest.fixture(scope="session")

@@ -12,7 +12,7 @@ from frog_blender.engine.training.checkpoint import load_checkpoint, save_checkp
 from frog_blender.engine.training.trainer import Trainer
 
 RIVALS = ("d3dgs", "hexplane", "curves")
-STEPS = 500
+STEPS = 240
 
 
 def train(trainer: Trainer, until: int | None = None) -> Trainer:
@@ -49,10 +49,10 @@ def test_what_moves_is_followed(
 def test_a_stopped_training_goes_on_to_the_same_bits(
     make_trainer: Callable[..., Trainer], bits: Callable[[Trainer], dict[str, bytes]], tmp_path, method: str
 ) -> None:
-    whole = train(make_trainer(60, method))
-    stopped = train(make_trainer(60, method), until=25)
+    whole = train(make_trainer(30, method))
+    stopped = train(make_trainer(30, method), until=13)
     save_checkpoint(tmp_path / "x", stopped)
-    resumed = make_trainer(60, method)
+    resumed = make_trainer(30, method)
     load_checkpoint(tmp_path / "x", resumed)
     assert bits(train(resumed)) == bits(whole)
 

@@ -21,7 +21,7 @@ from ..model.frog import total_deformation
 from ..model.interface import Progressing, SceneModel
 from ..rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
 from .density import DensityControl
-from .device import picture_on, torch_threads
+from .device import denormals_flushed, picture_on, torch_threads
 from .losses import add_embedding_smoothness, neighbour_weights, ssim
 from .methods import method_named
 from .neighbours import nearest
@@ -82,7 +82,6 @@ class Trainer:
         self._store, self.device = store, torch.device(device)
         self._threads = torch.get_num_threads()  # what the caller allows, outside of steps
         torch.manual_seed(seed)
-        torch.set_flush_denormal(True)
         self.generator = torch.Generator().manual_seed(seed)
         self.scene_scale = scale_of(capture, seeds.points)
         self.model: SceneModel = first_model(capture, seeds, recipe, method, self.scene_scale, self.device)
@@ -128,7 +127,7 @@ class Trainer:
 
     def step(self) -> None:
         """One optimiser step on one picture, and whatever round is due after it."""
-        with torch_threads(1):
+        with torch_threads(1), denormals_flushed():
             self._step()
 
     def _step(self) -> None:
