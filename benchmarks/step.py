@@ -1,9 +1,11 @@
-"""Times a training step by its parts on a capture, at a fixed number of Gaussians.
+"""Times the parts of a training's steps, from its first to its last, in a shortened training.
 
-    python benchmarks/step.py CAPTURE [--recipe standard] [--count 20000] [--steps 200] [--threads 2] [--scale S]
+    python benchmarks/step.py CAPTURE [--recipe standard] [--steps 1500] [--threads 2] [--scale S]
 
-One JSON object: milliseconds a step of the rasterizer and of the deformation network, forward and backward, of the
-optimiser, and of everything else; and the share of that.
+One JSON object for each tenth of the training and one for all of it: milliseconds a step of the rasterizer and of the
+deformation network, forward and backward, of the optimiser, of the rounds of density control and sampling, and of
+everything else; and the share of what is neither rasterizer nor network. Schedules and rounds are fractions of
+training, so a shortened training passes through the same sizes as a whole one.
 """
 
 from __future__ import annotations
@@ -26,29 +28,38 @@ from frog_blender.engine.training.job import prepare_capture
 from frog_blender.engine.training.recipe import recipe
 from frog_blender.engine.training.trainer import Limits, Trainer
 
-WARM_UP = 20  # steps
+WARM_UP = 10  # steps that are left out of the first tenth
+PARTS = ("rasterizer_forward", "rasterizer_backward", "network_forward", "network_backward", "optimizer", "rounds")
 
 
 def watch(spent: Counter[str], owner: Any, name: str, label: str) -> None:
-    """Adds the seconds of every call of ``owner.name`` to ``spent[label]``."""
+    """Adds the seconds of every call of ``owner.name`` to ``spent[label]``; what is watched inside counts there."""
     function: Callable[..., Any] = getattr(owner, name)
 
     def timed(*arguments: Any, **keywords: Any) -> Any:
-        started = time.perf_counter()
+        inside, started = sum(spent.values()), time.perf_counter()
         try:
             return function(*arguments, **keywords)
         finally:
-            spent[label] += time.perf_counter() - started
+            spent[label] += time.perf_counter() - started - (sum(spent.values()) - inside)
 
     setattr(owner, name, timed)
+
+
+def figures(spent: Counter[str], seconds: float, steps: int) -> dict[str, float]:
+    """Milliseconds a step by part."""
+    network_and_rasterizer = sum(spent[part] for part in PARTS[:4])
+    result = {f"{part}_ms": round(1e3 * spent[part] / steps, 2) for part in PARTS}
+    result["else_ms"] = round(1e3 * (seconds - sum(spent.values())) / steps, 2)
+    result["step_ms"] = round(1e3 * seconds / steps, 2)
+    return result | {"outside_share": round(1 - network_and_rasterizer / seconds, 3)}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("capture", type=Path)
     parser.add_argument("--recipe", default="standard")
-    parser.add_argument("--count", type=int, default=20_000)
-    parser.add_argument("--steps", type=int, default=200)
+    parser.add_argument("--steps", type=int, default=1500)
     parser.add_argument("--threads", type=int, default=0, help="0: one for each core")
     parser.add_argument("--scale", type=float)
     options = parser.parse_args()
@@ -57,29 +68,30 @@ def main() -> None:
         torch.set_num_threads(options.threads)
     capture, _ = prepare_capture(options.capture, options.scale, None, None)
     store = FrameStore.open(capture)
-    # No rounds: the number of Gaussians stays as it is.
-    still = {"densify_from": 2.0, "sampling": "off", "warm_up": 0.0, "dssim_from": 0.0}
-    settings = recipe(options.recipe, seed_gaussians=options.count, **still)
-    seeds = find_seeds(capture, store, count_limit=options.count)
-    trainer = Trainer(capture, store, seeds, settings, "frog", Limits(10**6), 0)
-    for _ in range(WARM_UP):
-        trainer.step()
+    settings = recipe(options.recipe)
+    seeds = find_seeds(capture, store, count_limit=settings.seed_gaussians)
+    trainer = Trainer(capture, store, seeds, settings, "frog", Limits(options.steps), 0)
     spent: Counter[str] = Counter()
     watch(spent, native.Frame, "__init__", "rasterizer_forward")
     watch(spent, native.Frame, "backward", "rasterizer_backward")
     watch(spent, fused, "deform", "network_forward")
     watch(spent, fused, "deform_backward", "network_backward")
     watch(spent, trainer.optimizer, "step", "optimizer")
-    started = time.perf_counter()
-    for _ in range(options.steps):
-        trainer.step()
-    total = time.perf_counter() - started
-    spent["else"] = total - sum(spent.values())
-    result = {"recipe": options.recipe, "gaussians": trainer.count, "isa": native.instruction_set()}
-    result |= {f"{name}_ms": round(1e3 * seconds / options.steps, 2) for name, seconds in spent.items()}
-    result["step_ms"] = round(1e3 * total / options.steps, 2)
-    result["outside_share"] = round((spent["else"] + spent["optimizer"]) / total, 3)
-    print(json.dumps(result))
+    watch(spent, trainer, "_rounds", "rounds")
+    about = {"recipe": options.recipe, "isa": native.instruction_set()}
+    total, all_seconds, all_steps = Counter[str](), 0.0, 0
+    for tenth in range(10):
+        end = options.steps * (tenth + 1) // 10
+        while trainer.step_count < (WARM_UP if tenth == 0 else 0):
+            trainer.step()
+        spent.clear()
+        steps, started = end - trainer.step_count, time.perf_counter()
+        while trainer.step_count < end:
+            trainer.step()
+        seconds = time.perf_counter() - started
+        print(json.dumps({**about, "tenth": tenth + 1, "gaussians": trainer.count, **figures(spent, seconds, steps)}))
+        total, all_seconds, all_steps = total + spent, all_seconds + seconds, all_steps + steps
+    print(json.dumps({**about, "tenth": "all", "gaussians": trainer.count, **figures(total, all_seconds, all_steps)}))
 
 
 if __name__ == "__main__":

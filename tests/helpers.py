@@ -115,6 +115,8 @@ def scene_file(count: int = 40, seed: int = 0, sh_count: int = 4, **model: objec
         "network.output_weight": random.normal(0, 0.08, (outputs, networks * (heads or hidden))),
         "network.output_bias": random.normal(0, 0.02, outputs),
     }
+    if settings.get("modulation"):
+        arrays["network.modulation_weight"] = random.normal(0, 0.4, (networks * hidden, settings["embedding_size"]))
     if heads:
         arrays["network.head_weight"] = random.normal(0, 0.3, (networks * heads * len(sizes), hidden))
         arrays["network.head_bias"] = random.normal(0, 0.2, networks * heads * len(sizes))

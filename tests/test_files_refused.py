@@ -179,6 +179,16 @@ def test_heads_of_the_wrong_shape(tmp_path: Path, name: str) -> None:
         PlayableScene.load(tmp_path / "x.frog")
 
 
+def test_modulation_of_the_wrong_shape(tmp_path: Path) -> None:
+    scene = scene_file(modulation=True)
+    scene.arrays["network.modulation_weight"] = scene.arrays["network.modulation_weight"][:, 1:].copy()
+    write_scene(tmp_path / "x.frog", scene)
+    refused(tmp_path / "x.frog")
+    scene = scene_file(modulation=True, embedding_size=16)  # modulated by a temporal embedding of 8 numbers
+    write_scene(tmp_path / "y.frog", scene)
+    refused(tmp_path / "y.frog")
+
+
 @pytest.mark.parametrize(
     "name", ["means", "sh", "embeddings", "temporal_table", "network.bias", "network.output_weight"]
 )

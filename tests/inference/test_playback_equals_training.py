@@ -50,6 +50,9 @@ SHAPES = [
     {"fusion": "dual", "deformed_sh": 4, "hidden_width": 33},
     {"fusion": "dual", "head_width": 24, "deformed_sh": 4, "hidden_width": 17},
     {"fusion": "concat", "head_width": 24},
+    {"modulation": True},
+    {"modulation": True, "fusion": "dual", "deformed_sh": 4, "hidden_width": 33},
+    {"modulation": True, "fusion": "concat", "head_width": 24},
 ]
 
 

@@ -31,7 +31,7 @@ def canonical(count: int = 12, sh_count: int = 4, embedding_size: int = 5) -> Ca
 def awake(field: DeformationField) -> DeformationField:
     """With outputs that are not zero."""
     generator = torch.Generator().manual_seed(2)
-    for parameter in (field.output_weight, field.output_bias):
+    for parameter in (field.output_weight, field.output_bias, *([field.modulation_weight] if field.modulated else [])):
         parameter.data = torch.randn(parameter.shape, generator=generator) * 0.3
     return field
 
@@ -42,7 +42,11 @@ def literal(field: DeformationField, temporal: torch.Tensor, embeddings: torch.T
     for k in range(n):
         weight = torch.cat([field.temporal_weight.chunk(n)[k], field.embedding_weight.chunk(n)[k]], dim=1)
         inputs = torch.cat([temporal[k].expand(len(embeddings), -1), embeddings], dim=1)
-        hidden = functional.linear(inputs, weight, field.bias.chunk(n)[k]).relu()
+        hidden = functional.linear(inputs, weight, field.bias.chunk(n)[k])
+        if field.modulated:
+            product = embeddings * (temporal[k, : embeddings.shape[1]] - 1)
+            hidden = hidden + functional.linear(product, field.modulation_weight.chunk(n)[k])
+        hidden = hidden.relu()
         row = 0
         for number, (name, size) in enumerate(field.sizes.items()):
             head = hidden
@@ -59,9 +63,12 @@ def literal(field: DeformationField, temporal: torch.Tensor, embeddings: torch.T
 @pytest.mark.parametrize("networks", [1, 2])
 @pytest.mark.parametrize("head_width", [0, 6])
 @pytest.mark.parametrize("sh_count", [0, 1, 4])
-def test_the_folded_network_equals_the_literal_one(networks: int, head_width: int, sh_count: int) -> None:
+@pytest.mark.parametrize("modulated", [False, True])
+def test_the_folded_network_equals_the_literal_one(
+    networks: int, head_width: int, sh_count: int, modulated: bool
+) -> None:
     torch.manual_seed(3)
-    field = awake(DeformationField(5, 7, 20, head_width, sh_count, networks))
+    field = awake(DeformationField(5, 7, 20, head_width, sh_count, networks, modulated))
     temporal, embeddings = torch.randn(networks, 7), torch.randn(9, 5)
     found, expected = field(temporal, embeddings), literal(field, temporal, embeddings)
     assert (

@@ -100,8 +100,10 @@ def assert_equal_to_plain(model: Frog, share: float = 1.0, sh_active: int = 16) 
 @pytest.mark.parametrize("head_width", [0, 1, 16, 24])
 @pytest.mark.parametrize("settings", [SETTINGS, ODD], ids=["even", "odd"])
 @pytest.mark.parametrize("fusion", ["product", "dual"])
-def test_every_shape_of_the_network(settings: FrogSettings, head_width: int, fusion: str) -> None:
-    assert_equal_to_plain(model_of(replace(settings, head_width=head_width, deformed_sh=4, fusion=fusion)))
+@pytest.mark.parametrize("modulation", [False, True])
+def test_every_shape_of_the_network(settings: FrogSettings, head_width: int, fusion: str, modulation: bool) -> None:
+    changed = {"head_width": head_width, "deformed_sh": 4, "fusion": fusion, "modulation": modulation}
+    assert_equal_to_plain(model_of(replace(settings, temporal_size=9, **changed)))
 
 
 @pytest.mark.parametrize(("hidden", "embedding"), [(1, 1), (15, 16), (16, 17), (64, 32), (100, 40)])
@@ -237,6 +239,7 @@ DEFORM = """
 import sys
 import numpy as np
 from fields import field_arrays, output_arrays
+from frog_blender.engine.inference.kept_layer import kept_first_layer
 from frog_blender.engine.rasterizer import native
 from frog_blender.engine.rasterizer.native_deformation import FieldShape, deform, deform_backward
 
@@ -253,9 +256,11 @@ for case, (hidden, embedding, head, form, networks) in enumerate(cases):
     deform_backward(shape, arrays, by, gradients)
     found |= {f"{case}/{name}": array for name, array in result.items()}
     found |= {f"{case}/gradient/{name}": array for name, array in gradients.items()}
-    arrays["first_layer"], played = arrays["embeddings"] @ arrays["embedding_weight"].T, output_arrays(shape, 500)
-    deform(shape, arrays, played, unit_quaternions=True)
-    found |= {f"{case}/played/{name}": array for name, array in played.items()}
+    if head == 0:
+        arrays["first_layer"] = kept_first_layer(arrays["embeddings"], arrays["embedding_weight"])
+        played = output_arrays(shape, 500)
+        deform(shape, arrays, played, unit_quaternions=True)
+        found |= {f"{case}/played/{name}": array for name, array in played.items()}
 np.savez(sys.argv[1], **found)
 print(native.instruction_set())
 """

@@ -12,6 +12,7 @@ from ..errors import FrogError
 from ..rasterizer.arrays import GaussianArrays
 from ..rasterizer.native_deformation import FieldShape, deform
 from .frame_memory import FrameMemory
+from .kept_layer import kept_first_layer
 from .temporal import TemporalEmbedding, checked
 
 _CANONICAL = ("means", "log_scales", "quaternions", "opacity_logits")
@@ -36,6 +37,10 @@ def _checked_arrays(arrays: dict[str, np.ndarray], model: dict, temporal: Tempor
         "network.output_weight": (outputs, networks * (heads or hidden)),
         "network.output_bias": (outputs,),
     }
+    if model.get("modulation", False):  # scenes of the first versions have no such setting
+        if embedding > temporal.size:
+            raise ValueError(f"embeddings of {embedding} are modulated by {temporal.size} numbers")
+        shapes["network.modulation_weight"] = (networks * hidden, embedding)
     if heads:
         width = networks * heads * (5 if deformed else 4)
         shapes |= {"network.head_weight": (width, hidden), "network.head_bias": (width,)}
@@ -76,9 +81,10 @@ class PlayableDeformation:
         count, deformed = len(a["means"]), self._shape.sh_deformed
         self._sh = a["sh"]
         a["sh"] = np.ascontiguousarray(a["sh"][:, :deformed])  # the others are in the frames' memory
-        if not self._shape.head_width:
-            # With heads the product is a twentieth of the arithmetic, and not worth its memory.
-            a["first_layer"] = a.pop("embeddings") @ a["embedding_weight"].T
+        self._modulation = a.pop("modulation_weight", None)
+        if not self._shape.head_width and self._modulation is None:
+            # With heads it is a twentieth of the arithmetic, and not worth its memory.
+            a["first_layer"] = kept_first_layer(a.pop("embeddings"), a["embedding_weight"])
         self._arrays = a
         shapes: dict[str, tuple[int, ...]] = {"means": (count, 3), "quaternions": (count, 4), "scales": (count, 3)}
         shapes |= {"opacities": (count,)}
@@ -94,8 +100,18 @@ class PlayableDeformation:
         """(networks * hidden,) the first layer's temporal part and bias."""
         return (self._temporal_weight @ self.temporal(time)[:, :, None]).ravel() + self._bias
 
+    def _first_layer_at(self, time: float) -> dict[str, np.ndarray]:
+        """What of the first layer depends on time."""
+        arrays = {"shared": self.shared(time)}
+        if self._modulation is not None:
+            size = self._modulation.shape[1]
+            weights = self._modulation.reshape(self._temporal.networks, -1, size)
+            change = weights * (self.temporal(time)[:, None, :size] - 1)
+            arrays["embedding_weight"] = self._arrays["embedding_weight"] + change.reshape(-1, size)
+        return arrays
+
     def at(self, time: float) -> GaussianArrays:
         """The Gaussians at a time in [0, 1], activated, with unit quaternions; the arrays are not to be changed."""
         result = {"sh": self._sh, **self._memory.take()}
-        deform(self._shape, self._arrays | {"shared": self.shared(time)}, result, unit_quaternions=True)
+        deform(self._shape, self._arrays | self._first_layer_at(time), result, unit_quaternions=True)
         return GaussianArrays(**result)

@@ -2,6 +2,10 @@
 
 Its first layer separates, W [t; e] + b = (W_t t + b) + W_e e, so the N x (T + E) concatenation is never built:
 ``W_t t + b`` is one vector a moment, and ``W_e e`` does not depend on time at all (playback caches it).
+
+With modulation, which no paper of this family has, the embedding's weights follow time as well: (W_e + W_m diag(t)) e,
+so that a unit sees products of temporal and Gaussian embedding beside their sum. With the sum alone a Gaussian that
+learns one moment's motion disturbs its other moments. It costs a matrix of weights a moment, nothing a Gaussian.
 """
 
 from __future__ import annotations
@@ -25,6 +29,7 @@ class DeformationField(nn.Module):
     head_width: hidden layer of each head as in the paper (five of 128); 0 shares the first layer among all heads,
         which gave the same PSNR at a third of the time.
     sh_count: SH coefficients that deform (0 to K).
+    modulated: see the module; needs temporal_size >= embedding_size.
     networks: 2 for E-D3DGS's coarse and fine network, whose changes add up. Their layers lie one after the other in
         the same arrays: rows of the first and the heads' layers, columns of the output layer.
     """
@@ -37,9 +42,10 @@ class DeformationField(nn.Module):
         head_width: int,
         sh_count: int,
         networks: int = 1,
+        modulated: bool = False,
     ) -> None:
         super().__init__()
-        self.networks = networks
+        self.networks, self.modulated = networks, modulated
         self.sizes = {name: size or 3 * sh_count for name, size in HEADS.items()}
         self.sizes = {name: size for name, size in self.sizes.items() if size}
         self.head_width = head_width
@@ -53,6 +59,8 @@ class DeformationField(nn.Module):
             width = networks * head_width * len(self.sizes)
             self.head_weight = _uniform(bound, width, hidden_width)
             self.head_bias = _uniform(bound, width)
+        if modulated:  # zero: 0.2 dB better than random
+            self.modulation_weight = nn.Parameter(torch.zeros(networks * hidden_width, embedding_size, device="cpu"))
         # Zero outputs: training starts from the undeformed scene.
         self.output_weight = nn.Parameter(torch.zeros(outputs, networks * (head_width or hidden_width), device="cpu"))
         self.output_bias = nn.Parameter(torch.zeros(outputs, device="cpu"))
@@ -62,10 +70,18 @@ class DeformationField(nn.Module):
         weights = self.temporal_weight.reshape(self.networks, -1, self.temporal_weight.shape[1])
         return (weights @ temporal[:, :, None]).flatten() + self.bias
 
+    def embedding_weights(self, temporal: torch.Tensor) -> torch.Tensor:
+        """(networks * hidden, E) what embeddings are multiplied with at a moment, from (networks, T)."""
+        if not self.modulated:
+            return self.embedding_weight
+        size = self.embedding_weight.shape[1]
+        weights = self.modulation_weight.reshape(self.networks, -1, size)
+        return self.embedding_weight + (weights * (temporal[:, None, :size] - 1)).flatten(0, 1)
+
     def forward(self, temporal: torch.Tensor, embeddings: torch.Tensor) -> dict[str, torch.Tensor]:
         """Changes by attribute, (N, size) each, of embeddings (N, E) at the fused temporal embedding (networks, T)."""
         sizes = list(self.sizes.values())
-        hidden = torch.addmm(self.shared(temporal), embeddings, self.embedding_weight.T).relu_()
+        hidden = torch.addmm(self.shared(temporal), embeddings, self.embedding_weights(temporal).T).relu_()
         if not self.head_width:
             output = torch.addmm(self.output_bias, hidden, self.output_weight.T)
             return dict(zip(self.sizes, output.split(sizes, dim=1), strict=True))

@@ -31,6 +31,7 @@ class FrogSettings:
         deformed_sh: SH coefficients that deform.
         opacity_reduction, opacity_sharpness: see model.opacity.
         fusion: of the coarse and the fine temporal embedding, see model.fusion.
+        modulation: see model.deformation.
         deformed_opacity: False leaves opacities as they are at every moment (and there is nothing to reduce).
         motion_unit: world units that a network output of one moves a Gaussian by (makes rates independent of the
             capture's units).
@@ -52,6 +53,7 @@ class FrogSettings:
     opacity_share: float = 1.0
     fusion: str = "product"
     deformed_opacity: bool = True
+    modulation: bool = False
 
 
 _ATTENTION_WIDTH = 16
@@ -74,6 +76,7 @@ class Frog(SceneModel):
             settings.head_width,
             settings.deformed_sh,
             network_count(settings.fusion),
+            settings.modulation,
         )
         if settings.fusion == "attention":
             bound = settings.temporal_size**-0.5

@@ -12,7 +12,7 @@ from .canonical import ATTRIBUTES, CanonicalField
 from .deformation import DeformationField
 
 _OUTPUTS = ("means", "quaternions", "scales", "opacities", "sh")
-_NETWORK = ("embedding_weight", "output_weight", "output_bias")
+_NETWORK = ("output_weight", "output_bias")
 _HEADS = ("head_weight", "head_bias")
 
 
@@ -53,7 +53,7 @@ def deform_fused(
         temporal: (networks, T) fused temporal embedding of the moment.
     """
     arrays = {name: getattr(canonical, name) for name in ATTRIBUTES}
-    arrays["shared"] = network.shared(temporal)
+    arrays |= {"shared": network.shared(temporal), "embedding_weight": network.embedding_weights(temporal)}
     arrays |= {name: getattr(network, name) for name in (*_NETWORK, *(_HEADS if network.head_width else ()))}
     *outputs, changes = _Deform.apply(shape, tuple(arrays), *arrays.values())
     return GaussianArrays(**dict(zip(_OUTPUTS, outputs, strict=True))), changes

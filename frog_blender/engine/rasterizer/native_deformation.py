@@ -50,12 +50,14 @@ def deform(
         shape: settings.
         arrays: contiguous float32 by name: the canonical field's attributes, ``shared`` (networks * hidden,) (the first
             layer's temporal part and bias), and the network's ``embedding_weight``, ``output_weight``, ``output_bias``
-            and, with heads, ``head_weight`` and ``head_bias``. With ``first_layer`` (N, networks * hidden), the
-            embeddings times the transposed ``embedding_weight``, no ``embeddings`` are needed.
+            and, with heads, ``head_weight`` and ``head_bias``. With ``first_layer``, which only a field without heads
+            may have (see inference.kept_layer), no ``embeddings`` are needed.
         result: contiguous float32 by name: the attributes of GaussianArrays, with ``sh`` (N, sh_active, 3), and where
             wanted ``changes`` (N, outputs). Coefficients that ``arrays["sh"]`` does not have are left as they are.
         unit_quaternions: normalise them.
     """
+    if shape.head_width and "first_layer" in arrays:
+        raise ValueError("first_layer: found one beside heads, expected embeddings")
     field = _field(shape, arrays, unit_quaternions)
     if library().frog_deform(byref(field), byref(structs.pointers(structs.Deformed, structs.DEFORMED, result))):
         raise MemoryError("deforming the Gaussians ran out of memory")

@@ -49,7 +49,8 @@ class DensityControl:
             return
         half = max(camera.width, camera.height) / 2  # 3DGS counts in half picture widths
         visible = image.radii > 0
-        self.gradient_sum += torch.where(visible, image.screen.grad.norm(dim=1) * half, 0)
+        pull = torch.hypot(image.screen.grad[:, 0], image.screen.grad[:, 1])
+        self.gradient_sum += torch.where(visible, pull * half, 0)
         self.seen += visible
 
     @torch.no_grad()

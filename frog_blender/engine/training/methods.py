@@ -68,13 +68,14 @@ def _frog(begin: Beginning) -> Frog:
         motion_unit=MOTION_UNIT * begin.scene_scale,
         fusion=recipe.fusion,
         deformed_opacity=recipe.deformed_opacity,
+        modulation=recipe.modulation,
     )
     return Frog(begin.canonical, settings, recipe.table_smoothness)
 
 
 def _ed3dgs(recipe: Recipe) -> Recipe:
-    """FRoG's base: dual networks, no sampling, no opacity reduction."""
-    return replace(recipe, fusion="dual", sampling="off", opacity_reduction="off")
+    """FRoG's base: dual networks, nothing that is FRoG's or ours."""
+    return replace(recipe, fusion="dual", modulation=False, sampling="off", opacity_reduction="off")
 
 
 def _plain(recipe: Recipe, embedding_size: int = 0) -> Recipe:

@@ -26,6 +26,7 @@ class Recipe:
         fusion: of the temporal embeddings, see model.fusion.FUSIONS (FRoG, section on early fusion; its table compares
             them).
         embedding_size, temporal_size, hidden_width, head_width, deformed_sh, deformed_opacity: see model.frog.
+        modulation: see model.deformation; the papers have none.
         most_temporal_rows, coarse_share: rows of the temporal table at most, and the coarse embedding's share of them
             (0: see model.frog.rows_for).
         opacity_reduction, opacity_sharpness: "paper", "unit" or "off", and the paper's k.
@@ -72,6 +73,7 @@ class Recipe:
     head_width: int = 0
     deformed_sh: int = 1
     deformed_opacity: bool = True
+    modulation: bool = True
     most_temporal_rows: int = 150
     coarse_share: float = 0.0
     table_smoothness: float = 0.0
@@ -133,6 +135,10 @@ class Recipe:
                 raise FrogError(f"{name} is {getattr(self, name)!r}, expected one of {', '.join(known)}.")
         if not 0 <= self.sh_degree <= 3 or self.deformed_sh not in (0, 1, 4, 9, 16):
             raise FrogError("sh_degree must be 0 to 3, and deformed_sh 0, 1, 4, 9 or 16.")
+        if self.modulation and self.temporal_size < self.embedding_size:
+            raise FrogError(
+                f"temporal_size is {self.temporal_size}, expected at least embedding_size ({self.embedding_size})."
+            )
         if self.steps < 1:
             raise FrogError(f"The number of steps is {self.steps}, expected at least 1.")
 
@@ -157,6 +163,7 @@ _PAPER = Recipe(
     hidden_width=128,
     head_width=128,
     deformed_sh=16,
+    modulation=False,
     coarse_share=0.2,
     opacity_reduction="paper",
     half_size_until=0.0,

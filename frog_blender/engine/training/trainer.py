@@ -34,7 +34,7 @@ from .sampling import new_anchors, undeformed, worst_points
 from .schedule import Every, ShotPicker, ramp
 from .start import first_model, scale_of
 
-_SMOOTHNESS_BATCH = 256  # anchors of the smoothness sample that a step looks at
+_SMOOTHNESS_BATCH = 64  # anchors of the smoothness sample that a step looks at
 
 
 @dataclass(frozen=True)

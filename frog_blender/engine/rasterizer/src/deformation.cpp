@@ -99,6 +99,13 @@ void plan_outputs(Packed &packed, bool backward) {
   packed.memory.emplace_back(static_cast<size_t>(padded(plan.outputs) + DEFORM_PAD), 0.0f);
   plan.output_bias = packed.memory.back().data();
   std::copy_n(field.output_bias, plan.outputs, packed.memory.back().data());
+  if (field.first_layer && !plan.heads) {
+    packed.memory.emplace_back(static_cast<size_t>(plan.hidden * padded(plan.outputs)), 0.0f);
+    float *rows = packed.memory.back().data();
+    for (long long o = 0; o < plan.outputs; ++o)
+      for (long long k = 0; k < plan.hidden; ++k) rows[k * padded(plan.outputs) + o] = field.output_weight[o * plan.hidden + k];
+    plan.output_rows = rows;
+  }
   for (int n = 0; n < plan.networks; ++n) {
     int output = 0;
     for (int head = 0; head < heads; ++head) {
@@ -122,7 +129,7 @@ Packed plan_of(const FrogDeformation &field, bool backward) {
   plan.hidden = field.head_width ? field.hidden_width : field.networks * field.hidden_width;
   plan.heads = field.head_width * (field.sh_deformed ? 5 : 4);
   plan.outputs = 11 + 3 * field.sh_deformed;
-  packed.memory.reserve(8 + 2 * MAX_BRANCHES);
+  packed.memory.reserve(9 + 2 * MAX_BRANCHES);
   plan_first(packed, backward);
   if (plan.heads) plan_heads(packed, backward);
   plan_outputs(packed, backward);

@@ -25,27 +25,10 @@ static void first_layer(const DeformationPlan &plan, const DeformationLayout &l,
                       packed(plan.embedding_forward, plan.embedding), first, l.first_row, plan.shared);
 }
 
-// The same for the rows from `from` on, from the product that playback keeps; what pads a row is left as it was, for
-// nothing reads it. The next block's rows are called for: other work follows while they come.
-static void first_layer_kept(const DeformationPlan &plan, const DeformationLayout &l, float *scratch, int begin, int from, int rows) {
-  const int length = plan.networks * plan.hidden;
-  const float *kept = plan.field->first_layer + static_cast<long long>(begin + from) * length;
-  for (int r = from; r < from + rows; ++r) {
-    for (int k = 0; k < length; k += DEFORM_PAD) __builtin_prefetch(kept + DEFORM_BLOCK * static_cast<long long>(length) + k);
-    for (int n = 0; n < plan.networks; ++n, kept += plan.hidden) {
-      const float *shared = plan.shared + n * l.hidden;
-      float *first = scratch + l.first + r * l.first_row + n * l.hidden;
-      int k = 0;
-      for (; k + LANES <= plan.hidden; k += LANES) store(first + k, larger(load(kept + k) + load(shared + k), Floats{}));
-      for (; k < plan.hidden; ++k) first[k] = kept[k] + shared[k] > 0 ? kept[k] + shared[k] : 0;
-    }
-  }
-}
-
-// From the first layer on, for the rows from `from` on: fills second and result.
-static void later_layers(const DeformationPlan &plan, const DeformationLayout &l, float *scratch, int from, int rows) {
-  const float *first = scratch + l.first + from * l.first_row;
-  float *second = scratch + l.second + from * l.second_row, *result = scratch + l.result + from * l.outputs;
+// From the first layer on: fills second and result of a block.
+static void later_layers(const DeformationPlan &plan, const DeformationLayout &l, float *scratch, int rows) {
+  const float *first = scratch + l.first;
+  float *second = scratch + l.second, *result = scratch + l.result;
   const int width = static_cast<int>(padded(plan.heads));
   for (int n = 0; plan.heads && n < plan.networks; ++n)
     multiply<ROW, true>(rows, plan.hidden, width, {first + n * l.hidden, l.first_row, 1}, packed(plan.head_forward[n], plan.hidden),
@@ -66,28 +49,17 @@ static void later_layers(const DeformationPlan &plan, const DeformationLayout &l
   }
 }
 
-// Fills first, second and result of a block. With the kept product and no heads, a few rows at a time: there the work is
-// so little that reading memory takes as long, and the two must take turns.
+// Fills first, second and result of a block.
 static void network_forward(const DeformationPlan &plan, const DeformationLayout &l, float *scratch, int begin, int rows) {
-  constexpr int TOGETHER = LANES == DEFORM_PAD ? 12 : 6;  // as many as a product has in registers
-  if (!plan.field->first_layer) {
-    first_layer(plan, l, scratch, begin, rows);
-    later_layers(plan, l, scratch, 0, rows);
-    return;
-  }
-  const int step = plan.heads ? rows : TOGETHER;
-  for (int r = 0; r < rows; r += step) {
-    const int count = rows - r < step ? rows - r : step;
-    first_layer_kept(plan, l, scratch, begin, r, count);
-    later_layers(plan, l, scratch, r, count);
-  }
+  first_layer(plan, l, scratch, begin, rows);
+  later_layers(plan, l, scratch, rows);
 }
 
 static void deform(const DeformationPlan &plan, const FrogDeformed &out, int begin, int end, float *scratch) {
   const DeformationLayout l = layout_of(plan);
   for (int start = begin; start < end; start += DEFORM_BLOCK) {
     const int rows = end - start < DEFORM_BLOCK ? end - start : DEFORM_BLOCK;
-    network_forward(plan, l, scratch, start, rows);
+    (plan.output_rows ? network_kept : network_forward)(plan, l, scratch, start, rows);
     activate(*plan.field, l, scratch, start, rows);
     finish(plan, l, scratch, out, start, rows);
   }

@@ -29,6 +29,8 @@ typedef struct {
   const float *alpha;  // (H, W)
 } FrogImageGradient;
 
+enum { KEPT_GROUP = 16 };
+
 enum { FROG_OPACITY_OFF = 0, FROG_OPACITY_PAPER = 1, FROG_OPACITY_UNIT = 2 };
 
 // The canonical field and the deformation network at one moment. Arrays are laid out as torch's parameters are.
@@ -47,8 +49,9 @@ typedef struct {
   const float *embedding_weight;              // (networks * hidden_width, embedding_size)
   const float *head_weight, *head_bias;       // (networks * heads * head_width, hidden_width), as many, or null
   const float *output_weight, *output_bias;   // (outputs, networks * (head_width or hidden_width)), (outputs,)
-  const float *first_layer;                   // (N, networks * hidden_width) embeddings times embedding_weight, or null:
-                                              // the forward pass then reads no embeddings
+  // Without heads: the embeddings times embedding_weight, KEPT_GROUP Gaussians together, (N / KEPT_GROUP, networks *
+  // hidden_width, KEPT_GROUP) with N rounded up; or null. The forward pass then reads no embeddings.
+  const float *first_layer;
 } FrogDeformation;
 
 // Deformed, activated Gaussians, or the gradients by them. Where sh_active is more than sh_count, the forward pass leaves

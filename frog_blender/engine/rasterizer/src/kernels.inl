@@ -18,6 +18,7 @@ namespace FROG_ISA {
 #include "blend_backward.inl"
 #include "gemm.inl"
 #include "activation.inl"
+#include "kept_layer.inl"
 #include "deformation.inl"
 #include "similarity.inl"
 

@@ -18,6 +18,24 @@ struct Projection {
 
 FROG_FUNCTION bool finite(float value) { return fabsf(value) < 1e30f; }
 
+// Whether the splat misses the region however the Gaussian is turned: as a ball of its largest scale and full opacity.
+// Most Gaussians end here when a region is drawn, before the dear part of the projection.
+FROG_FUNCTION bool far_outside(const Projection &p, const FrogCamera &camera, const FrogOptions &options, float u, float v,
+                               const float *scales) {
+  float square = 0, row_x = 0, row_y = 0;
+  for (int k = 0; k < 3; ++k) {
+    const float scale = scales[k] * scales[k];
+    square = scale > square ? scale : square;
+    row_x += p.jw[0][k] * p.jw[0][k];
+    row_y += p.jw[1][k] * p.jw[1][k];
+  }
+  const float x = camera.fx * u + camera.cx - options.region[0], y = camera.fy * v + camera.cy - options.region[1];
+  const float over_x = x < 0 ? x : x - options.region[2], over_y = y < 0 ? y : y - options.region[3];  // outside: how far
+  constexpr float REACH = 2.02f / LOG2E * -LOG2_ALPHA_MIN;
+  return ((x < 0 || over_x > 0) && over_x * over_x > REACH * (square * row_x + options.low_pass)) ||
+         ((y < 0 || over_y > 0) && over_y * over_y > REACH * (square * row_y + options.low_pass));
+}
+
 FROG_FUNCTION SplatState project_gaussian(const FrogGaussians &g, const FrogCamera &camera, const FrogOptions &options,
                                           int i, Projection &p) {
   const float *m = g.means + 3ll * i, *q = g.quaternions + 4ll * i, *s = g.scales + 3ll * i, *w = camera.world_to_camera;
@@ -28,9 +46,6 @@ FROG_FUNCTION SplatState project_gaussian(const FrogGaussians &g, const FrogCame
         fabsf(s[0]) < 1e12f && fabsf(s[1]) < 1e12f && fabsf(s[2]) < 1e12f && finite(g.opacities[i])))
     return SPLAT_AT_FAULT;
   if (!(z >= options.near_plane && g.opacities[i] > ALPHA_MIN)) return SPLAT_UNSEEN;
-  p.norm = sqrtf(square);
-  for (int k = 0; k < 4; ++k) p.quaternion[k] = q[k] / p.norm;
-  rotation_of(p.quaternion, p.rotation);
 
   // The linearisation is clamped a little outside the picture, whose centre need not be the principal point.
   const float margin_x = 0.15f * camera.width, margin_y = 0.15f * camera.height;
@@ -44,6 +59,10 @@ FROG_FUNCTION SplatState project_gaussian(const FrogGaussians &g, const FrogCame
     p.jw[0][k] = jx * (w[k] - p.u * w[8 + k]);
     p.jw[1][k] = jy * (w[4 + k] - p.v * w[8 + k]);
   }
+  if (far_outside(p, camera, options, u, v, s)) return SPLAT_UNSEEN;
+  p.norm = sqrtf(square);
+  for (int k = 0; k < 4; ++k) p.quaternion[k] = q[k] / p.norm;
+  rotation_of(p.quaternion, p.rotation);
   for (int r = 0; r < 2; ++r)
     for (int k = 0; k < 3; ++k) {
       p.jwr[r][k] = p.jw[r][0] * p.rotation[0][k] + p.jw[r][1] * p.rotation[1][k] + p.jw[r][2] * p.rotation[2][k];
