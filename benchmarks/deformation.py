@@ -2,10 +2,11 @@
 
     python benchmarks/deformation.py [--counts 20000 200000] [--threads 2] [--repeats 15]
 
-One JSON line for each network (the recipes' shared hidden layer of 64, the paper's five heads of 128; one network as in
-FRoG, two as in E-D3DGS), number of Gaussians and path: seconds (median and best), and what they cannot be less than:
-the arithmetic at the machine's measured peak, and the bytes that must be moved at its measured bandwidth (which binds
-only what is larger than the caches). Paths take turns, so that what else the machine does meets all of them alike.
+One JSON line for each network (the recipes' shared hidden layer of 64, with modulation and without, the paper's five
+heads of 128; one network as in FRoG, two as in E-D3DGS), number of Gaussians and path: seconds (median and best), and
+what they cannot be less than: the arithmetic at the machine's measured peak, and the bytes that must be moved at its
+measured bandwidth (which binds only what is larger than the caches). Paths take turns, so that what else the machine
+does meets all of them alike.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from frog_blender.engine.rasterizer import native
 
 NETWORKS: dict[str, dict[str, Any]] = {
     "shared 64": {"hidden_width": 64, "head_width": 0, "deformed_sh": 1},
+    "shared 64, modulated": {"hidden_width": 64, "head_width": 0, "deformed_sh": 1, "modulation": True},
     "five heads of 128": {"hidden_width": 128, "head_width": 128, "deformed_sh": 4},
 }
 FUSIONS = {1: "product", 2: "dual"}
@@ -87,7 +89,7 @@ def work_of(model: Frog, path: str) -> tuple[float, float]:
     first, output = network.embedding_weight.numel(), network.output_weight.numel()
     heads = network.head_weight.numel() if s.head_width else 0
     canonical, deformed = 11 + 3 * SH_COUNT, network.output_bias.numel()
-    kept = path == "inference" and not s.head_width
+    kept = path == "inference" and not s.head_width and not s.modulation
     products = first * (not kept) + heads + output
     floats = len(network.embedding_weight) if kept else EMBEDDING
     floats += 2 * deformed if path == "inference" else 2 * canonical + deformed  # read and write; the changes too

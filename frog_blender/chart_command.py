@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from .engine.comparison.grid import Run
     from .engine.comparison.runs import Conditions
 
-_ALL_ABLATIONS = "fusion,sampling,opacity,k"
+_ALL_ABLATIONS = "fusion,modulation,sampling,opacity,k"
 
 
 def add_chart_parser(commands: Any, positive: Callable[[type], Any], recipes: Sequence[str]) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from frog_blender.engine.comparison.grid import (
+    ABLATIONS,
     MAIN_METHODS,
     Run,
     ablation_variants,
@@ -75,12 +76,11 @@ def test_a_grid_is_what_was_asked_for() -> None:
 
 def test_an_ablation_changes_one_thing_at_a_time() -> None:
     base = recipe("draft")
-    kinds = ("fusion", "sampling", "opacity", "k")
-    runs = chart_grid({"room": CAPTURES["room"]}, methods=["frog"], seeds=1, ablation=kinds, ablation_seeds=2)
+    runs = chart_grid({"room": CAPTURES["room"]}, methods=["frog"], seeds=1, ablation=ABLATIONS, ablation_seeds=2)
     rows = {run.label: run for run in runs if run.group != "methods"}
     assert set(rows) >= {f"fusion: {name}" for name in ("add", "concat", "attention", "coarse", "fine", "dual")}
     assert {"sampling: off", "sampling: inverse", "sampling: mean depth", "opacity: off", "opacity: paper"} <= set(rows)
-    assert {"k = 1", "k = 5", "k = 20"} <= set(rows)
+    assert {"k = 1", "k = 5", "k = 20", "modulation: off"} <= set(rows)
     for run in rows.values():
         settings = run.settings()
         changed = {name for name in vars(base) if getattr(settings, name) != getattr(base, name)}
@@ -90,8 +90,9 @@ def test_an_ablation_changes_one_thing_at_a_time() -> None:
 
 
 def test_an_ablation_leaves_out_what_the_recipe_does_itself() -> None:
-    base = recipe("draft", opacity_reduction="off", sampling="off", fusion="dual")
-    variants = ablation_variants(base, ("fusion", "sampling", "opacity", "k"))
+    base = recipe("draft", opacity_reduction="off", sampling="off", fusion="dual", modulation=False)
+    variants = ablation_variants(base, ABLATIONS)
+    assert list(variants["modulation"]) == ["modulation: on"]
     assert "fusion: dual" not in variants["fusion"] and "fusion: product" in variants["fusion"]
     assert "sampling: off" not in variants["sampling"] and "opacity: off" not in variants["opacity"]
     assert all(changes["opacity_reduction"] == "unit" for changes in variants["k"].values())

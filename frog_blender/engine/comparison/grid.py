@@ -20,7 +20,7 @@ METHODS = ("frog", "ed3dgs", "static", "d3dgs", "hexplane", "curves")
 """In the order of the tables."""
 MAIN_METHODS = ("frog", "ed3dgs")
 """The paper's method and its base: they get the most seeds."""
-ABLATIONS = ("fusion", "sampling", "opacity", "k")
+ABLATIONS = ("fusion", "modulation", "sampling", "opacity", "k")
 SHARPNESSES = (1.0, 5.0, 10.0, 20.0)
 """Of the opacity reduction: the paper's values of k (its ablation table; 0 is no reduction)."""
 
@@ -117,6 +117,7 @@ def ablation_variants(base: Recipe, kinds: Sequence[str]) -> dict[str, dict[str,
     depth = "mean" if base.sampling_depth == "median" else "median"
     everything: dict[str, dict[str, dict[str, Any]]] = {
         "fusion": {f"fusion: {fusion}": {"fusion": fusion} for fusion in FUSIONS if fusion != base.fusion},
+        "modulation": {f"modulation: {'off' if base.modulation else 'on'}": {"modulation": not base.modulation}},
         "sampling": {**sampling, f"sampling: {depth} depth": {"sampling": sampled, "sampling_depth": depth}},
         "opacity": forms,
         "k": {
