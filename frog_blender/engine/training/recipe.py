@@ -60,7 +60,7 @@ class Recipe:
     """
 
     name: str = "standard"
-    steps: int = 12_000
+    steps: int = 10_000
     steps_per_moment: int = 300
     max_gaussians: int = 40_000
     seed_gaussians: int = 25_000
