@@ -78,6 +78,9 @@ def _parser() -> argparse.ArgumentParser:
     render.add_argument("--camera", required=True)
     render.add_argument("--frames", default=None, metavar="A:B", help="frames A to B - 1, counted from 0; default: all")
     render.add_argument("--out", type=Path, required=True)
+    render.add_argument(
+        "--device", choices=["cpu", "cuda", "auto"], default="cpu", help="cuda and auto need torch; default: cpu"
+    )
     render.set_defaults(run=_render)
 
     add_chart_parser(commands, _positive, RECIPES)
@@ -195,7 +198,7 @@ def _render(options: argparse.Namespace) -> int:
     from .progress import bar
 
     with bar("Rendering") as report:
-        count = render_frames(options.scene, options.camera, options.frames, options.out, report)
+        count = render_frames(options.scene, options.camera, options.frames, options.out, report, options.device)
     print(f"{count} pictures in {options.out}")
     return 0
 

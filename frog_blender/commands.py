@@ -6,10 +6,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from .engine.capture.camera import Camera
 from .engine.capture.frames import FrameStore
 from .engine.capture.readers import open_capture
 from .engine.errors import FrogError
 from .engine.evaluation.evaluate import Measure, evaluate
+from .engine.files import SceneFile, read_scene
 from .engine.inference.draw import draw, to_uint8
 from .engine.inference.scene import PlayableScene
 
@@ -108,15 +112,30 @@ def parse_frames(text: str | None, count: int) -> range:
     return frames
 
 
-def render_frames(scene_path: Path, camera_name: str, frames: str | None, out: Path, report: Report) -> int:
+def picture_maker(scene: SceneFile, device: str) -> Callable[[float, Camera], np.ndarray]:
+    """Draws frames: (frame, camera) to (H, W, 3) floats; without torch unless ``device`` is another one than "cpu"."""
+    if device != "cpu":
+        from .engine.inference.on_device import SceneOnDevice
+        from .engine.training.device import choose_device
+
+        chosen, _ = choose_device(device)
+        if chosen.type != "cpu":
+            return SceneOnDevice(scene, chosen).picture
+    played = PlayableScene(scene)
+    return lambda frame, camera: draw(played.at_frame(frame), camera, scene.header.background).rgb
+
+
+def render_frames(
+    scene_path: Path, camera_name: str, frames: str | None, out: Path, report: Report, device: str = "cpu"
+) -> int:
     """Writes a PNG for each frame as the camera of that name sees it; returns how many.
 
-    A moving camera's name stands for one moment's pose; "moving" follows it.
+    A moving camera's name stands for one moment's pose; "moving" follows it. ``device`` is "cpu", "cuda" or "auto".
     """
     import cv2
 
-    scene = PlayableScene.load(scene_path)
-    header = scene.header
+    scene = read_scene(scene_path)
+    header, picture_of = scene.header, picture_maker(scene, device)
     names = [camera.name for camera in header.cameras]
     follow = header.is_moving and camera_name == "moving"
     if camera_name not in names and not follow:
@@ -133,7 +152,7 @@ def render_frames(scene_path: Path, camera_name: str, frames: str | None, out: P
             camera = by_frame[min(by_frame, key=lambda moment: abs(moment - frame))]
         else:
             camera = header.cameras[names.index(camera_name)]
-        picture = to_uint8(draw(scene.at_frame(frame), camera, header.background).rgb)
+        picture = to_uint8(picture_of(frame, camera))
         path = out / f"{camera_name.replace('/', '_')}_{frame:04d}.png"
         written, content = cv2.imencode(".png", picture[:, :, ::-1])
         if not written:

@@ -19,7 +19,7 @@ from bpy.props import (
 from .. import playback
 
 RECIPES = (
-    ("draft", "Draft", "A first look: 4,000 steps or more, a minute or two on a processor"),
+    ("draft", "Draft", "A first look: 3,500 steps or more, a minute or two on a processor"),
     ("standard", "Standard", "The usual choice: 10,000 steps or more, five to thirty minutes on a processor"),
     ("paper", "Paper", "The settings of the FRoG paper: 80,000 steps of a larger model, many hours"),
 )

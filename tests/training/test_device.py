@@ -244,7 +244,7 @@ def test_a_gpu_that_cannot_be_used_is_left_aside_with_a_word(gpu: None, monkeypa
         device, left_aside = choose_device("auto")
         assert device == CPU and left_aside.endswith(".") and "\n" not in left_aside
         assert str(error).split("\n")[0].rstrip(".") in left_aside
-        with pytest.raises(FrogError, match="'cuda' is not possible: ") as caught:
+        with pytest.raises(FrogError, match="'cuda' cannot be used: ") as caught:
             choose_device("cuda")
         assert "\n" not in str(caught.value)
 

@@ -153,11 +153,14 @@ class Frog(SceneModel):
     ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
         """``deform`` in plain torch, on any device and in any floating-point type; the fused one is tested against it.
 
+        The network and the embeddings may be of another type than the rest (half precision: inference.on_device).
+
         Args:
             temporal: (networks, T) fused temporal embedding.
         """
         c, s = self.canonical, self.settings
-        changes = self.deformation(temporal, c.embeddings)
+        changes = self.deformation(temporal.to(c.embeddings.dtype), c.embeddings)
+        changes = {name: change.to(c.means.dtype) for name, change in changes.items()}
         changes["means"] = changes["means"] * s.motion_unit
         d_opacity = changes["opacity_logits"].squeeze(1)
         opacities = torch.sigmoid(c.opacity_logits + d_opacity)

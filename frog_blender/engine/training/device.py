@@ -30,7 +30,7 @@ def choose_device(name: str) -> tuple[torch.device, str]:
         return cpu, ""
     if not torch.cuda.is_available():
         if name == "cuda":
-            raise FrogError("Training on the device 'cuda' is not possible: this torch sees no NVIDIA GPU.")
+            raise FrogError("The device 'cuda' cannot be used: this torch sees no NVIDIA GPU.")
         return cpu, ""
     try:
         device = torch.device("cuda", torch.cuda.current_device())
@@ -38,7 +38,7 @@ def choose_device(name: str) -> tuple[torch.device, str]:
     except Exception as error:  # of the driver, the compiler, the kernels: whatever it is, the CPU can go on
         reason = (str(error).strip() or type(error).__name__).splitlines()[0].rstrip(".")  # a compiler's log follows
         if name == "cuda":
-            raise FrogError(f"Training on the device 'cuda' is not possible: {reason}.") from error
+            raise FrogError(f"The device 'cuda' cannot be used: {reason}.") from error
         return cpu, f"The GPU is left aside, training on the CPU: {reason}."
     return device, ""
 

@@ -1,0 +1,112 @@
+"""A finished scene played and drawn by torch, on a GPU: the network in half precision where that is harmless.
+
+The rest of this room needs no torch, and is what Blender plays with; this is for pictures by the hundred
+(``frog render --device cuda``).
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+
+import numpy as np
+import torch
+
+from ..capture.camera import Camera
+from ..capture.time import frame_to_time
+from ..errors import FrogError
+from ..files import SceneFile
+from ..model.canonical import ATTRIBUTES, CanonicalField
+from ..model.frog import Frog, FrogSettings
+from ..model.interface import Progressing
+from ..rasterizer import GaussianArrays, rasterize
+from .scene import PlayableScene
+
+HALF_TOLERANCE = 1e-3
+"""What half precision may change: of means in motion units, of logarithms of scales, of opacities and colours."""
+_TRIAL_TIMES = (0.0, 0.31, 0.69, 1.0)
+_METHODS = ("frog", "ed3dgs")
+
+
+class SceneOnDevice:
+    """Like PlayableScene, with tensors on ``device``.
+
+    Args:
+        scene: what a ``.frog`` holds, of FRoG or E-D3DGS.
+        device: of torch.
+        half: None for half precision on a GPU, where it changes nothing beyond HALF_TOLERANCE.
+
+    Attributes:
+        header: the scene's.
+        half: whether the network runs in half precision.
+
+    Raises:
+        FrogError: for a scene of another method, or one that cannot be used.
+    """
+
+    def __init__(self, scene: SceneFile, device: torch.device | str, half: bool | None = None) -> None:
+        if scene.header.method not in _METHODS:
+            raise FrogError(f"Found a scene of the method {scene.header.method!r}, expected FRoG or E-D3DGS on a GPU.")
+        PlayableScene(scene)  # refuses what does not fit together
+        self.header = scene.header
+        self._model = _model_of(scene).to(device)
+        if half is None and torch.device(device).type != "cpu":
+            half = half_error(self._model) <= HALF_TOLERANCE
+        self.half = bool(half)
+        if self.half:
+            self._model = _halved(self._model)
+
+    def at_frame(self, frame: float) -> GaussianArrays:
+        """As PlayableScene.at_frame; quaternions of any length."""
+        return self.at(frame_to_time(frame, self.header.frame_count))
+
+    def at(self, time: float) -> GaussianArrays:
+        """Gaussians at a time in [0, 1] (clamped), activated; quaternions of any length."""
+        return _gaussians(self._model, min(max(float(time), 0.0), 1.0))
+
+    @torch.inference_mode()
+    def picture(self, frame: float, camera: Camera) -> np.ndarray:
+        """(H, W, 3) float32, display-referred, over the scene's background."""
+        return rasterize(self.at_frame(frame), camera, self.header.background).rgb.cpu().numpy()
+
+
+def half_error(model: Frog) -> float:
+    """The largest change that half precision makes at a few times, see HALF_TOLERANCE; infinite when it overflows."""
+    halved, unit, worst = _halved(model), model.settings.motion_unit, 0.0
+    for time in _TRIAL_TIMES:
+        one, other = _gaussians(model, time), _gaussians(halved, time)
+        differences = [(one.means - other.means) / unit, one.scales.log() - other.scales.log()]
+        differences += [one.opacities - other.opacities, one.sh - other.sh]
+        worst = max(worst, *(float(difference.abs().nan_to_num(nan=math.inf).max()) for difference in differences))
+    return worst
+
+
+@torch.inference_mode()
+def _gaussians(model: Frog, time: float) -> GaussianArrays:
+    s = model.settings
+    rows = s.temporal_rows - s.coarse_rows
+    fine = ((s.fine_rows or s.temporal_rows) - s.coarse_rows) / rows if rows else 1.0
+    progressing = Progressing(fine, s.opacity_share)
+    temporal = model.temporal_embedding(time, progressing)
+    return model.deform_plainly(temporal, progressing, model.canonical.sh.shape[1])[0]
+
+
+def _model_of(scene: SceneFile) -> Frog:
+    """The model as training had it, on the CPU."""
+    arrays = {name: torch.from_numpy(np.array(array, np.float32)) for name, array in scene.arrays.items()}
+    try:
+        canonical = CanonicalField({name: arrays.pop(name) for name in ATTRIBUTES})
+        model = Frog(canonical, FrogSettings(**scene.header.model))
+        others = {name.replace("network.", "deformation."): value for name, value in arrays.items()}
+        model.load_state_dict({**others, **{f"canonical.{name}": getattr(canonical, name) for name in ATTRIBUTES}})
+    except (KeyError, TypeError, RuntimeError) as error:
+        raise FrogError(f"The scene cannot be played by torch ({str(error).splitlines()[0]}); use the CPU.") from error
+    return model.requires_grad_(False)
+
+
+def _halved(model: Frog) -> Frog:
+    """A copy whose network and embeddings are in half precision."""
+    halved = copy.deepcopy(model)
+    halved.deformation.half()
+    halved.canonical.embeddings.data = halved.canonical.embeddings.data.half()
+    return halved
