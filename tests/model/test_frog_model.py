@@ -212,19 +212,22 @@ def test_the_table_is_smoothed_only_where_asked() -> None:
 
 
 @pytest.mark.parametrize(
-    ("frames", "most", "share", "expected"),
+    ("frames", "most", "share", "frames_per_row", "expected"),
     [
-        (300, 150, 0.2, (150, 30)),  # N3DV, as in E-D3DGS's own settings; the next are its HyperNeRF scenes
-        (513, 250, 0.2, (250, 50)),
-        (164, 250, 0.2, (82, 16)),
-        (50, 150, 0.2, (25, 5)),  # Technicolor
-        (30, 150, 0.0, (15, 5)),
-        (300, 150, 0.0, (150, 30)),
-        (1, 150, 0.0, (2, 2)),
+        (300, 150, 0.2, 2, (150, 30)),  # N3DV, as in E-D3DGS's own settings; the next are its HyperNeRF scenes
+        (513, 250, 0.2, 2, (250, 50)),
+        (164, 250, 0.2, 2, (82, 16)),
+        (50, 150, 0.2, 2, (25, 5)),  # Technicolor
+        (30, 150, 0.0, 1, (30, 15)),
+        (30, 150, 0.0, 2, (15, 7)),
+        (300, 150, 0.0, 1, (150, 30)),
+        (1, 150, 0.0, 1, (2, 2)),
     ],
 )
-def test_rows_follow_the_frames(frames: int, most: int, share: float, expected: tuple[int, int]) -> None:
-    assert rows_for(frames, most, share) == expected
+def test_rows_follow_the_frames(
+    frames: int, most: int, share: float, frames_per_row: float, expected: tuple[int, int]
+) -> None:
+    assert rows_for(frames, most, share, frames_per_row) == expected
 
 
 def test_changes_of_the_means_are_in_world_units() -> None:

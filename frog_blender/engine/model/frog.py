@@ -57,6 +57,7 @@ class FrogSettings:
 
 
 _ATTENTION_WIDTH = 16
+_MOST_COARSE_ROWS = 30
 
 
 class Frog(SceneModel):
@@ -223,12 +224,13 @@ def initial_table(settings: FrogSettings) -> torch.Tensor:
     return 1 + torch.sin(2 * math.pi * (frequencies * times + phases))
 
 
-def rows_for(frame_count: int, most: int, coarse_share: float) -> tuple[int, int]:
-    """(temporal rows, coarse rows): a row for every two frames up to ``most``, and a share of them coarse.
+def rows_for(frame_count: int, most: int, coarse_share: float, frames_per_row: float = 1.0) -> tuple[int, int]:
+    """(temporal rows, coarse rows): a row for every ``frames_per_row`` frames up to ``most``, and a share of them coarse.
 
     Args:
-        coarse_share: 0 for a third of a short table and a fifth of a long one; E-D3DGS has a fifth (150 and 30 for 300
-            frames), which leaves short captures very few.
+        coarse_share: 0 for half of the rows, at most 30; E-D3DGS has a fifth (150 and 30 for 300 frames), which leaves
+            short captures very few.
     """
-    rows = max(2, min(most, math.ceil(frame_count / 2)))
-    return rows, max(2, min(rows, round(rows * (coarse_share or (1 / 3 if rows < 60 else 1 / 5)))))
+    rows = max(2, min(most, math.ceil(frame_count / frames_per_row)))
+    coarse_rows = round(rows * coarse_share) if coarse_share else min(_MOST_COARSE_ROWS, rows // 2)
+    return rows, max(2, min(rows, coarse_rows))

@@ -54,7 +54,9 @@ class Method:
 
 def _frog(begin: Beginning) -> Frog:
     recipe, sh_count = begin.recipe, begin.canonical.sh.shape[1]
-    rows, coarse_rows = rows_for(begin.frame_count, recipe.most_temporal_rows, recipe.coarse_share)
+    rows, coarse_rows = rows_for(
+        begin.frame_count, recipe.most_temporal_rows, recipe.coarse_share, recipe.frames_per_row
+    )
     settings = FrogSettings(
         temporal_rows=rows,
         coarse_rows=coarse_rows,

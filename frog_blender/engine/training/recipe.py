@@ -27,8 +27,8 @@ class Recipe:
             them).
         embedding_size, temporal_size, hidden_width, head_width, deformed_sh, deformed_opacity: see model.frog.
         modulation: see model.deformation; the papers have none.
-        most_temporal_rows, coarse_share: rows of the temporal table at most, and the coarse embedding's share of them
-            (0: see model.frog.rows_for).
+        frames_per_row, most_temporal_rows, coarse_share: frames for each row of the temporal table, rows at most, and
+            the coarse embedding's share of them (0: see model.frog.rows_for).
         opacity_reduction, opacity_sharpness: "paper", "unit" or "off", and the paper's k.
         opacity_ramp: fractions of training between which the reduction is ramped in.
         table_smoothness: weight of the temporal table's smoothness (E-D3DGS has 1e-4 for HyperNeRF).
@@ -74,6 +74,7 @@ class Recipe:
     deformed_sh: int = 1
     deformed_opacity: bool = True
     modulation: bool = True
+    frames_per_row: float = 1.0
     most_temporal_rows: int = 150
     coarse_share: float = 0.0
     table_smoothness: float = 0.0
@@ -87,7 +88,7 @@ class Recipe:
     rotation_rate: float = 2e-3
     opacity_rate: float = 3e-2
     color_rate: float = 5e-3
-    embedding_rate: float = 3e-2
+    embedding_rate: float = 6e-2
     temporal_rate: float = 1e-2
     network_rate: float = 1e-3
     grid_rate: float = 1e-2
@@ -164,7 +165,9 @@ _PAPER = Recipe(
     head_width=128,
     deformed_sh=16,
     modulation=False,
+    frames_per_row=2.0,
     coarse_share=0.2,
+    embedding_rate=3e-2,
     opacity_reduction="paper",
     half_size_until=0.0,
     fine_rows_until=0.125,
