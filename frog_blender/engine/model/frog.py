@@ -225,7 +225,7 @@ def initial_table(settings: FrogSettings) -> torch.Tensor:
 
 
 def rows_for(frame_count: int, most: int, coarse_share: float, frames_per_row: float = 1.0) -> tuple[int, int]:
-    """(temporal rows, coarse rows): a row for every ``frames_per_row`` frames up to ``most``, and a share of them coarse.
+    """(temporal rows, coarse rows): a row for every ``frames_per_row`` frames up to ``most``, a share of them coarse.
 
     Args:
         coarse_share: 0 for half of the rows, at most 30; E-D3DGS has a fifth (150 and 30 for 300 frames), which leaves
