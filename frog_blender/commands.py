@@ -114,14 +114,14 @@ def parse_frames(text: str | None, count: int) -> range:
 
 def picture_maker(scene: SceneFile, device: str) -> Callable[[float, Camera], np.ndarray]:
     """Draws frames: (frame, camera) to (H, W, 3) floats; without torch unless ``device`` is another one than "cpu"."""
+    played = PlayableScene(scene)  # refuses what does not fit together
     if device != "cpu":
-        from .engine.inference.on_device import SceneOnDevice
+        from .engine.model.on_device import SceneOnDevice
         from .engine.training.device import choose_device
 
         chosen, _ = choose_device(device)
         if chosen.type != "cpu":
             return SceneOnDevice(scene, chosen).picture
-    played = PlayableScene(scene)
     return lambda frame, camera: draw(played.at_frame(frame), camera, scene.header.background).rgb
 
 

@@ -154,7 +154,7 @@ class Frog(SceneModel):
     ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
         """``deform`` in plain torch, on any device and in any floating-point type; the fused one is tested against it.
 
-        The network and the embeddings may be of another type than the rest (half precision: inference.on_device).
+        The network and the embeddings may be of another type than the rest (half precision: model.on_device).
 
         Args:
             temporal: (networks, T) fused temporal embedding.

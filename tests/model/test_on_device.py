@@ -14,8 +14,8 @@ from frog_blender.commands import picture_maker, render_frames
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.files import write_scene
 from frog_blender.engine.inference.draw import draw
-from frog_blender.engine.inference.on_device import HALF_TOLERANCE, SceneOnDevice, half_error
 from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender.engine.model.on_device import HALF_TOLERANCE, SceneOnDevice, half_error
 
 SHAPES = [{}, {"modulation": True}, {"fusion": "dual", "head_width": 24}, {"fine_rows": 4, "opacity_share": 0.3}]
 NAMES = ("means", "scales", "opacities", "sh")

@@ -1,7 +1,6 @@
 """A finished scene played and drawn by torch, on a GPU: the network in half precision where that is harmless.
 
-The rest of this room needs no torch, and is what Blender plays with; this is for pictures by the hundred
-(``frog render --device cuda``).
+Blender plays without torch (engine/inference); this is for pictures by the hundred (``frog render --device cuda``).
 """
 
 from __future__ import annotations
@@ -16,11 +15,10 @@ from ..capture.camera import Camera
 from ..capture.time import frame_to_time
 from ..errors import FrogError
 from ..files import SceneFile
-from ..model.canonical import ATTRIBUTES, CanonicalField
-from ..model.frog import Frog, FrogSettings
-from ..model.interface import Progressing
 from ..rasterizer import GaussianArrays, rasterize
-from .scene import PlayableScene
+from .canonical import ATTRIBUTES, CanonicalField
+from .frog import Frog, FrogSettings
+from .interface import Progressing
 
 HALF_TOLERANCE = 1e-3
 """What half precision may change: of means in motion units, of logarithms of scales, of opacities and colours."""
@@ -41,13 +39,12 @@ class SceneOnDevice:
         half: whether the network runs in half precision.
 
     Raises:
-        FrogError: for a scene of another method, or one that cannot be used.
+        FrogError: for a scene of another method, or one whose arrays are not what its settings say.
     """
 
     def __init__(self, scene: SceneFile, device: torch.device | str, half: bool | None = None) -> None:
         if scene.header.method not in _METHODS:
             raise FrogError(f"Found a scene of the method {scene.header.method!r}, expected FRoG or E-D3DGS on a GPU.")
-        PlayableScene(scene)  # refuses what does not fit together
         self.header = scene.header
         self._model = _model_of(scene).to(device)
         if half is None and torch.device(device).type != "cpu":
