@@ -40,7 +40,7 @@ def restless(method: str, count: int = 41, **settings: object) -> SceneModel:
     values = {name: torch.from_numpy(still[name]) for name in names}
     values["embeddings"] = torch.randn(count, adapted.embedding_size) * 3
     values["embeddings"][:, 14:] /= 10  # a Gaussian's width in time is its exponential
-    model = METHODS[method].build(Beginning(CanonicalField(values), adapted, FRAMES, 2.0))
+    model = METHODS[method].build(Beginning(CanonicalField(values), adapted, FRAMES, 4 * FRAMES, 2.0))
     for name, parameter in model.named_parameters():
         if name.startswith("deformation.output"):
             parameter.data = torch.randn(parameter.shape) * 0.1

@@ -30,7 +30,7 @@ def canonical(embedding_size: int = 0, count: int = COUNT) -> CanonicalField:
 def built(method: str, frames: int = 9, seed: int = 0, **settings: object) -> SceneModel:
     torch.manual_seed(seed)
     adapted = METHODS[method].adapt(recipe("draft", **settings))
-    return METHODS[method].build(Beginning(canonical(adapted.embedding_size), adapted, frames, 3.0))
+    return METHODS[method].build(Beginning(canonical(adapted.embedding_size), adapted, frames, 4 * frames, 3.0))
 
 
 def awake(model: SceneModel) -> SceneModel:
@@ -85,7 +85,7 @@ def test_the_world_can_be_as_large_as_it_likes(method: str) -> None:
         torch.manual_seed(4)
         field = canonical(adapted.embedding_size)
         field.means.data *= factor
-        model = awake(METHODS[method].build(Beginning(field, adapted, 9, 3.0 * factor)))
+        model = awake(METHODS[method].build(Beginning(field, adapted, 9, 36, 3.0 * factor)))
         found.append((model(0.3).means - field.means).detach() / factor)
     assert float(found[0].abs().max()) > 0.01
     torch.testing.assert_close(found[0], found[1], atol=2e-3, rtol=2e-3)

@@ -11,7 +11,7 @@ from torch.nn import functional
 from frog_blender.engine.model.baselines.static import Static
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
 from frog_blender.engine.model.deformation import DeformationField
-from frog_blender.engine.model.frog import Frog, FrogSettings, rows_for, total_deformation
+from frog_blender.engine.model.frog import Frog, FrogSettings, coarse_rows_for, total_deformation
 from frog_blender.engine.model.fusion import FUSIONS, fuse, fused_size, network_count
 from frog_blender.engine.model.interface import FINISHED, Progressing
 
@@ -211,23 +211,10 @@ def test_the_table_is_smoothed_only_where_asked() -> None:
     assert float(model.regularization().detach()) == 0.0
 
 
-@pytest.mark.parametrize(
-    ("frames", "most", "share", "frames_per_row", "expected"),
-    [
-        (300, 150, 0.2, 2, (150, 30)),  # N3DV, as in E-D3DGS's own settings; the next are its HyperNeRF scenes
-        (513, 250, 0.2, 2, (250, 50)),
-        (164, 250, 0.2, 2, (82, 16)),
-        (50, 150, 0.2, 2, (25, 5)),  # Technicolor
-        (30, 150, 0.0, 1, (30, 15)),
-        (30, 150, 0.0, 2, (15, 7)),
-        (300, 150, 0.0, 1, (150, 30)),
-        (1, 150, 0.0, 1, (2, 2)),
-    ],
-)
-def test_rows_follow_the_frames(
-    frames: int, most: int, share: float, frames_per_row: float, expected: tuple[int, int]
-) -> None:
-    assert rows_for(frames, most, share, frames_per_row) == expected
+@pytest.mark.parametrize(("rows", "share", "expected"), [(150, 0.2, 30), (250, 0.2, 50), (30, 0.0, 15), (150, 0.0, 30)])
+def test_coarse_rows(rows: int, share: float, expected: int) -> None:
+    assert coarse_rows_for(rows, share) == expected
+    assert coarse_rows_for(2, share) == 2
 
 
 def test_changes_of_the_means_are_in_world_units() -> None:

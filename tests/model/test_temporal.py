@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 
-from frog_blender.engine.model.frog import rows_for
 from frog_blender.engine.model.temporal import temporal_weights
 
 TIMES = (0.0, 1e-9, 0.1, 1 / 3, 0.5, 0.77, 1 - 1e-9, 1.0)
@@ -59,12 +58,3 @@ def test_weights_are_continuous_in_time() -> None:
     weights = np.array([temporal_weights(time, 7, 20) for time in times])
     # Seven rows: a weight goes from 0 to 1 in a sixth of the time at the fastest.
     assert np.abs(np.diff(weights, axis=0)).max() <= 6 / 2000 + 1e-6
-
-
-@pytest.mark.parametrize("frames", [1, 2, 3, 10, 60, 300, 5000])
-def test_rows_follow_the_frames(frames: int) -> None:
-    rows, coarse = rows_for(frames, 150, 0.0)
-    assert 2 <= coarse <= rows <= 150
-    assert rows <= max(2, frames)
-    if frames == 300:
-        assert (rows, coarse) == (150, 30)  # as E-D3DGS chose

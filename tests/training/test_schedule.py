@@ -151,3 +151,19 @@ def test_more_moments_take_more_steps() -> None:
     assert standard.steps_for(30) == standard.steps
     assert standard.steps_for(100) == 100 * standard.steps_per_moment > standard.steps
     assert RECIPES["draft"].steps_for(30) < standard.steps_for(30)
+
+
+@pytest.mark.parametrize(
+    ("name", "frames", "pictures", "rows"),
+    [
+        ("paper", 300, 5700, 150),  # N3DV, as in E-D3DGS's own settings; the next is one of its HyperNeRF scenes
+        ("hypernerf", 164, 82, 82),
+        ("technicolor", 50, 750, 25),
+        ("standard", 30, 300, 30),  # several cameras
+        ("standard", 86, 75, 37),  # one, which sees each moment once
+        ("standard", 5000, 50_000, 150),
+        ("standard", 1, 1, 2),
+    ],
+)
+def test_rows_follow_frames_and_pictures(name: str, frames: int, pictures: int, rows: int) -> None:
+    assert recipe(name).temporal_rows_for(frames, pictures) == rows

@@ -224,13 +224,12 @@ def initial_table(settings: FrogSettings) -> torch.Tensor:
     return 1 + torch.sin(2 * math.pi * (frequencies * times + phases))
 
 
-def rows_for(frame_count: int, most: int, coarse_share: float, frames_per_row: float = 1.0) -> tuple[int, int]:
-    """(temporal rows, coarse rows): a row for every ``frames_per_row`` frames up to ``most``, a share of them coarse.
+def coarse_rows_for(rows: int, share: float) -> int:
+    """Rows of the coarse embedding.
 
     Args:
-        coarse_share: 0 for half of the rows, at most 30; E-D3DGS has a fifth (150 and 30 for 300 frames), which leaves
-            short captures very few.
+        rows: of the temporal table.
+        share: of them; 0 for half of the rows, at most 30. E-D3DGS has a fifth (150 and 30 for 300 frames), which
+            leaves short captures very few.
     """
-    rows = max(2, min(most, math.ceil(frame_count / frames_per_row)))
-    coarse_rows = round(rows * coarse_share) if coarse_share else min(_MOST_COARSE_ROWS, rows // 2)
-    return rows, max(2, min(rows, coarse_rows))
+    return max(2, min(rows, round(rows * share) if share else min(_MOST_COARSE_ROWS, rows // 2)))

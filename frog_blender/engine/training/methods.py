@@ -12,7 +12,7 @@ from ..errors import FrogError
 from ..model.baselines import curves, d3dgs, hexplane
 from ..model.baselines.static import Static
 from ..model.canonical import CanonicalField
-from ..model.frog import Frog, FrogSettings, rows_for
+from ..model.frog import Frog, FrogSettings, coarse_rows_for
 from ..model.interface import SceneModel
 from .recipe import Recipe
 
@@ -28,12 +28,14 @@ class Beginning:
         canonical: the seeds' Gaussians, with embeddings (N, ``recipe.embedding_size``) of zeros.
         recipe: as the method adapted it.
         frame_count: moments of the capture.
+        picture_count: training pictures.
         scene_scale: world units, see ``start.scale_of``.
     """
 
     canonical: CanonicalField
     recipe: Recipe
     frame_count: int
+    picture_count: int
     scene_scale: float
 
 
@@ -54,12 +56,10 @@ class Method:
 
 def _frog(begin: Beginning) -> Frog:
     recipe, sh_count = begin.recipe, begin.canonical.sh.shape[1]
-    rows, coarse_rows = rows_for(
-        begin.frame_count, recipe.most_temporal_rows, recipe.coarse_share, recipe.frames_per_row
-    )
+    rows = recipe.temporal_rows_for(begin.frame_count, begin.picture_count)
     settings = FrogSettings(
         temporal_rows=rows,
-        coarse_rows=coarse_rows,
+        coarse_rows=coarse_rows_for(rows, recipe.coarse_share),
         temporal_size=recipe.temporal_size,
         embedding_size=recipe.embedding_size,
         hidden_width=recipe.hidden_width,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -27,11 +28,13 @@ class Recipe:
             them).
         embedding_size, temporal_size, hidden_width, head_width, deformed_sh, deformed_opacity: see model.frog.
         modulation: see model.deformation; the papers have none.
-        frames_per_row, most_temporal_rows, coarse_share: frames for each row of the temporal table, rows at most, and
-            the coarse embedding's share of them (0: see model.frog.rows_for).
+        frames_per_row, pictures_per_row, most_temporal_rows: frames and training pictures for each row of the temporal
+            table at least, and rows at most.
+        coarse_share: the coarse embedding's share of the rows (0: see model.frog.coarse_rows_for).
         opacity_reduction, opacity_sharpness: "paper", "unit" or "off", and the paper's k.
         opacity_ramp: fractions of training between which the reduction is ramped in.
-        table_smoothness: weight of the temporal table's smoothness (E-D3DGS has 1e-4 for HyperNeRF).
+        table_smoothness: weight of the temporal table's smoothness (E-D3DGS has 1e-4 for HyperNeRF); rows at withheld
+            moments have nothing else to go by.
         fine_rows_until: fraction at which the fine temporal embedding has all its rows.
         warm_up: fraction of training without deformation.
         mean_rate ... grid_rate: Adam rates at the start; means, embedding, network, grid and temporal rates decay
@@ -75,9 +78,10 @@ class Recipe:
     deformed_opacity: bool = True
     modulation: bool = True
     frames_per_row: float = 1.0
+    pictures_per_row: float = 2.0
     most_temporal_rows: int = 150
     coarse_share: float = 0.0
-    table_smoothness: float = 0.0
+    table_smoothness: float = 1e-4
     opacity_reduction: str = "unit"
     opacity_sharpness: float = 10.0
     opacity_ramp: tuple[float, float] = (0.1, 0.25)
@@ -125,6 +129,13 @@ class Recipe:
         """Steps for a capture of so many moments: motion takes time to learn, and more of it more time."""
         return max(self.steps, self.steps_per_moment * moments)
 
+    def temporal_rows_for(self, frames: int, pictures: int) -> int:
+        """Rows of the temporal table for a capture of so many moments and training pictures."""
+        rows = math.ceil(frames / self.frames_per_row)
+        if self.pictures_per_row:
+            rows = min(rows, int(pictures / self.pictures_per_row))
+        return max(2, min(rows, self.most_temporal_rows))
+
     def newcomers(self, count: int, share: float) -> int:
         """New Gaussians of a round: a share of those there are, or of half the limit where seeds were few, so that a
         scene that begins with a hundred points can grow."""
@@ -166,7 +177,9 @@ _PAPER = Recipe(
     deformed_sh=16,
     modulation=False,
     frames_per_row=2.0,
+    pictures_per_row=0.0,
     coarse_share=0.2,
+    table_smoothness=0.0,
     embedding_rate=3e-2,
     opacity_reduction="paper",
     half_size_until=0.0,
