@@ -228,7 +228,7 @@ def pair(make_trainer: Make, emphasis: float) -> list[tuple[dict[str, torch.Tens
     """``one_step`` on the rectangle, and masked, of the same shot in the middle of the same training."""
     steps = []
     for masked in (False, True):
-        recipe = {"dssim_weight": 0.0, "smoothness_weight": 0.0, "region_emphasis": emphasis}
+        recipe = {"dssim_weight": 0.0, "smoothness_weight": 0.0, "table_smoothness": 0.0, "region_emphasis": emphasis}
         trainer = train(make_trainer(40, **recipe), until=20)
         steps.append(one_step(trainer, masked))
     return steps
