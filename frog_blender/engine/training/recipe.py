@@ -92,7 +92,7 @@ class Recipe:
     rotation_rate: float = 2e-3
     opacity_rate: float = 3e-2
     color_rate: float = 5e-3
-    embedding_rate: float = 6e-2
+    embedding_rate: float = 3e-2
     temporal_rate: float = 1e-2
     network_rate: float = 1e-3
     grid_rate: float = 1e-2
@@ -180,7 +180,6 @@ _PAPER = Recipe(
     pictures_per_row=0.0,
     coarse_share=0.2,
     table_smoothness=0.0,
-    embedding_rate=3e-2,
     opacity_reduction="paper",
     half_size_until=0.0,
     fine_rows_until=0.125,
@@ -201,6 +200,7 @@ RECIPES = {
         steps_per_moment=60,
         max_gaussians=25_000,
         seed_gaussians=20_000,
+        embedding_rate=6e-2,
         rate_decay=0.25,
     ),
     "standard": Recipe(),
