@@ -80,10 +80,10 @@ def main() -> None:
     watch(spent, trainer, "_rounds", "rounds")
     about = {"recipe": options.recipe, "isa": native.instruction_set()}
     total, all_seconds, all_steps = Counter[str](), 0.0, 0
+    while trainer.step_count < WARM_UP:
+        trainer.step()
     for tenth in range(10):
         end = options.steps * (tenth + 1) // 10
-        while trainer.step_count < (WARM_UP if tenth == 0 else 0):
-            trainer.step()
         spent.clear()
         steps, started = end - trainer.step_count, time.perf_counter()
         while trainer.step_count < end:

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .engine.comparison.grid import ABLATIONS
 from .engine.errors import FrogError
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from .engine.comparison.grid import Run
     from .engine.comparison.runs import Conditions
 
-_ALL_ABLATIONS = "fusion,modulation,sampling,opacity,k"
+_ALL_ABLATIONS = ",".join(ABLATIONS)
 
 
 def add_chart_parser(commands: Any, positive: Callable[[type], Any], recipes: Sequence[str]) -> None:

@@ -12,24 +12,11 @@ from helpers import ATTRIBUTES, MODEL, odd_camera, scene_file
 from frog_blender.engine.files import SceneFile, read_scene, write_scene
 from frog_blender.engine.inference.draw import draw, to_uint8
 from frog_blender.engine.inference.scene import PlayableScene
-from frog_blender.engine.model.canonical import CanonicalField
-from frog_blender.engine.model.frog import Frog, FrogSettings
 from frog_blender.engine.model.interface import Progressing
+from frog_blender.engine.model.on_device import model_of
 from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions, rasterize
 
 TIMES = (0.0, 0.013, 0.25, 0.5, 0.9, 1.0)
-
-
-def torch_model(scene: SceneFile) -> Frog:
-    """The model whose state the file holds."""
-    values = {name: torch.from_numpy(array) for name, array in scene.arrays.items()}
-    model = Frog(CanonicalField(values), FrogSettings(**scene.header.model))
-    state = {}
-    for name, value in values.items():
-        learned = name in dict(model.canonical.named_parameters())
-        state[f"canonical.{name}" if learned else name.replace("network.", "deformation.")] = value
-    model.load_state_dict(state)
-    return model
 
 
 SHAPES = [
@@ -67,7 +54,7 @@ def fine_share(shape: dict) -> float:
 def test_gaussians_at_many_times(tmp_path: Path, shape: dict, count: int) -> None:
     scene = scene_file(count, sh_count=16 if shape.get("deformed_sh") == 9 else 4, **shape)
     write_scene(tmp_path / "x.frog", scene)
-    played, model = PlayableScene.load(tmp_path / "x.frog"), torch_model(scene)
+    played, model = PlayableScene.load(tmp_path / "x.frog"), model_of(scene)
     assert played.count == count
     still = torch.from_numpy(scene.arrays["means"])
     for time in TIMES:

@@ -73,7 +73,7 @@ def test_gaussians_at_many_times(tmp_path: Path, shape: tuple[str, dict], count:
         found = played.at(time)
         with torch.no_grad():
             expected = model(time)
-        assert float((expected.means - model.canonical.means).detach().abs().max()) > 1e-4  # it does move
+        assert float((expected.means - model.canonical.means).detach().abs().max()) > 1e-3  # it does move
         expected.quaternions = torch.nn.functional.normalize(expected.quaternions, dim=1)
         for name in ATTRIBUTES:
             values = getattr(found, name)

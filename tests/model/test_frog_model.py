@@ -11,7 +11,7 @@ from torch.nn import functional
 from frog_blender.engine.model.baselines.static import Static
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
 from frog_blender.engine.model.deformation import DeformationField
-from frog_blender.engine.model.frog import Frog, FrogSettings, coarse_rows_for, total_deformation
+from frog_blender.engine.model.frog import Frog, FrogSettings, total_deformation
 from frog_blender.engine.model.fusion import FUSIONS, fuse, fused_size, network_count
 from frog_blender.engine.model.interface import FINISHED, Progressing
 
@@ -209,12 +209,6 @@ def test_the_table_is_smoothed_only_where_asked() -> None:
     torch.testing.assert_close(model.regularization().detach(), 2 * (table[1:] - table[:-1]).square().mean())
     table[:] = 1.5
     assert float(model.regularization().detach()) == 0.0
-
-
-@pytest.mark.parametrize(("rows", "share", "expected"), [(150, 0.2, 30), (250, 0.2, 50), (30, 0.0, 15), (150, 0.0, 30)])
-def test_coarse_rows(rows: int, share: float, expected: int) -> None:
-    assert coarse_rows_for(rows, share) == expected
-    assert coarse_rows_for(2, share) == 2
 
 
 def test_changes_of_the_means_are_in_world_units() -> None:

@@ -167,3 +167,10 @@ def test_more_moments_take_more_steps() -> None:
 )
 def test_rows_follow_frames_and_pictures(name: str, frames: int, pictures: int, rows: int) -> None:
     assert recipe(name).temporal_rows_for(frames, pictures) == rows
+
+
+@pytest.mark.parametrize(("rows", "share", "expected"), [(150, 0.2, 30), (250, 0.2, 50), (30, 0.0, 15), (150, 0.0, 30)])
+def test_coarse_rows(rows: int, share: float, expected: int) -> None:
+    settings = recipe("standard", coarse_share=share)
+    assert settings.coarse_rows_for(rows) == expected
+    assert settings.coarse_rows_for(2) == 2

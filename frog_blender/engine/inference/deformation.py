@@ -96,17 +96,15 @@ class PlayableDeformation:
         """(networks, T) what each network is given at a time in [0, 1]."""
         return self._temporal.at(time)
 
-    def shared(self, time: float) -> np.ndarray:
-        """(networks * hidden,) the first layer's temporal part and bias."""
-        return (self._temporal_weight @ self.temporal(time)[:, :, None]).ravel() + self._bias
-
     def _first_layer_at(self, time: float) -> dict[str, np.ndarray]:
-        """What of the first layer depends on time."""
-        arrays = {"shared": self.shared(time)}
+        """What of the first layer depends on time: ``shared`` (networks * hidden,), its temporal part and bias, and
+        with modulation ``embedding_weight`` (networks * hidden, E)."""
+        temporal = self.temporal(time)
+        arrays = {"shared": (self._temporal_weight @ temporal[:, :, None]).ravel() + self._bias}
         if self._modulation is not None:
             size = self._modulation.shape[1]
             weights = self._modulation.reshape(self._temporal.networks, -1, size)
-            change = weights * (self.temporal(time)[:, None, :size] - 1)
+            change = weights * (temporal[:, None, :size] - 1)
             arrays["embedding_weight"] = self._arrays["embedding_weight"] + change.reshape(-1, size)
         return arrays
 

@@ -3,9 +3,10 @@
 Its first layer separates, W [t; e] + b = (W_t t + b) + W_e e, so the N x (T + E) concatenation is never built:
 ``W_t t + b`` is one vector a moment, and ``W_e e`` does not depend on time at all (playback caches it).
 
-With modulation, which no paper of this family has, the embedding's weights follow time as well: (W_e + W_m diag(t)) e,
-so that a unit sees products of temporal and Gaussian embedding beside their sum. With the sum alone a Gaussian that
-learns one moment's motion disturbs its other moments. It costs a matrix of weights a moment, nothing a Gaussian.
+With modulation, which no paper of this family has, the embedding's weights follow time as well,
+(W_e + W_m diag(t - 1)) e, so that a unit sees products of temporal and Gaussian embedding beside their sum. With the
+sum alone a Gaussian that learns one moment's motion disturbs its other moments. It costs a matrix of weights a moment,
+nothing a Gaussian.
 """
 
 from __future__ import annotations
@@ -29,9 +30,9 @@ class DeformationField(nn.Module):
     head_width: hidden layer of each head as in the paper (five of 128); 0 shares the first layer among all heads,
         which gave the same PSNR at a third of the time.
     sh_count: SH coefficients that deform (0 to K).
-    modulated: see the module; needs temporal_size >= embedding_size.
     networks: 2 for E-D3DGS's coarse and fine network, whose changes add up. Their layers lie one after the other in
         the same arrays: rows of the first and the heads' layers, columns of the output layer.
+    modulated: see the module; needs temporal_size >= embedding_size.
     """
 
     def __init__(

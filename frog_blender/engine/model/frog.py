@@ -57,7 +57,6 @@ class FrogSettings:
 
 
 _ATTENTION_WIDTH = 16
-_MOST_COARSE_ROWS = 30
 
 
 class Frog(SceneModel):
@@ -222,14 +221,3 @@ def initial_table(settings: FrogSettings) -> torch.Tensor:
     frequencies = torch.rand(settings.temporal_size, device="cpu") * settings.coarse_rows / 2
     phases = torch.rand(settings.temporal_size, device="cpu")
     return 1 + torch.sin(2 * math.pi * (frequencies * times + phases))
-
-
-def coarse_rows_for(rows: int, share: float) -> int:
-    """Rows of the coarse embedding.
-
-    Args:
-        rows: of the temporal table.
-        share: of them; 0 for half of the rows, at most 30. E-D3DGS has a fifth (150 and 30 for 300 frames), which
-            leaves short captures very few.
-    """
-    return max(2, min(rows, round(rows * share) if share else min(_MOST_COARSE_ROWS, rows // 2)))

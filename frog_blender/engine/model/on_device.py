@@ -46,7 +46,7 @@ class SceneOnDevice:
         if scene.header.method not in _METHODS:
             raise FrogError(f"Found a scene of the method {scene.header.method!r}, expected FRoG or E-D3DGS on a GPU.")
         self.header = scene.header
-        self._model = _model_of(scene).to(device)
+        self._model = model_of(scene).to(device)
         if half is None and torch.device(device).type != "cpu":
             half = half_error(self._model) <= HALF_TOLERANCE
         self.half = bool(half)
@@ -88,14 +88,16 @@ def _gaussians(model: Frog, time: float) -> GaussianArrays:
     return model.deform_plainly(temporal, progressing, model.canonical.sh.shape[1])[0]
 
 
-def _model_of(scene: SceneFile) -> Frog:
-    """The model as training had it, on the CPU."""
-    arrays = {name: torch.from_numpy(np.array(array, np.float32)) for name, array in scene.arrays.items()}
+def model_of(scene: SceneFile) -> Frog:
+    """The model as training had it, on the CPU and without gradients; FrogError when the file does not hold one."""
+    values = {name: torch.from_numpy(np.array(array, np.float32)) for name, array in scene.arrays.items()}
+    state = {
+        f"canonical.{name}" if name in ATTRIBUTES else name.replace("network.", "deformation."): value
+        for name, value in values.items()
+    }
     try:
-        canonical = CanonicalField({name: arrays.pop(name) for name in ATTRIBUTES})
-        model = Frog(canonical, FrogSettings(**scene.header.model))
-        others = {name.replace("network.", "deformation."): value for name, value in arrays.items()}
-        model.load_state_dict({**others, **{f"canonical.{name}": getattr(canonical, name) for name in ATTRIBUTES}})
+        model = Frog(CanonicalField(values), FrogSettings(**scene.header.model))
+        model.load_state_dict(state)
     except (KeyError, TypeError, RuntimeError) as error:
         raise FrogError(f"The scene cannot be played by torch ({str(error).splitlines()[0]}); use the CPU.") from error
     return model.requires_grad_(False)

@@ -12,7 +12,7 @@ from ..errors import FrogError
 from ..model.baselines import curves, d3dgs, hexplane
 from ..model.baselines.static import Static
 from ..model.canonical import CanonicalField
-from ..model.frog import Frog, FrogSettings, coarse_rows_for
+from ..model.frog import Frog, FrogSettings
 from ..model.interface import SceneModel
 from .recipe import Recipe
 
@@ -59,7 +59,7 @@ def _frog(begin: Beginning) -> Frog:
     rows = recipe.temporal_rows_for(begin.frame_count, begin.picture_count)
     settings = FrogSettings(
         temporal_rows=rows,
-        coarse_rows=coarse_rows_for(rows, recipe.coarse_share),
+        coarse_rows=recipe.coarse_rows_for(rows),
         temporal_size=recipe.temporal_size,
         embedding_size=recipe.embedding_size,
         hidden_width=recipe.hidden_width,

@@ -11,6 +11,7 @@ from ..model.fusion import FUSIONS
 from ..model.opacity import FORMS
 
 SAMPLINGS = ("anchors", "inverse", "off")
+_MOST_COARSE_ROWS = 30
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,8 @@ class Recipe:
         modulation: see model.deformation; the papers have none.
         frames_per_row, pictures_per_row, most_temporal_rows: frames and training pictures for each row of the temporal
             table at least, and rows at most.
-        coarse_share: the coarse embedding's share of the rows (0: see model.frog.coarse_rows_for).
+        coarse_share: the coarse embedding's share of the rows; 0 for half of them, at most 30. E-D3DGS has a fifth (150
+            and 30 for 300 frames), which leaves short captures very few.
         opacity_reduction, opacity_sharpness: "paper", "unit" or "off", and the paper's k.
         opacity_ramp: fractions of training between which the reduction is ramped in.
         table_smoothness: weight of the temporal table's smoothness (E-D3DGS has 1e-4 for HyperNeRF); rows at withheld
@@ -135,6 +137,11 @@ class Recipe:
         if self.pictures_per_row:
             rows = min(rows, int(pictures / self.pictures_per_row))
         return max(2, min(rows, self.most_temporal_rows))
+
+    def coarse_rows_for(self, rows: int) -> int:
+        """Rows of the coarse embedding, of a table of ``rows``."""
+        share = self.coarse_share
+        return max(2, min(rows, round(rows * share) if share else min(_MOST_COARSE_ROWS, rows // 2)))
 
     def newcomers(self, count: int, share: float) -> int:
         """New Gaussians of a round: a share of those there are, or of half the limit where seeds were few, so that a
