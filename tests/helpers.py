@@ -91,8 +91,11 @@ MODEL = {
 """Model settings of a small scene."""
 
 
-def scene_file(count: int = 40, seed: int = 0, sh_count: int = 4, **model: object) -> SceneFile:
-    """A random scene that moves, turns, fades and tints, seen by three cameras over seven frames."""
+def scene_file(
+    count: int = 40, seed: int = 0, sh_count: int = 4, moving: int | None = None, **model: object
+) -> SceneFile:
+    """A random scene that moves (all of it, or the first ``moving`` Gaussians), turns, fades and tints, seen by three
+    cameras over seven frames."""
     random = np.random.default_rng(seed)
     camera = odd_camera()
     gaussians = random_gaussians(camera, count, int(sh_count**0.5) - 1, seed)
@@ -107,7 +110,7 @@ def scene_file(count: int = 40, seed: int = 0, sh_count: int = 4, **model: objec
         "log_scales": np.log(gaussians.scales),
         "opacity_logits": np.log(gaussians.opacities / (1 - gaussians.opacities)),
         "sh": gaussians.sh,
-        "embeddings": random.normal(size=(count, settings["embedding_size"])),
+        "embeddings": random.normal(size=(count if moving is None else moving, settings["embedding_size"])),
         "temporal_table": random.normal(1.0, 0.3, (settings["temporal_rows"], settings["temporal_size"])),
         "network.embedding_weight": random.normal(0, 0.4, (networks * hidden, settings["embedding_size"])),
         "network.temporal_weight": random.normal(0, 0.4, (networks * hidden, given)),

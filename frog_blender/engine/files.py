@@ -1,7 +1,8 @@
 """The ``.frog`` scene file: one safetensors file with a JSON header. No pickle, no torch.
 
-Tensors of a FRoG scene: ``means, log_scales, quaternions, opacity_logits, sh, embeddings`` by Gaussian,
-``temporal_table`` and ``network.*``. The header holds what playback and evaluation need besides.
+Tensors of a FRoG scene: ``means, log_scales, quaternions, opacity_logits, sh`` by Gaussian,
+``embeddings`` of those that move, which come first, ``temporal_table`` and ``network.*``. The header holds what
+playback and evaluation need besides.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ class SceneHeader:
     Attributes:
         method: one of METHODS.
         recipe: every setting of the training, as plain values.
-        model: the model's settings (see FrogSettings), empty for a static scene.
+        model: the model's settings (see FrogSettings), empty for a scene in which nothing moves.
         cameras: the capture's cameras at the size they were trained at.
         camera_shots: for each camera the frames it saw; one frame each for a moving camera.
         test_cameras, test_frames: what training did not see.

@@ -50,18 +50,19 @@ def fine_share(shape: dict) -> float:
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: ", ".join(f"{k} {v}" for k, v in shape.items()))
-@pytest.mark.parametrize("count", [1, 6, 41])
-def test_gaussians_at_many_times(tmp_path: Path, shape: dict, count: int) -> None:
-    scene = scene_file(count, sh_count=16 if shape.get("deformed_sh") == 9 else 4, **shape)
+@pytest.mark.parametrize(("count", "moving"), [(1, 1), (6, 6), (41, 41), (41, 40), (41, 17), (41, 1)])
+def test_gaussians_at_many_times(tmp_path: Path, shape: dict, count: int, moving: int) -> None:
+    scene = scene_file(count, sh_count=16 if shape.get("deformed_sh") == 9 else 4, moving=moving, **shape)
     write_scene(tmp_path / "x.frog", scene)
     played, model = PlayableScene.load(tmp_path / "x.frog"), model_of(scene)
-    assert played.count == count
+    assert (played.count, played.moving) == (count, moving)
     still = torch.from_numpy(scene.arrays["means"])
     for time in TIMES:
         found = played.at(time)
         with torch.no_grad():
             expected = model(time, Progressing(opacity=shape.get("opacity_share", 1.0), fine_rows=fine_share(shape)))
-        assert float((expected.means - still).abs().max()) > 0.01  # it does move
+        moved = (expected.means - still).abs().amax(1)
+        assert float(moved[:moving].max()) > 0.01 and not moved[moving:].any()
         expected.quaternions = torch.nn.functional.normalize(expected.quaternions, dim=1)
         for name in ATTRIBUTES:
             values = getattr(found, name)
@@ -86,12 +87,14 @@ def test_any_order_of_times_gives_the_same_bits(tmp_path: Path) -> None:
     assert [scene.at(time).sh.tobytes() for time in reversed(TIMES)] == forwards[::-1]
 
 
-def test_a_static_scene_plays_too(tmp_path: Path) -> None:
+@pytest.mark.parametrize("method", ["static", "frog"])
+def test_a_scene_in_which_nothing_moves_plays_too(tmp_path: Path, method: str) -> None:
     scene = scene_file()
     arrays = {name: scene.arrays[name] for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh")}
-    header = type(scene.header)(**{**vars(scene.header), "method": "static", "model": {}})
+    header = type(scene.header)(**{**vars(scene.header), "method": method, "model": {}})
     write_scene(tmp_path / "x.frog", SceneFile(header, arrays))
     played = PlayableScene.load(tmp_path / "x.frog")
+    assert played.moving == 0
     np.testing.assert_array_equal(played.at(0.1).means, arrays["means"])
     np.testing.assert_allclose(played.at(0.9).scales, np.exp(arrays["log_scales"]))
     np.testing.assert_allclose(np.linalg.norm(played.at(0.5).quaternions, axis=1), 1, rtol=1e-6)

@@ -106,7 +106,7 @@ def test_threads_see_what_one_alone_sees() -> None:
 
 def test_memory_is_used_again_when_nobody_holds_it() -> None:
     constant = np.arange(12.0, dtype=np.float32).reshape(4, 3)
-    memory = FrameMemory({"a": (5,), "b": (4, 3)}, {"b": constant})
+    memory = FrameMemory({"a": np.zeros(5, np.float32), "b": constant})
     first = memory.take()
     assert {name: array.shape for name, array in first.items()} == {"a": (5,), "b": (4, 3)}
     np.testing.assert_array_equal(first["b"], constant)
@@ -119,7 +119,7 @@ def test_memory_is_used_again_when_nobody_holds_it() -> None:
 
 
 def test_memory_of_many_held_frames_is_not_remembered() -> None:
-    memory = FrameMemory({"a": (5,)}, {}, kept=2)
+    memory = FrameMemory({"a": np.zeros(5, np.float32)}, kept=2)
     held = [memory.take() for _ in range(6)]
     assert len({frame["a"].ctypes.data for frame in held}) == 6
     assert len(memory._blocks) == 2

@@ -35,8 +35,10 @@ def all_threads_afterwards() -> Iterator[None]:
     native.set_thread_count(0)
 
 
-def model_of(settings: FrogSettings, count: int = 200, sh_count: int = 16, seed: int = 1) -> Frog:
-    """Random in everything; changes of the size of what they change."""
+def model_of(
+    settings: FrogSettings, count: int = 200, sh_count: int = 16, seed: int = 1, moving: int | None = None
+) -> Frog:
+    """Random in everything; changes of the size of what they change; the first ``moving`` Gaussians move, or all."""
     generator = torch.Generator().manual_seed(seed)
 
     def random(*size: int) -> torch.Tensor:
@@ -44,7 +46,7 @@ def model_of(settings: FrogSettings, count: int = 200, sh_count: int = 16, seed:
 
     values = {"means": random(count, 3), "log_scales": random(count, 3) - 2, "quaternions": random(count, 4)}
     values |= {"opacity_logits": 2 * random(count), "sh": random(count, sh_count, 3)}
-    values["embeddings"] = random(count, settings.embedding_size)
+    values["embeddings"] = random(count if moving is None else moving, settings.embedding_size)
     model = Frog(CanonicalField(values), settings)
     for parameter in model.deformation.parameters():
         parameter.data = random(*parameter.shape) * (0.5 if parameter.ndim == 1 else parameter.shape[1] ** -0.5)
@@ -104,6 +106,19 @@ def assert_equal_to_plain(model: Frog, share: float = 1.0, sh_active: int = 16) 
 def test_every_shape_of_the_network(settings: FrogSettings, head_width: int, fusion: str, modulation: bool) -> None:
     changed = {"head_width": head_width, "deformed_sh": 4, "fusion": fusion, "modulation": modulation}
     assert_equal_to_plain(model_of(replace(settings, temporal_size=9, **changed)))
+
+
+@pytest.mark.parametrize("moving", [0, 1, 95, 96, 961, 1999])
+@pytest.mark.parametrize("form", ["off", "paper", "unit"])
+@pytest.mark.parametrize("head_width", [0, 16])
+def test_gaussians_at_rest(moving: int, form: str, head_width: int) -> None:
+    settings = replace(SETTINGS, opacity_reduction=form, head_width=head_width, modulation=True, temporal_size=9)
+    model = model_of(settings, 2000, 4, moving=moving)
+    assert_equal_to_plain(model, 0.7, 4)
+    still = model.canonical.gaussians()
+    found = model(0.3)
+    for name in OUTPUTS:
+        assert torch.allclose(getattr(found, name)[moving:], getattr(still, name)[moving:], rtol=1e-6)
 
 
 @pytest.mark.parametrize(("hidden", "embedding"), [(1, 1), (15, 16), (16, 17), (64, 32), (100, 40)])
@@ -283,11 +298,15 @@ def test_instruction_sets_agree(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("pulled", [0, 1, 300, 3740, 3760, 5000])
 @pytest.mark.parametrize("head_width", [0, 24])
-def test_gaussians_without_a_gradient_cost_nothing_and_change_nothing(pulled: int, head_width: int) -> None:
+@pytest.mark.parametrize("moving", [5000, 1234])
+def test_gaussians_without_a_gradient_cost_nothing_and_change_nothing(
+    pulled: int, head_width: int, moving: int
+) -> None:
     """The backward pass leaves them out: theirs are zero, the others' are as before, and the weights' add up."""
     count = 5000
     shape = FieldShape(head_width, 9, 4, "unit", 10.0, 0.6, 0.5)
     arrays = field_arrays(shape, 33, 3, count)
+    arrays["embeddings"] = arrays["embeddings"][:moving]
     random = np.random.default_rng(5)
     seen = np.zeros(count, bool)
     seen[random.permutation(count)[:pulled]] = True
@@ -301,9 +320,10 @@ def test_gaussians_without_a_gradient_cost_nothing_and_change_nothing(pulled: in
 
     found, others, expected = gradients(seen), gradients(~seen), gradients(np.ones(count, bool))
     for name, value in expected.items():
-        if len(value) == count:
-            assert not found[name][~seen].any(), name
-            np.testing.assert_allclose(found[name][seen], value[seen], rtol=1e-5, atol=1e-6)
+        if len(value) in (count, moving):
+            looked = seen[: len(value)]
+            assert not found[name][~looked].any(), name
+            np.testing.assert_allclose(found[name][looked], value[looked], rtol=1e-5, atol=1e-6)
         else:
             assert relative_error(found[name] + others[name], value) < 1e-5, name
         assert np.isfinite(found[name]).all()

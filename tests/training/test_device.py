@@ -138,7 +138,7 @@ def test_the_watch_notices_what_is_made_without_saying_where() -> None:
 def test_a_step_waits_for_nothing(machine: Machine, make: Make) -> None:
     """One small copy comes back by itself; the loss is looked at every twenty steps."""
     trainer = train(make(ELSEWHERE, densify_from=2.0, sampling="off", dssim_from=0.0, warm_up=0.0), until=2)
-    trainer._find_neighbours()
+    trainer.find_neighbours()
     machine.waits.clear()
     machine.fetches = 0
     for _ in range(17):

@@ -1,7 +1,7 @@
 """The deformation network at playback (FRoG's, and E-D3DGS's two): numpy and the native library.
 
-What does not depend on time is computed once: the first layer's product with the Gaussians' embeddings, and colours
-that do not deform lie in the frames' memory already.
+What does not depend on time is computed once: the first layer's product with the Gaussians' embeddings; Gaussians at
+rest and colours that do not deform lie in the frames' memory already.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from ..rasterizer.arrays import GaussianArrays
 from ..rasterizer.native_deformation import FieldShape, deform
 from .frame_memory import FrameMemory
 from .kept_layer import kept_first_layer
+from .rest import at_rest
 from .temporal import TemporalEmbedding, checked
 
 _CANONICAL = ("means", "log_scales", "quaternions", "opacity_logits")
@@ -24,12 +25,15 @@ def _checked_arrays(arrays: dict[str, np.ndarray], model: dict, temporal: Tempor
     KeyError or ValueError unless every array is what the settings say: the library only sees addresses.
     """
     count, networks, embedding = len(arrays["means"]), temporal.networks, int(model["embedding_size"])
+    moving = len(arrays["embeddings"])
+    if moving > count:
+        raise ValueError(f"{moving} of its {count} Gaussians move")
     hidden, heads, deformed = (int(model[name]) for name in ("hidden_width", "head_width", "deformed_sh"))
     outputs = 11 + 3 * deformed  # means 3, scales 3, quaternions 4, opacity 1
     if not 0 <= deformed <= arrays["sh"].shape[1]:
         raise ValueError("it deforms more colours than there are")
     shapes = {name: (count, *size) for name, size in zip(_CANONICAL, ((3,), (3,), (4,), ()), strict=True)}
-    shapes |= {"sh": (count, arrays["sh"].shape[1], 3), "embeddings": (count, embedding)}
+    shapes |= {"sh": (count, arrays["sh"].shape[1], 3), "embeddings": (moving, embedding)}
     shapes |= {
         "network.embedding_weight": (networks * hidden, embedding),
         "network.temporal_weight": (networks * hidden, temporal.size),
@@ -78,19 +82,18 @@ class PlayableDeformation:
             raise FrogError(f"The scene's deformation network cannot be used ({error}); train it again.") from error
         weight = a.pop("temporal_weight")
         self._temporal_weight, self._bias = weight.reshape(self._temporal.networks, -1, weight.shape[1]), a.pop("bias")
-        count, deformed = len(a["means"]), self._shape.sh_deformed
-        self._sh = a["sh"]
-        a["sh"] = np.ascontiguousarray(a["sh"][:, :deformed])  # the others are in the frames' memory
+        self._moving, deformed = len(a["embeddings"]), self._shape.sh_deformed
+        still = vars(at_rest(a))
+        self._sh = still["sh"]
+        self._memory = FrameMemory({name: still[name] for name in still if name != "sh" or deformed})
+        for name in _CANONICAL:
+            a[name] = a[name][: self._moving]
+        a["sh"] = np.ascontiguousarray(a["sh"][: self._moving, :deformed])  # the others are in the frames' memory
         self._modulation = a.pop("modulation_weight", None)
         if not self._shape.head_width and self._modulation is None:
             # With heads it is a twentieth of the arithmetic, and not worth its memory.
             a["first_layer"] = kept_first_layer(a.pop("embeddings"), a["embedding_weight"])
         self._arrays = a
-        shapes: dict[str, tuple[int, ...]] = {"means": (count, 3), "quaternions": (count, 4), "scales": (count, 3)}
-        shapes |= {"opacities": (count,)}
-        if deformed:
-            shapes["sh"] = self._sh.shape
-        self._memory = FrameMemory(shapes, {"sh": self._sh} if deformed else {})
 
     def temporal(self, time: float) -> np.ndarray:
         """(networks, T) what each network is given at a time in [0, 1]."""
@@ -111,5 +114,6 @@ class PlayableDeformation:
     def at(self, time: float) -> GaussianArrays:
         """The Gaussians at a time in [0, 1], activated, with unit quaternions; the arrays are not to be changed."""
         result = {"sh": self._sh, **self._memory.take()}
-        deform(self._shape, self._arrays | self._first_layer_at(time), result, unit_quaternions=True)
+        moved = {name: array[: self._moving] for name, array in result.items()}
+        deform(self._shape, self._arrays | self._first_layer_at(time), moved, unit_quaternions=True)
         return GaussianArrays(**result)

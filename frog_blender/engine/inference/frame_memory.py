@@ -5,7 +5,6 @@ Fresh memory costs a page fault every few kilobytes, and colours that do not def
 
 from __future__ import annotations
 
-import math
 import threading
 
 import numpy as np
@@ -15,22 +14,22 @@ class FrameMemory:
     """Hands out the same arrays again and again, each time when the last holder of the time before is gone.
 
     Args:
-        shapes: of the float32 arrays of a frame, by name.
-        constant: arrays by name that fill those of a new frame; who overwrites parts of them does so in every frame.
+        first: float32 arrays of a frame by name, as they are before anybody writes; who overwrites parts of them does
+            so in every frame.
         kept: frames to remember; what is handed out beyond them is forgotten, oldest first.
     """
 
-    def __init__(self, shapes: dict[str, tuple[int, ...]], constant: dict[str, np.ndarray], kept: int = 6) -> None:
-        self._constant, self._kept, self._size = constant, kept, 0
+    def __init__(self, first: dict[str, np.ndarray], kept: int = 6) -> None:
+        self._first, self._kept, self._size = first, kept, 0
         self._layout: list[tuple[str, tuple[int, ...], int, int]] = []  # name, shape, length, first byte
-        for name, shape in shapes.items():
-            self._layout.append((name, shape, math.prod(shape), self._size))
-            self._size += 4 * math.prod(shape)
+        for name, array in first.items():
+            self._layout.append((name, array.shape, array.size, self._size))
+            self._size += 4 * array.size
         self._blocks: list[bytearray] = []
         self._lock = threading.Lock()
 
     def take(self) -> dict[str, np.ndarray]:
-        """Arrays of one frame, whose values are those of an earlier frame or ``constant``."""
+        """Arrays of one frame, whose values are those of an earlier frame or ``first``."""
         with self._lock:
             for block in self._blocks:
                 try:
@@ -42,7 +41,7 @@ class FrameMemory:
             block = bytearray(self._size + 1)
             self._blocks = [*self._blocks, block][-self._kept :]
             arrays = self._arrays(block)
-        for name, values in self._constant.items():
+        for name, values in self._first.items():
             arrays[name][...] = values
         return arrays
 

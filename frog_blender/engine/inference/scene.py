@@ -15,6 +15,7 @@ from ..capture.time import frame_to_time
 from ..files import SceneFile, SceneHeader, read_scene
 from ..rasterizer.arrays import GaussianArrays
 from .deformation import PlayableDeformation
+from .rest import at_rest, unit
 from .rivals import RIVALS
 
 PLAYABLE: dict[str, Callable[[dict[str, np.ndarray], dict], Any]] = {
@@ -22,8 +23,10 @@ PLAYABLE: dict[str, Callable[[dict[str, np.ndarray], dict], Any]] = {
     "ed3dgs": PlayableDeformation,
     **RIVALS,
 }
-"""What moves a scene, by the method in its header; a method that is not here has nothing that moves. Quaternions may be
-of any length unless the class has a true ``unit_quaternions``."""
+"""What moves a scene, by the method in its header, unless there is no more in the file than CANONICAL: nothing moves
+then. Quaternions may be of any length unless the class has a true ``unit_quaternions``."""
+
+CANONICAL = {"means", "log_scales", "quaternions", "opacity_logits", "sh"}
 
 TIMES_KEPT = 4
 """Times a scene remembers: a render asks for the same one for every view layer, playback for its neighbours."""
@@ -34,15 +37,18 @@ class PlayableScene:
 
     Attributes:
         header: the scene file's header.
-        count: Gaussians.
+        count, moving: Gaussians, and those of them that the method moves.
     """
 
     def __init__(self, scene: SceneFile) -> None:
         self.header: SceneHeader = scene.header
         self._arrays = scene.arrays
         self.count = len(scene.arrays["means"])
-        playable = PLAYABLE.get(scene.header.method)
+        nothing_moves = not scene.header.model and scene.arrays.keys() <= CANONICAL
+        playable = None if nothing_moves else PLAYABLE.get(scene.header.method)
         self._deformation = playable(scene.arrays, scene.header.model) if playable else None
+        moving = len(scene.arrays.get("embeddings", scene.arrays["means"]))
+        self.moving = moving if self._deformation is not None else 0
         self._recent: OrderedDict[float, GaussianArrays] = OrderedDict()
         self._lock = threading.Lock()
 
@@ -74,15 +80,11 @@ class PlayableScene:
         return _read_only(gaussians)
 
     def _compute(self, time: float) -> GaussianArrays:
-        a = self._arrays
-        if self._deformation is not None:
-            gaussians = self._deformation.at(time)
-        else:
-            opacities = 1 / (1 + np.exp(-np.clip(a["opacity_logits"], -80, 80)))
-            gaussians = GaussianArrays(a["means"], a["quaternions"], np.exp(a["log_scales"]), opacities, a["sh"])
+        if self._deformation is None:
+            return at_rest(self._arrays).checked()
+        gaussians = self._deformation.at(time)
         if not getattr(self._deformation, "unit_quaternions", False):
-            lengths = np.linalg.norm(gaussians.quaternions, axis=1, keepdims=True)
-            gaussians.quaternions = gaussians.quaternions / np.maximum(lengths, 1e-12)
+            gaussians.quaternions = unit(gaussians.quaternions)
         return gaussians.checked()
 
 

@@ -12,7 +12,9 @@ ATTRIBUTES = ("means", "log_scales", "quaternions", "opacity_logits", "sh", "emb
 
 
 class CanonicalField(nn.Module):
-    """N Gaussians; every parameter's first dimension is N, so that density control can treat them alike.
+    """N Gaussians, the first M of which move; those behind them are at rest and look at all times as they do here.
+
+    Density control can treat all attributes alike: their first dimension is N, of the embeddings M.
 
     Attributes:
         means: (N, 3) world units.
@@ -20,7 +22,7 @@ class CanonicalField(nn.Module):
         quaternions: (N, 4) w, x, y, z, normalised when drawn.
         opacity_logits: (N,).
         sh: (N, K, 3).
-        embeddings: (N, E) what the deformation field knows of each Gaussian; E = 0 for a static scene.
+        embeddings: (M, E) what the deformation field knows of each Gaussian that moves; E = 0 where a method has none.
     """
 
     means: torch.Tensor
@@ -37,6 +39,11 @@ class CanonicalField(nn.Module):
 
     def __len__(self) -> int:
         return self.means.shape[0]
+
+    @property
+    def moving(self) -> int:
+        """Gaussians that are deformed, M."""
+        return self.embeddings.shape[0]
 
     def gaussians(self, sh_count: int | None = None) -> GaussianArrays:
         """The undeformed Gaussians, activated, with the first ``sh_count`` coefficients (None: all)."""

@@ -8,6 +8,7 @@ from typing import Any
 
 import torch
 from torch import nn
+from torch.nn import functional
 
 from ..rasterizer import GaussianArrays
 from ..rasterizer.native_deformation import FieldShape
@@ -162,20 +163,22 @@ class Frog(SceneModel):
         changes = self.deformation(temporal.to(c.embeddings.dtype), c.embeddings)
         changes = {name: change.to(c.means.dtype) for name, change in changes.items()}
         changes["means"] = changes["means"] * s.motion_unit
-        d_opacity = changes["opacity_logits"].squeeze(1)
-        opacities = torch.sigmoid(c.opacity_logits + d_opacity)
+        # Nothing is added to Gaussians at rest.
+        added = {name: functional.pad(change, (0, 0, 0, len(c) - c.moving)) for name, change in changes.items()}
+        opacities = torch.sigmoid(c.opacity_logits + added["opacity_logits"].squeeze(1))
         if self.opacity_form != "off":
-            opacities = opacities * reduction_factor(
-                d_opacity, self.opacity_form, s.opacity_sharpness, progressing.opacity
+            factor = reduction_factor(
+                changes["opacity_logits"].squeeze(1), self.opacity_form, s.opacity_sharpness, progressing.opacity
             )
+            opacities = opacities * functional.pad(factor, (0, len(c) - c.moving), value=1.0)
         sh = c.sh
         if s.deformed_sh:
-            d_sh = changes["sh"].reshape(len(c), s.deformed_sh, 3)
+            d_sh = added["sh"].reshape(len(c), s.deformed_sh, 3)
             sh = torch.cat([sh[:, : s.deformed_sh] + d_sh, sh[:, s.deformed_sh :]], dim=1)
         gaussians = GaussianArrays(
-            c.means + changes["means"],
-            c.quaternions + changes["quaternions"],
-            (c.log_scales + changes["log_scales"]).exp(),
+            c.means + added["means"],
+            c.quaternions + added["quaternions"],
+            (c.log_scales + added["log_scales"]).exp(),
             opacities,
             sh[:, :sh_count],
         )

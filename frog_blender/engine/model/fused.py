@@ -27,7 +27,8 @@ class _Deform(torch.autograd.Function):
         count = len(tensors[0])
         sizes = {"means": (3,), "quaternions": (4,), "scales": (3,), "opacities": (), "sh": (shape.sh_active, 3)}
         result = {name: torch.empty((count, *sizes[name]), device="cpu") for name in _OUTPUTS}
-        result["changes"] = torch.empty((count, shape.outputs), device="cpu")
+        moving = len(tensors[names.index("embeddings")])
+        result["changes"] = torch.empty((moving, shape.outputs), device="cpu")
         deform(shape, dict(zip(names, tensors, strict=True)), result)
         ctx.shape, ctx.names = shape, names
         ctx.save_for_backward(*tensors)
@@ -46,8 +47,8 @@ class _Deform(torch.autograd.Function):
 def deform_fused(
     canonical: CanonicalField, network: DeformationField, temporal: torch.Tensor, shape: FieldShape
 ) -> tuple[GaussianArrays, torch.Tensor]:
-    """Deformed, activated Gaussians with ``shape.sh_active`` coefficients, and the changes (N, outputs), means in world
-    units, without gradients.
+    """Deformed, activated Gaussians with ``shape.sh_active`` coefficients, and the changes (M, outputs) of those
+    that move, means in world units, without gradients.
 
     Args:
         temporal: (networks, T) fused temporal embedding of the moment.

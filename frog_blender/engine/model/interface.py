@@ -40,8 +40,8 @@ class SceneModel(nn.Module):
     def deform(
         self, time: float, progressing: Progressing = FINISHED, sh_count: int | None = None
     ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
-        """The Gaussians at ``time`` and the changes (N, size) by attribute, means in world units; {} where a method
-        has none.
+        """The Gaussians at ``time`` and the changes (M, size) by attribute of those that move, means in world units;
+        {} where a method has none.
 
         Args:
             sh_count: coefficients that come out, from the first; None for all.

@@ -19,7 +19,7 @@ from . import structs
 from .arrays import GaussianArrays
 from .options import RasterizeOptions
 
-ABI_VERSION = 4
+ABI_VERSION = 5
 
 
 def library_path() -> Path:

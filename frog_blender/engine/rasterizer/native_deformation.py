@@ -48,12 +48,13 @@ def deform(
 
     Args:
         shape: settings.
-        arrays: contiguous float32 by name: the canonical field's attributes, ``shared`` (networks * hidden,) (the first
-            layer's temporal part and bias), and the network's ``embedding_weight``, ``output_weight``, ``output_bias``
-            and, with heads, ``head_weight`` and ``head_bias``. With ``first_layer``, which only a field without heads
-            may have (see inference.kept_layer), no ``embeddings`` are needed.
+        arrays: contiguous float32 by name: the canonical field's attributes, of which ``embeddings`` (M, E) may have
+            fewer rows than there are Gaussians: those behind them are at rest; ``shared`` (networks * hidden,) (the
+            first layer's temporal part and bias), and the network's ``embedding_weight``, ``output_weight``,
+            ``output_bias`` and, with heads, ``head_weight`` and ``head_bias``. With ``first_layer``, which only a
+            field without heads may have (see inference.kept_layer), no ``embeddings`` are needed.
         result: contiguous float32 by name: the attributes of GaussianArrays, with ``sh`` (N, sh_active, 3), and where
-            wanted ``changes`` (N, outputs). Coefficients that ``arrays["sh"]`` does not have are left as they are.
+            wanted ``changes`` (M, outputs). Coefficients that ``arrays["sh"]`` does not have are left as they are.
         unit_quaternions: normalise them.
     """
     if shape.head_width and "first_layer" in arrays:
@@ -76,10 +77,16 @@ def deform_backward(shape: FieldShape, arrays: dict[str, Any], by: dict[str, Any
         raise MemoryError("the deformation's backward pass ran out of memory")
 
 
+def _moving(arrays: dict[str, Any]) -> int:
+    """Gaussians that the network moves: all, where only its first layer's product is known."""
+    return len(arrays["embeddings"] if "embeddings" in arrays else arrays["means"])
+
+
 def _field(shape: FieldShape, arrays: dict[str, Any], unit_quaternions: bool) -> Any:
     weight, sh = arrays["embedding_weight"], arrays["sh"]
     return structs.Field(
-        *(len(arrays["means"]), weight.shape[1], weight.shape[0] // shape.networks, shape.head_width, shape.networks),
+        *(len(arrays["means"]), _moving(arrays)),
+        *(weight.shape[1], weight.shape[0] // shape.networks, shape.head_width, shape.networks),
         *(sh.shape[1], shape.sh_active, shape.sh_deformed, structs.OPACITY_FORMS[shape.opacity_form]),
         *(unit_quaternions, shape.opacity_sharpness, shape.opacity_share, shape.motion_unit),
         *[structs.address(arrays.get(name)) for name in (*structs.FIELD_ARRAYS, "first_layer")],

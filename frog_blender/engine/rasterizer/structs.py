@@ -51,8 +51,8 @@ ImageGradient = _struct("FrogImageGradient", ("rgb", c_void_p), ("alpha", c_void
 GRADIENTS = (*ATTRIBUTES, "screen", "screen_absolute", "pose")
 Gradients = _struct("FrogGradients", *[(name, c_void_p) for name in GRADIENTS])
 FIELD_SIZES = (
-    *("count", "embedding_size", "hidden_width", "head_width", "networks", "sh_count", "sh_active", "sh_deformed"),
-    *("opacity_form", "unit_quaternions"),
+    *("count", "moving", "embedding_size", "hidden_width", "head_width", "networks"),
+    *("sh_count", "sh_active", "sh_deformed", "opacity_form", "unit_quaternions"),
 )
 FIELD_ARRAYS = (
     *("means", "log_scales", "quaternions", "opacity_logits", "sh", "embeddings", "shared"),

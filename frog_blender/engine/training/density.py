@@ -30,15 +30,17 @@ class DensityControl:
         self._recipe = recipe
         self._scene_scale = scene_scale
         self.peak_opacity = torch.ones(count, device=device)
-        self.reset(torch.arange(count, device=device), 0)
+        self.reset(torch.arange(count, device=device))
 
-    def reset(self, keep: torch.Tensor, added: int) -> None:
-        """Begins again with the Gaussians ``keep`` (indices) and ``added`` new ones after them."""
-        count, device = len(keep) + added, self.peak_opacity.device
-        self.gradient_sum = torch.zeros(count, device=device)
-        self.seen = torch.zeros(count, device=device)
+    def reset(self, who: torch.Tensor) -> None:
+        """Begins again with the Gaussians ``who``: old indices, those beyond the old count for new ones."""
+        device = self.peak_opacity.device
+        self.gradient_sum = torch.zeros(len(who), device=device)
+        self.seen = torch.zeros(len(who), device=device)
         # Fades over several rounds: one round's steps may miss the moment at which a Gaussian is seen.
-        self.peak_opacity = torch.cat([0.5 * self.peak_opacity[keep], torch.ones(added, device=device)])
+        count = len(self.peak_opacity)
+        faded = torch.cat([0.5 * self.peak_opacity, torch.ones(1, device=device)])
+        self.peak_opacity = faded[who.clamp(max=count)]
 
     @torch.no_grad()
     def observe(self, image: Image, opacities: torch.Tensor, camera: Camera) -> None:
@@ -69,7 +71,9 @@ class DensityControl:
             candidates = ((pull > recipe.densify_threshold) & keep).nonzero().squeeze(1)
             chosen = candidates[pull[candidates].topk(min(room, len(candidates))).indices].sort().values
 
-        values = {name: getattr(canonical, name).detach()[chosen] for name in ATTRIBUTES}
+        # In order of their indices: first those that move, as their copies will. A parent at rest has copies at rest.
+        values = {name: getattr(canonical, name).detach()[chosen] for name in ATTRIBUTES if name != "embeddings"}
+        values["embeddings"] = canonical.embeddings.detach()[chosen[chosen < canonical.moving]]
         large = values["log_scales"].exp().amax(1) > recipe.split_scale * self._scene_scale
         # Split: two samples of the old Gaussian, 1.6 times smaller, in its place. Clone: the same one twice.
         shrink = torch.where(large, torch.tensor(1.6, device=large.device).log(), 0.0)[:, None]
@@ -80,6 +84,5 @@ class DensityControl:
         canonical.means.data[chosen] -= offsets
         canonical.log_scales.data[chosen] -= shrink
         kept = keep.nonzero().squeeze(1)
-        optimizer.replace_gaussians(kept, new)
-        self.reset(kept, len(chosen))
+        self.reset(optimizer.replace_gaussians(kept, new))
         return len(chosen), count - int(keep.sum())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import torch
@@ -56,37 +55,46 @@ class SceneOptimizer:
         self.adam.step()
         self.adam.zero_grad(set_to_none=True)
 
-    def replace_gaussians(self, keep: torch.Tensor, new: dict[str, torch.Tensor]) -> None:
-        """Keeps the Gaussians named by ``keep`` (indices), then appends ``new`` (values by attribute)."""
+    def replace_gaussians(self, keep: torch.Tensor, new: dict[str, torch.Tensor]) -> torch.Tensor:
+        """Keeps the Gaussians named by ``keep`` (indices, ascending) and adds ``new`` (values by attribute), those that
+        move before those at rest.
+
+        Args:
+            new: (n, ...) of each attribute; ``embeddings`` (m, E) of the first m of them, which move.
+
+        Returns:
+            (kept + n,) for every place the old index of who is there, or the old count + the index of a new one.
+        """
+        count, moving = len(self._canonical), self._canonical.moving
+        arrivals = torch.arange(len(new["means"]), device=keep.device) + count
+        m, still = len(new["embeddings"]), keep >= moving
+        who = torch.cat([keep[~still], arrivals[:m], keep[still], arrivals[m:]])
+        self.arrange(who, torch.cat([keep[~still], arrivals[:m] - count + moving]), new)
+        return who
+
+    def arrange(self, who: torch.Tensor, movers: torch.Tensor, new: dict[str, torch.Tensor]) -> None:
+        """Puts Gaussians into another order, some left out, some new, their Adam memory with them.
+
+        Args:
+            who: (N',) for each place a row of the old ones with the ``new`` ones after them.
+            movers: (M',) the same for the rows of the embeddings: the first M' places are those that move.
+            new: (n, ...) by attribute; none where one is missing.
+        """
         for name in ATTRIBUTES:
-            fresh = new[name]
-
-            def changed(old: torch.Tensor, fresh: torch.Tensor = fresh) -> torch.Tensor:
-                return torch.cat([old[keep], fresh])
-
-            def zeroed(old: torch.Tensor, fresh: torch.Tensor = fresh) -> torch.Tensor:
-                return torch.cat([old[keep], torch.zeros_like(fresh)])
-
-            self._replace(name, changed, zeroed)
-
-    def _replace(
-        self,
-        name: str,
-        change_value: Callable[[torch.Tensor], torch.Tensor],
-        change_moment: Callable[[torch.Tensor], torch.Tensor],
-    ) -> None:
-        old = getattr(self._canonical, name)
-        with torch.no_grad():
-            parameter = nn.Parameter(change_value(old.detach()).contiguous())
-        setattr(self._canonical, name, parameter)
-        for group in self.adam.param_groups:
-            if group["name"] != name:
-                continue
-            state = self.adam.state.pop(old, None)
-            group["params"] = [parameter]
-            if state:
-                moments = {key: change_moment(state[key]).contiguous() for key in ("exp_avg", "exp_avg_sq")}
-                self.adam.state[parameter] = {"step": state["step"], **moments}
+            old = getattr(self._canonical, name)
+            fresh = new.get(name, old.detach()[:0])
+            rows = movers if name == "embeddings" else who
+            parameter = nn.Parameter(torch.cat([old.detach(), fresh])[rows])
+            setattr(self._canonical, name, parameter)
+            for group in self.adam.param_groups:
+                if group["name"] != name:
+                    continue
+                group["params"] = [parameter]
+                state = self.adam.state.pop(old, None)
+                if state:
+                    forgotten = torch.zeros_like(fresh)
+                    moments = {key: torch.cat([state[key], forgotten])[rows] for key in ("exp_avg", "exp_avg_sq")}
+                    self.adam.state[parameter] = {"step": state["step"], **moments}
 
     def state_arrays(self) -> dict[str, torch.Tensor]:
         """Adam's memory by name, for a checkpoint."""

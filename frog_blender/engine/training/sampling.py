@@ -84,8 +84,8 @@ def undeformed(
     and that Gaussian's embeddings (M, E): the paper's inverse deformation, which it shows to be unstable.
 
     Args:
-        deformed, motion: (N, 3) means at the moment, and what was added to the canonical ones.
-        embeddings: (N, E).
+        deformed, motion: (M, 3) means at the moment, and what was added to the canonical ones, of those that move.
+        embeddings: (M, E).
     """
     if len(points) == 0:
         return points, embeddings.new_empty(0, embeddings.shape[1])

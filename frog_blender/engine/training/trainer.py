@@ -229,9 +229,9 @@ class Trainer:
         if densified:
             self.density.round(self.model.canonical, self.optimizer, self.generator)
         if self.recipe.sampling != "off" and self._sample.due(before, now):
-            self._inject_anchors(now, shot)  # at the end of the list: nobody's neighbours change their places
+            self._inject_anchors(now, shot)  # behind those that move: nobody's neighbours change their places
         if densified and self.recipe.smoothness_weight:
-            self._find_neighbours()
+            self.find_neighbours()
 
     @torch.no_grad()
     def _inject_anchors(self, progress: float, shot_index: int) -> None:
@@ -241,24 +241,25 @@ class Trainer:
         if room <= 0:
             return
         truth, image, gaussians, changes = self._draw(shot_index, progress, RasterizeOptions(depth=True))
-        if not changes:
-            return
         canonical = self.model.canonical
+        if not changes or not canonical.moving:
+            return
         camera = self._camera(self.capture.shots[shot_index].camera, progress)
         points, colors = worst_points(image, truth, camera, room, self.recipe.sampling_depth, self.generator)
         if self.recipe.sampling == "inverse":
-            points, embeddings = undeformed(points, gaussians.means, changes["means"], canonical.embeddings)
+            moved = gaussians.means[: canonical.moving]
+            points, embeddings = undeformed(points, moved, changes["means"], canonical.embeddings)
         else:
             calmest = canonical.embeddings[int(total_deformation(changes).argmin())]
             embeddings = calmest.expand(len(points), -1)
         new = new_anchors(points, colors, embeddings, canonical.means.detach(), canonical.sh.shape[1])
         everyone = torch.arange(self.count, device=self.device)
-        self.optimizer.replace_gaussians(everyone, {name: new[name] for name in ATTRIBUTES})
-        self.density.reset(everyone, len(new["means"]))
+        self.density.reset(self.optimizer.replace_gaussians(everyone, {name: new[name] for name in ATTRIBUTES}))
 
     @torch.no_grad()
-    def _find_neighbours(self) -> None:
-        means = self.model.canonical.means.detach()
+    def find_neighbours(self) -> None:
+        """Draws the embedding smoothness's sample anew, among the Gaussians that move."""
+        means = self.model.canonical.means.detach()[: self.model.canonical.moving]
         if len(means) < 2:  # nobody to be like
             self.neighbourhood = None
             return

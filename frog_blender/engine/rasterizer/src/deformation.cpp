@@ -162,18 +162,26 @@ float *thread_scratch(size_t length) {
   return scratch.resize(length);
 }
 
+// Chunks of Gaussians that all move, then chunks of Gaussians at rest.
+template <class Work>
+void in_chunks(const FrogDeformation &field, const Work &work) {
+  parallel_for(field.moving, DEFORM_CHUNK, work);
+  const int first = field.moving;
+  parallel_for(field.count - first, DEFORM_CHUNK, [&](int begin, int end) { work(first + begin, first + end); });
+}
+
 void backward_of_all(const Kernels &kernels, const FrogDeformation &field, const FrogDeformed &by,
                      const FrogDeformationGradients &result) {
   const Packed packed = plan_of(field, true);
   const DeformationPlan &plan = packed.plan;
   const DeformationLayout l = layout_of(plan);
-  const long long chunks = (field.count + DEFORM_CHUNK - 1) / DEFORM_CHUNK;
+  const long long chunks = (field.moving + DEFORM_CHUNK - 1) / DEFORM_CHUNK;
   Buffer<float> partials;
   partials.resize(std::max(1ll, chunks) * l.partial);
   std::fill_n(partials.data(), l.partial, 0.0f);  // the sum, where there is no chunk
-  parallel_for(field.count, DEFORM_CHUNK, [&](int begin, int end) {
-    float *mine = partials.data() + begin / DEFORM_CHUNK * l.partial;
-    std::fill_n(mine, l.partial, 0.0f);
+  in_chunks(field, [&](int begin, int end) {
+    float *mine = begin < field.moving ? partials.data() + begin / DEFORM_CHUNK * l.partial : nullptr;
+    if (mine) std::fill_n(mine, l.partial, 0.0f);
     kernels.deform_backward(plan, by, result, begin, end, thread_scratch(l.scratch), mine);
   });
   float *sum = partials.data();
@@ -187,7 +195,7 @@ void backward_of_all(const Kernels &kernels, const FrogDeformation &field, const
 void deform(const Kernels &kernels, const FrogDeformation &field, const FrogDeformed &result) {
   const Packed packed = plan_of(field, false);
   const DeformationLayout layout = layout_of(packed.plan);
-  parallel_for(field.count, DEFORM_CHUNK, [&](int begin, int end) {
+  in_chunks(field, [&](int begin, int end) {
     kernels.deform(packed.plan, result, begin, end, thread_scratch(layout.forward));
   });
 }

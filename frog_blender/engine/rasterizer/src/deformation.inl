@@ -55,11 +55,21 @@ static void network_forward(const DeformationPlan &plan, const DeformationLayout
   later_layers(plan, l, scratch, rows);
 }
 
+// Gaussians at rest lie behind those that move; `begin` to the end of its range are one or the other.
+static inline bool at_rest(const DeformationPlan &plan, int begin) { return begin >= plan.field->moving; }
+
+static void no_change(const DeformationLayout &l, float *scratch, int rows) {
+  for (long long k = 0; k < rows * l.outputs; ++k) scratch[l.result + k] = 0;
+}
+
 static void deform(const DeformationPlan &plan, const FrogDeformed &out, int begin, int end, float *scratch) {
   const DeformationLayout l = layout_of(plan);
   for (int start = begin; start < end; start += DEFORM_BLOCK) {
     const int rows = end - start < DEFORM_BLOCK ? end - start : DEFORM_BLOCK;
-    (plan.output_rows ? network_kept : network_forward)(plan, l, scratch, start, rows);
+    if (at_rest(plan, start))
+      no_change(l, scratch, rows);
+    else
+      (plan.output_rows ? network_kept : network_forward)(plan, l, scratch, start, rows);
     activate(*plan.field, l, scratch, start, rows);
     finish(plan, l, scratch, out, start, rows);
   }
@@ -114,9 +124,13 @@ static void deform_backward(const DeformationPlan &plan, const FrogDeformed &by,
   const DeformationLayout l = layout_of(plan);
   for (int start = begin; start < end; start += DEFORM_BLOCK) {
     const int rows = end - start < DEFORM_BLOCK ? end - start : DEFORM_BLOCK;
-    network_forward(plan, l, scratch, start, rows);
+    if (at_rest(plan, start))
+      no_change(l, scratch, rows);
+    else
+      network_forward(plan, l, scratch, start, rows);
     activate(*plan.field, l, scratch, start, rows);
     activations_backward(plan, l, scratch, by, out, start, rows);
+    if (at_rest(plan, start)) continue;
     network_backward(plan, l, scratch, rows, partial);
     for (int r = 0; r < rows; ++r)
       __builtin_memcpy(out.embeddings + static_cast<long long>(start + r) * plan.embedding, scratch + l.by_input + r * l.embedding,

@@ -35,7 +35,9 @@ enum { FROG_OPACITY_OFF = 0, FROG_OPACITY_PAPER = 1, FROG_OPACITY_UNIT = 2 };
 
 // The canonical field and the deformation network at one moment. Arrays are laid out as torch's parameters are.
 typedef struct {
-  int32_t count, embedding_size, hidden_width;
+  int32_t count;                              // N
+  int32_t moving;                             // the first so many are deformed, the others are as they are at all times
+  int32_t embedding_size, hidden_width;
   int32_t head_width;                         // of each head's hidden layer; 0: all outputs read the first layer
   int32_t networks;                           // 1 or 2 of this shape, whose outputs add up
   int32_t sh_count, sh_active, sh_deformed;   // coefficients there are, that come out, and that the network changes
@@ -44,13 +46,13 @@ typedef struct {
   float opacity_sharpness, opacity_share;     // see model/opacity.py
   float motion_unit;                          // world units that an output of one moves a Gaussian by
   const float *means, *log_scales, *quaternions, *opacity_logits, *sh;  // (N, 3), (N, 3), (N, 4), (N,), (N, sh_count, 3)
-  const float *embeddings;                    // (N, embedding_size)
+  const float *embeddings;                    // (moving, embedding_size)
   const float *shared;                        // (networks * hidden_width,) the first layer's temporal part and bias
   const float *embedding_weight;              // (networks * hidden_width, embedding_size)
   const float *head_weight, *head_bias;       // (networks * heads * head_width, hidden_width), as many, or null
   const float *output_weight, *output_bias;   // (outputs, networks * (head_width or hidden_width)), (outputs,)
-  // Without heads: the embeddings times embedding_weight, KEPT_GROUP Gaussians together, (N / KEPT_GROUP, networks *
-  // hidden_width, KEPT_GROUP) with N rounded up; or null. The forward pass then reads no embeddings.
+  // Without heads: the embeddings times embedding_weight, KEPT_GROUP Gaussians together, (moving / KEPT_GROUP, networks
+  // * hidden_width, KEPT_GROUP) with moving rounded up; or null. The forward pass then reads no embeddings.
   const float *first_layer;
 } FrogDeformation;
 
@@ -58,7 +60,7 @@ typedef struct {
 // the coefficients beyond sh_count as they are in the output.
 typedef struct {
   float *means, *quaternions, *scales, *opacities, *sh;  // sh is (N, sh_active, 3)
-  float *changes;  // (N, outputs) what the network added: means, log_scales, quaternions, opacity logit, sh (or null)
+  float *changes;  // (moving, outputs) what the network added: means, log_scales, quaternions, opacity logit, sh (or null)
 } FrogDeformed;
 
 typedef struct {  // shapes as in FrogDeformation

@@ -17,7 +17,8 @@ bool any(const float *values, int count) {
 
 }  // namespace
 
-PulledRows::PulledRows(const FrogDeformation &field, const FrogDeformed &by) : field_(field), by_(by) {
+PulledRows::PulledRows(const FrogDeformation &field, const FrogDeformed &by)
+    : moving_(field.moving), field_(field), by_(by) {
   places_.resize(field.count);
   const int colors = 3 * field.sh_active;
   parallel_for(field.count, GRAIN, [&](int begin, int end) {
@@ -37,9 +38,11 @@ float *PulledRows::room(int length) {
   return memory_.back()->resize(std::max<size_t>(1, rows_.size() * length));
 }
 
-const float *PulledRows::gathered(const float *from, int length) {
+const float *PulledRows::gathered(const float *from, int length) { return gathered(from, length, count()); }
+
+const float *PulledRows::gathered(const float *from, int length, int rows) {
   float *to = room(length);
-  parallel_for(count(), GRAIN, [&](int begin, int end) {
+  parallel_for(rows, GRAIN, [&](int begin, int end) {
     for (long long r = begin; r < end; ++r) std::copy_n(from + static_cast<long long>(rows_[r]) * length, length, to + r * length);
   });
   return to;
@@ -48,11 +51,12 @@ const float *PulledRows::gathered(const float *from, int length) {
 void PulledRows::gather() {
   field_.log_scales = gathered(field_.log_scales, 3);
   field_.opacity_logits = gathered(field_.opacity_logits, 1);
-  field_.embeddings = gathered(field_.embeddings, field_.embedding_size);
+  const int moving = static_cast<int>(std::lower_bound(rows_.begin(), rows_.end(), moving_) - rows_.begin());
+  field_.embeddings = gathered(field_.embeddings, field_.embedding_size, moving);
   const auto moved = [&](float *from, int length) { return const_cast<float *>(gathered(from, length)); };
   by_.means = moved(by_.means, 3), by_.quaternions = moved(by_.quaternions, 4), by_.scales = moved(by_.scales, 3);
   by_.opacities = moved(by_.opacities, 1), by_.sh = moved(by_.sh, 3 * field_.sh_active);
-  field_.count = count();
+  field_.count = count(), field_.moving = moving;
 }
 
 FrogDeformationGradients PulledRows::results(const FrogDeformationGradients &all) {
@@ -65,15 +69,17 @@ FrogDeformationGradients PulledRows::results(const FrogDeformationGradients &all
 void PulledRows::scatter(const FrogDeformationGradients &all) const {
   const struct { const float *from; float *to; long long length; } arrays[] = {
       {results_.means, all.means, 3}, {results_.log_scales, all.log_scales, 3}, {results_.quaternions, all.quaternions, 4},
-      {results_.opacity_logits, all.opacity_logits, 1}, {results_.sh, all.sh, 3 * field_.sh_count},
-      {results_.embeddings, all.embeddings, field_.embedding_size}};
+      {results_.opacity_logits, all.opacity_logits, 1}, {results_.sh, all.sh, 3 * field_.sh_count}};
+  const auto put = [&](int begin, int end, const float *from, float *all_rows, long long length) {
+    for (int i = begin; i < end; ++i) {
+      float *to = all_rows + i * length;
+      if (places_[i] < 0) std::fill_n(to, length, 0.0f);
+      else std::copy_n(from + places_[i] * length, length, to);
+    }
+  };
   parallel_for(static_cast<int>(places_.size()), GRAIN, [&](int begin, int end) {
-    for (const auto &array : arrays)
-      for (int i = begin; i < end; ++i) {
-        float *to = array.to + i * array.length;
-        if (places_[i] < 0) std::fill_n(to, array.length, 0.0f);
-        else std::copy_n(array.from + places_[i] * array.length, array.length, to);
-      }
+    for (const auto &array : arrays) put(begin, end, array.from, array.to, array.length);
+    put(begin, std::min(end, moving_), results_.embeddings, all.embeddings, field_.embedding_size);
   });
 }
 

@@ -25,8 +25,10 @@ class PulledRows {
 
  private:
   const float *gathered(const float *from, int length);
+  const float *gathered(const float *from, int length, int rows);  // the first so many of the pulled
   float *room(int length);
 
+  int moving_;  // of all
   FrogDeformation field_;
   FrogDeformed by_;
   FrogDeformationGradients results_{};
