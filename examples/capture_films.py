@@ -65,6 +65,15 @@ def render(folder: Path, scene: Scene, cameras: list[bpy.types.Object], frames: 
         print(f"moment {frame}: {(time.perf_counter() - started) / len(missing):.2f} s a picture", flush=True)
 
 
+def repeat_with_noise(folder: Path, camera: int, noise: float) -> None:
+    """Every later picture of a camera is its first one; all get noise of their own, ``noise`` of 255."""
+    random = np.random.default_rng(camera)
+    first = cv2.imread(str(picture_path(folder, camera, 0))).astype(np.float32)
+    for frame in range(FRAMES):
+        noisy = first + random.normal(0, noise, first.shape)
+        cv2.imwrite(str(picture_path(folder, camera, frame)), noisy.round().clip(0, 255).astype(np.uint8))
+
+
 def picture_path(folder: Path, camera: int, frame: int) -> Path:
     return folder / f"cam{camera:02d}_{frame:03d}.png"
 
@@ -94,9 +103,18 @@ def compare(folder: Path, film: Path, camera: int) -> float:
 
 
 def make(
-    summary: str, rig: Rig, build: Callable[[], Scene], preview: list[int], samples: int = 16, quality: int = 13
+    summary: str,
+    rig: Rig,
+    build: Callable[[], Scene],
+    preview: list[int],
+    samples: int = 16,
+    quality: int = 13,
+    still_noise: float | None = None,
 ) -> None:
-    """The command line of a capture's script: `summary` is its help, `preview` the moments that --preview renders."""
+    """The command line of a capture's script: `summary` is its help, `preview` the moments that --preview renders.
+
+    With `still_noise` nothing moves: one picture a camera is rendered, and repeated with noise of its own each time.
+    """
     parser = argparse.ArgumentParser(description=summary)
     parser.add_argument("out", type=Path)
     parser.add_argument("--samples", type=int, default=samples, help="light paths per pixel")
@@ -117,9 +135,13 @@ def make(
         bounds[step] = [rig.measure_depths(index) for index in range(len(cameras))]
     near, far = bounds[..., 0].min(axis=0), bounds[..., 1].max(axis=0)
     rig.write_poses(options.out / "poses_bounds.npy", np.stack([0.9 * near, 1.05 * far], axis=1))
-    render(folder, scene, cameras, preview if options.preview else list(range(FRAMES)))
+    everything = list(range(FRAMES)) if still_noise is None else [0]
+    render(folder, scene, cameras, preview if options.preview else everything)
     if options.preview:
         return
+    if still_noise is not None:
+        for index in range(len(cameras)):
+            repeat_with_noise(folder, index, still_noise)
     for index in range(len(cameras)):
         film = options.out / f"cam{index:02d}.mp4"
         encode(folder, film, index, options.quality)

@@ -20,6 +20,7 @@ from typing import Any
 import bpy
 from bpy.app.handlers import persistent
 
+from .engine.capacity_report import lines, summary
 from .engine.errors import FrogError
 
 PUMP_EVENTS = 200  # the most events one pump() applies
@@ -32,11 +33,12 @@ EventSource = Callable[[Callable[[], bool]], Iterator[Any]]
 
 @dataclass(frozen=True)
 class TrainingRequest:
-    """What to train, in plain values; None leaves ``steps``, ``scale`` and ``holdout_frames`` to the training."""
+    """What to train, in plain values; None leaves a setting to the training."""
 
     capture: Path
     output: Path
     recipe: str = "standard"
+    capacity: str | None = None
     steps: int | None = None
     scale: float | None = None
     holdout_frames: int | None = None
@@ -49,7 +51,7 @@ class TrainingRequest:
         job = TrainingJob(
             capture=self.capture,
             output=self.output,
-            recipe=recipe(self.recipe),
+            recipe=recipe(self.recipe, capacity=self.capacity),
             steps=self.steps,
             scale=self.scale,
             holdout_frames=self.holdout_frames,
@@ -70,6 +72,8 @@ class TrainingState:
     seconds_left: float = 0.0
     loss: float | None = None
     gaussians: int = 0
+    moving: int = 0
+    capacity: list[str] = field(default_factory=list)  # what was taken out of the model, a line each
     psnr: float | None = None
     psnr_split: str = ""
     preview: Any = None  # (H, W, 3) uint8, the latest
@@ -144,7 +148,11 @@ class TrainingTask:
                 state.stage = ""
                 state.step, state.steps, state.loss = event.step, event.steps, event.loss
                 state.seconds, state.seconds_left = event.seconds, event.seconds_left
-                state.gaussians = event.gaussians
+                state.gaussians, state.moving = event.gaussians, event.moving
+            case kinds.Reduced():
+                state.capacity.append(event.message)
+            case kinds.Pictured():
+                state.preview = event.image
             case kinds.Stage():
                 state.stage, state.stage_fraction = event.name.capitalize(), event.done / max(event.total, 1)
             case kinds.Started():
@@ -158,6 +166,9 @@ class TrainingTask:
             case kinds.Finished():
                 state.step, state.steps, state.seconds = event.steps, event.steps, event.seconds
                 state.gaussians, state.result = event.gaussians, Path(event.path)
+                if event.capacity:
+                    state.moving = event.capacity["dynamic"]
+                    state.capacity = [summary(event.capacity), *lines(event.capacity)]
                 state.psnr = event.psnr if event.psnr is not None else state.psnr
             case kinds.Cancelled():
                 state.cancelled = True

@@ -7,11 +7,16 @@ import json
 import signal
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from .chart_command import add_chart_parser
 from .engine.errors import FrogError
 from .engine.files import METHODS
+
+if TYPE_CHECKING:
+    from .engine.training.recipe import Recipe
 
 RECIPES = ("draft", "standard", "paper", "hypernerf", "technicolor")
 
@@ -60,6 +65,12 @@ def _parser() -> argparse.ArgumentParser:
     train.add_argument(
         "--device", choices=["auto", "cpu", "cuda"], default="auto", help="auto: the GPU where there is a usable one"
     )
+    train.add_argument(
+        "--capacity", choices=["auto", "fixed"], default="auto", help="auto (default): no more than the scene needs"
+    )
+    train.add_argument("--max-gaussians", type=_positive(int), metavar="N", help="never more than these")
+    train.add_argument("--max-bytes", type=_positive(int), metavar="N", help="of the .frog, with --capacity auto")
+    train.add_argument("--lossless", action="store_true", help="write every number as it is; default: packed")
     train.add_argument("--resume", action="store_true", help="go on from the checkpoint beside the .frog")
     _offset_argument(train)
     train.set_defaults(run=_train)
@@ -141,14 +152,13 @@ def _info(options: argparse.Namespace) -> int:
 
 def _train(options: argparse.Namespace) -> int:
     from .engine.training.job import TrainingJob, run_training
-    from .engine.training.recipe import recipe
     from .progress import show
 
     job = TrainingJob(
         capture=options.capture,
         output=options.out,
         method=options.method,
-        recipe=recipe(options.recipe),
+        recipe=_budgeted(options),
         steps=options.steps,
         seconds=options.seconds,
         seed=options.seed,
@@ -157,6 +167,8 @@ def _train(options: argparse.Namespace) -> int:
         resume=options.resume,
         pixel_offsets=_offsets(options),
         device=options.device,
+        lossless=options.lossless,
+        max_bytes=options.max_bytes,
     )
     stopping = False
 
@@ -172,6 +184,19 @@ def _train(options: argparse.Namespace) -> int:
     finally:
         signal.signal(signal.SIGINT, previous)
     return 0 if finished else 1
+
+
+def _budgeted(options: argparse.Namespace) -> Recipe:
+    """The recipe with the capacity and the budgets that were asked for."""
+    from .engine.training.budget import gaussians_within
+    from .engine.training.recipe import recipe
+
+    chosen = recipe(options.recipe, capacity=options.capacity, max_gaussians=options.max_gaussians)
+    if options.max_bytes:
+        if chosen.capacity != "auto" or options.lossless:
+            raise FrogError("--max-bytes: needs --capacity auto, without --lossless.")
+        chosen = replace(chosen, max_gaussians=min(chosen.max_gaussians, gaussians_within(options.max_bytes, chosen)))
+    return chosen
 
 
 def _eval(options: argparse.Namespace) -> int:

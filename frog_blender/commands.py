@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from .engine import capacity_report
 from .engine.capture.camera import Camera
 from .engine.capture.frames import FrameStore
 from .engine.capture.readers import open_capture
@@ -46,6 +47,11 @@ def _describe_scene(scene: PlayableScene, path: Path) -> dict[str, Any]:
     return {
         "method": header.method,
         "gaussians": scene.count,
+        "dynamic": scene.moving,
+        "heads": list(header.capacity.get("heads", ["means", "log_scales", "quaternions", "opacity_logits", "sh"]))
+        if scene.moving
+        else [],
+        "sh_degree": scene.sh_degree,
         "bytes": path.stat().st_size,
         "cameras": "1, moving" if header.is_moving else ", ".join(camera.name for camera in header.cameras),
         "frames": header.frame_count,
@@ -54,6 +60,7 @@ def _describe_scene(scene: PlayableScene, path: Path) -> dict[str, Any]:
         "training": f"{header.recipe.get('name')}, {header.steps} steps, {header.train_seconds:.0f} s",
         "metrics": [f"{name} {value}" for name, value in header.metrics.items()],
         "capture": header.capture_path,
+        "reductions": capacity_report.lines(header.capacity),
     }
 
 

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 
 from tqdm import tqdm
 
+from .engine.capacity_report import lines, summary
 from .engine.training import events
 from .engine.training.events import Event
 
@@ -51,15 +52,23 @@ def show(stream: Iterator[Event]) -> bool:
                     switch(name, total, done)
                 case events.Started(device="cuda"):
                     tqdm.write("training on the GPU", file=sys.stderr)
-                case events.Progress(step=step, steps=steps, loss=loss, gaussians=gaussians):
-                    switch("Training", steps, step).set_postfix(loss=f"{loss:.4f}", gaussians=gaussians)
+                case events.Progress(step=step, steps=steps, loss=loss, gaussians=gaussians, moving=moving):
+                    postfix = {"loss": f"{loss:.4f}", "gaussians": gaussians, "moving": moving}
+                    switch("Training", steps, step).set_postfix(postfix)
+                case events.Reduced(_, message):
+                    tqdm.write(message, file=sys.stderr)
                 case events.Evaluated(step=step, psnr=psnr, split=split):
                     tqdm.write(f"step {step}: {split} PSNR {psnr:.2f} dB", file=sys.stderr)
+                case events.Pictured(path, _):
+                    text = f"{path}: what moves is orange, what rests blue, red dots were left out"
+                    tqdm.write(text, file=sys.stderr)
                 case events.Warned(message):
                     tqdm.write(f"warning: {message}", file=sys.stderr)
-                case events.Finished(path, steps, seconds, psnr, gaussians):
+                case events.Finished(path, steps, seconds, psnr, gaussians, capacity):
                     _close(line)
                     print(f"{path}: {steps} steps in {seconds:.0f} s, {gaussians} Gaussians, PSNR {psnr:.2f} dB")
+                    for text in [summary(capacity), *lines(capacity)] if capacity else []:
+                        print(f"  {text}")
                     return True
                 case events.Cancelled(step, path):
                     _close(line)

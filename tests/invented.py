@@ -114,7 +114,12 @@ def whole_chart() -> list[Record]:
                     records.append(run_record(method, seed, scene, group="time", psnr=value - 0.2))
             records.append(timing_record(method, speeds[method], scene))
         for label, group, gain in (
+            ("3,125 Gaussians", "capacity", -2.0),
+            ("12,500 Gaussians", "capacity", -0.4),
+            ("5% move", "capacity", -0.9),
+            ("20% move", "capacity", -0.02),
             ("fusion: add", "fusion", -0.3),
+            ("modulation: off", "modulation", -0.6),
             ("fusion: dual", "fusion", 0.02),
             ("sampling: off", "sampling", -0.1),
             ("opacity: paper", "opacity", 0.15),

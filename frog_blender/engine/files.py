@@ -20,10 +20,13 @@ from safetensors.numpy import save as serialize
 
 from .capture.camera import Camera
 from .errors import FrogError, found_instead
+from .packing import pack, unpack
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
+"""1 had every array as it is; 2 may have them packed."""
 METHODS = ("frog", "ed3dgs", "static", "d3dgs", "hexplane", "curves")
 _HEADER_KEY = "frog"
+_PACKING_KEY = "packing"
 
 
 @dataclass(frozen=True)
@@ -42,6 +45,7 @@ class SceneHeader:
         capture_path, capture_format, scale, pixel_offsets: where the frames came from and how they were read.
         metrics: PSNR and so on as measured at the end of training.
         steps, train_seconds: how much training is in it (decoding and seeding not counted).
+        capacity: what the training took out of the model (see training.parsimony), empty where it took nothing.
     """
 
     method: str
@@ -62,6 +66,7 @@ class SceneHeader:
     steps: int = 0
     train_seconds: float = 0.0
     format_version: int = FORMAT_VERSION
+    capacity: dict[str, Any] = field(default_factory=dict)
 
     @property
     def is_moving(self) -> bool:
@@ -104,6 +109,7 @@ class SceneHeader:
             steps=int(data["steps"]),
             train_seconds=float(data["train_seconds"]),
             format_version=int(data["format_version"]),
+            capacity=dict(data.get("capacity", {})),  # version 1 had none
         )
 
 
@@ -120,9 +126,24 @@ def settings_json(settings: Any) -> dict[str, Any]:
     return asdict(settings)
 
 
-def write_scene(path: str | Path, scene: SceneFile) -> None:
-    """Writes atomically; FrogError when it cannot, and then an earlier file of that name is untouched."""
-    write_atomically(path, serialize(_contiguous(scene.arrays), metadata={_HEADER_KEY: scene.header.to_json()}))
+def write_scene(path: str | Path, scene: SceneFile, *, compact: bool = False) -> None:
+    """Writes atomically; FrogError when it cannot, and then an earlier file of that name is untouched.
+
+    Args:
+        compact: quantise and compress (see packing), which changes numbers by less than can be seen.
+    """
+    write_atomically(path, scene_bytes(scene, compact=compact))
+
+
+def scene_bytes(scene: SceneFile, *, compact: bool = False) -> bytes:
+    """What ``write_scene`` writes."""
+    metadata = {_HEADER_KEY: scene.header.to_json()}
+    arrays = scene.arrays
+    if compact:
+        packed = {name: pack(name, array) for name, array in arrays.items()}
+        arrays = {name: each.content for name, each in packed.items()}
+        metadata[_PACKING_KEY] = json.dumps({name: each.description for name, each in packed.items()})
+    return serialize(_contiguous(arrays), metadata=metadata)
 
 
 def read_scene(path: str | Path) -> SceneFile:
@@ -136,6 +157,11 @@ def read_scene(path: str | Path) -> SceneFile:
         raise found_instead(
             path, f"format version {header.format_version}", f"at most {FORMAT_VERSION}; a newer frog_blender reads it"
         )
+    try:
+        packing = json.loads(metadata.get(_PACKING_KEY, "{}"))
+        arrays |= {name: unpack(arrays[name], description) for name, description in packing.items()}
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        raise found_instead(path, f"packed arrays that cannot be read ({error})", "a .frog scene") from error
     _check_arrays(path, header, arrays)
     return SceneFile(header, arrays)
 

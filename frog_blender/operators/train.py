@@ -76,6 +76,7 @@ def request_of(settings: Any) -> background.TrainingRequest:
         capture,
         output,
         settings.recipe,
+        settings.capacity,
         steps=settings.steps or None,
         scale=settings.image_scale or None,
         holdout_frames=None if settings.holdout_frames < 0 else settings.holdout_frames,

@@ -56,7 +56,7 @@ class FROG_PT_train_advanced(bpy.types.Panel):
         layout = self.layout
         layout.use_property_split = True
         layout.use_property_decorate = False
-        for name in ("steps", "image_scale", "holdout_frames"):
+        for name in ("capacity", "steps", "image_scale", "holdout_frames"):
             layout.prop(context.scene.frog, name)
 
 
@@ -160,7 +160,11 @@ def _draw_training(layout: Any, state: background.TrainingState, context: Any) -
     if state.psnr is not None:
         column.label(text=f"PSNR: {state.psnr:.2f} dB ({state.psnr_split or 'training'} views)")
     if state.gaussians:
-        column.label(text=f"Gaussians: {state.gaussians:,}")
+        still = state.gaussians - state.moving
+        resting = f" ({state.moving:,} move)" if state.moving and still else ""
+        column.label(text=f"Gaussians: {state.gaussians:,}{resting}")
+    for line in state.capacity:
+        _sentence(box, line, context, icon="MOD_DECIM")
     for warning in state.warnings[-3:]:
         _sentence(box, warning, context, icon="INFO")
     if state.running:

@@ -25,6 +25,12 @@ RECIPES = (
 )
 
 
+CAPACITIES = (
+    ("auto", "Automatic", "No more than the scene needs: what stands still gets no motion, files stay small"),
+    ("fixed", "Fixed", "Every Gaussian can move, and every number is kept as it is"),
+)
+
+
 def _on_capture_folder(settings: Any, _context: Any) -> None:
     from . import capture_summary, preferences  # imports the readers, so not before someone names a folder
 
@@ -54,6 +60,12 @@ class FrogTrainingSettings(bpy.types.PropertyGroup):
     )
     recipe: EnumProperty(
         name="Recipe", description="How long and how large to train", items=RECIPES, default="standard"
+    )
+    capacity: EnumProperty(
+        name="Capacity",
+        description="How much of a model a scene gets",
+        items=CAPACITIES,
+        default="auto",
     )
     steps: IntProperty(
         name="Steps",

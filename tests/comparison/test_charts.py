@@ -11,6 +11,7 @@ from invented import run_record, timing_record, whole_chart
 from frog_blender.engine.comparison.charts import (
     STYLES,
     ablation_chart,
+    capacity_chart,
     pareto_front,
     speed_chart,
     training_chart,
@@ -32,7 +33,7 @@ def texts(figure: object) -> str:
 
 def test_every_chart_of_a_whole_grid() -> None:
     section = sections(whole_chart())[0]
-    for make in (speed_chart, training_chart, ablation_chart):
+    for make in (speed_chart, training_chart, ablation_chart, capacity_chart):
         assert overlapping(make(section)) == [], make.__name__
     assert "FRoG, 6.2 MB" in texts(speed_chart(section)) and "dB" in texts(speed_chart(section))
     assert "sampling: off" in texts(ablation_chart(section)) and "training, s" in texts(training_chart(section))

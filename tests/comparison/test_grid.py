@@ -61,7 +61,7 @@ def test_a_grid_is_what_was_asked_for() -> None:
     assert len({run.key for run in runs}) == len(runs)
     counts = Counter((run.method, run.equal_time) for run in runs)
     assert counts == {
-        ("frog", False): 6,
+        ("frog", False): 12,
         ("ed3dgs", False): 6,
         ("ed3dgs", True): 6,
         ("static", False): 4,
@@ -70,7 +70,8 @@ def test_a_grid_is_what_was_asked_for() -> None:
     assert [run.equal_time for run in runs] == sorted(run.equal_time for run in runs)
     equal_steps = [run.seed for run in runs if not run.equal_time]
     assert equal_steps == sorted(equal_steps), "a first seed of everything comes first"
-    assert {run.label for run in runs} == {"FRoG", "E-D3DGS", "3DGS (static)"}
+    assert {run.label for run in runs} == {"FRoG", "FRoG auto", "E-D3DGS", "3DGS (static)"}
+    assert [run.settings().capacity for run in runs if run.label == "FRoG auto"] == ["auto"] * 6
     assert all(run.capture == str(CAPTURES[run.scene]) for run in runs)
 
 
@@ -81,10 +82,11 @@ def test_an_ablation_changes_one_thing_at_a_time() -> None:
     assert set(rows) >= {f"fusion: {name}" for name in ("add", "concat", "attention", "coarse", "fine", "dual")}
     assert {"sampling: off", "sampling: inverse", "sampling: mean depth", "opacity: off", "opacity: paper"} <= set(rows)
     assert {"k = 1", "k = 5", "k = 20", "modulation: off"} <= set(rows)
+    assert {"12,500 Gaussians", "5% move"} <= set(rows)
     for run in rows.values():
         settings = run.settings()
         changed = {name for name in vars(base) if getattr(settings, name) != getattr(base, name)}
-        assert len(changed) == 1, (run.label, changed)
+        assert len(changed) == (2 if run.group == "capacity" else 1), (run.label, changed)
     assert Counter(run.label for run in runs)["sampling: off"] == 2
     assert len({run.key for run in runs}) == len(runs)
 

@@ -23,12 +23,14 @@ def train(trainer: Trainer, until: int | None = None) -> Trainer:
     return trainer
 
 
-@pytest.mark.parametrize("method", ["frog", "static"])
-@pytest.mark.parametrize("stop", [1, 33, 52])  # before the first round, between rounds, within a burst
+@pytest.mark.parametrize("method", ["frog", "static", "auto"])
+@pytest.mark.parametrize("stop", [1, 33, 52, 75])  # before the first round, between rounds, within a burst
 def test_resumed_bits_are_those_of_an_undisturbed_training(
     make_trainer: Make, bits: Bits, tmp_path: Path, method: str, stop: int
 ) -> None:
     changes = {"dssim_period": 25, "dssim_burst": 6}
+    if method == "auto":
+        method, changes = "frog", {**changes, "capacity": "auto"}
     undisturbed = train(make_trainer(80, method, seed=3, **changes))
     save_checkpoint(tmp_path / "c", train(make_trainer(80, method, seed=3, **changes), until=stop))
     resumed = make_trainer(80, method, seed=99, **changes)

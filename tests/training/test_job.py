@@ -66,7 +66,7 @@ def test_events_come_in_order_and_are_plain(task: TrainingJob) -> None:
     for event in stream:
         assert is_dataclass(event) and isinstance(event, events.Event)
         for field in fields(event):
-            assert type(getattr(event, field.name)) in (int, float, str, type(None), np.ndarray)
+            assert type(getattr(event, field.name)) in (int, float, str, type(None), np.ndarray, dict)
     steps = [event.step for event in stream if isinstance(event, events.Progress)]
     assert steps == list(range(1, STEPS + 1))
     progress = [event for event in stream if isinstance(event, events.Progress)]

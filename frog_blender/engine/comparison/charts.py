@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import FrogError
+from .grid import AUTO_LABEL
 from .labels import place_labels
 from .summary import Row, Section, differences
 
@@ -21,7 +22,14 @@ STYLES = {
     "curves": ("#E69F00", "v"),
 }
 _OTHERS = (("#56B4E9", "P"), ("#F0E442", "h"), ("#999999", "p"))
-_GROUP_COLORS = {"fusion": "#0072B2", "sampling": "#009E73", "opacity": "#D55E00", "k": "#E69F00"}
+_GROUP_COLORS = {
+    "fusion": "#0072B2",
+    "modulation": "#CC79A7",
+    "sampling": "#009E73",
+    "opacity": "#D55E00",
+    "k": "#E69F00",
+    "capacity": "#56B4E9",
+}
 _DPI = 130
 _LARGEST_SVG = 300_000  # bytes
 
@@ -30,7 +38,7 @@ def write_charts(sections: Sequence[Section], folder: Path) -> list[Path]:
     """Every chart that the results have figures for, as PNG, and as SVG where that is small; their paths."""
     written: list[Path] = []
     for section in sections:
-        for name, make in (("speed", speed_chart), ("training", training_chart), ("ablation", ablation_chart)):
+        for name, make in _CHARTS.items():
             figure = make(section)
             if figure is not None:
                 written += _save(figure, folder / f"{name}_{section.file_name}")
@@ -167,6 +175,48 @@ def ablation_chart(section: Section) -> Any:
     all_axes[0].set_yticks(range(len(rows)), [row.label for row in rows])
     all_axes[0].invert_yaxis()
     return figure
+
+
+def capacity_chart(section: Section) -> Any:
+    """PSNR against bytes: fewer Gaussians, fewer that move, and where the automatic choice stands. None without a
+    sweep."""
+    rows = [row for row in section.rows.get("capacity", ()) if row.median("psnr") is not None and row.median("bytes")]
+    frog = section.of_method("frog")
+    if not rows or frog is None:
+        return None
+    figure, axes = _figure(f"{section.title}: what capacity buys")
+
+    def point(row: Row) -> tuple[float, float]:
+        return (row.median("bytes") or 0.0) / 1e6, row.median("psnr") or 0.0
+
+    fewer = [row for row in rows if "Gaussians" in row.label]
+    calmer = [row for row in rows if "move" in row.label]
+    lines = {
+        "fewer Gaussians, all of them moving": ([*fewer, frog], "#0072B2", "o"),
+        "fewer that move": (calmer, "#E69F00", "^"),
+    }
+    for title, (swept, color, marker) in lines.items():
+        if not swept:
+            continue
+        points = sorted(point(row) for row in swept)
+        axes.plot(*zip(*points, strict=True), color=color, marker=marker, label=title)
+    automatic = [row for row in section.rows.get("methods", ()) if row.label == AUTO_LABEL]
+    for row in automatic:
+        axes.plot(*point(row), color="#D55E00", marker="*", markersize=17, linestyle="none", label="automatic choice")
+    axes.set_xscale("log")
+    _plain_ticks(axes)
+    axes.set_xlabel("storage, MB (logarithmic)")
+    axes.set_ylabel("PSNR of the held-out pictures, dB")
+    axes.margins(x=0.15, y=0.15)
+    figure.legend(loc="outside lower center", frameon=False, fontsize=9, ncols=3)
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    named = [frog, *rows]
+    place_labels(axes, [point(row) for row in named], [row.label for row in named], [5.0] * len(named))
+    return figure
+
+
+_CHARTS = {"speed": speed_chart, "training": training_chart, "ablation": ablation_chart, "capacity": capacity_chart}
 
 
 def _figure(title: str) -> tuple[Any, Any]:

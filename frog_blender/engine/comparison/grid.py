@@ -18,9 +18,13 @@ if TYPE_CHECKING:
 
 METHODS = ("frog", "ed3dgs", "static", "d3dgs", "hexplane", "curves")
 """In the order of the tables."""
+AUTO_LABEL, AUTO = "FRoG auto", {"capacity": "auto"}
+"""FRoG with no more than a scene needs (see training.parsimony): a row beside FRoG's, which has a fixed capacity."""
+FEWER_GAUSSIANS, DYNAMIC_SHARES = (8, 4, 2), (0.05, 0.1, 0.2, 0.4)
+"""Of the capacity sweep: parts of the recipe's number, and shares of the Gaussians that may move."""
 MAIN_METHODS = ("frog", "ed3dgs")
 """The paper's method and its base: they get the most seeds."""
-ABLATIONS = ("fusion", "modulation", "sampling", "opacity", "k")
+ABLATIONS = ("fusion", "modulation", "sampling", "opacity", "k", "capacity")
 SHARPNESSES = (1.0, 5.0, 10.0, 20.0)
 """Of the opacity reduction: the paper's values of k (its ablation table; 0 is no reduction)."""
 
@@ -125,11 +129,19 @@ def ablation_variants(base: Recipe, kinds: Sequence[str]) -> dict[str, dict[str,
             for k in SHARPNESSES
             if k != base.opacity_sharpness
         },
+        "capacity": {
+            **{f"{base.max_gaussians // part:,} Gaussians": _smaller(base, part) for part in FEWER_GAUSSIANS},
+            **{f"{share:.0%} move": {**AUTO, "dynamic_share": share} for share in DYNAMIC_SHARES},
+        },
     }
     for kind in kinds:
         if kind not in everything:
             raise FrogError(f"There is no ablation {kind!r}; there are {', '.join(everything)}.")
     return {kind: everything[kind] for kind in kinds}
+
+
+def _smaller(base: Recipe, part: int) -> dict[str, Any]:
+    return {"max_gaussians": base.max_gaussians // part, "seed_gaussians": base.seed_gaussians // part}
 
 
 def chart_grid(
@@ -176,6 +188,10 @@ def chart_grid(
             start.settings()  # says what is mistaken now, not hours later
             count = seeds if method in MAIN_METHODS else min(seeds, other_seeds)
             runs += [replace(start, seed=seed) for seed in range(count)]
+            if method == "frog":
+                changed = tuple(sorted({**dict(common), **AUTO}.items()))
+                auto = replace(start, label=AUTO_LABEL, overrides=changed)
+                runs += [replace(auto, seed=seed) for seed in range(count)]
             if equal_time and method != "frog" and "frog" in methods:
                 timed = replace(start, equal_time=True, group="time")
                 runs += [replace(timed, seed=seed) for seed in range(count)]

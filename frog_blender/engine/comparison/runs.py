@@ -250,12 +250,13 @@ def _follow(
                 notes.add(seconds, step, psnr)
             case events.Cancelled():
                 raise Stopped
-            case events.Finished(steps=steps, seconds=seconds, gaussians=gaussians):
+            case events.Finished(steps=steps, seconds=seconds, gaussians=gaussians, capacity=capacity):
                 return {
                     "steps": steps,
                     "train_seconds": seconds,
                     "preparation_seconds": notes.preparation_seconds,
                     "gaussians": gaussians,
+                    "dynamic": capacity.get("dynamic", gaussians),
                     "device": device,
                     "curve": notes.curve,
                     "warnings": warnings,

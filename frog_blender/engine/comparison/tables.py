@@ -15,9 +15,11 @@ _DIGITS = {"psnr": 2, "psnr_moving": 2, "ssim": 4, "flip": 4, "lpips": 4}
 _NONE = "-"
 _ABLATION_TITLES = {
     "fusion": "Temporal fusion",
+    "modulation": "Products of temporal and Gaussian embedding",
     "sampling": "Canonical sampling",
     "opacity": "Opacity reduction",
     "k": "Sharpness k of the opacity reduction",
+    "capacity": "Capacity",
 }
 
 

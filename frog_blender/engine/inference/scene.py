@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
@@ -38,6 +39,7 @@ class PlayableScene:
     Attributes:
         header: the scene file's header.
         count, moving: Gaussians, and those of them that the method moves.
+        sh_degree: of their colours.
     """
 
     def __init__(self, scene: SceneFile) -> None:
@@ -47,6 +49,7 @@ class PlayableScene:
         nothing_moves = not scene.header.model and scene.arrays.keys() <= CANONICAL
         playable = None if nothing_moves else PLAYABLE.get(scene.header.method)
         self._deformation = playable(scene.arrays, scene.header.model) if playable else None
+        self.sh_degree = math.isqrt(scene.arrays["sh"].shape[1]) - 1
         moving = len(scene.arrays.get("embeddings", scene.arrays["means"]))
         self.moving = moving if self._deformation is not None else 0
         self._recent: OrderedDict[float, GaussianArrays] = OrderedDict()

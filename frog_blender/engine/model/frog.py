@@ -13,7 +13,7 @@ from torch.nn import functional
 from ..rasterizer import GaussianArrays
 from ..rasterizer.native_deformation import FieldShape
 from .canonical import CanonicalField
-from .deformation import HEADS, DeformationField
+from .deformation import DeformationField
 from .fused import deform_fused
 from .fusion import fuse, fused_size, network_count
 from .interface import FINISHED, Progressing, SceneModel
@@ -33,6 +33,7 @@ class FrogSettings:
         opacity_reduction, opacity_sharpness: see model.opacity.
         fusion: of the coarse and the fine temporal embedding, see model.fusion.
         modulation: see model.deformation.
+        silent_heads: heads whose output is zero (see training.parsimony).
         deformed_opacity: False leaves opacities as they are at every moment (and there is nothing to reduce).
         motion_unit: world units that a network output of one moves a Gaussian by (makes rates independent of the
             capture's units).
@@ -55,6 +56,7 @@ class FrogSettings:
     fusion: str = "product"
     deformed_opacity: bool = True
     modulation: bool = False
+    silent_heads: tuple[str, ...] = ()
 
 
 _ATTENTION_WIDTH = 16
@@ -85,25 +87,42 @@ class Frog(SceneModel):
                 torch.empty(_ATTENTION_WIDTH, settings.temporal_size, device="cpu").uniform_(-bound, bound)
             )
             self.attention_query = nn.Parameter(torch.empty(_ATTENTION_WIDTH, device="cpu").uniform_(-bound, bound))
-        if not settings.deformed_opacity:
-            self._silence_opacity()
+        self._silent: set[str] = set()
+        for parameter in (self.deformation.output_weight, self.deformation.output_bias):
+            parameter.register_hook(self._without_silent)
+        for name in settings.silent_heads if settings.deformed_opacity else (*settings.silent_heads, "opacity_logits"):
+            self.silence(name)
 
     def fine_rows(self, progressing: Progressing) -> int:
         """Rows of the fine embedding as its schedule stands."""
         s = self.settings
         return round(s.coarse_rows + (s.temporal_rows - s.coarse_rows) * progressing.fine_rows)
 
-    def _silence_opacity(self) -> None:
-        """Keeps the opacity head at zero, where it starts: nothing reaches its weights."""
-        first = sum(size for name, size in HEADS.items() if name in ("means", "log_scales", "quaternions"))
+    def output_rows(self, name: str) -> slice:
+        """Where a head's numbers lie among the outputs."""
+        names = list(self.deformation.sizes)
+        first = sum(self.deformation.sizes[other] for other in names[: names.index(name)])
+        return slice(first, first + self.deformation.sizes[name])
 
-        def without_opacity(gradient: torch.Tensor) -> torch.Tensor:
+    @torch.no_grad()
+    def silence(self, name: str) -> None:
+        """Sets a head's output to zero and keeps it there: nothing reaches its weights any more."""
+        rows = self.output_rows(name)
+        self._silent.add(name)
+        self.deformation.output_weight[rows] = 0
+        self.deformation.output_bias[rows] = 0
+
+    def _without_silent(self, gradient: torch.Tensor) -> torch.Tensor:
+        if self._silent:
             gradient = gradient.clone()
-            gradient[first] = 0
-            return gradient
+            for name in self._silent:
+                gradient[self.output_rows(name)] = 0
+        return gradient
 
-        for parameter in (self.deformation.output_weight, self.deformation.output_bias):
-            parameter.register_hook(without_opacity)
+    @property
+    def heads(self) -> list[str]:
+        """What the network changes."""
+        return [name for name in self.deformation.sizes if name not in self._silent]
 
     @property
     def opacity_form(self) -> str:
@@ -130,6 +149,8 @@ class Frog(SceneModel):
     ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
         """See SceneModel."""
         sh_count = sh_count or self.canonical.sh.shape[1]
+        if not self.canonical.moving:
+            return self.canonical.gaussians(sh_count), {}
         temporal = self.temporal_embedding(time, progressing)
         means = self.canonical.means
         if means.dtype == torch.float32 and means.device.type == "cpu":
@@ -202,6 +223,7 @@ class Frog(SceneModel):
             fine_rows=self.fine_rows(progressing),
             opacity_share=progressing.opacity,
             opacity_reduction=self.opacity_form,
+            silent_heads=tuple(sorted(self._silent)),
         )
         return asdict(settings)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +15,12 @@ from torch import nn
 from ..errors import FrogError, found_instead
 from ..files import read_tensors, settings_json, write_atomically
 from ..model.canonical import ATTRIBUTES
+from ..model.frog import Frog
+from .parsimony import Reduction, heads_of
 from .trainer import Neighbourhood, Trainer
 
 _KEY = "frog-checkpoint"
-_VERSION = 4
+_VERSION = 5
 
 
 def checkpoint_path(scene: str | Path) -> Path:
@@ -52,10 +55,18 @@ def save_checkpoint(path: Path, trainer: Trainer, settings: dict[str, Any] | Non
         "burst_shot": trainer.burst_shot,
         "draws": trainer.picker.draws,
         "shots": len(trainer.capture.shots),
+        "parsimony": _parsimony_state(trainer),
+        "heads": heads_of(trainer.model),
     }
     # ascontiguousarray would turn Adam's scalar step counters into vectors.
     arrays = {name: np.array(value.detach().cpu().numpy(), order="C") for name, value in tensors.items()}
     write_atomically(path, serialize(arrays, metadata={_KEY: json.dumps(state)}))
+
+
+def _parsimony_state(trainer: Trainer) -> dict[str, Any]:
+    if not trainer.parsimony:
+        return {}
+    return {"seed": trainer.parsimony.seed, "reductions": [asdict(each) for each in trainer.parsimony.reductions]}
 
 
 def checkpoint_settings(path: Path) -> dict[str, Any]:
@@ -100,6 +111,12 @@ def load_checkpoint(path: Path, trainer: Trainer) -> None:
             names = ("anchors", "neighbours", "weights")
             parts = [tensors[f"neighbourhood.{name}"].to(trainer.device) for name in names]
             trainer.neighbourhood = Neighbourhood(*parts)
+        if trainer.parsimony:
+            rounds = state["parsimony"]
+            trainer.parsimony.resume(rounds["seed"], [Reduction(**each) for each in rounds["reductions"]])
+        if isinstance(trainer.model, Frog):
+            for name in set(heads_of(trainer.model)) - set(state["heads"]):
+                trainer.model.silence(name)
         trainer.resume_at(state)
     except (KeyError, ValueError, TypeError, RuntimeError) as error:
         raise found_instead(path, f"contents that do not fit ({error})", "a training checkpoint") from error

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -37,6 +38,15 @@ class Progress:
     seconds_left: float
     loss: float
     gaussians: int
+    moving: int = 0
+    """Those of them that the network moves."""
+
+
+@dataclass(frozen=True)
+class Reduced:
+    step: int
+    message: str
+    """What a round took out of the model (see training.parsimony)."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +62,15 @@ class Evaluated:
 @dataclass(frozen=True)
 class Preview:
     step: int
+    image: np.ndarray
+    """(H, W, 3) uint8."""
+
+
+@dataclass(frozen=True)
+class Pictured:
+    """A picture of what moves, what rests and what was left out, beside the scene."""
+
+    path: str
     image: np.ndarray
     """(H, W, 3) uint8."""
 
@@ -73,6 +92,8 @@ class Finished:
     seconds: float
     psnr: float
     gaussians: int
+    capacity: dict[str, Any] = field(default_factory=dict)
+    """See SceneHeader."""
 
 
 @dataclass(frozen=True)
@@ -82,4 +103,4 @@ class Cancelled:
     """The scene as far as it came, None when training had not begun."""
 
 
-Event = Stage | Started | Progress | Evaluated | Preview | Warned | Saved | Finished | Cancelled
+Event = Stage | Started | Progress | Reduced | Evaluated | Preview | Pictured | Warned | Saved | Finished | Cancelled

@@ -6,23 +6,26 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Generator, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
+from ..capacity_report import reduction_line
 from ..capture.capture import Capture
 from ..capture.frames import FrameStore
 from ..capture.readers import open_capture
 from ..capture.seed_store import stored_seeds
 from ..errors import FrogError, found_instead
-from ..files import SceneFile, SceneHeader, settings_json, write_scene
+from ..files import write_atomically
 from ..inference.draw import to_uint8
 from . import events
+from .capacity_picture import capacity_picture
 from .checkpoint import checkpoint_path, checkpoint_settings, load_checkpoint, save_checkpoint
 from .device import choose_device
 from .events import Event
 from .methods import method_named
 from .recipe import Recipe, recipe
+from .saving import save_scene
 from .trainer import Limits, Trainer
 
 Result = TypeVar("Result")
@@ -47,6 +50,8 @@ class TrainingJob:
         holdout_frames: withhold every n-th moment; None keeps what the format says.
         resume: go on from the checkpoint beside ``output``.
         pixel_offsets: see ``open_capture``.
+        lossless: write every number as it is, instead of packed where that shows nowhere.
+        max_bytes: of the file, at most; only with the recipe's capacity "auto".
         device: "auto", "cpu" or "cuda", see ``choose_device``; a resume may choose another.
         opened: the capture itself, where it is not what ``open_capture`` makes of the folder (a segment, a protocol's
             own split).
@@ -65,6 +70,8 @@ class TrainingJob:
     resume: bool = False
     pixel_offsets: dict[str, tuple[float, float]] | None = None
     device: str = "auto"
+    lossless: bool = False
+    max_bytes: int | None = None
     opened: Capture | None = None
     evaluated_shots: int = 6
 
@@ -117,7 +124,7 @@ def run_training(job: TrainingJob, cancelled: Callable[[], bool] = lambda: False
     )
     seeds = None
     if store is not None:
-        limit = job.recipe.seed_gaussians
+        limit = min(job.recipe.seed_gaussians, job.recipe.max_gaussians)
         seeds = yield from _in_background(
             "Finding seed points",
             lambda report: stored_seeds(capture, store, count_limit=limit, seed=job.seed, progress=report),
@@ -167,6 +174,7 @@ def _train(job: TrainingJob, trainer: Trainer, scale: float, cancelled: Callable
     preview_shot = next((i for i, s in enumerate(trainer.capture.shots) if trainer.capture.is_test(s)), 0)
     while not trainer.finished and not cancelled():
         trainer.step()
+        yield from _reductions(trainer)
         now = time.monotonic()
         if now - last_event >= _EVENT_SECONDS or trainer.finished:
             last_event = now
@@ -184,13 +192,30 @@ def _train(job: TrainingJob, trainer: Trainer, scale: float, cancelled: Callable
     trainer.check()
     psnr, split = trainer.evaluate(30)
     yield events.Evaluated(trainer.step_count, psnr, split, trainer.seconds)
-    save_scene(job, trainer, scale, {"psnr": psnr, "split": split})
+    scene = save_scene(job, trainer, scale, {"psnr": psnr, "split": split})
     yield events.Saved(str(job.output))
     yield from _save_checkpoint(job, trainer)
     if trainer.finished:
-        yield events.Finished(str(job.output), trainer.step_count, trainer.seconds, psnr, trainer.count)
+        figures = (trainer.step_count, trainer.seconds, psnr, trainer.count)
+        if trainer.parsimony:
+            yield from _capacity_picture(job, trainer, preview_shot)
+        yield events.Finished(str(job.output), *figures, scene.header.capacity)
     else:
         yield events.Cancelled(trainer.step_count, str(job.output))
+
+
+def _capacity_picture(job: TrainingJob, trainer: Trainer, shot: int) -> Iterator[Event]:
+    """Beside the scene, for people; what cannot be written costs nothing else."""
+    import cv2
+
+    path = job.output.with_suffix(".capacity.png")
+    picture = capacity_picture(trainer, shot)
+    try:
+        write_atomically(path, cv2.imencode(".png", picture[:, :, ::-1])[1].tobytes())
+    except FrogError as error:
+        yield events.Warned(str(error))
+        return
+    yield events.Pictured(str(path), picture)
 
 
 def _save_checkpoint(job: TrainingJob, trainer: Trainer) -> Iterator[Event]:
@@ -199,6 +224,12 @@ def _save_checkpoint(job: TrainingJob, trainer: Trainer) -> Iterator[Event]:
         save_checkpoint(checkpoint_path(job.output), trainer, _settings(job))
     except FrogError as error:
         yield events.Warned(f"{error} Training goes on without this checkpoint.")
+
+
+def _reductions(trainer: Trainer) -> Iterator[Event]:
+    """What the last step's round did, if it was one."""
+    for reduction in trainer.parsimony.news() if trainer.parsimony else ():
+        yield events.Reduced(trainer.step_count, reduction_line(asdict(reduction)))
 
 
 def _progress_event(trainer: Trainer) -> events.Progress:
@@ -210,41 +241,8 @@ def _progress_event(trainer: Trainer) -> events.Progress:
         trainer.seconds * (1 - share) / share,
         trainer.loss,
         trainer.count,
+        trainer.model.canonical.moving,
     )
-
-
-def save_scene(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[str, Any]) -> None:
-    """Writes the ``.frog`` as training stands."""
-    capture = trainer.capture
-    arrays = {}
-    for name, value in trainer.model.state_dict().items():
-        name = name.removeprefix("canonical.").replace("deformation.", "network.")
-        arrays[name] = value.detach().cpu().numpy()
-    if not arrays["embeddings"].size:
-        del arrays["embeddings"]
-    shots: list[list[int]] = [[] for _ in capture.cameras]
-    for shot in capture.shots:
-        shots[shot.camera].append(shot.frame)
-    header = SceneHeader(
-        method=trainer.method,
-        recipe=settings_json(trainer.recipe),
-        model=trainer.model.stored_settings(trainer.progressing(trainer.progress)),
-        cameras=capture.cameras,
-        camera_shots=tuple(tuple(frames) for frames in shots),
-        test_cameras=tuple(sorted(capture.test_cameras)),
-        test_frames=tuple(sorted(capture.test_frames)),
-        frame_count=capture.frame_count,
-        frames_per_second=capture.frames_per_second,
-        background=capture.background,
-        capture_path=str(Path(job.capture).resolve()),
-        capture_format=capture.format,
-        scale=scale,
-        pixel_offsets=dict(job.pixel_offsets or {}),
-        metrics=metrics,
-        steps=trainer.step_count,
-        train_seconds=trainer.seconds,
-    )
-    write_scene(job.output, SceneFile(header, arrays))
 
 
 class _Stopped(Exception):

@@ -77,13 +77,18 @@ def _frog(begin: Beginning) -> Frog:
 
 def _ed3dgs(recipe: Recipe) -> Recipe:
     """FRoG's base: dual networks, nothing that is FRoG's or ours."""
-    return replace(recipe, fusion="dual", modulation=False, sampling="off", opacity_reduction="off")
+    return replace(recipe, fusion="dual", modulation=False, sampling="off", opacity_reduction="off", capacity="fixed")
 
 
 def _plain(recipe: Recipe, embedding_size: int = 0) -> Recipe:
     """Nothing of FRoG's own."""
     return replace(
-        recipe, embedding_size=embedding_size, sampling="off", opacity_reduction="off", smoothness_weight=0.0
+        recipe,
+        embedding_size=embedding_size,
+        sampling="off",
+        opacity_reduction="off",
+        smoothness_weight=0.0,
+        capacity="fixed",
     )
 
 

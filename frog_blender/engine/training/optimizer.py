@@ -38,7 +38,7 @@ class SceneOptimizer:
         groups: list[dict[str, Any]] = [
             {"params": [getattr(self._canonical, name)], "name": name}
             for name in ATTRIBUTES
-            if getattr(self._canonical, name).numel()
+            if getattr(self._canonical, name).shape[1:].numel()  # methods without embeddings have some of no length
         ]
         groups += [{"params": parameters, "name": name} for name, parameters in model.rate_groups().items()]
         self._rates = rates
@@ -81,20 +81,33 @@ class SceneOptimizer:
             new: (n, ...) by attribute; none where one is missing.
         """
         for name in ATTRIBUTES:
-            old = getattr(self._canonical, name)
-            fresh = new.get(name, old.detach()[:0])
-            rows = movers if name == "embeddings" else who
-            parameter = nn.Parameter(torch.cat([old.detach(), fresh])[rows])
-            setattr(self._canonical, name, parameter)
-            for group in self.adam.param_groups:
-                if group["name"] != name:
-                    continue
+            self._replace(name, movers if name == "embeddings" else who, new.get(name))
+
+    def cut_colors(self, count: int) -> None:
+        """Keeps the first ``count`` SH coefficients."""
+        self._replace("sh", (slice(None), slice(count)), None)
+
+    def stop(self, parameter: nn.Parameter, rows: slice) -> None:
+        """Lets go of what Adam still carries on with in some rows of a parameter that has no gradient there."""
+        state = self.adam.state.get(parameter)
+        if state:
+            state["exp_avg"][rows] = 0
+
+    def _replace(self, name: str, kept: Any, new: torch.Tensor | None) -> None:
+        """An attribute becomes what ``kept`` indexes of its rows with the ``new`` ones after them, which Adam has never
+        seen."""
+        old = getattr(self._canonical, name)
+        fresh = old.detach()[:0] if new is None else new
+        parameter = nn.Parameter(torch.cat([old.detach(), fresh])[kept].contiguous())
+        setattr(self._canonical, name, parameter)
+        for group in self.adam.param_groups:
+            if group["name"] == name:
                 group["params"] = [parameter]
-                state = self.adam.state.pop(old, None)
-                if state:
-                    forgotten = torch.zeros_like(fresh)
-                    moments = {key: torch.cat([state[key], forgotten])[rows] for key in ("exp_avg", "exp_avg_sq")}
-                    self.adam.state[parameter] = {"step": state["step"], **moments}
+        state = self.adam.state.pop(old, None)
+        if state:
+            unseen = torch.zeros_like(fresh)
+            moments = {key: torch.cat([state[key], unseen])[kept].contiguous() for key in ("exp_avg", "exp_avg_sq")}
+            self.adam.state[parameter] = {"step": state["step"], **moments}
 
     def state_arrays(self) -> dict[str, torch.Tensor]:
         """Adam's memory by name, for a checkpoint."""

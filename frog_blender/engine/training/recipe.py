@@ -25,6 +25,9 @@ class Recipe:
         max_gaussians: growth stops here.
         seed_gaussians: seed points at most.
         sh_degree: 0 to 3; grows by one at each of ``sh_growth`` (fractions of training).
+        capacity: "auto" leaves a scene no more than it needs (see training.parsimony), "fixed" what it has.
+        dynamic_share: with "auto", the share of the Gaussians that may move at most, whatever that costs; 0 for as many
+            as have to.
         fusion: of the temporal embeddings, see model.fusion.FUSIONS (FRoG, section on early fusion; its table compares
             them).
         embedding_size, temporal_size, hidden_width, head_width, deformed_sh, deformed_opacity: see model.frog.
@@ -71,6 +74,8 @@ class Recipe:
     seed_gaussians: int = 25_000
     sh_degree: int = 1
     sh_growth: tuple[float, ...] = (0.1, 0.3, 0.5)
+    capacity: str = "fixed"
+    dynamic_share: float = 0.0
     fusion: str = "product"
     embedding_size: int = 32
     temporal_size: int = 64
@@ -163,6 +168,7 @@ class Recipe:
 
 
 _CHOICES = {
+    "capacity": ("auto", "fixed"),
     "fusion": FUSIONS,
     "opacity_reduction": FORMS,
     "sampling": SAMPLINGS,

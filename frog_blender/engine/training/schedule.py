@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -53,11 +54,22 @@ class ShotPicker:
         self._by_loss = choice == "loss"
         self.draws = 0
         self.losses = torch.full((len(capture.cameras), capture.frame_count), _UNSEEN, device="cpu")
-        self._shots = [i for i, shot in enumerate(capture.shots) if not capture.is_test(shot)]
+        self._capture = capture
+        self._withheld: Sequence[int] = ()
+        self._gather()
+
+    def _gather(self) -> None:
+        shots = self._capture.shots
+        self._shots = [i for i, s in enumerate(shots) if not self._capture.is_test(s) and i not in self._withheld]
         self._by_frame: dict[int, list[int]] = {}
         for i in self._shots:
-            self._by_frame.setdefault(capture.shots[i].frame, []).append(i)
-        self._capture = capture
+            self._by_frame.setdefault(shots[i].frame, []).append(i)
+
+    def withhold(self, shots: Sequence[int]) -> None:
+        """From now on leaves these training shots alone, and no others."""
+        if shots != self._withheld:
+            self._withheld = shots
+            self._gather()
 
     def pick(self, generator: torch.Generator) -> int:
         """A shot index."""

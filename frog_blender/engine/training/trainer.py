@@ -26,6 +26,7 @@ from .losses import add_embedding_smoothness, neighbour_weights, ssim
 from .methods import method_named
 from .neighbours import nearest
 from .optimizer import SceneOptimizer
+from .parsimony import Parsimony
 from .recipe import Recipe
 from .regions import RegionPicker
 from .resolution import halved, halved_picture, is_halved
@@ -79,7 +80,7 @@ class Trainer:
     ) -> None:
         recipe = method_named(method).adapt(recipe)
         self.capture, self.recipe, self.method, self.limits = capture, recipe, method, limits
-        self._store, self.device = store, torch.device(device)
+        self.store, self.device = store, torch.device(device)
         self._threads = torch.get_num_threads()  # what the caller allows, outside of steps
         torch.manual_seed(seed)
         self.generator = torch.Generator().manual_seed(seed)
@@ -91,10 +92,13 @@ class Trainer:
         self.step_count, self.seconds, self.progress = 0, 0.0, 0.0
         self._loss = RunningLoss()
         self.burst_shot = -1
+        self.parsimony = Parsimony(self, seed) if recipe.capacity == "auto" else None
         self.picker = ShotPicker(capture, recipe.frame_choice)
         self.regions = RegionPicker(capture.cameras, recipe.region_share, recipe.region_size)
         self._densify = Every(recipe.densify_from, recipe.densify_until, recipe.densify_every)
         self._sample = Every(recipe.sampling_from, recipe.sampling_until, recipe.sampling_every)
+        if self.parsimony:
+            self.parsimony.begin(self)
 
     def rebuild_optimizer(self) -> None:
         """A fresh optimiser, after the model's parameters were replaced from outside."""
@@ -106,6 +110,8 @@ class Trainer:
         self._loss.resume(math.nan if state["loss"] is None else float(state["loss"]))
         self.burst_shot, self.picker.draws = int(state["burst_shot"]), int(state["draws"])
         self.progress = self._progress_now()
+        if self.parsimony:
+            self.picker.withhold(self.parsimony.withheld_at(self.progress))
 
     @property
     def count(self) -> int:
@@ -190,7 +196,7 @@ class Trainer:
         """The truth, its drawing, and the Gaussians and changes that were drawn."""
         shot = self.capture.shots[shot_index]
         camera = self._camera(shot.camera, progress)
-        pixels = self._store.image(shot_index)
+        pixels = self.store.image(shot_index)
         if camera is not self.capture.cameras[shot.camera]:
             pixels = halved_picture(pixels)
         left, top, width, height = options.region_of(camera)
@@ -213,7 +219,7 @@ class Trainer:
         """Gaussians and changes at a time, with the schedules as they stand at ``progress``."""
         r = self.recipe
         degree = sum(progress >= start for start in r.sh_growth[: r.sh_degree])
-        sh_count = (degree + 1) ** 2
+        sh_count = min((degree + 1) ** 2, self.model.canonical.sh.shape[1])
         if progress >= r.warm_up:
             return self.model.deform(time_, self.progressing(progress), sh_count)
         return self.model.canonical.gaussians(sh_count), {}
@@ -232,18 +238,20 @@ class Trainer:
             self._inject_anchors(now, shot)  # behind those that move: nobody's neighbours change their places
         if densified and self.recipe.smoothness_weight:
             self.find_neighbours()
+        if self.parsimony:
+            self.parsimony.after_step(self, before, now)
+            self.picker.withhold(self.parsimony.withheld_at(now))
 
     @torch.no_grad()
     def _inject_anchors(self, progress: float, shot_index: int) -> None:
-        room = min(
-            self.recipe.newcomers(self.count, self.recipe.sampling_share), self.recipe.max_gaussians - self.count
-        )
+        newcomers = self.recipe.newcomers(self.count, self.recipe.sampling_share)
+        room = min(newcomers, self.recipe.max_gaussians - self.count)
         if room <= 0:
             return
         truth, image, gaussians, changes = self._draw(shot_index, progress, RasterizeOptions(depth=True))
-        canonical = self.model.canonical
-        if not changes or not canonical.moving:
+        if not changes:
             return
+        canonical = self.model.canonical
         camera = self._camera(self.capture.shots[shot_index].camera, progress)
         points, colors = worst_points(image, truth, camera, room, self.recipe.sampling_depth, self.generator)
         if self.recipe.sampling == "inverse":
@@ -286,6 +294,6 @@ class Trainer:
         chosen = [shots[int(i)] for i in np.linspace(0, len(shots) - 1, min(limit, len(shots)))]
         values = []
         for index in chosen:
-            truth = self._store.image(index).astype(np.float32) / 255
+            truth = self.store.image(index).astype(np.float32) / 255
             values.append(psnr_of(float(np.mean((self.picture(index).clip(0, 1) - truth) ** 2))))
         return float(np.mean(values)), "held-out" if held_out else "training"

@@ -1,0 +1,25 @@
+"""Renders a capture in which nothing moves: the room of `room` at one moment, seen for as long, with a camera's noise.
+
+    python examples/make_still.py OUT [--samples 16] [--keep-pictures]
+
+What it needs and how it works stands in capture_films.py. What a training makes of it shows whether it models more than
+there is.
+"""
+
+from __future__ import annotations
+
+from capture_films import make
+from capture_rig import Rig
+from room_scene import Room
+
+_MOMENT = 0.4  # of the room's film
+_NOISE = 1.5  # standard deviation, of 255
+
+
+class StillRoom(Room):
+    def pose(self, time: float) -> None:
+        super().pose(_MOMENT)
+
+
+if __name__ == "__main__":
+    make(__doc__.splitlines()[0], Rig(320, 240, 300.0), StillRoom, preview=[0], still_noise=_NOISE)

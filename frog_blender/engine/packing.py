@@ -1,0 +1,128 @@
+"""Arrays of a scene as few bytes: quantised in blocks, laid out by significance, compressed by zlib. No torch.
+
+A block is 256 rows in which each column is stored as whole numbers between its least and largest value. Gaussians that
+lie side by side in the file lie side by side in the scene (``ordered``), so a block spans little and neighbours have
+bytes in common.
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+BLOCK = 256
+_LARGEST = 2**31  # bytes of an unpacked array
+_MOST_COMPRESSED = 1100  # zlib reaches 1032
+_LEVEL = 9
+_LARGEST_HALF = 65_504
+
+BITS = {
+    "means": 16,
+    "log_scales": 8,
+    "quaternions": 8,
+    "opacity_logits": 8,
+    "sh": 8,
+    "embeddings": 8,
+}
+"""Of a number of each Gaussian's attributes; what is not here is stored in half precision.
+
+Means have 16: a block's extent in 65,536 parts is a hundredth of a pixel, in 256 parts several pixels. The others
+were measured to cost nothing that shows (docs/parsimony.md)."""
+
+
+@dataclass(frozen=True)
+class Packed:
+    """Attributes:
+    content: compressed bytes, as a uint8 array.
+    description: plain values that ``unpack`` needs.
+    """
+
+    content: np.ndarray
+    description: dict[str, Any]
+
+
+def pack(name: str, array: np.ndarray) -> Packed:
+    """A float32 array of any shape; ValueError for numbers that are not finite."""
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} holds numbers that are not finite")
+    bits = BITS.get(name, 0)
+    if not bits:
+        if np.abs(array).max(initial=0) > _LARGEST_HALF:
+            raise ValueError(f"{name} holds numbers too large for half precision")
+        stored = _by_significance(array.astype(np.float16).reshape(-1).view(np.uint8), 2)
+    else:
+        rows = array.reshape(len(array), math.prod(array.shape[1:]))
+        least, step = _ranges(rows, bits)
+        block = np.arange(len(rows)) // BLOCK
+        levels = np.rint((rows - least[block]) / step[block]).clip(0, 2**bits - 1)
+        numbers = levels.astype(np.uint8 if bits == 8 else np.uint16).T  # column by column: they have most in common
+        ranges = np.stack([least, step]).astype(np.float32).tobytes()
+        stored = ranges + _by_significance(np.ascontiguousarray(numbers).reshape(-1).view(np.uint8), bits // 8)
+    content = np.frombuffer(zlib.compress(stored, _LEVEL), np.uint8)
+    return Packed(content, {"shape": list(array.shape), "bits": bits})
+
+
+def unpack(content: np.ndarray, description: dict[str, Any]) -> np.ndarray:
+    """The float32 array; KeyError, TypeError or ValueError for what ``pack`` does not write.
+
+    Sizes are checked before anything is allocated.
+    """
+    shape, bits = tuple(description["shape"]), description["bits"]
+    if bits not in (0, 8, 16) or any(type(length) is not int or length < 0 for length in shape) or (bits and not shape):
+        raise ValueError(f"an array of shape {shape} in {bits} bits")
+    count = math.prod(shape)
+    columns = count // shape[0] if bits and shape[0] else 0
+    blocks = -(-shape[0] // BLOCK) if bits else 0
+    width = bits // 8 or 2
+    size = 8 * blocks * columns + width * count
+    if 4 * count > _LARGEST or size > _MOST_COMPRESSED * (content.size + 64):
+        raise ValueError(f"an array of shape {shape} in {content.size} bytes")
+    unpacker = zlib.decompressobj()
+    try:
+        stored = unpacker.decompress(np.ascontiguousarray(content, np.uint8).tobytes(), size + 1)
+    except zlib.error as error:
+        raise ValueError(f"damaged bytes ({error})") from error
+    if len(stored) != size or not unpacker.eof:
+        raise ValueError(f"an array of shape {shape} from other than {size} bytes")
+    if not bits:
+        return _from_significance(stored, 2).view(np.float16).astype(np.float32).reshape(shape)
+    ranges = np.frombuffer(stored, np.float32, 2 * blocks * columns).reshape(2, blocks, columns)
+    numbers = _from_significance(stored[ranges.nbytes :], width).view(np.uint8 if bits == 8 else np.uint16)
+    block = np.arange(shape[0]) // BLOCK
+    levels = numbers.reshape(columns, shape[0]).T.astype(np.float32)
+    return (ranges[0][block] + levels * ranges[1][block]).astype(np.float32).reshape(shape)
+
+
+def ordered(means: np.ndarray) -> np.ndarray:
+    """(N,) an order in which Gaussians that follow each other lie near each other (Morton's curve through means)."""
+    if not len(means):
+        return np.empty(0, np.int64)
+    least, largest = means.min(axis=0), means.max(axis=0)
+    cells = ((means - least) / np.maximum(largest - least, 1e-12) * (2**16 - 1)).astype(np.uint64)
+    code = np.zeros(len(means), np.uint64)
+    for bit in range(16):
+        for axis in range(3):
+            code |= ((cells[:, axis] >> np.uint64(bit)) & np.uint64(1)) << np.uint64(3 * bit + axis)
+    return np.argsort(code, kind="stable")
+
+
+def _ranges(rows: np.ndarray, bits: int) -> tuple[np.ndarray, np.ndarray]:
+    """(blocks, columns) least value and step of every block."""
+    starts = np.arange(0, len(rows), BLOCK)
+    if not len(starts):
+        return np.empty((0, rows.shape[1]), np.float32), np.empty((0, rows.shape[1]), np.float32)
+    least, largest = np.minimum.reduceat(rows, starts), np.maximum.reduceat(rows, starts)
+    return least, np.maximum((largest - least) / np.float32(2**bits - 1), np.float32(1e-30))
+
+
+def _by_significance(numbers: np.ndarray, width: int) -> bytes:
+    """All lowest bytes, then all next ones."""
+    return np.ascontiguousarray(numbers.reshape(-1, width).T).tobytes()
+
+
+def _from_significance(stored: bytes, width: int) -> np.ndarray:
+    return np.ascontiguousarray(np.frombuffer(stored, np.uint8).reshape(width, -1).T).reshape(-1)

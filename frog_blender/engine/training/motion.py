@@ -1,0 +1,202 @@
+"""What of each Gaussian can be seen: its motion, what it adds to pictures, and how it looks on average.
+
+Everything is measured by looking: a sample of training views at jittered times is drawn, so that what no picture shows
+counts as nothing, and training's own moments are not over-fitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import torch
+
+from ..capture.camera import Camera
+from ..capture.capture import Capture
+from ..capture.time import frame_to_time
+from ..model.canonical import SH_DC
+from ..rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
+
+PIXELS_OF_A_CHANGE = 64.0
+"""A change of the whole display range counts as motion by so many pixels: one pixel of motion across an edge of a fifth
+of the range changes about as much as a whole Gaussian by a hundredth of it."""
+_SHAPES = ("means", "quaternions", "scales", "opacities", "sh")
+
+
+@dataclass(frozen=True)
+class Look:
+    """One view at one moment; times are jittered by up to half a frame."""
+
+    camera: int
+    time: float
+
+
+def draw_looks(capture: Capture, shots: Sequence[int], count: int, generator: torch.Generator) -> list[Look]:
+    """``count`` looks spread over ``shots`` (more than there are: some shots twice)."""
+    order = torch.randperm(len(shots), generator=generator)
+    jitter = torch.rand(count, generator=generator) - 0.5
+    looks = []
+    for k in range(count):
+        shot = capture.shots[shots[int(order[k % len(shots)])]]
+        frame = min(max(shot.frame + float(jitter[k]), 0.0), capture.frame_count - 1.0)
+        looks.append(Look(shot.camera, frame_to_time(frame, capture.frame_count)))
+    return looks
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Attributes:
+    score: (M,) of those that move: pixels that they move, grow or turn by at most, and PIXELS_OF_A_CHANGE times their
+        change of colour and opacity, each times their blending weight in the look where that is most.
+    contribution: (N,) by how much a look's picture would change if this Gaussian alone were left out: root of the sum
+        of squares over its pixels and channels, of the display range, in the look where that is most.
+    state: how those that move look on average over the looks, as the canonical field's attributes but embeddings.
+    """
+
+    score: torch.Tensor
+    contribution: torch.Tensor
+    state: dict[str, torch.Tensor]
+
+
+class _Range:
+    """Least, largest and mean of tensors that come one after the other."""
+
+    def __init__(self) -> None:
+        self.least = self.largest = self.sum = torch.empty(0)
+        self.count = 0
+
+    def add(self, value: torch.Tensor) -> None:
+        if self.count:
+            self.least, self.largest = torch.minimum(self.least, value), torch.maximum(self.largest, value)
+            self.sum = self.sum + value
+        else:
+            self.least = self.largest = self.sum = value
+        self.count += 1
+
+    @property
+    def mean(self) -> torch.Tensor:
+        return self.sum / self.count
+
+    @property
+    def half(self) -> torch.Tensor:
+        return (self.largest - self.least) / 2
+
+
+def measure_motion(
+    gaussians_at: Callable[[float], GaussianArrays],
+    moving: int,
+    capture: Capture,
+    looks: Sequence[Look],
+    generator: torch.Generator,
+) -> Motion:
+    """Draws every look, at least one.
+
+    Args:
+        gaussians_at: all Gaussians at a time, those that move first.
+        moving: how many they are, M.
+    """
+    ranges = {name: _Range() for name in _SHAPES}
+    contribution, weight, reach = _Range(), _Range(), _Range()
+    for look in looks:
+        camera = capture.cameras[look.camera]
+        with torch.no_grad():
+            gaussians = gaussians_at(look.time)
+        image, change = _look(gaussians, camera, capture.background, generator)
+        assert image.max_weights is not None
+        contribution.add(change)
+        weight.add(image.max_weights[:moving])
+        reach.add((image.max_weights * _pixels_per_unit(gaussians, image, camera))[:moving])
+        for name, values in ranges.items():
+            values.add(getattr(gaussians, name)[:moving])
+    means, quaternions, scales, opacities, sh = (ranges[name] for name in _SHAPES)
+    length = quaternions.mean.norm(dim=1).clamp(min=1e-12)
+    turn = 2 * quaternions.half.norm(dim=1) / length * scales.largest.amax(1)
+    fade = opacities.half / opacities.largest.clamp(min=1e-6)
+    tint = SH_DC * sh.half[:, 0].amax(1)
+    moved = means.half.norm(dim=1) + scales.half.amax(1) + turn
+    state = {
+        "means": means.mean,
+        "quaternions": quaternions.mean,
+        "log_scales": scales.mean.clamp(min=1e-12).log(),
+        "opacity_logits": opacities.mean.clamp(1e-6, 1 - 1e-6).logit(),
+        "sh": sh.mean,  # of the degrees that have begun
+    }
+    score = reach.largest * moved + PIXELS_OF_A_CHANGE * weight.largest * (fade + tint)
+    return Motion(score, contribution.largest, state)
+
+
+def _look(
+    gaussians: GaussianArrays, camera: Camera, background: tuple[float, float, float], generator: torch.Generator
+) -> tuple[Image, torch.Tensor]:
+    """What a camera sees, and (N,) by how much the picture would change without each Gaussian.
+
+    A picture is affine in every single opacity o, so without that Gaussian it changes by o times its derivative by o.
+    One backward pass gives the norms of all the derivatives at once, as estimates: with random signs s of the pixels,
+    the mean of (s . derivative) ** 2 is the derivative's squared norm (Hutchinson's estimator).
+    """
+    opacities = gaussians.opacities.detach().clone().requires_grad_()
+    drawn = GaussianArrays(gaussians.means, gaussians.quaternions, gaussians.scales, opacities, gaussians.sh)
+    image = rasterize(drawn, camera, background, RasterizeOptions(weights=True))
+    signs = 2.0 * torch.randint(2, image.rgb.shape, generator=generator) - 1
+    image.rgb.backward(signs.to(image.rgb.device))
+    assert opacities.grad is not None
+    return image, (opacities.grad * opacities.detach()).abs()
+
+
+def _pixels_per_unit(gaussians: GaussianArrays, image: Image, camera: Camera) -> torch.Tensor:
+    """(N,) pixels that a world unit takes at each Gaussian's depth, 0 where it is not drawn."""
+    row = torch.from_numpy(camera.world_to_camera[2]).to(gaussians.means)
+    depth = gaussians.means @ row[:3] + row[3]
+    return torch.where(image.radii > 0, float(camera.intrinsics[0, 0]) / depth.clamp(min=1e-6), 0.0)
+
+
+def unrest(
+    gaussians_at: Callable[[float], GaussianArrays],
+    truth_of: Callable[[int], torch.Tensor],
+    capture: Capture,
+    shots: Sequence[Sequence[int]],
+) -> torch.Tensor:
+    """(N,) how much the error at each Gaussian changes over time: standard deviation of the mean difference (of the
+    display range) of its pixels, weighted by blending weight, over the moments of a camera; what nothing but motion
+    explains. 0 where a Gaussian was not seen twice.
+
+    Args:
+        truth_of: (H, W, 3) picture of a shot.
+        shots: some shots of each of some cameras, at several moments.
+    """
+    variance = looks = torch.zeros(0)
+    for of_camera in shots:
+        count = total = square = torch.zeros(0)
+        for index in of_camera:
+            shot = capture.shots[index]
+            seen, error = _error_of_each(
+                gaussians_at(frame_to_time(shot.frame, capture.frame_count)),
+                *(capture.cameras[shot.camera], capture.background, truth_of(index)),
+            )
+            error = torch.where(seen, error, 0.0)
+            if not len(count):
+                count, total, square = (torch.zeros_like(error) for _ in range(3))
+            count, total, square = count + seen, total + error, square + error.square()
+        n = count.clamp(min=2)
+        of_all = torch.where(count >= 2, (square - total.square() / n).clamp(min=0), 0.0)
+        variance = variance + of_all if len(variance) else of_all
+        looks = looks + (count - 1).clamp(min=0) if len(looks) else (count - 1).clamp(min=0)
+    return (variance / looks.clamp(min=1)).sqrt()
+
+
+def _error_of_each(
+    gaussians: GaussianArrays, camera: Camera, background: tuple[float, float, float], truth: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """(N,) whether each Gaussian covers a pixel in all, and the mean error of the pixels that it colours.
+
+    A Gaussian's red is in the picture's red by its blending weights: the backward pass sums what it is given in their
+    proportion. It is given the error in red and ones in green, which counts the weights.
+    """
+    colors = gaussians.sh.detach().clone().requires_grad_()
+    g = gaussians
+    image = rasterize(GaussianArrays(g.means, g.quaternions, g.scales, g.opacities, colors), camera, background)
+    error = (truth - image.rgb.detach()).mean(2)
+    image.rgb.backward(torch.stack([error, torch.ones_like(error), torch.zeros_like(error)], dim=2))
+    assert colors.grad is not None
+    sums = colors.grad[:, 0] / SH_DC
+    return sums[:, 1] >= 1.0, sums[:, 0] / sums[:, 1].clamp(min=1.0)

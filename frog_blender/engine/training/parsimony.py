@@ -1,0 +1,198 @@
+"""Model no more than a scene needs: rounds that leave Gaussians out, put them to rest or wake them, judged on pictures.
+
+With ``capacity="auto"`` a training withholds a few of its pictures for a while (training.validation). Rounds measure
+what each Gaussian adds to pictures and how much of its motion can be seen (training.motion), and take away as much as
+those pictures allow (training.reductions); what follows is trained without it.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+
+from ..capture.time import frame_to_time
+from ..errors import FrogError
+from ..model.frog import Frog
+from ..model.interface import SceneModel
+from ..rasterizer import GaussianArrays
+from .motion import Motion, draw_looks, measure_motion
+from .reductions import cut_colors, prune, rest, silence_heads, wake_some
+from .resting import all_but, arrange, gaussians_at
+from .stillness import nothing_moves
+from .validation import Judge, withheld_shots
+
+if TYPE_CHECKING:
+    from .trainer import Trainer
+
+ROUNDS = {0.3: "wake", 0.85: "settle", 0.93: "wake"}
+"""What happens at which fraction of the training. Motion is learned until late: Gaussians that were put to rest at 0.45
+or 0.72 would have learned more (docs/parsimony.md)."""
+WITHHELD = (0.5, 0.85)
+"""Fractions of the training between which the withheld pictures are not learned from."""
+_LOOKS = 24
+_BYTES_AT_LEAST = 60.0  # of a Gaussian in a file, more than it takes: the first guess of a budget
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """What one round did in one respect.
+
+    Attributes:
+        what: "pruned", "put to rest", "woken", "SH degree", "head ..." or "packed".
+        progress: of the training, 0 to 1.
+        before, after: Gaussians, those that move (of "put to rest" and "woken"), the degree, heads, or bytes.
+        loss: dB that it cost on the withheld pictures before training went on.
+        milliseconds: that it saves a frame: of drawing, or of deformation.
+        bytes: that it saves, of numbers as training has them.
+    """
+
+    what: str
+    progress: float
+    before: int
+    after: int
+    loss: float = 0.0
+    milliseconds: float = 0.0
+    bytes: int = 0
+
+
+class Parsimony:
+    """The rounds of one training.
+
+    Args:
+        seed: the training's; a resumed training finds the same pictures and looks.
+
+    Attributes:
+        seed: the same.
+        withheld: shots that training leaves alone for a while, see ``withheld_at``.
+        judged, looked_at: shots that reductions are judged on, and that Gaussians are measured on.
+        reductions: so far.
+        removed: (n, 3) canonical means of what was pruned (in this process).
+    """
+
+    def __init__(self, trainer: Trainer, seed: int) -> None:
+        self._capture = trainer.capture
+        self._seed_with(seed)
+        self.reductions: list[Reduction] = []
+        self._told = 0
+        self.removed = np.empty((0, 3), np.float32)
+
+    def withheld_at(self, progress: float) -> tuple[int, ...]:
+        """The shots that are not to be learned from at ``progress``."""
+        return self.withheld if WITHHELD[0] <= progress < WITHHELD[1] else ()
+
+    def _seed_with(self, seed: int) -> None:
+        self.seed = seed
+        self.withheld = withheld_shots(self._capture, seed)
+        training = [i for i, shot in enumerate(self._capture.shots) if not self._capture.is_test(shot)]
+        self.judged = self.withheld or tuple(training[:: max(1, len(training) // 8)])
+        self.looked_at = [i for i in training if i not in self.withheld]
+
+    def resume(self, seed: int, reductions: list[Reduction]) -> None:
+        """Takes over a checkpoint's training."""
+        self._seed_with(seed)
+        self.reductions, self._told = reductions, len(reductions)
+
+    def news(self) -> list[Reduction]:
+        """The reductions since this was called last."""
+        new, self._told = self.reductions[self._told :], len(self.reductions)
+        return new
+
+    def loss_of(self, trainer: Trainer, change: Callable[[str, torch.Tensor], torch.Tensor]) -> float:
+        """dB on the withheld pictures that it costs to ``change(name, value)`` the model's tensors."""
+        before = self.judge(trainer).before
+        kept = {name: value.clone() for name, value in trainer.model.state_dict().items()}
+        trainer.model.load_state_dict({name: change(name, value) for name, value in kept.items()})
+        after = self.judge(trainer).before
+        trainer.model.load_state_dict(kept)
+        return before - after
+
+    def fit(self, trainer: Trainer, size_of: Callable[[], int], most: int) -> None:
+        """Leaves out what adds least until ``size_of()``, the bytes of the scene's file, is at most ``most``.
+
+        FrogError when a file without any Gaussians would be larger.
+        """
+        generator = torch.Generator().manual_seed(1000 * self.seed + len(ROUNDS))
+        first = size = size_of()
+        before = trainer.count
+        while size > most:
+            of_each = max(1.0, (first - size) / max(1, before - trainer.count)) if size < first else _BYTES_AT_LEAST
+            number = max(1, math.ceil((size - most) / of_each))
+            if number >= trainer.count:
+                raise FrogError(f"The budget of {most} bytes is too small: the scene takes {size} bytes.")
+            motion = self._measure(trainer, generator)
+            keep = all_but(motion.contribution.argsort()[:number], trainer.count).nonzero().squeeze(1)
+            arrange(trainer, keep, keep[keep < trainer.model.canonical.moving])
+            size = size_of()
+        if trainer.count < before:
+            self.reductions.append(Reduction("pruned", trainer.progress, before, trainer.count, bytes=first - size))
+
+    def begin(self, trainer: Trainer) -> None:
+        """Lets everything rest from the start where the pictures show no motion."""
+        if nothing_moves(trainer.capture, trainer.store):
+            everyone = torch.arange(trainer.count, device=trainer.device)
+            arrange(trainer, everyone, everyone[:0])
+            self.reductions.append(Reduction("put to rest", 0.0, trainer.count, 0))
+
+    def after_step(self, trainer: Trainer, before: float, now: float) -> None:
+        """Holds the rounds that lie in (before, now]."""
+        for number, (at, kind) in enumerate(ROUNDS.items()):
+            if before < at <= now:
+                self._round(trainer, kind, torch.Generator().manual_seed(1000 * self.seed + number))
+
+    def _round(self, trainer: Trainer, kind: str, generator: torch.Generator) -> None:
+        if kind == "wake":
+            wake_some(self, trainer, generator)
+            return
+        motion = prune(self, trainer, self._measure(trainer, generator))
+        cut_colors(self, trainer)
+        rest(self, trainer, motion)
+        silence_heads(self, trainer)
+
+    def _measure(self, trainer: Trainer, generator: torch.Generator) -> Motion:
+        looks = draw_looks(trainer.capture, self.looked_at, _LOOKS, generator)
+        moving = trainer.model.canonical.moving
+        return measure_motion(lambda moment: gaussians_at(trainer, moment), moving, trainer.capture, looks, generator)
+
+    def judge(self, trainer: Trainer) -> Judge:
+        """Of the Gaussians as they stand."""
+        capture = trainer.capture
+
+        def gaussians_of(shot: int) -> GaussianArrays:
+            return gaussians_at(trainer, frame_to_time(capture.shots[shot].frame, capture.frame_count))
+
+        return Judge(capture, trainer.store, self.judged, gaussians_of)
+
+    @contextmanager
+    def noted(
+        self, what: str, trainer: Trainer, count: Callable[[], int], work: Callable[[], object], loss: float = 0.0
+    ) -> Iterator[None]:
+        """Notes what is done inside: ``count()`` before and after, and how much faster ``work`` becomes."""
+        before, size, seconds = count(), _bytes_of(trainer), _median_seconds(work)
+        yield
+        saved = 1e3 * (seconds - _median_seconds(work)), size - _bytes_of(trainer)
+        self.reductions.append(Reduction(what, trainer.progress, before, count(), loss, *saved))
+
+
+def heads_of(model: SceneModel) -> list[str]:
+    """Names of what a model's network changes; none where nothing moves."""
+    return model.heads if isinstance(model, Frog) and model.canonical.moving else []
+
+
+def _bytes_of(trainer: Trainer) -> int:
+    return sum(parameter.nbytes for parameter in trainer.model.parameters())
+
+
+def _median_seconds(work: Callable[[], object], times: int = 3) -> float:
+    seconds = []
+    for _ in range(times):
+        started = time.perf_counter()
+        work()
+        seconds.append(time.perf_counter() - started)
+    return float(np.median(seconds))

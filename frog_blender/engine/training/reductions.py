@@ -1,0 +1,169 @@
+"""What a round can do to a model: leave Gaussians out, cut colours, put to rest, wake, silence heads.
+
+Each is proposed to the round's judge first, does what is allowed, and notes what that saved.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+
+from ..model.frog import Frog
+from ..rasterizer import GaussianArrays
+from .device import picture_on
+from .motion import Motion, unrest
+from .resting import all_but, arrange, gaussians_at, put_to_rest, wake
+from .validation import most_within
+
+if TYPE_CHECKING:
+    from .parsimony import Parsimony
+    from .trainer import Trainer
+
+ALLOWED_LOSS = 0.05
+"""dB that putting Gaussians to rest may cost on the withheld pictures; the rest of the training makes it up."""
+ALLOWED_PRUNING_LOSS, ALLOWED_COLOR_LOSS, ALLOWED_HEAD_LOSS = 0.03, 0.03, 0.01
+RESTS_BELOW, ALL_REST_BELOW = 0.7, 2.0
+"""Score (see motion.Motion) below which a Gaussian may rest; and below which every one may, if none is above."""
+_FIRST_PRUNED, _MOST_PRUNED = 0.15, 0.6  # of the Gaussians, in a round
+_WAKES_ABOVE = 0.04  # error that changes with time, of the pictures' mean brightness
+_MOST_WOKEN = 0.1  # of the Gaussians at rest
+_WAKING_CAMERAS, _WAKING_MOMENTS = 3, 8
+
+
+def prune(rounds: Parsimony, trainer: Trainer, motion: Motion) -> Motion:
+    """Leaves out Gaussians that pictures do not need; returns the motion of those that stay."""
+    count, canonical = trainer.count, trainer.model.canonical
+    order = motion.contribution.argsort()
+    judge = rounds.judge(trainer)
+
+    def without(number: int) -> float:
+        keep = all_but(order[:number], count)
+        return judge.loss(lambda gaussians: GaussianArrays(*(value[keep] for value in vars(gaussians).values())))
+
+    most, first = (int(share * count) for share in (_MOST_PRUNED, _FIRST_PRUNED))
+    number, loss = most_within(without, most, ALLOWED_PRUNING_LOSS, first)
+    if not number:
+        return motion
+    keep = all_but(order[:number], count)
+    rounds.removed = np.concatenate([rounds.removed, canonical.means.detach()[~keep].cpu().numpy()])
+    kept = keep.nonzero().squeeze(1)
+    movers = kept[kept < canonical.moving]
+    with rounds.noted("pruned", trainer, lambda: trainer.count, lambda: trainer.picture(rounds.judged[0]), loss):
+        arrange(trainer, kept, movers)
+    state = {name: values[movers] for name, values in motion.state.items()}
+    return Motion(motion.score[movers], motion.contribution[kept], state)
+
+
+def cut_colors(rounds: Parsimony, trainer: Trainer) -> None:
+    """Takes the highest degree of spherical harmonics away where the withheld pictures do not miss it."""
+    canonical = trainer.model.canonical
+    degree = math.isqrt(canonical.sh.shape[1]) - 1
+    left = degree**2
+    if not degree or left < trainer.recipe.deformed_sh:
+        return
+    loss = rounds.judge(trainer).loss(
+        lambda g: GaussianArrays(g.means, g.quaternions, g.scales, g.opacities, g.sh[:, :left].contiguous())
+    )
+    if loss <= ALLOWED_COLOR_LOSS:
+        with rounds.noted(
+            *("SH degree", trainer, lambda: math.isqrt(canonical.sh.shape[1]) - 1),
+            *(lambda: trainer.picture(rounds.judged[0]), loss),
+        ):
+            trainer.optimizer.cut_colors(left)
+
+
+def silence_heads(rounds: Parsimony, trainer: Trainer) -> None:
+    """Removes heads of the network whose output the withheld pictures do not miss."""
+    model = trainer.model
+    if not isinstance(model, Frog) or not model.canonical.moving:
+        return
+    for name in model.heads:
+        rows = model.output_rows(name)
+
+        def silent(key: str, value: torch.Tensor, rows: slice = rows) -> torch.Tensor:
+            if not key.startswith("deformation.output"):
+                return value
+            value = value.clone()
+            value[rows] = 0
+            return value
+
+        loss = rounds.loss_of(trainer, silent)
+        if loss <= ALLOWED_HEAD_LOSS:
+            with rounds.noted(
+                f"head {name}", trainer, lambda: len(model.heads), lambda: gaussians_at(trainer, 0.5), loss
+            ):
+                model.silence(name)
+                for parameter in (model.deformation.output_weight, model.deformation.output_bias):
+                    trainer.optimizer.stop(parameter, rows)
+
+
+def rest(rounds: Parsimony, trainer: Trainer, motion: Motion) -> None:
+    """Puts Gaussians to rest whose motion nobody sees."""
+    canonical = trainer.model.canonical
+    if not canonical.moving:
+        return
+    order = motion.score.argsort()
+    limit = ALL_REST_BELOW if float(motion.score.max()) < ALL_REST_BELOW else RESTS_BELOW
+    candidates = int((motion.score < limit).sum())
+    state = {
+        **motion.state,
+        "scales": motion.state["log_scales"].exp(),
+        "opacities": motion.state["opacity_logits"].sigmoid(),
+    }
+    judge = rounds.judge(trainer)
+
+    def at_rest(number: int) -> float:
+        who = order[:number]
+
+        def change(gaussians: GaussianArrays) -> GaussianArrays:
+            changed = {name: value.clone() for name, value in vars(gaussians).items()}
+            for name, value in changed.items():
+                value[who] = state[name][who]
+            return GaussianArrays(**changed)
+
+        return judge.loss(change)
+
+    number, loss = most_within(at_rest, candidates, ALLOWED_LOSS)
+    share = trainer.recipe.dynamic_share
+    forced = canonical.moving - int(share * trainer.count) if share else 0
+    if forced > number:
+        number, loss = forced, at_rest(forced)
+    if not number:
+        return
+    with rounds.noted("put to rest", trainer, lambda: canonical.moving, lambda: gaussians_at(trainer, 0.5), loss):
+        put_to_rest(trainer, order[:number].sort().values, motion.state)
+
+
+def wake_some(rounds: Parsimony, trainer: Trainer, generator: torch.Generator) -> None:
+    """Lets those move again around which the error changes with time."""
+    canonical, capture = trainer.model.canonical, trainer.capture
+    moving = canonical.moving
+    shots = _moments_of_cameras(trainer, rounds.looked_at, generator)
+    if moving == trainer.count or not shots:
+        return
+    truths = {index: picture_on(trainer.device, trainer.store.image(index)) for of in shots for index in of}
+    found = unrest(lambda moment: gaussians_at(trainer, moment), truths.__getitem__, capture, shots)[moving:]
+    brightness = float(np.mean([float(truth.mean()) for truth in truths.values()]))
+    who = found.topk(int(_MOST_WOKEN * len(found))).indices
+    who = who[found[who] > _WAKES_ABOVE * brightness]
+    if not len(who):
+        return
+    with rounds.noted("woken", trainer, lambda: canonical.moving, lambda: gaussians_at(trainer, 0.5)):
+        wake(trainer, moving + who.sort().values)
+
+
+def _moments_of_cameras(trainer: Trainer, shots: list[int], generator: torch.Generator) -> list[list[int]]:
+    """Shots of a few cameras, each at several moments; of a moving camera some of all its moments."""
+    by_camera: dict[int, list[int]] = {}
+    for index in shots:
+        camera = 0 if trainer.capture.is_moving else trainer.capture.shots[index].camera
+        by_camera.setdefault(camera, []).append(index)
+    cameras = sorted(camera for camera, of in by_camera.items() if len(of) > 1)
+    chosen = [cameras[int(k)] for k in torch.randperm(len(cameras), generator=generator)[:_WAKING_CAMERAS]]
+    return [
+        [by_camera[camera][int(k)] for k in np.linspace(0, len(by_camera[camera]) - 1, _WAKING_MOMENTS)]
+        for camera in chosen
+    ]

@@ -1,0 +1,142 @@
+"""Packed arrays come back within half a step, in little room; damaged ones are refused before memory is taken."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import scene_file
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from safetensors import safe_open
+from safetensors.numpy import save
+
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.files import read_scene, scene_bytes, write_scene
+from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender.engine.packing import BITS, BLOCK, ordered, pack, unpack
+
+
+@pytest.mark.parametrize("count", [1, 2, BLOCK - 1, BLOCK, BLOCK + 1, 3000])
+@pytest.mark.parametrize("name", list(BITS))
+def test_every_number_is_within_half_a_step_of_its_block(name: str, count: int) -> None:
+    random = np.random.default_rng(count)
+    shape = {"sh": (count, 4, 3), "opacity_logits": (count,)}.get(name, (count, 3))
+    array = np.float32(random.normal(0, 3, shape) + 100 * random.normal(size=shape[1:]))
+    packed = pack(name, array)
+    found = unpack(packed.content, packed.description)
+    assert found.shape == shape and found.dtype == np.float32
+    for start in range(0, count, BLOCK):
+        block, back = (values[start : start + BLOCK].reshape(-1, int(np.prod(shape[1:]))) for values in (array, found))
+        step = (block.max(axis=0) - block.min(axis=0)) / (2 ** BITS[name] - 1)
+        assert (np.abs(back - block) <= 0.51 * step + 1e-5 * np.abs(block)).all()
+
+
+def test_other_arrays_keep_half_precision() -> None:
+    array = np.float32(np.random.default_rng(0).normal(size=(7, 5)))
+    packed = pack("temporal_table", array)
+    np.testing.assert_array_equal(unpack(packed.content, packed.description), array.astype(np.float16))
+
+
+@pytest.mark.parametrize("shape", [(0, 3), (4, 0, 3), ()])
+def test_empty_and_single_numbers(shape: tuple[int, ...]) -> None:
+    for name in ("means", "network.bias") if shape else ("network.bias",):
+        packed = pack(name, np.ones(shape, np.float32))
+        np.testing.assert_array_equal(unpack(packed.content, packed.description), np.ones(shape, np.float32))
+
+
+@pytest.mark.parametrize(("name", "value"), [("means", np.nan), ("sh", np.inf), ("network.bias", 1e6)])
+def test_numbers_that_cannot_be_packed(name: str, value: float) -> None:
+    with pytest.raises(ValueError, match=name):
+        pack(name, np.full((5, 3), value, np.float32))
+
+
+def test_neighbours_come_together() -> None:
+    random = np.random.default_rng(3)
+    means = np.float32(random.uniform(-1, 1, (4000, 3)))
+    order = ordered(means)
+    assert sorted(order) == list(range(4000))
+    apart = np.linalg.norm(np.diff(means[order], axis=0), axis=1).mean()
+    assert apart < 0.2 * np.linalg.norm(np.diff(means, axis=0), axis=1).mean()
+
+
+@pytest.mark.parametrize("moving", [40, 13])
+def test_a_packed_scene_plays_as_the_plain_one(tmp_path: Path, moving: int) -> None:
+    scene = scene_file(moving=moving)
+    write_scene(tmp_path / "plain.frog", scene)
+    write_scene(tmp_path / "packed.frog", scene, compact=True)
+    plain, packed = (PlayableScene.load(tmp_path / f"{name}.frog") for name in ("plain", "packed"))
+    assert packed.moving == moving
+    for time in (0.0, 0.4, 1.0):
+        for name, values in vars(plain.at(time)).items():
+            np.testing.assert_allclose(getattr(packed.at(time), name), values, rtol=0.05, atol=0.06, err_msg=name)
+
+
+def test_even_random_numbers_take_a_third_of_their_bytes() -> None:
+    scene = scene_file(5000, moving=1000)
+    assert len(scene_bytes(scene, compact=True)) < 0.33 * len(scene_bytes(scene))
+
+
+def test_files_of_the_first_version_are_read(tmp_path: Path) -> None:
+    scene = scene_file()
+    old = json.loads(scene.header.to_json())
+    del old["capacity"]
+    old["format_version"] = 1
+    (tmp_path / "x.frog").write_bytes(save(scene.arrays, metadata={"frog": json.dumps(old)}))
+    read = read_scene(tmp_path / "x.frog")
+    assert read.header.format_version == 1 and read.header.capacity == {}
+    for name, array in scene.arrays.items():
+        np.testing.assert_array_equal(read.arrays[name], array)
+
+
+def with_packing(path: Path, change: dict | str) -> None:
+    """Writes a packed scene whose description of ``means`` is changed, or all of which is the text."""
+    write_scene(path, scene_file(), compact=True)
+    with safe_open(str(path), framework="numpy") as file:
+        arrays, metadata = {name: file.get_tensor(name) for name in file.keys()}, dict(file.metadata())  # noqa: SIM118
+    packing = json.loads(metadata["packing"])
+    if isinstance(change, dict):
+        packing["means"] = {**packing["means"], **change}
+    metadata["packing"] = json.dumps(packing) if isinstance(change, dict) else change
+    path.write_bytes(save(arrays, metadata=metadata))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        *({"shape": shape} for shape in ([41, 3], [39, 3], [40, 4], [2**40, 3], [-40, 3])),
+        *({"shape": shape} for shape in ([], "x", None, [40.5, 3], [1e30])),
+        *({"bits": bits} for bits in (0, 8, 3, -8, 64, None, "many", 1e300)),
+        *("{", "[]", "null", '{"means": 3}', '{"nothing": {"shape": [1], "bits": 8}}', '{"means": {}}'),
+    ],
+    ids=str,
+)
+def test_descriptions_that_do_not_fit_are_one_sentence(tmp_path: Path, change: dict | str) -> None:
+    with_packing(tmp_path / "x.frog", change)
+    with pytest.raises(FrogError) as caught:
+        read_scene(tmp_path / "x.frog")
+    assert "\n" not in str(caught.value) and "x.frog" in str(caught.value)
+
+
+def test_a_bomb_is_refused_before_it_is_unpacked() -> None:
+    bomb = np.frombuffer(zlib.compress(bytes(10_000_000)), np.uint8)
+    for shape in ([2, 3], [1_000_000, 3], [2**28, 3]):
+        with pytest.raises(ValueError, match="array of shape"):
+            unpack(bomb, {"shape": shape, "bits": 8})
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.data())
+def test_damaged_bytes_are_refused_or_read(data: st.DataObject) -> None:
+    """Never another error, never another shape."""
+    packed = pack("means", np.float32(np.random.default_rng(0).normal(size=(50, 3))))
+    content = packed.content.copy()
+    for _ in range(data.draw(st.integers(1, 4))):
+        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
+    content = content[: data.draw(st.integers(0, len(content)))]
+    with contextlib.suppress(ValueError):
+        assert unpack(content, packed.description).shape == (50, 3)

@@ -1,0 +1,128 @@
+"""What is measured by looking: motion in pixels, what a Gaussian adds to pictures, errors that change with time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import filmed as film
+import numpy as np
+import pytest
+import torch
+
+from frog_blender.engine.capture.capture import Capture
+from frog_blender.engine.capture.time import frame_to_time
+from frog_blender.engine.rasterizer import GaussianArrays, rasterize
+from frog_blender.engine.training.motion import (
+    PIXELS_OF_A_CHANGE,
+    Look,
+    Motion,
+    _look,
+    draw_looks,
+    measure_motion,
+    unrest,
+)
+
+STATIC = len(film.gaussians_at(0)) - 12  # the wall; the ball's Gaussians come after it
+
+
+def true_gaussians(frame: int) -> GaussianArrays:
+    return GaussianArrays(
+        *(torch.tensor(value, dtype=torch.float32) for value in vars(film.gaussians_at(frame)).values())
+    )
+
+
+def at(time: float) -> GaussianArrays:
+    return true_gaussians(round(time * (film.FRAMES - 1)))
+
+
+def looks_of(capture: Capture, cameras: tuple[int, ...] = (1, 2, 3)) -> list[Look]:
+    return [Look(camera, frame / (film.FRAMES - 1)) for camera in cameras for frame in range(film.FRAMES)]
+
+
+def measured(capture: Capture, gaussians_at: Callable[[float], GaussianArrays]) -> Motion:
+    count = len(gaussians_at(0.0))
+    return measure_motion(gaussians_at, count, capture, looks_of(capture), torch.Generator().manual_seed(0))
+
+
+def test_what_moves_scores_and_what_stands_does_not(capture: Capture) -> None:
+    motion = measured(capture, at)
+    assert float(motion.score[:STATIC].max()) == 0
+    seen = motion.contribution[STATIC:] > 0.05
+    assert int(seen.sum()) > 4  # of the ball, those in front
+    assert float(motion.score[STATIC:][seen].min()) > 1
+    # It crosses 1.8 units at about 4.3 from the cameras, half of that to each side, and is nearly opaque.
+    assert float(motion.score.max()) == pytest.approx(0.9 * film.FOCAL / 4.3, rel=0.4)
+
+
+def test_the_state_is_the_mean_over_the_looks(capture: Capture) -> None:
+    motion = measured(capture, at)
+    means = torch.stack([true_gaussians(frame).means for frame in range(film.FRAMES)]).mean(0)
+    torch.testing.assert_close(motion.state["means"], means)
+    still = true_gaussians(0)
+    torch.testing.assert_close(motion.state["log_scales"].exp(), still.scales)
+    torch.testing.assert_close(motion.state["opacity_logits"].sigmoid(), still.opacities)
+    torch.testing.assert_close(motion.state["sh"], still.sh)
+
+
+@pytest.mark.parametrize("kind", ["fades", "tints", "grows", "turns"])
+def test_every_kind_of_change_is_seen(capture: Capture, kind: str) -> None:
+    def changing(time: float) -> GaussianArrays:
+        g = true_gaussians(0)
+        if kind == "fades":
+            g.opacities[5] *= 1 - 0.5 * time
+        if kind == "tints":
+            g.sh[5, 0] += time
+        if kind == "grows":
+            g.scales[5] *= 1 + time
+        if kind == "turns":
+            g.scales[5] = torch.tensor([0.4, 0.05, 0.05])
+            g.quaternions[5] = torch.tensor([np.cos(time / 2), 0, 0, np.sin(time / 2)])
+        return g
+
+    motion = measured(capture, changing)
+    assert float(motion.score[5]) > 0.5
+    assert float(motion.score[:5].max()) == 0 == float(motion.score[6:].max())
+    if kind == "fades":  # half of the range between 1 and 0.5, of 1
+        weight = float(motion.score[5]) / PIXELS_OF_A_CHANGE / 0.25
+        assert 0.2 < weight <= 0.91
+
+
+def test_the_contribution_is_what_leaving_out_changes(capture: Capture) -> None:
+    camera, generator, count = capture.cameras[1], torch.Generator().manual_seed(0), 300
+    gaussians = true_gaussians(2)
+    squares = torch.stack([_look(gaussians, camera, (0.1, 0.2, 0.3), generator)[1].square() for _ in range(count)])
+    whole = rasterize(gaussians, camera, (0.1, 0.2, 0.3)).rgb
+    for index in (3, 40, 77, STATIC, STATIC + 5):
+        keep = torch.arange(len(gaussians)) != index
+        without = rasterize(
+            GaussianArrays(*(value[keep] for value in vars(gaussians).values())), camera, (0.1, 0.2, 0.3)
+        ).rgb
+        change = float((whole - without).square().sum())
+        error = 4 * float(squares[:, index].std()) / count**0.5  # of the mean of random signs
+        assert float(squares[:, index].mean()) == pytest.approx(change, abs=error + 1e-3 * change)
+
+
+def test_errors_that_change_with_time_show_who_should_move(capture: Capture) -> None:
+    """A scene whose ball stands in the middle: the wall behind its path errs at times."""
+    shots = [[i for i, shot in enumerate(capture.shots) if shot.camera == camera] for camera in (1, 3)]
+
+    def truth_of(index: int) -> torch.Tensor:
+        shot = capture.shots[index]
+        return torch.from_numpy(film.picture(capture.cameras[shot.camera], shot.frame)).float() / 255
+
+    right = unrest(at, truth_of, capture, shots)
+    assert float(right.max()) < 0.01
+    frozen = unrest(lambda _: true_gaussians(film.FRAMES // 2), truth_of, capture, shots)
+    assert float(frozen[STATIC:].max()) > 0.05
+    far = torch.from_numpy(film.gaussians_at(0).means[:STATIC, 1] > 1.2)  # below the ball's path
+    assert float(frozen[:STATIC][far].max()) < 0.02
+
+
+def test_looks_are_spread_and_jittered(capture: Capture) -> None:
+    shots = [i for i, shot in enumerate(capture.shots) if not capture.is_test(shot)]
+    looks = draw_looks(capture, shots, len(shots), torch.Generator().manual_seed(1))
+    assert len({(look.camera, round(look.time * (film.FRAMES - 1))) for look in looks}) > 0.6 * len(shots)
+    assert all(0 <= look.time <= 1 for look in looks)
+    whole = {frame_to_time(frame, capture.frame_count) for frame in range(capture.frame_count)}
+    assert sum(look.time not in whole for look in looks) > len(looks) / 2
+    assert looks == draw_looks(capture, shots, len(shots), torch.Generator().manual_seed(1))

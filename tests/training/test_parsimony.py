@@ -1,0 +1,295 @@
+"""The rounds of ``capacity="auto"``: what they take away, who judges them, and that a training goes on afterwards."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import filmed as film
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from frog_blender.engine.capture.capture import Capture
+from frog_blender.engine.capture.frames import FrameStore
+from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender.engine.training import parsimony, reductions
+from frog_blender.engine.training.job import TrainingJob, run_training
+from frog_blender.engine.training.motion import Motion
+from frog_blender.engine.training.parsimony import ROUNDS, Reduction
+from frog_blender.engine.training.recipe import recipe
+from frog_blender.engine.training.resting import put_to_rest, wake
+from frog_blender.engine.training.schedule import ShotPicker
+from frog_blender.engine.training.stillness import nothing_moves
+from frog_blender.engine.training.trainer import Trainer
+from frog_blender.engine.training.validation import most_within, withheld_shots
+
+Make = Callable[..., Trainer]
+
+
+def long_capture(capture: Capture, frames: int) -> Capture:
+    """The same cameras over more moments."""
+    shots = tuple(
+        replace(capture.shots[0], camera=camera, frame=frame)
+        for camera in range(len(capture.cameras))
+        for frame in range(frames)
+    )
+    return replace(capture, shots=shots, frame_count=frames)
+
+
+def trained(trainer: Trainer) -> Trainer:
+    while not trainer.finished:
+        trainer.step()
+    return trainer
+
+
+def test_withheld_pictures_are_training_pictures_spread_over_time(capture: Capture) -> None:
+    capture = long_capture(capture, 40)
+    found = withheld_shots(capture, 3)
+    assert 4 <= len(found) <= 8
+    assert not any(capture.is_test(capture.shots[i]) for i in found)
+    frames = sorted(capture.shots[i].frame for i in found)
+    assert np.diff(frames).min() > 0 and frames[0] < 10 and frames[-1] > 30
+    assert found == withheld_shots(capture, 3) != withheld_shots(capture, 4)
+
+
+def test_where_pictures_are_few_none_is_spared(capture: Capture) -> None:
+    assert withheld_shots(capture, 0) == ()
+
+
+def test_withheld_pictures_are_not_drawn(capture: Capture) -> None:
+    capture = long_capture(capture, 10)
+    withheld = withheld_shots(capture, 0)
+    for choice in ("even", "loss"):
+        picker, generator = ShotPicker(capture, choice), torch.Generator().manual_seed(0)
+        picker.withhold(withheld)
+        assert withheld and not set(withheld) & {picker.pick(generator) for _ in range(400)}
+        other = next(i for i, s in enumerate(capture.shots) if not capture.is_test(s) and i not in withheld)
+        assert not set(withheld) & {picker.pick_same_moment(other, generator) for _ in range(50)}
+        picker.withhold(())
+        assert set(withheld) < {picker.pick(generator) for _ in range(400)}
+
+
+def test_no_test_picture_is_ever_looked_at(make_trainer: Make, watched: Callable, capture: Capture) -> None:
+    store = watched()
+    trainer = trained(make_trainer(60, capacity="auto", watched=store))
+    assert trainer.parsimony and trainer.parsimony.reductions
+    assert store.read and not any(capture.is_test(capture.shots[index]) for index in store.read)
+
+
+@given(st.integers(0, 500), st.floats(0, 60), st.one_of(st.none(), st.integers(0, 600)))
+def test_the_search_never_allows_too_much(candidates: int, allowed: float, first: int | None) -> None:
+    asked = []
+
+    def loss(number: int) -> float:
+        asked.append(number)
+        return number**1.5 / 100
+
+    number, cost = most_within(loss, candidates, allowed, first)
+    assert len(asked) <= 4 and all(0 < each <= candidates for each in asked)
+    assert cost <= allowed and (number == 0 or cost == number**1.5 / 100)
+    if candidates**1.5 / 100 <= allowed and first is None:
+        assert number == candidates
+
+
+def test_rounds_make_the_scene_smaller_and_training_goes_on(make_trainer: Make) -> None:
+    fixed, auto = trained(make_trainer(400)), trained(make_trainer(400, capacity="auto"))
+    assert auto.parsimony
+    whats = [reduction.what for reduction in auto.parsimony.reductions]
+    assert "pruned" in whats and "put to rest" in whats
+    assert auto.count < fixed.count and 0 < auto.model.canonical.moving < auto.count / 2
+    assert fixed.model.canonical.moving == fixed.count
+    assert auto.evaluate(6)[0] > fixed.evaluate(6)[0] - 1.0
+    worst = max(reductions.ALLOWED_LOSS, reductions.ALLOWED_PRUNING_LOSS)
+    assert all(reduction.loss <= worst for reduction in auto.parsimony.reductions)
+
+
+def rest_of(trainer: Trainer, who: torch.Tensor) -> dict[str, torch.Tensor]:
+    """A state that tells every Gaussian apart, for put_to_rest."""
+    canonical = trainer.model.canonical
+    names = ("means", "quaternions", "log_scales", "opacity_logits", "sh")
+    return {name: getattr(canonical, name).detach()[: canonical.moving] + 0.01 for name in names}
+
+
+def test_rest_is_the_same_at_all_times_and_moves_no_one_else(make_trainer: Make) -> None:
+    trainer = make_trainer(100)
+    while trainer.step_count < 50:
+        trainer.step()
+    count, who = trainer.count, torch.tensor([3, 10, 11, 200])
+    before, state = trainer.gaussians_at(0.3, 1.0)[0], rest_of(trainer, who)
+    memory = trainer.optimizer.adam.state[trainer.model.canonical.means]["exp_avg"].clone()
+    put_to_rest(trainer, who, state)
+    canonical = trainer.model.canonical
+    assert (trainer.count, canonical.moving) == (count, count - 4)
+    others = torch.tensor([i for i in range(count) if i not in who.tolist()])
+    for time in (0.3, 0.9):
+        after = trainer.gaussians_at(time, 1.0)[0]
+        torch.testing.assert_close(after.means[count - 4 :], state["means"][who])
+        torch.testing.assert_close(after.scales[count - 4 :], state["log_scales"][who].exp())
+    after = trainer.gaussians_at(0.3, 1.0)[0]
+    torch.testing.assert_close(after.means[: count - 4], before.means[others])
+    torch.testing.assert_close(after.opacities[: count - 4], before.opacities[others])
+    now = trainer.optimizer.adam.state[canonical.means]["exp_avg"]
+    torch.testing.assert_close(now, memory[torch.cat([others, who])])
+    assert trainer.neighbourhood is None or int(trainer.neighbourhood.neighbours.max()) < canonical.moving
+    trained(trainer)
+    assert torch.isfinite(trainer.model.canonical.means).all()
+
+
+def test_waking_gives_an_embedding_and_keeps_the_state(make_trainer: Make) -> None:
+    trainer = make_trainer(60)
+    while trainer.step_count < 20:
+        trainer.step()
+    everyone = torch.arange(trainer.count)
+    put_to_rest(trainer, everyone, rest_of(trainer, everyone))
+    assert trainer.model.canonical.moving == 0
+    assert trainer.gaussians_at(0.5, 1.0)[1] == {}
+    trainer.step()
+    still = trainer.gaussians_at(0.0, 1.0)[0].means
+    wake(trainer, torch.tensor([7, 100]))
+    canonical = trainer.model.canonical
+    assert canonical.moving == 2 and canonical.embeddings.shape == (2, 32)
+    torch.testing.assert_close(canonical.means[:2], still[[7, 100]])
+    trained(trainer)
+    assert canonical.embeddings.abs().sum() > 0  # the optimiser knows them
+
+
+def test_a_scene_that_was_frozen_too_early_wakes(make_trainer: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(parsimony, "nothing_moves", lambda *_: True)
+    trainer = trained(make_trainer(300, capacity="auto"))
+    assert trainer.parsimony
+    first, *_ = [each for each in trainer.parsimony.reductions if each.what == "woken"]
+    assert first.before == 0 and 0 < first.after < trainer.count
+
+
+def test_looking_leaves_no_gradient_behind(make_trainer: Make) -> None:
+    """A model at rest hands out its own parameters."""
+    trainer = make_trainer(60, capacity="auto")
+    while trainer.step_count < 17:
+        trainer.step()
+    assert trainer.parsimony
+    for _ in range(2):
+        motion = trainer.parsimony._measure(trainer, torch.Generator().manual_seed(0))
+        assert (motion.contribution > 0).any()
+        reductions.wake_some(trainer.parsimony, trainer, torch.Generator().manual_seed(0))
+        assert all(parameter.grad is None for parameter in trainer.model.parameters())
+        everyone = torch.arange(trainer.model.canonical.moving)
+        put_to_rest(trainer, everyone, rest_of(trainer, everyone))
+
+
+class Repeated:
+    """A store whose pictures are a camera's first, with noise; ``moved`` pixels of one moment differ."""
+
+    def __init__(self, capture: Capture, noise: float, moved: int = 0) -> None:
+        self._capture, self._noise, self._moved = capture, noise, moved
+
+    def image(self, index: int) -> np.ndarray:
+        shot = self._capture.shots[index]
+        picture = film.picture(self._capture.cameras[shot.camera], 0).astype(float)
+        picture += np.random.default_rng(index).normal(0, self._noise, picture.shape)
+        if self._moved and shot.frame == 3:
+            picture[10 : 10 + self._moved, 20 : 20 + self._moved] = 255 - picture[10, 20]
+        return picture.round().clip(0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1.5, 4.0])
+def test_stillness_is_seen_through_noise(capture: Capture, noise: float) -> None:
+    assert nothing_moves(capture, Repeated(capture, noise))
+    assert not nothing_moves(capture, Repeated(capture, noise, moved=4))
+
+
+def test_motion_is_no_stillness_nor_is_a_single_moment(capture: Capture, store: object) -> None:
+    assert not nothing_moves(capture, store)
+    one = replace(capture, shots=tuple(shot for shot in capture.shots if shot.frame == 0))
+    assert not nothing_moves(one, store)
+
+
+def test_a_still_scene_has_no_network_and_plays(
+    capture: Capture, tmp_path: Path, filmed: Path, monkeypatch: pytest.MonkeyPatch, lively: Callable
+) -> None:
+    still = Repeated(capture, 1.5)
+    monkeypatch.setattr(FrameStore, "image", lambda _, index: still.image(index))
+    job = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(60, capacity="auto"), holdout_frames=0)
+    finished = list(run_training(job))[-1]
+    assert finished.capacity["dynamic"] == 0 and finished.capacity["heads"] == []
+    scene = PlayableScene.load(tmp_path / "x.frog")
+    assert scene.moving == 0 and scene.header.model == {}
+    np.testing.assert_array_equal(scene.at(0.2).means, scene.at(0.9).means)
+
+
+def test_a_silenced_head_stays_silent(make_trainer: Make) -> None:
+    trainer = make_trainer(60)
+    while trainer.step_count < 30:
+        trainer.step()
+    model = trainer.model
+    assert model.heads == ["means", "log_scales", "quaternions", "opacity_logits", "sh"]
+    rows = model.output_rows("log_scales")
+    assert rows == slice(3, 6) and model.deformation.output_weight[rows].abs().sum() > 0
+    model.silence("log_scales")
+    trainer.optimizer.stop(model.deformation.output_weight, rows)
+    trainer.optimizer.stop(model.deformation.output_bias, rows)
+    trained(trainer)
+    assert model.heads == ["means", "quaternions", "opacity_logits", "sh"]
+    assert not model.deformation.output_weight[rows].any() and not model.deformation.output_bias[rows].any()
+    assert model.deformation.output_weight[:3].abs().sum() > 0
+    assert model.stored_settings(trainer.progressing(1.0))["silent_heads"] == ("log_scales",)
+
+
+def test_colours_are_cut_where_nobody_misses_them(make_trainer: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    trainer = make_trainer(40, sh_degree=2, capacity="auto")
+    while trainer.step_count < 15:
+        trainer.step()
+    assert trainer.parsimony
+    trainer.model.canonical.sh.data[:, 4:] = 0
+    reductions.cut_colors(trainer.parsimony, trainer)
+    assert trainer.model.canonical.sh.shape[1] == 4
+    monkeypatch.setattr(reductions, "ALLOWED_COLOR_LOSS", -100.0)
+    reductions.cut_colors(trainer.parsimony, trainer)
+    assert trainer.model.canonical.sh.shape[1] == 4
+    assert [each.what for each in trainer.parsimony.reductions] == ["SH degree"]
+    trained(trainer)
+
+
+def test_nothing_is_taken_that_pictures_miss(make_trainer: Make) -> None:
+    """Every Gaussian is needed, and all of them move far."""
+    trainer = make_trainer(30, capacity="auto")
+    while trainer.step_count < 10:
+        trainer.step()
+    assert trainer.parsimony
+    count = trainer.count
+    needed = Motion(torch.full((count,), 50.0), torch.ones(count), rest_of(trainer, torch.arange(count)))
+    reductions.rest(trainer.parsimony, trainer, needed)
+    assert trainer.parsimony.reductions == [] and trainer.model.canonical.moving == count
+
+
+@pytest.mark.parametrize("capacity", ["auto", "fixed"])
+def test_a_budget_of_gaussians_is_never_exceeded(make_trainer: Make, capacity: str) -> None:
+    trainer, most = make_trainer(60, capacity=capacity, max_gaussians=320), 0
+    while not trainer.finished:
+        trainer.step()
+        most = max(most, trainer.count)
+    assert 300 < most <= 320
+
+
+def test_not_even_by_the_seeds(filmed: Path, tmp_path: Path, lively: Callable) -> None:
+    job = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(20, max_gaussians=150))
+    assert list(run_training(job))[-1].gaussians <= 150
+
+
+def test_a_budget_of_bytes_holds_exactly(filmed: Path, tmp_path: Path, lively: Callable) -> None:
+    sizes = {}
+    for most in (None, 45_000, 40_000):
+        job = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(60, capacity="auto"), max_bytes=most)
+        finished = list(run_training(job))[-1]
+        sizes[most] = (tmp_path / "x.frog").stat().st_size
+        assert PlayableScene.load(tmp_path / "x.frog").count == finished.capacity["gaussians"]
+    assert sizes[None] > 45_000 >= sizes[45_000] > 40_000 >= sizes[40_000] > 36_000
+
+
+def test_the_rounds_are_where_they_are_said_to_be() -> None:
+    assert sorted(ROUNDS) == list(ROUNDS) and ROUNDS[0] > 0 and ROUNDS[-1] < 1
+    assert recipe("draft", capacity="auto").capacity == "auto"
+    assert Reduction("pruned", 0.5, 10, 5).loss == 0.0
