@@ -103,7 +103,7 @@ def _published(protocol: str | None) -> str:
 
 def _grid(options: argparse.Namespace) -> list[Run]:
     """The runs that the options ask for."""
-    from .engine.comparison.grid import METHODS, chart_grid, extra_rows, in_order, named_captures
+    from .engine.comparison.grid import AUTO_ROW, ROWS, chart_grid, extra_rows, in_order, named_captures
     from .engine.training.methods import METHODS as KNOWN
 
     captures, recipe = named_captures(options.captures), options.recipe or "draft"
@@ -122,7 +122,7 @@ def _grid(options: argparse.Namespace) -> list[Run]:
     }
     runs = chart_grid(
         captures,
-        methods=options.methods or [name for name in METHODS if name in KNOWN],
+        methods=options.methods or [name for name in ROWS if name in KNOWN or name == AUTO_ROW],
         other_seeds=options.other_seeds,
         ablation=_names(options.ablation or ""),
         ablation_seeds=options.ablation_seeds,

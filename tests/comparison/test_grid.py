@@ -57,7 +57,9 @@ def test_what_decides_the_result_decides_the_key(change: dict) -> None:
 
 
 def test_a_grid_is_what_was_asked_for() -> None:
-    runs = chart_grid(CAPTURES, methods=["frog", "ed3dgs", "static"], seeds=3, other_seeds=2, equal_time=True)
+    runs = chart_grid(
+        CAPTURES, methods=["frog", "frog-auto", "ed3dgs", "static"], seeds=3, other_seeds=2, equal_time=True
+    )
     assert len({run.key for run in runs}) == len(runs)
     counts = Counter((run.method, run.equal_time) for run in runs)
     assert counts == {
@@ -120,4 +122,4 @@ def test_mistakes_are_said_before_anything_runs() -> None:
     with pytest.raises(FrogError, match="another capture"):
         named_captures([Path("a/room"), Path("b/room")])
     assert list(named_captures([Path("a/room"), Path("b/dim")])) == ["room", "dim"]
-    assert set(MAIN_METHODS) == {"frog", "ed3dgs"}
+    assert set(MAIN_METHODS) == {"frog", "frog-auto", "ed3dgs"}

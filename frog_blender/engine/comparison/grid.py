@@ -18,11 +18,13 @@ if TYPE_CHECKING:
 
 METHODS = ("frog", "ed3dgs", "static", "d3dgs", "hexplane", "curves")
 """In the order of the tables."""
-AUTO_LABEL, AUTO = "FRoG auto", {"capacity": "auto"}
-"""FRoG with no more than a scene needs (see training.parsimony): a row beside FRoG's, which has a fixed capacity."""
+AUTO_ROW, AUTO_LABEL, AUTO = "frog-auto", "FRoG auto", {"capacity": "auto"}
+"""FRoG with no more than a scene needs (see training.parsimony), a row beside FRoG of a fixed capacity."""
+ROWS = ("frog", AUTO_ROW, *METHODS[1:])
+"""What a chart's ``methods`` may name."""
 FEWER_GAUSSIANS, DYNAMIC_SHARES = (8, 4, 2), (0.05, 0.1, 0.2, 0.4)
 """Of the capacity sweep: parts of the recipe's number, and shares of the Gaussians that may move."""
-MAIN_METHODS = ("frog", "ed3dgs")
+MAIN_METHODS = ("frog", AUTO_ROW, "ed3dgs")
 """The paper's method and its base: they get the most seeds."""
 ABLATIONS = ("fusion", "modulation", "sampling", "opacity", "k", "capacity")
 SHARPNESSES = (1.0, 5.0, 10.0, 20.0)
@@ -147,7 +149,7 @@ def _smaller(base: Recipe, part: int) -> dict[str, Any]:
 def chart_grid(
     captures: Mapping[str, Path],
     *,
-    methods: Sequence[str] = METHODS,
+    methods: Sequence[str] = ROWS,
     recipe: str = "draft",
     overrides: Mapping[str, Any] | None = None,
     seeds: int = 3,
@@ -164,7 +166,7 @@ def chart_grid(
 
     Args:
         captures: folders by scene name.
-        methods: which of ``METHODS``.
+        methods: which of ``ROWS``.
         recipe, overrides, steps, scale, holdout_frames: the same for all.
         seeds, other_seeds: for FRoG and E-D3DGS, and for the others.
         ablation: which of ``ABLATIONS`` of FRoG.
@@ -181,18 +183,18 @@ def chart_grid(
     runs: list[Run] = []
     for scene, folder in captures.items():
         for method in methods:
-            title = method_named(method).title
+            name, settings = ("frog", {**dict(common), **AUTO}) if method == AUTO_ROW else (method, dict(common))
+            label, changed = (
+                AUTO_LABEL if method == AUTO_ROW else method_named(name).title,
+                tuple(sorted(settings.items())),
+            )
             start = Run(
-                scene, str(folder), method, title, recipe, common, 0, steps, False, scale, holdout_frames, protocol
+                scene, str(folder), name, label, recipe, changed, 0, steps, False, scale, holdout_frames, protocol
             )
             start.settings()  # says what is mistaken now, not hours later
             count = seeds if method in MAIN_METHODS else min(seeds, other_seeds)
             runs += [replace(start, seed=seed) for seed in range(count)]
-            if method == "frog":
-                changed = tuple(sorted({**dict(common), **AUTO}.items()))
-                auto = replace(start, label=AUTO_LABEL, overrides=changed)
-                runs += [replace(auto, seed=seed) for seed in range(count)]
-            if equal_time and method != "frog" and "frog" in methods:
+            if equal_time and name != "frog" and "frog" in methods:
                 timed = replace(start, equal_time=True, group="time")
                 runs += [replace(timed, seed=seed) for seed in range(count)]
         start = Run(scene, str(folder), "frog", "", recipe, common, 0, steps, False, scale, holdout_frames, protocol)

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from .grid import ABLATIONS, METHODS
+from .grid import ABLATIONS, AUTO_LABEL, METHODS
 from .results import Record, finished, timings
 
 GROUPS = ("methods", "time", *ABLATIONS)
@@ -135,9 +135,13 @@ def sections(records: Iterable[Record]) -> list[Section]:
         row.records[record["seed"]] = record
     for section in found.values():
         for rows in section.rows.values():
-            rows.sort(key=lambda row: METHODS.index(row.method) if row.method in METHODS else len(METHODS))
+            rows.sort(key=_place)
         section.rows = {group: section.rows[group] for group in GROUPS if group in section.rows}
     return list(found.values())
+
+
+def _place(row: Row) -> tuple[int, bool]:
+    return METHODS.index(row.method) if row.method in METHODS else len(METHODS), row.label == AUTO_LABEL
 
 
 def differences(first: Row | None, second: Row | None, name: str) -> dict[int, float]:

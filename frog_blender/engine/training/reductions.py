@@ -112,6 +112,7 @@ def rest(rounds: Parsimony, trainer: Trainer, motion: Motion) -> None:
         **motion.state,
         "scales": motion.state["log_scales"].exp(),
         "opacities": motion.state["opacity_logits"].sigmoid(),
+        "sh": motion.state["sh"][:, : canonical.sh.shape[1]],
     }
     judge = rounds.judge(trainer)
 
