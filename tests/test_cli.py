@@ -50,6 +50,29 @@ def trained(filmed: Path, cache_folder: Path, tmp_path_factory: pytest.TempPathF
     return path
 
 
+def test_a_fixed_capacity_keeps_everything(run: Run, filmed: Path, tmp_path: Path, free_seeds: None) -> None:
+    options = ("--recipe", "draft", "--steps", "12")
+    for name, more in (("auto", ()), ("exact", ("--lossless",)), ("fixed", ("--capacity", "fixed"))):
+        assert run("train", filmed, "--out", tmp_path / f"{name}.frog", *options, *more)[0] == 0
+    auto, exact, fixed = (
+        json.loads(run("info", tmp_path / f"{n}.frog", "--json")[1]) for n in ("auto", "exact", "fixed")
+    )
+    assert fixed["dynamic"] == fixed["gaussians"] and fixed["reductions"] == []
+    assert auto["gaussians"] == exact["gaussians"] and 2 * auto["bytes"] < exact["bytes"] <= fixed["bytes"]
+    assert not (tmp_path / "fixed.capacity.png").exists() and (tmp_path / "auto.capacity.png").stat().st_size > 200
+
+
+def test_budgets(run: Run, filmed: Path, tmp_path: Path, free_seeds: None) -> None:
+    options = ("train", filmed, "--out", tmp_path / "x.frog", "--recipe", "draft", "--steps", "12")
+    assert run(*options, "--max-gaussians", "310")[0] == 0
+    assert json.loads(run("info", tmp_path / "x.frog", "--json")[1])["gaussians"] <= 310
+    assert run(*options, "--max-bytes", "60000")[0] == 0
+    assert (tmp_path / "x.frog").stat().st_size <= 60_000
+    refused(run(*options, "--max-bytes", "1000"), "1000 bytes", "too small")
+    refused(run(*options, "--max-bytes", "60000", "--capacity", "fixed"), "--max-bytes", "auto")
+    refused(run(*options, "--max-bytes", "60000", "--lossless"), "--max-bytes", "lossless")
+
+
 def find_few_seeds(stored_seeds: Callable, *arguments: object, count_limit: int, **options: object) -> object:
     return stored_seeds(*arguments, count_limit=min(count_limit, 500), **options)
 
@@ -67,7 +90,7 @@ def test_train_wrote_what_it_was_asked_for(trained: Path) -> None:
     header = read_scene(trained).header
     assert (header.steps, header.method, header.recipe["name"]) == (30, "frog", "draft")
     assert PlayableScene.load(trained).count > 50
-    assert sorted(path.name for path in trained.parent.iterdir()) == ["x.frog", "x.frog.checkpoint"]
+    assert sorted(path.name for path in trained.parent.iterdir()) == ["x.capacity.png", "x.frog", "x.frog.checkpoint"]
 
 
 @pytest.fixture
@@ -131,6 +154,11 @@ def test_info_about_a_scene(run: Run, trained: Path) -> None:
     assert status == 0
     assert (report["method"], report["frames"], report["bytes"]) == ("frog", 6, trained.stat().st_size)
     assert "30 steps" in report["training"] and "cam03" in report["cameras"]
+    assert report["gaussians"] == PlayableScene.load(trained).count >= report["dynamic"] > 0
+    assert set(report["heads"]) <= {"means", "log_scales", "quaternions", "opacity_logits", "sh"} and report["heads"]
+    assert report["sh_degree"] in (0, 1) and any("packed" in line for line in report["reductions"])
+    status, out, _ = run("info", trained)
+    assert status == 0 and "costs" in out
 
 
 def test_eval_prints_every_figure(run: Run, trained: Path, filmed: Path) -> None:

@@ -26,7 +26,7 @@ def test_rows_and_sections() -> None:
     assert (room.scene, dim.scene) == ("room", "dim")
     methods = [row.method for row in room.rows["methods"]]
     assert methods == ["frog", "ed3dgs", "static", "d3dgs", "hexplane", "curves"]
-    assert list(room.rows) == ["methods", "time", "fusion", "sampling", "opacity", "k"]
+    assert list(room.rows) == ["methods", "time", "fusion", "modulation", "sampling", "opacity", "k", "capacity"]
     assert room.of_method("frog").values("psnr") == pytest.approx([30.1, 30.15, 30.2])
     assert room.title == "room (draft, 4000 steps)"
 
