@@ -1,7 +1,7 @@
 """Trains a capture over several seeds and prints one JSON line a run, then the medians.
 
-    python benchmarks/quality.py CAPTURE [--recipe draft] [--method frog] [--seeds 3] [--holdout-frames K] [--scale S]
-                                 [--device auto]
+    python benchmarks/quality.py CAPTURE [--recipe draft] [--capacity auto] [--method frog] [--seeds 3]
+                                 [--holdout-frames K] [--scale S] [--device auto]
 
 Decoding and seeding are timed apart from training; the machine should be quiet. Without the native library, as on a
 machine that only trains on its GPU, the PSNR is the training's own (of at most 30 pictures) and the rest is left out.
@@ -44,7 +44,7 @@ def run(options: argparse.Namespace, seed: int, folder: Path) -> dict[str, Any]:
         options.capture,
         output,
         method=options.method,
-        recipe=recipe(options.recipe),
+        recipe=recipe(options.recipe, capacity=options.capacity),
         steps=options.steps,
         seconds=options.seconds,
         seed=seed,
@@ -79,6 +79,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("capture", type=Path)
     parser.add_argument("--recipe", default="draft")
+    parser.add_argument("--capacity", choices=["auto", "fixed"], default="auto")
     parser.add_argument("--method", default="frog")
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--steps", type=int)

@@ -34,7 +34,7 @@ def run_demo(name: str, out: Path, recipe_name: str, seconds: float | None) -> N
     job = TrainingJob(
         capture.path,
         scene_path,
-        recipe=recipe(recipe_name),
+        recipe=recipe(recipe_name, capacity="auto"),
         seconds=seconds or capture.seconds,
         scale=capture.scale,
         pixel_offsets=capture.pixel_offsets or None,

@@ -25,7 +25,7 @@ def reduction_line(reduction: dict[str, Any]) -> str:
     text = f"at {100 * reduction['progress']:.0f} %, {reduction['what']}: {reduction['before']:,} -> "
     text += f"{reduction['after']:,} {unit}".rstrip()
     saved = []
-    if reduction.get("bytes"):
+    if reduction.get("bytes", 0) > 0:
         saved.append(f"{reduction['bytes'] / 1e6:.2f} MB")
     if reduction.get("milliseconds", 0.0) >= 0.05:
         saved.append(f"{reduction['milliseconds']:.1f} ms a frame")
