@@ -15,6 +15,7 @@ from .engine.capture.camera import Camera
 from .engine.errors import FrogError
 
 SENSOR_WIDTH = 36.0  # millimetres; any value does, the focal length follows from it
+_FAR = 1000.0  # view heights
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenCV axes <-> Blender axes
 
 
@@ -79,6 +80,26 @@ def engine_camera(obj: Any, matrix_world: Any, render: Any, width: int, height: 
     pose = np.array(matrix_world, dtype=np.float64)
     pose[:3, :3] = nearest_rotation(pose[:3, :3], f"Camera {obj.name}")
     return Camera(obj.name, width, height, intrinsics, np.linalg.inv(pose @ _FLIP))
+
+
+def view_camera(view_matrix: Any, window_matrix: Any, width: int, height: int) -> Camera:
+    """The engine camera of a 3D viewport, from its region's matrices, at a size in pixels.
+
+    An orthographic view is one from very far away: what is a thousand view heights off looks the same to a pixel.
+    """
+    view, window = np.array(view_matrix, np.float64), np.array(window_matrix, np.float64)
+    pose = np.linalg.inv(view)
+    pose[:3, :3] = nearest_rotation(pose[:3, :3], "The viewport")
+    focal = np.array([window[0, 0] * width, window[1, 1] * height]) / 2
+    if window[3, 3] == 0.0:  # perspective: clip w is the depth
+        centre = np.array([(1 - window[0, 2]) * width, (1 + window[1, 2]) * height]) / 2
+    else:
+        distance = _FAR * 2 / window[1, 1]
+        centre = np.array([(1 + window[0, 3]) * width, (1 - window[1, 3]) * height]) / 2
+        pose[:3, 3] += distance * pose[:3, 2]
+        focal = focal * distance
+    intrinsics = np.array([[focal[0], 0, centre[0]], [0, focal[1], centre[1]], [0, 0, 1]])
+    return Camera("viewport", width, height, intrinsics, np.linalg.inv(pose @ _FLIP))
 
 
 def nearest_rotation(matrix: np.ndarray, name: str) -> np.ndarray:

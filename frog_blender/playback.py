@@ -47,6 +47,11 @@ def open_scene(path: Path) -> PlayableScene:
     return known[1]
 
 
+def version(path: Path) -> object:
+    """Changes when the file does."""
+    return _stamp(path)
+
+
 def problem(path: Path) -> str:
     """Why a file could not be played when it was last needed, or an empty string."""
     content = _scenes.get(path, (None, None))[1]

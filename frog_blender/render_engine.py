@@ -32,6 +32,10 @@ class FrogRenderEngine(bpy.types.RenderEngine):
     bl_use_eevee_viewport = True
     bl_use_postprocess = True
 
+    def __init__(self, *arguments: Any, **keywords: Any) -> None:
+        super().__init__(*arguments, **keywords)
+        self.viewport: Any = None  # of viewport_drawing
+
     def update_render_passes(self, scene: Any = None, renderlayer: Any = None) -> None:
         self.register_pass(scene, renderlayer, "Combined", 4, "RGBA", "COLOR")
         if renderlayer.use_pass_z:
@@ -58,6 +62,16 @@ class FrogRenderEngine(bpy.types.RenderEngine):
                 )
         self.end_result(result)
         self.update_progress(1.0)
+
+    # What follows runs in windows only: Blender draws viewports there, in the main thread.
+
+    def view_update(self, context: Any, depsgraph: Any) -> None:
+        """Blender tells of changes here; view_draw finds out by itself what they are."""
+
+    def view_draw(self, context: Any, depsgraph: Any) -> None:
+        from . import viewport_drawing
+
+        viewport_drawing.draw(self, context, depsgraph)
 
 
 def rendered_part(render: Any, width: int, height: int) -> tuple[slice, slice]:
@@ -106,16 +120,21 @@ def gather(depsgraph: Any) -> tuple[GaussianArrays | None, np.ndarray]:
     frame = depsgraph.scene.frame_current_final
     parts: list[GaussianArrays] = []
     background = np.zeros(3, dtype=np.float32)
-    for instance in depsgraph.object_instances:
-        # The points that Geometry Nodes make of a capture are listed too, as an instance of another type.
-        if instance.object.type != "MESH" or not instance.object.original.frog.filepath:
-            continue
-        obj = instance.object.original
+    for obj, matrix in visible_captures(depsgraph):
         if not parts:
             background = np.asarray(playback.open_scene(playback.file_of(obj)).header.background, dtype=np.float32)
-        matrix = np.array(instance.matrix_world, dtype=np.float64)
         parts.append(placed(playback.gaussians_at(obj, frame), matrix, obj.name))
     return (joined(parts) if parts else None), background
+
+
+def visible_captures(depsgraph: Any) -> list[tuple[Any, np.ndarray]]:
+    """Every visible capture's object and its (4, 4) matrix, duplicates and instances included."""
+    found = []
+    for instance in depsgraph.object_instances:
+        # The points that Geometry Nodes make of a capture are listed too, as an instance of another type.
+        if instance.object.type == "MESH" and instance.object.original.frog.filepath:
+            found.append((instance.object.original, np.array(instance.matrix_world, dtype=np.float64)))
+    return found
 
 
 def placed(gaussians: GaussianArrays, matrix: np.ndarray, name: str) -> GaussianArrays:
@@ -197,6 +216,9 @@ def register() -> None:
 
 
 def unregister() -> None:
+    from . import viewport_drawing
+
+    viewport_drawing.unregister()
     bpy.utils.unregister_class(FrogRenderEngine)
     for panel in _stock_panels():
         panel.COMPAT_ENGINES.discard(FrogRenderEngine.bl_idname)

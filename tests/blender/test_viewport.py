@@ -1,0 +1,117 @@
+"""The rendered viewport, as far as it goes without a window: its cameras, and when it draws how many pixels."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+import pytest
+from scenes import expected_png, rig_of_three
+
+from frog_blender import playback, viewport
+from frog_blender.blender_camera import engine_camera, view_camera
+from frog_blender.engine.errors import FrogError
+from frog_blender.render_engine import gather, visible_captures
+
+SIZE = (120, 70)
+
+
+def camera_object(**settings):
+    data = bpy.data.cameras.new("eye")
+    for name, value in settings.items():
+        setattr(data, name, value)
+    eye = bpy.data.objects.new("eye", data)
+    bpy.context.scene.collection.objects.link(eye)
+    eye.location, eye.rotation_euler = (1.0, -3.0, 0.7), (1.3, 0.2, 0.4)
+    bpy.context.view_layer.update()
+    return eye
+
+
+def matrices(eye, width, height):
+    """What a region that looks through a camera has."""
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    return eye.matrix_world.inverted(), eye.calc_matrix_camera(depsgraph, x=width, y=height)
+
+
+@pytest.mark.parametrize("settings", [{}, {"lens": 70.0, "shift_x": 0.2, "shift_y": -0.1}, {"sensor_fit": "VERTICAL"}])
+@pytest.mark.parametrize("size", [SIZE, (70, 120)])
+def test_a_perspective_view_is_the_camera_that_a_render_has(empty, settings, size):
+    eye = camera_object(**settings)
+    found = view_camera(*matrices(eye, *size), *size)
+    expected = engine_camera(eye, eye.matrix_world, bpy.context.scene.render, *size)
+    np.testing.assert_allclose(found.intrinsics, expected.intrinsics, atol=1e-3)
+    np.testing.assert_allclose(found.world_to_camera, expected.world_to_camera, atol=1e-5)
+
+
+def test_an_orthographic_view_sees_everything_at_its_own_size(empty):
+    eye = camera_object(type="ORTHO", ortho_scale=6.0, shift_x=0.1)
+    view, window = (np.array(matrix) for matrix in matrices(eye, *SIZE))
+    camera = view_camera(view, window, *SIZE)
+    points = np.random.default_rng(0).uniform(-1.5, 1.5, (50, 3))
+    clip = np.c_[points, np.ones(50)] @ (window @ view).T
+    expected = np.stack([(clip[:, 0] + 1) * SIZE[0], (1 - clip[:, 1]) * SIZE[1]], axis=1) / 2
+    seen = np.c_[points, np.ones(50)] @ camera.world_to_camera.T
+    found = seen[:, :3] @ camera.intrinsics.T
+    np.testing.assert_allclose(found[:, :2] / found[:, 2:], expected, atol=0.1)
+
+
+def test_a_mirrored_view_is_refused(empty):
+    view = np.diag([-1.0, 1.0, 1.0, 1.0])
+    with pytest.raises(FrogError, match="mirrored"):
+        view_camera(view, np.eye(4), *SIZE)
+
+
+def seen_through(path, name):
+    """The Gaussians, background and engine camera of a view through an imported camera."""
+    assert bpy.ops.import_scene.frog(filepath=str(path)) == {"FINISHED"}
+    bpy.context.scene.frame_set(4)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    gaussians, background = gather(depsgraph)
+    return gaussians, background, lambda w, h: rig_of_three()[0].resized(w, h)
+
+
+def test_coarse_while_things_move_and_sharp_when_still(empty, static_rig):
+    gaussians, background, camera_of = seen_through(static_rig, "cam00")
+    memory, size = viewport.Viewport(seconds_per_pixel=1e-5), (96, 64)  # 2,000 pixels fit the time
+
+    def drawn(key):
+        return viewport.draw_view(memory, key, gaussians, camera_of, size, background)
+
+    first = drawn("a")
+    assert first.step == 2 and first.pixels.shape == (32, 48, 4) and memory.wants_more
+    assert drawn("a") is first  # not yet still
+    memory.changed_at -= 2 * viewport.STILL_AFTER
+    sharp = drawn("a")
+    assert sharp.step == 1 and sharp.pixels.shape == (64, 96, 4) and not memory.wants_more
+    assert drawn("a") is sharp
+    memory.seconds_per_pixel = 1.0
+    assert drawn("b").step == viewport.COARSEST
+    memory.seconds_per_pixel = 1e-12
+    assert drawn("c").step == 1  # fast enough to be sharp at once
+    assert memory.seconds_per_pixel > 1e-12
+
+
+def test_the_sharp_picture_is_the_rendered_one(empty, static_rig):
+    gaussians, background, camera_of = seen_through(static_rig, "cam00")
+    memory = viewport.Viewport(seconds_per_pixel=1e-12)
+    pixels = viewport.draw_view(memory, 1, gaussians, camera_of, (96, 64), background).pixels[::-1]
+    display = np.where(pixels <= 0.0031308, 12.92 * pixels, 1.055 * np.maximum(pixels, 1e-9) ** (1 / 2.4) - 0.055)
+    expected = expected_png(static_rig, rig_of_three()[0], 3.0)
+    np.testing.assert_allclose(255 * display[..., :3], expected, atol=1.5)
+    assert pixels[..., 3].min() == 1.0 and pixels.dtype == np.float32
+
+
+def test_an_empty_scene_is_its_background(empty):
+    memory = viewport.Viewport()
+    picture = viewport.draw_view(memory, 1, None, lambda w, h: None, (8, 6), None)
+    assert not picture.pixels.any()
+
+
+def test_the_captures_that_are_seen(empty, static_rig):
+    assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
+    capture = bpy.context.object
+    (found,) = visible_captures(bpy.context.evaluated_depsgraph_get())
+    assert found[0] == capture
+    before = playback.version(playback.file_of(capture))
+    assert before == playback.version(playback.file_of(capture)) is not None
+    capture.hide_set(True)
+    assert visible_captures(bpy.context.evaluated_depsgraph_get()) == []
