@@ -17,6 +17,7 @@ from bpy.app.handlers import persistent
 
 from . import carrier
 from .engine.errors import FrogError
+from .retiming import capture_frame
 
 if TYPE_CHECKING:
     from .engine.inference.scene import PlayableScene
@@ -71,7 +72,12 @@ def captures(objects: Any) -> Iterator[Any]:
 
 def gaussians_at(obj: Any, scene_frame: float) -> GaussianArrays:
     """The Gaussians an object shows at a frame of the timeline (fractions are legal), in the object's own space."""
-    return open_scene(file_of(obj)).at_frame(scene_frame - obj.frog.start_frame)
+    return open_scene(file_of(obj)).at_frame(shown_frame(obj, scene_frame))
+
+
+def shown_frame(obj: Any, scene_frame: float) -> float:
+    """Which of its capture's frames an object shows at a frame of the timeline; FrogError for an unusable file."""
+    return capture_frame(obj, scene_frame, open_scene(file_of(obj)).header.frame_count)
 
 
 def show(obj: Any, scene_frame: float) -> None:

@@ -25,8 +25,8 @@ def draw(engine: Any, context: Any, depsgraph: Any) -> None:
     region, view = context.region, context.region_data
     size = (region.width, region.height)
     viewport = engine.viewport = engine.viewport or Viewport()
-    key = _key(depsgraph, view, size)
     try:
+        key = _key(depsgraph, view, size)
         if viewport.gathered[0] != key[1:]:
             viewport.gathered = (key[1:], gather(depsgraph))
         gaussians, captured = viewport.gathered[1]
@@ -57,12 +57,13 @@ def draw(engine: Any, context: Any, depsgraph: Any) -> None:
 
 def _key(depsgraph: Any, view: Any, size: tuple[int, int]) -> tuple[Any, ...]:
     """What decides the picture: first the view, then what is seen."""
+    frame = depsgraph.scene.frame_current_final
     seen = tuple(
-        (str(playback.file_of(obj)), playback.version(playback.file_of(obj)), obj.frog.start_frame, matrix.tobytes())
-        for obj, matrix in visible_captures(depsgraph)
+        (str(file), playback.version(file), playback.shown_frame(obj, frame), matrix.tobytes())
+        for file, obj, matrix in ((playback.file_of(obj), obj, matrix) for obj, matrix in visible_captures(depsgraph))
     )
     look = (*size, np.array(view.view_matrix).tobytes(), np.array(view.window_matrix).tobytes())
-    return look, depsgraph.scene.frame_current_final, seen
+    return look, seen
 
 
 def _redraw_later() -> None:

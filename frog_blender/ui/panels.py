@@ -77,7 +77,7 @@ class FROG_PT_captures(bpy.types.Panel):
             box = layout.box()
             box.label(text=obj.name, icon="OUTLINER_OB_POINTCLOUD")
             box.prop(obj.frog, "filepath", text="")
-            box.prop(obj.frog, "start_frame")
+            _draw_timing(box, obj.frog)
             error = playback.problem(playback.file_of(obj))
             if error:
                 _sentence(box, error, context, icon="ERROR")
@@ -121,6 +121,13 @@ class FROG_PT_passes(bpy.types.Panel):
     def draw(self, context: Any) -> None:
         self.layout.use_property_split = True
         self.layout.prop(context.view_layer, "use_pass_z", text="Depth")
+
+
+def _draw_timing(layout: Any, settings: Any) -> None:
+    layout.prop(settings, "use_remap")
+    names = ("shown_frame",) if settings.use_remap else ("start_frame", "speed", "repeat")
+    for name in names:
+        layout.prop(settings, name)
 
 
 def _draw_capture(layout: Any, folder: str, context: Any) -> None:

@@ -31,6 +31,13 @@ CAPACITIES = (
 )
 
 
+REPETITIONS = (
+    ("HOLD", "Hold", "The first and the last frame stay"),
+    ("LOOP", "Loop", "The capture begins again"),
+    ("PING_PONG", "Ping-Pong", "The capture plays backwards, then forwards again"),
+)
+
+
 def _on_capture_folder(settings: Any, _context: Any) -> None:
     from . import capture_summary, preferences  # imports the readers, so not before someone names a folder
 
@@ -107,6 +114,33 @@ class FrogPlaybackSettings(bpy.types.PropertyGroup):
         name="Start Frame",
         description="Frame of the timeline at which the capture's first frame is shown",
         default=1.0,
+        update=_on_play_setting,
+    )
+    speed: FloatProperty(
+        name="Speed",
+        description="Frames of the capture for each frame of the timeline; below zero it plays backwards",
+        default=1.0,
+        soft_min=-4.0,
+        soft_max=4.0,
+        update=_on_play_setting,
+    )
+    repeat: EnumProperty(
+        name="At the End",
+        description="What is shown before the capture's first and after its last frame",
+        items=REPETITIONS,
+        default="HOLD",
+        update=_on_play_setting,
+    )
+    use_remap: BoolProperty(
+        name="Time Remapping",
+        description="Show the frame that is named below, which can be animated, instead of following the timeline",
+        default=False,
+        update=_on_play_setting,
+    )
+    shown_frame: FloatProperty(
+        name="Shown Frame",
+        description="The capture's frame to show, counted from zero; fractions lie between its frames",
+        default=0.0,
         update=_on_play_setting,
     )
 

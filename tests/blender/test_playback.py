@@ -8,6 +8,7 @@ import pytest
 from scenes import rig_of_three, write_scene
 
 from frog_blender import carrier, playback
+from frog_blender.retiming import repeated
 
 
 def engine_at(path, frame):
@@ -131,3 +132,44 @@ def test_undo_keeps_playing(empty, capture, static_rig):
     assert_shows(obj, engine_at(static_rig, scene.frame_current - 1.0))
     scene.frame_set(9)
     assert_shows(obj, engine_at(static_rig, 8.0))
+
+
+@pytest.mark.parametrize(
+    ("repeat", "shown"),
+    [
+        ("HOLD", [(-3, -3.0), (0, 0.0), (2.5, 2.5), (9, 9.0)]),
+        ("LOOP", [(-1, 4.0), (0, 0.0), (4, 4.0), (4.5, 4.5), (5, 0.0), (12, 2.0), (-5, 0.0)]),
+        ("PING_PONG", [(-1, 1.0), (0, 0.0), (4, 4.0), (5, 3.0), (8, 0.0), (9, 1.0), (-9, 1.0), (4.25, 3.75)]),
+    ],
+)
+def test_what_repeats_comes_back(repeat, shown):
+    for position, expected in shown:
+        assert repeated(position, repeat, 5) == pytest.approx(expected)
+    assert repeated(7.0, repeat, 1) == 7.0  # the only moment, which is held
+
+
+def test_speed_and_repetition(empty, capture, static_rig):
+    """Ten frames, 0 to 9."""
+    capture.frog.start_frame, capture.frog.speed = 10.0, -0.5
+    empty.frame_set(13)
+    capture.frog.repeat = "PING_PONG"
+    assert_shows(capture, engine_at(static_rig, 1.5))  # a frame and a half before the first, mirrored
+    capture.frog.repeat = "LOOP"
+    assert_shows(capture, engine_at(static_rig, 8.5))
+    empty.frame_set(14)
+    assert_shows(capture, engine_at(static_rig, 8.0))
+
+
+def test_time_can_be_remapped_by_a_curve(empty, capture, static_rig):
+    capture.frog.use_remap, capture.frog.shown_frame = True, 2.0
+    empty.frame_set(9)
+    assert_shows(capture, engine_at(static_rig, 2.0))
+    for frame, shown in ((1, 4.0), (11, 0.0)):
+        capture.frog.shown_frame = shown
+        capture.keyframe_insert("frog.shown_frame", frame=frame)
+    found = []
+    for frame in (11, 1, 6, 3):  # in any order, and before Blender evaluates the curve
+        empty.frame_set(frame)
+        found.append(playback.shown_frame(capture, frame))
+        assert_shows(capture, engine_at(static_rig, found[-1]))
+    assert found[:2] == pytest.approx([0.0, 4.0]) and found[2] == pytest.approx(2.0, abs=0.01) and 2 < found[3] < 4
