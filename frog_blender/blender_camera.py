@@ -15,7 +15,7 @@ from .engine.capture.camera import Camera
 from .engine.errors import FrogError
 
 SENSOR_WIDTH = 36.0  # millimetres; any value does, the focal length follows from it
-_FAR = 1000.0  # view heights
+_FAR = 1000.0  # widths of what is seen
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenCV axes <-> Blender axes
 
 
@@ -54,13 +54,14 @@ def pose_of(camera: Camera) -> np.ndarray:
 def engine_camera(obj: Any, matrix_world: Any, render: Any, width: int, height: int) -> Camera:
     """The engine camera that a (possibly evaluated) Blender camera object is, at a render size in pixels.
 
-    ``matrix_world`` is the object's, ``render`` the scene's render settings (for the pixel aspect).
-    Raises FrogError for a lens that is not a perspective.
+    ``matrix_world`` is the object's, ``render`` the scene's render settings (for the pixel aspect). An orthographic
+    camera stands ``distance_added`` further back than Blender's.
+    Raises FrogError for a lens that is neither perspective nor orthographic.
     """
     data = obj.data
-    if obj.type != "CAMERA" or data.type != "PERSP":
+    if obj.type != "CAMERA" or data.type not in ("PERSP", "ORTHO"):
         kind = data.type.lower() if obj.type == "CAMERA" else obj.type.lower()
-        raise FrogError(f"Camera {obj.name}: found a {kind} lens, expected a perspective one.")
+        raise FrogError(f"Camera {obj.name}: found a {kind} lens, expected a perspective or an orthographic one.")
     aspect = render.pixel_aspect_y / render.pixel_aspect_x
     fit = data.sensor_fit
     if fit == "AUTO":
@@ -69,7 +70,8 @@ def engine_camera(obj: Any, matrix_world: Any, render: Any, width: int, height: 
     else:
         sensor = data.sensor_width if fit == "HORIZONTAL" else data.sensor_height
     view = width if fit == "HORIZONTAL" else height * aspect  # pixels that the sensor spans, in widths of a pixel
-    focal = data.lens / sensor * view
+    far = distance_added(data)
+    focal = view / data.ortho_scale * far if far else data.lens / sensor * view
     intrinsics = np.array(
         [
             [focal, 0.0, width / 2 - data.shift_x * view],
@@ -79,13 +81,20 @@ def engine_camera(obj: Any, matrix_world: Any, render: Any, width: int, height: 
     )
     pose = np.array(matrix_world, dtype=np.float64)
     pose[:3, :3] = nearest_rotation(pose[:3, :3], f"Camera {obj.name}")
+    pose[:3, 3] += far * pose[:3, 2]
     return Camera(obj.name, width, height, intrinsics, np.linalg.inv(pose @ _FLIP))
+
+
+def distance_added(data: Any) -> float:
+    """How much further back than in Blender the engine's camera stands: an orthographic one very far, so that what it
+    sees looks the same to a pixel; 0 for a perspective."""
+    return _FAR * data.ortho_scale if data.type == "ORTHO" else 0.0
 
 
 def view_camera(view_matrix: Any, window_matrix: Any, width: int, height: int) -> Camera:
     """The engine camera of a 3D viewport, from its region's matrices, at a size in pixels.
 
-    An orthographic view is one from very far away: what is a thousand view heights off looks the same to a pixel.
+    An orthographic view is one from very far away, as for ``engine_camera``.
     """
     view, window = np.array(view_matrix, np.float64), np.array(window_matrix, np.float64)
     pose = np.linalg.inv(view)

@@ -6,13 +6,14 @@ display-referred colour, as they were trained, and the result is converted to Bl
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import bpy
 import numpy as np
 
 from . import playback
-from .blender_camera import engine_camera
+from .blender_camera import distance_added, engine_camera
 from .colors import to_display, to_linear
 from .engine.errors import FrogError
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from .engine.rasterizer.arrays import GaussianArrays
 
 NO_SURFACE = 1e10  # Blender's depth where nothing was hit
+SHUTTER_SAMPLES = 16  # moments that motion blur averages
 
 
 class FrogRenderEngine(bpy.types.RenderEngine):
@@ -84,7 +86,35 @@ def rendered_part(render: Any, width: int, height: int) -> tuple[slice, slice]:
 
 
 def render_frame(engine: Any, depsgraph: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Combined (H, W, 4) scene-linear premultiplied, and Depth (H, W) planar in world units, rows from the top."""
+    """Combined (H, W, 4) scene-linear premultiplied, and Depth (H, W) planar in world units, rows from the top.
+
+    With motion blur the light of moments spread over the shutter's time is averaged; Depth is that of the frame itself.
+    """
+    combined, depth = render_moment(engine, depsgraph)
+    render, frame = depsgraph.scene.render, depsgraph.scene.frame_current_final
+    if not render.use_motion_blur or render.motion_blur_shutter <= 0:
+        return combined, depth
+    moments = shutter_moments(frame, render.motion_blur_shutter, render.motion_blur_position)
+    light = np.zeros_like(combined)
+    for number, moment in enumerate(moments):
+        if engine.test_break():
+            break
+        engine.frame_set(math.floor(moment), moment % 1.0)  # cameras and roots move as well
+        light += render_moment(engine, depsgraph)[0]
+        engine.update_progress((number + 1) / len(moments))
+    engine.frame_set(math.floor(frame), frame % 1.0)
+    return light / len(moments), depth
+
+
+def shutter_moments(frame: float, shutter: float, position: str) -> list[float]:
+    """Frames at which to look while a shutter is open for ``shutter`` frames, placed by Blender's "START", "CENTER" or
+    "END" of the frame."""
+    first = frame + {"START": 0.0, "CENTER": -0.5, "END": -1.0}[position] * shutter
+    return [first + shutter * (number + 0.5) / SHUTTER_SAMPLES for number in range(SHUTTER_SAMPLES)]
+
+
+def render_moment(engine: Any, depsgraph: Any) -> tuple[np.ndarray, np.ndarray]:
+    """``render_frame`` of the moment at which the scene stands, without blur."""
     from .engine.inference.draw import draw
 
     scene = depsgraph.scene
@@ -100,7 +130,6 @@ def render_frame(engine: Any, depsgraph: Any) -> tuple[np.ndarray, np.ndarray]:
     elif engine.test_break():
         return np.zeros((height, width, 4), np.float32), np.full((height, width), NO_SURFACE, np.float32)
     else:
-        engine.update_progress(0.2)
         engine.update_stats("", f"Drawing {len(gaussians.means):,} Gaussians")
         drawing = draw(gaussians, camera, background=(0.0, 0.0, 0.0))
     if scene.render.film_transparent:
@@ -109,7 +138,8 @@ def render_frame(engine: Any, depsgraph: Any) -> tuple[np.ndarray, np.ndarray]:
         background = world_color(scene)
         if background is None:
             background = captured_background
-    return combined_pass(drawing, background, width, height), depth_pass(drawing, width, height)
+    depth = depth_pass(drawing, width, height, distance_added(eye.data))
+    return combined_pass(drawing, background, width, height), depth
 
 
 def gather(depsgraph: Any) -> tuple[GaussianArrays | None, np.ndarray]:
@@ -176,11 +206,14 @@ def combined_pass(drawing: Drawing | None, background: np.ndarray | None, width:
     return np.concatenate([to_linear(straight) * alpha, alpha], axis=2)
 
 
-def depth_pass(drawing: Drawing | None, width: int, height: int) -> np.ndarray:
-    """(H, W) planar distance of the median surface in world units, NO_SURFACE where there is none."""
+def depth_pass(drawing: Drawing | None, width: int, height: int, added: float = 0.0) -> np.ndarray:
+    """(H, W) planar distance of the median surface in world units, NO_SURFACE where there is none.
+
+    ``added`` is how much further back the drawing's camera stood than Blender's.
+    """
     if drawing is None:
         return np.full((height, width), NO_SURFACE, np.float32)
-    return np.where(np.isfinite(drawing.median_z), drawing.median_z, NO_SURFACE).astype(np.float32)
+    return np.where(np.isfinite(drawing.median_z), drawing.median_z - added, NO_SURFACE).astype(np.float32)
 
 
 def world_color(scene: Any) -> np.ndarray | None:

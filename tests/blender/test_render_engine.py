@@ -63,11 +63,70 @@ def test_uneven_scale_is_refused_in_a_sentence(empty, static_rig, rendered):
         rendered(empty)
 
 
-def test_orthographic_camera_is_refused_in_a_sentence(empty, static_rig, rendered):
+def test_panoramic_camera_is_refused_in_a_sentence(empty, static_rig, rendered):
     import_scene(static_rig)
-    empty.camera.data.type = "ORTHO"
-    with pytest.raises(RuntimeError, match="expected a perspective"):
+    empty.camera.data.type = "PANO"
+    with pytest.raises(RuntimeError, match="expected a perspective or an orthographic"):
         rendered(empty)
+
+
+def test_orthographic_camera_sees_no_perspective(empty, static_rig, tmp_path):
+    """Every Gaussian is drawn where a parallel projection puts it, and Depth is Blender's distance."""
+    import_scene(static_rig)
+    data = empty.camera.data
+    data.type, data.ortho_scale, data.shift_x, data.shift_y, data.frog.focal_ratio = "ORTHO", 3.0, 0.0, 0.0, 1.0
+    combined, depth = passes_of(empty, tmp_path)
+    from frog_blender.engine.inference.scene import PlayableScene
+
+    means = PlayableScene.load(static_rig).at_frame(0.0).means
+    to_eye = np.linalg.inv(np.array(empty.camera.matrix_world))
+    seen = means @ to_eye[:3, :3].T + to_eye[:3, 3]
+    covered = depth < 1e9
+    assert covered.sum() > 200
+    # Depths of the picture are depths of Gaussians, to what float32 holds of a camera so far away.
+    nearest = np.abs(depth[covered][:, None] + seen[None, :, 2]).min(axis=1)
+    assert nearest.max() < 2e-3
+    rows, columns = np.nonzero(covered)
+    for axis, cells, size in ((0, columns, 96), (1, rows, 64)):
+        scale = 96 / 3.0 * (1 if axis == 0 else -1)
+        pixels = seen[:, axis] * scale + size / 2
+        inside = np.clip(pixels, 0, size)
+        assert abs(cells.mean() - inside.mean()) < 8
+    assert combined[..., 3].min() == 1.0
+
+
+@pytest.mark.parametrize(("position", "around"), [("CENTER", 0.0), ("START", 0.5), ("END", -0.5)])
+def test_motion_blur_is_the_light_of_the_open_shutter(empty, static_rig, tmp_path, position, around):
+    """Against 200 moments over the same time; cameras move as well as Gaussians."""
+    import_scene(static_rig)
+    camera = empty.camera
+    for frame, x in ((1, -1.0), (10, 1.0)):
+        camera.location.x = x
+        camera.keyframe_insert("location", index=0, frame=frame)
+    empty.frame_set(5)
+    sharp, depth = passes_of(empty, tmp_path)
+    empty.render.use_motion_blur, empty.render.motion_blur_shutter = True, 1.0
+    empty.render.motion_blur_position = position
+    blurred, same_depth = passes_of(empty, tmp_path)
+    assert empty.frame_current_final == 5.0
+    empty.render.use_motion_blur = False
+    expected = np.zeros_like(sharp)
+    for moment in 5.0 + around + (np.arange(200) + 0.5) / 200 - 0.5:
+        empty.frame_set(int(moment), subframe=moment % 1.0)
+        expected += passes_of(empty, tmp_path)[0] / 200
+    change = np.abs(expected - sharp).max()
+    assert change > 0.05, "nothing moves"
+    assert np.abs(blurred - expected).max() < 0.02 * change + 2e-3
+    np.testing.assert_array_equal(depth, same_depth)
+
+
+def test_the_shutter_is_open_where_blender_says():
+    from frog_blender.render_engine import SHUTTER_SAMPLES, shutter_moments
+
+    for position, first, last in (("START", 7.0, 7.5), ("CENTER", 6.75, 7.25), ("END", 6.5, 7.0)):
+        moments = shutter_moments(7.0, 0.5, position)
+        assert len(moments) == SHUTTER_SAMPLES and first < moments[0] < moments[-1] < last
+        assert np.mean(moments) == pytest.approx((first + last) / 2)
 
 
 def test_missing_file_is_refused_in_a_sentence(empty, static_rig, rendered):
