@@ -42,6 +42,7 @@ class TrainingRequest:
     steps: int | None = None
     scale: float | None = None
     holdout_frames: int | None = None
+    resume: bool = False
 
     def events(self, cancelled: Callable[[], bool]) -> Iterator[Any]:
         """Run the training; called on the worker, because this is what imports torch."""
@@ -55,6 +56,7 @@ class TrainingRequest:
             steps=self.steps,
             scale=self.scale,
             holdout_frames=self.holdout_frames,
+            resume=self.resume,
         )
         return run_training(job, cancelled)
 

@@ -1,9 +1,13 @@
-"""Train FRoG, cancel it, and look at a capture folder again."""
+"""Train FRoG, cancel it, go on with it, and look at a capture folder again."""
+
+# Blender reads properties from annotations, which to a type checker are not types.
+# mypy: disable-error-code="valid-type"
 
 from pathlib import Path
 from typing import Any
 
 import bpy
+from bpy.props import BoolProperty
 
 from .. import background, playback
 from ..engine.errors import FrogError
@@ -17,9 +21,16 @@ class FROG_OT_train(bpy.types.Operator):
     bl_idname = "frog.train"
     bl_label = "Train FRoG"
 
+    resume: BoolProperty(
+        name="Resume",
+        description="Go on with the training that was cancelled, or that Blender did not survive",
+        default=False,
+        options={"SKIP_SAVE"},
+    )
+
     def execute(self, context: Any) -> set[str]:
         try:
-            request = request_of(context.scene.frog)
+            request = request_of(context.scene.frog, self.resume)
             preferences.make_torch_importable()
             after = _importer(context.scene.name) if context.scene.frog.import_when_done else None
             background.begin(request.events, after)
@@ -60,7 +71,7 @@ class FROG_OT_inspect_capture(bpy.types.Operator):
         return {"FINISHED"}
 
 
-def request_of(settings: Any) -> background.TrainingRequest:
+def request_of(settings: Any, resume: bool = False) -> background.TrainingRequest:
     """What the panel's settings ask for; FrogError if something is missing."""
     if not settings.capture_folder:
         raise FrogError("No capture is chosen: name the folder with the videos and cameras to train from.")
@@ -69,9 +80,7 @@ def request_of(settings: Any) -> background.TrainingRequest:
         raise FrogError(f"{capture}: found no such folder, expected a capture to train from.")
     if not settings.output_path:
         raise FrogError("No output is chosen: name the .frog file to write.")
-    output = Path(bpy.path.abspath(settings.output_path))
-    if output.suffix != ".frog":
-        output = output.with_name(output.name + ".frog")
+    output = output_of(settings)
     return background.TrainingRequest(
         capture,
         output,
@@ -80,7 +89,19 @@ def request_of(settings: Any) -> background.TrainingRequest:
         steps=settings.steps or None,
         scale=settings.image_scale or None,
         holdout_frames=None if settings.holdout_frames < 0 else settings.holdout_frames,
+        resume=resume,
     )
+
+
+def output_of(settings: Any) -> Path:
+    """The .frog file that the panel's settings name."""
+    output = Path(bpy.path.abspath(settings.output_path))
+    return output if output.suffix == ".frog" else output.with_name(output.name + ".frog")
+
+
+def can_resume(settings: Any) -> bool:
+    """True when a training of that output left something to go on from."""
+    return bool(settings.output_path) and Path(f"{output_of(settings)}.checkpoint").is_file()
 
 
 def _importer(scene_name: str) -> Any:

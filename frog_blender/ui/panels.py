@@ -8,6 +8,7 @@ from typing import Any
 import bpy
 
 from .. import background, carrier, playback
+from ..operators.train import can_resume
 from . import capture_summary, preferences
 
 
@@ -38,6 +39,8 @@ class FROG_PT_train(bpy.types.Panel):
         row.scale_y = 1.5
         row.enabled = not needed and not background.is_running()
         row.operator("frog.train", icon="PLAY")
+        if can_resume(settings):
+            row.operator("frog.train", text="Resume", icon="FRAME_NEXT").resume = True
         if background.current is not None:
             _draw_training(layout, background.current.state, context)
 

@@ -137,3 +137,29 @@ def test_naming_a_folder_says_what_it_is(empty, tmp_path):
     summary = capture_summary.known(bpy.path.abspath(empty.frog.capture_folder))
     assert summary.error and str(tmp_path) in summary.error and not summary.lines
     assert empty.frog.output_path == f"{tmp_path}.frog"
+
+
+def test_what_the_panel_asks_for(empty, tmp_path):
+    from frog_blender.operators.train import can_resume, request_of
+
+    settings = empty.frog
+    settings.capture_folder, settings.output_path = str(tmp_path), str(tmp_path / "scene")
+    request = request_of(settings)
+    assert (request.output, request.capacity, request.resume) == (tmp_path / "scene.frog", "auto", False)
+    assert not can_resume(settings)
+    (tmp_path / "scene.frog.checkpoint").write_bytes(b"x")
+    assert can_resume(settings) and request_of(settings, resume=True).resume
+    settings.capacity = "fixed"
+    assert request_of(settings).capacity == "fixed"
+
+
+def test_resuming_what_is_no_checkpoint_is_one_sentence(empty, tmp_path):
+    settings = empty.frog
+    settings.capture_folder, settings.output_path = str(tmp_path), str(tmp_path / "scene.frog")
+    (tmp_path / "scene.frog.checkpoint").write_bytes(b"x")
+    assert bpy.ops.frog.train(resume=True) == {"FINISHED"}
+    task = background.current
+    assert task.join(60)
+    while task.pump():
+        pass
+    assert "scene.frog.checkpoint" in task.state.error and "\n" not in task.state.error
