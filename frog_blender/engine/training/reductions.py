@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 ALLOWED_LOSS = 0.05
 """dB that putting Gaussians to rest may cost on the withheld pictures; the rest of the training makes it up."""
 ALLOWED_PRUNING_LOSS, ALLOWED_COLOR_LOSS, ALLOWED_HEAD_LOSS = 0.03, 0.03, 0.01
-RESTS_BELOW, ALL_REST_BELOW = 0.7, 2.0
+RESTS_BELOW, ALL_REST_BELOW = 1.5, 2.0
 """Score (see motion.Motion) below which a Gaussian may rest; and below which every one may, if none is above."""
 _FIRST_PRUNED, _MOST_PRUNED = 0.15, 0.6  # of the Gaussians, in a round
-_WAKES_ABOVE = 0.04  # error that changes with time, of the pictures' mean brightness
+_WAKES_ABOVE = 0.1  # error that changes with time, of the pictures' mean brightness
 _MOST_WOKEN = 0.1  # of the Gaussians at rest
 _WAKING_CAMERAS, _WAKING_MOMENTS = 3, 8
 
