@@ -28,8 +28,12 @@ def checkpoint_path(scene: str | Path) -> Path:
     return Path(f"{scene}.checkpoint")
 
 
-def save_checkpoint(path: Path, trainer: Trainer, settings: dict[str, Any] | None = None) -> None:
-    """Atomic; FrogError when the disk does not take it. ``settings`` are plain values for ``checkpoint_settings``."""
+State = tuple[dict[str, np.ndarray], dict[str, Any]]
+"""Everything a training has learned and remembers: arrays by name, and plain values."""
+
+
+def state_of(trainer: Trainer, settings: dict[str, Any] | None = None) -> State:
+    """A copy of a training's state. ``settings`` are plain values for ``checkpoint_settings``."""
     tensors = {f"model.{name}": value for name, value in trainer.model.state_dict().items()}
     tensors |= trainer.optimizer.state_arrays()
     tensors["density.gradient_sum"] = trainer.density.gradient_sum
@@ -43,10 +47,10 @@ def save_checkpoint(path: Path, trainer: Trainer, settings: dict[str, Any] | Non
     if trainer.neighbourhood is not None:
         for name in ("anchors", "neighbours", "weights"):
             tensors[f"neighbourhood.{name}"] = getattr(trainer.neighbourhood, name)
-    state = {
+    values = {
         "version": _VERSION,
         "method": trainer.method,
-        "recipe": settings_json(trainer.recipe),
+        "recipe": json.loads(json.dumps(settings_json(trainer.recipe))),
         "step_count": trainer.step_count,
         "seconds": trainer.seconds,
         "settings": settings or {},
@@ -57,10 +61,16 @@ def save_checkpoint(path: Path, trainer: Trainer, settings: dict[str, Any] | Non
         "shots": len(trainer.capture.shots),
         "parsimony": _parsimony_state(trainer),
         "heads": heads_of(trainer.model),
+        "rate_factor": trainer.optimizer.rate_factor,
     }
     # ascontiguousarray would turn Adam's scalar step counters into vectors.
-    arrays = {name: np.array(value.detach().cpu().numpy(), order="C") for name, value in tensors.items()}
-    write_atomically(path, serialize(arrays, metadata={_KEY: json.dumps(state)}))
+    return {name: np.array(value.detach().cpu().numpy(), order="C") for name, value in tensors.items()}, values
+
+
+def save_checkpoint(path: Path, trainer: Trainer, settings: dict[str, Any] | None = None) -> None:
+    """Atomic; FrogError when the disk does not take it."""
+    arrays, values = state_of(trainer, settings)
+    write_atomically(path, serialize(arrays, metadata={_KEY: json.dumps(values)}))
 
 
 def _parsimony_state(trainer: Trainer) -> dict[str, Any]:
@@ -82,41 +92,53 @@ def load_checkpoint(path: Path, trainer: Trainer) -> None:
     """Puts ``trainer`` (same capture, recipe and method; any device) where the checkpoint was written."""
     arrays, metadata = read_tensors(path, "a training checkpoint")
     try:
-        state = json.loads(metadata[_KEY])
-        if state["version"] != _VERSION:
-            raise FrogError(f"{path}: found checkpoint version {state['version']}, expected {_VERSION}.")
+        values = json.loads(metadata[_KEY])
+        if values["version"] != _VERSION:
+            raise FrogError(f"{path}: found checkpoint version {values['version']}, expected {_VERSION}.")
         recipe = json.loads(json.dumps(settings_json(trainer.recipe)))
         differing = [
             key
             for key in recipe
-            if state["recipe"].get(key) != recipe[key] and key not in ("name", "steps", "steps_per_moment")
+            if values["recipe"].get(key) != recipe[key] and key not in ("name", "steps", "steps_per_moment")
         ]
-        same_capture = state["shots"] == len(trainer.capture.shots)
-        same_capture &= state["cameras"] == [camera.name for camera in trainer.capture.cameras]
-        if state["method"] != trainer.method or differing or not same_capture:
-            what = "the method" if state["method"] != trainer.method else ", ".join(differing) or "the capture"
+        same_capture = values["shots"] == len(trainer.capture.shots)
+        same_capture &= values["cameras"] == [camera.name for camera in trainer.capture.cameras]
+        if values["method"] != trainer.method or differing or not same_capture:
+            what = "the method" if values["method"] != trainer.method else ", ".join(differing) or "the capture"
             raise FrogError(f"{path}: belongs to another training ({what} differ); train again without resuming.")
-        tensors = {name: torch.from_numpy(array.copy()) for name, array in arrays.items()}
-        for name in ATTRIBUTES:
-            setattr(trainer.model.canonical, name, nn.Parameter(tensors[f"model.canonical.{name}"].to(trainer.device)))
-        trainer.model.load_state_dict({name[6:]: value for name, value in tensors.items() if name.startswith("model.")})
-        trainer.rebuild_optimizer()
-        trainer.optimizer.load_state_arrays(tensors)
-        for name in ("gradient_sum", "seen", "peak_opacity"):
-            setattr(trainer.density, name, tensors[f"density.{name}"].to(trainer.device))
-        trainer.picker.losses = tensors["losses"]
-        trainer.generator.set_state(tensors["random"])
-        trainer.regions.errors = [tensors[f"regions.{camera}"] for camera in range(len(trainer.capture.cameras))]
-        if "neighbourhood.anchors" in tensors:
-            names = ("anchors", "neighbours", "weights")
-            parts = [tensors[f"neighbourhood.{name}"].to(trainer.device) for name in names]
-            trainer.neighbourhood = Neighbourhood(*parts)
-        if trainer.parsimony:
-            rounds = state["parsimony"]
-            trainer.parsimony.resume(rounds["seed"], [Reduction(**each) for each in rounds["reductions"]])
-        if isinstance(trainer.model, Frog):
-            for name in set(heads_of(trainer.model)) - set(state["heads"]):
-                trainer.model.silence(name)
-        trainer.resume_at(state)
+        restore(trainer, (arrays, values))
     except (KeyError, ValueError, TypeError, RuntimeError) as error:
         raise found_instead(path, f"contents that do not fit ({error})", "a training checkpoint") from error
+
+
+def restore(trainer: Trainer, state: State) -> None:
+    """Puts ``trainer`` where ``state_of`` found it, or another one of the same training.
+
+    KeyError, ValueError, TypeError or RuntimeError for a state that does not fit.
+    """
+    arrays, values = state
+    tensors = {name: torch.from_numpy(array.copy()) for name, array in arrays.items()}
+    for name in ATTRIBUTES:
+        setattr(trainer.model.canonical, name, nn.Parameter(tensors[f"model.canonical.{name}"].to(trainer.device)))
+    trainer.model.load_state_dict({name[6:]: value for name, value in tensors.items() if name.startswith("model.")})
+    trainer.model.zero_grad(set_to_none=True)
+    trainer.rebuild_optimizer()
+    trainer.optimizer.load_state_arrays(tensors)
+    trainer.optimizer.rate_factor = float(values["rate_factor"])
+    for name in ("gradient_sum", "seen", "peak_opacity"):
+        setattr(trainer.density, name, tensors[f"density.{name}"].to(trainer.device))
+    trainer.picker.losses = tensors["losses"]
+    trainer.generator.set_state(tensors["random"])
+    trainer.regions.errors = [tensors[f"regions.{camera}"] for camera in range(len(trainer.capture.cameras))]
+    trainer.neighbourhood = None
+    if "neighbourhood.anchors" in tensors:
+        names = ("anchors", "neighbours", "weights")
+        parts = [tensors[f"neighbourhood.{name}"].to(trainer.device) for name in names]
+        trainer.neighbourhood = Neighbourhood(*parts)
+    if trainer.parsimony:
+        rounds = values["parsimony"]
+        trainer.parsimony.resume(rounds["seed"], [Reduction(**each) for each in rounds["reductions"]])
+    if isinstance(trainer.model, Frog):
+        for name in set(heads_of(trainer.model)) - set(values["heads"]):
+            trainer.model.silence(name)
+    trainer.resume_at(values)

@@ -25,6 +25,8 @@ from .device import choose_device
 from .events import Event
 from .methods import method_named
 from .recipe import Recipe, recipe
+from .recovery import Recovery
+from .running_loss import Unstable
 from .saving import save_scene
 from .trainer import Limits, Trainer
 
@@ -172,8 +174,16 @@ def _train(job: TrainingJob, trainer: Trainer, scale: float, cancelled: Callable
     last_event = last_save = time.monotonic()
     evaluated = int(trainer.progress * _EVALUATIONS)
     preview_shot = next((i for i, s in enumerate(trainer.capture.shots) if trainer.capture.is_test(s)), 0)
+    recovery = Recovery(trainer)
     while not trainer.finished and not cancelled():
-        trainer.step()
+        try:
+            trainer.step()
+            if trainer.finished or int(trainer.progress * _EVALUATIONS) > evaluated:
+                recovery.remember(trainer)
+        except Unstable as error:
+            yield events.Warned(recovery.go_back(trainer, error))
+            evaluated = int(trainer.progress * _EVALUATIONS)
+            continue
         yield from _reductions(trainer)
         now = time.monotonic()
         if now - last_event >= _EVENT_SECONDS or trainer.finished:
@@ -181,7 +191,6 @@ def _train(job: TrainingJob, trainer: Trainer, scale: float, cancelled: Callable
             yield _progress_event(trainer)
         if int(trainer.progress * _EVALUATIONS) > evaluated and not trainer.finished:
             evaluated = int(trainer.progress * _EVALUATIONS)
-            trainer.check()
             psnr, split = trainer.evaluate(job.evaluated_shots)
             yield events.Evaluated(trainer.step_count, psnr, split, trainer.seconds)
             yield events.Preview(trainer.step_count, to_uint8(trainer.picture(preview_shot)))

@@ -19,6 +19,9 @@ class SceneOptimizer:
         model: a method.
         recipe: the rates.
         scene_scale: world units; multiplies the rate of the means.
+
+    Attributes:
+        rate_factor: multiplies every rate (see training.recovery).
     """
 
     def __init__(self, model: SceneModel, recipe: Recipe, scene_scale: float) -> None:
@@ -41,7 +44,7 @@ class SceneOptimizer:
             if getattr(self._canonical, name).shape[1:].numel()  # methods without embeddings have some of no length
         ]
         groups += [{"params": parameters, "name": name} for name, parameters in model.rate_groups().items()]
-        self._rates = rates
+        self._rates, self.rate_factor = rates, 1.0
         self.adam = torch.optim.Adam(groups, lr=0.0, eps=1e-15, fused=True)
         self.schedule(0.0)
 
@@ -49,7 +52,7 @@ class SceneOptimizer:
         """Sets the rates for ``progress`` in [0, 1]: exponential decay."""
         for group in self.adam.param_groups:
             start, decay = self._rates[group["name"]]
-            group["lr"] = start * decay**progress
+            group["lr"] = self.rate_factor * start * decay**progress
 
     def step(self) -> None:
         self.adam.step()

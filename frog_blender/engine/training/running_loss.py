@@ -8,6 +8,11 @@ import torch
 
 from ..errors import FrogError
 
+
+class Unstable(FrogError):
+    """A training has come to numbers that are none; see training.recovery."""
+
+
 _SHARE = 0.02  # of a new value in the mean
 _PATIENCE = 20  # steps between two looks at a loss on a GPU
 
@@ -35,7 +40,7 @@ class RunningLoss:
         self._mean, self._empty, self._unseen = mean, math.isnan(mean), 0
 
     def add(self, loss: torch.Tensor, step: int) -> None:
-        """Takes in the loss of step number ``step``; FrogError when it is seen not to be a number."""
+        """Takes in the loss of step number ``step``; Unstable when it is seen not to be a number."""
         if loss.device.type == "cpu":
             value: float | torch.Tensor = loss.item()
             if not math.isfinite(value):
@@ -49,11 +54,11 @@ class RunningLoss:
             self.check(step)
 
     def check(self, step: int) -> None:
-        """FrogError when a loss that was not looked at yet was not a number."""
+        """Unstable when a loss that was not looked at yet was not a number."""
         if self._unseen and not math.isfinite(self.mean):
             raise _unstable(step)
         self._unseen = 0
 
 
-def _unstable(step: int) -> FrogError:
-    return FrogError(f"Training became unstable at step {step} (the loss is not a number).")
+def _unstable(step: int) -> Unstable:
+    return Unstable(f"Training became unstable at step {step} (the loss is not a number).")
