@@ -193,8 +193,6 @@ def _budgeted(options: argparse.Namespace) -> Recipe:
 
     chosen = recipe(options.recipe, capacity=options.capacity, max_gaussians=options.max_gaussians)
     if options.max_bytes:
-        if chosen.capacity != "auto" or options.lossless:
-            raise FrogError("--max-bytes: needs --capacity auto, without --lossless.")
         chosen = replace(chosen, max_gaussians=min(chosen.max_gaussians, gaussians_within(options.max_bytes, chosen)))
     return chosen
 

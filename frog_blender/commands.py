@@ -48,9 +48,7 @@ def _describe_scene(scene: PlayableScene, path: Path) -> dict[str, Any]:
         "method": header.method,
         "gaussians": scene.count,
         "dynamic": scene.moving,
-        "heads": list(header.capacity.get("heads", ["means", "log_scales", "quaternions", "opacity_logits", "sh"]))
-        if scene.moving
-        else [],
+        "heads": _heads(scene),
         "sh_degree": scene.sh_degree,
         "bytes": path.stat().st_size,
         "cameras": "1, moving" if header.is_moving else ", ".join(camera.name for camera in header.cameras),
@@ -62,6 +60,15 @@ def _describe_scene(scene: PlayableScene, path: Path) -> dict[str, Any]:
         "capture": header.capture_path,
         "reductions": capacity_report.lines(header.capacity),
     }
+
+
+def _heads(scene: PlayableScene) -> list[str]:
+    """What the network of a scene changes; none where there is none of FRoG's kind, or nothing moves."""
+    model = scene.header.model
+    if not scene.moving or scene.header.method not in ("frog", "ed3dgs"):
+        return []
+    names = ["means", "log_scales", "quaternions", "opacity_logits", *(["sh"] if model["deformed_sh"] else [])]
+    return [name for name in names if name not in model.get("silent_heads", ())]
 
 
 def open_evaluated(scene: PlayableScene, capture_path: Path) -> tuple[Any, FrameStore]:
@@ -127,7 +134,7 @@ def picture_maker(scene: SceneFile, device: str) -> Callable[[float, Camera], np
         from .engine.training.device import choose_device
 
         chosen, _ = choose_device(device)
-        if chosen.type != "cpu":
+        if chosen.type != "cpu" and played.moving:  # what stands still needs no GPU to be moved
             return SceneOnDevice(scene, chosen).picture
     return lambda frame, camera: draw(played.at_frame(frame), camera, scene.header.background).rgb
 

@@ -69,8 +69,8 @@ def test_budgets(run: Run, filmed: Path, tmp_path: Path, free_seeds: None) -> No
     assert run(*options, "--max-bytes", "60000")[0] == 0
     assert (tmp_path / "x.frog").stat().st_size <= 60_000
     refused(run(*options, "--max-bytes", "1000"), "1000 bytes", "too small")
-    refused(run(*options, "--max-bytes", "60000", "--capacity", "fixed"), "--max-bytes", "auto")
-    refused(run(*options, "--max-bytes", "60000", "--lossless"), "--max-bytes", "lossless")
+    for more in (("--capacity", "fixed"), ("--lossless",), ("--method", "static")):
+        refused(run(*options, "--max-bytes", "60000", *more), "budget of bytes", "automatic capacity")
 
 
 def find_few_seeds(stored_seeds: Callable, *arguments: object, count_limit: int, **options: object) -> object:

@@ -16,6 +16,8 @@ from frog_blender.engine.errors import FrogError
 from frog_blender.engine.files import FORMAT_VERSION, read_scene, write_scene
 from frog_blender.engine.inference.scene import PlayableScene
 
+CAPACITY = {"gaussians": 5, "dynamic": 2, "heads": ["means"], "sh_degree": 1, "reductions": []}
+
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
@@ -108,6 +110,8 @@ def test_a_newer_version_says_so(path: Path) -> None:
         {"background": [1, 2]},
         {"pixel_offsets": {"a": [1]}},
         {"format_version": None},
+        *({"capacity": {**CAPACITY, **wrong}} for wrong in ({"reductions": [5]}, {"reductions": 3}, {"heads": 5})),
+        *({"capacity": wrong} for wrong in (5, [1], {"gaussians": "many"}, {"reductions": [{"what": "x"}]})),
     ],
     ids=lambda changes: str(changes)[:60] if "model" not in changes else None,
 )

@@ -20,24 +20,26 @@ def lines(capacity: dict[str, Any]) -> list[str]:
 
 
 def reduction_line(reduction: dict[str, Any]) -> str:
-    """``at 45 %, put to rest: 20,704 -> 5,927 moving Gaussians; saves 1.9 MB, 1.2 ms a frame; 0.005 dB``."""
-    unit = _UNITS.get(reduction["what"], "")
-    text = f"at {100 * reduction['progress']:.0f} %, {reduction['what']}: {reduction['before']:,} -> "
-    text += f"{reduction['after']:,} {unit}".rstrip()
+    """``at 85 %, put to rest: 20,704 -> 5,927 moving Gaussians; saves 1.9 MB, 1.2 ms a frame; costs 0.005 dB``."""
+    what = reduction["what"]
+    unit = "heads" if what.startswith("head ") else _UNITS.get(what, "")
+    counts = f"{reduction['before']:,} -> {reduction['after']:,} {unit}"
+    parts = [f"at {100 * reduction['progress']:.0f} %, {what}: {counts}"]
     saved = []
     if reduction.get("bytes", 0) > 0:
         saved.append(f"{reduction['bytes'] / 1e6:.2f} MB")
     if reduction.get("milliseconds", 0.0) >= 0.05:
         saved.append(f"{reduction['milliseconds']:.1f} ms a frame")
     if saved:
-        text += f"; saves {', '.join(saved)}"
-    return f"{text}; costs {max(0.0, reduction['loss']):.3f} dB"
+        parts.append(f"saves {', '.join(saved)}")
+    if reduction.get("loss") is not None:
+        parts.append(f"costs {max(0.0, reduction['loss']):.3f} dB")
+    return "; ".join(part.rstrip() for part in parts)
 
 
 _UNITS = {
     "pruned": "Gaussians",
     "put to rest": "moving Gaussians",
     "woken": "moving Gaussians",
-    "head removed": "heads",
     "packed": "bytes",
 }

@@ -18,9 +18,10 @@ import numpy as np
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save as serialize
 
+from .capacity_report import lines, summary
 from .capture.camera import Camera
 from .errors import FrogError, found_instead
-from .packing import pack, unpack
+from .packing import pack, unpack_scene
 
 FORMAT_VERSION = 2
 """1 had every array as it is; 2 may have them packed."""
@@ -109,7 +110,7 @@ class SceneHeader:
             steps=int(data["steps"]),
             train_seconds=float(data["train_seconds"]),
             format_version=int(data["format_version"]),
-            capacity=dict(data.get("capacity", {})),  # version 1 had none
+            capacity=_checked_capacity(data.get("capacity", {})),  # version 1 had none
         )
 
 
@@ -119,6 +120,15 @@ class SceneFile:
 
     header: SceneHeader
     arrays: dict[str, np.ndarray]
+
+
+def _checked_capacity(capacity: Any) -> dict[str, Any]:
+    """KeyError, TypeError, ValueError or AttributeError for a report that nobody could read out."""
+    capacity = dict(capacity)
+    if capacity:
+        summary(capacity)
+        lines(capacity)
+    return capacity
 
 
 def settings_json(settings: Any) -> dict[str, Any]:
@@ -140,7 +150,10 @@ def scene_bytes(scene: SceneFile, *, compact: bool = False) -> bytes:
     metadata = {_HEADER_KEY: scene.header.to_json()}
     arrays = scene.arrays
     if compact:
-        packed = {name: pack(name, array) for name, array in arrays.items()}
+        try:
+            packed = {name: pack(name, array) for name, array in arrays.items()}
+        except ValueError as error:
+            raise FrogError(f"The scene cannot be packed: {error}.") from error
         arrays = {name: each.content for name, each in packed.items()}
         metadata[_PACKING_KEY] = json.dumps({name: each.description for name, each in packed.items()})
     return serialize(_contiguous(arrays), metadata=metadata)
@@ -151,7 +164,7 @@ def read_scene(path: str | Path) -> SceneFile:
     arrays, metadata = read_tensors(path, "a .frog scene")
     try:
         header = SceneHeader.from_json(metadata[_HEADER_KEY])
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, RecursionError) as error:
         raise found_instead(path, f"a header that cannot be read ({error!r})", "a .frog scene") from error
     if header.format_version > FORMAT_VERSION:
         raise found_instead(
@@ -159,8 +172,9 @@ def read_scene(path: str | Path) -> SceneFile:
         )
     try:
         packing = json.loads(metadata.get(_PACKING_KEY, "{}"))
-        arrays |= {name: unpack(arrays[name], description) for name, description in packing.items()}
-    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        if packing:
+            arrays |= unpack_scene(arrays, packing)
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError, MemoryError) as error:
         raise found_instead(path, f"packed arrays that cannot be read ({error})", "a .frog scene") from error
     _check_arrays(path, header, arrays)
     return SceneFile(header, arrays)

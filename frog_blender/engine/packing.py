@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 
 BLOCK = 256
-_LARGEST = 2**31  # bytes of an unpacked array
-_MOST_COMPRESSED = 1100  # zlib reaches 1032
+_LARGEST = 2**27  # numbers of an unpacked array
 _LEVEL = 9
 _LARGEST_HALF = 65_504
+# What a scene can need, so that a small file cannot ask for much memory: places of Gaussians hardly compress.
+_MEANS_OF_BYTES, _NUMBERS_OF_GAUSSIAN, _LARGEST_NETWORK = 20, 256, 2**22
 
 BITS = {
     "means": 16,
@@ -66,21 +67,24 @@ def pack(name: str, array: np.ndarray) -> Packed:
     return Packed(content, {"shape": list(array.shape), "bits": bits})
 
 
-def unpack(content: np.ndarray, description: dict[str, Any]) -> np.ndarray:
+def unpack(content: np.ndarray, description: dict[str, Any], most: int = _LARGEST) -> np.ndarray:
     """The float32 array; KeyError, TypeError or ValueError for what ``pack`` does not write.
 
     Sizes are checked before anything is allocated.
+
+    Args:
+        most: numbers that the array may have.
     """
     shape, bits = tuple(description["shape"]), description["bits"]
     if bits not in (0, 8, 16) or any(type(length) is not int or length < 0 for length in shape) or (bits and not shape):
         raise ValueError(f"an array of shape {shape} in {bits} bits")
     count = math.prod(shape)
+    if count > most or (not count and max(shape, default=0) > most):
+        raise ValueError(f"an array of shape {shape}, expected at most {most} numbers")
     columns = count // shape[0] if bits and shape[0] else 0
     blocks = -(-shape[0] // BLOCK) if bits else 0
     width = bits // 8 or 2
     size = 8 * blocks * columns + width * count
-    if 4 * count > _LARGEST or size > _MOST_COMPRESSED * (content.size + 64):
-        raise ValueError(f"an array of shape {shape} in {content.size} bytes")
     unpacker = zlib.decompressobj()
     try:
         stored = unpacker.decompress(np.ascontiguousarray(content, np.uint8).tobytes(), size + 1)
@@ -97,12 +101,22 @@ def unpack(content: np.ndarray, description: dict[str, Any]) -> np.ndarray:
     return (ranges[0][block] + levels * ranges[1][block]).astype(np.float32).reshape(shape)
 
 
+def unpack_scene(arrays: dict[str, np.ndarray], descriptions: dict[str, Any]) -> dict[str, np.ndarray]:
+    """A packed scene's arrays; errors as of ``unpack``, also for arrays that no scene of that size has."""
+    means = unpack(arrays["means"], descriptions["means"], most=_MEANS_OF_BYTES * arrays["means"].size)
+    return {"means": means} | {
+        name: unpack(arrays[name], description, _NUMBERS_OF_GAUSSIAN * len(means) if name in BITS else _LARGEST_NETWORK)
+        for name, description in descriptions.items()
+        if name != "means"
+    }
+
+
 def ordered(means: np.ndarray) -> np.ndarray:
     """(N,) an order in which Gaussians that follow each other lie near each other (Morton's curve through means)."""
     if not len(means):
         return np.empty(0, np.int64)
-    least, largest = means.min(axis=0), means.max(axis=0)
-    cells = ((means - least) / np.maximum(largest - least, 1e-12) * (2**16 - 1)).astype(np.uint64)
+    least, largest = np.percentile(means, [1, 99], axis=0)  # a Gaussian far away must not put all others in one cell
+    cells = ((means.clip(least, largest) - least) / np.maximum(largest - least, 1e-12) * (2**16 - 1)).astype(np.uint64)
     code = np.zeros(len(means), np.uint64)
     for bit in range(16):
         for axis in range(3):

@@ -171,7 +171,7 @@ def _draw_training(layout: Any, state: background.TrainingState, context: Any) -
         column.label(text=f"PSNR: {state.psnr:.2f} dB ({state.psnr_split or 'training'} views)")
     if state.gaussians:
         still = state.gaussians - state.moving
-        resting = f" ({state.moving:,} move)" if state.moving and still else ""
+        resting = f" ({state.moving:,} move)" if still and state.capacity else ""
         column.label(text=f"Gaussians: {state.gaussians:,}{resting}")
     for line in state.capacity:
         _sentence(box, line, context, icon="MOD_DECIM")

@@ -26,19 +26,21 @@ CAPACITY: dict[str, Any] = {
     "sh_degree": 1,
     "reductions": [
         reduced("put to rest", 0.85, 20_704, 5_927, 0.0213, 1.24, 1_890_000),
-        reduced("woken", 0.93, 5_927, 6_000, 0.0, -0.2, -9),
+        reduced("woken", 0.93, 5_927, 6_000, None, -0.2, -9),
         reduced("SH degree", 0.85, 1, 0, -0.01, 0.0, 0),
+        reduced("head means", 0.85, 5, 4, 0.001, 0.0, 0),
     ],
 }
 
 
 def test_the_report_in_words() -> None:
     assert summary(CAPACITY) == "20,704 Gaussians, 5,927 of them move; heads: means, sh; SH degree 1"
-    rest, woken, degree = lines(CAPACITY)
+    rest, woken, degree, head = lines(CAPACITY)
     assert (
         rest == "at 85 %, put to rest: 20,704 -> 5,927 moving Gaussians; saves 1.89 MB, 1.2 ms a frame; costs 0.021 dB"
     )
-    assert woken == "at 93 %, woken: 5,927 -> 6,000 moving Gaussians; costs 0.000 dB"
+    assert woken == "at 93 %, woken: 5,927 -> 6,000 moving Gaussians"
+    assert head == "at 85 %, head means: 5 -> 4 heads; costs 0.001 dB"
     assert degree == "at 85 %, SH degree: 1 -> 0; costs 0.000 dB"
     assert "heads: none" in summary({**CAPACITY, "heads": []}) and lines({}) == []
     assert reduction_line(CAPACITY["reductions"][0]) == rest

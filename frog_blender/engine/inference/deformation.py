@@ -69,6 +69,9 @@ class PlayableDeformation:
     Args:
         arrays: the scene file's arrays.
         model: the scene header's model settings.
+
+    Attributes:
+        moving: Gaussians that are deformed; they come first.
     """
 
     unit_quaternions = True
@@ -82,13 +85,13 @@ class PlayableDeformation:
             raise FrogError(f"The scene's deformation network cannot be used ({error}); train it again.") from error
         weight = a.pop("temporal_weight")
         self._temporal_weight, self._bias = weight.reshape(self._temporal.networks, -1, weight.shape[1]), a.pop("bias")
-        self._moving, deformed = len(a["embeddings"]), self._shape.sh_deformed
+        self.moving, deformed = len(a["embeddings"]), self._shape.sh_deformed
         still = vars(at_rest(a))
         self._sh = still["sh"]
         self._memory = FrameMemory({name: still[name] for name in still if name != "sh" or deformed})
         for name in _CANONICAL:
-            a[name] = a[name][: self._moving]
-        a["sh"] = np.ascontiguousarray(a["sh"][: self._moving, :deformed])  # the others are in the frames' memory
+            a[name] = a[name][: self.moving]
+        a["sh"] = np.ascontiguousarray(a["sh"][: self.moving, :deformed])  # the others are in the frames' memory
         self._modulation = a.pop("modulation_weight", None)
         if not self._shape.head_width and self._modulation is None:
             # With heads it is a twentieth of the arithmetic, and not worth its memory.
@@ -114,6 +117,6 @@ class PlayableDeformation:
     def at(self, time: float) -> GaussianArrays:
         """The Gaussians at a time in [0, 1], activated, with unit quaternions; the arrays are not to be changed."""
         result = {"sh": self._sh, **self._memory.take()}
-        moved = {name: array[: self._moving] for name, array in result.items()}
+        moved = {name: array[: self.moving] for name, array in result.items()}
         deform(self._shape, self._arrays | self._first_layer_at(time), moved, unit_quaternions=True)
         return GaussianArrays(**result)

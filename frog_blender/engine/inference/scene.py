@@ -50,8 +50,7 @@ class PlayableScene:
         playable = None if nothing_moves else PLAYABLE.get(scene.header.method)
         self._deformation = playable(scene.arrays, scene.header.model) if playable else None
         self.sh_degree = math.isqrt(scene.arrays["sh"].shape[1]) - 1
-        moving = len(scene.arrays.get("embeddings", scene.arrays["means"]))
-        self.moving = moving if self._deformation is not None else 0
+        self.moving = int(getattr(self._deformation, "moving", self.count)) if self._deformation is not None else 0
         self._recent: OrderedDict[float, GaussianArrays] = OrderedDict()
         self._lock = threading.Lock()
 

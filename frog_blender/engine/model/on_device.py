@@ -98,7 +98,7 @@ def model_of(scene: SceneFile) -> Frog:
     try:
         model = Frog(CanonicalField(values), FrogSettings(**scene.header.model))
         model.load_state_dict(state)
-    except (KeyError, TypeError, RuntimeError) as error:
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise FrogError(f"The scene cannot be played by torch ({str(error).splitlines()[0]}); use the CPU.") from error
     return model.requires_grad_(False)
 

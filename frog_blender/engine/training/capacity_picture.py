@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 
+from ..capture.time import frame_to_time
 from ..inference.draw import to_uint8
 from ..model.canonical import SH_DC
 from ..rasterizer import GaussianArrays, rasterize
@@ -27,7 +28,7 @@ def capacity_picture(trainer: Trainer, shot_index: int) -> np.ndarray:
     """
     capture, canonical = trainer.capture, trainer.model.canonical
     shot = capture.shots[shot_index]
-    gaussians = gaussians_at(trainer, shot.frame / max(1, capture.frame_count - 1))
+    gaussians = gaussians_at(trainer, frame_to_time(shot.frame, capture.frame_count))
     brightness = (gaussians.sh[:, 0].mean(1) * SH_DC + 0.5).clamp(0, 1)
     tints = torch.tensor(AT_REST).to(brightness).repeat(trainer.count, 1)
     tints[: canonical.moving] = torch.tensor(MOVING).to(tints)

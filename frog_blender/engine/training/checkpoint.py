@@ -44,6 +44,8 @@ def state_of(trainer: Trainer, settings: dict[str, Any] | None = None) -> State:
     trainer.regions.settle()
     for camera, errors in enumerate(trainer.regions.errors):
         tensors[f"regions.{camera}"] = errors
+    if trainer.parsimony:
+        tensors["removed"] = torch.from_numpy(trainer.parsimony.removed)
     if trainer.neighbourhood is not None:
         for name in ("anchors", "neighbours", "weights"):
             tensors[f"neighbourhood.{name}"] = getattr(trainer.neighbourhood, name)
@@ -53,6 +55,7 @@ def state_of(trainer: Trainer, settings: dict[str, Any] | None = None) -> State:
         "recipe": json.loads(json.dumps(settings_json(trainer.recipe))),
         "step_count": trainer.step_count,
         "seconds": trainer.seconds,
+        "progress": trainer.progress,
         "settings": settings or {},
         "cameras": [camera.name for camera in trainer.capture.cameras],
         "loss": trainer.loss if np.isfinite(trainer.loss) else None,
@@ -71,6 +74,22 @@ def save_checkpoint(path: Path, trainer: Trainer, settings: dict[str, Any] | Non
     """Atomic; FrogError when the disk does not take it."""
     arrays, values = state_of(trainer, settings)
     write_atomically(path, serialize(arrays, metadata={_KEY: json.dumps(values)}))
+
+
+def _check_shapes(tensors: dict[str, torch.Tensor]) -> None:
+    """ValueError unless there is a row for every Gaussian: native code only sees addresses."""
+    count = len(tensors["model.canonical.means"])
+    shapes = {"means": (count, 3), "log_scales": (count, 3), "quaternions": (count, 4), "opacity_logits": (count,)}
+    sh = tensors["model.canonical.sh"]
+    shapes["sh"] = (count, sh.shape[1] if sh.ndim == 3 and sh.shape[1] in (1, 4, 9, 16) else 1, 3)
+    for name, shape in shapes.items():
+        if tensors[f"model.canonical.{name}"].shape != shape:
+            raise ValueError(f"{name} of another shape than {shape}")
+    if len(tensors["model.canonical.embeddings"]) > count:
+        raise ValueError("more embeddings than Gaussians")
+    for name in ("gradient_sum", "seen", "peak_opacity"):
+        if tensors[f"density.{name}"].shape != (count,):
+            raise ValueError(f"{name} of another length than {count}")
 
 
 def _parsimony_state(trainer: Trainer) -> dict[str, Any]:
@@ -118,6 +137,7 @@ def restore(trainer: Trainer, state: State) -> None:
     """
     arrays, values = state
     tensors = {name: torch.from_numpy(array.copy()) for name, array in arrays.items()}
+    _check_shapes(tensors)
     for name in ATTRIBUTES:
         setattr(trainer.model.canonical, name, nn.Parameter(tensors[f"model.canonical.{name}"].to(trainer.device)))
     trainer.model.load_state_dict({name[6:]: value for name, value in tensors.items() if name.startswith("model.")})
@@ -137,7 +157,8 @@ def restore(trainer: Trainer, state: State) -> None:
         trainer.neighbourhood = Neighbourhood(*parts)
     if trainer.parsimony:
         rounds = values["parsimony"]
-        trainer.parsimony.resume(rounds["seed"], [Reduction(**each) for each in rounds["reductions"]])
+        reductions = [Reduction(**each) for each in rounds["reductions"]]
+        trainer.parsimony.resume(rounds["seed"], reductions, arrays["removed"])
     if isinstance(trainer.model, Frog):
         for name in set(heads_of(trainer.model)) - set(values["heads"]):
             trainer.model.silence(name)

@@ -27,7 +27,7 @@ from .methods import method_named
 from .recipe import Recipe, recipe
 from .recovery import Recovery
 from .running_loss import Unstable
-from .saving import save_scene
+from .saving import check_budget, fit_budget, save_scene
 from .trainer import Limits, Trainer
 
 Result = TypeVar("Result")
@@ -108,12 +108,14 @@ def run_training(job: TrainingJob, cancelled: Callable[[], bool] = lambda: False
 
     Cancelling keeps what was learned: a scene that plays and a checkpoint that resumes.
     """
-    method_named(job.method)
+    adapted = method_named(job.method).adapt(job.recipe)
     _check_output(job.output)
     if job.resume and not checkpoint_path(job.output).is_file():  # said before minutes of decoding
         raise found_instead(checkpoint_path(job.output), "no file", "a training checkpoint to go on from")
     if job.resume:
         job = _as_it_began(job)
+    if job.max_bytes and (adapted.capacity != "auto" or job.lossless):
+        raise FrogError("A budget of bytes needs FRoG with automatic capacity, and a file that may be packed.")
     capture, scale = prepare_capture(job.capture, job.scale, job.holdout_frames, job.pixel_offsets, job.opened)
     device, left_aside = choose_device(job.device)
     for warning in (*capture.warnings, *([left_aside] if left_aside else [])):
@@ -139,12 +141,13 @@ def run_training(job: TrainingJob, cancelled: Callable[[], bool] = lambda: False
     trainer = Trainer(capture, store, seeds, job.recipe, job.method, limits, job.seed, device)
     if job.resume:
         load_checkpoint(checkpoint_path(job.output), trainer)
+    check_budget(job, trainer, scale)
     counts = (len(capture.cameras), capture.frame_count, trainer.count)
     yield events.Started(job.method, limits.steps, *counts, device.type)
     yield from _train(job, trainer, scale, cancelled)
 
 
-_KEPT = ("seed", "scale", "holdout_frames", "pixel_offsets")
+_KEPT = ("seed", "scale", "holdout_frames", "pixel_offsets", "lossless", "max_bytes")
 
 
 def _as_it_began(job: TrainingJob) -> TrainingJob:
@@ -153,12 +156,14 @@ def _as_it_began(job: TrainingJob) -> TrainingJob:
     kept = {name: before[name] for name in _KEPT if name in before}
     if not (job.steps or job.seconds):
         kept |= {name: before.get(name) for name in ("steps", "seconds")}
-    return replace(job, **kept)
+    budget = before.get("max_gaussians", job.recipe.max_gaussians)
+    return replace(job, **kept, recipe=replace(job.recipe, max_gaussians=budget))
 
 
 def _settings(job: TrainingJob) -> dict[str, Any]:
     """What a resume takes over from this job."""
-    return {name: getattr(job, name) for name in (*_KEPT, "steps", "seconds")}
+    settings = {name: getattr(job, name) for name in (*_KEPT, "steps", "seconds")}
+    return {**settings, "max_gaussians": job.recipe.max_gaussians}
 
 
 def _check_output(output: Path) -> None:
@@ -199,11 +204,15 @@ def _train(job: TrainingJob, trainer: Trainer, scale: float, cancelled: Callable
             yield from _save_checkpoint(job, trainer)
             last_save = time.monotonic()
     trainer.check()
+    yield from _save_checkpoint(job, trainer)  # before anything that may go wrong with the scene
+    if trainer.finished:
+        fit_budget(job, trainer, scale)
+    elif job.max_bytes:
+        yield events.Warned("The budget of bytes holds for a finished training; this one was cancelled.")
     psnr, split = trainer.evaluate(30)
     yield events.Evaluated(trainer.step_count, psnr, split, trainer.seconds)
     scene = save_scene(job, trainer, scale, {"psnr": psnr, "split": split})
     yield events.Saved(str(job.output))
-    yield from _save_checkpoint(job, trainer)
     if trainer.finished:
         figures = (trainer.step_count, trainer.seconds, psnr, trainer.count)
         if trainer.parsimony:

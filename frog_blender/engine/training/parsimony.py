@@ -48,7 +48,7 @@ class Reduction:
         what: "pruned", "put to rest", "woken", "SH degree", "head ..." or "packed".
         progress: of the training, 0 to 1.
         before, after: Gaussians, those that move (of "put to rest" and "woken"), the degree, heads, or bytes.
-        loss: dB that it cost on the withheld pictures before training went on.
+        loss: dB that it cost on the withheld pictures before training went on; None where nothing was measured.
         milliseconds: that it saves a frame: of drawing, or of deformation.
         bytes: that it saves, of numbers as training has them.
     """
@@ -57,7 +57,7 @@ class Reduction:
     progress: float
     before: int
     after: int
-    loss: float = 0.0
+    loss: float | None = None
     milliseconds: float = 0.0
     bytes: int = 0
 
@@ -73,7 +73,7 @@ class Parsimony:
         withheld: shots that training leaves alone for a while, see ``withheld_at``.
         judged, looked_at: shots that reductions are judged on, and that Gaussians are measured on.
         reductions: so far.
-        removed: (n, 3) canonical means of what was pruned (in this process).
+        removed: (n, 3) canonical means of what was pruned.
     """
 
     def __init__(self, trainer: Trainer, seed: int) -> None:
@@ -94,9 +94,10 @@ class Parsimony:
         self.judged = self.withheld or tuple(training[:: max(1, len(training) // 8)])
         self.looked_at = [i for i in training if i not in self.withheld]
 
-    def resume(self, seed: int, reductions: list[Reduction]) -> None:
+    def resume(self, seed: int, reductions: list[Reduction], removed: np.ndarray) -> None:
         """Takes over a checkpoint's training."""
         self._seed_with(seed)
+        self.removed = removed
         self.reductions, self._told = reductions, len(reductions)
 
     def news(self) -> list[Reduction]:
@@ -116,11 +117,13 @@ class Parsimony:
     def fit(self, trainer: Trainer, size_of: Callable[[], int], most: int) -> None:
         """Leaves out what adds least until ``size_of()``, the bytes of the scene's file, is at most ``most``.
 
-        FrogError when a file without any Gaussians would be larger.
+        FrogError when a file of a single Gaussian would be larger.
         """
         generator = torch.Generator().manual_seed(1000 * self.seed + len(ROUNDS))
         first = size = size_of()
-        before = trainer.count
+        if size <= most:
+            return
+        before, psnr = trainer.count, self.judge(trainer).before
         while size > most:
             of_each = max(1.0, (first - size) / max(1, before - trainer.count)) if size < first else _BYTES_AT_LEAST
             number = max(1, math.ceil((size - most) / of_each))
@@ -130,15 +133,15 @@ class Parsimony:
             keep = all_but(motion.contribution.argsort()[:number], trainer.count).nonzero().squeeze(1)
             arrange(trainer, keep, keep[keep < trainer.model.canonical.moving])
             size = size_of()
-        if trainer.count < before:
-            self.reductions.append(Reduction("pruned", trainer.progress, before, trainer.count, bytes=first - size))
+        loss = psnr - self.judge(trainer).before
+        self.reductions.append(Reduction("pruned", trainer.progress, before, trainer.count, loss, bytes=first - size))
 
     def begin(self, trainer: Trainer) -> None:
         """Lets everything rest from the start where the pictures show no motion."""
         if nothing_moves(trainer.capture, trainer.store):
             everyone = torch.arange(trainer.count, device=trainer.device)
             arrange(trainer, everyone, everyone[:0])
-            self.reductions.append(Reduction("put to rest", 0.0, trainer.count, 0))
+            self.note("put to rest", trainer, trainer.count, 0)
 
     def after_step(self, trainer: Trainer, before: float, now: float) -> None:
         """Holds the rounds that lie in (before, now]."""
@@ -169,9 +172,18 @@ class Parsimony:
 
         return Judge(capture, trainer.store, self.judged, gaussians_of)
 
+    def note(self, what: str, trainer: Trainer, before: int, after: int, loss: float | None = None) -> None:
+        """Adds a reduction that saves neither time nor bytes by itself."""
+        self.reductions.append(Reduction(what, trainer.progress, before, after, loss))
+
     @contextmanager
     def noted(
-        self, what: str, trainer: Trainer, count: Callable[[], int], work: Callable[[], object], loss: float = 0.0
+        self,
+        what: str,
+        trainer: Trainer,
+        count: Callable[[], int],
+        work: Callable[[], object],
+        loss: float | None = None,
     ) -> Iterator[None]:
         """Notes what is done inside: ``count()`` before and after, and how much faster ``work`` becomes."""
         before, size, seconds = count(), _bytes_of(trainer), _median_seconds(work)
@@ -194,5 +206,7 @@ def _median_seconds(work: Callable[[], object], times: int = 3) -> float:
     for _ in range(times):
         started = time.perf_counter()
         work()
+        if torch.cuda.is_available():
+            torch.cuda.synchronize()
         seconds.append(time.perf_counter() - started)
     return float(np.median(seconds))

@@ -1,6 +1,7 @@
 """What a round can do to a model: leave Gaussians out, cut colours, put to rest, wake, silence heads.
 
-Each is proposed to the round's judge first, does what is allowed, and notes what that saved.
+What takes away is proposed to the round's judge first (but for what ``dynamic_share`` forces), does what is allowed,
+and notes what that saved.
 """
 
 from __future__ import annotations
@@ -76,7 +77,11 @@ def cut_colors(rounds: Parsimony, trainer: Trainer) -> None:
 
 
 def silence_heads(rounds: Parsimony, trainer: Trainer) -> None:
-    """Removes heads of the network whose output the withheld pictures do not miss."""
+    """Sets heads of the network to zero, for good, whose output the withheld pictures do not miss.
+
+    That makes the file smaller (zeros take no room in a packed one), but nothing faster: the outputs of all heads are
+    one matrix product of whole vectors.
+    """
     model = trainer.model
     if not isinstance(model, Frog) or not model.canonical.moving:
         return
@@ -84,20 +89,18 @@ def silence_heads(rounds: Parsimony, trainer: Trainer) -> None:
         rows = model.output_rows(name)
 
         def silent(key: str, value: torch.Tensor, rows: slice = rows) -> torch.Tensor:
-            if not key.startswith("deformation.output"):
-                return value
-            value = value.clone()
-            value[rows] = 0
+            if key.startswith("deformation.output"):
+                value = value.clone()
+                value[rows] = 0
             return value
 
-        loss = rounds.loss_of(trainer, silent)
-        if loss <= ALLOWED_HEAD_LOSS:
-            with rounds.noted(
-                f"head {name}", trainer, lambda: len(model.heads), lambda: gaussians_at(trainer, 0.5), loss
-            ):
-                model.silence(name)
-                for parameter in (model.deformation.output_weight, model.deformation.output_bias):
-                    trainer.optimizer.stop(parameter, rows)
+        loss, before = rounds.loss_of(trainer, silent), len(model.heads)
+        if loss > ALLOWED_HEAD_LOSS:
+            continue
+        model.silence(name)
+        for parameter in (model.deformation.output_weight, model.deformation.output_bias):
+            trainer.optimizer.stop(parameter, rows)
+        rounds.note(f"head {name}", trainer, before, len(model.heads), loss)
 
 
 def rest(rounds: Parsimony, trainer: Trainer, motion: Motion) -> None:
@@ -148,7 +151,10 @@ def wake_some(rounds: Parsimony, trainer: Trainer, generator: torch.Generator) -
     truths = {index: picture_on(trainer.device, trainer.store.image(index)) for of in shots for index in of}
     found = unrest(lambda moment: gaussians_at(trainer, moment), truths.__getitem__, capture, shots)[moving:]
     brightness = float(np.mean([float(truth.mean()) for truth in truths.values()]))
-    who = found.topk(int(_MOST_WOKEN * len(found))).indices
+    most = int(_MOST_WOKEN * len(found))
+    if trainer.recipe.dynamic_share:
+        most = min(most, max(0, int(trainer.recipe.dynamic_share * trainer.count) - moving))
+    who = found.topk(most).indices
     who = who[found[who] > _WAKES_ABOVE * brightness]
     if not len(who):
         return

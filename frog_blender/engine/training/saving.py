@@ -2,44 +2,90 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+import math
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 
+from ..errors import FrogError
 from ..files import SceneFile, SceneHeader, scene_bytes, settings_json, write_atomically
 from ..inference.scene import CANONICAL
+from ..model.canonical import ATTRIBUTES
 from ..packing import ordered, pack, unpack
 from .parsimony import Reduction, heads_of
+from .resting import arrange
 
-_SPARE_BYTES = 300  # what the last line of the report takes
+_REPORT_BYTES = 4000  # what is left out when a budget is measured: report, figures, times
+_PACKING_LOSS = 0.05  # dB above which a file is not packed
 
 if TYPE_CHECKING:
     from .job import TrainingJob
     from .trainer import Trainer
 
 
+def is_compact(job: TrainingJob, trainer: Trainer) -> bool:
+    """Whether the scene is to be packed."""
+    return trainer.parsimony is not None and not job.lossless
+
+
+def check_budget(job: TrainingJob, trainer: Trainer, scale: float) -> None:
+    """FrogError, before a training begins, for a budget of bytes that not even one Gaussian meets."""
+    if job.max_bytes:
+        scene = _scene(job, trainer, scale, {}, False)
+        one = {name: array[:1] if name in _BY_GAUSSIAN else array for name, array in scene.arrays.items()}
+        least = _size(SceneFile(scene.header, one))
+        if least > job.max_bytes:
+            raise FrogError(f"The budget of {job.max_bytes} bytes is too small: expected at least {least}.")
+
+
+def fit_budget(job: TrainingJob, trainer: Trainer, scale: float) -> None:
+    """Leaves Gaussians out until the file is within the budget, if there is one; call it before the last evaluation."""
+    if job.max_bytes and trainer.parsimony:
+        trainer.parsimony.fit(trainer, lambda: _size(_scene(job, trainer, scale, {}, True)), job.max_bytes)
+
+
+def _size(scene: SceneFile) -> int:
+    """Bytes of a packed file, at most; the same for the same training on any day."""
+    header = replace(scene.header, train_seconds=0.0, capacity={})
+    return len(scene_bytes(SceneFile(header, scene.arrays), compact=True)) + _REPORT_BYTES
+
+
 def save_scene(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[str, Any]) -> SceneFile:
-    """Writes the ``.frog`` as training stands; compactly with ``capacity="auto"``, unless it is to be lossless."""
-    compact = trainer.parsimony is not None and not job.lossless
-    if job.max_bytes and trainer.parsimony and trainer.finished:
-
-        def size() -> int:
-            return len(scene_bytes(_scene(job, trainer, scale, metrics, compact), compact=compact))
-
-        trainer.parsimony.fit(trainer, size, job.max_bytes - _SPARE_BYTES)
+    """Writes the ``.frog`` as training stands: packed with ``capacity="auto"``, unless it is to be lossless or packing
+    shows."""
+    _drop_broken(trainer)
+    compact = is_compact(job, trainer)
     scene = _scene(job, trainer, scale, metrics, compact)
     content = scene_bytes(scene, compact=compact)
     if compact and trainer.parsimony and trainer.finished:
         plain = sum(array.nbytes for array in scene.arrays.values())
-        loss = trainer.parsimony.loss_of(trainer, _unpacked)
-        packed = Reduction("packed", 1.0, plain, len(content), loss, bytes=plain - len(content))
-        scene.header.capacity["reductions"].append(asdict(packed))
-        content = scene_bytes(scene, compact=True)
+        order = torch.from_numpy(_order(_arrays(trainer)))
+        loss = trainer.parsimony.loss_of(trainer, lambda name, value: _unpacked(name, value, order))
+        if loss > _PACKING_LOSS and not job.max_bytes:
+            compact = False
+        else:
+            packed = Reduction("packed", 1.0, plain, len(content), loss, bytes=plain - len(content))
+            scene.header.capacity["reductions"].append(asdict(packed))
+        content = scene_bytes(scene, compact=compact)
     write_atomically(job.output, content)
     return scene
+
+
+def _drop_broken(trainer: Trainer) -> None:
+    """Leaves out Gaussians with a number that is none: nothing draws them, and no file should hold them."""
+    canonical = trainer.model.canonical
+    finite = torch.ones(trainer.count, dtype=torch.bool, device=trainer.device)
+    for name in ATTRIBUTES:
+        values = getattr(canonical, name).detach()
+        rows = torch.isfinite(values).reshape(len(values), math.prod(values.shape[1:]))
+        finite[: len(values)] &= rows.all(1)
+    if bool(finite.any()) and not bool(finite.all()):
+        kept = finite.nonzero().squeeze(1)
+        movers = kept[kept < canonical.moving] if canonical.embeddings.shape[1] else kept
+        arrange(trainer, kept, movers)
 
 
 def _scene(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[str, Any], compact: bool) -> SceneFile:
@@ -85,18 +131,28 @@ def _arrays(trainer: Trainer) -> dict[str, np.ndarray]:
     return arrays
 
 
-def _sorted(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Neighbours together: those that move among themselves, and those at rest."""
+_BY_GAUSSIAN = CANONICAL | {"embeddings"}
+
+
+def _order(arrays: dict[str, np.ndarray]) -> np.ndarray:
+    """(N,) neighbours together: those that move among themselves, then those at rest."""
     means, moving = arrays["means"], len(arrays.get("embeddings", ()))
-    order = np.concatenate([ordered(means[:moving]), moving + ordered(means[moving:])])
-    by_gaussian = CANONICAL | {"embeddings"}
-    return {n: array[order[: len(array)]] if n in by_gaussian else array for n, array in arrays.items()}
+    return np.concatenate([ordered(means[:moving]), moving + ordered(means[moving:])])
 
 
-def _unpacked(name: str, value: torch.Tensor) -> torch.Tensor:
-    """A model's tensor as it comes back from a packed file."""
-    packed = pack(name.removeprefix("canonical."), value.detach().cpu().numpy())
-    return torch.from_numpy(unpack(packed.content, packed.description)).to(value)
+def _sorted(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    order = _order(arrays)
+    return {n: array[order[: len(array)]] if n in _BY_GAUSSIAN else array for n, array in arrays.items()}
+
+
+def _unpacked(name: str, value: torch.Tensor, order: torch.Tensor) -> torch.Tensor:
+    """A model's tensor as it comes back from a packed file, whose Gaussians lie in ``order``."""
+    name = name.removeprefix("canonical.")
+    rows = order[: len(value)] if name in _BY_GAUSSIAN else torch.arange(len(value))
+    packed = pack(name, value.detach().cpu()[rows].numpy())
+    back = torch.empty_like(value, device="cpu")
+    back[rows] = torch.from_numpy(unpack(packed.content, packed.description))
+    return back.to(value)
 
 
 def _capacity(trainer: Trainer, reductions: list[Reduction]) -> dict[str, Any]:

@@ -92,6 +92,7 @@ class ShotPicker:
             self.losses[drawn.camera, drawn.frame] = difference.abs().mean().cpu()
 
     def pick_same_moment(self, shot: int, generator: torch.Generator) -> int:
-        """Another camera at the moment of ``shot`` (the same picture when there is only one)."""
-        there = self._by_frame[self._capture.shots[shot].frame]
+        """Another camera at the moment of ``shot`` (the same picture when there is only one); any picture when all of
+        that moment are withheld."""
+        there = self._by_frame.get(self._capture.shots[shot].frame, self._shots)
         return there[int(torch.randint(len(there), (1,), generator=generator))]

@@ -109,7 +109,8 @@ class Trainer:
         self.step_count, self.seconds = int(state["step_count"]), float(state["seconds"])
         self._loss.resume(math.nan if state["loss"] is None else float(state["loss"]))
         self.burst_shot, self.picker.draws = int(state["burst_shot"]), int(state["draws"])
-        self.progress = self._progress_now()
+        # A shorter limit makes progress jump: then the rounds in between are due at the next step.
+        self.progress = min(float(state["progress"]), self._progress_now())
         if self.parsimony:
             self.picker.withhold(self.parsimony.withheld_at(self.progress))
 
