@@ -16,8 +16,9 @@ from hypothesis import strategies as st
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.frames import FrameStore
+from frog_blender.engine.capture.seeds import Seeds
 from frog_blender.engine.inference.scene import PlayableScene
-from frog_blender.engine.training import parsimony, reductions
+from frog_blender.engine.training import job, parsimony, reductions
 from frog_blender.engine.training.checkpoint import load_checkpoint, save_checkpoint
 from frog_blender.engine.training.job import TrainingJob, run_training
 from frog_blender.engine.training.motion import Motion
@@ -28,6 +29,16 @@ from frog_blender.engine.training.trainer import Trainer
 from frog_blender.engine.training.validation import most_within, withheld_shots
 
 Make = Callable[..., Trainer]
+
+
+@pytest.fixture(autouse=True)
+def quick(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Seeds at no cost, no more than are asked for."""
+
+    def seeds(*_: object, count_limit: int, **__: object) -> Seeds:
+        return film.seeds(min(300, count_limit))
+
+    monkeypatch.setattr(job, "stored_seeds", seeds)
 
 
 def long_capture(capture: Capture, frames: int) -> Capture:
@@ -238,8 +249,8 @@ def test_a_still_scene_has_no_network_and_plays(
 ) -> None:
     still = Repeated(capture, 1.5)
     monkeypatch.setattr(FrameStore, "image", lambda _, index: still.image(index))
-    job = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(60, capacity="auto"), holdout_frames=0)
-    finished = list(run_training(job))[-1]
+    task = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(60, capacity="auto"), holdout_frames=0)
+    finished = list(run_training(task))[-1]
     assert finished.capacity["dynamic"] == 0 and finished.capacity["heads"] == []
     scene = PlayableScene.load(tmp_path / "x.frog")
     assert scene.moving == 0 and scene.header.model == {}
@@ -389,8 +400,8 @@ def test_a_budget_of_gaussians_is_never_exceeded(make_trainer: Make, capacity: s
 
 
 def test_not_even_by_the_seeds(filmed: Path, tmp_path: Path, lively: Callable) -> None:
-    job = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(20, max_gaussians=150))
-    assert list(run_training(job))[-1].gaussians <= 150
+    task = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(20, max_gaussians=150))
+    assert list(run_training(task))[-1].gaussians <= 150
 
 
 def test_a_budget_of_bytes_holds_exactly(filmed: Path, tmp_path: Path, lively: Callable) -> None:
