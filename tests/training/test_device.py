@@ -21,8 +21,8 @@ from frog_blender.engine.errors import FrogError
 from frog_blender.engine.files import read_scene
 from frog_blender.engine.model.frog import FINISHED, Frog
 from frog_blender.engine.rasterizer import rasterize
+from frog_blender.engine.training import capacity_picture, events, job, motion, parsimony, reductions, validation
 from frog_blender.engine.training import device as device_module
-from frog_blender.engine.training import events, job
 from frog_blender.engine.training import trainer as trainer_module
 from frog_blender.engine.training.checkpoint import checkpoint_path, load_checkpoint, save_checkpoint
 from frog_blender.engine.training.device import choose_device, picture_on
@@ -116,6 +116,31 @@ def test_it_learns_elsewhere_what_it_learns_here(machine: Machine, make: Make, m
     assert there.evaluate(2) == here.evaluate(2)
     assert type(there.picture(0)) is np.ndarray and there.picture(0).dtype == np.float32
     assert there.neighbourhood is not None or method == "static"
+    assert not machine.homeless
+
+
+def test_rounds_of_parsimony_are_the_same_elsewhere(
+    machine: Machine, make: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in (motion, validation, capacity_picture):
+        monkeypatch.setattr(module, "rasterize", trainer_module.rasterize)
+    monkeypatch.setattr(parsimony, "_LOOKS", 3)
+    monkeypatch.setattr(parsimony, "_JUDGED", 2)
+    monkeypatch.setattr(reductions, "_WAKING_CAMERAS", 1)
+    monkeypatch.setattr(reductions, "_WAKING_MOMENTS", 3)
+    monkeypatch.setattr(reductions, "RESTS_BELOW", 1e9)
+    monkeypatch.setattr(reductions, "ALLOWED_LOSS", 100.0)
+    monkeypatch.setattr(reductions, "_WAKES_ABOVE", 0.0)
+    there, here = (train(make(device, capacity="auto")) for device in (ELSEWHERE, CPU))
+    assert there.parsimony and here.parsimony
+    done = [(each.what, each.before, each.after) for each in there.parsimony.reductions]
+    assert done == [(each.what, each.before, each.after) for each in here.parsimony.reductions]
+    assert {"put to rest", "woken"} <= {what for what, _, _ in done}
+    assert all(isinstance(value, Remote) for value in state(there).values())
+    assert numbers(there) == numbers(here)
+    np.testing.assert_array_equal(there.parsimony.removed, here.parsimony.removed)
+    picture = capacity_picture.capacity_picture(there, 8)
+    np.testing.assert_array_equal(picture, capacity_picture.capacity_picture(here, 8))
     assert not machine.homeless
 
 

@@ -30,8 +30,8 @@ def capacity_picture(trainer: Trainer, shot_index: int) -> np.ndarray:
     shot = capture.shots[shot_index]
     gaussians = gaussians_at(trainer, frame_to_time(shot.frame, capture.frame_count))
     brightness = (gaussians.sh[:, 0].mean(1) * SH_DC + 0.5).clamp(0, 1)
-    tints = torch.tensor(AT_REST).to(brightness).repeat(trainer.count, 1)
-    tints[: canonical.moving] = torch.tensor(MOVING).to(tints)
+    tints = torch.tensor(AT_REST, device=brightness.device).repeat(trainer.count, 1)
+    tints[: canonical.moving] = torch.tensor(MOVING, device=brightness.device)
     colors = tints * (0.25 + 0.75 * brightness[:, None])
     everything = _with_removed(trainer, gaussians, colors)
     image = rasterize(everything, capture.cameras[shot.camera], (0.0, 0.0, 0.0))
@@ -43,12 +43,12 @@ def _with_removed(trainer: Trainer, gaussians: GaussianArrays, colors: torch.Ten
     removed = torch.from_numpy(trainer.parsimony.removed if trainer.parsimony else np.empty((0, 3), np.float32))
     removed = removed.to(gaussians.means)
     count, size = len(removed), 0.3 * float(gaussians.scales.median())
-    upright = torch.tensor([1.0, 0, 0, 0]).to(removed).repeat(count, 1)
-    colors = torch.cat([colors, torch.tensor(REMOVED).to(removed).repeat(count, 1)])
+    upright = torch.tensor([1.0, 0, 0, 0], device=removed.device).repeat(count, 1)
+    colors = torch.cat([colors, torch.tensor(REMOVED, device=removed.device).repeat(count, 1)])
     return GaussianArrays(
         torch.cat([gaussians.means, removed]),
         torch.cat([gaussians.quaternions, upright]),
-        torch.cat([gaussians.scales, torch.full((count, 3), size).to(removed)]),
-        torch.cat([gaussians.opacities, torch.full((count,), 0.8).to(removed)]),
+        torch.cat([gaussians.scales, torch.full((count, 3), size, device=removed.device)]),
+        torch.cat([gaussians.opacities, torch.full((count,), 0.8, device=removed.device)]),
         ((colors - 0.5) / SH_DC)[:, None].contiguous(),
     )

@@ -33,8 +33,8 @@ class Look:
 
 def draw_looks(capture: Capture, shots: Sequence[int], count: int, generator: torch.Generator) -> list[Look]:
     """``count`` looks spread over ``shots`` (more than there are: some shots twice)."""
-    order = torch.randperm(len(shots), generator=generator)
-    jitter = torch.rand(count, generator=generator) - 0.5
+    order = torch.randperm(len(shots), generator=generator, device="cpu")
+    jitter = torch.rand(count, generator=generator, device="cpu") - 0.5
     looks = []
     for k in range(count):
         shot = capture.shots[shots[int(order[k % len(shots)])]]
@@ -62,7 +62,7 @@ class _Range:
     """Least, largest and mean of tensors that come one after the other."""
 
     def __init__(self) -> None:
-        self.least = self.largest = self.sum = torch.empty(0)
+        self.least = self.largest = self.sum = torch.empty(0, device="cpu")
         self.count = 0
 
     def add(self, value: torch.Tensor) -> None:
@@ -137,7 +137,7 @@ def _look(
     opacities = gaussians.opacities.detach().clone().requires_grad_()
     drawn = GaussianArrays(gaussians.means, gaussians.quaternions, gaussians.scales, opacities, gaussians.sh)
     image = rasterize(drawn, camera, background, RasterizeOptions(weights=True))
-    signs = 2.0 * torch.randint(2, image.rgb.shape, generator=generator) - 1
+    signs = 2.0 * torch.randint(2, image.rgb.shape, generator=generator, device="cpu") - 1
     image.rgb.backward(signs.to(image.rgb.device))
     assert opacities.grad is not None
     return image, (opacities.grad * opacities.detach()).abs()
@@ -164,9 +164,9 @@ def unrest(
         truth_of: (H, W, 3) picture of a shot.
         shots: some shots of each of some cameras, at several moments.
     """
-    variance = looks = torch.zeros(0)
+    variance = looks = torch.zeros(0, device="cpu")
     for of_camera in shots:
-        count = total = square = torch.zeros(0)
+        count = total = square = torch.zeros(0, device="cpu")
         for index in of_camera:
             shot = capture.shots[index]
             seen, error = _error_of_each(

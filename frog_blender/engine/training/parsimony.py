@@ -36,7 +36,7 @@ ROUNDS = {0.3: "wake", 0.85: "settle", 0.93: "wake"}
 or 0.72 would have learned more (docs/parsimony.md)."""
 WITHHELD = (0.5, 0.85)
 """Fractions of the training between which the withheld pictures are not learned from."""
-_LOOKS = 24
+_LOOKS, _JUDGED = 24, 8  # views that Gaussians are measured on; pictures that judge where none was withheld
 _BYTES_AT_LEAST = 60.0  # of a Gaussian in a file, more than it takes: the first guess of a budget
 
 
@@ -91,7 +91,7 @@ class Parsimony:
         self.seed = seed
         self.withheld = withheld_shots(self._capture, seed)
         training = [i for i, shot in enumerate(self._capture.shots) if not self._capture.is_test(shot)]
-        self.judged = self.withheld or tuple(training[:: max(1, len(training) // 8)])
+        self.judged = self.withheld or tuple(training[:: max(1, len(training) // _JUDGED)])
         self.looked_at = [i for i in training if i not in self.withheld]
 
     def resume(self, seed: int, reductions: list[Reduction], removed: np.ndarray) -> None:
@@ -119,7 +119,7 @@ class Parsimony:
 
         FrogError when a file of a single Gaussian would be larger.
         """
-        generator = torch.Generator().manual_seed(1000 * self.seed + len(ROUNDS))
+        generator = torch.Generator("cpu").manual_seed(1000 * self.seed + len(ROUNDS))
         first = size = size_of()
         if size <= most:
             return
@@ -147,7 +147,7 @@ class Parsimony:
         """Holds the rounds that lie in (before, now]."""
         for number, (at, kind) in enumerate(ROUNDS.items()):
             if before < at <= now:
-                self._round(trainer, kind, torch.Generator().manual_seed(1000 * self.seed + number))
+                self._round(trainer, kind, torch.Generator("cpu").manual_seed(1000 * self.seed + number))
 
     def _round(self, trainer: Trainer, kind: str, generator: torch.Generator) -> None:
         if kind == "wake":

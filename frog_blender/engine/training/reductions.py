@@ -169,7 +169,9 @@ def _moments_of_cameras(trainer: Trainer, shots: list[int], generator: torch.Gen
         camera = 0 if trainer.capture.is_moving else trainer.capture.shots[index].camera
         by_camera.setdefault(camera, []).append(index)
     cameras = sorted(camera for camera, of in by_camera.items() if len(of) > 1)
-    chosen = [cameras[int(k)] for k in torch.randperm(len(cameras), generator=generator)[:_WAKING_CAMERAS]]
+    chosen = [
+        cameras[int(k)] for k in torch.randperm(len(cameras), generator=generator, device="cpu")[:_WAKING_CAMERAS]
+    ]
     return [
         [by_camera[camera][int(k)] for k in np.linspace(0, len(by_camera[camera]) - 1, _WAKING_MOMENTS)]
         for camera in chosen
