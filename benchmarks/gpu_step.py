@@ -202,7 +202,7 @@ def runs(capture: Capture, store: Any, seeds: Seeds, steps: int, device: str, na
                 trainer_module.rasterize = RASTERIZERS[name]
                 changed = replace(settings, region_share=share)
                 trainer = Trainer(capture, store, seeds, changed, "frog", Limits(10**6), 0, device)  # type: ignore[arg-type]
-                trainer._find_neighbours()
+                trainer.find_neighbours()
                 picture = trainer.picture(0)
                 if compared is not None:
                     record["mean_difference"] = float(np.abs(picture - compared).mean())
