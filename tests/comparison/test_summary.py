@@ -25,7 +25,8 @@ def test_rows_and_sections() -> None:
     room, dim = sections(whole_chart())
     assert (room.scene, dim.scene) == ("room", "dim")
     methods = [row.method for row in room.rows["methods"]]
-    assert methods == ["frog", "ed3dgs", "static", "d3dgs", "hexplane", "curves"]
+    assert methods == ["frog", "frog", "ed3dgs", "static", "d3dgs", "hexplane", "curves"]
+    assert [row.label for row in room.rows["methods"]][:2] == ["FRoG", "FRoG auto"]
     assert list(room.rows) == ["methods", "time", "fusion", "modulation", "sampling", "opacity", "k", "capacity"]
     assert room.of_method("frog").values("psnr") == pytest.approx([30.1, 30.15, 30.2])
     assert room.title == "room (draft, 4000 steps)"

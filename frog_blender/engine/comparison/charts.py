@@ -180,14 +180,14 @@ def ablation_chart(section: Section) -> Any:
 def capacity_chart(section: Section) -> Any:
     """PSNR against bytes: fewer Gaussians, fewer that move, and where the automatic choice stands. None without a
     sweep."""
-    rows = [row for row in section.rows.get("capacity", ()) if row.median("psnr") is not None and row.median("bytes")]
+    rows = [row for row in section.rows.get("capacity", ()) if row.median("psnr") and row.median("packed_bytes")]
     frog = section.of_method("frog")
-    if not rows or frog is None:
+    if not rows or frog is None or not frog.median("packed_bytes"):
         return None
     figure, axes = _figure(f"{section.title}: what capacity buys")
 
     def point(row: Row) -> tuple[float, float]:
-        return (row.median("bytes") or 0.0) / 1e6, row.median("psnr") or 0.0
+        return (row.median("packed_bytes") or 0.0) / 1e6, row.median("psnr") or 0.0
 
     fewer = [row for row in rows if "Gaussians" in row.label]
     calmer = [row for row in rows if "move" in row.label]
@@ -205,7 +205,7 @@ def capacity_chart(section: Section) -> Any:
         axes.plot(*point(row), color="#D55E00", marker="*", markersize=17, linestyle="none", label="automatic choice")
     axes.set_xscale("log")
     _plain_ticks(axes)
-    axes.set_xlabel("storage, MB (logarithmic)")
+    axes.set_xlabel("storage of all as packed files, MB (logarithmic)")
     axes.set_ylabel("PSNR of the held-out pictures, dB")
     axes.margins(x=0.15, y=0.15)
     figure.legend(loc="outside lower center", frameon=False, fontsize=9, ncols=3)

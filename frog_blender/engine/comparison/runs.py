@@ -16,7 +16,7 @@ from typing import Any
 from ..capture.frames import FrameStore
 from ..errors import FrogError
 from ..evaluation.evaluate import evaluate
-from ..files import settings_json, write_atomically
+from ..files import read_scene, scene_bytes, settings_json, write_atomically
 from ..inference.scene import PlayableScene
 from ..training import events
 from ..training.checkpoint import checkpoint_path
@@ -275,4 +275,6 @@ def _measure(job: TrainingJob) -> Record:
     size = job.output.stat().st_size
     found = evaluate(scene, capture, FrameStore.open(capture), measures=measures, file_bytes=size)
     camera = capture.cameras[0]
-    return {**{name: found.get(name) for name in _FIGURES}, "missing": missing, "size": [camera.width, camera.height]}
+    figures = {name: found.get(name) for name in _FIGURES}
+    packed = len(scene_bytes(read_scene(job.output), compact=True))
+    return {**figures, "packed_bytes": packed, "missing": missing, "size": [camera.width, camera.height]}
