@@ -361,6 +361,16 @@ def test_withholding_may_begin_within_a_burst(capture: Capture) -> None:
     assert picker.pick_same_moment(6, generator) == 6
 
 
+def test_nothing_is_added_after_the_scene_has_settled(make_trainer: Make) -> None:
+    trainer = make_trainer(100, capacity="auto", densify_until=1.0, sampling_until=1.0, densify_threshold=0.0)
+    while trainer.step_count < 85:
+        trainer.step()
+    count = trainer.count
+    assert trainer.parsimony and "pruned" in [each.what for each in trainer.parsimony.reductions] and count < 600
+    trained(trainer)
+    assert trainer.count == count
+
+
 def test_rounds_that_a_resume_would_jump_over_are_held(make_trainer: Make, tmp_path: Path) -> None:
     trainer = make_trainer(200, capacity="auto")
     while trainer.step_count < 120:

@@ -31,10 +31,11 @@ from .validation import Judge, withheld_shots
 if TYPE_CHECKING:
     from .trainer import Trainer
 
-ROUNDS = {0.3: "wake", 0.85: "settle", 0.93: "wake"}
+SETTLED = 0.85
+ROUNDS = {0.3: "wake", SETTLED: "settle", 0.93: "wake"}
 """What happens at which fraction of the training. Motion is learned until late: Gaussians that were put to rest at 0.45
 or 0.72 would have learned more (docs/parsimony.md)."""
-WITHHELD = (0.5, 0.85)
+WITHHELD = (0.5, SETTLED)
 """Fractions of the training between which the withheld pictures are not learned from."""
 _LOOKS, _JUDGED = 24, 8  # views that Gaussians are measured on; pictures that judge where none was withheld
 _BYTES_AT_LEAST = 60.0  # of a Gaussian in a file, more than it takes: the first guess of a budget
@@ -86,6 +87,12 @@ class Parsimony:
     def withheld_at(self, progress: float) -> tuple[int, ...]:
         """The shots that are not to be learned from at ``progress``."""
         return self.withheld if WITHHELD[0] <= progress < WITHHELD[1] else ()
+
+    @staticmethod
+    def settled(progress: float) -> bool:
+        """True when nothing is to be added any more: what came now would have no time to learn, in places that were
+        just cleared (the papers' recipes grow until 95 %)."""
+        return progress >= SETTLED
 
     def _seed_with(self, seed: int) -> None:
         self.seed = seed

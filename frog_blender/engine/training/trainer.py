@@ -232,10 +232,11 @@ class Trainer:
         add_embedding_smoothness(embeddings, n.anchors[part], n.neighbours[part], n.weights[part], weight)
 
     def _rounds(self, before: float, now: float, shot: int) -> None:
-        densified = self._densify.due(before, now)
+        grows = not (self.parsimony and self.parsimony.settled(now))
+        densified = grows and self._densify.due(before, now)
         if densified:
             self.density.round(self.model.canonical, self.optimizer, self.generator)
-        if self.recipe.sampling != "off" and self._sample.due(before, now):
+        if grows and self.recipe.sampling != "off" and self._sample.due(before, now):
             self._inject_anchors(now, shot)  # behind those that move: nobody's neighbours change their places
         if densified and self.recipe.smoothness_weight:
             self.find_neighbours()
