@@ -132,14 +132,8 @@ def render_moment(engine: Any, depsgraph: Any) -> tuple[np.ndarray, np.ndarray]:
     else:
         engine.update_stats("", f"Drawing {len(gaussians.means):,} Gaussians")
         drawing = draw(gaussians, camera, background=(0.0, 0.0, 0.0))
-    if scene.render.film_transparent:
-        background = None
-    else:
-        background = world_color(scene)
-        if background is None:
-            background = captured_background
     depth = depth_pass(drawing, width, height, distance_added(eye.data))
-    return combined_pass(drawing, background, width, height), depth
+    return combined_pass(drawing, background_of(scene, captured_background), width, height), depth
 
 
 def gather(depsgraph: Any) -> tuple[GaussianArrays | None, np.ndarray]:
@@ -214,6 +208,15 @@ def depth_pass(drawing: Drawing | None, width: int, height: int, added: float = 
     if drawing is None:
         return np.full((height, width), NO_SURFACE, np.float32)
     return np.where(np.isfinite(drawing.median_z), drawing.median_z - added, NO_SURFACE).astype(np.float32)
+
+
+def background_of(scene: Any, captured: np.ndarray) -> np.ndarray | None:
+    """(3,) display-referred colour behind the captures: the world's, else the captured one; None for a transparent
+    film."""
+    if scene.render.film_transparent:
+        return None
+    color = world_color(scene)
+    return captured if color is None else color
 
 
 def world_color(scene: Any) -> np.ndarray | None:

@@ -40,7 +40,6 @@ class Viewport:
         picture: the last one.
         changed_at: when its key became another one (of ``time.perf_counter``).
         seconds_per_pixel: of the last drawing, an estimate for the next.
-        drawn_seconds: how long the last drawing took.
         gathered: the Gaussians last seen, and for which moment and captures.
         texture, shown: what lies on the graphics card, and of which picture.
     """
@@ -48,7 +47,6 @@ class Viewport:
     picture: Picture | None = None
     changed_at: float = 0.0
     seconds_per_pixel: float = 1e-7
-    drawn_seconds: float = 0.0
     gathered: tuple[Any, Any] = (None, (None, None))
     texture: Any = None
     shown: Picture | None = None
@@ -63,8 +61,8 @@ class Viewport:
         return min(COARSEST, max(1, math.ceil(math.sqrt(width * height / fits))))
 
     def take(self, key: Any, step: int, pixels: np.ndarray, seconds: float) -> Picture:
-        """Remembers a picture and how long it took."""
-        self.picture, self.drawn_seconds = Picture(key, step, pixels), seconds
+        """Remembers a picture that took so many seconds."""
+        self.picture = Picture(key, step, pixels)
         self.seconds_per_pixel = seconds / max(1, pixels.shape[0] * pixels.shape[1])
         return self.picture
 

@@ -11,7 +11,7 @@ import numpy as np
 from . import playback
 from .blender_camera import view_camera
 from .engine.errors import FrogError
-from .render_engine import gather, visible_captures, world_color
+from .render_engine import background_of, gather, visible_captures
 from .viewport import STILL_AFTER, Viewport, draw_view
 
 _said: set[str] = set()
@@ -30,9 +30,7 @@ def draw(engine: Any, context: Any, depsgraph: Any) -> None:
         if viewport.gathered[0] != key[1:]:
             viewport.gathered = (key[1:], gather(depsgraph))
         gaussians, captured = viewport.gathered[1]
-        background = None if depsgraph.scene.render.film_transparent else world_color(depsgraph.scene)
-        if background is None and not depsgraph.scene.render.film_transparent:
-            background = captured
+        background = background_of(depsgraph.scene, captured)
         matrices = view.view_matrix, view.window_matrix
         picture = draw_view(viewport, key, gaussians, lambda w, h: view_camera(*matrices, w, h), size, background)
     except FrogError as error:

@@ -184,10 +184,8 @@ def chart_grid(
     for scene, folder in captures.items():
         for method in methods:
             name, settings = ("frog", {**dict(common), **AUTO}) if method == AUTO_ROW else (method, dict(common))
-            label, changed = (
-                AUTO_LABEL if method == AUTO_ROW else method_named(name).title,
-                tuple(sorted(settings.items())),
-            )
+            label = AUTO_LABEL if method == AUTO_ROW else method_named(name).title
+            changed = tuple(sorted(settings.items()))
             start = Run(
                 scene, str(folder), name, label, recipe, changed, 0, steps, False, scale, holdout_frames, protocol
             )

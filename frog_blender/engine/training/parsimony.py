@@ -112,14 +112,13 @@ class Parsimony:
         new, self._told = self.reductions[self._told :], len(self.reductions)
         return new
 
-    def loss_of(self, trainer: Trainer, change: Callable[[str, torch.Tensor], torch.Tensor]) -> float:
-        """dB on the withheld pictures that it costs to ``change(name, value)`` the model's tensors."""
-        before = self.judge(trainer).before
+    def psnr_with(self, trainer: Trainer, change: Callable[[str, torch.Tensor], torch.Tensor]) -> float:
+        """On the withheld pictures, with ``change(name, value)`` in place of the model's tensors."""
         kept = {name: value.clone() for name, value in trainer.model.state_dict().items()}
         trainer.model.load_state_dict({name: change(name, value) for name, value in kept.items()})
-        after = self.judge(trainer).before
+        changed = self.judge(trainer).before
         trainer.model.load_state_dict(kept)
-        return before - after
+        return changed
 
     def fit(self, trainer: Trainer, size_of: Callable[[], int], most: int) -> None:
         """Leaves out what adds least until ``size_of()``, the bytes of the scene's file, is at most ``most``.

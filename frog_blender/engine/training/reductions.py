@@ -85,6 +85,7 @@ def silence_heads(rounds: Parsimony, trainer: Trainer) -> None:
     model = trainer.model
     if not isinstance(model, Frog) or not model.canonical.moving:
         return
+    psnr = rounds.judge(trainer).before
     for name in model.heads:
         rows = model.output_rows(name)
 
@@ -94,13 +95,14 @@ def silence_heads(rounds: Parsimony, trainer: Trainer) -> None:
                 value[rows] = 0
             return value
 
-        loss, before = rounds.loss_of(trainer, silent), len(model.heads)
-        if loss > ALLOWED_HEAD_LOSS:
+        without, before = rounds.psnr_with(trainer, silent), len(model.heads)
+        if psnr - without > ALLOWED_HEAD_LOSS:
             continue
         model.silence(name)
         for parameter in (model.deformation.output_weight, model.deformation.output_bias):
             trainer.optimizer.stop(parameter, rows)
-        rounds.note(f"head {name}", trainer, before, len(model.heads), loss)
+        rounds.note(f"head {name}", trainer, before, len(model.heads), psnr - without)
+        psnr = without
 
 
 def rest(rounds: Parsimony, trainer: Trainer, motion: Motion) -> None:

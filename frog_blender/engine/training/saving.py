@@ -26,11 +26,6 @@ if TYPE_CHECKING:
     from .trainer import Trainer
 
 
-def is_compact(job: TrainingJob, trainer: Trainer) -> bool:
-    """Whether the scene is to be packed."""
-    return trainer.parsimony is not None and not job.lossless
-
-
 def check_budget(job: TrainingJob, trainer: Trainer, scale: float) -> None:
     """FrogError, before a training begins, for a budget of bytes that not even one Gaussian meets."""
     if job.max_bytes:
@@ -57,13 +52,14 @@ def save_scene(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[s
     """Writes the ``.frog`` as training stands: packed with ``capacity="auto"``, unless it is to be lossless or packing
     shows."""
     _drop_broken(trainer)
-    compact = is_compact(job, trainer)
+    compact = trainer.parsimony is not None and not job.lossless
     scene = _scene(job, trainer, scale, metrics, compact)
     content = scene_bytes(scene, compact=compact)
     if compact and trainer.parsimony and trainer.finished:
         plain = sum(array.nbytes for array in scene.arrays.values())
         order = torch.from_numpy(_order(_arrays(trainer)))
-        loss = trainer.parsimony.loss_of(trainer, lambda name, value: _unpacked(name, value, order))
+        after = trainer.parsimony.psnr_with(trainer, lambda name, value: _unpacked(name, value, order))
+        loss = trainer.parsimony.judge(trainer).before - after
         if loss > _PACKING_LOSS and not job.max_bytes:
             compact = False
         else:
