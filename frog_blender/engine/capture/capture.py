@@ -119,6 +119,11 @@ class Capture:
         return tuple(shot for shot in self.shots if not self.is_test(shot))
 
     @property
+    def train_indices(self) -> list[int]:
+        """Where the pictures that training may see stand among ``shots``."""
+        return [index for index, shot in enumerate(self.shots) if not self.is_test(shot)]
+
+    @property
     def test_shots(self) -> tuple[Shot, ...]:
         """The pictures that only evaluation may see."""
         return tuple(shot for shot in self.shots if self.is_test(shot))

@@ -12,7 +12,7 @@ from .capture import Capture
 from .seeding.given import given_points
 from .seeding.matching import triangulate
 from .seeding.plane_sweep import DepthMap, consistent, sweep, world_points
-from .seeding.views import Pictures, View, cameras_move, load_view, neighbours, scene_depth, spread, train_indices
+from .seeding.views import Pictures, View, cameras_move, load_view, neighbours, scene_depth, spread
 from .seeding.volume import fill_volume
 
 _MATCH_SIDE, _SWEEP_SIDE = 800, 256  # longest side in pixels
@@ -61,7 +61,7 @@ def find_seeds(
     Raises:
         FrogError: if no training picture is left, or no point is seen by the cameras.
     """
-    train = train_indices(capture)
+    train = capture.train_indices
     if not train:
         raise FrogError(f"{capture.path}: every picture is held out, expected some to train on.")
     random = np.random.default_rng(seed)
@@ -151,7 +151,7 @@ def _depth_range(capture: Capture, points: np.ndarray, depth: float) -> tuple[fl
     if capture.near_far is not None:
         return capture.near_far
     if len(points) >= 50:
-        cameras = [capture.cameras[capture.shots[index].camera] for index in spread(train_indices(capture), 8)]
+        cameras = [capture.cameras[capture.shots[index].camera] for index in spread(capture.train_indices, 8)]
         depths = np.concatenate([camera.project(points)[1] for camera in cameras])
         low, high = np.percentile(depths[depths > 0], [2, 98])
         return 0.7 * float(low), 1.6 * float(high)

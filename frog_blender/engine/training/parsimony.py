@@ -97,7 +97,7 @@ class Parsimony:
     def _seed_with(self, seed: int) -> None:
         self.seed = seed
         self.withheld = withheld_shots(self._capture, seed)
-        training = [i for i, shot in enumerate(self._capture.shots) if not self._capture.is_test(shot)]
+        training = self._capture.train_indices
         self.judged = self.withheld or tuple(training[:: max(1, len(training) // _JUDGED)])
         self.looked_at = [i for i in training if i not in self.withheld]
 

@@ -60,7 +60,7 @@ class ShotPicker:
 
     def _gather(self) -> None:
         shots = self._capture.shots
-        self._shots = [i for i, s in enumerate(shots) if not self._capture.is_test(s) and i not in self._withheld]
+        self._shots = [i for i in self._capture.train_indices if i not in self._withheld]
         self._by_frame: dict[int, list[int]] = {}
         for i in self._shots:
             self._by_frame.setdefault(shots[i].frame, []).append(i)

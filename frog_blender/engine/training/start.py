@@ -29,6 +29,6 @@ def first_model(
     points, colors = (torch.from_numpy(array).to(device) for array in (seeds.points, seeds.colors))
     sh_count = (recipe.sh_degree + 1) ** 2
     canonical = CanonicalField(new_gaussians(points, colors, spacings(points), sh_count, recipe.embedding_size))
-    pictures = sum(not capture.is_test(shot) for shot in capture.shots)
+    pictures = len(capture.train_shots)
     begin = Beginning(canonical, recipe, capture.frame_count, pictures, scene_scale)
     return method_named(method).build(begin).to(device)

@@ -18,9 +18,8 @@ def nothing_moves(capture: Capture, store: FrameStore) -> bool:
     if capture.is_moving:
         return False
     by_camera: dict[int, list[int]] = {}
-    for index, shot in enumerate(capture.shots):
-        if not capture.is_test(shot):
-            by_camera.setdefault(shot.camera, []).append(index)
+    for index in capture.train_indices:
+        by_camera.setdefault(capture.shots[index].camera, []).append(index)
     several = [shots for _, shots in sorted(by_camera.items()) if len(shots) > 1]
     chosen = [several[int(k)] for k in np.linspace(0, len(several) - 1, min(_CAMERAS, len(several)))]
     return bool(chosen) and not any(_changes(store, shots, number) for number, shots in enumerate(chosen))

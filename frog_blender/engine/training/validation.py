@@ -24,7 +24,7 @@ _FEW = 20  # training pictures: with fewer none is spared
 
 def withheld_shots(capture: Capture, seed: int) -> tuple[int, ...]:
     """Shots of the training's share, spread over the moments, cameras at random; none where there are few."""
-    training = [i for i, shot in enumerate(capture.shots) if not capture.is_test(shot)]
+    training = capture.train_indices
     if len(training) < _FEW:
         return ()
     random = np.random.default_rng([seed, 5])

@@ -62,11 +62,6 @@ def look_up(view: View, points: np.ndarray, picture: np.ndarray) -> tuple[np.nda
     return picture[np.where(seen, lines, 0), np.where(seen, columns, 0)], seen
 
 
-def train_indices(capture: Capture) -> list[int]:
-    """Indices of the shots that may be read."""
-    return [index for index, shot in enumerate(capture.shots) if not capture.is_test(shot)]
-
-
 def cameras_move(capture: Capture) -> bool:
     """True where every camera took one picture and they show several moments: a moving camera, or a moving rig."""
     frames = {shot.frame for shot in capture.train_shots}

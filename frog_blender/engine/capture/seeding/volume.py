@@ -12,7 +12,7 @@ import numpy as np
 from ..capture import Capture
 from ..video import load_opencv
 from .moving import moving_points
-from .views import Pictures, View, cameras_move, load_view, look_up, spread, train_indices
+from .views import Pictures, View, cameras_move, load_view, look_up, spread
 
 _SAMPLES = 300_000
 _LONGEST_SIDE = 320
@@ -24,10 +24,10 @@ def fill_volume(
 ) -> tuple[np.ndarray, np.ndarray]:
     """At most ``count`` world points (N, 3) seen by several training cameras, and their colours (N, 3) in [0, 1]."""
     by_frame: dict[int, list[int]] = {}
-    for index in train_indices(capture):
+    for index in capture.train_indices:
         by_frame.setdefault(capture.shots[index].frame, []).append(index)
     frames, moves = sorted(by_frame), cameras_move(capture)
-    shots = spread(train_indices(capture), 12) if moves else by_frame[frames[len(frames) // 2]]
+    shots = spread(capture.train_indices, 12) if moves else by_frame[frames[len(frames) // 2]]
     views = [load_view(capture, store, shot, _LONGEST_SIDE) for shot in shots]
     samples = _sample_frustums(views, near, far, _SAMPLES, random)
     points, colors = np.zeros((0, 3)), np.zeros((0, 3))
