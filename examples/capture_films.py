@@ -78,10 +78,10 @@ def picture_path(folder: Path, camera: int, frame: int) -> Path:
     return folder / f"cam{camera:02d}_{frame:03d}.png"
 
 
-def encode(folder: Path, film: Path, camera: int, quality: int) -> None:
+def encode(folder: Path, film: Path, camera: int, quality: int, length: int) -> None:
     """H.264 with full colour resolution (halved, the checkers lose 13 dB); readers assume BT.601 at this size."""
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-loglevel", "error", "-framerate", str(RATE)]
-    command += ["-i", str(folder / f"cam{camera:02d}_%03d.png"), "-frames:v", str(FRAMES)]
+    command += ["-i", str(folder / f"cam{camera:02d}_%03d.png"), "-frames:v", str(length)]
     command += ["-vf", "scale=out_color_matrix=bt601:out_range=tv:flags=lanczos+accurate_rnd+full_chroma_int"]
     command += ["-c:v", "libx264", "-preset", "veryslow", "-crf", str(quality), "-tune", "psnr"]
     command += ["-pix_fmt", "yuv444p", "-threads", "1"]
@@ -89,16 +89,16 @@ def encode(folder: Path, film: Path, camera: int, quality: int) -> None:
     subprocess.run([*command, "-fflags", "+bitexact", "-flags:v", "+bitexact", str(film)], check=True)
 
 
-def compare(folder: Path, film: Path, camera: int) -> float:
+def compare(folder: Path, film: Path, camera: int, length: int) -> float:
     """Mean PSNR in dB between the decoded film and the pictures; raises if the film has another length."""
     reader, ratios = cv2.VideoCapture(str(film)), []
     while (decoded := reader.read())[0]:
         picture = cv2.imread(str(picture_path(folder, camera, len(ratios))))
         if picture is None:
-            raise RuntimeError(f"{film} decodes to more than {FRAMES} frames")
+            raise RuntimeError(f"{film} decodes to more than {length} frames")
         ratios.append(cv2.PSNR(decoded[1], picture))
-    if len(ratios) != FRAMES:
-        raise RuntimeError(f"{film} decodes to {len(ratios)} frames, expected {FRAMES}")
+    if len(ratios) != length:
+        raise RuntimeError(f"{film} decodes to {len(ratios)} frames, expected {length}")
     return float(np.mean(ratios))
 
 
@@ -110,10 +110,12 @@ def make(
     samples: int = 16,
     quality: int = 13,
     still_noise: float | None = None,
+    length: int = FRAMES,
 ) -> None:
     """The command line of a capture's script: `summary` is its help, `preview` the moments that --preview renders.
 
     With `still_noise` nothing moves: one picture a camera is rendered, and repeated with noise of its own each time.
+    A `length` of more than a loop's FRAMES moments goes on at the same speed.
     """
     parser = argparse.ArgumentParser(description=summary)
     parser.add_argument("out", type=Path)
@@ -135,7 +137,7 @@ def make(
         bounds[step] = [rig.measure_depths(index) for index in range(len(cameras))]
     near, far = bounds[..., 0].min(axis=0), bounds[..., 1].max(axis=0)
     rig.write_poses(options.out / "poses_bounds.npy", np.stack([0.9 * near, 1.05 * far], axis=1))
-    everything = list(range(FRAMES)) if still_noise is None else [0]
+    everything = list(range(length)) if still_noise is None else [0]
     render(folder, scene, cameras, preview if options.preview else everything)
     if options.preview:
         return
@@ -144,7 +146,10 @@ def make(
             repeat_with_noise(folder, index, still_noise)
     for index in range(len(cameras)):
         film = options.out / f"cam{index:02d}.mp4"
-        encode(folder, film, index, options.quality)
-        print(f"{film.name}: {film.stat().st_size / 1e3:.0f} kB, {compare(folder, film, index):.1f} dB", flush=True)
+        encode(folder, film, index, options.quality, length)
+        print(
+            f"{film.name}: {film.stat().st_size / 1e3:.0f} kB, {compare(folder, film, index, length):.1f} dB",
+            flush=True,
+        )
     if not options.keep_pictures:
         shutil.rmtree(folder)

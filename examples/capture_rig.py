@@ -21,20 +21,21 @@ DIRECTIONS = (
 
 @dataclass(frozen=True)
 class Rig:
-    """Pinhole cameras that all look at `target`; square pixels, the principal point in the middle of the picture."""
+    """Pinhole cameras that look at `target` from `directions`; square pixels, the principal point in the middle."""
 
     width: int
     height: int
     focal: float  # pixels
     target: tuple[float, float, float] = (0.12, 0.1, 1.10)
     distance: float = 4.4
+    directions: tuple[tuple[float, float], ...] = DIRECTIONS
 
     def __len__(self) -> int:
-        return len(DIRECTIONS)
+        return len(self.directions)
 
     def axes(self, index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """World centre and the unit axes right, up, backwards of camera `index`."""
-        a, e = (math.radians(angle) for angle in DIRECTIONS[index])
+        a, e = (math.radians(angle) for angle in self.directions[index])
         backwards = np.array([math.sin(a) * math.cos(e), -math.cos(a) * math.cos(e), math.sin(e)])
         right = np.cross(np.array([0.0, 0.0, 1.0]), backwards)
         right /= np.linalg.norm(right)
@@ -71,7 +72,7 @@ class Rig:
         return min(depths), max(depths)
 
     def write_poses(self, path: Path, bounds: np.ndarray) -> None:
-        """The LLFF camera file, (12, 17) float64: axes (down, right, backwards), centre, size, focal, near, far."""
+        """The LLFF camera file, (cameras, 17) float64: axes (down, right, back), centre, size, focal, near, far."""
         rows = []
         for index, (near, far) in enumerate(bounds):
             center, right, up, backwards = self.axes(index)

@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import json
-import signal
-import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .engine.comparison.grid import ABLATIONS
 from .engine.errors import FrogError
+from .grid_command import add_grid_arguments, do_runs, names, say_failed, say_plan, setting
 
 if TYPE_CHECKING:
-    from .engine.comparison.execute import Progress
     from .engine.comparison.grid import Run
-    from .engine.comparison.runs import Conditions
 
 _ALL_ABLATIONS = ",".join(ABLATIONS)
 
@@ -35,7 +30,7 @@ def add_chart_parser(commands: Any, positive: Callable[[type], Any], recipes: Se
     chart.add_argument(
         "--protocol", metavar="NAME", help="CAPTURE holds a paper's data set: n3dv, hypernerf, technicolor"
     )
-    chart.add_argument("--methods", type=_names, metavar="A,B", help="default: all of them")
+    chart.add_argument("--methods", type=names, metavar="A,B", help="default: all of them")
     chart.add_argument("--seeds", type=positive(int), default=3, metavar="N", help="of FRoG and E-D3DGS")
     chart.add_argument("--other-seeds", type=positive(int), default=1, metavar="N", help="of the other methods")
     chart.add_argument("--recipe", choices=recipes, help="default: draft, or the protocol's")
@@ -57,15 +52,8 @@ def add_chart_parser(commands: Any, positive: Callable[[type], Any], recipes: Se
     chart.add_argument("--ablation-seeds", type=positive(int), metavar="N", help="default: --seeds")
     chart.add_argument("--timing", action="store_true", help="then time all methods, one after the other")
     chart.add_argument("--timing-steps", type=positive(int), default=300, metavar="N")
-    chart.add_argument("--jobs", type=positive(int), default=1, metavar="N", help="runs at once, sharing the cores")
-    chart.add_argument("--device", choices=["auto", "cpu", "cuda"], default="auto")
-    chart.add_argument("--plan", action="store_true", help="say what would run, and stop")
-    chart.add_argument("--only-report", action="store_true", help="draw what has been done so far")
+    add_grid_arguments(chart, positive)
     chart.set_defaults(run=_chart)
-
-
-def _names(text: str) -> list[str]:
-    return [name.strip() for name in text.split(",") if name.strip()]
 
 
 def _chart(options: argparse.Namespace) -> int:
@@ -78,18 +66,16 @@ def _chart(options: argparse.Namespace) -> int:
 
         runs = _grid(options)
         conditions = Conditions(options.out, options.device)
-        _say_plan(runs, conditions, options.jobs)
+        say_plan(runs, conditions, options.jobs)
         if options.plan:
             return 0
-        finished, failed = _work(options, runs, conditions)
-        if not finished:
-            print("frog: stopped; the same command goes on from here.", file=sys.stderr)
+        ended = do_runs(runs, conditions, options.jobs, options.timing_steps if options.timing else None)
+        if ended is None:
             return 1
+        failed = ended
     for path in write_report(options.out, published):
         print(path)
-    if failed:
-        print(f"frog: {failed} runs failed; the tables say why.", file=sys.stderr)
-    return 1 if failed else 0
+    return say_failed(failed)
 
 
 def _published(protocol: str | None) -> str:
@@ -110,7 +96,7 @@ def _grid(options: argparse.Namespace) -> list[Run]:
     if options.protocol:
         captures, recipe = _protocol_captures(options)
         options.scale = options.scale or 1.0  # their captures have the paper's size
-    common = dict(_setting(text, "--set") for text in options.set)
+    common = dict(setting(text, "--set") for text in options.set)
     shared = {
         "recipe": recipe,
         "overrides": common,
@@ -124,7 +110,7 @@ def _grid(options: argparse.Namespace) -> list[Run]:
         captures,
         methods=options.methods or [name for name in ROWS if name in KNOWN or name == AUTO_ROW],
         other_seeds=options.other_seeds,
-        ablation=_names(options.ablation or ""),
+        ablation=names(options.ablation or ""),
         ablation_seeds=options.ablation_seeds,
         equal_time=options.equal_time,
         **shared,
@@ -144,112 +130,10 @@ def _protocol_captures(options: argparse.Namespace) -> tuple[dict[str, Path], st
     return dict.fromkeys(names, folder), options.recipe or protocol_named(options.protocol).recipe
 
 
-def _setting(text: str, option: str) -> tuple[str, Any]:
-    """``NAME=VALUE``; the value as JSON where it is any, else as text."""
-    name, equals, value = text.partition("=")
-    if not (name and equals and value):
-        raise FrogError(f"{option} {text}: expected NAME=VALUE, such as network_rate=1e-3.")
-    try:
-        parsed = json.loads(value)
-    except ValueError:
-        parsed = value
-    return name.strip(), tuple(parsed) if isinstance(parsed, list) else parsed
-
-
 def _row(text: str) -> tuple[str, str, dict[str, Any]]:
     """``LABEL=METHOD,NAME=VALUE,...`` as label, method and settings."""
     label, equals, rest = text.partition("=")
     method, *settings = rest.split(",")
     if not (label and equals and method):
         raise FrogError(f"--row {text}: expected LABEL=METHOD,NAME=VALUE,... with as many settings as you like.")
-    return label.strip(), method.strip(), dict(_setting(setting, "--row") for setting in settings)
-
-
-def _say_plan(runs: Sequence[Run], conditions: Conditions, jobs: int) -> None:
-    """What the grid is, before it runs."""
-    from collections import Counter
-
-    from .engine.comparison.execute import seconds_left
-    from .engine.comparison.results import read
-    from .engine.comparison.runs import is_done
-    from .engine.comparison.tables import duration
-
-    records = read(conditions.results)
-    waiting = [run for run in runs if not is_done(run, records)]
-    for (scene, label, equal_time), count in Counter((run.scene, run.label, run.equal_time) for run in runs).items():
-        how = "at FRoG's time" if equal_time else "at equal steps"
-        print(f"{scene}: {label}, {how}, {count} {'seed' if count == 1 else 'seeds'}")
-    left = seconds_left(waiting, {}, records, jobs)
-    estimate = f", about {duration(left)}" if left is not None and waiting else ""
-    print(f"{len(runs)} runs, {len(waiting)} to do{estimate}", flush=True)
-
-
-def _work(options: argparse.Namespace, runs: Sequence[Run], conditions: Conditions) -> tuple[bool, int]:
-    """Does the grid and the timings; whether it came to its end, and how many runs failed."""
-    import numpy
-
-    from .engine.comparison.execute import run_grid
-    from .engine.comparison.runs import Stopped
-    from .engine.comparison.timing_pass import time_grid
-    from .progress import bar
-
-    numpy.finfo(numpy.float64)  # looked up once; later, with denormals flushed by training, it would warn
-    with _stopping() as cancelled:
-        try:
-            with _shown(len(runs)) as told:
-                progress = run_grid(runs, conditions, jobs=options.jobs, told=told, cancelled=cancelled)
-        except Stopped:
-            return False, 0
-        failed = progress.failed
-        if options.timing:
-            with bar("Timing") as report:
-                records = time_grid(runs, conditions, options.timing_steps, report, cancelled)
-            failed += sum(record["kind"] == "failed" for record in records)
-        return not cancelled(), failed
-
-
-@contextmanager
-def _stopping() -> Iterator[Callable[[], bool]]:
-    """Yields a question that Ctrl-C answers with yes; a second Ctrl-C leaves at once."""
-    asked = False
-
-    def stop(*_: object) -> None:
-        nonlocal asked
-        if asked:
-            raise KeyboardInterrupt
-        asked = True
-
-    previous = signal.signal(signal.SIGINT, stop)
-    try:
-        yield lambda: asked
-    finally:
-        signal.signal(signal.SIGINT, previous)
-
-
-@contextmanager
-def _shown(total: int) -> Iterator[Callable[[Progress], None]]:
-    """Yields what takes the grid's progress: one bar over all runs, and a line for each that ended."""
-    from tqdm import tqdm
-
-    from .engine.comparison.tables import duration
-
-    layout = "{desc} |{bar}| {n:.2f}/{total} runs{postfix}"
-    with tqdm(desc="Grid", total=total, file=sys.stderr, bar_format=layout) as line:
-
-        def show(progress: Progress) -> None:
-            line.n = progress.done + progress.failed + sum(progress.shares.values())
-            names = [f"{run.scene} {run.label} {run.seed}" for run in progress.shares]
-            left = "" if progress.seconds_left is None else f"about {duration(progress.seconds_left)} left"
-            line.set_postfix_str(" ".join([", ".join(names), left]).strip(), refresh=progress.record is None)
-            if progress.record is not None:
-                tqdm.write(_sentence(progress), file=sys.stderr)
-
-        yield show
-
-
-def _sentence(progress: Progress) -> str:
-    record = progress.record or {}
-    name = f"{record['scene']}, {record['label']}, seed {record['seed']}"
-    if record["kind"] == "failed":
-        return f"{name}: failed: {record['error']}"
-    return f"{name}: {record['psnr']:.2f} dB, {record['gaussians']} Gaussians, {record['train_seconds']:.0f} s"
+    return label.strip(), method.strip(), dict(setting(text, "--row") for text in settings)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from .chart_command import add_chart_parser
 from .engine.errors import FrogError
 from .engine.files import METHODS
+from .stability_command import add_stability_parser
 
 if TYPE_CHECKING:
     from .engine.training.recipe import Recipe
@@ -95,6 +96,7 @@ def _parser() -> argparse.ArgumentParser:
     render.set_defaults(run=_render)
 
     add_chart_parser(commands, _positive, RECIPES)
+    add_stability_parser(commands, _positive, RECIPES)
 
     demo = commands.add_parser("demo", help="train, play and render a demo capture inside Blender's module")
     demo.add_argument("--capture", choices=["room", "dim", "fast", "walk"], default="room")

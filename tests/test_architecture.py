@@ -57,12 +57,13 @@ def name_of(path: Path) -> str:
 
 MAY_IMPORT = {
     "capture": set(),
+    "conditions": {"capture"},
     "rasterizer": {"capture"},
     "model": {"capture", "rasterizer"},
     "inference": {"capture", "rasterizer", "model"},
     "evaluation": {"capture", "rasterizer", "model", "inference"},
     "training": {"capture", "rasterizer", "model", "inference", "evaluation"},
-    "comparison": {"capture", "rasterizer", "model", "inference", "evaluation", "training"},
+    "comparison": {"capture", "conditions", "rasterizer", "model", "inference", "evaluation", "training"},
 }
 
 

@@ -9,6 +9,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -49,6 +50,25 @@ class Shot:
     index: int
 
 
+class Alteration(Protocol):
+    """Changes decoded pictures; conditions.alterations tests with them how much a method bears.
+
+    Attributes:
+        key: names everything that decides what comes out.
+        tests_too: pictures that judge are changed as well.
+    """
+
+    @property
+    def key(self) -> str: ...
+
+    @property
+    def tests_too(self) -> bool: ...
+
+    def apply(self, picture: np.ndarray, camera: str, frame: int) -> np.ndarray:
+        """The picture (H, W, 3) uint8 that the camera of this name took at that moment, changed."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class Capture:
     """A filmed scene, opened but not decoded.
@@ -68,6 +88,7 @@ class Capture:
         background: colour in [0, 1] under transparent pictures.
         points: (N, 3) float64 points on surfaces that came with the capture, world units; None for most.
         warnings: one sentence each.
+        alteration: what is done to the pictures once they are decoded.
     """
 
     path: Path
@@ -84,6 +105,7 @@ class Capture:
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)
     points: np.ndarray | None = None
     warnings: tuple[str, ...] = ()
+    alteration: Alteration | None = None
 
     def __post_init__(self) -> None:
         if not self.crops:

@@ -138,7 +138,10 @@ def _keys(capture: Capture) -> tuple[str, str]:
         for c, d, crop in zip(capture.cameras, capture.distortions, capture.crops, strict=True)
     ]
     shots = [[s.camera, s.frame, str(s.path.resolve()), s.index] for s in capture.shots]
-    text = json.dumps([_VERSION, sources.hexdigest(), cameras, shots, capture.background])
+    decides = [_VERSION, sources.hexdigest(), cameras, shots, capture.background]
+    if capture.alteration is not None:
+        decides += [capture.alteration.key, sorted(capture.test_cameras), sorted(capture.test_frames)]
+    text = json.dumps(decides)
     everything.update(text.encode())
     return sources.hexdigest()[:32], everything.hexdigest()[:32]
 
@@ -174,6 +177,14 @@ def _remove_stale(cache: Path, capture: Capture, sources: str) -> None:
             continue  # not ours to remove
 
 
+def _altered(capture: Capture, index: int, picture: np.ndarray) -> np.ndarray:
+    """A decoded picture as the capture shows it, contiguous."""
+    shot, alteration = capture.shots[index], capture.alteration
+    if alteration is None or (capture.is_test(shot) and not alteration.tests_too):
+        return picture
+    return np.ascontiguousarray(alteration.apply(picture, capture.cameras[shot.camera].name, shot.frame))
+
+
 def _build(
     folder: Path,
     capture: Capture,
@@ -193,16 +204,17 @@ def _build(
     try:
         with (partial / _PIXELS).open("wb") as file:
             file.truncate(total)
-            for done, picture in enumerate(decode_shots(capture, decoding_order(capture)), start=1):
+            order = decoding_order(capture)
+            for done, (index, picture) in enumerate(zip(order, decode_shots(capture, order), strict=True), start=1):
                 if cancelled is not None and cancelled():
                     raise DecodingCancelled(f"{capture.path}: decoding was cancelled.")
-                file.write(picture.data)
+                file.write(_altered(capture, index, picture).data)
                 if progress is not None:
                     progress(done, len(capture.shots))
             file.flush()
             os.fsync(file.fileno())
-        index = {"capture": str(capture.path.resolve()), "sources": sources, "shots": len(capture.shots)}
-        (partial / _INDEX).write_text(json.dumps(index), encoding="utf-8")
+        facts = {"capture": str(capture.path.resolve()), "sources": sources, "shots": len(capture.shots)}
+        (partial / _INDEX).write_text(json.dumps(facts), encoding="utf-8")
         shutil.rmtree(folder, ignore_errors=True)  # a store that lost bytes
         try:
             partial.rename(folder)

@@ -41,7 +41,7 @@ def write_charts(sections: Sequence[Section], folder: Path) -> list[Path]:
         for name, make in _CHARTS.items():
             figure = make(section)
             if figure is not None:
-                written += _save(figure, folder / f"{name}_{section.file_name}")
+                written += save_figure(figure, folder / f"{name}_{section.file_name}")
     return written
 
 
@@ -251,8 +251,8 @@ def _plain_ticks(axes: Any) -> None:
     axes.xaxis.set_minor_formatter(NullFormatter())
 
 
-def _save(figure: Any, stem: Path) -> list[Path]:
-    """The same bytes for the same figure."""
+def save_figure(figure: Any, stem: Path) -> list[Path]:
+    """Writes a figure as PNG, and as SVG where that is small; the same bytes for the same figure."""
     import matplotlib
 
     written = [stem.with_name(stem.name + ".png")]

@@ -10,6 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..conditions.catalogue import condition_named
 from ..errors import FrogError
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ class Run:
         scale, holdout_frames: see ``TrainingJob``.
         protocol: a paper's protocol that opens the capture, see comparison.protocols; "" for a plain capture.
         group: "methods", "time" or an ablation's name.
+        condition: under which the capture is filmed, see conditions.catalogue; "" for as it is.
     """
 
     scene: str
@@ -62,6 +64,7 @@ class Run:
     holdout_frames: int | None = None
     protocol: str = ""
     group: str = "methods"
+    condition: str = ""
 
     @cached_property
     def key(self) -> str:
@@ -70,6 +73,8 @@ class Run:
         left_out = ("capture", "label", "group")
         decides = {name: value for name, value in asdict(self).items() if name not in left_out}
         decides["overrides"] = sorted(self.overrides)
+        if not self.condition:
+            del decides["condition"]  # as before there were any
         return hashlib.sha256(json.dumps(decides, sort_keys=True).encode()).hexdigest()[:16]
 
     def settings(self) -> Recipe:
@@ -85,7 +90,9 @@ class Run:
         return recipe(self.recipe, **dict(self.overrides))
 
     def opened(self) -> Capture | None:
-        """The capture as the protocol opens it, None for a plain one."""
+        """The capture as its condition or protocol opens it, None for a plain one."""
+        if self.condition:
+            return condition_named(self.condition).opened(Path(self.capture))
         if not self.protocol:
             return None
         from .protocols import captures

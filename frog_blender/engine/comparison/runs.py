@@ -10,12 +10,18 @@ import statistics
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..capture.frames import FrameStore
+from ..conditions.alterations import brightened
+from ..conditions.catalogue import condition_named
 from ..errors import FrogError
 from ..evaluation.evaluate import evaluate
+from ..evaluation.metrics import psnr_of
 from ..files import read_scene, scene_bytes, settings_json, write_atomically
 from ..inference.scene import PlayableScene
 from ..training import events
@@ -97,10 +103,10 @@ def frog_seconds(run: Run, records: Iterable[Record], conditions: Conditions) ->
 
 def identity(run: Run) -> Record:
     """What a record says of its run."""
-    names = ("key", "scene", "protocol", "method", "label", "group", "seed", "equal_time", "scale", "holdout_frames")
+    names = ("key", "scene", "condition", "protocol", "method", "label", "group", "seed", "equal_time", "scale")
     overrides = json.loads(json.dumps(dict(run.overrides)))
     return {
-        **{name: getattr(run, name) for name in names},
+        **{name: getattr(run, name) for name in (*names, "holdout_frames")},
         "title": method_named(run.method).title,
         "recipe_name": run.recipe,
         "overrides": overrides,
@@ -155,7 +161,7 @@ def perform(
         )
         settings = {"recipe": settings_of(run), "steps": job.steps, "seconds": job.seconds}
         trained = _train(job, _Notes(scene, settings), advanced, cancelled)
-        measured = _measure(job)
+        measured = _measure(job, condition_named(run.condition).light if run.condition else 1.0)
         record = {
             "kind": "run",
             **identity(run),
@@ -175,7 +181,7 @@ def clean_up(run: Run, conditions: Conditions) -> None:
     """Removes what only an unfinished run needs; call it when the record is on the disk."""
     scene = conditions.scene(run)
     _notes_path(scene).unlink(missing_ok=True)
-    if run.seed or run.equal_time:  # the first seed's are for the timings of the training path
+    if run.seed or run.equal_time or run.condition:  # the first seed's are for the timings of the training path
         checkpoint_path(scene).unlink(missing_ok=True)
 
 
@@ -264,17 +270,28 @@ def _follow(
     raise Stopped
 
 
-_FIGURES = ("psnr", "psnr_moving", "ssim", "flip", "lpips", "sharpness_moving", "frames", "split", "bytes")
+_FIGURES = ("psnr", "psnr_moving", "psnr_bright", "ssim", "flip", "lpips", "sharpness_moving", "frames", "split")
 
 
-def _measure(job: TrainingJob) -> Record:
-    """Figures of the written scene on the held-out pictures; None for what cannot be measured, "missing" says why."""
+def _measure(job: TrainingJob, light: float) -> Record:
+    """Figures of the written scene on the held-out pictures; None for what cannot be measured, "missing" says why.
+
+    Where the ``light`` of the scene is not 1, "psnr_bright" is the PSNR of pictures brightened by as much.
+    """
     capture, _ = prepare_capture(job.capture, job.scale, job.holdout_frames, job.pixel_offsets, job.opened)
     scene = PlayableScene.load(job.output)
     measures, missing = perceptual_measures()
+    if light != 1:
+        measures = {**measures, "psnr_bright": partial(_bright_psnr, 1 / light)}
     size = job.output.stat().st_size
     found = evaluate(scene, capture, FrameStore.open(capture), measures=measures, file_bytes=size)
     camera = capture.cameras[0]
     figures = {name: found.get(name) for name in _FIGURES}
     packed = len(scene_bytes(read_scene(job.output), compact=True))
-    return {**figures, "packed_bytes": packed, "missing": missing, "size": [camera.width, camera.height]}
+    sizes = {"bytes": size, "packed_bytes": packed, "size": [camera.width, camera.height]}
+    return {**figures, **sizes, "missing": missing}
+
+
+def _bright_psnr(gain: float, picture: np.ndarray, truth: np.ndarray) -> float:
+    error = brightened(picture.astype(np.float64), gain) - brightened(truth.astype(np.float64), gain)
+    return psnr_of(float((error**2).mean()))

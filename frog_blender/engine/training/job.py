@@ -15,6 +15,7 @@ from ..capture.capture import Capture
 from ..capture.frames import FrameStore
 from ..capture.readers import open_capture
 from ..capture.seed_store import stored_seeds
+from ..capture.seeds import Seeds
 from ..errors import FrogError, found_instead
 from ..files import write_atomically
 from ..inference.draw import to_uint8
@@ -128,11 +129,8 @@ def run_training(job: TrainingJob, cancelled: Callable[[], bool] = lambda: False
     )
     seeds = None
     if store is not None:
-        limit = min(job.recipe.seed_gaussians, job.recipe.max_gaussians)
         seeds = yield from _in_background(
-            "Finding seed points",
-            lambda report: stored_seeds(capture, store, count_limit=limit, seed=job.seed, progress=report),
-            cancelled,
+            "Finding seed points", lambda report: _seeds(job, capture, store, report), cancelled
         )
     if store is None or seeds is None:
         yield events.Cancelled(0, None)
@@ -145,6 +143,12 @@ def run_training(job: TrainingJob, cancelled: Callable[[], bool] = lambda: False
     counts = (len(capture.cameras), capture.frame_count, trainer.count)
     yield events.Started(job.method, limits.steps, *counts, device.type)
     yield from _train(job, trainer, scale, cancelled)
+
+
+def _seeds(job: TrainingJob, capture: Capture, store: FrameStore, report: Callable[[int, int], None]) -> Seeds:
+    limit, share = min(job.recipe.seed_gaussians, job.recipe.max_gaussians), job.recipe.seed_share
+    seeds = stored_seeds(capture, store, count_limit=limit, seed=job.seed, measured=share > 0, progress=report)
+    return seeds.some(share, job.seed) if 0 < share < 1 else seeds
 
 
 _KEPT = ("seed", "scale", "holdout_frames", "pixel_offsets", "lossless", "max_bytes")

@@ -24,6 +24,7 @@ class Recipe:
         steps_per_moment: for each of the capture's moments; what is longer of the two is trained.
         max_gaussians: growth stops here.
         seed_gaussians: seed points at most.
+        seed_share: of the points found, those to begin with; 0 for points guessed in the volume that cameras see.
         sh_degree: 0 to 3; grows by one at each of ``sh_growth`` (fractions of training).
         capacity: "auto" leaves a scene no more than it needs (see training.parsimony), "fixed" what it has.
         dynamic_share: with "auto", the share of the Gaussians that may move at most, whatever that costs; 0 for as many
@@ -72,6 +73,7 @@ class Recipe:
     steps_per_moment: int = 300
     max_gaussians: int = 40_000
     seed_gaussians: int = 25_000
+    seed_share: float = 1.0
     sh_degree: int = 1
     sh_growth: tuple[float, ...] = (0.1, 0.3, 0.5)
     capacity: str = "fixed"
@@ -163,6 +165,8 @@ class Recipe:
             raise FrogError(
                 f"temporal_size is {self.temporal_size}, expected at least embedding_size ({self.embedding_size})."
             )
+        if not 0 <= self.seed_share <= 1:
+            raise FrogError(f"seed_share is {self.seed_share}, expected 0 to 1.")
         if self.steps < 1:
             raise FrogError(f"The number of steps is {self.steps}, expected at least 1.")
 

@@ -26,8 +26,9 @@ if TYPE_CHECKING:
 ALLOWED_LOSS = 0.05
 """dB that putting Gaussians to rest may cost on the withheld pictures; the rest of the training makes it up."""
 ALLOWED_PRUNING_LOSS, ALLOWED_COLOR_LOSS, ALLOWED_HEAD_LOSS = 0.03, 0.03, 0.01
-RESTS_BELOW, ALL_REST_BELOW = 1.5, 2.0
+RESTS_BELOW, ALL_REST_BELOW = 4.0, 2.0
 """Score (see motion.Motion) below which a Gaussian may rest; and below which every one may, if none is above."""
+_TRIED_FIRST_BELOW = 1.5  # score, in the search for how many may rest
 _FIRST_PRUNED, _MOST_PRUNED = 0.15, 0.6  # of the Gaussians, in a round
 _WAKES_ABOVE = 0.1  # error that changes with time, of the pictures' mean brightness
 _MOST_WOKEN = 0.1  # of the Gaussians at rest
@@ -113,6 +114,7 @@ def rest(rounds: Parsimony, trainer: Trainer, motion: Motion) -> None:
     order = motion.score.argsort()
     limit = ALL_REST_BELOW if float(motion.score.max()) < ALL_REST_BELOW else RESTS_BELOW
     candidates = int((motion.score < limit).sum())
+    first = int((motion.score < _TRIED_FIRST_BELOW).sum())
     state = {
         **motion.state,
         "scales": motion.state["log_scales"].exp(),
@@ -132,7 +134,7 @@ def rest(rounds: Parsimony, trainer: Trainer, motion: Motion) -> None:
 
         return judge.loss(change)
 
-    number, loss = most_within(at_rest, candidates, ALLOWED_LOSS)
+    number, loss = most_within(at_rest, candidates, ALLOWED_LOSS, first, tries=7)
     share = trainer.recipe.dynamic_share
     forced = canonical.moving - int(share * trainer.count) if share else 0
     if forced > number:

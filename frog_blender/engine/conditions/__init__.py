@@ -1,0 +1,1 @@
+"""Captures as they go wrong: conditions under which methods fail, each a function of a clean capture."""
