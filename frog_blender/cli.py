@@ -72,6 +72,13 @@ def _parser() -> argparse.ArgumentParser:
     train.add_argument("--max-gaussians", type=_positive(int), metavar="N", help="never more than these")
     train.add_argument("--max-bytes", type=_positive(int), metavar="N", help="of the .frog, with --capacity auto")
     train.add_argument("--lossless", action="store_true", help="write every number as it is; default: packed")
+    train.add_argument(
+        "--save-every",
+        type=_positive(float),
+        default=180.0,
+        metavar="SECONDS",
+        help="between checkpoints; default: 180",
+    )
     train.add_argument("--resume", action="store_true", help="go on from the checkpoint beside the .frog")
     _offset_argument(train)
     train.set_defaults(run=_train)
@@ -171,6 +178,7 @@ def _train(options: argparse.Namespace) -> int:
         device=options.device,
         lossless=options.lossless,
         max_bytes=options.max_bytes,
+        save_seconds=options.save_every,
     )
     stopping = False
 

@@ -21,7 +21,7 @@ from frog_blender.engine.errors import FrogError
 from frog_blender.engine.files import read_scene, write_scene
 from frog_blender.engine.inference.draw import draw, to_uint8
 from frog_blender.engine.inference.scene import PlayableScene
-from frog_blender.engine.training import job
+from frog_blender.engine.training import job, loop
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -132,7 +132,7 @@ def test_one_bar_for_each_kind_of_work(
             super().__init__(*arguments, **options)
 
     monkeypatch.setattr(progress, "tqdm", Watched)
-    monkeypatch.setattr(job, "_EVENT_SECONDS", 0.0)
+    monkeypatch.setattr(loop, "_EVENT_SECONDS", 0.0)
     monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
     assert run("train", filmed, "--out", tmp_path / "y.frog", "--recipe", "draft", "--steps", "12")[0] == 0
     assert made == ["Decoding frames", "Training"]

@@ -7,9 +7,11 @@ playback and evaluation need besides.
 
 from __future__ import annotations
 
+import glob
 import json
 import os
 import tempfile
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -164,7 +166,7 @@ def read_scene(path: str | Path) -> SceneFile:
     arrays, metadata = read_tensors(path, "a .frog scene")
     try:
         header = SceneHeader.from_json(metadata[_HEADER_KEY])
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError, RecursionError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError, RecursionError) as error:
         raise found_instead(path, f"a header that cannot be read ({error!r})", "a .frog scene") from error
     if header.format_version > FORMAT_VERSION:
         raise found_instead(
@@ -209,6 +211,14 @@ def write_atomically(path: str | Path, content: bytes) -> None:
         if temporary is not None:
             temporary.unlink(missing_ok=True)
         raise FrogError(f"{path}: could not be written ({error.strerror or error}); nothing was changed.") from error
+
+
+def remove_unfinished(path: str | Path) -> None:
+    """What processes left that were killed while they wrote ``path``."""
+    path = Path(path)
+    for part in path.parent.glob(f".{glob.escape(path.name)}.*.part"):
+        with suppress(OSError):
+            part.unlink()
 
 
 def _contiguous(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

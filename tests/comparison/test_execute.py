@@ -186,7 +186,8 @@ def test_a_record_says_everything(filmed: Path, tmp_path: Path, quick_seeds: Non
 
 def test_a_killed_training_goes_on(filmed: Path, tmp_path: Path, quick_seeds: None, monkeypatch: Any) -> None:
     conditions, run = Conditions(tmp_path), filmed_run(filmed, steps=40)
-    monkeypatch.setattr(job, "_SAVE_SECONDS", 0.0)  # a checkpoint after every step
+    train = runs.run_training  # with a checkpoint after every step
+    monkeypatch.setattr(runs, "run_training", lambda job, stop: train(replace(job, save_seconds=0.0), stop))
     take = job.Trainer.step
 
     def killed(trainer: job.Trainer) -> None:

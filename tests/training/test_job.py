@@ -19,7 +19,7 @@ from frog_blender.engine.evaluation.metrics import psnr
 from frog_blender.engine.files import read_scene
 from frog_blender.engine.inference.draw import draw
 from frog_blender.engine.inference.scene import PlayableScene
-from frog_blender.engine.training import events, job
+from frog_blender.engine.training import events, job, loop, rescue
 from frog_blender.engine.training.checkpoint import checkpoint_path
 from frog_blender.engine.training.job import TrainingJob, run_training
 from frog_blender.engine.training.trainer import Trainer
@@ -31,7 +31,7 @@ STEPS = 60
 def quick(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Seeds at no cost, and an event for every step."""
     monkeypatch.setattr(job, "stored_seeds", lambda capture, store, **_: film.seeds())
-    monkeypatch.setattr(job, "_EVENT_SECONDS", 0.0)
+    monkeypatch.setattr(loop, "_EVENT_SECONDS", 0.0)
 
 
 @pytest.fixture
@@ -231,9 +231,8 @@ def test_a_disk_that_takes_no_checkpoint_costs_no_scene(task: TrainingJob, monke
     def full(*_: Any) -> None:
         raise FrogError("x.frog.checkpoint: could not be written (No space left on device); nothing was changed.")
 
-    monkeypatch.setattr(job, "save_checkpoint", full)
-    monkeypatch.setattr(job, "_SAVE_SECONDS", 0.0)
-    stream = list(run_training(task))
+    monkeypatch.setattr(rescue, "save_checkpoint", full)
+    stream = list(run_training(replace(task, save_seconds=0.0)))
     assert isinstance(stream[-1], events.Finished)
     assert any(isinstance(event, events.Warned) and "No space left" in event.message for event in stream)
     assert PlayableScene.load(task.output).header.steps == STEPS

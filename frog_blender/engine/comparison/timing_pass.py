@@ -13,7 +13,8 @@ from ..errors import FrogError
 from ..inference.scene import PlayableScene
 from ..training.checkpoint import checkpoint_path, load_checkpoint
 from ..training.device import choose_device
-from ..training.job import TrainingJob, prepare_capture, save_scene
+from ..training.job import TrainingJob, prepare_capture
+from ..training.saving import save_scene
 from ..training.trainer import Limits, Trainer
 from .grid import Run
 from .results import Record, append

@@ -72,7 +72,12 @@ def state_of(trainer: Trainer, settings: dict[str, Any] | None = None) -> State:
 
 def save_checkpoint(path: Path, trainer: Trainer, settings: dict[str, Any] | None = None) -> None:
     """Atomic; FrogError when the disk does not take it."""
-    arrays, values = state_of(trainer, settings)
+    write_checkpoint(path, state_of(trainer, settings))
+
+
+def write_checkpoint(path: Path, state: State) -> None:
+    """A state that ``state_of`` found; atomic; FrogError when the disk does not take it."""
+    arrays, values = state
     write_atomically(path, serialize(arrays, metadata={_KEY: json.dumps(values)}))
 
 
@@ -103,7 +108,7 @@ def checkpoint_settings(path: Path) -> dict[str, Any]:
     _, metadata = read_tensors(path, "a training checkpoint")
     try:
         return dict(json.loads(metadata[_KEY])["settings"])
-    except (KeyError, ValueError, TypeError) as error:
+    except (KeyError, ValueError, TypeError, RecursionError) as error:
         raise found_instead(path, f"contents that do not fit ({error})", "a training checkpoint") from error
 
 
@@ -126,7 +131,7 @@ def load_checkpoint(path: Path, trainer: Trainer) -> None:
             what = "the method" if values["method"] != trainer.method else ", ".join(differing) or "the capture"
             raise FrogError(f"{path}: belongs to another training ({what} differ); train again without resuming.")
         restore(trainer, (arrays, values))
-    except (KeyError, ValueError, TypeError, RuntimeError) as error:
+    except (KeyError, ValueError, TypeError, AttributeError, IndexError, OverflowError, RuntimeError) as error:
         raise found_instead(path, f"contents that do not fit ({error})", "a training checkpoint") from error
 
 

@@ -27,7 +27,7 @@ class DensityControl:
     """
 
     def __init__(self, recipe: Recipe, scene_scale: float, count: int, device: torch.device | str = "cpu") -> None:
-        self._recipe = recipe
+        self.recipe = recipe
         self._scene_scale = scene_scale
         self.peak_opacity = torch.ones(count, device=device)
         self.reset(torch.arange(count, device=device))
@@ -60,7 +60,7 @@ class DensityControl:
         self, canonical: CanonicalField, optimizer: SceneOptimizer, generator: torch.Generator
     ) -> tuple[int, int]:
         """One round of growth and pruning; returns how many came and how many went."""
-        recipe, count = self._recipe, len(canonical)
+        recipe, count = self.recipe, len(canonical)
         # What is seen at one moment only is nearly transparent in the canonical field, and must stay.
         keep = self.peak_opacity > recipe.prune_opacity
         keep |= ~keep.any()  # never everything

@@ -4,38 +4,29 @@ from __future__ import annotations
 
 import queue
 import threading
-import time
 from collections.abc import Callable, Generator, Iterator
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ..capacity_report import reduction_line
 from ..capture.capture import Capture
 from ..capture.frames import FrameStore
 from ..capture.readers import open_capture
 from ..capture.seed_store import stored_seeds
 from ..capture.seeds import Seeds
 from ..errors import FrogError, found_instead
-from ..files import write_atomically
-from ..inference.draw import to_uint8
+from ..files import remove_unfinished
 from . import events
-from .capacity_picture import capacity_picture
-from .checkpoint import checkpoint_path, checkpoint_settings, load_checkpoint, save_checkpoint
+from .checkpoint import checkpoint_path, checkpoint_settings, load_checkpoint
 from .device import choose_device
 from .events import Event
+from .loop import KEPT, train
 from .methods import method_named
 from .recipe import Recipe, recipe
-from .recovery import Recovery
-from .running_loss import Unstable
-from .saving import check_budget, fit_budget, save_scene
+from .saving import check_budget
 from .trainer import Limits, Trainer
 
 Result = TypeVar("Result")
-
-_EVENT_SECONDS = 0.5  # between progress events
-_SAVE_SECONDS = 180.0  # between checkpoints
-_EVALUATIONS = 10  # over a training
 
 
 @dataclass(frozen=True)
@@ -59,6 +50,7 @@ class TrainingJob:
         opened: the capture itself, where it is not what ``open_capture`` makes of the folder (a segment, a protocol's
             own split).
         evaluated_shots: pictures that each evaluation on the way looks at, at most.
+        save_seconds: between checkpoints; what a killed training loses at most.
     """
 
     capture: Path
@@ -77,6 +69,7 @@ class TrainingJob:
     max_bytes: int | None = None
     opened: Capture | None = None
     evaluated_shots: int = 6
+    save_seconds: float = 180.0
 
 
 _LARGEST_SIDE = 1600
@@ -142,7 +135,7 @@ def run_training(job: TrainingJob, cancelled: Callable[[], bool] = lambda: False
     check_budget(job, trainer, scale)
     counts = (len(capture.cameras), capture.frame_count, trainer.count)
     yield events.Started(job.method, limits.steps, *counts, device.type)
-    yield from _train(job, trainer, scale, cancelled)
+    yield from train(job, trainer, scale, cancelled)
 
 
 def _seeds(job: TrainingJob, capture: Capture, store: FrameStore, report: Callable[[int, int], None]) -> Seeds:
@@ -151,120 +144,26 @@ def _seeds(job: TrainingJob, capture: Capture, store: FrameStore, report: Callab
     return seeds.some(share, job.seed) if 0 < share < 1 else seeds
 
 
-_KEPT = ("seed", "scale", "holdout_frames", "pixel_offsets", "lossless", "max_bytes")
-
-
 def _as_it_began(job: TrainingJob) -> TrainingJob:
     """A resumed job with what it was started with; only the limits can be set anew."""
     before = checkpoint_settings(checkpoint_path(job.output))
-    kept = {name: before[name] for name in _KEPT if name in before}
+    kept = {name: before[name] for name in KEPT if name in before}
     if not (job.steps or job.seconds):
         kept |= {name: before.get(name) for name in ("steps", "seconds")}
     budget = before.get("max_gaussians", job.recipe.max_gaussians)
     return replace(job, **kept, recipe=replace(job.recipe, max_gaussians=budget))
 
 
-def _settings(job: TrainingJob) -> dict[str, Any]:
-    """What a resume takes over from this job."""
-    settings = {name: getattr(job, name) for name in (*_KEPT, "steps", "seconds")}
-    return {**settings, "max_gaussians": job.recipe.max_gaussians}
-
-
 def _check_output(output: Path) -> None:
+    """FrogError where no file can lie; unfinished ones of a killed training are removed."""
     if output.is_dir():
         raise FrogError(f"{output}: found a folder, expected the name of a .frog file to write.")
     try:
         output.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise FrogError(f"{output.parent}: the folder could not be made ({error.strerror}).") from error
-
-
-def _train(job: TrainingJob, trainer: Trainer, scale: float, cancelled: Callable[[], bool]) -> Iterator[Event]:
-    last_event = last_save = time.monotonic()
-    evaluated = int(trainer.progress * _EVALUATIONS)
-    preview_shot = next((i for i, s in enumerate(trainer.capture.shots) if trainer.capture.is_test(s)), 0)
-    recovery = Recovery(trainer)
-    while not trainer.finished and not cancelled():
-        try:
-            trainer.step()
-            if trainer.finished or int(trainer.progress * _EVALUATIONS) > evaluated:
-                recovery.remember(trainer)
-        except Unstable as error:
-            yield events.Warned(recovery.go_back(trainer, error))
-            evaluated = int(trainer.progress * _EVALUATIONS)
-            continue
-        yield from _reductions(trainer)
-        now = time.monotonic()
-        if now - last_event >= _EVENT_SECONDS or trainer.finished:
-            last_event = now
-            yield _progress_event(trainer)
-        if int(trainer.progress * _EVALUATIONS) > evaluated and not trainer.finished:
-            evaluated = int(trainer.progress * _EVALUATIONS)
-            psnr, split = trainer.evaluate(job.evaluated_shots)
-            yield events.Evaluated(trainer.step_count, psnr, split, trainer.seconds)
-            yield events.Preview(trainer.step_count, to_uint8(trainer.picture(preview_shot)))
-        if now - last_save >= _SAVE_SECONDS:
-            trainer.check()
-            yield from _save_checkpoint(job, trainer)
-            last_save = time.monotonic()
-    trainer.check()
-    yield from _save_checkpoint(job, trainer)  # before anything that may go wrong with the scene
-    if trainer.finished:
-        fit_budget(job, trainer, scale)
-    elif job.max_bytes:
-        yield events.Warned("The budget of bytes holds for a finished training; this one was cancelled.")
-    psnr, split = trainer.evaluate(30)
-    yield events.Evaluated(trainer.step_count, psnr, split, trainer.seconds)
-    scene = save_scene(job, trainer, scale, {"psnr": psnr, "split": split})
-    yield events.Saved(str(job.output))
-    if trainer.finished:
-        figures = (trainer.step_count, trainer.seconds, psnr, trainer.count)
-        if trainer.parsimony:
-            yield from _capacity_picture(job, trainer, preview_shot)
-        yield events.Finished(str(job.output), *figures, scene.header.capacity)
-    else:
-        yield events.Cancelled(trainer.step_count, str(job.output))
-
-
-def _capacity_picture(job: TrainingJob, trainer: Trainer, shot: int) -> Iterator[Event]:
-    """Beside the scene, for people; what cannot be written costs nothing else."""
-    import cv2
-
-    path = job.output.with_suffix(".capacity.png")
-    picture = capacity_picture(trainer, shot)
-    try:
-        write_atomically(path, cv2.imencode(".png", picture[:, :, ::-1])[1].tobytes())
-    except FrogError as error:
-        yield events.Warned(str(error))
-        return
-    yield events.Pictured(str(path), picture)
-
-
-def _save_checkpoint(job: TrainingJob, trainer: Trainer) -> Iterator[Event]:
-    """A disk that takes no checkpoint is no reason to lose the training."""
-    try:
-        save_checkpoint(checkpoint_path(job.output), trainer, _settings(job))
-    except FrogError as error:
-        yield events.Warned(f"{error} Training goes on without this checkpoint.")
-
-
-def _reductions(trainer: Trainer) -> Iterator[Event]:
-    """What the last step's round did, if it was one."""
-    for reduction in trainer.parsimony.news() if trainer.parsimony else ():
-        yield events.Reduced(trainer.step_count, reduction_line(asdict(reduction)))
-
-
-def _progress_event(trainer: Trainer) -> events.Progress:
-    share = max(trainer.progress, 1e-9)
-    return events.Progress(
-        trainer.step_count,
-        trainer.limits.steps or round(trainer.step_count / share),
-        trainer.seconds,
-        trainer.seconds * (1 - share) / share,
-        trainer.loss,
-        trainer.count,
-        trainer.model.canonical.moving,
-    )
+    for path in (output, checkpoint_path(output)):
+        remove_unfinished(path)
 
 
 class _Stopped(Exception):

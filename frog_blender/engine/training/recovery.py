@@ -1,27 +1,38 @@
-"""A training that comes to numbers that are none goes back to where all was well, and on with smaller steps."""
+"""A training that comes to numbers that are none, or to the end of the memory, goes back to where all was well: on with
+smaller steps, or with fewer Gaussians."""
 
 from __future__ import annotations
 
+import gc
+from typing import Any
+
 import torch
 
+from ..errors import FrogError
 from .checkpoint import State, restore, state_of
+from .resting import arrange
 from .running_loss import Unstable
 from .trainer import Trainer
 
 _ATTEMPTS = 3
 _SLOWER = 0.5
+_KEPT_GAUSSIANS = 0.75  # of those there were when the memory ended
 
 
 class Recovery:
     """The last good state of a training, in memory.
 
+    Attributes:
+        state: as ``restore`` takes it.
+
     Args:
         trainer: at its first step, or resumed.
+        settings: see ``state_of``.
     """
 
-    def __init__(self, trainer: Trainer) -> None:
-        self._left = _ATTEMPTS
-        self._state: State = state_of(trainer)
+    def __init__(self, trainer: Trainer, settings: dict[str, Any] | None = None) -> None:
+        self._left, self._settings = _ATTEMPTS, settings
+        self.state: State = state_of(trainer, settings)
 
     def remember(self, trainer: Trainer) -> None:
         """Call it now and then. Unstable when the model itself is not finite: then there is nothing to remember."""
@@ -29,14 +40,51 @@ class Recovery:
         for name, parameter in trainer.model.named_parameters():
             if not bool(torch.isfinite(parameter).all()):
                 raise Unstable(f"Training became unstable at step {trainer.step_count} ({name} is not finite).")
-        self._state = state_of(trainer)
+        self.state = state_of(trainer, self._settings)
 
-    def go_back(self, trainer: Trainer, error: Unstable) -> str:
-        """Restores the remembered state with smaller steps and says so; raises ``error`` after several times."""
-        if not self._left:
+    def go_back(self, trainer: Trainer, error: Exception) -> str:
+        """Restores the remembered state, mends what went wrong and says so.
+
+        Raises ``error`` where nothing can be mended, and after several times; a FrogError where the memory stays short.
+        """
+        short = is_out_of_memory(error)
+        if not (short or isinstance(error, Unstable)):
             raise error
+        if not self._left:
+            raise FrogError("The memory stays too short for this training: try a smaller scale.") if short else error
         self._left -= 1
-        restore(trainer, self._state)
+        count = trainer.count
+        error.__traceback__ = None  # it holds on to what the step had allocated
+        restore(trainer, self.state)
+        return self._with_fewer(trainer, count) if short else self._with_smaller_steps(trainer, error)
+
+    def _with_smaller_steps(self, trainer: Trainer, error: Exception) -> str:
         trainer.optimizer.rate_factor *= _SLOWER
-        self._state[1]["rate_factor"] = trainer.optimizer.rate_factor
+        self.state[1]["rate_factor"] = trainer.optimizer.rate_factor
         return f"{error} It goes on from step {trainer.step_count} with steps of half the size."
+
+    def _with_fewer(self, trainer: Trainer, count: int) -> str:
+        """The most opaque Gaussians stay, and no more than these may come: the memory ended at ``count``."""
+        limit = max(1, int(_KEPT_GAUSSIANS * count))
+        trainer.limit_gaussians(limit)
+        if trainer.count > limit:
+            canonical = trainer.model.canonical
+            kept = canonical.opacity_logits.detach().topk(limit).indices.sort().values
+            arrange(trainer, kept, kept[kept < canonical.moving])
+        gc.collect()
+        if trainer.device.type == "cuda":
+            torch.cuda.empty_cache()
+        if self._settings is not None:
+            self._settings["max_gaussians"] = limit
+        self.state = state_of(trainer, self._settings)
+        return (
+            f"The memory did not suffice for {count:,} Gaussians. "
+            f"It goes on from step {trainer.step_count} with at most {limit:,}."
+        )
+
+
+def is_out_of_memory(error: BaseException) -> bool:
+    """Python's, the GPU's, or what torch says on the CPU."""
+    return isinstance(error, MemoryError | torch.OutOfMemoryError) or (
+        isinstance(error, RuntimeError) and "can't allocate memory" in str(error)
+    )

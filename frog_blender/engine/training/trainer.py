@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -103,6 +103,10 @@ class Trainer:
     def rebuild_optimizer(self) -> None:
         """A fresh optimiser, after the model's parameters were replaced from outside."""
         self.optimizer = SceneOptimizer(self.model, self.recipe, self.scene_scale)
+
+    def limit_gaussians(self, count: int) -> None:
+        """No more than these from now on; those that there are stay."""
+        self.recipe = self.density.recipe = replace(self.recipe, max_gaussians=count)
 
     def resume_at(self, state: dict[str, Any]) -> None:
         """Sets the counters of a checkpoint."""

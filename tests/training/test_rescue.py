@@ -1,0 +1,209 @@
+"""Disks that are full or can no longer be written, memory that ends, errors that nobody foresaw: nothing is lost."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import filmed as film
+import pytest
+import torch
+from helpers import run_python
+
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.files import read_scene
+from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender.engine.training import events, job
+from frog_blender.engine.training import trainer as trainer_module
+from frog_blender.engine.training.checkpoint import checkpoint_path
+from frog_blender.engine.training.job import TrainingJob, run_training
+from frog_blender.engine.training.trainer import Trainer
+
+STEPS = 60
+IN_A_SMALL_DISK = Path(__file__).with_name("small_disk.py")
+
+
+@pytest.fixture
+def task(
+    filmed: Path, tmp_path: Path, lively: Callable, own_cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> TrainingJob:
+    monkeypatch.setattr(job, "stored_seeds", lambda capture, store, **_: film.seeds())
+    return TrainingJob(filmed, tmp_path / "out" / "x.frog", recipe=lively(STEPS), seed=2, device="cpu")
+
+
+def warnings(stream: list) -> list[str]:
+    return [event.message for event in stream if isinstance(event, events.Warned)]
+
+
+def can_mount() -> bool:
+    if shutil.which("unshare") is None:
+        return False
+    command = ["unshare", "-rm", "sh", "-c", "mount -t tmpfs -o size=64k tmpfs /mnt"]
+    return subprocess.run(command, capture_output=True, check=False).returncode == 0
+
+
+@pytest.mark.skipif(not can_mount(), reason="this system does not let its users mount a small file system")
+@pytest.mark.parametrize("fault", ["full", "read-only"])
+def test_a_disk_that_takes_nothing_more(filmed: Path, tmp_path: Path, fault: str) -> None:
+    """A real file system of 64 kB, or one that is made read-only in the middle of the training."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    size = "64k" if fault == "full" else "50m"
+    mount = f'mount -t tmpfs -o size={size} tmpfs "{disk}" && exec "$@"'
+    script = [sys.executable, str(IN_A_SMALL_DISK), str(filmed), str(disk), fault]
+    environment = {**os.environ, "FROG_CACHE": str(tmp_path / "cache"), "OMP_NUM_THREADS": "1"}
+    command = ["unshare", "-rm", "sh", "-c", mount, "sh", *script]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    why = "No space left on device" if fault == "full" else "Read-only file system"
+    assert f"({why}); nothing was changed. Training goes on without this checkpoint." in done.stdout
+    place = tmp_path / "cache" / "rescued" / "x.frog"
+    assert f"The scene was saved as {place} instead." in done.stdout
+    assert done.stdout.rstrip().endswith(f"Finished {place}")
+    assert PlayableScene.load(place).header.steps == 40
+    assert "left on the disk: []" in done.stdout, "no half-written file"
+
+
+def test_a_folder_that_is_taken_away_is_made_again(task: TrainingJob) -> None:
+    stream = []
+    for event in run_training(replace(task, save_seconds=0.0)):
+        if isinstance(event, events.Progress) and task.output.parent.exists() and not stream:
+            shutil.rmtree(task.output.parent)
+        stream.append(event)
+    assert isinstance(stream[-1], events.Finished) and read_scene(task.output).header.steps == STEPS
+
+
+def test_no_folder_at_all_is_one_sentence(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
+    from frog_blender.engine.training import rescue
+
+    def full(*_: object) -> None:
+        raise FrogError("x.frog: could not be written (No space left on device); nothing was changed.")
+
+    monkeypatch.setattr(rescue, "save_scene", full)
+    with pytest.raises(FrogError, match="No space left"):
+        list(run_training(task))
+    assert checkpoint_path(task.output).is_file(), "what was learned is there"
+
+
+def test_rescued_scenes_do_not_overwrite_each_other(
+    task: TrainingJob, tmp_path: Path, own_cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from frog_blender.engine.training import rescue
+
+    real = rescue.save_scene
+
+    def only_elsewhere(wanted: TrainingJob, *rest: object) -> object:
+        if wanted.output == task.output:
+            raise FrogError("x.frog: could not be written (Input/output error); nothing was changed.")
+        return real(wanted, *rest)
+
+    monkeypatch.setattr(rescue, "save_scene", only_elsewhere)
+    ends = [list(run_training(task))[-1] for _ in range(2)]
+    assert [Path(end.path).name for end in ends] == ["x.frog", "x-2.frog"]
+    assert all(read_scene(end.path).header.steps == STEPS for end in ends)
+
+
+def short_of_memory(monkeypatch: pytest.MonkeyPatch, most: int, error: Exception) -> None:
+    """A rasterizer whose memory ends at so many Gaussians."""
+    real = trainer_module.rasterize
+
+    def limited(gaussians, *rest):  # type: ignore[no-untyped-def]
+        if len(gaussians.means) > most:
+            raise error
+        return real(gaussians, *rest)
+
+    monkeypatch.setattr(trainer_module, "rasterize", limited)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2.00 GiB."),
+        RuntimeError("[enforce fail at alloc_cpu.cpp:117] . DefaultCPUAllocator: can't allocate memory"),
+        MemoryError("the rasterizer's backward pass ran out of memory"),
+    ],
+    ids=["cuda", "torch", "native"],
+)
+@pytest.mark.parametrize("capacity", ["fixed", "auto"])
+def test_memory_that_ends_costs_gaussians_not_the_training(
+    task: TrainingJob, monkeypatch: pytest.MonkeyPatch, error: Exception, capacity: str
+) -> None:
+    short_of_memory(monkeypatch, 330, error)
+    task = replace(task, recipe=replace(task.recipe, capacity=capacity))
+    stream = list(run_training(task))
+    (warning,) = warnings(stream)
+    assert "The memory did not suffice for" in warning and "with at most" in warning
+    end = stream[-1]
+    assert isinstance(end, events.Finished) and end.steps == STEPS and 0 < end.gaussians <= 330
+
+
+def test_a_training_with_fewer_gaussians_resumes(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
+    short_of_memory(monkeypatch, 330, MemoryError("no more"))
+    taken = [0]
+    step = Trainer.step
+
+    def counted(self: Trainer) -> None:
+        step(self)
+        taken[0] += 1
+
+    monkeypatch.setattr(Trainer, "step", counted)
+    assert isinstance(list(run_training(task, lambda: taken[0] > 50))[-1], events.Cancelled)
+    end = list(run_training(replace(task, resume=True)))[-1]
+    assert isinstance(end, events.Finished) and end.gaussians <= 330
+
+
+def test_memory_that_stays_short_ends_in_a_sentence(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
+    short_of_memory(monkeypatch, 0, MemoryError("no more"))
+    with pytest.raises(FrogError, match=r"memory stays too short.*smaller scale"):
+        list(run_training(task))
+
+
+def test_memory_that_really_ends_is_recognised() -> None:
+    """torch's own words when the system refuses memory, in a process that may not have much."""
+    code = """
+import resource, torch
+from frog_blender.engine.training.recovery import is_out_of_memory
+resource.setrlimit(resource.RLIMIT_AS, (8 << 30, 8 << 30))
+try:
+    torch.ones(4 << 30)
+except BaseException as error:
+    print(is_out_of_memory(error))
+"""
+    pytest.importorskip("resource")
+    done = run_python(code)
+    assert done.stdout.strip() == "True", done.stderr
+
+
+def test_what_nobody_foresaw_keeps_what_was_learned(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
+    step = Trainer.step
+
+    def broken(self: Trainer) -> None:
+        if self.step_count == 50:
+            raise ZeroDivisionError("a mistake of ours")
+        step(self)
+
+    monkeypatch.setattr(Trainer, "step", broken)
+    with pytest.raises(ZeroDivisionError):
+        list(run_training(task))
+    monkeypatch.setattr(Trainer, "step", step)
+    stream = list(run_training(replace(task, resume=True)))
+    steps = [event.step for event in stream if isinstance(event, events.Progress)]
+    assert isinstance(stream[-1], events.Finished) and steps[0] > 40
+
+
+def test_what_a_killed_training_left_unfinished_is_removed(task: TrainingJob) -> None:
+    task.output.parent.mkdir()
+    others = task.output.parent / ".y.frog.abc.part"
+    for path in (task.output.parent / ".x.frog.abc.part", task.output.parent / ".x.frog.checkpoint.d.part", others):
+        path.write_bytes(b"half a file")
+    list(run_training(task))
+    assert sorted(path.name for path in task.output.parent.iterdir()) == [
+        ".y.frog.abc.part",
+        "x.frog",
+        "x.frog.checkpoint",
+    ]
