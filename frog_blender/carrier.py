@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING, Any
 import bpy
 import numpy as np
 
-from . import splat_nodes
+from . import ellipsoid_nodes, splat_nodes
 
 if TYPE_CHECKING:
     from .engine.rasterizer.arrays import GaussianArrays
 
+_MODIFIER = "Gaussians as points"
 _VALUE_KEY = {"FLOAT_VECTOR": "vector", "QUATERNION": "value", "FLOAT4": "vector", "FLOAT_COLOR": "color"}
 _FIXED = {"scale": "FLOAT_VECTOR", "rotation": "QUATERNION", "radiance:base": "FLOAT_COLOR"}
 # radiance:base is a FLOAT4 in Blender 5.3.  Before 5.2 that type does not exist, and no version's Mesh to Points and
@@ -29,11 +30,19 @@ def create(name: str, gaussians: GaussianArrays) -> Any:
     mesh = bpy.data.meshes.new(name)
     obj = bpy.data.objects.new(name, mesh)
     mesh.materials.append(splat_nodes.material())
-    modifier = obj.modifiers.new("Gaussians as points", "NODES")
+    modifier = obj.modifiers.new(_MODIFIER, "NODES")
     modifier.node_group = splat_nodes.points_group()
     modifier.show_group_selector = False
     write(obj, gaussians)
     return obj
+
+
+def display(obj: Any, kind: str) -> None:
+    """Shows the Gaussians as "POINTS" that the material turns into soft splats, or as solid "ELLIPSOIDS"."""
+    modifier = obj.modifiers.get(_MODIFIER)
+    if modifier is not None:
+        groups = {"POINTS": splat_nodes.points_group, "ELLIPSOIDS": ellipsoid_nodes.ellipsoids_group}
+        modifier.node_group = groups[kind]()
 
 
 def write(obj: Any, gaussians: GaussianArrays) -> None:
@@ -69,6 +78,13 @@ def read(obj: Any) -> dict[str, np.ndarray]:
         attribute.data.foreach_get(key, values)
         found[name] = values.reshape(-1, width)
     return found
+
+
+def draw_in_renders(obj: Any, shown: bool) -> None:
+    """Whether other engines than FROG draw the Gaussians as points in their renders; FROG always does."""
+    modifier = obj.modifiers.get(_MODIFIER)
+    if modifier is not None:
+        modifier.show_render = shown
 
 
 def clear(obj: Any) -> None:

@@ -81,7 +81,12 @@ def shown_frame(obj: Any, scene_frame: float) -> float:
 
 
 def show(obj: Any, scene_frame: float) -> None:
-    """Put the Gaussians of a frame of the timeline into an object; a file that cannot be read leaves it as it is."""
+    """Put the Gaussians of a frame of the timeline into an object; a file that cannot be read leaves it as it is.
+
+    Geometry that is linked from another .blend cannot be written: such captures are drawn by the FROG engine alone.
+    """
+    if obj.data.library is not None or obj.data.override_library is not None:
+        return
     try:
         gaussians = gaussians_at(obj, scene_frame)
     except FrogError:

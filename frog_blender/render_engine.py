@@ -16,6 +16,7 @@ from . import playback
 from .blender_camera import distance_added, engine_camera
 from .colors import to_display, to_linear
 from .engine.errors import FrogError
+from .holdout import depth_of_objects
 
 if TYPE_CHECKING:
     from .engine.inference.draw import Drawing
@@ -53,15 +54,11 @@ class FrogRenderEngine(bpy.types.RenderEngine):
         if self.test_break():
             return
         height, width = depth.shape
-        rows, columns = rendered_part(depsgraph.scene.render, width, height)
-        size = (columns.stop - columns.start, rows.stop - rows.start)
-        result = self.begin_result(0, 0, *size, layer=depsgraph.view_layer.name)
+        result = self.begin_result(0, 0, width, height, layer=depsgraph.view_layer.name)
         for render_pass in result.layers[0].passes:
             values = {"Combined": combined, "Depth": depth}.get(render_pass.name)
             if values is not None:  # rows of a pass go from bottom to top; only a 1-D float32 array is copied at once
-                render_pass.rect.foreach_set(
-                    np.ascontiguousarray(values[::-1][rows, columns], dtype=np.float32).ravel()
-                )
+                render_pass.rect.foreach_set(np.ascontiguousarray(values[::-1], dtype=np.float32).ravel())
         self.end_result(result)
         self.update_progress(1.0)
 
@@ -76,17 +73,18 @@ class FrogRenderEngine(bpy.types.RenderEngine):
         viewport_drawing.draw(self, context, depsgraph)
 
 
-def rendered_part(render: Any, width: int, height: int) -> tuple[slice, slice]:
-    """Rows (from the bottom) and columns of the Render Region, which are all that Blender takes; else the picture's."""
+def rendered_part(render: Any, width: int, height: int) -> tuple[int, int, int, int]:
+    """Left, top, width and height in pixels of the Render Region, which is all that Blender takes; else the picture."""
     if not render.use_border:
-        return slice(0, height), slice(0, width)
+        return 0, 0, width, height
     left, right = int(render.border_min_x * width), int(render.border_max_x * width)
     bottom, top = int(render.border_min_y * height), int(render.border_max_y * height)
-    return slice(bottom, top), slice(left, right)
+    return left, height - top, right - left, top - bottom
 
 
 def render_frame(engine: Any, depsgraph: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Combined (H, W, 4) scene-linear premultiplied, and Depth (H, W) planar in world units, rows from the top.
+    """Combined (H, W, 4) scene-linear premultiplied, and Depth (H, W) planar in world units, rows from the top; both of
+    the Render Region alone where there is one.
 
     With motion blur the light of moments spread over the shutter's time is averaged; Depth is that of the frame itself.
     """
@@ -116,24 +114,26 @@ def shutter_moments(frame: float, shutter: float, position: str) -> list[float]:
 def render_moment(engine: Any, depsgraph: Any) -> tuple[np.ndarray, np.ndarray]:
     """``render_frame`` of the moment at which the scene stands, without blur."""
     from .engine.inference.draw import draw
+    from .engine.rasterizer.options import RasterizeOptions
 
     scene = depsgraph.scene
     width, height = engine.resolution_x, engine.resolution_y
+    options = RasterizeOptions(region=rendered_part(scene.render, width, height))
     if scene.camera is None:
         raise FrogError(f"Scene {scene.name}: found no active camera, expected one to render through.")
     eye = scene.camera.evaluated_get(depsgraph)
     camera = engine_camera(eye, eye.matrix_world, scene.render, width, height)
     engine.update_stats("", "Deforming Gaussians")
     gaussians, captured_background = gather(depsgraph)
-    if gaussians is None:
+    if gaussians is None or engine.test_break():
         drawing = None
-    elif engine.test_break():
-        return np.zeros((height, width, 4), np.float32), np.full((height, width), NO_SURFACE, np.float32)
     else:
         engine.update_stats("", f"Drawing {len(gaussians.means):,} Gaussians")
-        drawing = draw(gaussians, camera, background=(0.0, 0.0, 0.0))
-    depth = depth_pass(drawing, width, height, distance_added(eye.data))
-    return combined_pass(drawing, background_of(scene, captured_background), width, height), depth
+        hidden = depth_of_objects(depsgraph, camera, options) if scene.frog.hold_out else None
+        drawing = draw(gaussians, camera, options=options, depth_limit=hidden)
+    size = options.region_of(camera)[2:]
+    depth = depth_pass(drawing, *size, distance_added(eye.data))
+    return combined_pass(drawing, background_of(scene, captured_background), *size), depth
 
 
 def gather(depsgraph: Any) -> tuple[GaussianArrays | None, np.ndarray]:

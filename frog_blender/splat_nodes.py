@@ -12,6 +12,8 @@ from typing import Any
 
 import bpy
 
+from .node_builder import Builder
+
 _GROUP = "FRoG Gaussians as Points"
 _MATERIAL = "FRoG Gaussians"
 _RADIUS = 3.0  # standard deviations that a point's sphere reaches
@@ -28,7 +30,7 @@ def points_group() -> Any:
     group.is_modifier = True
     group.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
     group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
-    build = _Builder(group)
+    build = Builder(group)
     source, result = build.node("NodeGroupInput"), build.node("NodeGroupOutput")
 
     scale = build.named("scale", "FLOAT_VECTOR")
@@ -67,7 +69,7 @@ def material() -> Any:
         made.use_nodes = True
     made.surface_render_method = "DITHERED"
     made.node_tree.nodes.clear()
-    build = _Builder(made.node_tree)
+    build = Builder(made.node_tree)
 
     surface = build.node("ShaderNodeNewGeometry")
     center, _ = build.attribute("frog_center")
@@ -83,12 +85,10 @@ def material() -> Any:
     base, opacity = build.attribute("radiance:base")
     front = build.math("SUBTRACT", 1.0, surface.outputs["Backfacing"])
     alpha = build.math("MULTIPLY", build.math("MULTIPLY", opacity, falloff), front)
-    display = build.vector("MULTIPLY_ADD", base, (_SH_0,) * 3, (0.5,) * 3)
-    linear = build.combine(*(_to_linear(build, channel) for channel in build.separate(display)))
 
     glow, clear, mix = (build.node(f"ShaderNode{kind}") for kind in ("Emission", "BsdfTransparent", "MixShader"))
     output = build.node("ShaderNodeOutputMaterial")
-    build.link(linear, glow.inputs["Color"])
+    build.link(display_color(build, base), glow.inputs["Color"])
     build.link(alpha, mix.inputs[0])
     build.link(clear.outputs[0], mix.inputs[1])
     build.link(glow.outputs[0], mix.inputs[2])
@@ -97,85 +97,16 @@ def material() -> Any:
     return made
 
 
-def _to_linear(build: _Builder, channel: Any) -> Any:
+def display_color(build: Builder, base: Any) -> Any:
+    """Scene-linear colour of a first SH coefficient, in a shader."""
+    display = build.vector("MULTIPLY_ADD", base, (_SH_0,) * 3, (0.5,) * 3)
+    return build.combine(*(_to_linear(build, channel) for channel in build.separate(display)))
+
+
+def _to_linear(build: Builder, channel: Any) -> Any:
     """Display-referred sRGB to scene-linear, for one channel."""
     value = build.math("MAXIMUM", channel, 0.0)
     low = build.math("DIVIDE", value, 12.92)
     high = build.math("POWER", build.math("DIVIDE", build.math("ADD", value, 0.055), 1.055), 2.4)
     is_high = build.math("GREATER_THAN", value, 0.04045)
     return build.math("MULTIPLY_ADD", is_high, build.math("SUBTRACT", high, low), low)
-
-
-class _Builder:
-    """Nodes as expressions: each method adds a node and returns its output socket."""
-
-    def __init__(self, tree: Any) -> None:
-        self.tree = tree
-        self.is_shader = tree.bl_idname == "ShaderNodeTree"
-
-    def node(self, kind: str) -> Any:
-        return self.tree.nodes.new(kind)
-
-    def link(self, source: Any, target: Any) -> None:
-        """Connect a socket, or set a constant."""
-        if isinstance(source, (int, float, tuple)):
-            target.default_value = source
-        else:
-            self.tree.links.new(source, target)
-
-    def _operation(self, kind: str, operation: str, values: tuple[Any, ...]) -> Any:
-        node = self.node(kind)
-        node.operation = operation
-        for socket, value in zip(node.inputs, values, strict=False):
-            self.link(value, socket)
-        return next(socket for socket in node.outputs if socket.enabled)
-
-    def math(self, operation: str, *values: Any) -> Any:
-        return self._operation("ShaderNodeMath", operation, values)
-
-    def vector(self, operation: str, *values: Any) -> Any:
-        return self._operation("ShaderNodeVectorMath", operation, values)
-
-    def separate(self, value: Any) -> list[Any]:
-        node = self.node("ShaderNodeSeparateXYZ")
-        self.link(value, node.inputs[0])
-        return list(node.outputs)
-
-    def combine(self, *values: Any) -> Any:
-        node = self.node("ShaderNodeCombineXYZ")
-        for value, socket in zip(values, node.inputs, strict=True):
-            self.link(value, socket)
-        return node.outputs[0]
-
-    def named(self, name: str, kind: str) -> Any:
-        """A Geometry Nodes attribute."""
-        node = self.node("GeometryNodeInputNamedAttribute")
-        node.data_type = kind
-        node.inputs["Name"].default_value = name
-        return next(socket for socket in node.outputs if socket.enabled)
-
-    def store(self, geometry: Any, name: str, value: Any) -> Any:
-        """Store a vector on the points."""
-        node = self.node("GeometryNodeStoreNamedAttribute")
-        node.data_type, node.domain = "FLOAT_VECTOR", "POINT"
-        node.inputs["Name"].default_value = name
-        self.link(geometry, node.inputs["Geometry"])
-        self.link(value, next(socket for socket in node.inputs if socket.name == "Value" and socket.enabled))
-        return node.outputs[0]
-
-    def attribute(self, name: str) -> tuple[Any, Any]:
-        """A shader's attribute: its vector and its fourth component."""
-        node = self.node("ShaderNodeAttribute")
-        node.attribute_type, node.attribute_name = "GEOMETRY", name
-        return node.outputs["Vector"], node.outputs["Alpha"]
-
-    def to_object(self, value: Any, kind: str) -> Any:
-        node = self.node("ShaderNodeVectorTransform")
-        node.vector_type, node.convert_from, node.convert_to = kind, "WORLD", "OBJECT"
-        self.link(value, node.inputs[0])
-        return node.outputs[0]
-
-    def arrange(self) -> None:
-        """Spread the nodes in the order they were made, so that a curious user can read them."""
-        for i, node in enumerate(self.tree.nodes):
-            node.location = (220.0 * (i // 6), -190.0 * (i % 6))

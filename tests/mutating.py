@@ -8,6 +8,7 @@ opening undamaged files needs. Ends badly at the first other error, crash, or fi
 
 from __future__ import annotations
 
+import copy
 import json
 import random
 import resource
@@ -83,7 +84,7 @@ def change(node: Any, chance: random.Random) -> None:
         elif isinstance(node[key], int | float) and chance.random() < 0.5:
             node[key] = node[key] * chance.choice([-1, 2, 0.5, 1e6]) + chance.choice([0, 1, -1])
         else:
-            node[key] = chance.choice(HOSTILE)
+            node[key] = copy.deepcopy(chance.choice(HOSTILE))
         return
 
 

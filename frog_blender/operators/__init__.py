@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from . import cameras, import_frog, train
+from . import cameras, compose, import_frog, train
 
-_FAMILIES = (import_frog, cameras, train)
+_FAMILIES = (import_frog, cameras, compose, train)
 
 
 def register() -> None:

@@ -44,8 +44,18 @@ def materialize(
         scene.render.engine = "FROG"
     # Last: setting them plays the capture, which needs the object in its scene.
     obj.frog.start_frame = start_frame
-    obj.frog.filepath = str(path)
+    obj.frog.filepath = _stored(path)
     return obj
+
+
+def _stored(path: Path) -> str:
+    """The path as a .blend keeps it: from its own folder, if that is what the user's other paths do."""
+    if not (bpy.data.filepath and bpy.context.preferences.filepaths.use_relative_paths):
+        return str(path)
+    try:
+        return bpy.path.relpath(str(path))
+    except ValueError:  # on another drive
+        return str(path)
 
 
 def _adopt(obj: Any, root: Any, collection: Any) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import bpy
 
-from .. import background, carrier, playback
+from .. import background, carrier, ellipsoid_nodes, playback
 from ..operators.train import can_resume
 from . import capture_summary, preferences
 
@@ -86,12 +86,16 @@ class FROG_PT_captures(bpy.types.Panel):
                 _sentence(box, error, context, icon="ERROR")
             else:
                 box.label(text=f"{carrier.count(obj):,} Gaussians")
+                row = box.row()
+                row.enabled = carrier.count(obj) <= ellipsoid_nodes.MOST
+                row.prop(obj.frog, "display")
         if context.object is not None and context.object.type == "CAMERA":
             layout.operator("frog.look_through", icon="VIEW_CAMERA")
+        layout.operator_menu_enum("frog.compose", "engine", icon="NODE_COMPOSITING")
 
 
 class FROG_PT_film(bpy.types.Panel):
-    """Transparency of the FROG engine's pictures."""
+    """What lies behind and before the FROG engine's splats."""
 
     bl_label = "Film"
     bl_space_type = "PROPERTIES"
@@ -106,6 +110,7 @@ class FROG_PT_film(bpy.types.Panel):
     def draw(self, context: Any) -> None:
         self.layout.use_property_split = True
         self.layout.prop(context.scene.render, "film_transparent", text="Transparent")
+        self.layout.prop(context.scene.frog, "hold_out")
 
 
 class FROG_PT_passes(bpy.types.Panel):

@@ -16,7 +16,7 @@ from bpy.props import (
     StringProperty,
 )
 
-from .. import playback
+from .. import carrier, ellipsoid_nodes, playback
 
 RECIPES = (
     ("draft", "Draft", "A first look: 3,500 steps or more, a minute or two on a processor"),
@@ -31,11 +31,21 @@ CAPACITIES = (
 )
 
 
+DISPLAYS = (
+    ("POINTS", "Splats", "Soft Gaussians, as near to the truth as other engines can draw them"),
+    ("ELLIPSOIDS", "Ellipsoids", "A solid ellipsoid for each Gaussian, up to 50,000: to see what a scene is made of"),
+)
+
+
 REPETITIONS = (
     ("HOLD", "Hold", "The first and the last frame stay"),
     ("LOOP", "Loop", "The capture begins again"),
     ("PING_PONG", "Ping-Pong", "The capture plays backwards, then forwards again"),
 )
+
+
+# Before 5.0 every path may begin at the .blend's folder ("//"); since then only those that say so.
+_PATH_OPTIONS = {"ANIMATABLE", "PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (5, 0, 0) else {"ANIMATABLE"}
 
 
 def _on_capture_folder(settings: Any, _context: Any) -> None:
@@ -47,23 +57,40 @@ def _on_capture_folder(settings: Any, _context: Any) -> None:
         settings.output_path = bpy.path.abspath(settings.capture_folder).rstrip("/\\") + ".frog"
 
 
+def _on_display(settings: Any, _context: Any) -> None:
+    obj = settings.id_data
+    too_many = settings.display == "ELLIPSOIDS" and carrier.count(obj) > ellipsoid_nodes.MOST
+    if too_many:
+        settings.display = "POINTS"  # comes back here
+    else:
+        carrier.display(obj, settings.display)
+
+
 def _on_play_setting(_settings: Any, context: Any) -> None:
     playback.refresh(context.scene)
 
 
 class FrogTrainingSettings(bpy.types.PropertyGroup):
-    """``Scene.frog``: what to train and how."""
+    """``Scene.frog``: what to train and how, and how FROG renders."""
+
+    hold_out: BoolProperty(
+        name="Objects Hide Splats",
+        description="Splats end where an object of this scene hides them; the objects themselves are not drawn",
+        default=False,
+    )
 
     capture_folder: StringProperty(
         name="Capture",
         description="Folder with the videos or pictures and the cameras that filmed them",
         subtype="DIR_PATH",
+        options=_PATH_OPTIONS,
         update=_on_capture_folder,
     )
     output_path: StringProperty(
         name="Output",
         description="The .frog scene file that training writes",
         subtype="FILE_PATH",
+        options=_PATH_OPTIONS,
     )
     recipe: EnumProperty(
         name="Recipe", description="How long and how large to train", items=RECIPES, default="standard"
@@ -108,6 +135,7 @@ class FrogPlaybackSettings(bpy.types.PropertyGroup):
         name="Scene File",
         description="The .frog file that this object plays",
         subtype="FILE_PATH",
+        options=_PATH_OPTIONS,
         update=_on_play_setting,
     )
     start_frame: FloatProperty(
@@ -136,6 +164,13 @@ class FrogPlaybackSettings(bpy.types.PropertyGroup):
         description="Show the frame that is named below, which can be animated, instead of following the timeline",
         default=False,
         update=_on_play_setting,
+    )
+    display: EnumProperty(
+        name="Display",
+        description="How the viewport and other engines than FRoG show the Gaussians",
+        items=DISPLAYS,
+        default="POINTS",
+        update=_on_display,
     )
     shown_frame: FloatProperty(
         name="Shown Frame",

@@ -135,3 +135,21 @@ def expected_png(path: Path, camera: Camera, frame: float) -> np.ndarray:
     scene = PlayableScene.load(path)
     drawing = draw(scene.at_frame(frame), camera, background=scene.header.background)
     return np.clip(drawing.rgb, 0.0, 1.0) * 255.0
+
+
+def passes_of(scene, tmp_path):
+    """Combined (H, W, 4) and Depth (H, W) of the current frame, rows from the top, without a file between."""
+    from frog_blender import render_engine
+
+    taken = {}
+
+    def spy(engine, depsgraph):
+        taken["passes"] = original(engine, depsgraph)
+        return taken["passes"]
+
+    original, render_engine.render_frame = render_engine.render_frame, spy
+    try:
+        bpy.ops.render.render(scene=scene.name)
+    finally:
+        render_engine.render_frame = original
+    return taken["passes"]

@@ -6,7 +6,7 @@ import bpy
 import mathutils
 import numpy as np
 import pytest
-from scenes import expected_png, moving_camera, rig_of_three, write_scene
+from scenes import expected_png, moving_camera, passes_of, rig_of_three, write_scene
 
 
 def import_scene(path, **options):
@@ -171,24 +171,6 @@ def test_two_captures_are_drawn_together(empty, static_rig, tmp_path, rendered):
     assert both.sh.shape == (120, 4, 3)
     picture = draw(both, rig_of_three()[0], background=(0.1, 0.2, 0.3)).rgb
     assert_same_picture(rendered(empty), np.clip(picture, 0.0, 1.0) * 255.0)
-
-
-def passes_of(scene, tmp_path):
-    """Combined (H, W, 4) and Depth (H, W) of the current frame, rows from the top, without a file between."""
-    from frog_blender import render_engine
-
-    taken = {}
-
-    def spy(engine, depsgraph):
-        taken["passes"] = original(engine, depsgraph)
-        return taken["passes"]
-
-    original, render_engine.render_frame = render_engine.render_frame, spy
-    try:
-        bpy.ops.render.render(scene=scene.name)
-    finally:
-        render_engine.render_frame = original
-    return taken["passes"]
 
 
 def test_depth_is_planar_and_in_world_units(empty, static_rig, tmp_path):

@@ -107,6 +107,19 @@ def test_seeds_of_many_cameras_lie_on_the_surfaces_in_their_colours() -> None:
     assert store.read
 
 
+def test_when_few_are_measured_the_rest_is_guessed() -> None:
+    capture, pictures = make_scene(RING, 2, moving=False)
+    capture = replace(capture, near_far=(1.5, 12.0))
+    whole, few, none = (
+        find_seeds(capture, Store(capture, pictures), count_limit=3000, share=share) for share in (1.0, 0.1, 0.0)
+    )
+    assert "drawn" not in whole.origin and "drawn" in few.origin and "drawn" in none.origin
+    assert len(few.points) == len(none.points) == 3000, "they begin with as many"
+    kept = (few.points[:, None] == whole.points[None]).all(2).any(1).sum()
+    assert 0 < kept < 0.4 * len(whole.points)
+    assert not (none.points[:, None] == whole.points[None]).all(2).any()
+
+
 def test_seeds_of_a_moving_camera_never_read_withheld_frames() -> None:
     positions = [(0.12 * step - 0.8, 0.1 * np.sin(step)) for step in range(14)]
     capture, pictures = make_scene(positions, 1, moving=True)

@@ -141,9 +141,9 @@ def test_recipes_that_do_not_exist(name: str, changes: dict) -> None:
 def test_a_scene_of_few_seeds_can_grow() -> None:
     """A share of a hundred would be nobody in a round of anchors, and no forest from a few in a density round."""
     standard = RECIPES["standard"]
-    assert standard.newcomers(100, standard.sampling_share) == int(standard.sampling_share * 20_000)
-    assert standard.newcomers(100, standard.densify_growth) >= 500
-    assert standard.newcomers(30_000, standard.densify_growth) == int(30_000 * standard.densify_growth)
+    assert standard.newcomers(100, 0.002, while_few=0.01) == 200
+    assert standard.newcomers(19_999, 0.03, while_few=1.0) == 20_000
+    assert standard.newcomers(20_000, 0.03, while_few=1.0) == 600
 
 
 def test_more_moments_take_more_steps() -> None:

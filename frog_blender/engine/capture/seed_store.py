@@ -26,29 +26,29 @@ def stored_seeds(
     *,
     count_limit: int,
     seed: int = 0,
-    measured: bool = True,
+    share: float = 1.0,
     progress: Callable[[int, int], None] | None = None,
 ) -> Seeds:
     """``find_seeds``, or what it found for the same pictures, cameras and arguments before."""
-    path = store.folder / f"seeds-{_key(capture, count_limit, seed, measured)}.npz"
+    path = store.folder / f"seeds-{_key(capture, count_limit, seed, share)}.npz"
     try:
         with np.load(path, allow_pickle=False) as kept:
             return Seeds(kept["points"], kept["colors"], str(kept["origin"]))
     except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):
         pass  # not there, or cut off
-    seeds = find_seeds(capture, store, count_limit=count_limit, seed=seed, measured=measured, progress=progress)
+    seeds = find_seeds(capture, store, count_limit=count_limit, seed=seed, share=share, progress=progress)
     _keep(path, seeds)
     return seeds
 
 
-def _key(capture: Capture, count_limit: int, seed: int, measured: bool) -> str:
+def _key(capture: Capture, count_limit: int, seed: int, share: float) -> str:
     """Everything that decides the seeds but the frames themselves, for which the store's folder stands."""
     points = b"" if capture.points is None else np.ascontiguousarray(capture.points).tobytes()
     decides = {
         "version": _VERSION,
         "count_limit": count_limit,
         "seed": seed,
-        "measured": measured,
+        "share": share,
         "cameras": [camera.to_json() for camera in capture.cameras],
         "test": [sorted(capture.test_cameras), sorted(capture.test_frames)],
         "near_far": capture.near_far,

@@ -36,12 +36,6 @@ class Seeds:
     colors: np.ndarray
     origin: str
 
-    def some(self, share: float, seed: int) -> Seeds:
-        """A random ``share`` of them, at least one; the same for the same seed."""
-        count = max(1, round(share * len(self.points)))
-        kept = np.sort(np.random.default_rng([seed, 1]).permutation(len(self.points))[:count])
-        return Seeds(self.points[kept], self.colors[kept], self.origin)
-
 
 Cloud = tuple[np.ndarray, np.ndarray]
 
@@ -52,7 +46,7 @@ def find_seeds(
     *,
     count_limit: int = 25_000,
     seed: int = 0,
-    measured: bool = True,
+    share: float = 1.0,
     progress: Callable[[int, int], None] | None = None,
 ) -> Seeds:
     """Seed points from matched features and a plane sweep, or from the common volume where views are too far apart.
@@ -63,7 +57,7 @@ def find_seeds(
 
     Args:
         count_limit: at most this many points.
-        measured: False takes points from the common volume alone, as if nothing could be matched.
+        share: of ``count_limit``, the measured points at most: as if matching had found so few.
         progress: called with (steps done, steps in all).
 
     Raises:
@@ -87,16 +81,20 @@ def find_seeds(
     report(1)
     near, far = _depth_range(capture, matched[0], depth)
     swept, textured = _sweep(capture, store, train, references, (near, far), lambda done: report(1 + done))
-    found_count = len(matched[0]) + len(swept[0]) if measured else 0
+    measured = len(matched[0]) + len(swept[0])
     parts = []
-    if found_count:
+    if measured:
         keep = _choose(textured, count_limit - min(len(matched[0]), count_limit // 3), random)
         some = random.permutation(len(matched[0]))[: count_limit // 3]
         points = np.concatenate([matched[0][some], swept[0][keep]])
         colors = np.concatenate([matched[1][some], swept[1][keep]])
         parts.append(_merge((points, colors), np.array([camera.center for camera in cameras]), count_limit))
-    counts = {"matched": len(found[0]), "given": len(given[0]), "swept": len(swept[0])} if measured else {}
-    if found_count < _ENOUGH:
+    if share < 1 and measured:
+        kept = random.permutation(len(parts[0][0]))[: int(share * count_limit)]
+        measured = len(kept)
+        parts = [(parts[0][0][kept], parts[0][1][kept])]
+    counts = {"matched": len(found[0]), "given": len(given[0]), "swept": len(swept[0])}
+    if measured < _ENOUGH:
         wanted = count_limit - sum(len(part[0]) for part in parts)
         parts.append(fill_volume(capture, store, near, far, wanted, random))
         counts["drawn"] = len(parts[-1][0])
@@ -201,6 +199,10 @@ def _sweep(
         colors.append(depth_map.view.picture.reshape(-1, 3)[chosen])
         textured.append(depth_map.is_textured.ravel()[chosen])
     return (np.concatenate(points), np.concatenate(colors)), np.concatenate(textured)
+
+
+def _some(cloud: Cloud, kept: np.ndarray) -> Cloud:
+    return cloud[0][kept], cloud[1][kept]
 
 
 def _choose(textured: np.ndarray, count: int, random: np.random.Generator) -> np.ndarray:

@@ -19,7 +19,7 @@ from . import structs
 from .arrays import GaussianArrays
 from .options import RasterizeOptions
 
-ABI_VERSION = 5
+ABI_VERSION = 6
 
 
 def library_path() -> Path:
@@ -69,6 +69,11 @@ def library() -> ctypes.CDLL:
     loaded.frog_free.restype = None
     loaded.frog_similarity.argtypes = [c_int32, c_int32, *[c_void_p] * 4]
     loaded.frog_similarity.restype = c_int32
+    loaded.frog_mesh_depth.argtypes = [
+        *(c_void_p, c_int32, c_void_p, c_int32),
+        *(POINTER(structs.Camera), POINTER(c_int32 * 4), c_float, c_void_p),
+    ]
+    loaded.frog_mesh_depth.restype = c_int32
     loaded.frog_deform.argtypes = [POINTER(structs.Field), POINTER(structs.Deformed)]
     loaded.frog_deform.restype = c_int32
     loaded.frog_deform_backward.argtypes = [

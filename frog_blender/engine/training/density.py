@@ -15,6 +15,8 @@ from ..rasterizer.reference import rotation_matrices
 from .optimizer import SceneOptimizer
 from .recipe import Recipe
 
+_GROWTH_WHILE_FEW = 1.0  # every candidate may grow
+
 
 class DensityControl:
     """Collects screen gradients between rounds.
@@ -65,7 +67,9 @@ class DensityControl:
         keep = self.peak_opacity > recipe.prune_opacity
         keep |= ~keep.any()  # never everything
         pull = self.gradient_sum / self.seen.clamp(min=1)
-        room = min(recipe.newcomers(count, recipe.densify_growth), recipe.max_gaussians - int(keep.sum()))
+        room = min(
+            recipe.newcomers(count, recipe.densify_growth, _GROWTH_WHILE_FEW), recipe.max_gaussians - int(keep.sum())
+        )
         chosen = torch.empty(0, dtype=torch.long, device=keep.device)
         if room > 0:
             candidates = ((pull > recipe.densify_threshold) & keep).nonzero().squeeze(1)

@@ -139,9 +139,8 @@ def run_training(job: TrainingJob, cancelled: Callable[[], bool] = lambda: False
 
 
 def _seeds(job: TrainingJob, capture: Capture, store: FrameStore, report: Callable[[int, int], None]) -> Seeds:
-    limit, share = min(job.recipe.seed_gaussians, job.recipe.max_gaussians), job.recipe.seed_share
-    seeds = stored_seeds(capture, store, count_limit=limit, seed=job.seed, measured=share > 0, progress=report)
-    return seeds.some(share, job.seed) if 0 < share < 1 else seeds
+    limit = min(job.recipe.seed_gaussians, job.recipe.max_gaussians)
+    return stored_seeds(capture, store, count_limit=limit, seed=job.seed, share=job.recipe.seed_share, progress=report)
 
 
 def _as_it_began(job: TrainingJob) -> TrainingJob:

@@ -24,7 +24,7 @@ class Recipe:
         steps_per_moment: for each of the capture's moments; what is longer of the two is trained.
         max_gaussians: growth stops here.
         seed_gaussians: seed points at most.
-        seed_share: of the points found, those to begin with; 0 for points guessed in the volume that cameras see.
+        seed_share: of the seed points, those that may be measured, see ``find_seeds``; for tests of stability.
         sh_degree: 0 to 3; grows by one at each of ``sh_growth`` (fractions of training).
         capacity: "auto" leaves a scene no more than it needs (see training.parsimony), "fixed" what it has.
         dynamic_share: with "auto", the share of the Gaussians that may move at most, whatever that costs; 0 for as many
@@ -150,10 +150,11 @@ class Recipe:
         share = self.coarse_share
         return max(2, min(rows, round(rows * share) if share else min(_MOST_COARSE_ROWS, rows // 2)))
 
-    def newcomers(self, count: int, share: float) -> int:
-        """New Gaussians of a round: a share of those there are, or of half the limit where seeds were few, so that a
-        scene that begins with a hundred points can grow."""
-        return int(share * max(count, self.max_gaussians // 2))
+    def newcomers(self, count: int, share: float, while_few: float) -> int:
+        """New Gaussians of a round: a share of those there are; where seeds were few ``while_few`` of half the limit,
+        until there are as many, so that a scene that begins with a hundred points comes to its size in time."""
+        half = self.max_gaussians // 2
+        return int(share * count) if count >= half else int(max(share, while_few) * half)
 
     def __post_init__(self) -> None:
         for name, known in _CHOICES.items():

@@ -35,6 +35,7 @@ from .sampling import new_anchors, undeformed, worst_points
 from .schedule import Every, ShotPicker, ramp
 from .start import first_model, scale_of
 
+_ANCHORS_WHILE_FEW = 0.01  # of half the limit, a round
 _SMOOTHNESS_BATCH = 64  # anchors of the smoothness sample that a step looks at
 
 
@@ -250,7 +251,7 @@ class Trainer:
 
     @torch.no_grad()
     def _inject_anchors(self, progress: float, shot_index: int) -> None:
-        newcomers = self.recipe.newcomers(self.count, self.recipe.sampling_share)
+        newcomers = self.recipe.newcomers(self.count, self.recipe.sampling_share, _ANCHORS_WHILE_FEW)
         room = min(newcomers, self.recipe.max_gaussians - self.count)
         if room <= 0:
             return

@@ -8,6 +8,7 @@
 
 #include "backward.h"
 #include "deformation.h"
+#include "mesh_depth.h"
 #include "thread_pool.h"
 
 namespace {
@@ -62,7 +63,7 @@ int32_t attempt(Work work) {
 
 extern "C" {
 
-int32_t frog_abi_version(void) { return 5; }
+int32_t frog_abi_version(void) { return 6; }
 const char *frog_instruction_set(void) { return kernels().name; }
 void frog_set_thread_count(int32_t count) { frog::set_thread_count(count); }
 int32_t frog_thread_count(void) { return frog::thread_count(); }
@@ -109,6 +110,13 @@ int32_t frog_deform(const FrogDeformation *field, const FrogDeformed *result) {
 int32_t frog_deform_backward(const FrogDeformation *field, const FrogDeformed *gradients,
                              const FrogDeformationGradients *result) {
   return attempt([&] { frog::deform_backward(kernels(), *field, *gradients, *result); });
+}
+
+int32_t frog_mesh_depth(const float *vertices, int32_t vertex_count, const int32_t *triangles, int32_t triangle_count,
+                        const FrogCamera *camera, const int32_t region[4], float near_plane, float *depth) {
+  return attempt([&] {
+    frog::draw_mesh_depth(vertices, vertex_count, triangles, triangle_count, *camera, region, near_plane, depth);
+  });
 }
 
 int32_t frog_similarity(int32_t height, int32_t width, const float *image, const float *truth, float *similarity,

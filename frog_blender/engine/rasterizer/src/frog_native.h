@@ -84,6 +84,13 @@ FROG_EXPORT int32_t frog_backward(FrogFrame *, const FrogGaussians *, const Frog
 FROG_EXPORT void frog_count_work(const FrogFrame *, int64_t work[3]);
 FROG_EXPORT void frog_free(FrogFrame *);
 
+// Planar depth of a mesh: vertices (V, 3) in world units, triangles (T, 3) of indices. Fills `depth` (region height, width)
+// with that of the nearest triangle along each pixel's central ray, infinity where there is none; what names a missing or
+// non-finite vertex is left out, what is nearer than the near plane is cut off. Returns 0, or 1 when memory ran out.
+FROG_EXPORT int32_t frog_mesh_depth(const float *vertices, int32_t vertex_count, const int32_t *triangles,
+                                    int32_t triangle_count, const FrogCamera *, const int32_t region[4], float near_plane,
+                                    float *depth);
+
 // Mean structural similarity of two (H, W, 3) pictures in [0, 1] (window of 11 pixels, sigma 1.5, zero outside), and its
 // gradient (H, W, 3) by the first. Returns 0, or 1 when memory ran out.
 FROG_EXPORT int32_t frog_similarity(int32_t height, int32_t width, const float *image, const float *truth, float *similarity,

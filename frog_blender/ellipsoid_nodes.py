@@ -1,0 +1,63 @@
+"""Gaussians as solid ellipsoids: one instance each, for a look at what a scene is made of, and for Geometry Nodes.
+
+An instance's location, rotation and scale are the Gaussian's own; the sphere that is instanced has a radius of
+``RADIUS`` standard deviations.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from .node_builder import Builder
+from .splat_nodes import display_color
+
+_GROUP, _MATERIAL = "FRoG Gaussians as Ellipsoids", "FRoG Ellipsoids"
+MOST = 50_000
+"""Gaussians beyond which Blender takes too long over instances to scrub."""
+RADIUS = 1.5
+
+
+def ellipsoids_group() -> Any:
+    """The Geometry Nodes group, made once per file."""
+    group = bpy.data.node_groups.get(_GROUP)
+    if group is not None:
+        return group
+    group = bpy.data.node_groups.new(_GROUP, "GeometryNodeTree")
+    group.is_modifier = True
+    group.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
+    group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    build = Builder(group)
+    source, result = build.node("NodeGroupInput"), build.node("NodeGroupOutput")
+    sphere = build.node("GeometryNodeMeshIcoSphere")
+    sphere.inputs["Radius"].default_value, sphere.inputs["Subdivisions"].default_value = RADIUS, 2
+    set_material = build.node("GeometryNodeSetMaterial")
+    set_material.inputs["Material"].default_value = material()
+    build.link(sphere.outputs["Mesh"], set_material.inputs["Geometry"])
+    instances = build.node("GeometryNodeInstanceOnPoints")
+    build.link(source.outputs[0], instances.inputs["Points"])
+    build.link(set_material.outputs[0], instances.inputs["Instance"])
+    build.link(build.named("rotation", "QUATERNION"), instances.inputs["Rotation"])
+    build.link(build.named("scale", "FLOAT_VECTOR"), instances.inputs["Scale"])
+    build.link(instances.outputs[0], result.inputs[0])
+    build.arrange()
+    return group
+
+
+def material() -> Any:
+    """The base colours of the Gaussians, glowing; made once per file."""
+    found = bpy.data.materials.get(_MATERIAL)
+    if found is not None:
+        return found
+    made = bpy.data.materials.new(_MATERIAL)
+    if made.node_tree is None:  # before 5.0 a new material has no nodes
+        made.use_nodes = True
+    made.node_tree.nodes.clear()
+    build = Builder(made.node_tree)
+    base, _ = build.attribute("radiance:base", "INSTANCER")
+    glow, output = build.node("ShaderNodeEmission"), build.node("ShaderNodeOutputMaterial")
+    build.link(display_color(build, base), glow.inputs["Color"])
+    build.link(glow.outputs[0], output.inputs["Surface"])
+    build.arrange()
+    return made

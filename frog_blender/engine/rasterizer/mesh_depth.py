@@ -1,0 +1,49 @@
+"""How far away the surfaces of a mesh are, pixel by pixel: the depth limit that hides Gaussians behind objects."""
+
+from __future__ import annotations
+
+from ctypes import byref, c_int32
+
+import numpy as np
+
+from ..capture.camera import Camera
+from . import structs
+from .native import library
+from .options import RasterizeOptions
+
+
+def mesh_depth(
+    vertices: np.ndarray, triangles: np.ndarray, camera: Camera, options: RasterizeOptions | None = None
+) -> np.ndarray:
+    """(H, W) float32 planar depth of the nearest triangle along each pixel's central ray, infinity where there is none.
+
+    Args:
+        vertices: (V, 3), world units.
+        triangles: (T, 3) indices of vertices; both sides count. One with a missing or non-finite vertex is left out.
+        options: of the drawing that this limits: its region, and its near plane, before which triangles are cut off.
+
+    Raises:
+        ValueError: for arrays of other shapes.
+        MemoryError: when memory runs out.
+    """
+    vertices = np.ascontiguousarray(vertices, np.float32)
+    triangles = np.ascontiguousarray(triangles, np.int32)
+    for name, array in (("vertices", vertices), ("triangles", triangles)):
+        if array.ndim != 2 or array.shape[1] != 3:
+            raise ValueError(f"{name}: shape {array.shape}, expected (number, 3)")
+    options = options or RasterizeOptions()
+    region = options.region_of(camera)
+    depth = np.empty((region[3], region[2]), np.float32)
+    failed = library().frog_mesh_depth(
+        vertices.ctypes.data,
+        len(vertices),
+        triangles.ctypes.data,
+        len(triangles),
+        byref(structs.camera_struct(camera)),
+        byref((c_int32 * 4)(*region)),
+        options.near_plane,
+        depth.ctypes.data,
+    )
+    if failed:
+        raise MemoryError("the depth of the scene's objects ran out of memory")
+    return depth

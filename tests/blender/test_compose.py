@@ -1,0 +1,119 @@
+"""Captures among other objects: what hides what, and both engines' pictures in one."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+import pytest
+from scenes import passes_of, rig_of_three
+
+from frog_blender.engine.inference.draw import draw
+from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender.engine.rasterizer.options import RasterizeOptions
+
+
+def import_scene(path):
+    assert bpy.ops.import_scene.frog(filepath=str(path)) == {"FINISHED"}
+    return next(obj for obj in bpy.context.scene.objects if obj.frog.filepath)
+
+
+def card(scene, place, size=20.0, color=(0.9, 0.1, 0.8)):
+    """A glowing square in the plane x, z."""
+    mesh = bpy.data.meshes.new("card")
+    corners = [(-size, 0, -size), (size, 0, -size), (size, 0, size), (-size, 0, size)]
+    mesh.from_pydata(corners, [], [(0, 1, 2, 3)])
+    obj = bpy.data.objects.new("card", mesh)
+    obj.location = place
+    material = bpy.data.materials.new("glow")
+    if material.node_tree is None:
+        material.use_nodes = True
+    material.node_tree.nodes.clear()
+    glow = material.node_tree.nodes.new("ShaderNodeEmission")
+    glow.inputs["Color"].default_value = (*color, 1.0)
+    output = material.node_tree.nodes.new("ShaderNodeOutputMaterial")
+    material.node_tree.links.new(glow.outputs[0], output.inputs["Surface"])
+    mesh.materials.append(material)
+    scene.collection.objects.link(obj)
+    return obj
+
+
+def test_splats_end_where_an_object_hides_them(empty, static_rig, tmp_path):
+    """A card across the middle of the figure: nothing behind it, everything before it."""
+    import_scene(static_rig)
+    place = card(empty, (0.0, 0.0, 0.0))
+    empty.frog.hold_out = True
+    empty.render.film_transparent = True
+    combined, _ = passes_of(empty, tmp_path)
+    camera = rig_of_three()[0]
+    gaussians = PlayableScene.load(static_rig).at_frame(0.0)
+    y, x = np.mgrid[0 : camera.height, 0 : camera.width] + 0.5
+    rays = np.stack([x, y, np.ones_like(x)], -1) @ np.linalg.inv(camera.intrinsics).T @ camera.rotation
+    limit = -camera.center[1] / rays[..., 1]  # planar depth at y = 0
+    expected = draw(gaussians, camera, depth_limit=limit.astype(np.float32))
+    np.testing.assert_allclose(combined[..., 3], expected.alpha, atol=2e-3)
+    whole = draw(gaussians, camera, options=RasterizeOptions())
+    assert (whole.alpha - expected.alpha).max() > 0.3, "the card hides something"
+    assert expected.alpha.max() > 0.3, "and not all"
+    place.hide_render = True
+    np.testing.assert_allclose(passes_of(empty, tmp_path)[0][..., 3], whole.alpha, atol=2e-3)
+    place.hide_render = False
+    empty.frog.hold_out = False
+    np.testing.assert_allclose(passes_of(empty, tmp_path)[0][..., 3], whole.alpha, atol=2e-3)
+
+
+@pytest.mark.parametrize("motion_blur", [False, True])
+def test_f12_puts_cycles_and_frog_together(empty, static_rig, tmp_path, rendered, motion_blur):
+    obj = import_scene(static_rig)
+    card(empty, (0.0, 0.0, 0.0))
+    assert bpy.ops.frog.compose(engine="CYCLES") == {"FINISHED"}
+    assert empty.render.engine == "CYCLES"
+    splats = bpy.data.scenes[f"{empty.name} FRoG"]
+    assert splats.render.engine == "FROG" and splats.render.film_transparent and splats.frog.hold_out
+    empty.cycles.samples, empty.cycles.use_denoising = 1, False
+    pixels = rendered(empty, use_motion_blur=False).astype(float) / 255
+    camera, gaussians = rig_of_three()[0], PlayableScene.load(static_rig).at_frame(0.0)
+    y, x = np.mgrid[0 : camera.height, 0 : camera.width] + 0.5
+    rays = np.stack([x, y, np.ones_like(x)], -1) @ np.linalg.inv(camera.intrinsics).T @ camera.rotation
+    limit = -camera.center[1] / rays[..., 1]
+    drawing = draw(gaussians, camera, depth_limit=limit.astype(np.float32))
+    from frog_blender.colors import to_display, to_linear
+
+    straight = to_linear(np.clip(drawing.rgb / np.maximum(drawing.alpha, 1e-6)[..., None], 0, 1))
+    alpha = drawing.alpha[..., None]
+    light = straight * alpha + np.array([0.9, 0.1, 0.8]) * (1 - alpha)
+    assert np.abs(pixels[..., :3] - to_display(light).clip(0, 1)).max() < 3 / 255
+    assert drawing.alpha.max() > 0.5 > drawing.alpha.min()
+    assert obj.modifiers[0].show_viewport and not obj.modifiers[0].show_render
+
+
+def test_run_again_it_follows_the_scene(empty, static_rig):
+    import_scene(static_rig)
+    bpy.ops.frog.compose()
+    splats = bpy.data.scenes[f"{empty.name} FRoG"]
+    late = bpy.data.collections.new("late")
+    empty.collection.children.link(late)
+    empty.render.resolution_x = 123
+    assert bpy.ops.frog.compose() == {"FINISHED"}
+    assert len(bpy.data.scenes) == 2
+    assert late in set(splats.collection.children) and splats.render.resolution_x == 123
+    tree = getattr(empty, "compositing_node_group", None) or empty.node_tree
+    assert sum(node.type == "ALPHAOVER" for node in tree.nodes) == 1
+
+
+def test_what_the_compositor_did_before_stays(empty, static_rig):
+    from frog_blender.operators.compose import _compositor
+
+    import_scene(static_rig)
+    tree, output = _compositor(empty)
+    layers = tree.nodes.new("CompositorNodeRLayers")
+    mine = tree.nodes.new("CompositorNodeBlur")
+    tree.links.new(layers.outputs["Image"], mine.inputs["Image"])
+    tree.links.new(mine.outputs[0], output.inputs["Image"])
+    bpy.ops.frog.compose()
+    over = output.inputs["Image"].links[0].from_node
+    assert over.type == "ALPHAOVER"
+    assert mine in {link.from_node for socket in over.inputs for link in socket.links}
+
+
+def test_it_needs_a_capture(empty):
+    assert not bpy.ops.frog.compose.poll()

@@ -1,0 +1,93 @@
+"""Ellipsoids: an instance for every Gaussian, where, how large and turned as the engine has it at every frame."""
+
+from __future__ import annotations
+
+import bpy
+import mathutils
+import numpy as np
+import pytest
+
+from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender.engine.rasterizer.reference import rotation_matrices
+
+
+def import_scene(path):
+    assert bpy.ops.import_scene.frog(filepath=str(path)) == {"FINISHED"}
+    return next(obj for obj in bpy.context.scene.objects if obj.frog.filepath)
+
+
+def instances(obj):
+    """(N, 4, 4) world matrices of the object's instances, in their order."""
+    graph = bpy.context.evaluated_depsgraph_get()
+    found = [
+        np.array(instance.matrix_world)
+        for instance in graph.object_instances
+        if instance.is_instance and instance.parent is not None and instance.parent.original == obj
+    ]
+    return np.array(found)
+
+
+@pytest.mark.parametrize("frames", [(1, 5, 3, 7, 2.5), (6, 1)])
+def test_every_instance_is_its_gaussian(empty, static_rig, frames):
+    torch = pytest.importorskip("torch")
+    obj = import_scene(static_rig)
+    obj.parent.matrix_world = mathutils.Matrix.LocRotScale(
+        (1.0, 2.0, 3.0), mathutils.Quaternion((0.9, 0.1, 0.4, 0.2)), None
+    )
+    obj.frog.display = "ELLIPSOIDS"
+    scene = PlayableScene.load(static_rig)
+    for frame in frames:
+        empty.frame_set(int(frame), subframe=frame % 1)
+        gaussians = scene.at_frame(frame - 1)
+        turns = rotation_matrices(torch.from_numpy(gaussians.quaternions.astype(float))).numpy()
+        expected = np.tile(np.eye(4), (len(gaussians), 1, 1))
+        expected[:, :3, :3] = turns * gaussians.scales[:, None, :]
+        expected[:, :3, 3] = gaussians.means
+        found = instances(obj)
+        assert found.shape == expected.shape
+        np.testing.assert_allclose(found, np.array(obj.matrix_world) @ expected, atol=2e-5)
+
+
+def test_splats_again(empty, static_rig):
+    obj = import_scene(static_rig)
+    obj.frog.display = "ELLIPSOIDS"
+    assert len(instances(obj)) == 60
+    obj.frog.display = "POINTS"
+    assert not len(instances(obj)) or instances(obj).shape[0] < 60
+
+
+def test_too_many_stay_splats(empty, static_rig, monkeypatch):
+    from frog_blender import ellipsoid_nodes
+
+    monkeypatch.setattr(ellipsoid_nodes, "MOST", 10)
+    obj = import_scene(static_rig)
+    obj.frog.display = "ELLIPSOIDS"
+    assert obj.frog.display == "POINTS"
+
+
+def test_ellipsoids_have_the_gaussians_colours(empty, rendered):
+    """One red and one green Gaussian, seen by Cycles."""
+    from frog_blender import carrier
+    from frog_blender.engine.rasterizer.arrays import GaussianArrays
+
+    sh = ((np.eye(3)[:2] - 0.5) / 0.28209479)[:, None].astype(np.float32)
+    two = GaussianArrays(
+        np.array([[-1, 0, 0], [1, 0, 0]], np.float32),
+        np.tile(np.array([1, 0, 0, 0], np.float32), (2, 1)),
+        np.full((2, 3), 0.4, np.float32),
+        np.full(2, 0.9, np.float32),
+        sh,
+    )
+    obj = carrier.create("two", two)
+    carrier.display(obj, "ELLIPSOIDS")
+    eye = bpy.data.objects.new("eye", bpy.data.cameras.new("eye"))
+    eye.location, eye.rotation_euler = (0, -6, 0), (np.pi / 2, 0, 0)
+    for thing in (obj, eye):
+        empty.collection.objects.link(thing)
+    empty.camera, empty.render.engine = eye, "CYCLES"
+    empty.cycles.device, empty.cycles.samples, empty.cycles.use_denoising = "CPU", 4, False
+    empty.view_settings.view_transform = "Standard"
+    pixels = rendered(empty, resolution_x=90, resolution_y=40, resolution_percentage=100).astype(int)
+    left, right = pixels[20, :45, :3], pixels[20, 45:, :3]
+    assert left[left.sum(1).argmax()].argmax() == 0 and left.max() > 240
+    assert right[right.sum(1).argmax()].argmax() == 1 and right.max() > 240
