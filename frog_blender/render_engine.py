@@ -14,7 +14,7 @@ import numpy as np
 
 from . import playback
 from .blender_camera import distance_added, engine_camera
-from .colors import to_display, to_linear
+from .colors import picture_to_linear, to_display, to_linear
 from .engine.errors import FrogError
 from .holdout import depth_of_objects
 
@@ -188,16 +188,25 @@ def joined(parts: list[GaussianArrays]) -> GaussianArrays:
 
 def combined_pass(drawing: Drawing | None, background: np.ndarray | None, width: int, height: int) -> np.ndarray:
     """(H, W, 4) scene-linear premultiplied colour over a display-referred background (3,), None for transparent."""
+    combined = np.empty((height, width, 4), np.float32)
     if drawing is None:
         color, alpha = np.zeros((height, width, 3), np.float32), np.zeros((height, width, 1), np.float32)
     else:
         color, alpha = drawing.rgb, np.clip(drawing.alpha, 0.0, 1.0)[..., None]
     if background is not None:
         # Over in display space, which is how the scene was trained, so partly covered pixels look as they did there.
-        over = np.clip(color + (1.0 - alpha) * background, 0.0, max(1.0, float(background.max())))
-        return np.concatenate([to_linear(over), np.ones_like(alpha)], axis=2)
-    straight = np.clip(color / np.maximum(alpha, 1e-6), 0.0, 1.0)
-    return np.concatenate([to_linear(straight) * alpha, alpha], axis=2)
+        brightest = max(1.0, float(background.max()))
+        over = (1.0 - alpha) * background.astype(np.float32)
+        over += color
+        np.clip(over, 0.0, brightest, out=over)
+        combined[..., :3] = picture_to_linear(over) if brightest == 1.0 else to_linear(over)
+        combined[..., 3] = 1.0
+    else:
+        straight = color / np.maximum(alpha, 1e-6)
+        np.clip(straight, 0.0, 1.0, out=straight)
+        np.multiply(picture_to_linear(straight), alpha, out=combined[..., :3])
+        combined[..., 3:] = alpha
+    return combined
 
 
 def depth_pass(drawing: Drawing | None, width: int, height: int, added: float = 0.0) -> np.ndarray:

@@ -1,0 +1,131 @@
+"""What playing and rendering cost inside Blender: the frame handler, the rendered viewport, F12.
+
+    python benchmarks/blender.py [--json]        (with the bpy module)
+    blender -b --factory-startup --python benchmarks/blender.py
+
+Scenes are random; times are medians in milliseconds. The engine's own work (deformation, rasterization) stands beside
+what Blender adds, so that overheads can be told.
+"""
+
+from __future__ import annotations
+
+import json
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
+
+import bpy
+import numpy as np
+from helpers import scene_file
+
+import frog_blender
+from frog_blender import carrier, playback, render_engine
+from frog_blender.engine.files import SceneFile, write_scene
+from frog_blender.engine.inference.draw import draw
+from frog_blender.engine.inference.scene import PlayableScene
+
+
+def median_ms(work: Callable[[int], object], times: int = 15) -> float:
+    seconds = []
+    for number in range(times):
+        started = time.perf_counter()
+        work(number)
+        seconds.append(time.perf_counter() - started)
+    return round(1000 * statistics.median(seconds), 2)
+
+
+def opened(folder: Path, count: int, moving: int, size: tuple[int, int]) -> tuple[bpy.types.Object, Path]:
+    """A new file with one random capture of small Gaussians before its first camera."""
+    scene = scene_file(count, moving=moving)
+    scene.arrays["log_scales"] = scene.arrays["log_scales"] - np.float32(2.5)
+    cameras = tuple(camera.resized(*size) for camera in scene.header.cameras)
+    from dataclasses import replace
+
+    path = folder / f"{count}_{moving}.frog"
+    write_scene(path, SceneFile(replace(scene.header, cameras=cameras), scene.arrays))
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    bpy.ops.import_scene.frog(filepath=str(path))
+    return next(playback.captures(bpy.context.scene.objects)), path
+
+
+def handler(folder: Path, count: int, moving: int) -> dict[str, float]:
+    """Scrubbing: times that were computed before, and new ones."""
+    obj, path = opened(folder, count, moving, (160, 120))
+    scene = bpy.context.scene
+    playback.show(obj, 3.0)
+    cached = median_ms(lambda _: playback.show(obj, 3.0))
+    fresh = median_ms(lambda number: playback.show(obj, 1.0 + 0.37 * number))
+    playable = PlayableScene.load(path)
+    deformation = median_ms(lambda number: playable.at_frame(0.41 * number))
+    gaussians = playable.at_frame(0.0)
+    writing = median_ms(lambda _: carrier.write(obj, gaussians))
+    whole = median_ms(lambda number: scene.frame_set(1 + number % 5, subframe=0.013 * number))
+    return {
+        "cached handler": cached,
+        "fresh handler": fresh,
+        "deformation": deformation,
+        "writing": writing,
+        "frame_set": whole,
+    }
+
+
+def still(folder: Path) -> dict[str, float]:
+    """F12 at 1352 x 1014 with 100,000 Gaussians: everything but deformation and rasterization is overhead."""
+    size = (1352, 1014)
+    _, path = opened(folder, 100_000, 15_000, size)
+    scene = bpy.context.scene
+    scene.render.resolution_x, scene.render.resolution_y = size
+    playable = PlayableScene.load(path)
+    camera = playable.header.cameras[0]
+    engine_ms = median_ms(lambda number: draw(playable.at_frame(0.1 * number), camera), 5)
+    inside: list[float] = []
+    original = render_engine.render_moment
+
+    def timed(*arguments: object) -> object:
+        started = time.perf_counter()
+        result = original(*arguments)
+        inside.append(time.perf_counter() - started)
+        return result
+
+    render_engine.render_moment = timed
+
+    def render(number: int) -> None:
+        scene.frame_current = 1 + number % 5
+        bpy.ops.render.render()
+
+    try:
+        whole = median_ms(render, 6)
+    finally:
+        render_engine.render_moment = original
+    return {
+        "deformation and rasterization": engine_ms,
+        "in the engine": round(1000 * statistics.median(inside), 2),
+        "F12": whole,
+    }
+
+
+def main() -> None:
+    frog_blender.register()
+    with tempfile.TemporaryDirectory() as folder:
+        found = {
+            "scrubbing, 200,000 Gaussians, all moving": handler(Path(folder), 200_000, 200_000),
+            "scrubbing, 100,000 Gaussians, 15 % moving": handler(Path(folder), 100_000, 15_000),
+            "F12, 100,000 Gaussians, 1352 x 1014": still(Path(folder)),
+        }
+    if "--json" in sys.argv:
+        print(json.dumps(found))
+        return
+    for name, values in found.items():
+        print(name)
+        for key, value in values.items():
+            print(f"  {key:<32}{value:9.2f} ms")
+
+
+if __name__ == "__main__":
+    main()
