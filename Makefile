@@ -13,7 +13,7 @@ NATIVE := $(wildcard frog_blender/engine/rasterizer/src/* frog_blender/engine/ra
 # The CUDA run-time compiler, for tests that compile every kernel; there is none for macOS.
 NVRTC := $(if $(filter Darwin,$(shell uname)),,nvidia-cuda-nvrtc-cu12)
 
-.PHONY: demo chart test test-slow test-sanitizers test-blender lint format extension clean setup
+.PHONY: demo chart stability test test-slow test-sanitizers test-blender lint format extension clean setup
 
 setup: $(VENV)/.ready
 
@@ -37,6 +37,22 @@ CHART_FLAGS ?= --ablation --equal-time --timing
 
 chart: setup
 	$(BIN)/frog chart $(CHART_CAPTURES) --out $(CHART_OUT) $(CHART_FLAGS)
+
+# Renders the captures that `room`, `dim` and `fast` do not stand for (an hour), then trains under every condition, for
+# hours; killed, it goes on where it stopped. STABILITY_FLAGS overrides the grid.
+STABILITY_OUT ?= docs/stability
+STABILITY_FLAGS ?=
+RENDERED := out/captures
+
+$(RENDERED)/long/cam06.mp4: setup
+	test -e $@ || $(BIN)/python examples/make_long.py $(RENDERED)/long
+
+$(RENDERED)/still/cam11.mp4: setup
+	test -e $@ || $(BIN)/python examples/make_still.py $(RENDERED)/still
+
+stability: $(RENDERED)/long/cam06.mp4 $(RENDERED)/still/cam11.mp4
+	$(BIN)/frog stability examples/captures/room --long $(RENDERED)/long --dim examples/captures/dim \
+		--appearing examples/captures/fast --still $(RENDERED)/still --out $(STABILITY_OUT) $(STABILITY_FLAGS)
 
 test: setup
 	$(BIN)/python -m pytest -q

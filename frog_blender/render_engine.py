@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 import numpy as np
 
-from . import playback
+from . import playback, vector_pass
 from .blender_camera import distance_added, engine_camera
 from .colors import picture_to_linear, to_display, to_linear
 from .engine.errors import FrogError
@@ -43,10 +43,13 @@ class FrogRenderEngine(bpy.types.RenderEngine):
         self.register_pass(scene, renderlayer, "Combined", 4, "RGBA", "COLOR")
         if renderlayer.use_pass_z:
             self.register_pass(scene, renderlayer, "Depth", 1, "Z", "VALUE")
+        vector_pass.register_pass(self, scene, renderlayer)
 
     def render(self, depsgraph: Any) -> None:
         try:
             combined, depth = render_frame(self, depsgraph)
+            layer = depsgraph.view_layer
+            vectors = render_vectors(self, depsgraph) if layer.use_pass_vector and not self.test_break() else None
         except FrogError as error:
             # Not error_set: that neither ends an animation nor makes a script's render call raise.
             self.report({"ERROR"}, str(error))
@@ -56,7 +59,7 @@ class FrogRenderEngine(bpy.types.RenderEngine):
         height, width = depth.shape
         result = self.begin_result(0, 0, width, height, layer=depsgraph.view_layer.name)
         for render_pass in result.layers[0].passes:
-            values = {"Combined": combined, "Depth": depth}.get(render_pass.name)
+            values = {"Combined": combined, "Depth": depth, "Vector": vectors}.get(render_pass.name)
             if values is not None:  # rows of a pass go from bottom to top; only a 1-D float32 array is copied at once
                 render_pass.rect.foreach_set(np.ascontiguousarray(values[::-1], dtype=np.float32).ravel())
         self.end_result(result)
@@ -134,6 +137,22 @@ def render_moment(engine: Any, depsgraph: Any) -> tuple[np.ndarray, np.ndarray]:
     size = options.region_of(camera)[2:]
     depth = depth_pass(drawing, *size, distance_added(eye.data))
     return combined_pass(drawing, background_of(scene, captured_background), *size), depth
+
+
+def render_vectors(engine: Any, depsgraph: Any) -> np.ndarray:
+    """The Vector pass of the Render Region, (H, W, 4), rows from the top; see vector_pass."""
+    from .engine.rasterizer.options import RasterizeOptions
+
+    frame, width, height = depsgraph.scene.frame_current_final, engine.resolution_x, engine.resolution_y
+
+    def moment_at(offset: int) -> vector_pass.Moment:
+        moment = frame + offset
+        engine.frame_set(math.floor(moment), moment % 1.0)
+        eye = depsgraph.scene.camera.evaluated_get(depsgraph)
+        return gather(depsgraph)[0], engine_camera(eye, eye.matrix_world, depsgraph.scene.render, width, height)
+
+    options = RasterizeOptions(region=rendered_part(depsgraph.scene.render, width, height))
+    return vector_pass.vectors(moment_at, options)
 
 
 def gather(depsgraph: Any) -> tuple[GaussianArrays | None, np.ndarray]:

@@ -129,6 +129,7 @@ class FROG_PT_passes(bpy.types.Panel):
     def draw(self, context: Any) -> None:
         self.layout.use_property_split = True
         self.layout.prop(context.view_layer, "use_pass_z", text="Depth")
+        self.layout.prop(context.view_layer, "use_pass_vector", text="Vector")
 
 
 def _draw_timing(layout: Any, settings: Any) -> None:

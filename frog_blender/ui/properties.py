@@ -44,8 +44,7 @@ REPETITIONS = (
 )
 
 
-# Before 5.0 every path may begin at the .blend's folder ("//"); since then only those that say so.
-_PATH_OPTIONS = {"ANIMATABLE", "PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (5, 0, 0) else {"ANIMATABLE"}
+_PATH_OPTIONS = {"ANIMATABLE", "PATH_SUPPORTS_BLEND_RELATIVE"}  # the latter lets a path begin at the .blend's folder
 
 
 def _on_capture_folder(settings: Any, _context: Any) -> None:

@@ -154,6 +154,7 @@ def test_what_the_panel_asks_for(empty, tmp_path):
 
 
 def test_resuming_what_is_no_checkpoint_is_one_sentence(empty, tmp_path):
+    pytest.importorskip("torch")
     settings = empty.frog
     settings.capture_folder, settings.output_path = str(tmp_path), str(tmp_path / "scene.frog")
     (tmp_path / "scene.frog.checkpoint").write_bytes(b"x")

@@ -1,0 +1,118 @@
+"""The Vector pass: what Cycles says of a card, FROG says of a Gaussian in its place."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+import pytest
+from scenes import rig_of_three
+
+from frog_blender import render_engine
+from frog_blender.engine.rasterizer.options import RasterizeOptions
+from frog_blender.vector_pass import vectors
+
+SIZE = (64, 48)
+
+
+def moving_eye(scene):
+    """A camera that slides to the right and upwards, and looks along +y at what lies 5 away."""
+    eye = bpy.data.objects.new("eye", bpy.data.cameras.new("eye"))
+    eye.rotation_euler = (np.pi / 2, 0, 0)
+    for frame, place in ((1, (0.0, -5.0, 0.0)), (2, (0.1, -5.0, 0.05)), (3, (0.4, -5.0, 0.2))):
+        eye.location = place
+        eye.keyframe_insert("location", frame=frame)
+    scene.collection.objects.link(eye)
+    scene.camera = eye
+    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = *SIZE, 100
+    scene.frame_set(2)
+
+
+def spied(scene, monkeypatch):
+    """The vectors that a render with FROG makes."""
+    taken = []
+    real = render_engine.render_vectors
+    monkeypatch.setattr(render_engine, "render_vectors", lambda *given: taken.append(real(*given)) or taken[-1])
+    scene.render.engine = "FROG"
+    bpy.context.view_layer.use_pass_vector = True
+    bpy.ops.render.render()
+    return taken[0]
+
+
+def cycles_vectors(scene, path):
+    """(4,) at the middle of a still card 5 before the moving camera."""
+    from frog_blender.operators.compose import _compositor
+
+    bpy.ops.mesh.primitive_plane_add(size=30, rotation=(np.pi / 2, 0, 0))
+    scene.render.engine = "CYCLES"
+    scene.cycles.device, scene.cycles.samples, scene.cycles.use_denoising = "CPU", 1, False
+    bpy.context.view_layer.use_pass_vector = True
+    tree, output = _compositor(scene)
+    layers = tree.nodes.new("CompositorNodeRLayers")
+    tree.links.new(layers.outputs["Vector"], output.inputs["Image"])
+    settings = scene.render.image_settings
+    settings.file_format, settings.color_depth, settings.color_mode = "OPEN_EXR", "32", "RGBA"
+    scene.render.filepath = str(path)
+    bpy.ops.render.render(write_still=True)
+    pixels = np.array(bpy.data.images.load(str(path)).pixels[:]).reshape(SIZE[1], SIZE[0], 4)
+    return pixels[SIZE[1] // 2, SIZE[0] // 2]
+
+
+def test_it_is_what_cycles_says(empty, tmp_path):
+    from frog_blender.blender_camera import engine_camera
+    from frog_blender.engine.rasterizer.arrays import GaussianArrays
+
+    moving_eye(empty)
+    wide = GaussianArrays(
+        np.zeros((1, 3), np.float32),
+        np.array([[1, 0, 0, 0]], np.float32),
+        np.array([[5, 1e-3, 5]], np.float32),
+        np.full(1, 0.99, np.float32),
+        np.zeros((1, 1, 3), np.float32),
+    )
+
+    def moment_at(offset):
+        empty.frame_set(2 + offset)
+        return wide, engine_camera(empty.camera, empty.camera.matrix_world, empty.render, *SIZE)
+
+    found = vectors(moment_at, RasterizeOptions())[SIZE[1] // 2, SIZE[0] // 2]
+    expected = cycles_vectors(empty, tmp_path / "card.exr")
+    assert expected[0] > 1 and expected[2] > 4
+    count = 4 if expected[3] != 1.0 else 3  # before 5.0 the compositor's pictures have no room for the fourth
+    np.testing.assert_allclose(found[:count], expected[:count], rtol=2e-3)
+
+
+def test_a_still_scene_before_a_moving_camera(empty, static_rig, monkeypatch):
+    """5 away and 50 mm of 36 mm over 64 pixels: 0.1 to the right is 1.78 pixels to the left."""
+    bpy.ops.import_scene.frog(filepath=str(static_rig))
+    obj = next(obj for obj in empty.objects if obj.frog.filepath)
+    obj.frog.use_remap, obj.frog.shown_frame = True, 0.0
+    moving_eye(empty)
+    found = spied(empty, monkeypatch)
+    gaussians = render_engine.gather(bpy.context.evaluated_depsgraph_get())[0]
+    depths = 5.0 + gaussians.means[:, 1]
+    unit = 50.0 / 36.0 * SIZE[0]
+    seen = np.abs(found).sum(2) > 0.05
+    assert seen.mean() > 0.1
+    for columns, step in ((slice(0, 2), (0.1, 0.05)), (slice(2, 4), (0.3, 0.15))):
+        nearest, farthest = (unit / depth * np.array(step) for depth in (depths.min(), depths.max()))
+        ways = found[seen][:, columns]
+        assert (ways[np.abs(ways).sum(1) > 0.01] <= nearest * 1.05).all()
+        assert np.median(ways[:, 0]) == pytest.approx(float((nearest + farthest)[0] / 2), rel=0.4)
+        assert np.median(ways[:, 1] / ways[:, 0]) == pytest.approx(0.5, abs=0.02)
+
+
+def test_nothing_is_still(empty):
+    camera = rig_of_three()[0]
+    assert not vectors(lambda _: (None, camera), RasterizeOptions()).any()
+
+
+def test_it_arrives_in_a_file(empty, static_rig, tmp_path):
+    bpy.ops.import_scene.frog(filepath=str(static_rig))
+    bpy.context.view_layer.use_pass_vector = True
+    settings = empty.render.image_settings
+    if hasattr(settings, "media_type"):
+        settings.media_type = "MULTI_LAYER_IMAGE"
+    settings.file_format = "OPEN_EXR_MULTILAYER"
+    empty.render.filepath = str(tmp_path / "still.exr")
+    bpy.ops.render.render(write_still=True)
+    assert b"Vector.X" in (tmp_path / "still.exr").read_bytes()[:4000]
