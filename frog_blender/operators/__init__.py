@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from . import cameras, compose, import_frog, train
+from . import cameras, compose, import_frog, install_torch, train
 
-_FAMILIES = (import_frog, cameras, compose, train)
+_FAMILIES = (import_frog, cameras, compose, train, install_torch)
 
 
 def register() -> None:

@@ -25,12 +25,37 @@ class FROG_AP_preferences(bpy.types.AddonPreferences):
         subtype="DIR_PATH",
     )
 
+    package_index: StringProperty(
+        name="Package Index",
+        description="Address of the index that Install torch asks, such as PyTorch's own for the CPU or a version of "
+        'CUDA (see "Get Started" on its site); empty for pip\'s usual one',
+    )
+
     def draw(self, _context: Any) -> None:
         layout = self.layout
         layout.use_property_split = True
         layout.prop(self, "torch_path")
         layout.label(text=torch_needed() or "torch is found: training is possible.", icon="INFO")
         layout.label(text="Opening, scrubbing and rendering a finished .frog needs no torch.")
+        if torch_needed():
+            layout.prop(self, "package_index")
+            draw_installation(layout)
+
+
+def draw_installation(layout: Any) -> None:
+    """The button that installs torch, and how its work stands."""
+    from ..operators import install_torch
+    from ..torch_install import SIZES
+
+    current = install_torch.current
+    if current is not None and current.running:
+        layout.label(text=current.line[:100], icon="IMPORT")
+        layout.operator("frog.cancel_installation", icon="CANCEL")
+        return
+    if current is not None and current.error:
+        layout.label(text=current.error, icon="ERROR")
+    layout.operator("frog.install_torch", icon="IMPORT")
+    layout.label(text=f"Downloads {SIZES}.")
 
 
 def torch_path() -> str:
@@ -46,7 +71,10 @@ def torch_needed() -> str:
         return ""
     folder = torch_path()
     if not folder:
-        return f"Training needs torch: name an environment of Python {python} that has it in the add-on's preferences."
+        return (
+            f"Training needs torch: install it in the add-on's preferences, or name an environment of Python {python} "
+            "there that has it."
+        )
     try:
         site_packages(Path(bpy.path.abspath(folder)))
     except FrogError as error:
@@ -67,11 +95,15 @@ def add_environment() -> None:
     if _is_importable() or not torch_path():
         return
     try:
-        folder = str(site_packages(Path(bpy.path.abspath(torch_path()))))
+        add_folder(site_packages(Path(bpy.path.abspath(torch_path()))))
     except FrogError:
         return  # the panel and ``torch_needed`` say why
-    if folder not in sys.path:
-        sys.path.append(folder)  # appended, so that Blender's own packages win
+
+
+def add_folder(folder: Path) -> None:
+    """Makes the packages in a folder importable."""
+    if str(folder) not in sys.path:
+        sys.path.append(str(folder))  # appended, so that Blender's own packages win
         importlib.invalidate_caches()
 
 
