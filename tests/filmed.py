@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -9,6 +10,7 @@ import numpy as np
 from helpers import rotation_of
 
 from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.seeds import Seeds
 from frog_blender.engine.inference.draw import draw, to_uint8
 from frog_blender.engine.rasterizer.arrays import GaussianArrays
@@ -76,3 +78,13 @@ def write_capture(folder: Path) -> Path:
         rows.append([*matrix.ravel(), 2.0, 8.0])
     np.save(folder / "poses_bounds.npy", np.array(rows))
     return folder
+
+
+def longer(capture: Capture, frames: int) -> Capture:
+    """The same cameras over more moments."""
+    shots = tuple(
+        replace(capture.shots[0], camera=camera, frame=frame)
+        for camera in range(len(capture.cameras))
+        for frame in range(frames)
+    )
+    return replace(capture, shots=shots, frame_count=frames)

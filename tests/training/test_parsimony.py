@@ -11,11 +11,7 @@ import filmed as film
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
-from hypothesis import strategies as st
 
-from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.seeds import Seeds
 from frog_blender.engine.inference.scene import PlayableScene
 from frog_blender.engine.training import job, parsimony, reductions
@@ -23,10 +19,7 @@ from frog_blender.engine.training.checkpoint import load_checkpoint, save_checkp
 from frog_blender.engine.training.job import TrainingJob, run_training
 from frog_blender.engine.training.motion import Motion
 from frog_blender.engine.training.resting import put_to_rest, wake
-from frog_blender.engine.training.schedule import ShotPicker
-from frog_blender.engine.training.stillness import nothing_moves
 from frog_blender.engine.training.trainer import Trainer
-from frog_blender.engine.training.validation import most_within, withheld_shots
 
 Make = Callable[..., Trainer]
 
@@ -41,69 +34,10 @@ def quick(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(job, "stored_seeds", seeds)
 
 
-def long_capture(capture: Capture, frames: int) -> Capture:
-    """The same cameras over more moments."""
-    shots = tuple(
-        replace(capture.shots[0], camera=camera, frame=frame)
-        for camera in range(len(capture.cameras))
-        for frame in range(frames)
-    )
-    return replace(capture, shots=shots, frame_count=frames)
-
-
 def trained(trainer: Trainer) -> Trainer:
     while not trainer.finished:
         trainer.step()
     return trainer
-
-
-def test_withheld_pictures_are_training_pictures_spread_over_time(capture: Capture) -> None:
-    capture = long_capture(capture, 40)
-    found = withheld_shots(capture, 3)
-    assert 4 <= len(found) <= 8
-    assert not any(capture.is_test(capture.shots[i]) for i in found)
-    frames = sorted(capture.shots[i].frame for i in found)
-    assert np.diff(frames).min() > 0 and frames[0] < 10 and frames[-1] > 30
-    assert found == withheld_shots(capture, 3) != withheld_shots(capture, 4)
-
-
-def test_where_pictures_are_few_none_is_spared(capture: Capture) -> None:
-    assert withheld_shots(capture, 0) == ()
-
-
-def test_withheld_pictures_are_not_drawn(capture: Capture) -> None:
-    capture = long_capture(capture, 10)
-    withheld = withheld_shots(capture, 0)
-    for choice in ("even", "loss"):
-        picker, generator = ShotPicker(capture, choice), torch.Generator().manual_seed(0)
-        picker.withhold(withheld)
-        assert withheld and not set(withheld) & {picker.pick(generator) for _ in range(400)}
-        other = next(i for i, s in enumerate(capture.shots) if not capture.is_test(s) and i not in withheld)
-        assert not set(withheld) & {picker.pick_same_moment(other, generator) for _ in range(50)}
-        picker.withhold(())
-        assert set(withheld) < {picker.pick(generator) for _ in range(400)}
-
-
-def test_no_test_picture_is_ever_looked_at(make_trainer: Make, watched: Callable, capture: Capture) -> None:
-    store = watched()
-    trainer = trained(make_trainer(60, capacity="auto", watched=store))
-    assert trainer.parsimony and trainer.parsimony.reductions
-    assert store.read and not any(capture.is_test(capture.shots[index]) for index in store.read)
-
-
-@given(st.integers(0, 500), st.floats(0, 60), st.one_of(st.none(), st.integers(0, 600)))
-def test_the_search_never_allows_too_much(candidates: int, allowed: float, first: int | None) -> None:
-    asked = []
-
-    def loss(number: int) -> float:
-        asked.append(number)
-        return number**1.5 / 100
-
-    number, cost = most_within(loss, candidates, allowed, first)
-    assert len(asked) <= 4 and all(0 < each <= candidates for each in asked)
-    assert cost <= allowed and (number == 0 or cost == number**1.5 / 100)
-    if candidates**1.5 / 100 <= allowed and first is None:
-        assert number == candidates
 
 
 def test_rounds_make_the_scene_smaller_and_training_goes_on(make_trainer: Make) -> None:
@@ -189,72 +123,6 @@ def test_looking_leaves_no_gradient_behind(make_trainer: Make) -> None:
         assert all(parameter.grad is None for parameter in trainer.model.parameters())
         everyone = torch.arange(trainer.model.canonical.moving)
         put_to_rest(trainer, everyone, rest_of(trainer, everyone))
-
-
-class Repeated:
-    """A store whose pictures are a camera's first, with noise; ``moved`` pixels of one moment differ."""
-
-    def __init__(self, capture: Capture, noise: float, moved: int = 0) -> None:
-        self._capture, self._noise, self._moved = capture, noise, moved
-
-    def image(self, index: int) -> np.ndarray:
-        shot = self._capture.shots[index]
-        picture = film.picture(self._capture.cameras[shot.camera], 0).astype(float)
-        picture += np.random.default_rng(index).normal(0, self._noise, picture.shape)
-        if self._moved and shot.frame == 3:
-            picture[10 : 10 + self._moved, 20 : 20 + self._moved] = 255 - picture[10, 20]
-        return picture.round().clip(0, 255).astype(np.uint8)
-
-
-@pytest.mark.parametrize("noise", [0.0, 1.5, 4.0])
-def test_stillness_is_seen_through_noise(capture: Capture, noise: float) -> None:
-    assert nothing_moves(capture, Repeated(capture, noise))
-    assert not nothing_moves(capture, Repeated(capture, noise, moved=4))
-
-
-@pytest.mark.parametrize("kind", ["waves", "fade"])
-def test_motion_everywhere_is_no_noise(capture: Capture, kind: str) -> None:
-    class Everywhere:
-        def image(self, index: int) -> np.ndarray:
-            frame = capture.shots[index].frame
-            x = np.arange(film.WIDTH) / film.WIDTH + frame / film.FRAMES
-            row = 128 + 120 * np.sin(2 * np.pi * x) if kind == "waves" else np.full(film.WIDTH, 30.0 + 20 * frame)
-            return np.tile(row[None, :, None], (film.HEIGHT, 1, 3)).astype(np.uint8)
-
-    assert not nothing_moves(capture, Everywhere())
-
-
-def test_a_short_event_is_seen_by_some_camera(capture: Capture) -> None:
-    """Of 240 moments, twelve of each camera are looked at."""
-    capture = long_capture(capture, 240)
-
-    class Short(Repeated):
-        def image(self, index: int) -> np.ndarray:
-            picture = super().image(index)
-            if 100 <= capture.shots[index].frame < 108:
-                picture[10:20, 10:20] = 255 - picture[10:20, 10:20]
-            return picture
-
-    assert not nothing_moves(capture, Short(capture, 1.0))
-
-
-def test_motion_is_no_stillness_nor_is_a_single_moment(capture: Capture, store: object) -> None:
-    assert not nothing_moves(capture, store)
-    one = replace(capture, shots=tuple(shot for shot in capture.shots if shot.frame == 0))
-    assert not nothing_moves(one, store)
-
-
-def test_a_still_scene_has_no_network_and_plays(
-    capture: Capture, tmp_path: Path, filmed: Path, monkeypatch: pytest.MonkeyPatch, lively: Callable
-) -> None:
-    still = Repeated(capture, 1.5)
-    monkeypatch.setattr(FrameStore, "image", lambda _, index: still.image(index))
-    task = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(60, capacity="auto"), holdout_frames=0)
-    finished = list(run_training(task))[-1]
-    assert finished.capacity["dynamic"] == 0 and finished.capacity["heads"] == []
-    scene = PlayableScene.load(tmp_path / "x.frog")
-    assert scene.moving == 0 and scene.header.model == {}
-    np.testing.assert_array_equal(scene.at(0.2).means, scene.at(0.9).means)
 
 
 def test_a_silenced_head_stays_silent(make_trainer: Make) -> None:
@@ -352,15 +220,6 @@ def test_heads_that_nobody_misses_are_silenced(
     assert other.parsimony.reductions == trainer.parsimony.reductions
 
 
-def test_withholding_may_begin_within_a_burst(capture: Capture) -> None:
-    """One camera: whoever is withheld was the only picture of its moment."""
-    shots = tuple(shot for shot in long_capture(capture, 40).shots if shot.camera == 1)
-    picker, generator = ShotPicker(replace(capture, shots=shots, frame_count=40)), torch.Generator().manual_seed(0)
-    picker.withhold((5,))
-    assert {picker.pick_same_moment(5, generator) for _ in range(30)}.isdisjoint({5})
-    assert picker.pick_same_moment(6, generator) == 6
-
-
 def test_nothing_is_added_after_the_scene_has_settled(make_trainer: Make) -> None:
     trainer = make_trainer(100, capacity="auto", densify_until=1.0, sampling_until=1.0, densify_threshold=0.0)
     while trainer.step_count < 85:
@@ -398,28 +257,3 @@ def test_broken_gaussians_do_not_cost_the_scene(
     finished = list(run_training(TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(40, capacity="auto"))))[-1]
     scene = PlayableScene.load(tmp_path / "x.frog")
     assert scene.count == finished.gaussians == counts[0] - 2 and np.isfinite(scene.at(0.5).scales).all()
-
-
-@pytest.mark.parametrize("capacity", ["auto", "fixed"])
-def test_a_budget_of_gaussians_is_never_exceeded(make_trainer: Make, capacity: str) -> None:
-    trainer, most = make_trainer(60, capacity=capacity, max_gaussians=320), 0
-    while not trainer.finished:
-        trainer.step()
-        most = max(most, trainer.count)
-    assert 300 < most <= 320
-
-
-def test_not_even_by_the_seeds(filmed: Path, tmp_path: Path, lively: Callable) -> None:
-    task = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(20, max_gaussians=150))
-    assert list(run_training(task))[-1].gaussians <= 150
-
-
-def test_a_budget_of_bytes_holds_exactly(filmed: Path, tmp_path: Path, lively: Callable) -> None:
-    sizes, counts = {}, {}
-    for name, most in (("a", None), ("b", 44_000), ("c", 41_000), ("again", 41_000)):
-        path = tmp_path / f"{name}.frog"
-        finished = list(run_training(TrainingJob(filmed, path, recipe=lively(60, capacity="auto"), max_bytes=most)))[-1]
-        sizes[name], counts[name] = path.stat().st_size, PlayableScene.load(path).count
-        assert counts[name] == finished.capacity["gaussians"] == finished.gaussians
-    assert sizes["a"] > 43_000 and 39_000 < sizes["b"] <= 44_000 and 36_000 < sizes["c"] <= 41_000
-    assert counts["a"] > counts["b"] > counts["c"] == counts["again"]

@@ -1,0 +1,104 @@
+"""A capture in which nothing moves is seen before the first step, and gets no network."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import filmed as film
+import numpy as np
+import pytest
+
+from frog_blender.engine.capture.capture import Capture
+from frog_blender.engine.capture.frames import FrameStore
+from frog_blender.engine.capture.seeds import Seeds
+from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender.engine.training import job
+from frog_blender.engine.training.job import TrainingJob, run_training
+from frog_blender.engine.training.stillness import nothing_moves
+from frog_blender.engine.training.trainer import Trainer
+
+Make = Callable[..., Trainer]
+
+
+@pytest.fixture(autouse=True)
+def quick(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Seeds at no cost, no more than are asked for."""
+
+    def seeds(*_: object, count_limit: int, **__: object) -> Seeds:
+        return film.seeds(min(300, count_limit))
+
+    monkeypatch.setattr(job, "stored_seeds", seeds)
+
+
+def trained(trainer: Trainer) -> Trainer:
+    while not trainer.finished:
+        trainer.step()
+    return trainer
+
+
+class Repeated:
+    """A store whose pictures are a camera's first, with noise; ``moved`` pixels of one moment differ."""
+
+    def __init__(self, capture: Capture, noise: float, moved: int = 0) -> None:
+        self._capture, self._noise, self._moved = capture, noise, moved
+
+    def image(self, index: int) -> np.ndarray:
+        shot = self._capture.shots[index]
+        picture = film.picture(self._capture.cameras[shot.camera], 0).astype(float)
+        picture += np.random.default_rng(index).normal(0, self._noise, picture.shape)
+        if self._moved and shot.frame == 3:
+            picture[10 : 10 + self._moved, 20 : 20 + self._moved] = 255 - picture[10, 20]
+        return picture.round().clip(0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1.5, 4.0])
+def test_stillness_is_seen_through_noise(capture: Capture, noise: float) -> None:
+    assert nothing_moves(capture, Repeated(capture, noise))
+    assert not nothing_moves(capture, Repeated(capture, noise, moved=4))
+
+
+@pytest.mark.parametrize("kind", ["waves", "fade"])
+def test_motion_everywhere_is_no_noise(capture: Capture, kind: str) -> None:
+    class Everywhere:
+        def image(self, index: int) -> np.ndarray:
+            frame = capture.shots[index].frame
+            x = np.arange(film.WIDTH) / film.WIDTH + frame / film.FRAMES
+            row = 128 + 120 * np.sin(2 * np.pi * x) if kind == "waves" else np.full(film.WIDTH, 30.0 + 20 * frame)
+            return np.tile(row[None, :, None], (film.HEIGHT, 1, 3)).astype(np.uint8)
+
+    assert not nothing_moves(capture, Everywhere())
+
+
+def test_a_short_event_is_seen_by_some_camera(capture: Capture) -> None:
+    """Of 240 moments, twelve of each camera are looked at."""
+    capture = film.longer(capture, 240)
+
+    class Short(Repeated):
+        def image(self, index: int) -> np.ndarray:
+            picture = super().image(index)
+            if 100 <= capture.shots[index].frame < 108:
+                picture[10:20, 10:20] = 255 - picture[10:20, 10:20]
+            return picture
+
+    assert not nothing_moves(capture, Short(capture, 1.0))
+
+
+def test_motion_is_no_stillness_nor_is_a_single_moment(capture: Capture, store: object) -> None:
+    assert not nothing_moves(capture, store)
+    one = replace(capture, shots=tuple(shot for shot in capture.shots if shot.frame == 0))
+    assert not nothing_moves(one, store)
+
+
+def test_a_still_scene_has_no_network_and_plays(
+    capture: Capture, tmp_path: Path, filmed: Path, monkeypatch: pytest.MonkeyPatch, lively: Callable
+) -> None:
+    still = Repeated(capture, 1.5)
+    monkeypatch.setattr(FrameStore, "image", lambda _, index: still.image(index))
+    task = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(60, capacity="auto"), holdout_frames=0)
+    finished = list(run_training(task))[-1]
+    assert finished.capacity["dynamic"] == 0 and finished.capacity["heads"] == []
+    scene = PlayableScene.load(tmp_path / "x.frog")
+    assert scene.moving == 0 and scene.header.model == {}
+    np.testing.assert_array_equal(scene.at(0.2).means, scene.at(0.9).means)
