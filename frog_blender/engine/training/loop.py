@@ -72,8 +72,11 @@ def _steps(
     while not trainer.finished and not cancelled():
         try:
             trainer.step()
+            saving = time.monotonic() - last_save >= job.save_seconds
             if trainer.finished or int(trainer.progress * _EVALUATIONS) > evaluated:
                 recovery.remember(trainer)
+            elif saving:
+                trainer.check()
         except (Unstable, RuntimeError, MemoryError) as error:
             yield events.Warned(recovery.go_back(trainer, error))
             evaluated = int(trainer.progress * _EVALUATIONS)
@@ -88,8 +91,7 @@ def _steps(
             psnr, split = trainer.evaluate(job.evaluated_shots)
             yield events.Evaluated(trainer.step_count, psnr, split, trainer.seconds)
             yield events.Preview(trainer.step_count, to_uint8(trainer.picture(preview_shot)))
-        if now - last_save >= job.save_seconds:
-            trainer.check()
+        if saving:
             yield from checkpoints.save(trainer)
             last_save = time.monotonic()
 

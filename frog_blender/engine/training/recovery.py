@@ -84,7 +84,8 @@ class Recovery:
 
 
 def is_out_of_memory(error: BaseException) -> bool:
-    """Python's, the GPU's, or what torch says on the CPU."""
-    return isinstance(error, MemoryError | torch.OutOfMemoryError) or (
-        isinstance(error, RuntimeError) and "can't allocate memory" in str(error)
-    )
+    """Python's, torch's of a GPU, or what torch says on the CPU and the driver elsewhere."""
+    if isinstance(error, MemoryError | torch.OutOfMemoryError):
+        return True
+    said = str(error).lower()
+    return isinstance(error, RuntimeError) and ("can't allocate memory" in said or "out of memory" in said)
