@@ -97,7 +97,7 @@ class Recipe:
     fine_rows_until: float = 0.05
     warm_up: float = 0.01
     mean_rate: float = 3e-4
-    scale_rate: float = 2e-2
+    scale_rate: float = 3e-2
     rotation_rate: float = 2e-3
     opacity_rate: float = 3e-2
     color_rate: float = 5e-3
