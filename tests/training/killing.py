@@ -91,7 +91,7 @@ def during_training(folder: Path, kills: int, seed: int, steps: int) -> dict[str
     """Kills trainings and goes on until each has ended as an undisturbed one."""
     chance = random.Random(seed)
     task = TrainingJob(folder / "capture", folder / "whole.frog", recipe=recipe("draft", steps=steps, **RATES), seed=2)
-    os.waitpid(forked(lambda: train(task)), 0)
+    assert os.waitpid(forked(lambda: train(task)), 0)[1] == 0, "the undisturbed training failed"
     wanted = arrays(task.output)
     done = rounds = resumed = 0
     while done < kills:
