@@ -42,6 +42,7 @@ def materialize(
         _set_up(scene, header, start_frame, cameras)
     if use_frog_engine:
         scene.render.engine = "FROG"
+        _look_at_it(scene, through_camera=set_up_scene)
     # Last: setting them plays the capture, which needs the object in its scene.
     obj.frog.start_frame = start_frame
     obj.frog.filepath = _stored(path)
@@ -140,6 +141,17 @@ def _set_up(scene: Any, header: SceneHeader, start_frame: float, cameras: list[A
     scene.render.dither_intensity = 0.0
     # A window draws while a render evaluates frames in its own thread; locked, they do not share the Gaussians.
     scene.render.use_lock_interface = True
+
+
+def _look_at_it(scene: Any, *, through_camera: bool) -> None:
+    """Viewports of the scene that show surfaces only, of which Gaussians have none, become rendered ones."""
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas if window.scene == scene else ():
+            space = area.spaces.active
+            if area.type == "VIEW_3D" and space.shading.type in ("SOLID", "WIREFRAME"):
+                space.shading.type = "RENDERED"
+                if through_camera and scene.camera is not None:
+                    space.region_3d.view_perspective = "CAMERA"
 
 
 def look_through(scene: Any, camera: Any) -> None:

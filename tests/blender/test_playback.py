@@ -67,6 +67,22 @@ def test_import_sets_the_scene_up(empty, capture):
     assert capture.parent.type == "EMPTY" and len(empty.collection.children) == 1
 
 
+def test_importing_shows_the_capture_at_once(empty, static_rig):
+    """Solid viewports would show grey spheres."""
+
+    def views():
+        areas = [area for window in bpy.context.window_manager.windows for area in window.screen.areas]
+        return [area.spaces.active for area in areas if area.type == "VIEW_3D"]
+
+    if not views():
+        pytest.skip("this Blender has no window")
+    bpy.ops.import_scene.frog(filepath=str(static_rig), use_frog_engine=False)
+    assert {view.shading.type for view in views()} == {"SOLID"}
+    bpy.ops.import_scene.frog(filepath=str(static_rig))
+    assert {view.shading.type for view in views()} == {"RENDERED"}
+    assert {view.region_3d.view_perspective for view in views()} == {"CAMERA"}
+
+
 def test_a_missing_file_is_told_once(empty, capture, static_rig, capfd):
     before = carrier.count(capture)
     static_rig.unlink()
