@@ -173,7 +173,7 @@ def test_cancelling_while_frames_are_decoded(
 def test_decoding_and_seeding_report(task: TrainingJob, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.undo()
     monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
-    small = replace(task, recipe=replace(task.recipe, seed_gaussians=200, steps=3))
+    small = replace(task, recipe=replace(task.recipe, seed_gaussians=200, steps=3, densify_until=0.0))
     stream = list(run_training(small))
     stages = [event for event in stream if isinstance(event, events.Stage)]
     assert {"Decoding frames", "Finding seed points"} == {stage.name for stage in stages}

@@ -43,7 +43,7 @@ def test_a_training_begins_at_half_size_and_ends_at_whole(
     make_trainer: Callable[..., Trainer], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("frog_blender.engine.training.resolution._LEAST", 16)
-    trainer = make_trainer(60, half_size_until=0.5, sampling_until=0.95, sampling_share=0.05, max_gaussians=5000)
+    trainer = make_trainer(60, half_size_until=0.5, sampling_until=0.95, densify_until=0.0, max_gaussians=5000)
     sizes: list[tuple[float, tuple[int, int]]] = []
     draw, place = trainer_module.rasterize, trainer_module.worst_points
     anchored: list[tuple[int, int]] = []

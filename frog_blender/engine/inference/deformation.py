@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..errors import FrogError
+from ..errors import FrogError, brief
 from ..rasterizer.arrays import GaussianArrays
 from ..rasterizer.native_deformation import FieldShape, deform
 from .frame_memory import FrameMemory
@@ -82,7 +82,9 @@ class PlayableDeformation:
             a = _checked_arrays(arrays, model, self._temporal)
             self._shape = _shape(model, a["sh"].shape[1], self._temporal.networks)
         except (KeyError, ValueError, TypeError, AttributeError, IndexError, OverflowError) as error:
-            raise FrogError(f"The scene's deformation network cannot be used ({error}); train it again.") from error
+            raise FrogError(
+                f"The scene's deformation network cannot be used ({brief(error)}); train it again."
+            ) from error
         weight = a.pop("temporal_weight")
         self._temporal_weight, self._bias = weight.reshape(self._temporal.networks, -1, weight.shape[1]), a.pop("bias")
         self.moving, deformed = len(a["embeddings"]), self._shape.sh_deformed

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from ...errors import FrogError
+from ...errors import FrogError, brief
 from ...rasterizer.arrays import GaussianArrays
 
 BLOCK = 4096
@@ -20,7 +20,7 @@ def readable(what: str) -> Iterator[None]:
     try:
         yield
     except (KeyError, ValueError, TypeError, IndexError, AttributeError, OverflowError) as error:
-        raise FrogError(f"The scene's {what} cannot be used ({error}); train it again.") from error
+        raise FrogError(f"The scene's {what} cannot be used ({brief(error)}); train it again.") from error
 
 
 def take(arrays: dict[str, np.ndarray], name: str, *shape: int) -> np.ndarray:
