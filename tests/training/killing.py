@@ -127,15 +127,20 @@ def during_saving(folder: Path, kills: int, seed: int) -> dict[str, int]:
             capture, FrameStore.open(capture), film.seeds(3000), recipe("draft", **RATES), "frog", Limits(9), 0
         )
 
-    def save_on_and_on() -> None:
+    def save_on_and_on(begun: int) -> None:
         one = trainer()
+        os.write(begun, b".")
         while True:
             save_checkpoint(path, one)
 
     os.waitpid(forked(lambda: save_checkpoint(path, trainer())), 0)
     unfinished = 0
     for _ in range(kills):
-        assert killed_after(forked(save_on_and_on), chance.uniform(0.3, 0.5))
+        reading, writing = os.pipe()
+        saving = forked(lambda writing=writing: save_on_and_on(writing))
+        os.close(writing)
+        assert killed_after(saving, chance.uniform(0.0, 0.2), reading)
+        os.close(reading)
         parts = list(folder.glob(".saving.checkpoint.*.part"))
         unfinished += len(parts)
         for part in parts:
