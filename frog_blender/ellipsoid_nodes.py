@@ -10,7 +10,7 @@ from typing import Any
 
 import bpy
 
-from .node_builder import Builder
+from .node_builder import Builder, new_geometry_group, new_material
 from .splat_nodes import display_color
 
 _GROUP, _MATERIAL = "FRoG Gaussians as Ellipsoids", "FRoG Ellipsoids"
@@ -24,10 +24,7 @@ def ellipsoids_group() -> Any:
     group = bpy.data.node_groups.get(_GROUP)
     if group is not None:
         return group
-    group = bpy.data.node_groups.new(_GROUP, "GeometryNodeTree")
-    group.is_modifier = True
-    group.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
-    group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    group = new_geometry_group(_GROUP)
     build = Builder(group)
     source, result = build.node("NodeGroupInput"), build.node("NodeGroupOutput")
     sphere = build.node("GeometryNodeMeshIcoSphere")
@@ -50,10 +47,7 @@ def material() -> Any:
     found = bpy.data.materials.get(_MATERIAL)
     if found is not None:
         return found
-    made = bpy.data.materials.new(_MATERIAL)
-    if made.node_tree is None:  # before 5.0 a new material has no nodes
-        made.use_nodes = True
-    made.node_tree.nodes.clear()
+    made = new_material(_MATERIAL)
     build = Builder(made.node_tree)
     base, _ = build.attribute("radiance:base", "INSTANCER")
     glow, output = build.node("ShaderNodeEmission"), build.node("ShaderNodeOutputMaterial")

@@ -4,6 +4,26 @@ from __future__ import annotations
 
 from typing import Any
 
+import bpy
+
+
+def new_geometry_group(name: str) -> Any:
+    """An empty Geometry Nodes group for a modifier: geometry in, geometry out."""
+    group = bpy.data.node_groups.new(name, "GeometryNodeTree")
+    group.is_modifier = True
+    for direction in ("INPUT", "OUTPUT"):
+        group.interface.new_socket("Geometry", in_out=direction, socket_type="NodeSocketGeometry")
+    return group
+
+
+def new_material(name: str) -> Any:
+    """A material without any nodes."""
+    made = bpy.data.materials.new(name)
+    if made.node_tree is None:  # before 5.0 a new material has no nodes
+        made.use_nodes = True
+    made.node_tree.nodes.clear()
+    return made
+
 
 class Builder:
     """Nodes as expressions: each method adds a node and returns its output socket."""

@@ -12,7 +12,7 @@ from typing import Any
 
 import bpy
 
-from .node_builder import Builder
+from .node_builder import Builder, new_geometry_group, new_material
 
 _GROUP = "FRoG Gaussians as Points"
 _MATERIAL = "FRoG Gaussians"
@@ -26,10 +26,7 @@ def points_group() -> Any:
     group = bpy.data.node_groups.get(_GROUP)
     if group is not None:
         return group
-    group = bpy.data.node_groups.new(_GROUP, "GeometryNodeTree")
-    group.is_modifier = True
-    group.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
-    group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    group = new_geometry_group(_GROUP)
     build = Builder(group)
     source, result = build.node("NodeGroupInput"), build.node("NodeGroupOutput")
 
@@ -64,11 +61,8 @@ def material() -> Any:
     found = bpy.data.materials.get(_MATERIAL)
     if found is not None:
         return found
-    made = bpy.data.materials.new(_MATERIAL)
-    if made.node_tree is None:  # before 5.0 a new material has no nodes
-        made.use_nodes = True
+    made = new_material(_MATERIAL)
     made.surface_render_method = "DITHERED"
-    made.node_tree.nodes.clear()
     build = Builder(made.node_tree)
 
     surface = build.node("ShaderNodeNewGeometry")

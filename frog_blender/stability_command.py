@@ -7,22 +7,18 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from .engine.conditions.catalogue import BASES, CLEAN, CONDITIONS
 from .grid_command import add_grid_arguments, do_runs, names, say_failed, say_plan, setting
 
-_BASES = {
-    "long": "a film of 300 moments (examples/make_long.py)",
-    "dim": "dark, with hard moving shadows (examples/make_dim.py)",
-    "appearing": "in which something appears (examples/make_fast.py)",
-    "still": "in which nothing moves (examples/make_still.py)",
-}
+_GIVEN = [base for base in BASES if base != CLEAN]  # each by an option of its own
 
 
 def add_stability_parser(commands: Any, positive: Callable[[type], Any], recipes: Sequence[str]) -> None:
     """Adds the command to the parser's ``commands``; the arguments are those of ``add_chart_parser``."""
     parser = commands.add_parser("stability", help="train methods where they fail and draw a heat map")
     parser.add_argument("capture", type=Path, metavar="CAPTURE", help="several cameras at rest; what conditions change")
-    for base, text in _BASES.items():
-        parser.add_argument(f"--{base}", type=Path, metavar="DIR", help=f"a capture {text}")
+    for base in _GIVEN:
+        parser.add_argument(f"--{base}", type=Path, metavar="DIR", help=BASES[base])
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="results, table and heat map")
     parser.add_argument("--conditions", type=names, metavar="A,B", help="default: all of them")
     parser.add_argument("--methods", type=names, metavar="A,B", help="default: frog,frog-auto,ed3dgs,static,hexplane")
@@ -45,9 +41,8 @@ def _stability(options: argparse.Namespace) -> int:
     if not options.only_report:
         from .engine.comparison.runs import Conditions
         from .engine.comparison.stability import METHODS, stability_grid, without_captures
-        from .engine.conditions.catalogue import CONDITIONS
 
-        given = {"clean": options.capture, **{base: getattr(options, base) for base in _BASES}}
+        given = {CLEAN: options.capture, **{base: getattr(options, base) for base in _GIVEN}}
         captures = {base: folder for base, folder in given.items() if folder is not None}
         wanted = options.conditions or list(CONDITIONS)
         runs = stability_grid(

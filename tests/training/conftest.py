@@ -14,6 +14,8 @@ import torch
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.capture.seeds import Seeds
+from frog_blender.engine.training import job
 from frog_blender.engine.training.recipe import Recipe, recipe
 from frog_blender.engine.training.trainer import Limits, Trainer
 
@@ -36,6 +38,16 @@ class WatchedStore:
 @pytest.fixture(scope="session", autouse=True)
 def one_thread() -> None:
     torch.set_num_threads(1)
+
+
+@pytest.fixture
+def seeds_at_no_cost(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """``stored_seeds`` without a search: no more than are asked for."""
+
+    def seeds(*_: object, count_limit: int, **__: object) -> Seeds:
+        return film.seeds(min(300, count_limit))
+
+    monkeypatch.setattr(job, "stored_seeds", seeds)
 
 
 @pytest.fixture(scope="session")

@@ -5,26 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-import filmed as film
 import pytest
 
-from frog_blender.engine.capture.seeds import Seeds
 from frog_blender.engine.inference.scene import PlayableScene
-from frog_blender.engine.training import job
 from frog_blender.engine.training.job import TrainingJob, run_training
 from frog_blender.engine.training.trainer import Trainer
 
+pytestmark = pytest.mark.usefixtures("seeds_at_no_cost")
 Make = Callable[..., Trainer]
-
-
-@pytest.fixture(autouse=True)
-def quick(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Seeds at no cost, no more than are asked for."""
-
-    def seeds(*_: object, count_limit: int, **__: object) -> Seeds:
-        return film.seeds(min(300, count_limit))
-
-    monkeypatch.setattr(job, "stored_seeds", seeds)
 
 
 def trained(trainer: Trainer) -> Trainer:

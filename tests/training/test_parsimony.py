@@ -7,31 +7,20 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import filmed as film
 import numpy as np
 import pytest
 import torch
 
-from frog_blender.engine.capture.seeds import Seeds
 from frog_blender.engine.inference.scene import PlayableScene
-from frog_blender.engine.training import job, parsimony, reductions
+from frog_blender.engine.training import parsimony, reductions
 from frog_blender.engine.training.checkpoint import load_checkpoint, save_checkpoint
 from frog_blender.engine.training.job import TrainingJob, run_training
 from frog_blender.engine.training.motion import Motion
 from frog_blender.engine.training.resting import put_to_rest, wake
 from frog_blender.engine.training.trainer import Trainer
 
+pytestmark = pytest.mark.usefixtures("seeds_at_no_cost")
 Make = Callable[..., Trainer]
-
-
-@pytest.fixture(autouse=True)
-def quick(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Seeds at no cost, no more than are asked for."""
-
-    def seeds(*_: object, count_limit: int, **__: object) -> Seeds:
-        return film.seeds(min(300, count_limit))
-
-    monkeypatch.setattr(job, "stored_seeds", seeds)
 
 
 def trained(trainer: Trainer) -> Trainer:

@@ -201,10 +201,6 @@ def _sweep(
     return (np.concatenate(points), np.concatenate(colors)), np.concatenate(textured)
 
 
-def _some(cloud: Cloud, kept: np.ndarray) -> Cloud:
-    return cloud[0][kept], cloud[1][kept]
-
-
 def _choose(textured: np.ndarray, count: int, random: np.random.Generator) -> np.ndarray:
     """Indices of at most 2 * count points, more of them on structure than on flat walls.
 
