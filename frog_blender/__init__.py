@@ -8,7 +8,18 @@ from __future__ import annotations
 from importlib import import_module
 
 # In this order: properties before what reads them, playback before what fills it.
-_ROOMS = ("ui.preferences", "ui.properties", "playback", "render_engine", "background", "operators", "ui.panels")
+_ROOMS = (
+    "ui.preferences",
+    "ui.training_settings",
+    "ui.playback_settings",
+    "playback",
+    "render_engine",
+    "background",
+    "operators",
+    "ui.train_panel",
+    "ui.captures_panel",
+    "ui.render_panels",
+)
 
 
 def register() -> None:

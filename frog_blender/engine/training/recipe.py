@@ -216,7 +216,7 @@ _PAPER = Recipe(
 RECIPES = {
     "draft": Recipe(
         name="draft",
-        steps=3_500,
+        steps=3_000,
         steps_per_moment=60,
         max_gaussians=25_000,
         seed_gaussians=20_000,

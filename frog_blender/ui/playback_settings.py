@@ -1,4 +1,4 @@
-"""What FRoG stores in a .blend file: settings of training on the scene, of playing on objects and cameras."""
+"""What FRoG stores on objects and cameras: what a capture plays and when, what a calibrated camera has."""
 
 # Blender reads properties from annotations, which to a type checker or a linter are not types.
 # mypy: disable-error-code="valid-type"
@@ -6,30 +6,10 @@
 from typing import Any
 
 import bpy
-from bpy.props import (
-    BoolProperty,
-    EnumProperty,
-    FloatProperty,
-    IntProperty,
-    IntVectorProperty,
-    PointerProperty,
-    StringProperty,
-)
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntVectorProperty, PointerProperty, StringProperty
 
 from .. import carrier, ellipsoid_nodes, playback
-
-RECIPES = (
-    ("draft", "Draft", "A first look: 3,500 steps or more, a minute or two on a processor"),
-    ("standard", "Standard", "The usual choice: 10,000 steps or more, five to thirty minutes on a processor"),
-    ("paper", "Paper", "The settings of the FRoG paper: 80,000 steps of a larger model, many hours"),
-)
-
-
-CAPACITIES = (
-    ("auto", "Automatic", "No more than the scene needs: what stands still gets no motion, files stay small"),
-    ("fixed", "Fixed", "Every Gaussian can move, and every number is kept as it is"),
-)
-
+from .path_options import PATH_OPTIONS
 
 DISPLAYS = (
     ("POINTS", "Splats", "Soft Gaussians, as near to the truth as other engines can draw them"),
@@ -42,18 +22,6 @@ REPETITIONS = (
     ("LOOP", "Loop", "The capture begins again"),
     ("PING_PONG", "Ping-Pong", "The capture plays backwards, then forwards again"),
 )
-
-
-_PATH_OPTIONS = {"ANIMATABLE", "PATH_SUPPORTS_BLEND_RELATIVE"}  # the latter lets a path begin at the .blend's folder
-
-
-def _on_capture_folder(settings: Any, _context: Any) -> None:
-    from . import capture_summary, preferences  # imports the readers, so not before someone names a folder
-
-    preferences.add_environment()  # OpenCV, which reads videos, may be there
-    capture_summary.inspect(bpy.path.abspath(settings.capture_folder))
-    if not settings.output_path and settings.capture_folder:
-        settings.output_path = bpy.path.abspath(settings.capture_folder).rstrip("/\\") + ".frog"
 
 
 def _on_display(settings: Any, _context: Any) -> None:
@@ -69,64 +37,6 @@ def _on_play_setting(_settings: Any, context: Any) -> None:
     playback.refresh(context.scene)
 
 
-class FrogTrainingSettings(bpy.types.PropertyGroup):
-    """``Scene.frog``: what to train and how, and how FROG renders."""
-
-    hold_out: BoolProperty(
-        name="Objects Hide Splats",
-        description="Splats end where an object of this scene hides them; the objects themselves are not drawn",
-        default=False,
-    )
-
-    capture_folder: StringProperty(
-        name="Capture",
-        description="Folder with the videos or pictures and the cameras that filmed them",
-        subtype="DIR_PATH",
-        options=_PATH_OPTIONS,
-        update=_on_capture_folder,
-    )
-    output_path: StringProperty(
-        name="Output",
-        description="The .frog scene file that training writes",
-        subtype="FILE_PATH",
-        options=_PATH_OPTIONS,
-    )
-    recipe: EnumProperty(
-        name="Recipe", description="How long and how large to train", items=RECIPES, default="standard"
-    )
-    capacity: EnumProperty(
-        name="Capacity",
-        description="How much of a model a scene gets",
-        items=CAPACITIES,
-        default="auto",
-    )
-    steps: IntProperty(
-        name="Steps",
-        description="Training steps; zero takes the recipe's own number",
-        min=0,
-        default=0,
-    )
-    image_scale: FloatProperty(
-        name="Picture Scale",
-        description="Train on pictures resized by this factor; zero shrinks only what is larger than 1600 pixels",
-        min=0.0,
-        max=1.0,
-        default=0.0,
-    )
-    holdout_frames: IntProperty(
-        name="Hold Out Every",
-        description="Keep one of this many frames out of training, to measure quality on it; "
-        "zero keeps none, -1 what the capture's layout says",
-        min=-1,
-        default=-1,
-    )
-    import_when_done: BoolProperty(
-        name="Import When Done",
-        description="Open the trained scene here as soon as it is finished",
-        default=True,
-    )
-
-
 class FrogPlaybackSettings(bpy.types.PropertyGroup):
     """``Object.frog``: what a capture plays, and when."""
 
@@ -134,7 +44,7 @@ class FrogPlaybackSettings(bpy.types.PropertyGroup):
         name="Scene File",
         description="The .frog file that this object plays",
         subtype="FILE_PATH",
-        options=_PATH_OPTIONS,
+        options=PATH_OPTIONS,
         update=_on_play_setting,
     )
     start_frame: FloatProperty(
@@ -198,8 +108,8 @@ class FrogCameraSettings(bpy.types.PropertyGroup):
     )
 
 
-_CLASSES = (FrogTrainingSettings, FrogPlaybackSettings, FrogCameraSettings)
-_OWNERS: dict[str, Any] = {"Scene": FrogTrainingSettings, "Object": FrogPlaybackSettings, "Camera": FrogCameraSettings}
+_CLASSES = (FrogPlaybackSettings, FrogCameraSettings)
+_OWNERS: dict[str, Any] = {"Object": FrogPlaybackSettings, "Camera": FrogCameraSettings}
 
 
 def register() -> None:

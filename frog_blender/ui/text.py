@@ -1,0 +1,25 @@
+"""Text in panels: sentences over several lines, lengths of time."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import Any
+
+
+def duration(seconds: float) -> str:
+    """3725 -> "1 h 2 min", 95 -> "1 min 35 s", 8 -> "8 s"."""
+    minutes, rest = divmod(round(max(seconds, 0.0)), 60)
+    hours, minutes = divmod(minutes, 60)
+    if hours:
+        return f"{hours} h {minutes} min"
+    return f"{minutes} min {rest} s" if minutes else f"{rest} s"
+
+
+def sentence(layout: Any, text: str, context: Any, icon: str) -> None:
+    """A label over as many lines as the sidebar's width asks for; Blender does not wrap by itself."""
+    scale = context.preferences.system.ui_scale
+    width = max(int(context.region.width / (7.0 * scale)) - 6, 16) if context.region else 40
+    column = layout.column(align=True)
+    column.scale_y = 0.8
+    for i, line in enumerate(textwrap.wrap(text, width)):
+        column.label(text=line, icon=icon if i == 0 else "BLANK1")

@@ -1,0 +1,124 @@
+"""The panel Train of the FRoG tab: a capture in, a trained scene out, and how that stands."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from .. import background
+from ..operators.train import can_resume
+from . import capture_summary, preferences
+from .text import duration, sentence
+
+
+class FROG_PT_train(bpy.types.Panel):
+    """Capture folder in, trained scene out."""
+
+    bl_label = "Train"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "FRoG"
+
+    def draw(self, context: Any) -> None:
+        layout = self.layout
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        settings = context.scene.frog
+        layout.prop(settings, "capture_folder")
+        if settings.capture_folder:
+            _draw_capture(layout, bpy.path.abspath(settings.capture_folder), context)
+        layout.prop(settings, "output_path")
+        layout.prop(settings, "recipe")
+        layout.prop(settings, "import_when_done")
+
+        needed = preferences.torch_needed()
+        if needed:
+            sentence(layout, needed, context, icon="ERROR")
+        row = layout.row()
+        row.scale_y = 1.5
+        row.enabled = not needed and not background.is_running()
+        row.operator("frog.train", icon="PLAY")
+        if can_resume(settings):
+            row.operator("frog.train", text="Resume", icon="FRAME_NEXT").resume = True
+        if background.current is not None:
+            _draw_training(layout, background.current.state, context)
+
+
+class FROG_PT_train_advanced(bpy.types.Panel):
+    """What a recipe leaves open."""
+
+    bl_label = "Advanced"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "FRoG"
+    bl_parent_id = "FROG_PT_train"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: Any) -> None:
+        layout = self.layout
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        for name in ("capacity", "steps", "image_scale", "holdout_frames"):
+            layout.prop(context.scene.frog, name)
+
+
+def _draw_capture(layout: Any, folder: str, context: Any) -> None:
+    summary = capture_summary.known(folder)
+    if summary is None:  # a file that was just opened: looking takes time, so the user says when
+        layout.operator("frog.inspect_capture", icon="VIEWZOOM")
+        return
+    box = layout.box()
+    column = box.column(align=True)
+    for line in summary.lines:
+        column.label(text=line)
+    for warning in summary.warnings:
+        sentence(box, warning, context, icon="INFO")
+    if summary.error:
+        sentence(box, summary.error, context, icon="ERROR")
+        box.operator("frog.inspect_capture", text="Check Again", icon="FILE_REFRESH")
+
+
+def _draw_training(layout: Any, state: background.TrainingState, context: Any) -> None:
+    box = layout.box()
+    if state.running:
+        if state.stage:
+            box.progress(factor=state.fraction, text=state.stage)
+        else:
+            box.progress(factor=state.fraction, text=f"Step {state.step:,} of {state.steps:,}")
+    elif state.error:
+        sentence(box, state.error, context, icon="ERROR")
+    elif state.cancelled:
+        box.label(text=f"Cancelled at step {state.step:,}.", icon="CANCEL")
+    else:
+        box.label(text=f"Finished in {duration(state.seconds)}.", icon="CHECKMARK")
+    column = box.column(align=True)
+    if state.running and not state.stage and state.step:
+        column.label(text=f"Time left: {duration(state.seconds_left)}")
+    if state.loss is not None:
+        column.label(text=f"Loss: {state.loss:.4f}")
+    if state.psnr is not None:
+        column.label(text=f"PSNR: {state.psnr:.2f} dB ({state.psnr_split or 'training'} views)")
+    if state.gaussians:
+        still = state.gaussians - state.moving
+        resting = f" ({state.moving:,} move)" if still and state.capacity else ""
+        column.label(text=f"Gaussians: {state.gaussians:,}{resting}")
+    for line in state.capacity:
+        sentence(box, line, context, icon="MOD_DECIM")
+    for warning in state.warnings[-3:]:
+        sentence(box, warning, context, icon="INFO")
+    if state.running:
+        box.operator("frog.cancel_training", icon="CANCEL")
+
+
+_CLASSES = (FROG_PT_train, FROG_PT_train_advanced)
+
+
+def register() -> None:
+    for cls in _CLASSES:
+        bpy.utils.register_class(cls)
+
+
+def unregister() -> None:
+    for cls in reversed(_CLASSES):
+        bpy.utils.unregister_class(cls)
