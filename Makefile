@@ -20,7 +20,7 @@ setup: $(VENV)/.ready
 $(VENV)/.packages: constraints.txt pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(INSTALL) scikit-build-core cmake ninja
-	$(INSTALL) torch numpy safetensors opencv-contrib-python-headless tqdm imageio-ffmpeg matplotlib flip-evaluator bpy pytest hypothesis ruff mypy $(NVRTC)
+	$(INSTALL) torch numpy safetensors opencv-contrib-python-headless tqdm imageio-ffmpeg matplotlib flip-evaluator bpy pytest hypothesis plyfile ruff mypy $(NVRTC)
 	touch $@
 
 $(VENV)/.ready: $(VENV)/.packages $(NATIVE)

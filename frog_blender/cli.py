@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from .chart_command import add_chart_parser
 from .engine.errors import FrogError
 from .engine.files import METHODS
+from .scene_commands import add_scene_parsers
 from .stability_command import add_stability_parser
 
 if TYPE_CHECKING:
@@ -102,6 +103,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     render.set_defaults(run=_render)
 
+    add_scene_parsers(commands)
     add_chart_parser(commands, _positive, RECIPES)
     add_stability_parser(commands, _positive, RECIPES)
 

@@ -40,7 +40,7 @@ class SceneHeader:
         method: one of METHODS.
         recipe: every setting of the training, as plain values.
         model: the model's settings (see FrogSettings), empty for a scene in which nothing moves.
-        cameras: the capture's cameras at the size they were trained at.
+        cameras: the capture's cameras at the size they were trained at; none for splats from elsewhere.
         camera_shots: for each camera the frames it saw; one frame each for a moving camera.
         test_cameras, test_frames: what training did not see.
         frame_count, frames_per_second: the capture's time axis; frame f has time f / (frame_count - 1).
@@ -243,5 +243,5 @@ def _check_arrays(path: str | Path, header: SceneHeader, arrays: dict[str, np.nd
         raise found_instead(path, "no usable colours (sh)", f"shape ({count}, 1 | 4 | 9 | 16, 3)")
     if header.method not in METHODS:
         raise found_instead(path, f"the method {header.method!r}", f"one of {', '.join(METHODS)}")
-    if not header.cameras or header.frame_count < 1 or len(header.camera_shots) != len(header.cameras):
-        raise found_instead(path, "a header without cameras or frames", "at least one of each")
+    if header.frame_count < 1 or len(header.camera_shots) != len(header.cameras):
+        raise found_instead(path, "a header without frames", "at least one, and for each camera what it saw")

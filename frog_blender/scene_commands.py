@@ -1,0 +1,52 @@
+"""``frog export`` and ``frog import``: scenes to and from other programs' 3DGS ``.ply`` files."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from .engine.errors import FrogError
+
+
+def add_scene_parsers(commands: Any) -> None:
+    """Adds both commands."""
+    export = commands.add_parser("export", help="write frames of a scene as 3DGS .ply files")
+    export.add_argument("scene", type=Path)
+    export.add_argument("--frames", default=None, metavar="A:B", help="frames A to B - 1, counted from 0; default: all")
+    export.add_argument("--out", type=Path, required=True, metavar="DIR")
+    export.set_defaults(run=_export)
+
+    imported = commands.add_parser("import", help="make a still scene of a 3DGS .ply file")
+    imported.add_argument("splats", type=Path, metavar="X.ply")
+    imported.add_argument("--out", type=Path, metavar="X.frog", help="default: beside the .ply")
+    imported.add_argument(
+        "--packed", action="store_true", help="several times smaller, changed by less than can be seen"
+    )
+    imported.set_defaults(run=_import)
+
+
+def _export(options: argparse.Namespace) -> int:
+    from .commands import parse_frames
+    from .engine.exchange import export_frames
+    from .engine.inference.scene import PlayableScene
+    from .progress import bar
+
+    scene = PlayableScene.load(options.scene)
+    frames = parse_frames(options.frames, scene.header.frame_count)
+    with bar("Exporting") as report:
+        paths = export_frames(scene, frames, options.out, options.scene.stem, lambda done: report(done, len(frames)))
+    print(f"{len(paths)} files in {options.out}")
+    return 0
+
+
+def _import(options: argparse.Namespace) -> int:
+    from .engine.exchange import free_scene_path, import_splats
+
+    if options.splats.suffix.lower() != ".ply":
+        raise FrogError(f"{options.splats}: expected a .ply file.")
+    imported = import_splats(options.splats, options.out or free_scene_path(options.splats), compact=options.packed)
+    print(f"{imported.gaussians:,} Gaussians in {imported.path}")
+    if imported.left_out:
+        print(f"{imported.left_out:,} were left out: they held no finite numbers")
+    return 0
