@@ -1,8 +1,8 @@
 """3DGS ``.ply`` files: Gaussians of one moment in the layout that splat viewers share. Numpy alone.
 
 ``x y z nx ny nz f_dc_0..2 f_rest_* opacity scale_0..2 rot_0..3``: opacities as logits, scales as logarithms,
-quaternions w, x, y, z, ``f_rest`` by channel (all of red, then green, then blue). Written as little-endian float32; read
-in either byte order, any number type and any order of properties.
+quaternions w, x, y, z, ``f_rest`` by channel (all of red, then green, then blue). Written as little-endian float32;
+read in either byte order, any number type and any order of properties.
 
 plyfile was tried for this. Its current release wants numpy 2, which Blender 4.5 and 5.0 do not have; and for lists
 before the vertices, text, or a header without an end it asks for what the file says (30 GB for 200 bytes; 86 s for
@@ -26,11 +26,17 @@ from .rasterizer.arrays import GaussianArrays
 _EXPECTED = "a binary 3DGS .ply"
 _LONGEST_HEADER = 1 << 16
 _ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
-_TYPES = {
-    **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
-    **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
-    **{"float": "f4", "float32": "f4", "double": "f8", "float64": "f8"},
+_NAMES = {
+    "i1": ("char", "int8"),
+    "u1": ("uchar", "uint8"),
+    "i2": ("short", "int16"),
+    "u2": ("ushort", "uint16"),
+    "i4": ("int", "int32"),
+    "u4": ("uint", "uint32"),
+    "f4": ("float", "float32"),
+    "f8": ("double", "float64"),
 }
+_TYPES = {name: code for code, names in _NAMES.items() for name in names}
 _RESTS = {0: 1, 9: 4, 24: 9, 45: 16}  # f_rest properties -> SH coefficients a channel
 _MOST_CERTAIN = 30.0  # logit that stands for an infinite one, which some programs write for an opacity of one
 
