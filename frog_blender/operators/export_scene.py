@@ -1,0 +1,208 @@
+"""File > Export: frames of a capture as 3DGS .ply files, and its .frog to another place."""
+
+# mypy: disable-error-code="valid-type"
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import bpy
+import numpy as np
+from bpy.props import BoolProperty, EnumProperty, IntProperty, StringProperty
+from bpy_extras.io_utils import ExportHelper
+
+from .. import playback
+from ..engine.errors import FrogError
+from .imported import chosen, stored_path
+
+if TYPE_CHECKING:
+    from ..engine.rasterizer.arrays import GaussianArrays
+
+Y_DOWN = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+"""(4, 4) from Blender's axes (z up) to those of most 3DGS files (y down, z into the picture)."""
+
+RANGES = (
+    ("CURRENT", "Current Frame", "One file, of the moment that is shown now"),
+    ("SCENE", "Scene Range", "A file for each frame from the scene's first to its last"),
+    ("CUSTOM", "Custom Range", "A file for each frame from one to another"),
+)
+
+
+class FROG_OT_export_frames(bpy.types.Operator, ExportHelper):
+    """Write the Gaussians of frames of a capture as 3DGS .ply files, which other splat programs open"""
+
+    bl_idname = "export_scene.frog_frames"
+    bl_label = "Export FRoG Frames"
+    bl_options = {"REGISTER"}
+
+    filename_ext = ".ply"
+    filter_glob: StringProperty(default="*.ply", options={"HIDDEN"})
+    frames: EnumProperty(
+        name="Frames", description="Which frames of the timeline are written", items=RANGES, default="CURRENT"
+    )
+    first: IntProperty(name="First", description="First frame of the timeline to write", default=1)
+    last: IntProperty(name="Last", description="Last frame of the timeline to write", default=250)
+    apply_transform: BoolProperty(
+        name="Apply Transform",
+        description="Write the Gaussians where the capture's empty has moved, turned and scaled them to; otherwise as "
+        "they lie in the capture itself",
+        default=False,
+    )
+    y_down: BoolProperty(
+        name="Y Down",
+        description="Turn Blender's axes (z up) to those of most 3DGS files (y down), so that the Gaussians stand "
+        "upright in other programs",
+        default=True,
+    )
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        cls.poll_message_set("Import or select a FRoG capture first.")
+        return chosen(context) is not None
+
+    def invoke(self, context: Any, event: Any) -> set[str]:
+        _suggest(self, context)
+        self.first, self.last = context.scene.frame_start, context.scene.frame_end
+        return super().invoke(context, event)
+
+    def draw(self, _context: Any) -> None:
+        layout = self.layout
+        layout.use_property_split, layout.use_property_decorate = True, False
+        layout.prop(self, "frames")
+        if self.frames == "CUSTOM":
+            layout.prop(self, "first")
+            layout.prop(self, "last")
+        layout.prop(self, "apply_transform")
+        row = layout.row()
+        row.enabled = self.apply_transform
+        row.prop(self, "y_down")
+
+    def execute(self, context: Any) -> set[str]:
+        scene, obj = context.scene, chosen(context)
+        path = Path(bpy.path.abspath(self.filepath))
+        manager = context.window_manager
+        numbers = self._numbers(scene)
+        if not numbers:
+            self.report({"ERROR"}, f"The range ends at frame {self.last} and begins at {self.first}.")
+            return {"CANCELLED"}
+        manager.progress_begin(0, len(numbers))
+        try:
+            for done, gaussians in enumerate(self._gaussians(context, obj, numbers)):
+                target = path if self.frames == "CURRENT" else _numbered(path, numbers[done])
+                from ..engine.ply import write_splats
+
+                write_splats(target, gaussians)
+                manager.progress_update(done + 1)
+        except FrogError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        finally:
+            manager.progress_end()
+        self.report({"INFO"}, f"{len(numbers)} {'file' if len(numbers) == 1 else 'files'} written to {path.parent}.")
+        return {"FINISHED"}
+
+    def _numbers(self, scene: Any) -> list[float]:
+        if self.frames == "CURRENT":
+            return [scene.frame_current_final]
+        first, last = (self.first, self.last) if self.frames == "CUSTOM" else (scene.frame_start, scene.frame_end)
+        return [float(frame) for frame in range(first, last + 1)]
+
+    def _gaussians(self, context: Any, obj: Any, frames: list[float]) -> Iterator[GaussianArrays]:
+        if not self.apply_transform:
+            yield from (playback.gaussians_at(obj, frame) for frame in frames)
+            return
+        from ..engine.inference.transform import transform
+
+        scene, turn = context.scene, Y_DOWN if self.y_down else np.eye(4)
+        now = scene.frame_current, scene.frame_subframe
+        try:
+            for frame in frames:
+                if frame != scene.frame_current_final:
+                    scene.frame_set(int(frame))  # the empty may be animated
+                matrix = obj.evaluated_get(context.evaluated_depsgraph_get()).matrix_world
+                try:
+                    yield transform(playback.gaussians_at(obj, frame), turn @ np.array(matrix))
+                except FrogError as error:
+                    raise FrogError(f"{obj.name}: {error}") from error
+        finally:
+            if (scene.frame_current, scene.frame_subframe) != now:
+                scene.frame_set(now[0], subframe=now[1])
+
+
+class FROG_OT_export_scene(bpy.types.Operator, ExportHelper):
+    """Copy the capture's .frog file to a place of your choice"""
+
+    bl_idname = "export_scene.frog"
+    bl_label = "Export FRoG Scene"
+    bl_options = {"REGISTER", "UNDO"}
+
+    filename_ext = ".frog"
+    filter_glob: StringProperty(default="*.frog", options={"HIDDEN"})
+    use_copy: BoolProperty(
+        name="Play the Copy",
+        description="Let the capture play the copy from now on instead of the file that it has",
+        default=False,
+    )
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        cls.poll_message_set("Import or select a FRoG capture first.")
+        return chosen(context) is not None
+
+    def invoke(self, context: Any, event: Any) -> set[str]:
+        _suggest(self, context)
+        return super().invoke(context, event)
+
+    def execute(self, context: Any) -> set[str]:
+        from ..engine.files import write_atomically
+
+        obj, path = chosen(context), Path(bpy.path.abspath(self.filepath))
+        source = playback.file_of(obj)
+        try:
+            playback.open_scene(source)  # a copy of a damaged file would help nobody
+            if path.resolve() == source.resolve():
+                raise FrogError(f"{path}: this is the file that {obj.name} plays already; choose another place.")
+            try:
+                content = source.read_bytes()
+            except OSError as error:
+                raise FrogError(f"{source}: could not be read ({error.strerror or error}).") from error
+            write_atomically(path, content)
+        except FrogError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        if self.use_copy:
+            obj.frog.filepath = stored_path(path)
+        self.report({"INFO"}, f"{path} written.")
+        return {"FINISHED"}
+
+
+def _suggest(operator: Any, context: Any) -> None:
+    """Beside the .frog, under its name."""
+    if not operator.filepath:
+        operator.filepath = str(playback.file_of(chosen(context)).with_suffix(operator.filename_ext))
+
+
+def _numbered(path: Path, frame: float) -> Path:
+    return path.with_name(f"{path.stem}_{int(frame):04d}{path.suffix}")
+
+
+def _menu(self: Any, _context: Any) -> None:
+    self.layout.operator(FROG_OT_export_frames.bl_idname, text="FRoG Frames (.ply)")
+    self.layout.operator(FROG_OT_export_scene.bl_idname, text="FRoG Scene (.frog)")
+
+
+_CLASSES = (FROG_OT_export_frames, FROG_OT_export_scene)
+
+
+def register() -> None:
+    for cls in _CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.types.TOPBAR_MT_file_export.append(_menu)
+
+
+def unregister() -> None:
+    bpy.types.TOPBAR_MT_file_export.remove(_menu)
+    for cls in reversed(_CLASSES):
+        bpy.utils.unregister_class(cls)

@@ -1,0 +1,119 @@
+"""File > Import > 3DGS Splats, and dropping a .ply file into the viewport: a still capture."""
+
+# mypy: disable-error-code="valid-type"
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+from bpy.props import BoolProperty, StringProperty
+from bpy_extras.io_utils import ImportHelper
+from mathutils import Matrix
+
+from ..engine.errors import FrogError
+from .export_scene import Y_DOWN
+from .imported import placed_by
+from .materialize import materialize
+
+
+class FROG_OT_import_splats(bpy.types.Operator, ImportHelper):
+    """Open a 3DGS .ply file of another program as a still capture, of which a .frog file is made"""
+
+    bl_idname = "import_scene.frog_splats"
+    bl_label = "Import 3DGS Splats"
+    bl_options = {"REGISTER", "UNDO"}
+
+    filename_ext = ".ply"
+    filter_glob: StringProperty(default="*.ply", options={"HIDDEN"})
+    turn_upright: BoolProperty(
+        name="Y Down to Z Up",
+        description="Turn the capture's empty, because most 3DGS files come with y pointing down, where Blender has z "
+        "pointing up",
+        default=True,
+    )
+    scene_file: StringProperty(
+        name="Scene File",
+        description="The .frog file to write; left empty, it is put beside the .ply under the same name, or under "
+        "another one where a .frog of that name is there already",
+        subtype="FILE_PATH",
+    )
+    compact: BoolProperty(
+        name="Pack",
+        description="Make the .frog file several times smaller, by changes that are too small to see",
+        default=False,
+    )
+    set_up_scene: BoolProperty(
+        name="Set Up Scene",
+        description="Show the colours unchanged (Standard view transform, no dithering) before a black background",
+        default=True,
+    )
+    use_frog_engine: BoolProperty(
+        name="Render with FRoG",
+        description="Make FRoG the scene's render engine, which draws splats as they were trained",
+        default=True,
+    )
+
+    def invoke(self, context: Any, event: Any) -> set[str]:
+        if self.filepath and Path(self.filepath).is_file():  # a dropped file needs no file browser
+            return self.invoke_popup(context)
+        return super().invoke(context, event)
+
+    def execute(self, context: Any) -> set[str]:
+        from ..engine.exchange import free_scene_path, import_splats
+
+        source = Path(bpy.path.abspath(self.filepath))
+        try:
+            named = Path(bpy.path.abspath(self.scene_file)) if self.scene_file else None
+            imported = import_splats(source, named or free_scene_path(source), compact=self.compact)
+            obj = materialize(
+                imported.path,
+                context.scene,
+                set_up_scene=self.set_up_scene,
+                use_frog_engine=self.use_frog_engine,
+            )
+        except FrogError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        if self.turn_upright:
+            placed_by(obj).matrix_world = Matrix(Y_DOWN.T.tolist())
+        for other in context.selected_objects:
+            other.select_set(False)
+        obj.select_set(True)
+        context.view_layer.objects.active = obj
+        if imported.left_out:
+            self.report({"WARNING"}, f"{imported.left_out:,} Gaussians were left out: they held no finite numbers.")
+        else:
+            self.report({"INFO"}, f"{imported.gaussians:,} Gaussians in {imported.path}.")
+        return {"FINISHED"}
+
+
+class FROG_FH_splats(bpy.types.FileHandler):
+    """Lets a .ply file be dropped into a viewport; Blender asks which importer is meant, its own or this one."""
+
+    bl_idname = "FROG_FH_splats"
+    bl_label = "3DGS Splats (FRoG)"
+    bl_import_operator = "import_scene.frog_splats"
+    bl_file_extensions = ".ply"
+
+    @classmethod
+    def poll_drop(cls, context: Any) -> bool:
+        return context.area is not None and context.area.type in {"VIEW_3D", "OUTLINER"}
+
+
+def _menu(self: Any, _context: Any) -> None:
+    self.layout.operator(FROG_OT_import_splats.bl_idname, text="3DGS Splats (.ply)")
+
+
+_CLASSES = (FROG_OT_import_splats, FROG_FH_splats)
+
+
+def register() -> None:
+    for cls in _CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.types.TOPBAR_MT_file_import.append(_menu)
+
+
+def unregister() -> None:
+    bpy.types.TOPBAR_MT_file_import.remove(_menu)
+    for cls in reversed(_CLASSES):
+        bpy.utils.unregister_class(cls)
