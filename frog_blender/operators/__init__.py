@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from . import cameras, compose, import_frog, install_torch, train
+from . import align, cameras, clips, compose, export_scene, import_frog, import_ply, install_torch, open_capture, train
 
-_FAMILIES = (import_frog, cameras, compose, train, install_torch)
+_FAMILIES = (import_frog, import_ply, export_scene, open_capture, cameras, clips, align, compose, train, install_torch)
 
 
 def register() -> None:

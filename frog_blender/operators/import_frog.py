@@ -10,6 +10,8 @@ from bpy.props import BoolProperty, FloatProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ..engine.errors import FrogError
+from .clips import clip_of
+from .imported import cameras_of
 from .materialize import materialize
 
 
@@ -33,6 +35,12 @@ class FROG_OT_import_scene(bpy.types.Operator, ImportHelper):
         "and show its colours unchanged (Standard view transform, no dithering)",
         default=True,
     )
+    show_clips: BoolProperty(
+        name="Clips",
+        description="Show each camera's own video behind what it sees, where the videos are still to be found. "
+        "Videos are shown as they were filmed, with the distortion of their lenses",
+        default=True,
+    )
     use_frog_engine: BoolProperty(
         name="Render with FRoG",
         description="Make FRoG the scene's render engine, which draws the captures as they were trained",
@@ -54,6 +62,7 @@ class FROG_OT_import_scene(bpy.types.Operator, ImportHelper):
                 start_frame=self.start_frame,
                 set_up_scene=self.set_up_scene,
                 use_frog_engine=self.use_frog_engine,
+                show_clips=self.show_clips,
             )
         except FrogError as error:
             self.report({"ERROR"}, str(error))
@@ -61,6 +70,9 @@ class FROG_OT_import_scene(bpy.types.Operator, ImportHelper):
         for obj in context.selected_objects:
             obj.select_set(False)
         carrier_object.select_set(True)
+        cameras = cameras_of(carrier_object)
+        if self.show_clips and cameras and not any(clip_of(camera) for camera in cameras):
+            self.report({"INFO"}, "The capture's videos were not found; Show Clips in the FRoG tab asks for them.")
         context.view_layer.objects.active = carrier_object
         return {"FINISHED"}
 

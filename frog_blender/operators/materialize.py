@@ -12,6 +12,9 @@ from mathutils import Matrix
 from .. import carrier, playback
 from ..blender_camera import apply_lens, lens_of, pose_of
 from ..colors import to_linear
+from ..engine.clips import camera_path, moves_alone
+from .clips import add_clips
+from .imported import stored_path
 
 if TYPE_CHECKING:
     from ..engine.capture.camera import Camera
@@ -21,7 +24,13 @@ _BACKGROUND_WORLD = "FRoG Background"
 
 
 def materialize(
-    path: Path, scene: Any, *, start_frame: float = 1.0, set_up_scene: bool = True, use_frog_engine: bool = True
+    path: Path,
+    scene: Any,
+    *,
+    start_frame: float = 1.0,
+    set_up_scene: bool = True,
+    use_frog_engine: bool = True,
+    show_clips: bool = True,
 ) -> Any:
     """Add a trained scene to ``scene`` and return the object that carries its Gaussians.
 
@@ -42,21 +51,13 @@ def materialize(
         _set_up(scene, header, start_frame, cameras)
     if use_frog_engine:
         scene.render.engine = "FROG"
-        _look_at_it(scene, through_camera=set_up_scene)
+        _look_at_it(scene, through_camera=set_up_scene and bool(cameras))
     # Last: setting them plays the capture, which needs the object in its scene.
     obj.frog.start_frame = start_frame
-    obj.frog.filepath = _stored(path)
+    obj.frog.filepath = stored_path(path)
+    if show_clips:
+        add_clips(obj)
     return obj
-
-
-def _stored(path: Path) -> str:
-    """The path as a .blend keeps it: from its own folder, if that is what the user's other paths do."""
-    if not (bpy.data.filepath and bpy.context.preferences.filepaths.use_relative_paths):
-        return str(path)
-    try:
-        return bpy.path.relpath(str(path))
-    except ValueError:  # on another drive
-        return str(path)
 
 
 def _adopt(obj: Any, root: Any, collection: Any) -> None:
@@ -66,14 +67,9 @@ def _adopt(obj: Any, root: Any, collection: Any) -> None:
 
 def _add_cameras(header: SceneHeader, start_frame: float, root: Any, collection: Any) -> list[Any]:
     """One Blender camera for each of the capture's, or a single animated one for a capture by a moving camera."""
-    if not (header.is_moving and header.frame_count > 1):
+    if not moves_alone(header):
         return [_add_camera(camera.name, camera, root, collection) for camera in header.cameras]
-    by_frame: dict[int, Camera] = {}
-    for camera, frames in zip(header.cameras, header.camera_shots, strict=True):
-        for frame in frames:
-            if frame not in by_frame or by_frame[frame].name in header.test_cameras:
-                by_frame[frame] = camera
-    path = sorted(by_frame.items())
+    path = camera_path(header)
     obj = _add_camera("Moving Camera", path[0][1], root, collection)
     _animate(obj, path, start_frame)
     return [obj]
@@ -82,6 +78,7 @@ def _add_cameras(header: SceneHeader, start_frame: float, root: Any, collection:
 def _add_camera(name: str, camera: Camera, root: Any, collection: Any) -> Any:
     data = bpy.data.cameras.new(name)
     apply_lens(data, camera)
+    data.frog.capture_camera = camera.name
     obj = bpy.data.objects.new(name, data)
     obj.rotation_mode = "QUATERNION"
     obj.matrix_local = Matrix(pose_of(camera).tolist())
@@ -120,11 +117,12 @@ def _animate(obj: Any, path: list[tuple[int, Camera]], start_frame: float) -> No
 
 def _set_up(scene: Any, header: SceneHeader, start_frame: float, cameras: list[Any]) -> None:
     """Make the scene film what the capture filmed: time, size, camera, background, and colours as they are."""
-    scene.frame_start = round(start_frame)
-    scene.frame_end = max(round(start_frame) + header.frame_count - 1, scene.frame_start)
-    # Blender keeps a whole number of frames and a divisor: 29.97 is 30 over 1.001.
-    whole = max(round(header.frames_per_second), 1)
-    scene.render.fps, scene.render.fps_base = whole, whole / max(header.frames_per_second, 0.01)
+    if header.frame_count > 1:  # a still capture leaves the scene its time
+        scene.frame_start = round(start_frame)
+        scene.frame_end = max(round(start_frame) + header.frame_count - 1, scene.frame_start)
+        # Blender keeps a whole number of frames and a divisor: 29.97 is 30 over 1.001.
+        whole = max(round(header.frames_per_second), 1)
+        scene.render.fps, scene.render.fps_base = whole, whole / max(header.frames_per_second, 0.01)
     if cameras:
         look_through(scene, cameras[0])
     world = bpy.data.worlds.get(_BACKGROUND_WORLD) or bpy.data.worlds.new(_BACKGROUND_WORLD)

@@ -38,6 +38,10 @@ class FROG_PT_captures(bpy.types.Panel):
                 row.prop(obj.frog, "display")
         if context.object is not None and context.object.type == "CAMERA":
             layout.operator("frog.look_through", icon="VIEW_CAMERA")
+        row = layout.row(align=True)
+        row.operator("frog.add_clips", icon="FILE_MOVIE")
+        row.operator("frog.hide_clips", text="", icon="HIDE_ON")
+        layout.operator("frog.align_to_floor", icon="GRID")
         layout.operator_menu_enum("frog.compose", "engine", icon="NODE_COMPOSITING")
 
 

@@ -74,6 +74,13 @@ class FrogPlaybackSettings(bpy.types.PropertyGroup):
         default=False,
         update=_on_play_setting,
     )
+    bake_folder: StringProperty(
+        name="Bake Folder",
+        description="Where the baked playback of this capture lies; empty for beside the .frog file",
+        subtype="DIR_PATH",
+        options=PATH_OPTIONS,
+        update=_on_play_setting,
+    )
     display: EnumProperty(
         name="Display",
         description="How the viewport and other engines than FRoG show the Gaussians",
@@ -105,6 +112,10 @@ class FrogCameraSettings(bpy.types.PropertyGroup):
         description="Width and height in pixels of the pictures this camera took; zero for a camera made by hand",
         size=2,
         min=0,
+    )
+    capture_camera: StringProperty(
+        name="Capture Camera",
+        description="Which of the capture's cameras this is, whatever its name here; empty for a camera made by hand",
     )
 
 

@@ -139,7 +139,7 @@ def test_placed_it_stands_upright_at_the_origin_and_is_seen_from_the_front(aroun
     turn, shift = TURNS[2], np.array([3.0, -1.0, 2.0])
     rig, points = cameras(turn, around=around), room() @ turn.T + shift
     floor = find_floor(points, np.ones(len(points)), camera_up(rig)[0])
-    matrix = placement(floor, points, np.ones(len(points)), rig)
+    matrix = placement(floor, points, rig)
     np.testing.assert_allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-12)
     assert np.linalg.det(matrix) == pytest.approx(1.0)
     placed = points @ matrix[:3, :3].T + matrix[:3, 3]

@@ -131,11 +131,11 @@ def find_floor(
     return Floor(normal, height, True, share, float(np.degrees(np.arccos(min(normal @ up, 1.0)))))
 
 
-def placement(floor: Floor, points: np.ndarray, weights: np.ndarray, cameras: Sequence[Camera]) -> np.ndarray:
+def placement(floor: Floor, points: np.ndarray, cameras: Sequence[Camera]) -> np.ndarray:
     """(4, 4) rigid matrix from the scene to a world with the floor at z = 0 and z up.
 
-    The middle of the points (N, 3) stands above the origin, and the cameras look along +y on the whole: Blender's view
-    from the front is theirs.
+    The middle of the points (N, 3) around it stands above the origin, and the cameras look along +y on the whole:
+    Blender's view from the front is theirs.
     """
     looks = np.array([camera.forward for camera in cameras]) if cameras else np.eye(3)[1:2]
     ahead = _level(looks.mean(axis=0), floor.up)
@@ -145,7 +145,8 @@ def placement(floor: Floor, points: np.ndarray, weights: np.ndarray, cameras: Se
         ahead = _level(direction, floor.up)
     ahead = _unit(ahead)
     rotation = np.stack([np.cross(ahead, floor.up), ahead, floor.up])
-    middle = [_weighted_median(points @ axis, weights) for axis in rotation[:2]]
+    near, _ = _seen(points, np.ones(len(points)), 0)
+    middle = np.median(near @ rotation[:2].T, axis=0)
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = rotation, (-middle[0], -middle[1], -floor.height)
     return matrix
@@ -231,12 +232,6 @@ def _robust_mean(vectors: np.ndarray) -> np.ndarray:
             break
         mean = vectors[kept].mean(axis=0)
     return mean
-
-
-def _weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
-    order = np.argsort(values)
-    total = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(total, total[-1] / 2)])
 
 
 def _level(vector: np.ndarray, up: np.ndarray) -> np.ndarray:

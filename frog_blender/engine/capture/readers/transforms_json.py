@@ -82,6 +82,18 @@ def read(path: Path) -> Capture:
     return capture.with_holdout(_HOLDOUT_EVERY) if is_one_camera and not has_splits else capture
 
 
+def pictures_by_camera(path: Path) -> dict[str, Path]:
+    """The picture of each camera by its name, of those that exist; nothing is decoded.
+
+    Raises:
+        FrogError: for a list that cannot be used.
+    """
+    files = [path / name for name in (_TRAIN, *_HELD_OUT) if (path / name).is_file()]
+    files = [path / _SINGLE] if (path / _SINGLE).is_file() else files
+    pictures = [picture for file in files for *_, picture in _find_pictures(path, file)[0]]
+    return dict(zip(_names(path, pictures), pictures, strict=True))
+
+
 def _find_pictures(folder: Path, file: Path) -> tuple[list[tuple[Path, dict[str, Any], dict[str, Any], Path]], int]:
     """(file, its top level, the picture's own entry, the picture) of those that exist, and how many are listed."""
     top = read_json(file)

@@ -1,0 +1,42 @@
+"""What belongs to an imported capture: its Gaussians, its root, its cameras. Found from any of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from .. import playback
+
+
+def chosen(context: Any) -> Any:
+    """The Gaussians of the capture that the active object belongs to, else of the scene's only one, else None."""
+    active = context.object
+    while active is not None:
+        of_it = next(playback.captures([active, *active.children]), None)
+        if of_it is not None:
+            return of_it
+        active = active.parent
+    captures = list(playback.captures(context.scene.objects))
+    return captures[0] if len(captures) == 1 else None
+
+
+def placed_by(obj: Any) -> Any:
+    """What is moved to move a capture as a whole: the empty that it hangs on, or its Gaussians without one."""
+    return obj.parent if obj.parent is not None else obj
+
+
+def cameras_of(obj: Any) -> list[Any]:
+    """The camera objects of a capture, whose cameras saw it where it is now."""
+    return [child for child in placed_by(obj).children if child.type == "CAMERA"] if obj.parent is not None else []
+
+
+def stored_path(path: Path) -> str:
+    """The path as a .blend keeps it: from its own folder, if that is what the user's other paths do."""
+    if not (bpy.data.filepath and bpy.context.preferences.filepaths.use_relative_paths):
+        return str(path)
+    try:
+        return bpy.path.relpath(str(path))
+    except ValueError:  # on another drive
+        return str(path)

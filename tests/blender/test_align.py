@@ -1,0 +1,137 @@
+"""Align to Floor: the capture ends upright on the grid, everything with it, at the size that was asked for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import bpy
+import numpy as np
+import pytest
+from mathutils import Euler, Matrix, Vector
+from scenes import looking_at, write_scene
+
+from frog_blender.engine.files import SceneFile, read_scene
+from frog_blender.engine.files import write_scene as write_file
+from frog_blender.operators.imported import cameras_of
+
+HEIGHT = -0.4  # of the floor in the capture's own space, where z is up before it is turned
+
+
+@pytest.fixture
+def turned(empty, tmp_path):
+    """A capture whose floor and cameras are turned, imported; and that turn."""
+    turn = np.array(Euler((1.1, -0.4, 2.0)).to_matrix())
+    random = np.random.default_rng(1)
+    intrinsics = np.array([[60.0, 0, 32], [0, 60.0, 24], [0, 0, 1]])
+    angles = np.linspace(-1, 1, 6)
+    rig = [
+        looking_at(f"c{i}", (4 * np.sin(a), -4 * np.cos(a), 1.5), (64, 48), intrinsics) for i, a in enumerate(angles)
+    ]
+    scene = read_scene(write_scene(tmp_path / "x.frog", rig, count=900, sh_count=1))
+    means = np.concatenate([random.uniform(-1, 1, (600, 3)) * [2, 2, 0], random.normal([0, 0, 0.9], 0.2, (300, 3))])
+    means += random.normal([0.5, 0.2, HEIGHT], 0.004, means.shape)
+    plain = ("quaternions", "log_scales", "opacity_logits", "sh")
+    arrays = {"means": (means @ turn.T).astype(np.float32), **{name: scene.arrays[name] for name in plain}}
+    arrays["opacity_logits"] = np.full(900, 3.0, np.float32)
+    cameras = []
+    for camera in rig:
+        pose = camera.world_to_camera.copy()
+        pose[:3, :3] = pose[:3, :3] @ turn.T
+        cameras.append(replace(camera, world_to_camera=pose))
+    header = replace(scene.header, cameras=tuple(cameras), model={}, method="static")
+    write_file(tmp_path / "x.frog", SceneFile(header, arrays))
+    assert bpy.ops.import_scene.frog(filepath=str(tmp_path / "x.frog")) == {"FINISHED"}
+    return bpy.context.object, turn
+
+
+def align(**options):
+    assert bpy.ops.frog.align_to_floor(**options) == {"FINISHED"}
+    bpy.context.view_layer.update()
+
+
+def up_of(obj, turn):
+    """Where the capture's up points in the world."""
+    up = obj.matrix_world.to_3x3() @ Vector(turn[:, 2])
+    return np.array(up) / up.length
+
+
+def floor_of(obj, turn):
+    """Where the capture's floor is in the world, below the middle of its things."""
+    return np.array(obj.matrix_world @ Vector(turn @ [0.5, 0.2, HEIGHT]))
+
+
+def test_it_stands_on_the_grid_at_the_origin(turned):
+    obj, turn = turned
+    eye = cameras_of(obj)[0].matrix_world.inverted() @ obj.matrix_world
+    align()
+    np.testing.assert_allclose(up_of(obj, turn), [0, 0, 1], atol=5e-3)
+    assert np.all(np.abs(floor_of(obj, turn)) < [0.15, 0.15, 0.02])
+    assert np.allclose(cameras_of(obj)[0].matrix_world.inverted() @ obj.matrix_world, eye, atol=1e-5)
+    looks = np.mean([np.array(camera.matrix_world)[:3, 2] for camera in cameras_of(obj)], axis=0)
+    assert looks[1] < -0.5 and abs(looks[0]) < 0.05, "the cameras look along +y on the whole"
+
+
+def test_twice_is_once_wherever_it_was(turned):
+    obj, _ = turned
+    align()
+    first = obj.matrix_world.copy()
+    obj.parent.matrix_world = Matrix.Translation((5, 1, 2)) @ Matrix.Rotation(1.0, 4, "Y") @ first
+    align()
+    assert np.allclose(obj.matrix_world, first, atol=1e-5)
+
+
+def test_flip_turns_it_upside_down(turned):
+    obj, turn = turned
+    align(flip=True)
+    assert up_of(obj, turn)[2] < -0.9
+
+
+def test_the_cameras_alone(turned):
+    obj, turn = turned
+    align(use_floor=False)
+    np.testing.assert_allclose(up_of(obj, turn), [0, 0, 1], atol=1e-5)
+    assert abs(floor_of(obj, turn)[2]) < 0.05
+
+
+def test_the_scale_stays_or_makes_a_distance_as_long_as_told(turned):
+    obj, turn = turned
+    obj.parent.scale = (3.0, 3.0, 3.0)
+    align()
+    np.testing.assert_allclose(obj.matrix_world.to_scale(), 3.0, rtol=1e-5)
+    align(use_length=True, length=7.0)  # between the cameras farthest apart
+    first, last = cameras_of(obj)[0], cameras_of(obj)[-1]
+    assert (first.matrix_world.translation - last.matrix_world.translation).length == pytest.approx(7.0, rel=1e-5)
+    bpy.ops.object.select_all(action="DESELECT")
+    second = cameras_of(obj)[1]
+    first.select_set(True)
+    second.select_set(True)
+    bpy.context.view_layer.objects.active = first  # one of the capture's objects names it
+    align(use_length=True, length=0.5)
+    assert (first.matrix_world.translation - second.matrix_world.translation).length == pytest.approx(0.5, rel=1e-5)
+    np.testing.assert_allclose(floor_of(obj, turn)[2], 0, atol=0.02)
+
+
+def test_an_uneven_scale_is_mended(turned):
+    obj, _ = turned
+    obj.parent.scale = (1.0, 2.0, 1.0)
+    align()
+    scale = obj.matrix_world.to_scale()
+    np.testing.assert_allclose(scale, scale[0], rtol=1e-5)
+
+
+def test_what_cannot_be_aligned_is_refused_with_a_sentence(turned, tmp_path):
+    obj, _ = turned
+    before = obj.parent.matrix_world.copy()
+    obj.parent.scale = (0.0, 0.0, 0.0)
+    with pytest.raises(RuntimeError, match="scale of zero"):
+        bpy.ops.frog.align_to_floor()
+    obj.parent.scale = (1.0, 1.0, 1.0)
+    obj.frog.filepath = str(tmp_path / "missing.frog")
+    with pytest.raises(RuntimeError, match="found no file"):
+        bpy.ops.frog.align_to_floor()
+    bpy.context.view_layer.update()
+    assert obj.parent.matrix_world == before
+
+
+def test_nothing_to_align_is_not_offered(empty):
+    assert not bpy.ops.frog.align_to_floor.poll() and not bpy.ops.frog.add_clips.poll()

@@ -1,0 +1,204 @@
+"""Clips behind cameras: found again, in time with the capture whatever its timing, and never in the way."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import bpy
+import numpy as np
+import pytest
+from scenes import moving_camera, rig_of_three, write_scene
+
+from frog_blender import playback
+from frog_blender.engine.files import SceneFile, read_scene
+from frog_blender.engine.files import write_scene as write_file
+from frog_blender.operators.clips import clip_of
+from frog_blender.operators.imported import cameras_of
+from frog_blender.retiming import capture_frame
+
+COUNT = 10
+
+
+def picture(path):
+    image = bpy.data.images.new("picture", 8, 8)
+    image.filepath_raw, image.file_format = str(path), "PNG"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    image.save()
+    bpy.data.images.remove(image)
+
+
+def scene_of(path, folder, cameras, **changes):
+    """A .frog file that says it was trained from a folder."""
+    shots = changes.pop("shots", None)
+    scene = read_scene(write_scene(path, cameras, shots=shots, frame_count=COUNT))
+    header = replace(scene.header, capture_path=str(folder), **changes)
+    write_file(path, SceneFile(header, scene.arrays))
+    return path
+
+
+@pytest.fixture
+def mono(empty, tmp_path):
+    """One moving camera, its pictures numbered from 5 in steps of 2, and transforms.json."""
+    folder = tmp_path / "film"
+    cameras = [replace(camera, name=f"frame_{5 + 2 * i:03d}") for i, camera in enumerate(moving_camera(COUNT))]
+    listed = []
+    for camera in cameras:
+        picture(folder / "images" / f"{camera.name}.png")
+        listed.append(f'{{"file_path": "images/{camera.name}.png"}}')
+    (folder / "transforms.json").write_text(f'{{"frames": [{", ".join(listed)}]}}')
+    shots = [(frame,) for frame in range(COUNT)]
+    return scene_of(tmp_path / "film.frog", folder, cameras, capture_format="transforms", shots=shots)
+
+
+@pytest.fixture
+def still(empty, tmp_path):
+    """Three cameras with a picture each."""
+    folder = tmp_path / "stills"
+    for name in ("cam00", "cam01", "cam02"):
+        picture(folder / "images" / f"{name}.png")
+    return scene_of(tmp_path / "stills.frog", folder, rig_of_three(), capture_format="n3dv")
+
+
+def imported(path, **options):
+    assert bpy.ops.import_scene.frog(filepath=str(path), **options) == {"FINISHED"}
+    return bpy.context.object
+
+
+def number_shown(camera, frame):
+    """The number of the picture behind a camera at a frame of the timeline, as Blender evaluates it."""
+    bpy.context.scene.frame_set(int(frame), subframe=frame % 1)
+    evaluated = camera.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    return clip_of(evaluated).image_user.frame_offset + 1
+
+
+def test_each_camera_has_its_own_picture(still):
+    obj = imported(still)
+    cameras = cameras_of(obj)
+    assert [camera.name for camera in cameras] == ["cam00", "cam01", "cam02"]
+    for camera in cameras:
+        background = clip_of(camera)
+        assert bpy.path.abspath(background.image.filepath).endswith(f"{camera.name}.png")
+        assert camera.data.show_background_images and background.alpha == 0.5
+        assert not camera.data.animation_data or not camera.data.animation_data.drivers
+
+
+def test_a_sequence_follows_whatever_the_timing(mono):
+    obj = imported(mono)
+    (camera,) = cameras_of(obj)
+    background = clip_of(camera)
+    assert background.image.source == "SEQUENCE"
+    assert background.image_user.use_cyclic and background.image_user.frame_duration == 1
+    (curve,) = camera.data.animation_data.drivers
+    assert curve.driver.is_simple_expression, "Blender runs Python in drivers only for files it trusts"
+    assert len(curve.driver.expression) < 256
+    settings = [
+        {},
+        {"start_frame": 4.0},
+        {"speed": 0.5},
+        {"speed": -2.0, "repeat": "LOOP"},
+        {"speed": 1.5, "repeat": "PING_PONG", "start_frame": -3.25},
+        {"use_remap": True, "shown_frame": 6.6},
+    ]
+    plain = {"start_frame": 1.0, "speed": 1.0, "repeat": "HOLD", "use_remap": False}
+    for changed in settings:
+        for name, value in (plain | changed).items():
+            setattr(obj.frog, name, value)
+        for frame in (-12, 1, 2, 5.3, 11, 26, 40):
+            index = np.floor(np.clip(capture_frame(obj, frame, COUNT), 0, COUNT - 1) + 0.5)
+            assert number_shown(camera, frame) == 5 + 2 * index, (changed, frame)
+
+
+def test_remapping_by_a_curve_moves_the_clip(mono):
+    obj = imported(mono)
+    obj.frog.use_remap = True
+    for frame, value in ((1, 9.0), (10, 0.0)):
+        obj.frog.shown_frame = value
+        obj.keyframe_insert("frog.shown_frame", frame=frame)
+    (camera,) = cameras_of(obj)
+    for frame in (1, 4, 10):
+        index = np.floor(np.clip(capture_frame(obj, frame, COUNT), 0, COUNT - 1) + 0.5)
+        assert number_shown(camera, frame) == 5 + 2 * index
+
+
+def test_videos_start_with_their_first_frame(empty, tmp_path):
+    cv2 = pytest.importorskip("cv2")
+    folder = tmp_path / "videos"
+    folder.mkdir()
+    for name in ("cam00", "cam02"):
+        writer = cv2.VideoWriter(str(folder / f"{name}.mp4"), cv2.VideoWriter_fourcc(*"mp4v"), 24.0, (32, 32))
+        for frame in range(COUNT):
+            writer.write(np.full((32, 32, 3), 20 * frame, np.uint8))
+        writer.release()
+    obj = imported(scene_of(tmp_path / "x.frog", folder, rig_of_three(), capture_format="n3dv"), start_frame=3.0)
+    first, lacking, last = cameras_of(obj)
+    assert clip_of(first).image.source == "MOVIE" and clip_of(first).image.frame_duration == COUNT
+    assert clip_of(lacking) is None and clip_of(last) is not None
+    assert [number_shown(first, frame) for frame in (1, 3, 4, 12, 20)] == [1, 1, 2, 10, 10]
+
+
+def test_without_clips_the_import_is_the_same_and_says_so(empty, static_rig, capfd):
+    obj = imported(static_rig)
+    assert not any(clip_of(camera) for camera in cameras_of(obj))
+    said = capfd.readouterr()
+    assert "videos were not found" in said.out + said.err
+
+
+def test_nobody_asked_for_clips(mono):
+    obj = imported(mono, show_clips=False)
+    assert not clip_of(cameras_of(obj)[0]) and not bpy.data.images
+
+
+def test_a_capture_that_moved_with_its_scene_is_found_beside_it(mono, tmp_path):
+    there = tmp_path / "there"
+    there.mkdir()
+    (tmp_path / "film").rename(there / "film")
+    mono.rename(there / "film.frog")
+    assert clip_of(cameras_of(imported(there / "film.frog"))[0])
+
+
+def test_another_folder_is_named_and_clips_are_hidden_again(mono, tmp_path):
+    (tmp_path / "film").rename(tmp_path / "elsewhere")
+    obj = imported(mono)
+    camera = cameras_of(obj)[0]
+    assert clip_of(camera) is None
+    with pytest.raises(RuntimeError, match="found no clip"):
+        bpy.ops.frog.add_clips(directory=str(tmp_path))
+    for _ in range(2):  # a second time replaces the first
+        assert bpy.ops.frog.add_clips(directory=str(tmp_path / "elsewhere"), opacity=0.8, in_front=True) == {"FINISHED"}
+    assert len(camera.data.background_images) == len(camera.data.animation_data.drivers) == 1
+    assert clip_of(camera).alpha == pytest.approx(0.8) and clip_of(camera).display_depth == "FRONT"
+    assert bpy.ops.frog.hide_clips() == {"FINISHED"}
+    assert clip_of(camera) is None and not camera.data.animation_data.drivers
+
+
+def test_renamed_cameras_keep_their_clips_and_a_user_s_own_picture_stays(mono):
+    obj = imported(mono, show_clips=False)
+    camera = cameras_of(obj)[0]
+    camera.name = camera.data.name = "tracking shot"
+    own = camera.data.background_images.new()
+    own.image = bpy.data.images.new("storyboard", 4, 4)
+    assert bpy.ops.frog.add_clips() == {"FINISHED"}
+    assert number_shown(camera, 3) == 9
+    assert bpy.ops.frog.hide_clips() == {"FINISHED"}
+    assert [each.image.name for each in camera.data.background_images] == ["storyboard"]
+
+
+def test_saved_and_opened_again_clips_are_in_time(mono, tmp_path):
+    imported(mono)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "scene.blend"))
+    obj = next(playback.captures(bpy.data.objects))
+    obj.frog.start_frame = 2.0
+    assert number_shown(cameras_of(obj)[0], 4) == 9
+
+
+def test_clips_are_in_time_after_the_addon_was_away(addon, mono):
+    obj = imported(mono)
+    name = obj.name
+    addon.unregister()
+    try:
+        bpy.context.scene.frame_set(5)
+        bpy.context.view_layer.update()
+    finally:
+        addon.register()
+    assert number_shown(cameras_of(bpy.data.objects[name])[0], 4) == 11
