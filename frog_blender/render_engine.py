@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 import numpy as np
 
-from . import playback, vector_pass
+from . import index_pass, playback, vector_pass
 from .blender_camera import distance_added, engine_camera
 from .colors import picture_to_linear, to_display, to_linear
 from .engine.errors import FrogError
@@ -44,10 +44,11 @@ class FrogRenderEngine(bpy.types.RenderEngine):
         if renderlayer.use_pass_z:
             self.register_pass(scene, renderlayer, "Depth", 1, "Z", "VALUE")
         vector_pass.register_pass(self, scene, renderlayer)
+        index_pass.register_pass(self, scene, renderlayer)
 
     def render(self, depsgraph: Any) -> None:
         try:
-            combined, depth = render_frame(self, depsgraph)
+            combined, depth, surface = render_frame(self, depsgraph)
             layer = depsgraph.view_layer
             vectors = render_vectors(self, depsgraph) if layer.use_pass_vector and not self.test_break() else None
         except FrogError as error:
@@ -57,9 +58,11 @@ class FrogRenderEngine(bpy.types.RenderEngine):
         if self.test_break():
             return
         height, width = depth.shape
+        numbers = index_pass.indices(surface, pass_indices(depsgraph), width, height)
+        values_of = {"Combined": combined, "Depth": depth, "Vector": vectors, index_pass.NAME: numbers}
         result = self.begin_result(0, 0, width, height, layer=depsgraph.view_layer.name)
         for render_pass in result.layers[0].passes:
-            values = {"Combined": combined, "Depth": depth, "Vector": vectors}.get(render_pass.name)
+            values = values_of.get(render_pass.name)
             if values is not None:  # rows of a pass go from bottom to top; only a 1-D float32 array is copied at once
                 render_pass.rect.foreach_set(np.ascontiguousarray(values[::-1], dtype=np.float32).ravel())
         self.end_result(result)
@@ -85,16 +88,20 @@ def rendered_part(render: Any, width: int, height: int) -> tuple[int, int, int, 
     return left, height - top, right - left, top - bottom
 
 
-def render_frame(engine: Any, depsgraph: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Combined (H, W, 4) scene-linear premultiplied, and Depth (H, W) planar in world units, rows from the top; both of
-    the Render Region alone where there is one.
+Passes = tuple[np.ndarray, np.ndarray, np.ndarray | None]
 
-    With motion blur the light of moments spread over the shutter's time is averaged; Depth is that of the frame itself.
+
+def render_frame(engine: Any, depsgraph: Any) -> Passes:
+    """Combined (H, W, 4) scene-linear premultiplied, Depth (H, W) planar in world units, and which Gaussian of all that
+    were gathered is each pixel's surface (H, W), -1 for none (None without captures); rows from the top, of the Render
+    Region alone where there is one.
+
+    With motion blur the light of moments spread over the shutter's time is averaged; all else is the frame's own.
     """
-    combined, depth = render_moment(engine, depsgraph)
+    combined, depth, surface = render_moment(engine, depsgraph)
     render, frame = depsgraph.scene.render, depsgraph.scene.frame_current_final
     if not render.use_motion_blur or render.motion_blur_shutter <= 0:
-        return combined, depth
+        return combined, depth, surface
     moments = shutter_moments(frame, render.motion_blur_shutter, render.motion_blur_position)
     light = np.zeros_like(combined)
     for number, moment in enumerate(moments):
@@ -104,7 +111,7 @@ def render_frame(engine: Any, depsgraph: Any) -> tuple[np.ndarray, np.ndarray]:
         light += render_moment(engine, depsgraph)[0]
         engine.update_progress((number + 1) / len(moments))
     engine.frame_set(math.floor(frame), frame % 1.0)
-    return light / len(moments), depth
+    return light / len(moments), depth, surface
 
 
 def shutter_moments(frame: float, shutter: float, position: str) -> list[float]:
@@ -114,7 +121,7 @@ def shutter_moments(frame: float, shutter: float, position: str) -> list[float]:
     return [first + shutter * (number + 0.5) / SHUTTER_SAMPLES for number in range(SHUTTER_SAMPLES)]
 
 
-def render_moment(engine: Any, depsgraph: Any) -> tuple[np.ndarray, np.ndarray]:
+def render_moment(engine: Any, depsgraph: Any) -> Passes:
     """``render_frame`` of the moment at which the scene stands, without blur."""
     from .engine.inference.draw import draw
     from .engine.rasterizer.options import RasterizeOptions
@@ -136,7 +143,8 @@ def render_moment(engine: Any, depsgraph: Any) -> tuple[np.ndarray, np.ndarray]:
         drawing = draw(gaussians, camera, options=options, depth_limit=hidden)
     size = options.region_of(camera)[2:]
     depth = depth_pass(drawing, *size, distance_added(eye.data))
-    return combined_pass(drawing, background_of(scene, captured_background), *size), depth
+    combined = combined_pass(drawing, background_of(scene, captured_background), *size)
+    return combined, depth, drawing.median_index if drawing is not None else None
 
 
 def render_vectors(engine: Any, depsgraph: Any) -> np.ndarray:
@@ -178,6 +186,12 @@ def visible_captures(depsgraph: Any) -> list[tuple[Any, np.ndarray]]:
         if instance.object.type == "MESH" and instance.object.original.frog.filepath:
             found.append((instance.object.original, np.array(instance.matrix_world, dtype=np.float64)))
     return found
+
+
+def pass_indices(depsgraph: Any) -> list[tuple[int, int]]:
+    """How many Gaussians each visible capture has, in ``gather``'s order, and its object's Pass Index."""
+    found = [obj for obj, _ in visible_captures(depsgraph)]
+    return [(playback.open_scene(playback.file_of(obj)).count, obj.pass_index) for obj in found]
 
 
 def placed(gaussians: GaussianArrays, matrix: np.ndarray, name: str) -> GaussianArrays:

@@ -43,6 +43,7 @@ class FROG_PT_passes(bpy.types.Panel):
         self.layout.use_property_split = True
         self.layout.prop(context.view_layer, "use_pass_z", text="Depth")
         self.layout.prop(context.view_layer, "use_pass_vector", text="Vector")
+        self.layout.prop(context.view_layer, "use_pass_object_index", text="Object Index")
 
 
 _CLASSES = (FROG_PT_film, FROG_PT_passes)

@@ -22,6 +22,7 @@ class Drawing:
         median_depth: (H, W) Euclidean distance to the centre of the Gaussian that takes transmittance through one half.
         median_z: (H, W) planar depth of the same.
         mean_depth: (H, W) planar depth averaged by blending weight. All depths are NaN where nothing is.
+        median_index: (H, W) int32, which Gaussian the median depth is that of; -1 where nothing is.
     """
 
     rgb: np.ndarray
@@ -29,6 +30,7 @@ class Drawing:
     median_depth: np.ndarray
     median_z: np.ndarray
     mean_depth: np.ndarray
+    median_index: np.ndarray
 
 
 def draw(
@@ -59,7 +61,12 @@ def draw(
     distances = np.concatenate([np.linalg.norm(offsets, axis=1), missing]).astype(np.float32)
     planar = np.concatenate([offsets @ camera.forward.astype(np.float32), missing])
     return Drawing(
-        image["rgb"], image["alpha"], distances[median_index], planar[median_index], mean_depth=image["mean_depth"]
+        image["rgb"],
+        image["alpha"],
+        distances[median_index],
+        planar[median_index],
+        mean_depth=image["mean_depth"],
+        median_index=median_index,
     )
 
 

@@ -1,0 +1,116 @@
+"""The Object Index pass: every pixel names the capture whose surface it shows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import bpy
+import numpy as np
+import pytest
+from scenes import rig_of_three, write_scene
+
+from frog_blender import index_pass
+
+
+def multilayer(scene, path):
+    settings = scene.render.image_settings
+    if hasattr(settings, "media_type"):
+        settings.media_type = "MULTI_LAYER_IMAGE"
+    settings.file_format = "OPEN_EXR_MULTILAYER"
+    scene.render.filepath = str(path)
+    bpy.ops.render.render(write_still=True)
+    return path.read_bytes()[:4000]
+
+
+def rendered_indices(scene, monkeypatch):
+    """(H, W) of a render."""
+    taken = []
+    real = index_pass.indices
+    monkeypatch.setattr(index_pass, "indices", lambda *given: taken.append(real(*given)) or taken[-1])
+    bpy.context.view_layer.use_pass_object_index = True
+    bpy.ops.render.render(scene=scene.name)
+    return taken[-1]
+
+
+def solid(path, seed):
+    """A still capture without cameras, whose Gaussians are nearly opaque."""
+    from frog_blender.engine.exchange import import_splats
+    from frog_blender.engine.inference.scene import PlayableScene
+    from frog_blender.engine.ply import write_splats
+
+    moving = write_scene(path.with_name("moving.frog"), rig_of_three(), count=60 - seed, seed=seed)
+    gaussians = PlayableScene.load(moving).at_frame(0)
+    write_splats(path.with_suffix(".ply"), replace(gaussians, opacities=np.full(60 - seed, 0.98)))
+    return import_splats(path.with_suffix(".ply"), path).path
+
+
+@pytest.fixture
+def pair(empty, static_rig, tmp_path):
+    """Two captures, the second one smaller and nearer to the camera, with the indices 3 and 7."""
+    bpy.ops.import_scene.frog(filepath=str(static_rig))
+    bpy.data.objects.remove(bpy.context.object)  # of which the cameras are left
+    made = []
+    for name, seed, number in (("far", 0, 3), ("near", 1, 7)):
+        bpy.ops.import_scene.frog(filepath=str(solid(tmp_path / f"{name}.frog", seed)))
+        made.append(bpy.context.object)
+        made[-1].pass_index = number
+    made[1].parent.location, made[1].parent.scale = (0.2, -1.5, 0.5), (0.3,) * 3
+    return made
+
+
+def alone(scene, captures, seen, tmp_path):
+    """Depth of one of the captures."""
+    from scenes import passes_of
+
+    for obj in captures:
+        obj.hide_render = obj is not seen
+    depth = passes_of(scene, tmp_path)[1]
+    for obj in captures:
+        obj.hide_render = False
+    return depth
+
+
+def test_the_nearer_surface_is_named(empty, pair, tmp_path, monkeypatch):
+    found = rendered_indices(empty, monkeypatch)
+    assert set(np.unique(found)) == {0.0, 3.0, 7.0}
+    behind, before = (alone(empty, pair, seen, tmp_path) for seen in pair)
+    assert ((behind < 1e9) & (before < 1e9)).mean() > 0.02
+    expected = np.where(before < behind, 7, 3) * (np.minimum(before, behind) < 1e9)
+    assert (found == expected).mean() > 0.97  # at edges the half may be that of one behind both
+
+
+def test_the_index_is_the_objects(empty, pair, monkeypatch):
+    before = rendered_indices(empty, monkeypatch)
+    pair[1].pass_index = 1000
+    after = rendered_indices(empty, monkeypatch)
+    np.testing.assert_array_equal(after == 1000, before == 7)
+    pair[0].hide_render = True
+    assert set(np.unique(rendered_indices(empty, monkeypatch))) == {0.0, 1000.0}
+    pair[1].hide_render = True
+    assert not rendered_indices(empty, monkeypatch).any()
+
+
+def test_motion_blur_and_a_region_keep_it(empty, pair, monkeypatch):
+    whole = rendered_indices(empty, monkeypatch)
+    empty.render.use_motion_blur = True
+    empty.render.use_border, empty.render.border_min_x, empty.render.border_max_x = True, 0.25, 0.75
+    empty.render.border_min_y, empty.render.border_max_y = 0.5, 1.0
+    part = rendered_indices(empty, monkeypatch)
+    np.testing.assert_array_equal(part, whole[:32, 24:72])
+
+
+def test_it_arrives_in_a_file(empty, static_rig, tmp_path):
+    bpy.ops.import_scene.frog(filepath=str(static_rig))
+    assert index_pass.NAME.encode() + b".X" not in multilayer(empty, tmp_path / "without.exr")
+    bpy.context.view_layer.use_pass_object_index = True
+    assert index_pass.NAME.encode() + b".X" in multilayer(empty, tmp_path / "with.exr")
+
+
+def test_it_has_the_name_that_cycles_gives_it(empty, tmp_path):
+    empty.render.engine = "CYCLES"
+    empty.cycles.samples = 1
+    empty.render.resolution_x = empty.render.resolution_y = 8
+    empty.collection.objects.link(camera := bpy.data.objects.new("c", bpy.data.cameras.new("c")))
+    empty.camera = camera
+    bpy.context.view_layer.use_pass_object_index = True
+    assert index_pass.NAME.encode() + b".X" in multilayer(empty, tmp_path / "cycles.exr")
