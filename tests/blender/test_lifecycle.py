@@ -1,9 +1,14 @@
-"""What people do to a file: duplicate, rename, delete, append, undo, switch the add-on off, open another file while
-training. Nothing crashes, no thread stays, no trained scene is lost."""
+"""What people do to a file: import twice, duplicate, rename, delete, append, undo, switch the add-on off, reload
+scripts, open another file or quit while training. Nothing crashes, no thread stays, no trained scene is lost."""
 
 from __future__ import annotations
 
+import os
+import shutil
+import subprocess
+import sys
 import threading
+from pathlib import Path
 
 import bpy
 import numpy as np
@@ -12,6 +17,8 @@ from scenes import rig_of_three, write_scene
 
 from frog_blender import background, carrier, playback
 from frog_blender.engine.inference.scene import PlayableScene
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def imported(path):
@@ -43,6 +50,52 @@ def test_a_duplicate_plays_at_its_own_time(empty, static_rig):
     bpy.data.objects.remove(first)
     empty.frame_set(5)
     shows(second, static_rig, 1.0)
+
+
+def test_imported_twice_there_are_two_captures_each_with_its_own_root(empty, static_rig):
+    first = imported(static_rig)
+    assert bpy.ops.import_scene.frog(filepath=str(static_rig), start_frame=4.0) == {"FINISHED"}
+    second = bpy.context.object
+    assert second != first and second.parent != first.parent and len(set(bpy.data.collections)) == 2
+    second.parent.location.x = 3.0
+    empty.frame_set(6)
+    shows(first, static_rig, 5.0)
+    shows(second, static_rig, 2.0)
+    assert first.matrix_world.translation.x == 0.0 and second.matrix_world.translation.x == 3.0
+
+
+def test_a_duplicate_of_everything_moves_by_itself(empty, static_rig):
+    first = imported(static_rig)
+    for obj in empty.objects:
+        obj.select_set(True)
+    bpy.ops.object.duplicate()
+    second = next(obj for obj in bpy.context.selected_objects if obj in set(playback.captures(empty.objects)))
+    assert second.parent != first.parent and sum(child.type == "CAMERA" for child in second.parent.children) == 3
+    second.parent.location.z = 2.0
+    empty.frame_set(3)
+    shows(second, static_rig, 2.0)
+    assert second.matrix_world.translation.z == 2.0 and first.matrix_world.translation.z == 0.0
+
+
+def test_without_its_root_a_capture_plays_on(empty, static_rig):
+    obj = imported(static_rig)
+    select_only(obj.parent)
+    bpy.ops.object.delete()
+    empty.frame_set(5)
+    shows(obj, static_rig, 4.0)
+    assert obj.parent is None and bpy.ops.frog.align_to_floor() == {"FINISHED"}
+
+
+def test_one_undo_takes_an_import_back_and_redo_plays_it(empty, static_rig):
+    bpy.ops.ed.undo_push(message="before")
+    name = imported(static_rig).name
+    bpy.ops.ed.undo_push(message="import")
+    bpy.ops.ed.undo()
+    assert not list(playback.captures(bpy.data.objects)) and not bpy.data.cameras and not bpy.data.collections
+    bpy.context.scene.frame_set(3)
+    bpy.ops.ed.redo()
+    bpy.context.scene.frame_set(7)
+    shows(bpy.data.objects[name], static_rig, 6.0)
 
 
 def test_a_renamed_capture_plays_on(empty, static_rig):
@@ -162,3 +215,86 @@ def test_another_file_while_training_loses_nothing(addon, tmp_path, monkeypatch)
     assert PlayableScene.load(output).header.steps > 0
     assert checkpoint_path(output).is_file()
     assert not [obj for obj in bpy.data.objects if obj.frog.filepath], "nothing is put into the other file"
+
+
+SOURCE = """
+import sys, threading
+from importlib import import_module
+from pathlib import Path
+name, scene, marker = sys.argv[-3:]
+
+def training(cancelled):
+    events = import_module(name + ".engine.training.events")
+    while not cancelled():
+        yield events.Stage("decoding", 0, 1)
+        threading.Event().wait(0.005)
+    threading.Event().wait(0.5)  # a scene is being written
+    Path(marker).write_text("saved")
+    yield events.Cancelled(0, None)
+"""
+
+QUIT = (
+    SOURCE
+    + f"""
+sys.path[:0] = [{str(ROOT)!r}]
+import frog_blender
+from frog_blender import background
+frog_blender.register()
+background.begin(training)
+"""
+)
+
+RELOAD = (
+    SOURCE
+    + """
+import bpy, addon_utils
+addon_utils.enable(name, default_set=True)
+background, playback, carrier = (import_module(f"{name}.{room}") for room in ("background", "playback", "carrier"))
+bpy.ops.import_scene.frog(filepath=scene)
+capture = bpy.context.object
+threads = threading.active_count()
+handlers = len(bpy.app.handlers.frame_change_pre)
+task = background.begin(training)
+bpy.utils.load_scripts(reload_scripts=True)  # what Reload Scripts does, in a window and without one
+print("ended", task.join(0.0) and Path(marker).exists() and threading.active_count() == threads)
+print("handlers", len(bpy.app.handlers.frame_change_pre) == handlers)
+bpy.context.scene.frame_set(1)
+first = carrier.read(capture)["position"]
+bpy.context.scene.frame_set(6)
+print("plays", abs(carrier.read(capture)["position"] - first).max() > 1e-3)
+print("trains", background.begin(training).state.running)
+addon_utils.disable(name, default_set=True)
+"""
+)
+
+
+def in_another_blender(code, tmp_path, *arguments, resources=None):
+    """Run a script in a Blender of its own, which ends as Blender ends, and return what it said."""
+    if not bpy.app.binary_path and bpy.app.version < (5, 0):
+        pytest.skip("the bpy 4.5 module never leaves while any script's handler is registered")
+    script = tmp_path / "script.py"
+    script.write_text(code)
+    blender = [bpy.app.binary_path, "-b", "--factory-startup", "--python"] if bpy.app.binary_path else [sys.executable]
+    command = [*blender, str(script), *(["--"] if bpy.app.binary_path else []), *map(str, arguments)]
+    environment = os.environ | ({"BLENDER_USER_RESOURCES": str(resources)} if resources else {})
+    result = subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment)
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert "Traceback" not in result.stderr, result.stderr
+    return result.stdout
+
+
+def test_quitting_while_training_waits_for_what_was_learned(tmp_path):
+    in_another_blender(QUIT, tmp_path, "frog_blender", "none", tmp_path / "marker")
+    assert (tmp_path / "marker").read_text() == "saved"
+
+
+def test_scripts_reloaded_while_training(static_rig, tmp_path):
+    """The add-on as an extension in a folder of its own, which is what Reload Scripts finds."""
+    resources = tmp_path / "user"
+    extension = resources / "extensions" / "user_default" / "frog_blender"
+    shutil.copytree(ROOT / "frog_blender", extension, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "blender_manifest.toml", extension)
+    name = "bl_ext.user_default.frog_blender"
+    said = in_another_blender(RELOAD, tmp_path, name, static_rig, tmp_path / "marker", resources=resources)
+    for line in ("ended True", "handlers True", "plays True", "trains True"):
+        assert line in said, said
