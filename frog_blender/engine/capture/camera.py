@@ -57,6 +57,17 @@ class Camera:
         """The same camera elsewhere; ``world_to_camera`` is (3, 4) or (4, 4)."""
         return replace(self, world_to_camera=np.vstack([world_to_camera[:3], [[0.0, 0.0, 0.0, 1.0]]]))
 
+    def moved(self, turn: np.ndarray, shift: np.ndarray) -> Camera:
+        """The camera turned about its centre, then shifted, both along its own axes.
+
+        Args:
+            turn: (3,) axis times angle in radians, by which the world turns as the camera sees it.
+            shift: (3,) world units, by which the world moves as the camera sees it.
+        """
+        pose = _rotation(turn) @ self.world_to_camera[:3]
+        pose[:, 3] += shift
+        return self.with_pose(pose)
+
     def cropped(self, left: int, top: int, width: int, height: int) -> Camera:
         """The view through the pixel rectangle that starts at (left, top); it may reach outside the image."""
         shift = np.array([[1.0, 0.0, -left], [0.0, 1.0, -top], [0.0, 0.0, 1.0]])
@@ -99,3 +110,13 @@ class Camera:
             np.array(data["intrinsics"], dtype=np.float64),
             np.array(data["world_to_camera"], dtype=np.float64),
         )
+
+
+def _rotation(vector: np.ndarray) -> np.ndarray:
+    """(3, 3) the rotation about ``vector`` (3,) by its length in radians (Rodrigues)."""
+    x, y, z = vector
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    angle = float(np.linalg.norm(vector))
+    if angle < 1e-12:
+        return np.eye(3)
+    return np.eye(3) + np.sin(angle) / angle * cross + (1 - np.cos(angle)) / angle**2 * cross @ cross

@@ -6,6 +6,7 @@ A capture only names its pictures; ``frames.FrameStore`` decodes them.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -178,6 +179,12 @@ class Capture:
                 )
             cameras.append(camera.resized(width, height))
         return replace(self, cameras=tuple(cameras))
+
+    def with_cameras(self, cameras: Iterable[Camera]) -> Capture:
+        """The same pictures, said to be taken by these cameras: one for each of the capture's, in its order."""
+        other = copy(self)  # with what it knows of its shots: a training may ask for one at every step
+        object.__setattr__(other, "cameras", tuple(cameras))
+        return other
 
     def with_pixel_offsets(self, offsets: Mapping[str, tuple[float, float]]) -> Capture:
         """The capture with videos known to begin at pixel (dx, dy) of their calibrated pictures.

@@ -280,6 +280,7 @@ def _measure(job: TrainingJob, light: float) -> Record:
     """
     capture, _ = prepare_capture(job.capture, job.scale, job.holdout_frames, job.pixel_offsets, job.opened)
     scene = PlayableScene.load(job.output)
+    capture = capture.with_cameras(scene.header.cameras)  # as training left their poses
     measures, missing = perceptual_measures()
     if light != 1:
         measures = {**measures, "psnr_bright": partial(_bright_psnr, 1 / light)}

@@ -40,23 +40,9 @@ def wrong_poses(capture: Capture, degrees: float) -> Capture:
 
     def moved(camera: Camera) -> Camera:
         turn, step = random.normal(0, angle, 3), random.normal(0, angle * size, 3)
-        if camera.name in capture.test_cameras:
-            return camera
-        change = np.eye(4)
-        change[:3, :3], change[:3, 3] = _rotation(turn), step
-        return replace(camera, world_to_camera=change @ camera.world_to_camera)
+        return camera if camera.name in capture.test_cameras else camera.moved(turn, step)
 
-    return replace(capture, cameras=tuple(moved(camera) for camera in capture.cameras))
-
-
-def _rotation(vector: np.ndarray) -> np.ndarray:
-    """The rotation about ``vector`` (3,) by its length in radians (Rodrigues)."""
-    x, y, z = vector
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    angle = float(np.linalg.norm(vector))
-    if angle < 1e-12:
-        return np.eye(3)
-    return np.eye(3) + np.sin(angle) / angle * cross + (1 - np.cos(angle)) / angle**2 * cross @ cross
+    return capture.with_cameras(moved(camera) for camera in capture.cameras)
 
 
 def wrong_clocks(capture: Capture, most: int) -> Capture:

@@ -20,7 +20,7 @@ from .parsimony import Reduction, heads_of
 from .trainer import Neighbourhood, Trainer
 
 _KEY = "frog-checkpoint"
-_VERSION = 5
+_VERSION = 6
 
 
 def checkpoint_path(scene: str | Path) -> Path:
@@ -44,6 +44,11 @@ def state_of(trainer: Trainer, settings: dict[str, Any] | None = None) -> State:
     trainer.regions.settle()
     for camera, errors in enumerate(trainer.regions.errors):
         tensors[f"regions.{camera}"] = errors
+    if trainer.poses:
+        poses = [camera.world_to_camera for camera in trainer.capture.cameras]
+        tensors["poses"] = torch.from_numpy(np.stack(poses))
+        tensors["poses.moments"] = torch.from_numpy(trainer.poses.moments)
+        tensors["poses.drawn"] = torch.from_numpy(trainer.poses.drawn)
     if trainer.parsimony:
         tensors["removed"] = torch.from_numpy(trainer.parsimony.removed)
     if trainer.neighbourhood is not None:
@@ -155,6 +160,9 @@ def restore(trainer: Trainer, state: State) -> None:
     trainer.picker.losses = tensors["losses"]
     trainer.generator.set_state(tensors["random"])
     trainer.regions.errors = [tensors[f"regions.{camera}"] for camera in range(len(trainer.capture.cameras))]
+    if trainer.poses:
+        trainer.poses.resume(arrays["poses"], arrays["poses.moments"], arrays["poses.drawn"])
+        trainer.capture = trainer.poses.capture
     trainer.neighbourhood = None
     if "neighbourhood.anchors" in tensors:
         names = ("anchors", "neighbours", "weights")

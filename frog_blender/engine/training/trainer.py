@@ -27,6 +27,7 @@ from .methods import method_named
 from .neighbours import nearest
 from .optimizer import SceneOptimizer
 from .parsimony import Parsimony
+from .poses import PoseRefinement
 from .recipe import Recipe
 from .regions import RegionPicker
 from .resolution import halved, halved_picture, is_halved
@@ -88,6 +89,9 @@ class Trainer:
         self.scene_scale = scale_of(capture, seeds.points)
         self.model: SceneModel = first_model(capture, seeds, recipe, method, self.scene_scale, self.device)
         self.optimizer = SceneOptimizer(self.model, recipe, self.scene_scale)
+        center = np.median(seeds.points, axis=0)
+        refined = PoseRefinement.wanted(capture, recipe)
+        self.poses = PoseRefinement(capture, recipe, center, self.scene_scale) if refined else None
         self.density = DensityControl(recipe, self.scene_scale, self.count, self.device)
         self.neighbourhood: Neighbourhood | None = None
         self.step_count, self.seconds, self.progress = 0, 0.0, 0.0
@@ -152,7 +156,8 @@ class Trainer:
         whole_size = camera is self.capture.cameras[camera_index]
         region = self.regions.pick(camera_index, self.generator) if whole_size else None
         options = RasterizeOptions(region=region)
-        truth, image, gaussians, changes = self._draw(shot, before, options)
+        pose = self._learned_pose(camera_index, before)
+        truth, image, gaussians, changes = self._draw(shot, before, options, pose)
         difference = image.rgb - truth
         loss = difference.abs().mean()
         if self._in_burst(before):
@@ -170,6 +175,9 @@ class Trainer:
             self._add_smoothness(self.neighbourhood)
         self.density.observe(image, gaussians.opacities.detach(), camera)
         self.optimizer.step()
+        if self.poses and pose is not None and pose.grad is not None:
+            self.poses.step(camera_index, pose.grad.double().cpu().numpy(), before)
+            self.capture = self.poses.capture
         self.step_count += 1
         self.seconds += time.perf_counter() - started
         self.progress = self._progress_now()
@@ -197,7 +205,7 @@ class Trainer:
         return self.burst_shot
 
     def _draw(
-        self, shot_index: int, progress: float, options: RasterizeOptions
+        self, shot_index: int, progress: float, options: RasterizeOptions, pose: torch.Tensor | None = None
     ) -> tuple[torch.Tensor, Image, GaussianArrays, dict[str, torch.Tensor]]:
         """The truth, its drawing, and the Gaussians and changes that were drawn."""
         shot = self.capture.shots[shot_index]
@@ -208,8 +216,15 @@ class Trainer:
         left, top, width, height = options.region_of(camera)
         truth = picture_on(self.device, pixels[top : top + height, left : left + width])
         gaussians, changes = self.gaussians_at(frame_to_time(shot.frame, self.capture.frame_count), progress)
-        image = rasterize(gaussians, camera, self.capture.background, options)
+        image = rasterize(gaussians, camera, self.capture.background, options, pose=pose)
         return truth, image, gaussians, changes
+
+    def _learned_pose(self, camera: int, progress: float) -> torch.Tensor | None:
+        """(3, 4) the pose of a camera, to receive its gradient in this step; None where it is not learned."""
+        if self.poses is None or not self.poses.learns(camera, progress):
+            return None
+        pose = torch.from_numpy(self.capture.cameras[camera].world_to_camera[:3]).float()
+        return pose.to(self.device).requires_grad_()
 
     def _camera(self, index: int, progress: float) -> Camera:
         """A camera at the size at which it is drawn at ``progress``."""

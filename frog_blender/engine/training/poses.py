@@ -1,0 +1,109 @@
+"""Camera poses that are learned with the scene: calibrations are never exact, and a pixel of error blurs everything."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..capture.camera import Camera
+from ..capture.capture import Capture
+from .recipe import Recipe
+
+_MOMENTUM, _MEMORY, _TINY = 0.9, 0.99, 1e-15  # Adam's; a camera is drawn in one step of many, so a short memory
+
+
+class PoseRefinement:
+    """Turns and moves the training cameras of a rig, a little at every step that draws one.
+
+    The world moves before a camera rather than the camera in the world: by a turn about the scene's centre and a
+    shift. What all cameras have in common is taken out of every step: the whole rig neither turns, moves nor grows, so
+    that the scene stays where the cameras that judge, which are never moved, see it. A single moving camera stays as it
+    was measured too, since its withheld moments have no pose but that.
+
+    Attributes:
+        capture: the capture with its cameras as they stand now.
+        moments: (2, C, 6) Adam's memory of the gradients by camera: three of turning, three of moving.
+        drawn: (C, 2) steps that drew each camera, and the training's progress at the last of them.
+
+    Args:
+        capture: as it was opened.
+        recipe: ``pose_reach`` and ``pose_from``.
+        center: (3,) of the scene, world units.
+        distance: from which cameras see it, world units.
+    """
+
+    def __init__(self, capture: Capture, recipe: Recipe, center: np.ndarray, distance: float) -> None:
+        self.capture, self._recipe = capture, recipe
+        self._center, self._distance = center.astype(np.float64), distance
+        self._moved = np.array(sorted({shot.camera for shot in capture.train_shots}))
+        self._moved = self._moved[[capture.cameras[i].name not in capture.test_cameras for i in self._moved]]
+        self.moments = np.zeros((2, len(capture.cameras), 6))
+        self.drawn = np.tile([0.0, recipe.pose_from], (len(capture.cameras), 1))
+
+    @staticmethod
+    def wanted(capture: Capture, recipe: Recipe) -> bool:
+        """Whether there is a rig to refine."""
+        return recipe.pose_reach > 0 and not capture.is_moving and len({s.camera for s in capture.train_shots}) > 1
+
+    def learns(self, camera: int, progress: float) -> bool:
+        """Whether a step that draws this camera at ``progress`` needs the gradient of its pose."""
+        return progress > self._recipe.pose_from and camera in self._moved
+
+    def step(self, index: int, gradient: np.ndarray, progress: float) -> None:
+        """One step of Adam for one camera, as long as the training that went by since its last one.
+
+        Args:
+            index: of the camera.
+            gradient: (3, 4) of the loss by ``world_to_camera``.
+            progress: of the training.
+        """
+        camera = self.capture.cameras[index]
+        slope = self._slope(camera, gradient)
+        if not np.isfinite(slope).all():
+            return  # the loss's own check says so
+        count, before = self.drawn[index] + (1, 0)
+        self.drawn[index] = count, progress
+        first, second = self.moments[:, index]
+        first += (1 - _MOMENTUM) * (slope - first)
+        second += (1 - _MEMORY) * (slope**2 - second)
+        direction = (first / (1 - _MOMENTUM**count)) / (np.sqrt(second / (1 - _MEMORY**count)) + _TINY)
+        width = camera.width / camera.intrinsics[0, 0]  # of the picture, radians
+        length = self._recipe.pose_reach * width * 2 * (1 - progress) * (progress - before)
+        turns, shifts = np.zeros((2, len(self._moved), 3))
+        place = int(np.searchsorted(self._moved, index))
+        turns[place], shifts[place] = -length * direction[:3], -length * self._distance * direction[3:]
+        self._move(turns - turns.mean(axis=0), self._without_growth(shifts - shifts.mean(axis=0)))
+
+    def _slope(self, camera: Camera, gradient: np.ndarray) -> np.ndarray:
+        """(6,) of the loss by the world's turn about the centre and its shift in distances, as this camera sees it."""
+        by_rotation, by_shift = camera.rotation.T @ gradient[:, :3], camera.rotation.T @ gradient[:, 3]
+        twice = by_rotation - by_rotation.T
+        by_turn = np.array([twice[2, 1], twice[0, 2], twice[1, 0]]) - np.cross(self._center, by_shift)
+        return np.concatenate([by_turn, by_shift * self._distance])
+
+    def _without_growth(self, shifts: np.ndarray) -> np.ndarray:
+        """Shifts (M, 3) without what brings all cameras nearer to the middle, or away from it."""
+        centers = np.array([self.capture.cameras[index].center for index in self._moved])
+        centers -= centers.mean(axis=0)
+        return shifts - centers * (shifts * centers).sum() / max((centers**2).sum(), _TINY)
+
+    def _move(self, turns: np.ndarray, shifts: np.ndarray) -> None:
+        """Moves the world (M, 3) radians about the centre, and world units, before each camera that is refined."""
+        cameras = list(self.capture.cameras)
+        for index, turn, shift in zip(self._moved, turns, shifts, strict=True):
+            camera = cameras[index]
+            about = camera.rotation @ self._center + camera.world_to_camera[:3, 3]
+            turned = camera.moved(camera.rotation @ turn, np.zeros(3))
+            back = about - turned.rotation @ self._center - turned.world_to_camera[:3, 3]
+            cameras[index] = turned.moved(np.zeros(3), back + camera.rotation @ shift)
+        self.capture = self.capture.with_cameras(cameras)
+
+    def resume(self, poses: np.ndarray, moments: np.ndarray, drawn: np.ndarray) -> None:
+        """Goes on from poses (C, 4, 4) and the rest; ValueError for arrays that do not fit."""
+        if np.shape(poses) != (len(self.capture.cameras), 4, 4):
+            raise ValueError(f"poses of {np.shape(poses)} instead of {(len(self.capture.cameras), 4, 4)}")
+        for array, own in ((moments, self.moments), (drawn, self.drawn)):
+            if array.shape != own.shape:
+                raise ValueError(f"memory of poses of {array.shape} instead of {own.shape}")
+        self.moments, self.drawn = moments.copy(), drawn.copy()
+        pairs = zip(self.capture.cameras, poses, strict=True)
+        self.capture = self.capture.with_cameras(camera.with_pose(pose) for camera, pose in pairs)
