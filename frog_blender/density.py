@@ -1,0 +1,113 @@
+"""How many of its Gaussians a capture shows outside of FRoG's own pictures: the most important ones alone.
+
+Which they are is found once for each scene (``engine.inference.importance``) and is the same at every frame, so nothing
+flickers; what is left out is neither computed nor written.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
+
+import bpy
+from bpy.app.handlers import persistent
+
+from . import ellipsoid_nodes
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from .engine.inference.scene import PlayableScene
+
+_KEPT = 4  # thinned scenes of a scene: objects and renders may each want another density
+
+
+class _Thinned:
+    """What is known of one scene."""
+
+    def __init__(self) -> None:
+        self.lock = threading.Lock()  # a render evaluates frames in its own thread
+        self.order: np.ndarray | None = None
+        self.scenes: OrderedDict[int, PlayableScene] = OrderedDict()
+
+    def take(self, scene: PlayableScene, count: int) -> PlayableScene:
+        from .engine.inference.importance import most_important, ranking
+
+        with self.lock:
+            if count not in self.scenes:
+                if self.order is None:
+                    self.order = ranking(scene)
+                self.scenes[count] = scene.only(most_important(self.order, count))
+            self.scenes.move_to_end(count)
+            while len(self.scenes) > _KEPT:
+                self.scenes.popitem(last=False)
+            return self.scenes[count]
+
+
+_known: WeakKeyDictionary[PlayableScene, _Thinned] = WeakKeyDictionary()
+_is_rendering = False  # with another engine than FROG
+
+
+def thinned(obj: Any, scene: PlayableScene) -> PlayableScene:
+    """The scene that an object's points or ellipsoids show: all of ``scene``, or its most important Gaussians."""
+    count = shown_count(obj, scene.count)
+    return scene if count >= scene.count else _known.setdefault(scene, _Thinned()).take(scene, count)
+
+
+def shown_count(obj: Any, total: int) -> int:
+    """How many of ``total`` Gaussians an object shows now; never none, and no more ellipsoids than Blender bears."""
+    settings = obj.frog
+    share = settings.render_density if _is_rendering else settings.density
+    count = max(1, round(total * share / 100))
+    return min(count, ellipsoid_nodes.MOST) if settings.display == "ELLIPSOIDS" else count
+
+
+def _set_rendering(rendering: bool) -> None:
+    global _is_rendering
+    from . import playback
+
+    if rendering == _is_rendering:
+        return
+    _is_rendering = rendering
+    for scene in bpy.data.scenes:
+        for obj in playback.captures(scene.objects):
+            if obj.frog.density != obj.frog.render_density:
+                playback.show(obj, scene.frame_current_final)
+
+
+@persistent
+def _on_render_init(scene: Any, *_: Any) -> None:
+    # A window that is not locked may draw the points while they are written, which Blender does not survive.
+    is_safe = bpy.app.background or scene.render.use_lock_interface
+    _set_rendering(is_safe and scene.render.engine != "FROG")
+
+
+@persistent
+def _on_render_end(*_: Any) -> None:
+    _set_rendering(False)
+
+
+def _handlers() -> list[tuple[list[Any], Any]]:
+    on = bpy.app.handlers
+    return [
+        (on.render_init, _on_render_init),
+        (on.render_complete, _on_render_end),
+        (on.render_cancel, _on_render_end),
+    ]
+
+
+def register() -> None:
+    for handlers, function in _handlers():
+        if function not in handlers:
+            handlers.append(function)
+
+
+def unregister() -> None:
+    global _is_rendering
+    for handlers, function in _handlers():
+        if function in handlers:
+            handlers.remove(function)
+    _is_rendering = False
+    _known.clear()
