@@ -3,6 +3,9 @@
 Copies the package with its native library, the manifest and the wheels that Blender's Python lacks into
 ``build/extension``, then lets Blender's own ``blender_ext.py`` (part of the bpy module) build the zip and validate it.
 Without ``--wheels`` the safetensors wheel of this platform is fetched with pip.
+
+The zip is for the platform that it is built on, because of the native library; .github/workflows/extension.yml builds
+on all of them.
 """
 
 from __future__ import annotations
@@ -12,6 +15,7 @@ import platform
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -24,6 +28,11 @@ def blender_platform() -> str:
     system = {"Linux": "linux", "Darwin": "macos", "Windows": "windows"}[platform.system()]
     machine = "arm64" if platform.machine().lower() in {"arm64", "aarch64"} else "x64"
     return f"{system}-{machine}"
+
+
+def version() -> str:
+    """The extension's, as its manifest says."""
+    return tomllib.loads((ROOT / "blender_manifest.toml").read_text())["version"]
 
 
 def blender_ext() -> Path:
@@ -78,7 +87,7 @@ def build(output: Path, wheels: Path | None, work: Path) -> Path:
     copy_package(work)
     write_manifest(work, add_wheels(work, wheels))
     output.mkdir(parents=True, exist_ok=True)
-    zip_path = output / f"frog_blender-0.1.0-{blender_platform()}.zip"
+    zip_path = output / f"frog_blender-{version()}-{blender_platform()}.zip"
     tool = [sys.executable, str(blender_ext())]
     for arguments in (
         ["build", "--source-dir", str(work), "--output-filepath", str(zip_path)],
@@ -94,7 +103,10 @@ def main() -> None:
     parser.add_argument("--wheels", type=Path, help="folder of wheels to ship instead of fetching them")
     parser.add_argument("--output", type=Path, default=ROOT / "dist", help="where the zip goes")
     parser.add_argument("--work", type=Path, default=ROOT / "build" / "extension", help="where it is assembled")
+    parser.add_argument("--expect", metavar="PLATFORM", help="fail on any other platform, such as linux-x64")
     options = parser.parse_args()
+    if options.expect not in (None, blender_platform()):
+        raise SystemExit(f"This machine is {blender_platform()}, expected {options.expect}.")
     print(build(options.output, options.wheels, options.work))
 
 

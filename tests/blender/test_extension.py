@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 import zipfile
@@ -58,3 +59,14 @@ def test_installed_zip_imports_plays_and_renders(extension, tmp_path):
     result = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=tmp_path, timeout=180)
     assert "installed and drawn True" in result.stdout, result.stdout + result.stderr
     assert (tmp_path / "still.png").stat().st_size > 1000
+
+
+def test_the_recipe_builds_every_platform_that_it_names():
+    """Read as text: no YAML reader is needed for four lines."""
+    recipe = (ROOT / ".github" / "workflows" / "extension.yml").read_text()
+    found = re.findall(r"platform: ([a-z]+-[a-z0-9]+), runner: (\S+),", recipe)
+    assert {name for name, _ in found} == {"linux-x64", "macos-arm64", "macos-x64", "windows-x64"}
+    command = [sys.executable, str(ROOT / "tools" / "build_extension.py"), "--expect", "amiga-m68k"]
+    if not bpy.app.binary_path:
+        result = subprocess.run(command, capture_output=True, text=True)
+        assert result.returncode and "expected amiga-m68k" in result.stderr
