@@ -8,6 +8,7 @@ vertices that Geometry Nodes turn into points (``splat_nodes``).  Attributes are
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -16,6 +17,8 @@ import numpy as np
 from . import ellipsoid_nodes, splat_nodes
 
 if TYPE_CHECKING:
+    from .engine.inference.moving_part import MovingPart
+    from .engine.inference.scene import PlayableScene
     from .engine.rasterizer.arrays import GaussianArrays
 
 _MODIFIER = "Gaussians as points"
@@ -23,6 +26,12 @@ _VALUE_KEY = {"FLOAT_VECTOR": "vector", "QUATERNION": "value", "FLOAT4": "vector
 _FIXED = {"scale": "FLOAT_VECTOR", "rotation": "QUATERNION", "radiance:base": "FLOAT_COLOR"}
 # radiance:base is a FLOAT4 in Blender 5.3.  Before 5.2 that type does not exist, and no version's Mesh to Points and
 # Attribute nodes are promised to carry it, while FLOAT_COLOR (four floats, never converted) works in all of them.
+
+
+_COLUMNS = {"position": "means", "scale": "scales", "rotation": "quaternions", "radiance:base": "base"}
+_SHOWN = "frog_shown"
+"""A custom property of the mesh that says whose Gaussians at which time it holds.  What undo, copying or loading brings
+back of the mesh brings it back as well, so that it is always right; see ``show`` for what it saves."""
 
 
 def create(name: str, gaussians: GaussianArrays) -> Any:
@@ -48,6 +57,7 @@ def display(obj: Any, kind: str) -> None:
 def write(obj: Any, gaussians: GaussianArrays) -> None:
     """Put ``gaussians`` into the object's mesh; only a change of count or SH degree rebuilds the mesh."""
     mesh = obj.data
+    distrust(mesh)
     further = gaussians.sh.shape[1] - 1
     _fit(mesh, len(gaussians.means), further)
     base = np.concatenate([gaussians.sh[:, 0], gaussians.opacities[:, None]], axis=1)
@@ -59,11 +69,49 @@ def write(obj: Any, gaussians: GaussianArrays) -> None:
     }
     columns |= {f"radiance:sh_{k}": gaussians.sh[:, k + 1] for k in range(further)}
     for name, values in columns.items():
-        attribute = mesh.attributes[name]  # fetched anew: adding an attribute may move the others
-        # 1-D, float32, contiguous: the only form that Blender copies instead of reading value by value.
-        flat = np.ascontiguousarray(values, dtype=np.float32).ravel()
-        attribute.data.foreach_set(_VALUE_KEY[attribute.data_type], flat)
+        _set(mesh, name, values)
     mesh.update_tag()
+
+
+def show(obj: Any, scene: PlayableScene, time: float, part: Callable[[], MovingPart]) -> None:
+    """Put a scene's Gaussians at a time in [0, 1] into the object's mesh.
+
+    What the mesh holds already is not written again: nothing for the same moment, and only what changes in time for
+    another moment of the same scene.
+
+    Args:
+        part: gives what ``scene.part_at(time)`` does; called if there is something to write.
+    """
+    mesh = obj.data
+    if mesh.is_editmode:
+        distrust(mesh)  # its vertices are elsewhere, and may come back as others
+        return
+    further = len(scene.columns) - len(_COLUMNS)
+    shown, wanted = mesh.get(_SHOWN), f"{scene.token} {time!r}"
+    whole = _fit(mesh, scene.count, further) or not (isinstance(shown, str) and shown.startswith(scene.token))
+    if not whole and shown == wanted:
+        return
+    columns = _COLUMNS | {f"radiance:sh_{k}": f"sh_{k + 1}" for k in range(further)}
+    moving = part()
+    distrust(mesh)  # until all is written
+    for name, column in columns.items():
+        if whole or column in moving.columns:
+            _set(mesh, name, scene.column(column, moving))
+    mesh[_SHOWN] = wanted
+    mesh.update_tag()
+
+
+def distrust(mesh: Any) -> None:
+    """Whatever the mesh holds, ``show`` is to write all of it again."""
+    if _SHOWN in mesh and mesh.library is None:
+        del mesh[_SHOWN]
+
+
+def _set(mesh: Any, name: str, values: np.ndarray) -> None:
+    attribute = mesh.attributes[name]  # fetched anew: adding an attribute may move the others
+    # 1-D, float32, contiguous: the only form that Blender copies instead of reading value by value.
+    flat = np.ascontiguousarray(values, dtype=np.float32).ravel()
+    attribute.data.foreach_set(_VALUE_KEY[attribute.data_type], flat)
 
 
 def read(obj: Any) -> dict[str, np.ndarray]:
@@ -89,6 +137,7 @@ def draw_in_renders(obj: Any, shown: bool) -> None:
 
 def clear(obj: Any) -> None:
     """Drop the geometry; ``write`` brings it back."""
+    distrust(obj.data)
     obj.data.clear_geometry()
     obj.data.update_tag()
 
@@ -98,13 +147,21 @@ def count(obj: Any) -> int:
     return len(obj.data.vertices)
 
 
-def _fit(mesh: Any, wanted: int, further: int) -> None:
-    """Make the mesh hold ``wanted`` vertices and ``further`` SH attributes; all exist before any is written."""
+def _fit(mesh: Any, wanted: int, further: int) -> bool:
+    """Make the mesh hold ``wanted`` vertices and ``further`` SH attributes; all exist before any is written.
+
+    Returns whether anything of it is new, and so empty.
+    """
     types = _FIXED | {f"radiance:sh_{k}": "FLOAT_VECTOR" for k in range(further)}
-    stray = [name for name in mesh.attributes.keys() if name.startswith("radiance:") and name not in types]  # noqa: SIM118
-    if len(mesh.vertices) != wanted or stray:
+    there = {name: attribute.data_type for name, attribute in mesh.attributes.items()}
+    stray = [name for name in there if name.startswith("radiance:") and name not in types]
+    is_new = len(mesh.vertices) != wanted or bool(stray)
+    if is_new:
         mesh.clear_geometry()
         mesh.vertices.add(wanted)
+        there = {}
     for name, kind in types.items():
-        if name not in mesh.attributes:
+        if name not in there:
             mesh.attributes.new(name, kind, "POINT")
+            is_new = True
+    return is_new

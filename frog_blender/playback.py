@@ -15,17 +15,39 @@ from typing import TYPE_CHECKING, Any
 import bpy
 from bpy.app.handlers import persistent
 
-from . import carrier
+from . import carrier, density, playback_cache
 from .engine.errors import FrogError
+from .playback_cache import Moment
 from .retiming import capture_frame
 
 if TYPE_CHECKING:
+    from .engine.inference.bake import Bake
     from .engine.inference.scene import PlayableScene
     from .engine.rasterizer.arrays import GaussianArrays
 
 _Stamp = tuple[int, int] | None  # modification time and size of a file; None where there is no file
-_lock = threading.Lock()  # a render evaluates frames in its own thread
-_scenes: dict[Path, tuple[_Stamp, Any]] = {}  # what was read: a PlayableScene, or the sentence that says why not
+
+
+class _Kept:
+    """What was read from one file: read once for each version of it, while other files can be read as well."""
+
+    def __init__(self) -> None:
+        self.lock = threading.Lock()  # a render evaluates frames in its own thread
+        self.version: Any = ()
+        self.content: Any = None  # or the sentence that says why there is none
+
+    def take(self, version: Any, read: Callable[[], Any]) -> Any:
+        with self.lock:
+            if self.version != version:
+                self.content = read()
+                self.version = version
+                if isinstance(self.content, str):
+                    print(f"FRoG: {self.content}", file=sys.stderr)  # once for each version, not once a frame
+            return self.content
+
+
+_scenes: dict[Path, _Kept] = {}
+_bakes: dict[tuple[Path, Path], _Kept] = {}  # by bake and scene file
 
 
 def file_of(obj: Any) -> Path:
@@ -33,19 +55,34 @@ def file_of(obj: Any) -> Path:
     return Path(bpy.path.abspath(obj.frog.filepath, library=obj.library))
 
 
+def bake_path(obj: Any) -> Path:
+    """Where an object's baked playback is, or would be: beside its .frog file, or in the folder chosen for it."""
+    file, folder = file_of(obj), obj.frog.bake_folder
+    return (Path(bpy.path.abspath(folder, library=obj.library)) if folder else file.parent) / f"{file.stem}.frogbake"
+
+
 def open_scene(path: Path) -> PlayableScene:
     """The scene in a file, read once for each version of the file; FrogError with one sentence if it is unusable."""
-    with _lock:
-        stamp = _stamp(path)
-        known = _scenes.get(path)
-        if known is None or known[0] != stamp:
-            known = (stamp, _read(path))
-            _scenes[path] = known
-            if isinstance(known[1], str):
-                print(f"FRoG: {known[1]}", file=sys.stderr)  # once for each version of the file, not once a frame
-    if isinstance(known[1], str):
-        raise FrogError(known[1])
-    return known[1]
+    kept = _scenes.setdefault(path, _Kept())
+    before = kept.content
+    content = kept.take(_stamp(path), lambda: _read(path))
+    if before is not None and before is not content and not isinstance(before, str):
+        playback_cache.frames.forget(before.token)
+    if isinstance(content, str):
+        raise FrogError(content)
+    return content
+
+
+def open_bake(obj: Any, scene: PlayableScene) -> Bake | None:
+    """What was baked of an object's file; None where nothing usable was, which ``bake_problem`` explains."""
+    path, file = bake_path(obj), file_of(obj)
+    stamp = _stamp(path)
+    if stamp is None:
+        let_go_of_bake(path)
+        return None
+    kept = _bakes.setdefault((path, file), _Kept())
+    content = kept.take((stamp, scene.token), lambda: _read_bake(path, file, scene))
+    return None if isinstance(content, str) else content
 
 
 def version(path: Path) -> object:
@@ -55,14 +92,42 @@ def version(path: Path) -> object:
 
 def problem(path: Path) -> str:
     """Why a file could not be played when it was last needed, or an empty string."""
-    content = _scenes.get(path, (None, None))[1]
+    content = _scenes[path].content if path in _scenes else None
     return content if isinstance(content, str) else ""
 
 
+def is_missing(path: Path) -> bool:
+    """True if there was no file when it was last needed."""
+    return path in _scenes and _scenes[path].version is None
+
+
+def baked(obj: Any) -> Bake | None:
+    """The bake that was used when the object was last shown."""
+    kept = _bakes.get((bake_path(obj), file_of(obj)))
+    return kept.content if kept is not None and not isinstance(kept.content, str) else None
+
+
+def bake_problem(obj: Any) -> str:
+    """Why an object's baked playback is not used, or an empty string."""
+    kept = _bakes.get((bake_path(obj), file_of(obj)))
+    content = kept.content if kept is not None else None
+    return content if isinstance(content, str) else getattr(content, "problem", "")
+
+
+def let_go_of_bake(path: Path) -> None:
+    """Closes a bake, so that it can be replaced or deleted; it is opened again when it is needed."""
+    for key in [key for key in _bakes if key[0] == path]:
+        content = _bakes.pop(key).content
+        if content is not None and not isinstance(content, str):
+            content.close()
+
+
 def forget() -> None:
-    """Drop every scene that was read."""
-    with _lock:
-        _scenes.clear()
+    """Drop every scene and bake that was read."""
+    _scenes.clear()
+    for path, _ in list(_bakes):
+        let_go_of_bake(path)
+    playback_cache.clear()
 
 
 def captures(objects: Any) -> Iterator[Any]:
@@ -72,7 +137,21 @@ def captures(objects: Any) -> Iterator[Any]:
 
 def gaussians_at(obj: Any, scene_frame: float) -> GaussianArrays:
     """The Gaussians an object shows at a frame of the timeline (fractions are legal), in the object's own space."""
-    return open_scene(file_of(obj)).at_frame(shown_frame(obj, scene_frame))
+    return moment(obj, scene_frame).gaussians()
+
+
+def moment(obj: Any, scene_frame: float) -> Moment:
+    """What an object shows at a frame of the timeline; FrogError for an unusable file."""
+    scene = open_scene(file_of(obj))
+    time = scene.time_of(capture_frame(obj, scene_frame, scene.header.frame_count))
+    return Moment(scene, time, open_bake(obj, scene))
+
+
+def displayed(obj: Any, scene_frame: float) -> Moment:
+    """What an object's points show of ``moment``: see density. FrogError for an unusable file."""
+    whole = moment(obj, scene_frame)
+    scene = density.thinned(obj, whole.scene)
+    return whole if scene is whole.scene else Moment(scene, whole.time)
 
 
 def shown_frame(obj: Any, scene_frame: float) -> float:
@@ -88,10 +167,10 @@ def show(obj: Any, scene_frame: float) -> None:
     if obj.data.library is not None or obj.data.override_library is not None:
         return
     try:
-        gaussians = gaussians_at(obj, scene_frame)
+        shown = displayed(obj, scene_frame)
     except FrogError:
         return  # said once by open_scene, shown by the panel
-    carrier.write(obj, gaussians)
+    carrier.show(obj, shown.scene, shown.time, shown.part)
 
 
 def refresh(scene: Any) -> None:
@@ -120,6 +199,15 @@ def _read(path: Path) -> PlayableScene | str:
         return f"{path}: this scene cannot be played ({type(error).__name__}: {error})."
 
 
+def _read_bake(path: Path, file: Path, scene: PlayableScene) -> Bake | str:
+    from .engine.inference.bake import Bake
+
+    try:
+        return Bake(path, file, scene)
+    except FrogError as error:
+        return str(error)
+
+
 @persistent
 def _on_frame(scene: Any, *_: Any) -> None:
     refresh(scene)
@@ -138,6 +226,14 @@ def _refresh_all(*_: Any) -> None:
 
 
 @persistent
+def _on_update(_scene: Any, depsgraph: Any) -> None:
+    """Whoever changed the geometry outside of a frame's change, all of it is written again with the next frame."""
+    for update in depsgraph.updates:
+        if update.is_updated_geometry and isinstance(update.id, bpy.types.Mesh):
+            carrier.distrust(update.id.original)
+
+
+@persistent
 def _on_save_pre(*_: Any) -> None:
     """Gaussians are in the .frog file; a .blend that repeats them grows by 60 bytes a Gaussian for nothing."""
     for obj in captures(bpy.data.objects):
@@ -149,6 +245,7 @@ def _handlers() -> list[tuple[list[Any], Callable[..., None]]]:
     on = bpy.app.handlers
     return [
         (on.frame_change_pre, _on_frame),
+        (on.depsgraph_update_post, _on_update),
         (on.load_post, _on_load),
         (on.undo_post, _refresh_all),
         (on.redo_post, _refresh_all),

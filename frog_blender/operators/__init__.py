@@ -2,9 +2,33 @@
 
 from __future__ import annotations
 
-from . import align, cameras, clips, compose, export_scene, import_frog, import_ply, install_torch, open_capture, train
+from . import (
+    align,
+    bake,
+    cameras,
+    clips,
+    compose,
+    export_scene,
+    import_frog,
+    import_ply,
+    install_torch,
+    relink,
+    train,
+)
 
-_FAMILIES = (import_frog, import_ply, export_scene, open_capture, cameras, clips, align, compose, train, install_torch)
+_FAMILIES = (
+    import_frog,
+    import_ply,
+    export_scene,
+    bake,
+    relink,
+    cameras,
+    clips,
+    align,
+    compose,
+    train,
+    install_torch,
+)
 
 
 def register() -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import bpy
 
-from .. import carrier, ellipsoid_nodes, playback
+from .. import carrier, ellipsoid_nodes, playback, playback_cache
 from .text import sentence
 
 
@@ -31,11 +31,19 @@ class FROG_PT_captures(bpy.types.Panel):
             error = playback.problem(playback.file_of(obj))
             if error:
                 sentence(box, error, context, icon="ERROR")
+                if playback.is_missing(playback.file_of(obj)) and obj.library is None:
+                    box.operator("frog.relink", icon="FILE_FOLDER").object_name = obj.name
             else:
                 box.label(text=f"{carrier.count(obj):,} Gaussians")
                 row = box.row()
                 row.enabled = carrier.count(obj) <= ellipsoid_nodes.MOST
                 row.prop(obj.frog, "display")
+                box.prop(obj.frog, "density", slider=True)
+                box.prop(obj.frog, "render_density", slider=True)
+                _draw_bake(box, obj, context)
+        row = layout.row(align=True)
+        row.label(text=playback_cache.summary(), icon="MEMORY")
+        row.operator("frog.clear_cache", text="", icon="TRASH")
         if context.object is not None and context.object.type == "CAMERA":
             layout.operator("frog.look_through", icon="VIEW_CAMERA")
         row = layout.row(align=True)
@@ -50,6 +58,26 @@ def _draw_timing(layout: Any, settings: Any) -> None:
     names = ("shown_frame",) if settings.use_remap else ("start_frame", "speed", "repeat")
     for name in names:
         layout.prop(settings, name)
+
+
+def _draw_bake(layout: Any, obj: Any, context: Any) -> None:
+    """What is baked of a capture, why it may not be used, and the buttons to change it."""
+    bake, problem = playback.baked(obj), playback.bake_problem(obj)
+    if problem:
+        sentence(layout, problem, context, icon="ERROR")
+    elif bake is not None:
+        layout.label(
+            text=f"Baked: {len(bake):,} frames, {bake.bytes / playback_cache.MEGABYTE:,.0f} MB", icon="CHECKMARK"
+        )
+    if obj.library is not None:
+        return
+    row = layout.row(align=True)
+    row.operator("frog.bake", icon="FILE_CACHE").object_name = obj.name
+    if problem or bake is not None:
+        row.operator("frog.clear_bake", text="", icon="TRASH").object_name = obj.name
+    column = layout.column()
+    column.prop(obj.frog, "bake_folder")
+    column.prop(obj.frog, "bake_megabytes")
 
 
 _CLASSES = (FROG_PT_captures,)

@@ -6,7 +6,15 @@
 from typing import Any
 
 import bpy
-from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntVectorProperty, PointerProperty, StringProperty
+from bpy.props import (
+    BoolProperty,
+    EnumProperty,
+    FloatProperty,
+    IntProperty,
+    IntVectorProperty,
+    PointerProperty,
+    StringProperty,
+)
 
 from .. import carrier, ellipsoid_nodes, playback
 from .path_options import PATH_OPTIONS
@@ -24,13 +32,14 @@ REPETITIONS = (
 )
 
 
-def _on_display(settings: Any, _context: Any) -> None:
+def _on_display(settings: Any, context: Any) -> None:
     obj = settings.id_data
     too_many = settings.display == "ELLIPSOIDS" and carrier.count(obj) > ellipsoid_nodes.MOST
     if too_many:
         settings.display = "POINTS"  # comes back here
     else:
         carrier.display(obj, settings.display)
+        playback.refresh(context.scene)
 
 
 def _on_play_setting(_settings: Any, context: Any) -> None:
@@ -81,12 +90,38 @@ class FrogPlaybackSettings(bpy.types.PropertyGroup):
         options=PATH_OPTIONS,
         update=_on_play_setting,
     )
+    bake_megabytes: IntProperty(
+        name="Largest Bake (MB)",
+        description="Bake Playback refuses to write more than this to the disk",
+        default=4096,
+        min=1,
+        soft_max=262_144,
+    )
     display: EnumProperty(
         name="Display",
         description="How the viewport and other engines than FRoG show the Gaussians",
         items=DISPLAYS,
         default="POINTS",
         update=_on_display,
+    )
+    density: IntProperty(
+        name="Density",
+        description="How many of the Gaussians the viewport's points or ellipsoids show: the most important ones, the "
+        "same at every frame. Fewer scrub faster. What FRoG itself draws always has all of them",
+        default=100,
+        min=0,
+        max=100,
+        subtype="PERCENTAGE",
+        update=_on_play_setting,
+    )
+    render_density: IntProperty(
+        name="Density in Renders",
+        description="How many of the Gaussians the renders of other engines than FRoG show. In windows it needs Lock "
+        "Interface (menu Render), which importing a capture switches on; otherwise renders have the viewport's",
+        default=100,
+        min=0,
+        max=100,
+        subtype="PERCENTAGE",
     )
     shown_frame: FloatProperty(
         name="Shown Frame",

@@ -1,4 +1,4 @@
-"""The add-on's preferences: where torch is, for training."""
+"""The add-on's preferences: where torch is, for training, and how much memory playing may take."""
 
 # mypy: disable-error-code="valid-type"
 
@@ -8,10 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-from bpy.props import StringProperty
+from bpy.props import IntProperty, StringProperty
 
 from .. import __package__ as base_package
+from .. import playback_cache
 from ..engine.errors import FrogError
+
+
+def _on_cache_limit(settings: Any, _context: Any) -> None:
+    playback_cache.frames.limit = settings.cache_megabytes * playback_cache.MEGABYTE
 
 
 class FROG_AP_preferences(bpy.types.AddonPreferences):
@@ -31,9 +36,19 @@ class FROG_AP_preferences(bpy.types.AddonPreferences):
         'CUDA (see "Get Started" on its site); empty for pip\'s usual one',
     )
 
+    cache_megabytes: IntProperty(
+        name="Playback Cache (MB)",
+        description="Memory for frames of captures that were or will be shown; the least recently shown go first",
+        default=playback_cache.DEFAULT_MEGABYTES,
+        min=0,
+        soft_max=65_536,
+        update=_on_cache_limit,
+    )
+
     def draw(self, _context: Any) -> None:
         layout = self.layout
         layout.use_property_split = True
+        layout.prop(self, "cache_megabytes")
         layout.prop(self, "torch_path")
         layout.label(text=torch_needed() or "torch is found: training is possible.", icon="INFO")
         layout.label(text="Opening, scrubbing and rendering a finished .frog needs no torch.")
@@ -56,6 +71,12 @@ def draw_installation(layout: Any) -> None:
         layout.label(text=current.error, icon="ERROR")
     layout.operator("frog.install_torch", icon="IMPORT")
     layout.label(text=f"Downloads {SIZES}.")
+
+
+def cache_megabytes() -> int:
+    """What playback may keep in memory."""
+    addon = bpy.context.preferences.addons.get(base_package)
+    return addon.preferences.cache_megabytes if addon and addon.preferences else playback_cache.DEFAULT_MEGABYTES
 
 
 def torch_path() -> str:

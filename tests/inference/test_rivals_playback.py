@@ -83,6 +83,20 @@ def test_gaussians_at_many_times(tmp_path: Path, shape: tuple[str, dict], count:
             )
 
 
+@pytest.mark.parametrize("shape", SHAPES, ids=str)
+def test_what_is_kept_of_a_moment_brings_back_the_same_bits(shape: tuple[str, dict]) -> None:
+    method, settings = shape
+    file = as_file(method, restless(method, **settings))
+    playable, other = PlayableScene(file), PlayableScene(file)
+    parts = {time: playable.part_at(time) for time in TIMES}
+    for time, part in parts.items():
+        for name in ATTRIBUTES:
+            found = getattr(playable.at(time, part), name)
+            np.testing.assert_array_equal(found, getattr(other.at(time), name), err_msg=name)
+    still = {name for name in playable.columns if name not in playable.changing}
+    assert ("scales" in still) == (method == "curves") and "sh_3" in playable.columns
+
+
 @pytest.mark.parametrize("method", ["d3dgs", "hexplane", "curves"])
 def test_any_order_of_times_gives_the_same_bits(method: str) -> None:
     scene = PlayableScene(as_file(method, restless(method)))

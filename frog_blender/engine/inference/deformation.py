@@ -6,6 +6,9 @@ rest and colours that do not deform lie in the frames' memory already.
 
 from __future__ import annotations
 
+from collections.abc import Collection
+from dataclasses import replace
+
 import numpy as np
 
 from ..errors import FrogError, brief
@@ -13,6 +16,7 @@ from ..rasterizer.arrays import GaussianArrays
 from ..rasterizer.native_deformation import FieldShape, deform
 from .frame_memory import FrameMemory
 from .kept_layer import kept_first_layer
+from .moving_part import MovingPart, taken_from
 from .rest import at_rest
 from .temporal import TemporalEmbedding, checked
 
@@ -63,6 +67,14 @@ def _shape(model: dict, sh_count: int, networks: int) -> FieldShape:
     return FieldShape(head_width, sh_count, deformed, form, sharpness, share, unit, networks)
 
 
+def _changing(arrays: dict[str, np.ndarray], deformed: int) -> frozenset[str]:
+    """The columns that some output of the network reaches."""
+    reached = arrays["output_weight"].any(axis=1) | (arrays["output_bias"] != 0)
+    outputs = {"means": (0, 3), "scales": (3, 6), "quaternions": (6, 10), "base": (10, 14)}
+    outputs |= {f"sh_{k}": (11 + 3 * k, 14 + 3 * k) for k in range(1, deformed)}
+    return frozenset(name for name, (first, last) in outputs.items() if reached[first:last].any())
+
+
 class PlayableDeformation:
     """Deformed Gaussians at a time, exactly as the training path computes them, but for rounding.
 
@@ -72,6 +84,8 @@ class PlayableDeformation:
 
     Attributes:
         moving: Gaussians that are deformed; they come first.
+        changing: their columns (see moving_part) that are not the same at all times; a head that was silenced
+            changes nothing.
     """
 
     unit_quaternions = True
@@ -88,6 +102,7 @@ class PlayableDeformation:
         weight = a.pop("temporal_weight")
         self._temporal_weight, self._bias = weight.reshape(self._temporal.networks, -1, weight.shape[1]), a.pop("bias")
         self.moving, deformed = len(a["embeddings"]), self._shape.sh_deformed
+        self.changing = _changing(a, deformed) if self.moving else frozenset()
         still = vars(at_rest(a))
         self._sh = still["sh"]
         self._memory = FrameMemory({name: still[name] for name in still if name != "sh" or deformed})
@@ -122,3 +137,14 @@ class PlayableDeformation:
         moved = {name: array[: self.moving] for name, array in result.items()}
         deform(self._shape, self._arrays | self._first_layer_at(time), moved, unit_quaternions=True)
         return GaussianArrays(**result)
+
+    def part_at(self, time: float, names: Collection[str]) -> MovingPart:
+        """Columns of the Gaussians that move, at a time in [0, 1]: the same bits as in ``at``."""
+        count, deformed = self.moving, self._shape.sh_deformed
+        sizes = {"means": (3,), "quaternions": (4,), "scales": (3,), "opacities": (), "sh": (deformed, 3)}
+        moved = {name: np.empty((count, *size), np.float32) for name, size in sizes.items()}
+        shape = replace(self._shape, sh_active=deformed)
+        deform(shape, self._arrays | self._first_layer_at(time), moved, unit_quaternions=True)
+        if not deformed:
+            moved["sh"] = self._sh[:count]
+        return taken_from(GaussianArrays(**moved), names)

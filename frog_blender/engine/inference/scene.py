@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 import threading
+import uuid
 from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,8 @@ from ..capture.time import frame_to_time
 from ..files import SceneFile, SceneHeader, read_scene
 from ..rasterizer.arrays import GaussianArrays
 from .deformation import PlayableDeformation
+from .frame_memory import FrameMemory
+from .moving_part import MovingPart, column_names, column_of, taken_from, width_of
 from .rest import at_rest, unit
 from .rivals import RIVALS
 
@@ -28,6 +32,7 @@ PLAYABLE: dict[str, Callable[[dict[str, np.ndarray], dict], Any]] = {
 then. Quaternions may be of any length unless the class has a true ``unit_quaternions``."""
 
 CANONICAL = {"means", "log_scales", "quaternions", "opacity_logits", "sh"}
+_BY_GAUSSIAN = CANONICAL | {"embeddings"}  # the latter of those that move
 
 TIMES_KEPT = 4
 """Times a scene remembers: a render asks for the same one for every view layer, playback for its neighbours."""
@@ -40,6 +45,9 @@ class PlayableScene:
         header: the scene file's header.
         count, moving: Gaussians, and those of them that the method moves.
         sh_degree: of their colours.
+        columns: names of a frame's columns, see moving_part; ``changing`` are those of them that are not the same at
+            all times.
+        token: of this object alone, in this and any other process: what is kept of it elsewhere can name it.
     """
 
     def __init__(self, scene: SceneFile) -> None:
@@ -51,6 +59,10 @@ class PlayableScene:
         self._deformation = playable(scene.arrays, scene.header.model) if playable else None
         self.sh_degree = math.isqrt(scene.arrays["sh"].shape[1]) - 1
         self.moving = int(getattr(self._deformation, "moving", self.count)) if self._deformation is not None else 0
+        self.columns = column_names(scene.arrays["sh"].shape[1])
+        changing: frozenset[str] = getattr(self._deformation, "changing", frozenset())
+        self.changing = tuple(name for name in self.columns if name in changing)
+        self.token = uuid.uuid4().hex
         self._recent: OrderedDict[float, GaussianArrays] = OrderedDict()
         self._lock = threading.Lock()
 
@@ -59,16 +71,35 @@ class PlayableScene:
         """FrogError in one sentence when the file cannot be used."""
         return cls(read_scene(path))
 
+    def only(self, kept: np.ndarray) -> PlayableScene:
+        """A scene of some of the Gaussians alone, which are and move there as they do here.
+
+        Args:
+            kept: (M,) their indices, ascending, at least one.
+        """
+        arrays, header = dict(self._arrays), self.header
+        for name in _BY_GAUSSIAN & arrays.keys():
+            arrays[name] = arrays[name][kept[kept < len(arrays[name])]]
+        if "embeddings" in arrays and not len(arrays["embeddings"]):  # none of those that move
+            arrays = {name: arrays[name] for name in CANONICAL}
+            header = replace(header, model={})
+        return PlayableScene(SceneFile(header, arrays))
+
     def at_frame(self, frame: float) -> GaussianArrays:
         """Gaussians at a frame counted from 0; fractions are legal, frames outside are held."""
-        return self.at(frame_to_time(frame, self.header.frame_count))
+        return self.at(self.time_of(frame))
 
-    def at(self, time: float) -> GaussianArrays:
+    def time_of(self, frame: float) -> float:
+        """The time in [0, 1] of a frame counted from 0; 0 where nothing moves, which is one moment."""
+        return self._held(frame_to_time(frame, self.header.frame_count))
+
+    def at(self, time: float, part: MovingPart | None = None) -> GaussianArrays:
         """Gaussians at a time in [0, 1] (clamped): unit quaternions, scales and opacities activated.
 
-        The arrays are read-only: others may be shown the same.
+        The arrays are read-only: others may be shown the same.  With ``part``, what was kept of that time (see
+        ``part_at``), nothing is computed; the numbers are the same.
         """
-        time = min(max(float(time), 0.0), 1.0) if self._deformation is not None else 0.0
+        time = self._held(time)
         with self._lock:
             known = self._recent.get(time)
             if known is not None:
@@ -76,10 +107,68 @@ class PlayableScene:
                 return _read_only(known)
             while len(self._recent) >= TIMES_KEPT:
                 self._recent.popitem(last=False)  # before the new one is computed, which may use its memory again
-        gaussians = _read_only(self._compute(time))
+        gaussians = _read_only(self._compute(time) if part is None else self._joined(part))
         with self._lock:
             self._recent[time] = gaussians
         return _read_only(gaussians)
+
+    def part_at(self, time: float) -> MovingPart:
+        """What of a time in [0, 1] (clamped) is not as at all others: ``changing`` of the Gaussians that move."""
+        if not self.changing:
+            return MovingPart({})
+        compute = getattr(self._deformation, "part_at", None)
+        if compute is not None:
+            return compute(self._held(time), self.changing)
+        return taken_from(self._compute(self._held(time)), self.changing)
+
+    @property
+    def part_bytes(self) -> int:
+        """How much memory ``part_at`` gives."""
+        return 4 * self.moving * sum(width_of(name) for name in self.changing)
+
+    def column(self, name: str, part: MovingPart) -> np.ndarray:
+        """(N, width) a column at the time of ``part``; it is good until the caller drops it, and not to be changed."""
+        moved = part.columns.get(name)
+        if moved is None:
+            return column_of(self._still, name)
+        if self.moving == self.count:
+            return moved
+        column = self._column_memory[name].take()[name]
+        column[: self.moving] = moved
+        return column
+
+    def _held(self, time: float) -> float:
+        return min(max(float(time), 0.0), 1.0) if self._deformation is not None else 0.0
+
+    @cached_property
+    def _still(self) -> GaussianArrays:
+        """Some moment: right for the columns that do not change, and for the Gaussians that do not move."""
+        return self._compute(0.0)
+
+    @cached_property
+    def _column_memory(self) -> dict[str, FrameMemory]:
+        return {name: FrameMemory({name: column_of(self._still, name)}) for name in self.changing}
+
+    @cached_property
+    def _joined_memory(self) -> FrameMemory:
+        plain = [name for name in self.changing if hasattr(self._still, name) and self.moving < self.count]
+        opacities = ["opacities"] if "base" in self.changing else []
+        colors = ["sh"] if any(name == "base" or name.startswith("sh_") for name in self.changing) else []
+        return FrameMemory({name: getattr(self._still, name) for name in [*plain, *opacities, *colors]})
+
+    def _joined(self, part: MovingPart) -> GaussianArrays:
+        arrays = {field.name: getattr(self._still, field.name) for field in fields(GaussianArrays)}
+        arrays |= self._joined_memory.take()
+        for name, column in part.columns.items():
+            if name == "base":
+                arrays["sh"][: self.moving, 0], arrays["opacities"][: self.moving] = column[:, :3], column[:, 3]
+            elif name.startswith("sh_"):
+                arrays["sh"][: self.moving, int(name.removeprefix("sh_"))] = column
+            elif self.moving < self.count:
+                arrays[name][: self.moving] = column
+            else:
+                arrays[name] = column
+        return GaussianArrays(**arrays)
 
     def _compute(self, time: float) -> GaussianArrays:
         if self._deformation is None:

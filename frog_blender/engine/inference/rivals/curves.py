@@ -18,6 +18,8 @@ class PlayableCurves:
         model: the scene header's model settings.
     """
 
+    changing = frozenset({"means", "quaternions", "base"})
+
     def __init__(self, arrays: dict[str, np.ndarray], model: dict) -> None:
         with readable("curves"):
             count = len(StillGaussians(arrays))

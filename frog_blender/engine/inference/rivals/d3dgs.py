@@ -26,6 +26,8 @@ class PlayableD3dgs:
         model: the scene header's model settings.
     """
 
+    changing = frozenset(name.removeprefix("log_") for name in _SIZES)
+
     def __init__(self, arrays: dict[str, np.ndarray], model: dict) -> None:
         with readable("deformation network"):
             self._still = StillGaussians(arrays)

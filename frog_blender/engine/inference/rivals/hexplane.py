@@ -75,6 +75,11 @@ class PlayableHexPlane:
             sizes = {"means": 3, "log_scales": 3, "quaternions": 4}
             sizes |= {"opacity_logits": int(bool(model["deformed_opacity"])), "sh": 3 * deformed}
             self._sizes = {name: size for name, size in sizes.items() if size}
+            plain = {
+                name.removeprefix("log_") for name in ("means", "log_scales", "quaternions") if name in self._sizes
+            }
+            base = {"base"} if self._sizes.keys() & {"opacity_logits", "sh"} else set()
+            self.changing = frozenset({*plain, *base, *(f"sh_{k}" for k in range(1, deformed))})
             low, high = (take(arrays, f"network.{name}", 3) for name in ("low", "high"))
             if not (high > low).all():
                 raise ValueError("its box has no room")

@@ -1,0 +1,99 @@
+"""Finding .frog files again that were moved or renamed."""
+
+# mypy: disable-error-code="valid-type"
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+from bpy.props import BoolProperty, StringProperty
+from bpy_extras.io_utils import ImportHelper
+
+from .. import playback
+from ..engine.errors import FrogError
+from .bake import capture_of
+from .imported import chosen, stored_path
+
+
+def relink(obj: Any, path: Path, *, also_others: bool) -> list[Any]:
+    """Makes an object play ``path``, and gives all objects that found their file again.
+
+    With ``also_others`` every capture of this .blend whose file is missing plays the file of the same name in the
+    same folder, if there is one; it does so in all objects that play the missing file.  Raises FrogError, and changes
+    nothing, if ``path`` cannot be played.
+    """
+    playback.open_scene(path)
+    lost, found = playback.file_of(obj), [obj]
+    others = [other for other in playback.captures(bpy.data.objects) if other != obj and other.library is None]
+    changes = {obj: path}
+    for other in others if also_others else ():
+        file = playback.file_of(other)
+        if file.is_file():
+            continue
+        there = path if file == lost else path.parent / file.name
+        if there.is_file() and _plays(there):
+            changes[other] = there
+            found.append(other)
+    for each, file in changes.items():
+        each.frog.filepath = stored_path(file)
+    return found
+
+
+def _plays(path: Path) -> bool:
+    try:
+        playback.open_scene(path)
+    except FrogError:
+        return False
+    return True
+
+
+class FROG_OT_relink(bpy.types.Operator, ImportHelper):
+    """Choose where the .frog file of this capture is now"""
+
+    bl_idname = "frog.relink"
+    bl_label = "Find Scene File"
+    bl_options = {"REGISTER", "UNDO"}
+
+    filename_ext = ".frog"
+    filter_glob: StringProperty(default="*.frog", options={"HIDDEN"})
+    object_name: StringProperty(
+        name="Capture",
+        description="The object whose file is looked for; empty for the active one",
+        options={"HIDDEN", "SKIP_SAVE"},
+    )
+    all_missing: BoolProperty(
+        name="All Missing Captures",
+        description="Look in this folder for the files of all other missing captures, by their names",
+        default=True,
+    )
+
+    def execute(self, context: Any) -> set[str]:
+        path = Path(bpy.path.abspath(self.filepath))
+        try:
+            of_active = chosen(context) if not self.object_name else None
+            obj = capture_of(self.object_name or (of_active.name if of_active is not None else ""))
+            found = relink(obj, path, also_others=self.all_missing)
+        except FrogError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        for scene in bpy.data.scenes:
+            playback.refresh(scene)
+        missing = [other.name for other in playback.captures(bpy.data.objects) if not playback.file_of(other).is_file()]
+        text = f"Found the files of {len(found)} captures." if len(found) > 1 else f"{found[0].name}: found its file."
+        self.report({"INFO"}, f"{text} Still missing: {', '.join(missing)}." if missing else text)
+        return {"FINISHED"}
+
+
+_CLASSES = (FROG_OT_relink,)
+
+
+def register() -> None:
+    for cls in _CLASSES:
+        bpy.utils.register_class(cls)
+
+
+def unregister() -> None:
+    for cls in reversed(_CLASSES):
+        bpy.utils.unregister_class(cls)

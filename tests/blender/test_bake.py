@@ -1,0 +1,255 @@
+"""Baked playback: written whole or not at all, read back bit for bit, and never trusted blindly."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+import pytest
+from scenes import rig_of_three, write_scene
+
+from frog_blender import carrier, playback, playback_cache
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.inference.bake import Bake, write_bake
+from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender.operators import bake
+
+
+@pytest.fixture
+def capture(empty, static_rig):
+    """Ten frames, shown at 1 to 10."""
+    bpy.ops.import_scene.frog(filepath=str(static_rig))
+    yield next(playback.captures(bpy.context.scene.objects))
+    playback.forget()
+
+
+def shows(obj, path, frame):
+    expected = PlayableScene.load(path).at_frame(frame)
+    np.testing.assert_array_equal(carrier.read(obj)["position"], expected.means)
+    np.testing.assert_array_equal(carrier.read(obj)["radiance:base"][:, 3], expected.opacities)
+
+
+def leftovers(folder):
+    return [path.name for path in folder.iterdir() if path.name.startswith(".")]
+
+
+@pytest.fixture
+def computed(monkeypatch):
+    """The times that the network is asked for from now on."""
+    times = []
+    part, whole = PlayableScene.part_at, PlayableScene._compute
+    monkeypatch.setattr(PlayableScene, "part_at", lambda self, time: times.append(time) or part(self, time))
+    monkeypatch.setattr(PlayableScene, "_compute", lambda self, time: times.append(time) or whole(self, time))
+    return times
+
+
+def test_baked_frames_need_no_network(empty, capture, static_rig, computed):
+    assert bpy.ops.frog.bake() == {"FINISHED"}
+    path = static_rig.with_suffix(".frogbake")
+    assert path.stat().st_size > 10 * 60 * 14 * 4 and not leftovers(path.parent)
+    playback_cache.clear()
+    empty.frame_set(2)
+    assert len(playback.baked(capture)) == 10 and playback.bake_problem(capture) == ""
+    computed.clear()
+    for frame in (7, 3, 10):
+        empty.frame_set(frame)
+        assert playback.gaussians_at(capture, frame).means is not None
+    assert [time for time in computed if time] == [], "only what never changes may be looked up"
+    for frame in (4, 9):
+        empty.frame_set(frame)
+        shows(capture, static_rig, frame - 1.0)
+    empty.frame_set(4, subframe=0.5)
+    shows(capture, static_rig, 3.5)  # not baked, computed
+
+
+def test_every_object_of_the_file_and_its_own_time_is_baked(empty, capture, static_rig, tmp_path):
+    twin = capture.copy()
+    empty.collection.objects.link(twin)
+    twin.frog.speed, twin.frog.repeat = 0.5, "PING_PONG"
+    capture.frog.bake_folder = twin.frog.bake_folder = str(tmp_path / "bakes")
+    bpy.ops.frog.bake(object_name=capture.name)
+    assert (tmp_path / "bakes" / "figure.frogbake").is_file()
+    with pytest.raises(StopIteration):
+        next(path for path in tmp_path.glob("*.frogbake"))
+    found = playback.moment(twin, 2.0).bake
+    assert len(found) == 10 + 5 and found.find(playback.moment(twin, 2.0).time) is not None
+
+
+def test_clearing_deletes_it(empty, capture, static_rig):
+    bpy.ops.frog.bake()
+    empty.frame_set(3)
+    assert bpy.ops.frog.clear_bake() == {"FINISHED"}
+    assert not static_rig.with_suffix(".frogbake").exists() and playback.baked(capture) is None
+    with pytest.raises(RuntimeError, match="could not be deleted"):
+        bpy.ops.frog.clear_bake()
+    empty.frame_set(5)
+    shows(capture, static_rig, 4.0)
+
+
+def test_a_bake_of_another_version_is_not_used_and_said_once(empty, capture, static_rig, capfd):
+    bpy.ops.frog.bake()
+    write_scene(static_rig, rig_of_three(), seed=9)  # the same size and shapes
+    for frame in (3, 4):
+        empty.frame_set(frame)
+        shows(capture, static_rig, frame - 1.0)
+    assert "another version of figure.frog" in playback.bake_problem(capture) and playback.baked(capture) is None
+    assert capfd.readouterr().err.count("another version") == 1
+    bpy.ops.frog.bake()
+    empty.frame_set(5)
+    assert playback.bake_problem(capture) == "" and playback.baked(capture) is not None
+    shows(capture, static_rig, 4.0)
+
+
+def damaged(content: bytes) -> dict[str, bytes]:
+    length = int.from_bytes(content[:8], "little")
+    header = content[8 : 8 + length]
+    return {
+        "empty": b"",
+        "nonsense": b"nonsense" * 40,
+        "cut short": content[:-1],
+        "longer": content + b"0",
+        "endless header": (1 << 60).to_bytes(8, "little") + content[8:],
+        "no times": content[:8] + header.replace(b"times", b"timez") + content[8 + length :],
+        "other columns": content[:8] + header.replace(b'\\"means\\"', b'\\"mean_\\"') + content[8 + length :],
+        "other shape": content[:8] + header.replace(b'"shape": [10', b'"shape": [11') + content[8 + length :],
+        "words for numbers": content[:8] + header.replace(b'"shape": [10', b'"shape": ["') + content[8 + length :],
+    }
+
+
+@pytest.mark.parametrize("how", damaged(b"").keys())
+def test_a_damaged_bake_is_one_sentence_and_frames_are_computed(empty, capture, static_rig, capfd, how):
+    bpy.ops.frog.bake()
+    path = static_rig.with_suffix(".frogbake")
+    content = path.read_bytes()
+    playback.let_go_of_bake(path)
+    playback_cache.clear()
+    path.write_bytes(damaged(content)[how])
+    assert path.read_bytes() != content
+    for frame in (3, 4):
+        empty.frame_set(frame)
+        shows(capture, static_rig, frame - 1.0)
+    problem = playback.bake_problem(capture)
+    assert problem.startswith(str(path)) and problem.endswith(".") and len(problem) < 600
+    assert capfd.readouterr().err.count(str(path)) == 1
+
+
+def test_a_bake_that_is_cut_while_it_is_open(empty, capture, static_rig):
+    bpy.ops.frog.bake()
+    empty.frame_set(2)
+    playback_cache.clear()
+    path = static_rig.with_suffix(".frogbake")
+    found = playback.baked(capture)
+    with path.open("r+b") as file:
+        file.truncate(path.stat().st_size // 3)
+    assert found.find(1.0) is None and "cut short" in found.problem
+    empty.frame_set(10)
+    shows(capture, static_rig, 9.0)
+
+
+@pytest.mark.parametrize("ending", ["stopped", "fails", "file changed"])
+def test_a_bake_that_does_not_end_well_leaves_the_one_before(empty, capture, static_rig, monkeypatch, ending):
+    bpy.ops.frog.bake()
+    path = static_rig.with_suffix(".frogbake")
+    before = path.read_bytes()
+    empty.frame_end = 5
+    work = bake.begin(capture, empty)
+    assert work.total == 5 and leftovers(path.parent) == []
+    assert work.go_on(0.0) and work.go_on(0.0) and work.done == 1
+    assert len(leftovers(path.parent)) == 1
+    if ending == "stopped":
+        work.steps.close()
+    elif ending == "fails":
+
+        def full(self, time):
+            raise OSError(28, "No space left on device")
+
+        monkeypatch.setattr(PlayableScene, "part_at", full)
+        with pytest.raises(FrogError, match="No space left"):
+            work.go_on(10.0)
+        monkeypatch.undo()
+    else:
+        write_scene(static_rig, rig_of_three(), seed=2)
+        with pytest.raises(FrogError, match="another version"):
+            work.go_on(10.0)
+    assert leftovers(path.parent) == [] and path.read_bytes() == before
+
+
+def test_too_large_a_bake_is_refused_before_it_begins(empty, tmp_path):
+    path = write_scene(tmp_path / "many.frog", rig_of_three(), count=3000)
+    bpy.ops.import_scene.frog(filepath=str(path))
+    capture = next(playback.captures(empty.objects))
+    capture.frog.bake_megabytes = 1
+    with pytest.raises(RuntimeError, match=r"many.frogbake: 10 frames need 2 MB, allowed are 1 MB"):
+        bpy.ops.frog.bake()
+    assert not path.with_suffix(".frogbake").exists()
+
+
+def test_without_a_capture_baking_says_so(empty):
+    with pytest.raises(RuntimeError, match="found no such capture"):
+        bpy.ops.frog.bake()
+    with pytest.raises(RuntimeError, match="found no such capture"):
+        bpy.ops.frog.clear_bake(object_name="nobody")
+
+
+def in_a_window(capture, scene):
+    """The operator as a window drives it, and what it told."""
+    said = []
+    manager = SimpleNamespace(
+        progress_begin=lambda *a: said.append("begin"),
+        progress_update=lambda done: said.append(done),
+        progress_end=lambda: said.append("end"),
+        event_timer_add=lambda *a, **k: "timer",
+        event_timer_remove=lambda timer: said.append("timer removed"),
+    )
+    context = SimpleNamespace(
+        window_manager=manager, scene=scene, workspace=SimpleNamespace(status_text_set=lambda text: said.append(text))
+    )
+    operator = SimpleNamespace(_baking=bake.begin(capture, scene), _timer="timer", report=lambda *a: said.append(a[1]))
+    for name in ("modal", "cancel", "_clean_up", "_finish", "_fail"):
+        setattr(operator, name, getattr(bake.FROG_OT_bake, name).__get__(operator))
+    return operator, context, said
+
+
+def event(kind):
+    return SimpleNamespace(type=kind)
+
+
+def test_in_a_window_baking_goes_on_by_a_timer(empty, capture, static_rig, monkeypatch):
+    monkeypatch.setattr(bake, "_SLICE_SECONDS", 1e-9)
+    operator, context, said = in_a_window(capture, empty)
+    assert operator.modal(context, event("MOUSEMOVE")) == {"PASS_THROUGH"}
+    steps = 0
+    while operator.modal(context, event("TIMER")) == {"PASS_THROUGH"}:
+        steps += 1
+        assert steps < 100
+    assert steps > 5 and "timer removed" in said and any("Baked 10 frames" in str(text) for text in said)
+    assert static_rig.with_suffix(".frogbake").is_file() and said[-1] is None
+
+
+def test_escape_stops_a_bake(empty, capture, static_rig, monkeypatch):
+    monkeypatch.setattr(bake, "_SLICE_SECONDS", 1e-9)
+    operator, context, said = in_a_window(capture, empty)
+    for _ in range(4):
+        operator.modal(context, event("TIMER"))
+    assert operator.modal(context, event("ESC")) == {"CANCELLED"}
+    assert not static_rig.with_suffix(".frogbake").exists() and not leftovers(static_rig.parent)
+    assert "Baking was stopped; nothing was written." in said
+
+
+def test_write_bake_says_when_the_disk_is_too_small(empty, static_rig, monkeypatch):
+    from frog_blender.engine.inference import bake as engine
+
+    monkeypatch.setattr(engine.shutil, "disk_usage", lambda folder: SimpleNamespace(free=100))
+    scene = PlayableScene.load(static_rig)
+    path = static_rig.with_suffix(".frogbake")
+    with pytest.raises(FrogError, match="needs 0 MB, found 0 MB on the disk"):
+        list(write_bake(path, static_rig, scene, [0.0, 1.0]))
+    monkeypatch.undo()
+    assert list(write_bake(path, static_rig, scene, [0.0, 1.0])) == [0, 1, 2]
+    found = Bake(path, static_rig, scene)
+    assert found.find(0.5) is None
+    for name, column in scene.part_at(1.0).columns.items():
+        np.testing.assert_array_equal(found.find(1.0).columns[name], column)
+    found.close()
+    assert found.find(0.0) is None and "cannot be read" in found.problem

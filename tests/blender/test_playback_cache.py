@@ -1,0 +1,272 @@
+"""The cache and its thread: frames ahead are computed in the playing direction, in bounded memory; nothing leaks."""
+
+from __future__ import annotations
+
+import threading
+
+import bpy
+import numpy as np
+import pytest
+from scenes import rig_of_three, write_scene
+
+from frog_blender import carrier, look_ahead, playback, playback_cache
+from frog_blender.engine.inference.scene import PlayableScene
+
+
+@pytest.fixture
+def capture(empty, static_rig):
+    """Ten frames, shown at 1 to 10."""
+    playback_cache.clear()
+    bpy.ops.import_scene.frog(filepath=str(static_rig))
+    yield next(playback.captures(bpy.context.scene.objects))
+    playback_cache.worker.stop()
+    playback_cache.frames.limit = playback_cache.DEFAULT_MEGABYTES * playback_cache.MEGABYTE
+
+
+def threads():
+    return [thread for thread in threading.enumerate() if thread.name == "FRoG playback"]
+
+
+def shows(obj, path, frame):
+    """Bit for bit what a new player of the file computes."""
+    expected, found = PlayableScene.load(path).at_frame(frame), carrier.read(obj)
+    np.testing.assert_array_equal(found["position"], expected.means)
+    np.testing.assert_array_equal(found["rotation"], expected.quaternions)
+    np.testing.assert_array_equal(found["scale"], expected.scales)
+    np.testing.assert_array_equal(found["radiance:base"][:, :3], expected.sh[:, 0])
+    np.testing.assert_array_equal(found["radiance:base"][:, 3], expected.opacities)
+    for k in range(1, expected.sh.shape[1]):
+        np.testing.assert_array_equal(found[f"radiance:sh_{k - 1}"], expected.sh[:, k])
+
+
+def frames_ahead(scene, obj):
+    """The capture's frames that would be computed next, after the scene was shown at its present frame."""
+    frame = scene.frame_current_final
+    moments = look_ahead.moments_after(scene, frame, look_ahead.step_to(scene, frame))
+    return [round(moment.time * 9, 4) for moment in moments]
+
+
+def test_frames_ahead_are_computed_in_another_thread_and_shown_as_they_are(empty, capture, static_rig, monkeypatch):
+    empty.frame_set(1)
+    look_ahead.look_ahead(empty)
+    assert playback_cache.worker.wait(20.0) and len(threads()) == 1
+    assert len(playback_cache.frames) == 10
+    by_main_thread = []
+    compute = PlayableScene.part_at
+    monkeypatch.setattr(PlayableScene, "part_at", lambda *a: by_main_thread.append(a) or compute(*a))
+    for frame in (7, 2, 10, 3):
+        empty.frame_set(frame)
+        shows(capture, static_rig, frame - 1.0)
+    assert not by_main_thread
+    empty.frame_set(4, subframe=0.25)  # nobody thought of it
+    shows(capture, static_rig, 3.25)
+    assert len(by_main_thread) == 1
+
+
+def test_the_direction_is_the_one_that_was_seen(empty, capture):
+    empty.frame_set(4)
+    frames_ahead(empty, capture)
+    empty.frame_set(5)
+    assert frames_ahead(empty, capture) == [5, 6, 7, 8, 9, 0, 1, 2, 3, 4]
+    empty.frame_set(4)
+    assert frames_ahead(empty, capture)[:5] == [2, 1, 0, 9, 8]
+    empty.frame_set(2)
+    assert frames_ahead(empty, capture)[:3] == [9, 7, 5], "two at a time, backwards, and round"
+    empty.frame_set(1)
+    frames_ahead(empty, capture)
+    empty.frame_set(10)
+    assert frames_ahead(empty, capture)[:3] == [8, 7, 6], "playing backwards went on at the other end"
+    empty.frame_set(500)
+    assert frames_ahead(empty, capture) == [9], "beyond its end a capture shows one moment"
+
+
+def test_frames_ahead_follow_each_captures_time(empty, capture):
+    empty.frame_set(1)
+    settings = capture.frog
+    settings.speed = 0.5
+    assert frames_ahead(empty, capture)[:3] == [0.5, 1, 1.5]
+    settings.speed, settings.repeat, empty.frame_end = 3.0, "LOOP", 40
+    assert frames_ahead(empty, capture)[:4] == [3, 6, 9, 2]
+    settings.speed, settings.repeat = 1.0, "PING_PONG"
+    assert frames_ahead(empty, capture) == [1, 2, 3, 4, 5, 6, 7, 8, 9, 0]
+    settings.use_remap = True
+    for frame, shown in ((1, 9.0), (11, 4.0)):
+        settings.shown_frame = shown
+        capture.keyframe_insert("frog.shown_frame", frame=frame)
+    ahead = frames_ahead(empty, capture)
+    assert ahead[9] == pytest.approx(4.0, abs=1e-3) and ahead == sorted(ahead, reverse=True)
+
+
+def test_memory_is_bounded_and_said(empty, capture, static_rig):
+    size = playback.open_scene(static_rig).part_bytes
+    playback_cache.clear()
+    playback_cache.frames.limit = 4 * size
+    empty.frame_set(1)
+    assert len(frames_ahead(empty, capture)) == 2, "half of the cache, the rest keeps what was shown"
+    for frame in range(1, 11):
+        empty.frame_set(frame)
+        look_ahead.look_ahead(empty)
+        assert playback_cache.frames.bytes <= 4 * size
+    assert playback_cache.worker.wait(20.0) and len(playback_cache.frames) == 4
+    playback_cache.frames.limit = 0
+    empty.frame_set(6)
+    shows(capture, static_rig, 5.0)
+    playback_cache.frames.limit = 300 * playback_cache.MEGABYTE
+    empty.frame_set(7)
+    assert playback_cache.summary() == "Cache: 0 MB of 300 MB, 1 frames"
+    bpy.ops.frog.clear_cache()
+    assert len(playback_cache.frames) == 0
+    empty.frame_set(7)
+    shows(capture, static_rig, 6.0)
+
+
+def test_another_version_of_a_file_is_another_scene(empty, capture, static_rig):
+    look_ahead.look_ahead(empty)
+    assert playback_cache.worker.wait(20.0)
+    write_scene(static_rig, rig_of_three(), count=60, seed=8)
+    empty.frame_set(3)
+    shows(capture, static_rig, 2.0)
+    assert len(playback_cache.frames) == 1, "frames of the former version are gone"
+
+
+@pytest.mark.parametrize("how", ["another file", "add-on off"])
+def test_the_thread_ends(addon, empty, capture, how):
+    look_ahead.look_ahead(empty)
+    assert len(threads()) == 1
+    if how == "another file":
+        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    else:
+        addon.unregister()
+    try:
+        assert not threads() and len(playback_cache.frames) == 0
+    finally:
+        if how == "add-on off":
+            addon.register()
+
+
+def test_the_thread_survives_what_cannot_be_computed(empty, capture, static_rig, capfd, monkeypatch):
+    def broken(self, time):
+        raise MemoryError("none left")
+
+    monkeypatch.setattr(PlayableScene, "part_at", broken)
+    look_ahead.look_ahead(empty)
+    assert playback_cache.worker.wait(20.0)
+    assert "MemoryError: none left" in capfd.readouterr().err
+    monkeypatch.undo()
+    look_ahead.look_ahead(empty)
+    assert playback_cache.worker.wait(20.0) and len(playback_cache.frames) >= 9
+
+
+def test_blender_quits_with_a_thread_at_work(tmp_path):
+    import subprocess
+    import sys
+    from pathlib import Path
+
+    if bpy.app.binary_path:
+        pytest.skip("a real Blender runs no second interpreter with bpy")
+    path = write_scene(tmp_path / "x.frog", rig_of_three(), count=30_000)
+    code = """
+import bpy, frog_blender
+from frog_blender import look_ahead, playback_cache
+bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+frog_blender.register()
+bpy.ops.import_scene.frog(filepath=sys.argv[1])
+look_ahead.look_ahead(bpy.context.scene)
+print("busy", playback_cache.worker.is_alive)
+"""
+    root = Path(__file__).resolve().parents[2]
+    command = [sys.executable, "-c", f"import sys; sys.path[:0] = [{str(root)!r}]\n{code}", str(path)]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert run.returncode == 0 and "busy True" in run.stdout, run.stdout + run.stderr
+
+
+# What is not written again must be right nevertheless.
+
+
+def test_the_same_moment_is_not_written_twice_and_rest_only_once(empty, capture, static_rig, monkeypatch):
+    written = []
+    write = carrier._set
+    monkeypatch.setattr(carrier, "_set", lambda mesh, name, values: written.append(name) or write(mesh, name, values))
+    empty.frame_set(2)
+    assert len(written) == 7
+    written.clear()
+    empty.frame_set(3)
+    assert sorted(written) == ["position", "radiance:base", "rotation", "scale"]
+    written.clear()
+    empty.frame_set(3)
+    assert written == []
+    bpy.ops.frog.clear_cache()
+    empty.frame_set(3)
+    assert len(written) == 7
+
+
+def test_a_shared_mesh_shows_who_was_shown_last_and_a_copied_one_its_own(empty, capture, static_rig, tmp_path):
+    twin = capture.copy()  # shares the mesh
+    empty.collection.objects.link(twin)
+    other = write_scene(tmp_path / "other.frog", rig_of_three(), seed=4)
+    twin.frog.filepath = str(other)
+    for frame in (2, 2, 5):
+        playback.show(capture, frame)
+        shows(capture, static_rig, frame - 1.0)
+        playback.show(twin, frame)
+        shows(capture, other, frame - 1.0)
+    twin.data = capture.data.copy()
+    playback.show(capture, 4)
+    playback.show(twin, 4)
+    shows(capture, static_rig, 3.0)
+    shows(twin, other, 3.0)
+    twin.data = capture.data.copy()  # says that it is the first file's
+    playback.show(twin, 6)
+    shows(twin, other, 5.0)
+    shows(capture, static_rig, 3.0)
+
+
+def test_what_undo_brings_back_is_written_anew(empty, capture, static_rig, tmp_path):
+    other = write_scene(tmp_path / "other.frog", rig_of_three(), seed=4)
+    bpy.ops.ed.undo_push(message="first")
+    capture.frog.filepath = str(other)
+    bpy.context.scene.frame_set(6)
+    bpy.ops.ed.undo_push(message="other file")
+    for step, path in ((bpy.ops.ed.undo, static_rig), (bpy.ops.ed.redo, other), (bpy.ops.ed.undo, static_rig)):
+        step()
+        obj = next(playback.captures(bpy.context.scene.objects))
+        for frame in (2, 9):
+            bpy.context.scene.frame_set(frame)
+            shows(obj, path, frame - 1.0)
+
+
+def test_geometry_that_somebody_changed_is_written_anew(empty, capture, static_rig):
+    bpy.context.view_layer.objects.active = capture
+    empty.frame_set(2)
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.select_all(action="SELECT")
+    bpy.ops.mesh.sort_elements(type="RANDOMIZE", elements={"VERT"}, seed=3)
+    empty.frame_set(4)  # in edit mode there is nothing to write to
+    bpy.ops.object.mode_set(mode="OBJECT")
+    for frame in (5, 6):
+        empty.frame_set(frame)
+        shows(capture, static_rig, frame - 1.0)
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.select_all(action="SELECT")
+    bpy.ops.mesh.sort_elements(type="RANDOMIZE", elements={"VERT"}, seed=4)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    bpy.context.view_layer.update()
+    empty.frame_set(7)
+    shows(capture, static_rig, 6.0)
+    capture.data.attributes.remove(capture.data.attributes["scale"])
+    empty.frame_set(7)
+    shows(capture, static_rig, 6.0)
+
+
+def test_saved_geometry_of_another_session_is_not_trusted(empty, capture, static_rig, tmp_path):
+    """The file is missing while saving, so the mesh is in the .blend; then another one takes its place."""
+    hidden = static_rig.rename(tmp_path / "hidden")
+    empty.frame_set(2)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    hidden.unlink()
+    write_scene(static_rig, rig_of_three(), seed=11)
+    name = capture.name
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "scene.blend"))
+    shows(bpy.data.objects[name], static_rig, 1.0)
+    bpy.context.scene.frame_set(8)
+    shows(bpy.data.objects[name], static_rig, 7.0)

@@ -1,0 +1,82 @@
+"""Captures whose file is missing: one choice mends them, and a wrong one changes nothing."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+import pytest
+from scenes import rig_of_three, write_scene
+
+from frog_blender import carrier, playback
+from frog_blender.engine.inference.scene import PlayableScene
+
+
+def shows(obj, path, frame):
+    np.testing.assert_array_equal(carrier.read(obj)["position"], PlayableScene.load(path).at_frame(frame).means)
+
+
+@pytest.fixture
+def lost(empty, tmp_path):
+    """Three captures of two files in ``there`` that play them from ``here``, where they are no more."""
+    here, there = tmp_path / "here", tmp_path / "there"
+    here.mkdir()
+    for seed, name in enumerate(("a", "b")):
+        bpy.ops.import_scene.frog(filepath=str(write_scene(here / f"{name}.frog", rig_of_three(), seed=seed)))
+    first, second = sorted(playback.captures(empty.objects), key=lambda obj: obj.frog.filepath)
+    twin = first.copy()
+    twin.data = first.data.copy()
+    empty.collection.objects.link(twin)
+    here.rename(there)
+    empty.frame_set(3)
+    assert all(playback.is_missing(playback.file_of(obj)) for obj in (first, second, twin))
+    return first, second, twin, there
+
+
+def test_one_choice_mends_all(empty, lost):
+    first, second, twin, there = lost
+    assert bpy.ops.frog.relink(object_name=first.name, filepath=str(there / "a.frog")) == {"FINISHED"}
+    assert [obj.frog.filepath for obj in (first, twin)] == [str(there / "a.frog")] * 2
+    assert second.frog.filepath == str(there / "b.frog")
+    for obj, name in ((first, "a"), (second, "b"), (twin, "a")):
+        assert playback.problem(playback.file_of(obj)) == ""
+        shows(obj, there / f"{name}.frog", 2.0)
+
+
+def test_or_only_the_one(empty, lost):
+    first, second, twin, there = lost
+    bpy.ops.frog.relink(object_name=second.name, filepath=str(there / "b.frog"), all_missing=False)
+    assert second.frog.filepath == str(there / "b.frog")
+    assert playback.is_missing(playback.file_of(first)) and playback.is_missing(playback.file_of(twin))
+
+
+def test_a_renamed_file_is_found_for_all_who_played_it(empty, lost):
+    first, second, twin, there = lost
+    (there / "a.frog").rename(there / "c.frog")
+    (there / "b.frog").write_bytes(b"damaged meanwhile")
+    bpy.ops.frog.relink(object_name=first.name, filepath=str(there / "c.frog"))
+    assert first.frog.filepath == twin.frog.filepath == str(there / "c.frog")
+    assert second.frog.filepath.endswith("here/b.frog"), "what cannot be played is no find"
+
+
+def test_a_wrong_choice_changes_nothing(empty, lost):
+    first, _, _, there = lost
+    (there / "bad.frog").write_bytes(b"nonsense")
+    for choice in ("bad.frog", "nothing.frog"):
+        with pytest.raises(RuntimeError, match=choice):
+            bpy.ops.frog.relink(object_name=first.name, filepath=str(there / choice))
+    with pytest.raises(RuntimeError, match="found no such capture"):
+        bpy.ops.frog.relink(object_name="nobody", filepath=str(there / "a.frog"))
+    assert "here" in first.frog.filepath
+
+
+def test_relative_paths_stay_relative(empty, lost, tmp_path):
+    first, second, _, there = lost
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    paths = bpy.context.preferences.filepaths
+    before, paths.use_relative_paths = paths.use_relative_paths, True
+    try:
+        bpy.ops.frog.relink(object_name=first.name, filepath=str(there / "a.frog"))
+    finally:
+        paths.use_relative_paths = before
+    assert first.frog.filepath.replace("\\", "/") == "//there/a.frog" and second.frog.filepath.startswith("//")
+    shows(first, there / "a.frog", 2.0)
