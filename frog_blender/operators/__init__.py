@@ -12,6 +12,7 @@ from . import (
     import_frog,
     import_ply,
     install_torch,
+    open_capture,
     relink,
     train,
 )
@@ -20,6 +21,7 @@ _FAMILIES = (
     import_frog,
     import_ply,
     export_scene,
+    open_capture,
     bake,
     relink,
     cameras,
