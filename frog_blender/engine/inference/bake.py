@@ -98,7 +98,7 @@ class Bake:
         self._columns = [(name, width_of(name)) for name in scene.changing]
         self._moving, self._row = scene.moving, scene.part_bytes // 4
         try:
-            self._file = path.open("rb")
+            self._file = path.open("rb", buffering=0)  # what is read is on the disk now
         except OSError as error:
             raise found_instead(path, f"a file that cannot be opened ({error.strerror or error})", _KIND) from error
         try:
