@@ -1,13 +1,18 @@
 """Gaussians -> a Blender datablock that every render engine can draw.
 
-A point cloud would be the natural carrier, but before 5.1 Blender cannot resize one, so the Gaussians live in a Mesh of
-vertices that Geometry Nodes turn into points (``splat_nodes``).  Attributes are named as Blender 5.3's own splats:
-``position``, ``scale`` (linear), ``rotation`` (w, x, y, z), ``radiance:base`` (first SH coefficient and opacity) and
-``radiance:sh_0`` ... (one per further SH coefficient).  Nothing outside this file knows attribute types.
+Blender 5.3 draws Gaussian splats itself: there the Gaussians live in a point cloud of that type.  No 5.3 could be had
+when this was written, so of that only what 5.2 has was run there (the point cloud, its attributes and their types, its
+modifiers), not the drawing; whatever 5.3 refuses, the other carrier takes its place.  Before 5.3 that is a Mesh of
+vertices that Geometry Nodes turn into points (``splat_nodes``).
+
+Attributes are named as those of 5.3 in both: ``position``, ``scale`` (linear), ``rotation`` (w, x, y, z),
+``radiance:base`` (first SH coefficient and opacity) and ``radiance:sh_0`` ... (one per further SH coefficient).
+Nothing outside this file knows attribute types.
 """
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -21,12 +26,17 @@ if TYPE_CHECKING:
     from .engine.inference.scene import PlayableScene
     from .engine.rasterizer.arrays import GaussianArrays
 
+TYPES = ("MESH", "POINTCLOUD")
+"""Of objects that can carry Gaussians, whatever Blender made the file that they are in."""
+DATA_TYPES = (bpy.types.Mesh, bpy.types.PointCloud)
 _MODIFIER = "Gaussians as points"
+_HIDING = "Hidden in renders"
+_SPLATS = "GAUSSIAN_SPLAT"  # Blender 5.3's type of a point cloud
 _VALUE_KEY = {"FLOAT_VECTOR": "vector", "QUATERNION": "value", "FLOAT4": "vector", "FLOAT_COLOR": "color"}
-_FIXED = {"scale": "FLOAT_VECTOR", "rotation": "QUATERNION", "radiance:base": "FLOAT_COLOR"}
+_FIXED = {"scale": "FLOAT_VECTOR", "rotation": "QUATERNION"}
+_BASE = {"MESH": "FLOAT_COLOR", "POINTCLOUD": "FLOAT4"}
 # radiance:base is a FLOAT4 in Blender 5.3.  Before 5.2 that type does not exist, and no version's Mesh to Points and
 # Attribute nodes are promised to carry it, while FLOAT_COLOR (four floats, never converted) works in all of them.
-
 
 _COLUMNS = {"position": "means", "scale": "scales", "rotation": "quaternions", "radiance:base": "base"}
 _SHOWN = "frog_shown"
@@ -34,22 +44,59 @@ _SHOWN = "frog_shown"
 back of the mesh brings it back as well, so that it is always right; see ``show`` for what it saves."""
 
 
+def draws_splats() -> bool:
+    """Whether this Blender draws Gaussian splats itself."""
+    kind = bpy.types.PointCloud.bl_rna.properties.get("type")
+    return kind is not None and _SPLATS in kind.enum_items.keys()  # noqa: SIM118
+
+
 def create(name: str, gaussians: GaussianArrays) -> Any:
     """A new object that carries ``gaussians``, with its nodes and material, linked to no collection yet."""
+    if draws_splats():
+        cloud = bpy.data.pointclouds.new(name)
+        try:
+            _make_splats(cloud)
+            obj = bpy.data.objects.new(name, cloud)
+            write(obj, gaussians)
+        except (AttributeError, KeyError, RuntimeError, TypeError, ValueError) as error:
+            print(f"FRoG: Blender's own splats cannot be used ({error}); points stand in for them.", file=sys.stderr)
+            bpy.data.pointclouds.remove(cloud)  # and the object that has it
+        else:
+            return obj
     mesh = bpy.data.meshes.new(name)
     obj = bpy.data.objects.new(name, mesh)
     mesh.materials.append(splat_nodes.material())
-    modifier = obj.modifiers.new(_MODIFIER, "NODES")
-    modifier.node_group = splat_nodes.points_group()
-    modifier.show_group_selector = False
+    _add_modifier(obj, _MODIFIER, splat_nodes.points_group())
     write(obj, gaussians)
     return obj
 
 
+def _make_splats(cloud: Any) -> None:
+    cloud.type = _SPLATS
+
+
+def _add_modifier(obj: Any, name: str, group: Any) -> Any:
+    modifier = obj.modifiers.new(name, "NODES")
+    modifier.node_group = group
+    modifier.show_group_selector = False
+    return modifier
+
+
+def is_itself(shown: Any, original: Any) -> bool:
+    """Whether an object that Blender lists is a carrier itself, not what Geometry Nodes make of it: they list points of
+    a mesh as another type, and ellipsoids under the name of another mesh."""
+    return shown.type == original.type and (shown.type != "MESH" or shown.data.name == original.data.name)
+
+
 def display(obj: Any, kind: str) -> None:
-    """Shows the Gaussians as "POINTS" that the material turns into soft splats, or as solid "ELLIPSOIDS"."""
+    """Shows the Gaussians as "POINTS" (soft splats, by the material or by Blender) or as solid "ELLIPSOIDS"."""
     modifier = obj.modifiers.get(_MODIFIER)
-    if modifier is not None:
+    if obj.type == "POINTCLOUD":
+        if kind == "POINTS" and modifier is not None:
+            obj.modifiers.remove(modifier)
+        elif kind == "ELLIPSOIDS" and modifier is None:
+            _add_modifier(obj, _MODIFIER, ellipsoid_nodes.ellipsoids_group())
+    elif modifier is not None:
         groups = {"POINTS": splat_nodes.points_group, "ELLIPSOIDS": ellipsoid_nodes.ellipsoids_group}
         modifier.node_group = groups[kind]()
 
@@ -83,7 +130,7 @@ def show(obj: Any, scene: PlayableScene, time: float, part: Callable[[], MovingP
         part: gives what ``scene.part_at(time)`` does; called if there is something to write.
     """
     mesh = obj.data
-    if mesh.is_editmode:
+    if getattr(mesh, "is_editmode", False):  # point clouds have none to tell
         distrust(mesh)  # its vertices are elsewhere, and may come back as others
         return
     further = len(scene.columns) - len(_COLUMNS)
@@ -129,7 +176,14 @@ def read(obj: Any) -> dict[str, np.ndarray]:
 
 
 def draw_in_renders(obj: Any, shown: bool) -> None:
-    """Whether other engines than FROG draw the Gaussians as points in their renders; FROG always does."""
+    """Whether other engines than FROG draw the Gaussians in their renders; FROG always does."""
+    if obj.type == "POINTCLOUD":
+        hiding = obj.modifiers.get(_HIDING)
+        if shown and hiding is not None:
+            obj.modifiers.remove(hiding)
+        elif not shown and hiding is None:
+            _add_modifier(obj, _HIDING, splat_nodes.nothing_group()).show_viewport = False
+        return
     modifier = obj.modifiers.get(_MODIFIER)
     if modifier is not None:
         modifier.show_render = shown
@@ -138,30 +192,45 @@ def draw_in_renders(obj: Any, shown: bool) -> None:
 def clear(obj: Any) -> None:
     """Drop the geometry; ``write`` brings it back."""
     distrust(obj.data)
-    obj.data.clear_geometry()
+    _resize(obj.data, 0)
     obj.data.update_tag()
 
 
 def count(obj: Any) -> int:
     """How many Gaussians the object carries now."""
-    return len(obj.data.vertices)
+    return _size(obj.data)
 
 
-def _fit(mesh: Any, wanted: int, further: int) -> bool:
-    """Make the mesh hold ``wanted`` vertices and ``further`` SH attributes; all exist before any is written.
+def _size(data: Any) -> int:
+    return len(data.vertices if isinstance(data, bpy.types.Mesh) else data.points)
+
+
+def _resize(data: Any, wanted: int) -> None:
+    """``wanted`` vertices or points without any attributes but their position."""
+    if isinstance(data, bpy.types.Mesh):
+        data.clear_geometry()
+        data.vertices.add(wanted)
+        return
+    for name in [name for name in data.attributes.keys() if name != "position"]:  # noqa: SIM118
+        data.attributes.remove(data.attributes[name])
+    data.resize(wanted)
+
+
+def _fit(data: Any, wanted: int, further: int) -> bool:
+    """Make the data hold ``wanted`` Gaussians and ``further`` SH attributes; all exist before any is written.
 
     Returns whether anything of it is new, and so empty.
     """
-    types = _FIXED | {f"radiance:sh_{k}": "FLOAT_VECTOR" for k in range(further)}
-    there = {name: attribute.data_type for name, attribute in mesh.attributes.items()}
+    base = _BASE["MESH" if isinstance(data, bpy.types.Mesh) else "POINTCLOUD"]
+    types = _FIXED | {"radiance:base": base} | {f"radiance:sh_{k}": "FLOAT_VECTOR" for k in range(further)}
+    there = {name: attribute.data_type for name, attribute in data.attributes.items()}
     stray = [name for name in there if name.startswith("radiance:") and name not in types]
-    is_new = len(mesh.vertices) != wanted or bool(stray)
+    is_new = _size(data) != wanted or bool(stray)
     if is_new:
-        mesh.clear_geometry()
-        mesh.vertices.add(wanted)
+        _resize(data, wanted)
         there = {}
     for name, kind in types.items():
         if name not in there:
-            mesh.attributes.new(name, kind, "POINT")
+            data.attributes.new(name, kind, "POINT")
             is_new = True
     return is_new

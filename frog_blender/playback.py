@@ -132,7 +132,7 @@ def forget() -> None:
 
 def captures(objects: Any) -> Iterator[Any]:
     """The objects that play a .frog file, among ``objects`` (a scene's, or all of the file's)."""
-    return (obj for obj in objects if obj.type == "MESH" and obj.frog.filepath)
+    return (obj for obj in objects if obj.type in carrier.TYPES and obj.frog.filepath)
 
 
 def gaussians_at(obj: Any, scene_frame: float) -> GaussianArrays:
@@ -229,7 +229,7 @@ def _refresh_all(*_: Any) -> None:
 def _on_update(_scene: Any, depsgraph: Any) -> None:
     """Whoever changed the geometry outside of a frame's change, all of it is written again with the next frame."""
     for update in depsgraph.updates:
-        if update.is_updated_geometry and isinstance(update.id, bpy.types.Mesh):
+        if update.is_updated_geometry and isinstance(update.id, carrier.DATA_TYPES):
             carrier.distrust(update.id.original)
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 import numpy as np
 
-from . import index_pass, playback, vector_pass
+from . import carrier, index_pass, playback, vector_pass
 from .blender_camera import distance_added, engine_camera
 from .colors import picture_to_linear, to_display, to_linear
 from .engine.errors import FrogError
@@ -182,9 +182,9 @@ def visible_captures(depsgraph: Any) -> list[tuple[Any, np.ndarray]]:
     """Every visible capture's object and its (4, 4) matrix, duplicates and instances included."""
     found = []
     for instance in depsgraph.object_instances:
-        # The points that Geometry Nodes make of a capture are listed too, as an instance of another type.
-        if instance.object.type == "MESH" and instance.object.original.frog.filepath:
-            found.append((instance.object.original, np.array(instance.matrix_world, dtype=np.float64)))
+        shown, own = instance.object, instance.object.original
+        if shown.type in carrier.TYPES and own.frog.filepath and carrier.is_itself(shown, own):
+            found.append((own, np.array(instance.matrix_world, dtype=np.float64)))
     return found
 
 

@@ -15,6 +15,7 @@ import bpy
 from .node_builder import Builder, new_geometry_group, new_material
 
 _GROUP = "FRoG Gaussians as Points"
+_NOTHING = "FRoG Nothing"
 _MATERIAL = "FRoG Gaussians"
 _RADIUS = 3.0  # standard deviations that a point's sphere reaches
 _SMALLEST = 1e-8  # scale below which a Gaussian is treated as flat, world units
@@ -52,6 +53,20 @@ def points_group() -> Any:
     set_material.inputs["Material"].default_value = material()
     build.link(geometry, set_material.inputs["Geometry"])
     build.link(set_material.outputs[0], result.inputs[0])
+    build.arrange()
+    return group
+
+
+def nothing_group() -> Any:
+    """A Geometry Nodes group that leaves nothing of what it is given, made once per file."""
+    return bpy.data.node_groups.get(_NOTHING) or _new_nothing()
+
+
+def _new_nothing() -> Any:
+    group = new_geometry_group(_NOTHING)
+    build = Builder(group)
+    build.node("NodeGroupInput")
+    build.node("NodeGroupOutput")
     build.arrange()
     return group
 

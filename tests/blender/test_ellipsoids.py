@@ -91,3 +91,14 @@ def test_ellipsoids_have_the_gaussians_colours(empty, rendered):
     left, right = pixels[20, :45, :3], pixels[20, 45:, :3]
     assert left[left.sum(1).argmax()].argmax() == 0 and left.max() > 240
     assert right[right.sum(1).argmax()].argmax() == 1 and right.max() > 240
+
+
+def test_frog_draws_the_capture_and_not_its_ellipsoids(empty, static_rig, rendered):
+    from frog_blender import render_engine
+
+    obj = import_scene(static_rig)
+    before = rendered(empty)
+    obj.frog.display = "ELLIPSOIDS"
+    found = render_engine.visible_captures(bpy.context.evaluated_depsgraph_get())
+    assert [capture for capture, _ in found] == [obj]
+    np.testing.assert_array_equal(rendered(empty), before)
