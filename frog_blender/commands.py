@@ -51,7 +51,7 @@ def _describe_scene(scene: PlayableScene, path: Path) -> dict[str, Any]:
         "heads": _heads(scene),
         "sh_degree": scene.sh_degree,
         "bytes": path.stat().st_size,
-        "cameras": "1, moving" if header.is_moving else ", ".join(camera.name for camera in header.cameras),
+        "cameras": "1, moving" if header.is_moving else ", ".join(camera.name for camera in header.cameras) or "none",
         "frames": header.frame_count,
         "frame rate": header.frames_per_second,
         "size": ", ".join(sorted({f"{camera.width} x {camera.height}" for camera in header.cameras})),
@@ -153,7 +153,7 @@ def render_frames(
     names = [camera.name for camera in header.cameras]
     follow = header.is_moving and camera_name == "moving"
     if camera_name not in names and not follow:
-        known = ", ".join([*names[:12], "..."] if len(names) > 12 else names)
+        known = ", ".join([*names[:12], "..."] if len(names) > 12 else names) or "none"
         raise FrogError(f"{scene_path}: there is no camera {camera_name!r}; there are {known}.")
     chosen = parse_frames(frames, header.frame_count)
     by_frame = {shots[0]: camera for camera, shots in zip(header.cameras, header.camera_shots, strict=True) if shots}
