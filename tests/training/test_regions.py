@@ -29,6 +29,7 @@ def picker_of(size: tuple[int, int], share: float = 1.0, region_size: float = 0.
     """For one camera, whose whole picture has been seen with the same error everywhere."""
     picker = RegionPicker([plain_camera(*size)], share, region_size)
     picker.observe(0, (0, 0, *size), torch.ones(size[1], size[0], 3))
+    picker.settle()
     return picker
 
 
@@ -118,6 +119,7 @@ def test_only_cells_that_were_seen_are_updated() -> None:
     difference = torch.zeros(38, 58, 3)  # rows 2 to 4 and columns 2 to 5, the last of each cut
     difference[:16, 16:32] = 2.0
     picker.observe(0, (32, 32, 58, 38), difference)
+    picker.settle()
     expected = before.clone()
     expected[2:, 2:] = 0.7
     expected[2, 3] = 0.7 + 0.3 * 4
@@ -130,6 +132,7 @@ def test_cells_hold_the_mean_square_of_their_pixels(size: tuple[int, int]) -> No
     picker = RegionPicker([plain_camera(*size)], 1.0, 0.4)
     difference = torch.randn(size[1], size[0], 3, generator=torch.Generator().manual_seed(1))
     picker.observe(0, (0, 0, *size), difference)
+    picker.settle()
     for row in range(picker.errors[0].shape[0]):
         for column in range(picker.errors[0].shape[1]):
             cell = difference[CELL * row : CELL * (row + 1) : 2, CELL * column : CELL * (column + 1) : 2]

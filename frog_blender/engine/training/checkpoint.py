@@ -34,6 +34,7 @@ State = tuple[dict[str, np.ndarray], dict[str, Any]]
 
 def state_of(trainer: Trainer, settings: dict[str, Any] | None = None) -> State:
     """A copy of a training's state. ``settings`` are plain values for ``checkpoint_settings``."""
+    trainer.settle()
     tensors = {f"model.{name}": value for name, value in trainer.model.state_dict().items()}
     tensors |= trainer.optimizer.state_arrays()
     tensors["density.gradient_sum"] = trainer.density.gradient_sum
@@ -41,7 +42,6 @@ def state_of(trainer: Trainer, settings: dict[str, Any] | None = None) -> State:
     tensors["density.peak_opacity"] = trainer.density.peak_opacity
     tensors["losses"] = trainer.picker.losses
     tensors["random"] = trainer.generator.get_state()
-    trainer.regions.settle()
     for camera, errors in enumerate(trainer.regions.errors):
         tensors[f"regions.{camera}"] = errors
     if trainer.poses:

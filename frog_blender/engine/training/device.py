@@ -95,6 +95,21 @@ def denormals_flushed() -> Iterator[None]:
         torch.set_flush_denormal(before)
 
 
+class OnItsWay:
+    """A tensor's numbers, asked for without waiting: on a GPU the copy is queued behind what was asked of it before."""
+
+    def __init__(self, tensor: torch.Tensor) -> None:
+        self._copy = tensor.detach().to("cpu", non_blocking=True)
+        on_gpu = tensor.device.type == "cuda"
+        self._arrived = torch.cuda.current_stream(tensor.device).record_event() if on_gpu else None
+
+    def here(self) -> torch.Tensor:
+        """The tensor on the CPU, once it is there."""
+        if self._arrived is not None:
+            self._arrived.synchronize()
+        return self._copy
+
+
 def picture_on(device: torch.device, pixels: np.ndarray) -> torch.Tensor:
     """(H, W, 3) float32 in [0, 1] on ``device`` from bytes (H, W, 3)."""
     if device.type == "cpu":

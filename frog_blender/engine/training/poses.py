@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import torch
 
 from ..capture.camera import Camera
 from ..capture.capture import Capture
+from .device import OnItsWay
 from .recipe import Recipe
 
 _MOMENTUM, _MEMORY, _TINY = 0.9, 0.99, 1e-15  # Adam's; a camera is drawn in one step of many, so a short memory
@@ -37,6 +39,7 @@ class PoseRefinement:
         self._moved = np.array(sorted({shot.camera for shot in capture.train_shots}))
         self._moved = self._moved[[capture.cameras[i].name not in capture.test_cameras for i in self._moved]]
         self.moments = np.zeros((2, len(capture.cameras), 6))
+        self._arriving: tuple[int, OnItsWay, float] | None = None
         self.drawn = np.tile([0.0, recipe.pose_from], (len(capture.cameras), 1))
 
     @staticmethod
@@ -47,6 +50,18 @@ class PoseRefinement:
     def learns(self, camera: int, progress: float) -> bool:
         """Whether a step that draws this camera at ``progress`` needs the gradient of its pose."""
         return progress > self._recipe.pose_from and camera in self._moved
+
+    def observe(self, index: int, gradient: torch.Tensor, progress: float) -> None:
+        """Remembers a step's gradient (3, 4) by a camera's pose; ``settle`` moves the camera, before the next step."""
+        self.settle()
+        self._arriving = index, OnItsWay(gradient), progress
+
+    def settle(self) -> None:
+        """Moves the camera that the last step drew, if it has not been."""
+        if self._arriving is not None:
+            index, gradient, progress = self._arriving
+            self._arriving = None
+            self.step(index, gradient.here().double().numpy(), progress)
 
     def step(self, index: int, gradient: np.ndarray, progress: float) -> None:
         """One step of Adam for one camera, as long as the training that went by since its last one.
@@ -104,6 +119,6 @@ class PoseRefinement:
         for array, own in ((moments, self.moments), (drawn, self.drawn)):
             if array.shape != own.shape:
                 raise ValueError(f"memory of poses of {array.shape} instead of {own.shape}")
-        self.moments, self.drawn = moments.copy(), drawn.copy()
+        self.moments, self.drawn, self._arriving = moments.copy(), drawn.copy(), None
         pairs = zip(self.capture.cameras, poses, strict=True)
         self.capture = self.capture.with_cameras(camera.with_pose(pose) for camera, pose in pairs)

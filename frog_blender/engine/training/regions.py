@@ -12,6 +12,7 @@ import torch
 from torch.nn import functional
 
 from ..capture.camera import Camera
+from .device import OnItsWay
 
 CELL = 16  # pixels a side; the rasterizer's tiles
 _MEMORY = 0.7  # share of the old estimate that a new look at a cell leaves
@@ -20,12 +21,11 @@ _LEAST = 48  # pixels a side
 
 @dataclass(frozen=True)
 class _Look:
-    """Mean squared error by cell (rows, columns) of a camera's region; ``arrived`` tells when it is there to read."""
+    """Mean squared error by cell (rows, columns) of a camera's region."""
 
     camera: int
     region: tuple[int, int, int, int]
-    mean: torch.Tensor
-    arrived: torch.cuda.Event | None = None
+    mean: OnItsWay
 
 
 class RegionPicker:
@@ -38,7 +38,7 @@ class RegionPicker:
 
     Attributes:
         errors: (rows, columns) by camera, infinite where nothing was drawn yet; on the CPU, where rectangles are drawn.
-            ``settle`` first, where pictures are drawn elsewhere.
+            ``settle`` first.
     """
 
     def __init__(self, cameras: tuple[Camera, ...] | list[Camera], share: float, size: float) -> None:
@@ -74,28 +74,17 @@ class RegionPicker:
         """Takes in what a step saw: ``difference`` (height, width, 3), picture minus truth, of the region."""
         square = difference[::2, ::2].square().permute(2, 0, 1)  # a quarter of the pixels tells as much
         mean = functional.avg_pool2d(square, CELL // 2, ceil_mode=True, count_include_pad=False).mean(0)
-        if mean.device.type == "cpu":
-            self._take_in(_Look(camera, region, mean))
-            return
-        # The copy is queued behind this step's forward pass and fetched by the next step: its backward pass and the
-        # optimiser are not waited for. The look before it has long arrived.
-        self.settle()
-        arrived = None
-        fetched = mean.to("cpu", non_blocking=True)
-        if mean.device.type == "cuda":
-            arrived = torch.cuda.current_stream(mean.device).record_event()
-        self._arriving.append(_Look(camera, region, fetched, arrived))
+        self.settle()  # what came before has long arrived; this is fetched by the next step, and nothing waits for it
+        self._arriving.append(_Look(camera, region, OnItsWay(mean)))
 
     def settle(self) -> None:
-        """Takes in what is still on its way from a GPU."""
+        """Takes in what is still on its way."""
         for look in self._arriving:
-            if look.arrived is not None:
-                look.arrived.synchronize()
             self._take_in(look)
         self._arriving.clear()
 
     def _take_in(self, look: _Look) -> None:
-        mean = look.mean
+        mean = look.mean.here()
         row, column = look.region[1] // CELL, look.region[0] // CELL
         cells = self.errors[look.camera][row : row + mean.shape[0], column : column + mean.shape[1]]
         cells.copy_(torch.where(torch.isfinite(cells), _MEMORY * cells + (1 - _MEMORY) * mean, mean))

@@ -141,6 +141,13 @@ class Trainer:
         """FrogError when the training has become unstable; call it before anything is saved or shown."""
         self._loss.check(self.step_count)
 
+    def settle(self) -> None:
+        """Takes in what the last step found and has not been waited for."""
+        self.regions.settle()
+        if self.poses:
+            self.poses.settle()
+            self.capture = self.poses.capture
+
     def step(self) -> None:
         """One optimiser step on one picture, and whatever round is due after it."""
         with torch_threads(1), denormals_flushed():
@@ -149,6 +156,7 @@ class Trainer:
     def _step(self) -> None:
         started = time.perf_counter()
         before = self.progress
+        self.settle()
         self.optimizer.schedule(before)
         shot = self._next_shot(before)
         camera_index = self.capture.shots[shot].camera
@@ -176,8 +184,7 @@ class Trainer:
         self.density.observe(image, gaussians.opacities.detach(), camera)
         self.optimizer.step()
         if self.poses and pose is not None and pose.grad is not None:
-            self.poses.step(camera_index, pose.grad.double().cpu().numpy(), before)
-            self.capture = self.poses.capture
+            self.poses.observe(camera_index, pose.grad, before)
         self.step_count += 1
         self.seconds += time.perf_counter() - started
         self.progress = self._progress_now()
@@ -224,7 +231,7 @@ class Trainer:
         if self.poses is None or not self.poses.learns(camera, progress):
             return None
         pose = torch.from_numpy(self.capture.cameras[camera].world_to_camera[:3]).float()
-        return pose.to(self.device).requires_grad_()
+        return pose.to(self.device, non_blocking=True).requires_grad_()
 
     def _camera(self, index: int, progress: float) -> Camera:
         """A camera at the size at which it is drawn at ``progress``."""
