@@ -22,43 +22,40 @@ from bpy.app.handlers import persistent
 
 from .engine.capacity_report import lines, summary
 from .engine.errors import FrogError
+from .engine.training.control import Control
+from .ui import preview_picture
 
 PUMP_EVENTS = 200  # the most events one pump() applies
 PUMP_SECONDS = 0.008  # and the longest it goes on taking new ones: half a frame of a 60 Hz window
 TIMER_SECONDS = 0.1
 JOIN_SECONDS = 120.0  # a cancelled training finishes its step and writes its scene
 
-EventSource = Callable[[Callable[[], bool]], Iterator[Any]]
+EventSource = Callable[[Control], Iterator[Any]]
 
 
-@dataclass(frozen=True)
 class TrainingRequest:
-    """What to train, in plain values; None leaves a setting to the training."""
+    """What to train, in plain values.
 
-    capture: Path
-    output: Path
-    recipe: str = "standard"
-    capacity: str | None = None
-    steps: int | None = None
-    scale: float | None = None
-    holdout_frames: int | None = None
-    resume: bool = False
+    Args:
+        recipe, capacity: names; None leaves the capacity to the recipe.
+        job: fields of the engine's ``TrainingJob`` that are not to have their defaults. They are not repeated here,
+            and the class itself is not named: its module imports torch.
+    """
 
-    def events(self, cancelled: Callable[[], bool]) -> Iterator[Any]:
+    def __init__(
+        self, capture: Path, output: Path, recipe: str = "standard", capacity: str | None = None, **job: Any
+    ) -> None:
+        self.capture, self.output, self.recipe, self.capacity, self.job = capture, output, recipe, capacity, job
+
+    def events(self, control: Control) -> Iterator[Any]:
         """Run the training; called on the worker, because this is what imports torch."""
+        from .engine.training.estimate import remembering
         from .engine.training.job import TrainingJob, run_training
         from .engine.training.recipe import recipe
 
-        job = TrainingJob(
-            capture=self.capture,
-            output=self.output,
-            recipe=recipe(self.recipe, capacity=self.capacity),
-            steps=self.steps,
-            scale=self.scale,
-            holdout_frames=self.holdout_frames,
-            resume=self.resume,
-        )
-        return run_training(job, cancelled)
+        settings = recipe(self.recipe, capacity=self.capacity)
+        job = TrainingJob(self.capture, self.output, recipe=settings, **self.job)
+        return remembering(run_training(job, control), job)
 
 
 @dataclass
@@ -79,6 +76,7 @@ class TrainingState:
     psnr: float | None = None
     psnr_split: str = ""
     preview: Any = None  # (H, W, 3) uint8, the latest
+    device: str = ""  # "cpu" or "cuda", once it is known
     warnings: list[str] = field(default_factory=list)
     result: Path | None = None  # the finished scene, or what a cancelled training left
     cancelled: bool = False
@@ -91,14 +89,17 @@ class TrainingState:
 
 
 class TrainingTask:
-    """One training: ``start()`` it, ``pump()`` it until ``state.running`` is false, ``cancel()`` it at any time."""
+    """One training: ``start()`` it, ``pump()`` it until ``state.running`` is false.
+
+    ``control`` pauses, resumes and cancels it at any time.
+    """
 
     def __init__(self, source: EventSource, on_finished: Callable[[Path], None] | None = None) -> None:
         self.state = TrainingState()
         self._source = source
         self._on_finished = on_finished
         self._events: queue.Queue[Any] = queue.Queue()
-        self._cancel = threading.Event()
+        self.control = Control()
         # A daemon, because Python waits for other threads before it runs atexit, where this one is asked to end.
         self._thread = threading.Thread(target=self._work, name="FRoG training", daemon=True)
 
@@ -107,8 +108,13 @@ class TrainingTask:
         return self
 
     def cancel(self) -> None:
-        """Ask the worker to end; it still writes what it has."""
-        self._cancel.set()
+        """Ask the worker to end, paused or not; it still writes what it has."""
+        self.control.cancel()
+
+    @property
+    def paused(self) -> bool:
+        """True while a running training is held."""
+        return self.state.running and self.control.paused
 
     def join(self, seconds: float = JOIN_SECONDS) -> bool:
         """Wait for the worker; true if it ended."""
@@ -118,7 +124,7 @@ class TrainingTask:
 
     def _work(self) -> None:
         try:
-            for event in self._source(self._cancel.is_set):
+            for event in self._source(self.control):
                 self._events.put(event)
         except FrogError as error:
             self._events.put(_Ended(str(error)))
@@ -159,6 +165,7 @@ class TrainingTask:
                 state.stage, state.stage_fraction = event.name.capitalize(), event.done / max(event.total, 1)
             case kinds.Started():
                 state.stage, state.steps, state.gaussians = "", event.steps or 0, event.gaussians
+                state.device = event.device
             case kinds.Evaluated():
                 state.psnr, state.psnr_split = event.psnr, event.split
             case kinds.Preview():
@@ -214,6 +221,10 @@ def is_running() -> bool:
     return current is not None and current.state.running
 
 
+def is_paused() -> bool:
+    return current is not None and current.paused
+
+
 def stop() -> None:
     """Cancel the current training, wait for its worker and take in what it still said."""
     if current is None:
@@ -230,6 +241,7 @@ def _tick() -> float | None:
         return None
     applied = current.pump()
     if applied:
+        preview_picture.show(current.state.preview)
         _redraw()
     return TIMER_SECONDS if current.state.running else None
 

@@ -162,6 +162,7 @@ def _info(options: argparse.Namespace) -> int:
 
 
 def _train(options: argparse.Namespace) -> int:
+    from .engine.training.estimate import remembering
     from .engine.training.job import TrainingJob, run_training
     from .progress import show
 
@@ -192,7 +193,7 @@ def _train(options: argparse.Namespace) -> int:
 
     previous = signal.signal(signal.SIGINT, stop)
     try:
-        finished = show(run_training(job, lambda: stopping))
+        finished = show(remembering(run_training(job, lambda: stopping), job))
     finally:
         signal.signal(signal.SIGINT, previous)
     return 0 if finished else 1

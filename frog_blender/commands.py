@@ -10,6 +10,7 @@ import numpy as np
 
 from .engine import capacity_report
 from .engine.capture.camera import Camera
+from .engine.capture.capture import Capture
 from .engine.capture.frames import FrameStore
 from .engine.capture.readers import open_capture
 from .engine.errors import FrogError
@@ -17,6 +18,8 @@ from .engine.evaluation.evaluate import Measure, evaluate
 from .engine.files import SceneFile, read_scene
 from .engine.inference.draw import draw, to_uint8
 from .engine.inference.scene import PlayableScene
+from .engine.training.estimate import Workload, estimate, likely_device, usual_scale
+from .engine.training.recipe import recipe
 
 Report = Callable[[int, int], None]
 
@@ -38,8 +41,17 @@ def describe(path: Path, pixel_offsets: dict[str, tuple[float, float]] | None) -
         "size": ", ".join(sizes),
         "held out": ", ".join(withheld) if capture.test_cameras or capture.test_frames else "nothing",
         "distortion": "removed at import" if any(capture.distortions) else "none",
+        "training": _training_times(capture),
         "warning": list(capture.warnings),
     }
+
+
+def _training_times(capture: Capture) -> list[str]:
+    """What the recipes for any computer would take, a line each."""
+    device = likely_device("auto")
+    times = [(name, recipe(name)) for name in ("draft", "standard")]
+    scale = usual_scale(capture.cameras)
+    return [f"{name}: {estimate(Workload.of(capture, chosen, scale=scale), device)}" for name, chosen in times]
 
 
 def _describe_scene(scene: PlayableScene, path: Path) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Train FRoG, cancel it, go on with it, and look at a capture folder again."""
+"""Train FRoG, hold it, cancel it, go on with it, and look at a capture folder again."""
 
 # Blender reads properties from annotations, which to a type checker are not types.
 # mypy: disable-error-code="valid-type"
@@ -56,6 +56,38 @@ class FROG_OT_cancel_training(bpy.types.Operator):
         return {"FINISHED"}
 
 
+class FROG_OT_pause_training(bpy.types.Operator):
+    """Hold the training, so that the computer is free for something else; nothing is lost"""
+
+    bl_idname = "frog.pause_training"
+    bl_label = "Pause"
+
+    @classmethod
+    def poll(cls, _context: Any) -> bool:
+        return background.is_running() and not background.is_paused()
+
+    def execute(self, _context: Any) -> set[str]:
+        assert background.current is not None
+        background.current.control.pause()
+        return {"FINISHED"}
+
+
+class FROG_OT_resume_training(bpy.types.Operator):
+    """Go on with the training that is paused"""
+
+    bl_idname = "frog.resume_training"
+    bl_label = "Resume"
+
+    @classmethod
+    def poll(cls, _context: Any) -> bool:
+        return background.is_paused()
+
+    def execute(self, _context: Any) -> set[str]:
+        assert background.current is not None
+        background.current.control.resume()
+        return {"FINISHED"}
+
+
 class FROG_OT_inspect_capture(bpy.types.Operator):
     """Look into the capture folder again"""
 
@@ -89,6 +121,8 @@ def request_of(settings: Any, resume: bool = False) -> background.TrainingReques
         steps=settings.steps or None,
         scale=settings.image_scale or None,
         holdout_frames=None if settings.holdout_frames < 0 else settings.holdout_frames,
+        device=settings.device,
+        preview_camera=settings.preview_camera or None,
         resume=resume,
     )
 
@@ -122,7 +156,13 @@ def _importer(scene_name: str) -> Any:
     return show
 
 
-_CLASSES = (FROG_OT_train, FROG_OT_cancel_training, FROG_OT_inspect_capture)
+_CLASSES = (
+    FROG_OT_train,
+    FROG_OT_pause_training,
+    FROG_OT_resume_training,
+    FROG_OT_cancel_training,
+    FROG_OT_inspect_capture,
+)
 
 
 def register() -> None:

@@ -4,17 +4,35 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..engine.errors import FrogError
+
+if TYPE_CHECKING:
+    from ..engine.capture.capture import Capture
 
 
 @dataclass(frozen=True)
 class CaptureSummary:
-    """A capture in a few words; ``error`` is a sentence and the rest empty when the folder cannot be used."""
+    """A capture in a few words.
+
+    Attributes:
+        lines, warnings: for the panel.
+        error: a sentence when the folder cannot be used; then there is nothing else.
+        capture: opened, not decoded.
+    """
 
     lines: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     error: str = ""
+    capture: Capture | None = None
+
+    @property
+    def cameras(self) -> list[str]:
+        """Names, those that are held out first: previews show them unless another is chosen."""
+        capture = self.capture
+        names = [camera.name for camera in capture.cameras] if capture else []
+        return sorted(names, key=lambda name: capture is not None and name not in capture.test_cameras)
 
 
 _known: dict[str, CaptureSummary] = {}
@@ -43,6 +61,10 @@ def _inspect(folder: Path) -> CaptureSummary:
         return CaptureSummary(error=f"Reading a capture needs the Python package {error.name or error}.")
     except Exception as error:
         return CaptureSummary(error=f"{folder}: this capture cannot be read ({type(error).__name__}: {error}).")
+    return CaptureSummary(_lines(capture), tuple(capture.warnings), capture=capture)
+
+
+def _lines(capture: Capture) -> tuple[str, ...]:
     sizes = sorted({(camera.width, camera.height) for camera in capture.cameras})
     size = " and ".join(f"{width} x {height}" for width, height in sizes[:2]) + (
         " and others" if len(sizes) > 2 else ""
@@ -50,10 +72,9 @@ def _inspect(folder: Path) -> CaptureSummary:
     cameras = "one moving camera" if capture.is_moving else f"{len(capture.cameras)} cameras"
     if capture.test_cameras:
         cameras += f", {len(capture.test_cameras)} held out"
-    lines = (
+    return (
         f"Format: {capture.format}",
         f"Cameras: {cameras}",
         f"Frames: {capture.frame_count} at {capture.frames_per_second:g} per second",
         f"Size: {size} pixels",
     )
-    return CaptureSummary(lines, tuple(capture.warnings))

@@ -15,11 +15,12 @@ def duration(seconds: float) -> str:
     return f"{minutes} min {rest} s" if minutes else f"{rest} s"
 
 
-def sentence(layout: Any, text: str, context: Any, icon: str) -> None:
+def sentence(layout: Any, text: str, context: Any, icon: str = "NONE") -> None:
     """A label over as many lines as the sidebar's width asks for; Blender does not wrap by itself."""
     scale = context.preferences.system.ui_scale
-    width = max(int(context.region.width / (7.0 * scale)) - 6, 16) if context.region else 40
+    margin = 3 if icon == "NONE" else 6  # characters
+    width = max(int(context.region.width / (7.0 * scale)) - margin, 16) if context.region else 40
     column = layout.column(align=True)
     column.scale_y = 0.8
     for i, line in enumerate(textwrap.wrap(text, width)):
-        column.label(text=line, icon=icon if i == 0 else "BLANK1")
+        column.label(text=line, icon=icon if i == 0 or icon == "NONE" else "BLANK1")

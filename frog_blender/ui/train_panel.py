@@ -8,7 +8,7 @@ import bpy
 
 from .. import background
 from ..operators.train import can_resume
-from . import capture_summary, preferences
+from . import capture_summary, preferences, presets, preview_picture, training_time
 from .text import duration, sentence
 
 
@@ -20,6 +20,9 @@ class FROG_PT_train(bpy.types.Panel):
     bl_region_type = "UI"
     bl_category = "FRoG"
 
+    def draw_header_preset(self, _context: Any) -> None:
+        presets.draw_button(self)
+
     def draw(self, context: Any) -> None:
         layout = self.layout
         layout.use_property_split = True
@@ -30,19 +33,11 @@ class FROG_PT_train(bpy.types.Panel):
             _draw_capture(layout, bpy.path.abspath(settings.capture_folder), context)
         layout.prop(settings, "output_path")
         layout.prop(settings, "recipe")
+        layout.prop(settings, "device")
         layout.prop(settings, "import_when_done")
-
-        needed = preferences.torch_needed()
-        if needed:
-            sentence(layout, needed, context, icon="ERROR")
-        row = layout.row()
-        row.scale_y = 1.5
-        row.enabled = not needed and not background.is_running()
-        row.operator("frog.train", icon="PLAY")
-        if can_resume(settings):
-            row.operator("frog.train", text="Resume", icon="FRAME_NEXT").resume = True
+        _draw_start(layout, settings, context)
         if background.current is not None:
-            _draw_training(layout, background.current.state, context)
+            _draw_training(layout, background.current, settings, context)
 
 
 class FROG_PT_train_advanced(bpy.types.Panel):
@@ -71,7 +66,7 @@ def _draw_capture(layout: Any, folder: str, context: Any) -> None:
     box = layout.box()
     column = box.column(align=True)
     for line in summary.lines:
-        column.label(text=line)
+        sentence(column, line, context)
     for warning in summary.warnings:
         sentence(box, warning, context, icon="INFO")
     if summary.error:
@@ -79,36 +74,76 @@ def _draw_capture(layout: Any, folder: str, context: Any) -> None:
         box.operator("frog.inspect_capture", text="Check Again", icon="FILE_REFRESH")
 
 
-def _draw_training(layout: Any, state: background.TrainingState, context: Any) -> None:
-    box = layout.box()
+def _draw_start(layout: Any, settings: Any, context: Any) -> None:
+    """What a training would take, and the buttons that begin one."""
+    if background.is_running():
+        return
+    summary = capture_summary.known(bpy.path.abspath(settings.capture_folder)) if settings.capture_folder else None
+    if summary is not None and summary.capture is not None:
+        sentence(layout, training_time.expected(settings, summary.capture), context, icon="TIME")
+    needed = preferences.torch_needed()
+    if needed:
+        sentence(layout, needed, context, icon="ERROR")
+    row = layout.row()
+    row.scale_y = 1.5
+    row.enabled = not needed
+    row.operator("frog.train", icon="PLAY")
+    if can_resume(settings):
+        row.operator("frog.train", text="Resume", icon="FRAME_NEXT").resume = True
+
+
+def _draw_training(layout: Any, task: background.TrainingTask, settings: Any, context: Any) -> None:
+    """The training that runs, or the last one that ran."""
+    box, state = layout.box(), task.state
+    _draw_progress(box, task, context)
+    _draw_figures(box, state, context)
+    if preview_picture.icon_id():
+        # As wide as the sidebar: the picture lies in a square of this many rows.
+        rows = context.region.width / (20 * context.preferences.system.ui_scale) - 3 if context.region else 8
+        box.template_icon(preview_picture.icon_id(), scale=min(max(rows, 6.0), 16.0))
     if state.running:
-        if state.stage:
-            box.progress(factor=state.fraction, text=state.stage)
+        box.prop(settings, "preview_camera")
+    for line in state.capacity:
+        sentence(box, line, context, icon="MOD_DECIM")
+    for warning in state.warnings[-3:]:
+        sentence(box, warning, context, icon="INFO")
+    if state.result is not None:
+        sentence(box, f"Saved: {state.result}", context, icon="FILE_TICK")
+
+
+def _draw_progress(box: Any, task: background.TrainingTask, context: Any) -> None:
+    """How far it is, or how it ended; and the buttons that hold and end it."""
+    state = task.state
+    if state.running:
+        text = state.stage or f"Step {state.step:,} of {state.steps:,}"
+        box.progress(factor=state.fraction, text=f"Paused: {text}" if task.paused else text)
+        row = box.row(align=True)
+        if task.paused:
+            row.operator("frog.resume_training", icon="PLAY")
         else:
-            box.progress(factor=state.fraction, text=f"Step {state.step:,} of {state.steps:,}")
+            row.operator("frog.pause_training", icon="PAUSE")
+        row.operator("frog.cancel_training", icon="CANCEL")
     elif state.error:
         sentence(box, state.error, context, icon="ERROR")
     elif state.cancelled:
-        box.label(text=f"Cancelled at step {state.step:,}.", icon="CANCEL")
+        text = f"Cancelled at step {state.step:,}." if state.step else "Cancelled before the first step."
+        box.label(text=text, icon="CANCEL")
     else:
         box.label(text=f"Finished in {duration(state.seconds)}.", icon="CHECKMARK")
+
+
+def _draw_figures(box: Any, state: background.TrainingState, context: Any) -> None:
     column = box.column(align=True)
     if state.running and not state.stage and state.step:
         column.label(text=f"Time left: {duration(state.seconds_left)}")
     if state.loss is not None:
         column.label(text=f"Loss: {state.loss:.4f}")
     if state.psnr is not None:
-        column.label(text=f"PSNR: {state.psnr:.2f} dB ({state.psnr_split or 'training'} views)")
+        sentence(column, f"PSNR: {state.psnr:.2f} dB ({state.psnr_split or 'training'} views)", context)
     if state.gaussians:
         still = state.gaussians - state.moving
         resting = f" ({state.moving:,} move)" if still and state.capacity else ""
         column.label(text=f"Gaussians: {state.gaussians:,}{resting}")
-    for line in state.capacity:
-        sentence(box, line, context, icon="MOD_DECIM")
-    for warning in state.warnings[-3:]:
-        sentence(box, warning, context, icon="INFO")
-    if state.running:
-        box.operator("frog.cancel_training", icon="CANCEL")
 
 
 _CLASSES = (FROG_PT_train, FROG_PT_train_advanced)

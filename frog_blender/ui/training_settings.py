@@ -17,6 +17,13 @@ RECIPES = (
 )
 
 
+DEVICES = (
+    ("auto", "Automatic", "The NVIDIA GPU where torch and FRoG can use one, else the processor"),
+    ("cpu", "CPU", "The processor, with all its cores"),
+    ("cuda", "CUDA", "The NVIDIA GPU; needs a torch with CUDA"),
+)
+
+
 CAPACITIES = (
     ("auto", "Automatic", "No more than the scene needs: what stands still gets no motion, files stay small"),
     ("fixed", "Fixed", "Every Gaussian can move, and every number is kept as it is"),
@@ -30,6 +37,21 @@ def _on_capture_folder(settings: Any, _context: Any) -> None:
     capture_summary.inspect(bpy.path.abspath(settings.capture_folder))
     if not settings.output_path and settings.capture_folder:
         settings.output_path = bpy.path.abspath(settings.capture_folder).rstrip("/\\") + ".frog"
+
+
+def _camera_names(settings: Any, _context: Any, text: str) -> list[str]:
+    """For the preview camera's search."""
+    from . import capture_summary
+
+    summary = capture_summary.known(bpy.path.abspath(settings.capture_folder))
+    return [name for name in summary.cameras if text.lower() in name.lower()] if summary else []
+
+
+def _on_preview_camera(settings: Any, _context: Any) -> None:
+    from .. import background
+
+    if background.current is not None:
+        background.current.control.preview_camera = settings.preview_camera
 
 
 class FrogTrainingSettings(bpy.types.PropertyGroup):
@@ -56,6 +78,19 @@ class FrogTrainingSettings(bpy.types.PropertyGroup):
     )
     recipe: EnumProperty(
         name="Recipe", description="How long and how large to train", items=RECIPES, default="standard"
+    )
+    device: EnumProperty(
+        name="Device",
+        description="What computes the training; the same scene comes out of either",
+        items=DEVICES,
+        default="auto",
+    )
+    preview_camera: StringProperty(
+        name="Preview",
+        description="Camera of the capture whose view is shown while training; empty for the first that is held out. "
+        "It can be changed while training",
+        search=_camera_names,
+        update=_on_preview_camera,
     )
     capacity: EnumProperty(
         name="Capacity",

@@ -145,12 +145,29 @@ def test_what_the_panel_asks_for(empty, tmp_path):
     settings = empty.frog
     settings.capture_folder, settings.output_path = str(tmp_path), str(tmp_path / "scene")
     request = request_of(settings)
-    assert (request.output, request.capacity, request.resume) == (tmp_path / "scene.frog", "auto", False)
+    assert (request.output, request.capacity, request.job["resume"]) == (tmp_path / "scene.frog", "auto", False)
     assert not can_resume(settings)
     (tmp_path / "scene.frog.checkpoint").write_bytes(b"x")
-    assert can_resume(settings) and request_of(settings, resume=True).resume
-    settings.capacity = "fixed"
-    assert request_of(settings).capacity == "fixed"
+    assert can_resume(settings) and request_of(settings, resume=True).job["resume"]
+    settings.capacity, settings.device, settings.preview_camera = "fixed", "cpu", "cam02"
+    request = request_of(settings)
+    assert (request.capacity, request.job["device"], request.job["preview_camera"]) == ("fixed", "cpu", "cam02")
+
+
+def test_a_request_names_what_the_engine_knows(empty, tmp_path):
+    pytest.importorskip("torch")
+    from dataclasses import fields
+
+    from frog_blender.engine.training.device import DEVICES
+    from frog_blender.engine.training.job import TrainingJob
+    from frog_blender.engine.training.recipe import RECIPES
+    from frog_blender.operators.train import request_of
+    from frog_blender.ui import training_settings
+
+    empty.frog.capture_folder = str(tmp_path)
+    assert set(request_of(empty.frog).job) <= {field.name for field in fields(TrainingJob)}
+    assert [name for name, *_ in training_settings.DEVICES] == list(DEVICES)
+    assert {name for name, *_ in training_settings.RECIPES} <= set(RECIPES)
 
 
 def test_resuming_what_is_no_checkpoint_is_one_sentence(empty, tmp_path):

@@ -119,8 +119,7 @@ def ablation_variants(base: Recipe, kinds: Sequence[str]) -> dict[str, dict[str,
     Raises:
         FrogError: for an ablation that does not exist.
     """
-    from ..model.fusion import FUSIONS
-    from ..model.opacity import FORMS
+    from ..model.choices import FORMS, FUSIONS
     from ..training.recipe import SAMPLINGS
 
     reduced = base.opacity_reduction if base.opacity_reduction != "off" else "unit"

@@ -4,10 +4,6 @@ from __future__ import annotations
 
 import torch
 
-FUSIONS = ("product", "add", "concat", "attention", "coarse", "fine", "dual")
-"""``product`` is FRoG's t_c * t_f, ``dual`` E-D3DGS's late fusion: two networks whose changes add up. The paper does
-not write out its attention; here a small layer scores each embedding and a softmax over the scores weighs them."""
-
 
 def network_count(form: str) -> int:
     """Networks that a form needs."""
@@ -25,7 +21,7 @@ def fuse(
     """(networks, fused size) what the networks are given at a moment.
 
     Args:
-        form: one of FUSIONS.
+        form: one of choices.FUSIONS.
         coarse, fine: (T,) embeddings of the moment.
         attention: weight (A, T) and query (A,): the score of t is query . tanh(weight t).
     """

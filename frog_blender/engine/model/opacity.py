@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import torch
 
-FORMS = ("paper", "unit", "off")
-
 
 def reduction_factor(d_opacity: torch.Tensor, form: str, sharpness: float, share: float = 1.0) -> torch.Tensor:
     """(N,) factor in (0, 1] on the deformed opacity.

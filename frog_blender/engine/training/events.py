@@ -27,6 +27,8 @@ class Started:
     gaussians: int
     device: str = "cpu"
     """"cpu" or "cuda"."""
+    pixels: int = 0
+    """Of a picture, in the mean over the cameras."""
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,9 @@ from ..errors import FrogError, found_instead
 from ..files import remove_unfinished
 from . import events
 from .checkpoint import checkpoint_path, checkpoint_settings, load_checkpoint
+from .control import Control
 from .device import choose_device
+from .estimate import pixels_of, usual_scale
 from .events import Event
 from .loop import KEPT, train
 from .methods import method_named
@@ -51,6 +53,8 @@ class TrainingJob:
             own split).
         evaluated_shots: pictures that each evaluation on the way looks at, at most.
         save_seconds: between checkpoints; what a killed training loses at most.
+        preview_camera: whose view the previews show, see ``preview.watched_shot``.
+        preview_seconds: between previews, at most; every tenth of the training has one besides.
     """
 
     capture: Path
@@ -70,9 +74,8 @@ class TrainingJob:
     opened: Capture | None = None
     evaluated_shots: int = 6
     save_seconds: float = 180.0
-
-
-_LARGEST_SIDE = 1600
+    preview_camera: str | None = None
+    preview_seconds: float = 10.0
 
 
 def prepare_capture(
@@ -89,7 +92,7 @@ def prepare_capture(
     """
     capture = opened if opened is not None else open_capture(Path(path), pixel_offsets=pixel_offsets)
     if scale is None:
-        scale = min(1.0, _LARGEST_SIDE / max(max(c.width, c.height) for c in capture.cameras))
+        scale = usual_scale(capture.cameras)
     if scale != 1.0:
         capture = capture.scaled(scale)
     if holdout_frames is not None:
@@ -101,7 +104,11 @@ def run_training(job: TrainingJob, cancelled: Callable[[], bool] = lambda: False
     """Trains, yielding events; the last is Finished or Cancelled. FrogError for what the user can mend.
 
     Cancelling keeps what was learned: a scene that plays and a checkpoint that resumes.
+
+    Args:
+        cancelled: asked between steps; a ``Control`` can pause as well.
     """
+    control = Control.of(cancelled)
     adapted = method_named(job.method).adapt(job.recipe)
     _check_output(job.output)
     if job.resume and not checkpoint_path(job.output).is_file():  # said before minutes of decoding
@@ -114,16 +121,16 @@ def run_training(job: TrainingJob, cancelled: Callable[[], bool] = lambda: False
     device, left_aside = choose_device(job.device)
     for warning in (*capture.warnings, *([left_aside] if left_aside else [])):
         yield events.Warned(warning)
-    if cancelled():
+    if control():
         yield events.Cancelled(0, None)
         return
     store = yield from _in_background(
-        "Decoding frames", lambda report: FrameStore.open(capture, progress=report, cancelled=cancelled), cancelled
+        "Decoding frames", lambda report: FrameStore.open(capture, progress=report, cancelled=control), control
     )
     seeds = None
     if store is not None:
         seeds = yield from _in_background(
-            "Finding seed points", lambda report: _seeds(job, capture, store, report), cancelled
+            "Finding seed points", lambda report: _seeds(job, capture, store, report), control
         )
     if store is None or seeds is None:
         yield events.Cancelled(0, None)
@@ -134,8 +141,9 @@ def run_training(job: TrainingJob, cancelled: Callable[[], bool] = lambda: False
         load_checkpoint(checkpoint_path(job.output), trainer)
     check_budget(job, trainer, scale)
     counts = (len(capture.cameras), capture.frame_count, trainer.count)
-    yield events.Started(job.method, limits.steps, *counts, device.type)
-    yield from train(job, trainer, scale, cancelled)
+    pixels = round(pixels_of(capture.cameras))
+    yield events.Started(job.method, limits.steps, *counts, device.type, pixels)
+    yield from train(job, trainer, scale, control)
 
 
 def _seeds(job: TrainingJob, capture: Capture, store: FrameStore, report: Callable[[int, int], None]) -> Seeds:

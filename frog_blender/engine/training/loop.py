@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING, Any
 from ..capacity_report import reduction_line
 from ..errors import FrogError
 from ..files import write_atomically
-from ..inference.draw import to_uint8
 from . import events
 from .capacity_picture import capacity_picture
+from .control import Control
+from .estimate import Workload
 from .events import Event
+from .preview import Previews, watched_shot
 from .recovery import Recovery
 from .rescue import Checkpoints, save_somewhere
 from .running_loss import Unstable
@@ -30,13 +32,13 @@ KEPT = ("seed", "scale", "holdout_frames", "pixel_offsets", "lossless", "max_byt
 """Fields of a job that a resume takes over."""
 
 
-def train(job: TrainingJob, trainer: Trainer, scale: float, cancelled: Callable[[], bool]) -> Iterator[Event]:
-    """Trains from where ``trainer`` stands to its end, or until ``cancelled``, and saves; see ``job.run_training``."""
-    preview_shot = next((i for i, s in enumerate(trainer.capture.shots) if trainer.capture.is_test(s)), 0)
+def train(job: TrainingJob, trainer: Trainer, scale: float, control: Control) -> Iterator[Event]:
+    """Trains from where ``trainer`` stands to its end, or until ``control`` says so, and saves; see
+    ``job.run_training``."""
     checkpoints = Checkpoints(job, _settings(job))
     recovery = Recovery(trainer, checkpoints.settings)
     try:
-        yield from _steps(job, trainer, recovery, checkpoints, cancelled, preview_shot)
+        yield from _steps(job, trainer, recovery, checkpoints, control)
     except Exception:
         checkpoints.keep(recovery.state)
         raise
@@ -53,26 +55,23 @@ def train(job: TrainingJob, trainer: Trainer, scale: float, cancelled: Callable[
     if trainer.finished:
         figures = (trainer.step_count, trainer.seconds, psnr, trainer.count)
         if trainer.parsimony:
-            yield from _capacity_picture(place, trainer, preview_shot)
+            yield from _capacity_picture(place, trainer, watched_shot(trainer.capture) or 0)
         yield events.Finished(str(place), *figures, scene.header.capacity)
     else:
         yield events.Cancelled(trainer.step_count, str(place))
 
 
 def _steps(
-    job: TrainingJob,
-    trainer: Trainer,
-    recovery: Recovery,
-    checkpoints: Checkpoints,
-    cancelled: Callable[[], bool],
-    preview_shot: int,
+    job: TrainingJob, trainer: Trainer, recovery: Recovery, checkpoints: Checkpoints, control: Control
 ) -> Iterator[Event]:
     last_event = last_save = time.monotonic()
     evaluated = int(trainer.progress * _EVALUATIONS)
-    while not trainer.finished and not cancelled():
+    previews, work = Previews(job, control), Workload.of(trainer.capture, trainer.recipe, trainer.limits.steps)
+    while not trainer.finished and not control():
         try:
             trainer.step()
-            saving = time.monotonic() - last_save >= job.save_seconds
+            # Before a pause, which may last for days, what was learned goes to disk.
+            saving = control.paused or time.monotonic() - last_save >= job.save_seconds
             if trainer.finished or int(trainer.progress * _EVALUATIONS) > evaluated:
                 recovery.remember(trainer)
             elif saving:
@@ -83,14 +82,16 @@ def _steps(
             continue
         yield from _reductions(trainer)
         now = time.monotonic()
-        if now - last_event >= _EVENT_SECONDS or trainer.finished:
+        if now - last_event >= _EVENT_SECONDS or trainer.finished or saving:
             last_event = now
-            yield _progress_event(trainer)
-        if int(trainer.progress * _EVALUATIONS) > evaluated and not trainer.finished:
+            yield _progress_event(trainer, work)
+        a_tenth = int(trainer.progress * _EVALUATIONS) > evaluated and not trainer.finished
+        if a_tenth:
             evaluated = int(trainer.progress * _EVALUATIONS)
             psnr, split = trainer.evaluate(job.evaluated_shots)
             yield events.Evaluated(trainer.step_count, psnr, split, trainer.seconds)
-            yield events.Preview(trainer.step_count, to_uint8(trainer.picture(preview_shot)))
+        if a_tenth or (previews.due and not trainer.finished):
+            yield from previews.draw(trainer)
         if saving:
             yield from checkpoints.save(trainer)
             last_save = time.monotonic()
@@ -116,13 +117,15 @@ def _reductions(trainer: Trainer) -> Iterator[Event]:
         yield events.Reduced(trainer.step_count, reduction_line(asdict(reduction)))
 
 
-def _progress_event(trainer: Trainer) -> events.Progress:
+def _progress_event(trainer: Trainer, work: Workload) -> events.Progress:
     share = max(trainer.progress, 1e-9)
+    # Late steps are dearer than early ones, unless the training is limited by time itself.
+    done = share if trainer.limits.seconds else work.share_done(share)
     return events.Progress(
         trainer.step_count,
         trainer.limits.steps or round(trainer.step_count / share),
         trainer.seconds,
-        trainer.seconds * (1 - share) / share,
+        trainer.seconds * (1 - done) / done,
         trainer.loss,
         trainer.count,
         trainer.model.canonical.moving,

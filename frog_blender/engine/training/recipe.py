@@ -7,8 +7,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from ..errors import FrogError
-from ..model.fusion import FUSIONS
-from ..model.opacity import FORMS
+from ..model.choices import FORMS, FUSIONS
 
 SAMPLINGS = ("anchors", "inverse", "off")
 _MOST_COARSE_ROWS = 30
@@ -29,7 +28,7 @@ class Recipe:
         capacity: "auto" leaves a scene no more than it needs (see training.parsimony), "fixed" what it has.
         dynamic_share: with "auto", the share of the Gaussians that may move at most, whatever that costs; 0 for as many
             as have to.
-        fusion: of the temporal embeddings, see model.fusion.FUSIONS (FRoG, section on early fusion; its table compares
+        fusion: of the temporal embeddings, see model.choices.FUSIONS (FRoG, section on early fusion; its table compares
             them).
         embedding_size, temporal_size, hidden_width, head_width, deformed_sh, deformed_opacity: see model.frog.
         modulation: see model.deformation; the papers have none.

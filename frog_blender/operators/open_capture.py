@@ -1,0 +1,132 @@
+"""Naming the capture to train from: its videos dropped into a window, or its folder in File > Import."""
+
+# mypy: disable-error-code="valid-type"
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+from bpy.props import BoolProperty, CollectionProperty, StringProperty
+
+from ..engine.capture.video import VIDEO_SUFFIXES
+from ..engine.errors import FrogError, found_instead
+from ..ui import capture_summary, preferences
+
+
+class FROG_OT_drop_videos(bpy.types.Operator):
+    """Name the capture that these videos belong to as the one to train from, and say what it holds"""
+
+    bl_idname = "frog.drop_videos"
+    bl_label = "FRoG Capture of These Videos"
+    bl_options = {"REGISTER", "UNDO", "INTERNAL"}
+
+    directory: StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})
+    files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"})
+
+    def execute(self, context: Any) -> set[str]:
+        videos = [Path(self.directory) / file.name for file in self.files]
+        return _open(self, context, lambda: capture_of(videos))
+
+
+class FROG_FH_videos(bpy.types.FileHandler):
+    """Lets the videos of a capture be dropped into a 3D viewport."""
+
+    bl_idname = "FROG_FH_videos"
+    bl_label = "FRoG Capture"
+    bl_import_operator = "frog.drop_videos"
+    bl_file_extensions = ";".join(sorted(VIDEO_SUFFIXES))
+
+    @classmethod
+    def poll_drop(cls, context: Any) -> bool:
+        return context.area is not None and context.area.type == "VIEW_3D"
+
+
+class FROG_OT_import_capture(bpy.types.Operator):
+    """Choose the folder with the videos or pictures to train from; the Train panel then says what it holds"""
+
+    bl_idname = "import_scene.frog_capture"
+    bl_label = "Open FRoG Capture"
+    bl_options = {"REGISTER", "UNDO"}
+
+    directory: StringProperty(
+        name="Capture",
+        description="Folder with the videos or pictures and the cameras that filmed them",
+        subtype="DIR_PATH",
+        options={"SKIP_SAVE"},
+    )
+    filter_folder: BoolProperty(default=True, options={"HIDDEN", "SKIP_SAVE"})
+    filter_movie: BoolProperty(default=True, options={"HIDDEN", "SKIP_SAVE"})
+
+    def invoke(self, context: Any, _event: Any) -> set[str]:
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context: Any) -> set[str]:
+        return _open(self, context, lambda: Path(bpy.path.abspath(self.directory)))
+
+
+def capture_of(videos: list[Path]) -> Path:
+    """The folder of the capture that has these videos; FrogError, saying what is missing, where there is none."""
+    from ..engine.capture.readers import detect
+
+    if not videos:
+        raise FrogError("No video was dropped: expected the videos of one capture.")
+    folders = {video.parent for video in videos}
+    if len(folders) > 1:
+        raise FrogError(f"The videos lie in {len(folders)} folders, expected those of one capture: one folder.")
+    (folder,) = folders
+    try:
+        detect(folder)
+    except FrogError as error:
+        found = f"{len(videos)} videos without cameras" if len(videos) > 1 else "a video without cameras"
+        expected = "beside it" if len(videos) == 1 else "beside them"
+        expected += " a file that says where each camera stood: poses_bounds.npy (N3DV), cameras_opencv.json (OpenCV)"
+        raise found_instead(folder, found, f"{expected} or NAME.qca.txt (Qualisys)") from error
+    return folder
+
+
+def _open(operator: Any, context: Any, find: Any) -> set[str]:
+    """Makes what ``find`` finds the scene's capture and says what it is; an error changes nothing."""
+    preferences.add_environment()  # OpenCV, which reads videos, may be there
+    try:
+        folder = find()
+        summary = capture_summary.inspect(str(folder))
+        if summary.error:
+            raise FrogError(summary.error)
+    except FrogError as error:
+        operator.report({"ERROR"}, str(error))
+        return {"CANCELLED"}
+    context.scene.frog.capture_folder = str(folder)
+    operator.report({"INFO"}, f"{folder.name}: {'; '.join(summary.lines)}")
+    _show_panel(context)
+    return {"FINISHED"}
+
+
+def _show_panel(context: Any) -> None:
+    """The sidebar's tab FRoG, where the capture was dropped."""
+    area = context.area
+    if area is None or area.type != "VIEW_3D":
+        return
+    area.spaces.active.show_region_ui = True
+    for region in area.regions:
+        if region.type == "UI" and region.width > 1:  # one that was never drawn has no tabs yet
+            region.active_panel_category = "FRoG"
+
+
+def _menu(self: Any, _context: Any) -> None:
+    self.layout.operator(FROG_OT_import_capture.bl_idname, text="FRoG Capture (folder)")
+
+
+_CLASSES = (FROG_OT_drop_videos, FROG_FH_videos, FROG_OT_import_capture)
+
+
+def register() -> None:
+    for cls in _CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.types.TOPBAR_MT_file_import.append(_menu)
+
+
+def unregister() -> None:
+    bpy.types.TOPBAR_MT_file_import.remove(_menu)
+    for cls in reversed(_CLASSES):
+        bpy.utils.unregister_class(cls)

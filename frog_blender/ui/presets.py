@@ -1,0 +1,60 @@
+"""Presets of the training's settings: kept, listed and run by Blender, as its own panels' are."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+from bl_operators.presets import AddPresetBase
+from bl_ui.utils import PresetPanel
+
+SUBFOLDER = "frog_blender/training"
+KEPT = ("recipe", "device", "capacity", "steps", "image_scale", "holdout_frames", "import_when_done")
+"""Of ``Scene.frog``: what says how to train, and nothing that belongs to one capture."""
+
+
+class FROG_MT_training_presets(bpy.types.Menu):
+    """Settings of trainings that were kept."""
+
+    bl_label = "Training Presets"
+    preset_subdir = SUBFOLDER
+    preset_operator = "script.execute_preset"
+    draw = bpy.types.Menu.draw_preset
+
+
+class FROG_OT_training_preset_add(AddPresetBase, bpy.types.Operator):
+    """Keep the training settings under a name, or remove the preset that is chosen"""
+
+    bl_idname = "frog.training_preset_add"
+    bl_label = "Add Training Preset"
+    preset_menu = "FROG_MT_training_presets"
+    preset_subdir = SUBFOLDER
+    preset_defines = ("settings = bpy.context.scene.frog",)
+    preset_values = tuple(f"settings.{name}" for name in KEPT)
+
+
+class FROG_PT_training_presets(PresetPanel, bpy.types.Panel):
+    """The list behind the button in the panel's header."""
+
+    bl_label = "Training Presets"
+    preset_subdir = SUBFOLDER
+    preset_operator = "script.execute_preset"
+    preset_add_operator = "frog.training_preset_add"
+
+
+def draw_button(panel: Any) -> None:
+    """In a panel's header."""
+    FROG_PT_training_presets.draw_panel_header(panel.layout)
+
+
+_CLASSES = (FROG_MT_training_presets, FROG_OT_training_preset_add, FROG_PT_training_presets)
+
+
+def register() -> None:
+    for cls in _CLASSES:
+        bpy.utils.register_class(cls)
+
+
+def unregister() -> None:
+    for cls in reversed(_CLASSES):
+        bpy.utils.unregister_class(cls)

@@ -1,0 +1,17 @@
+"""How long the panel's training would take, in a few words."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..engine.capture.capture import Capture
+
+
+def expected(settings: Any, capture: Capture) -> str:
+    """For ``Scene.frog`` and the capture it names. Neither decodes nor imports torch."""
+    from ..engine.training.estimate import Workload, estimate, likely_device, usual_scale
+    from ..engine.training.recipe import recipe
+
+    scale = settings.image_scale or usual_scale(capture.cameras)
+    work = Workload.of(capture, recipe(settings.recipe), settings.steps or None, scale)
+    return f"{estimate(work, likely_device(settings.device))}."

@@ -1,0 +1,116 @@
+"""A training that is held: it waits without working, goes on, and ends whenever it is asked to."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import bpy
+import pytest
+
+from frog_blender import background
+from frog_blender.engine.training import events
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+class Steps:
+    """An endless source that counts what it did, and says when it waits."""
+
+    def __init__(self):
+        self.done, self.asked = 0, threading.Event()
+
+    def __call__(self, control):
+        while True:
+            if control.paused:
+                self.asked.set()  # the next thing it does is to wait
+            if control():
+                break
+            self.done += 1
+            yield events.Progress(self.done, 1000, 0.1, 0.1, 0.5, 10)
+            threading.Event().wait(0.001)
+        yield events.Cancelled(self.done, None)
+
+
+@pytest.fixture
+def held(addon):
+    """(task, source) of a training that was paused and waits."""
+    source = Steps()
+    task = background.begin(source)
+    assert bpy.ops.frog.pause_training() == {"FINISHED"}
+    assert source.asked.wait(20.0)
+    yield task, source
+    task.cancel()
+    assert task.join(20.0)
+    while task.pump():
+        pass
+
+
+def ended(task):
+    assert task.join(20.0)
+    while task.pump():
+        pass
+    assert not task.state.running and task.state.cancelled and not background.is_running()
+
+
+def test_a_paused_training_does_nothing_and_goes_on(held):
+    task, source = held
+    assert background.is_paused() and task.paused and background.is_running()
+    done = source.done
+    threading.Event().wait(0.1)
+    assert source.done == done
+    assert not bpy.ops.frog.pause_training.poll() and bpy.ops.frog.resume_training.poll()
+    assert bpy.ops.frog.resume_training() == {"FINISHED"}
+    assert not background.is_paused()
+    while source.done == done:
+        threading.Event().wait(0.005)
+    assert not bpy.ops.frog.resume_training.poll() and bpy.ops.frog.pause_training.poll()
+
+
+def test_cancelled_while_paused(held):
+    task, _ = held
+    assert bpy.ops.frog.cancel_training() == {"FINISHED"}
+    ended(task)
+    assert not task.paused and not bpy.ops.frog.pause_training.poll()
+
+
+def test_another_file_while_paused(held):
+    task, _ = held
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    ended(task)
+
+
+def test_switched_off_while_paused(addon, held):
+    task, _ = held
+    addon.unregister()
+    try:
+        assert task.join(0.0) and background.current is None
+        assert not bpy.app.timers.is_registered(background._tick)
+    finally:
+        addon.register()
+
+
+@pytest.mark.parametrize("orderly", [True, False])
+def test_leaving_while_paused_does_not_hang(orderly):
+    if bpy.app.binary_path:
+        pytest.skip("a real Blender runs no second interpreter with bpy")
+    code = f"""
+import sys; sys.path[:0] = [{str(ROOT)!r}]
+import threading, bpy, frog_blender
+frog_blender.register()
+from frog_blender import background
+waits = threading.Event()
+def source(control):
+    waits.set()
+    while not control():
+        pass
+    print("ended", flush=True)
+    yield from ()
+background.begin(source).control.pause()
+assert waits.wait(20)
+{"frog_blender.unregister()" if orderly else "bpy.app.handlers.load_pre.clear()"}
+"""
+    left = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (left.returncode, left.stdout.strip()) == (0, "ended"), left.stderr
