@@ -84,7 +84,7 @@ def _heads(scene: PlayableScene) -> list[str]:
 
 
 def open_evaluated(scene: PlayableScene, capture_path: Path) -> tuple[Any, FrameStore]:
-    """The capture as the scene saw it (size, offsets), and its frames. FrogError when it is another capture."""
+    """The capture as the scene saw it (size, offsets, poses), and its frames. FrogError when it is another capture."""
     header = scene.header
     capture = open_capture(capture_path, pixel_offsets=header.pixel_offsets or None)
     if header.scale != 1.0:
@@ -96,7 +96,8 @@ def open_evaluated(scene: PlayableScene, capture_path: Path) -> tuple[Any, Frame
             f"{capture_path}: found {len(capture.cameras)} cameras and {capture.frame_count} frames, expected the "
             f"{len(header.cameras)} cameras and {header.frame_count} frames that the scene was trained on."
         )
-    return capture, FrameStore.open(capture)
+    seen = capture.with_cameras(header.cameras)  # their poses may have been refined in training
+    return seen, FrameStore.open(capture)
 
 
 def evaluate_file(

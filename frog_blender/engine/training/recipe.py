@@ -44,6 +44,8 @@ class Recipe:
         warm_up: fraction of training without deformation.
         mean_rate ... grid_rate: Adam rates at the start; means, embedding, network, grid and temporal rates decay
             exponentially by ``rate_decay`` to the end, the others by ``attribute_decay``.
+        pose_reach, pose_from: how far a training camera's pose may go in a training, as a share of its picture's width,
+            and the fraction of training at which it begins (see training.poses); the papers take poses as they are.
         dssim_weight: of (1 - SSIM) / 2, for ``dssim_burst`` of every ``dssim_period`` steps after ``dssim_from``
             (FRoG, section on optimisation: 5 of 50 after an eighth of the training).
         smoothness_weight, smoothness_neighbours, smoothness_falloff: embedding smoothness; the falloff (the paper's
@@ -106,6 +108,8 @@ class Recipe:
     grid_rate: float = 1e-2
     rate_decay: float = 0.1
     attribute_decay: float = 0.2
+    pose_reach: float = 0.01
+    pose_from: float = 0.05
     dssim_weight: float = 0.2
     dssim_from: float = 0.125
     dssim_burst: int = 5
@@ -204,6 +208,7 @@ _PAPER = Recipe(
     opacity_ramp=(0.0625, 0.075),
     mean_rate=4e-5,
     scale_rate=5e-3,
+    pose_reach=0.0,
     dssim_weight=1.0,
     densify_from=0.0625,
     densify_until=0.95,
