@@ -96,19 +96,19 @@ def _draw_training(layout: Any, task: background.TrainingTask, settings: Any, co
     """The training that runs, or the last one that ran."""
     box, state = layout.box(), task.state
     _draw_progress(box, task, context)
+    if state.result is not None:
+        sentence(box, f"Saved: {state.result}", context, icon="FILE_TICK")
     _draw_figures(box, state, context)
+    for line in state.capacity:
+        sentence(box, line, context, icon="MOD_DECIM")
+    for warning in state.warnings[-3:]:
+        sentence(box, warning, context, icon="INFO")
     if preview_picture.icon_id():
         # As wide as the sidebar: the picture lies in a square of this many rows.
         rows = context.region.width / (20 * context.preferences.system.ui_scale) - 3 if context.region else 8
         box.template_icon(preview_picture.icon_id(), scale=min(max(rows, 6.0), 16.0))
     if state.running:
         box.prop(settings, "preview_camera")
-    for line in state.capacity:
-        sentence(box, line, context, icon="MOD_DECIM")
-    for warning in state.warnings[-3:]:
-        sentence(box, warning, context, icon="INFO")
-    if state.result is not None:
-        sentence(box, f"Saved: {state.result}", context, icon="FILE_TICK")
 
 
 def _draw_progress(box: Any, task: background.TrainingTask, context: Any) -> None:
