@@ -14,15 +14,14 @@ import numpy as np
 
 from . import carrier, index_pass, playback, vector_pass
 from .blender_camera import distance_added, engine_camera
-from .colors import picture_to_linear, to_display, to_linear
+from .colors import to_display
 from .engine.errors import FrogError
 from .holdout import depth_of_objects
+from .pixel_passes import combined_pass, depth_pass, pass_pixels
 
 if TYPE_CHECKING:
-    from .engine.inference.draw import Drawing
     from .engine.rasterizer.arrays import GaussianArrays
 
-NO_SURFACE = 1e10  # Blender's depth where nothing was hit
 SHUTTER_SAMPLES = 16  # moments that motion blur averages
 
 
@@ -63,8 +62,8 @@ class FrogRenderEngine(bpy.types.RenderEngine):
         result = self.begin_result(0, 0, width, height, layer=depsgraph.view_layer.name)
         for render_pass in result.layers[0].passes:
             values = values_of.get(render_pass.name)
-            if values is not None:  # rows of a pass go from bottom to top; only a 1-D float32 array is copied at once
-                render_pass.rect.foreach_set(np.ascontiguousarray(values[::-1], dtype=np.float32).ravel())
+            if values is not None:
+                render_pass.rect.foreach_set(pass_pixels(values))
         self.end_result(result)
         self.update_progress(1.0)
 
@@ -217,39 +216,6 @@ def joined(parts: list[GaussianArrays]) -> GaussianArrays:
     plain = ("means", "quaternions", "scales", "opacities")
     together = {name: np.concatenate([getattr(part, name) for part in parts]) for name in plain}
     return GaussianArrays(**together, sh=np.ascontiguousarray(np.concatenate(sh)))
-
-
-def combined_pass(drawing: Drawing | None, background: np.ndarray | None, width: int, height: int) -> np.ndarray:
-    """(H, W, 4) scene-linear premultiplied colour over a display-referred background (3,), None for transparent."""
-    combined = np.empty((height, width, 4), np.float32)
-    if drawing is None:
-        color, alpha = np.zeros((height, width, 3), np.float32), np.zeros((height, width, 1), np.float32)
-    else:
-        color, alpha = drawing.rgb, np.clip(drawing.alpha, 0.0, 1.0)[..., None]
-    if background is not None:
-        # Over in display space, which is how the scene was trained, so partly covered pixels look as they did there.
-        brightest = max(1.0, float(background.max()))
-        over = (1.0 - alpha) * background.astype(np.float32)
-        over += color
-        np.clip(over, 0.0, brightest, out=over)
-        combined[..., :3] = picture_to_linear(over) if brightest == 1.0 else to_linear(over)
-        combined[..., 3] = 1.0
-    else:
-        straight = color / np.maximum(alpha, 1e-6)
-        np.clip(straight, 0.0, 1.0, out=straight)
-        np.multiply(picture_to_linear(straight), alpha, out=combined[..., :3])
-        combined[..., 3:] = alpha
-    return combined
-
-
-def depth_pass(drawing: Drawing | None, width: int, height: int, added: float = 0.0) -> np.ndarray:
-    """(H, W) planar distance of the median surface in world units, NO_SURFACE where there is none.
-
-    ``added`` is how much further back the drawing's camera stood than Blender's.
-    """
-    if drawing is None:
-        return np.full((height, width), NO_SURFACE, np.float32)
-    return np.where(np.isfinite(drawing.median_z), drawing.median_z - added, NO_SURFACE).astype(np.float32)
 
 
 def background_of(scene: Any, captured: np.ndarray) -> np.ndarray | None:

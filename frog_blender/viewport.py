@@ -89,7 +89,7 @@ def draw_view(
         background: (3,) display-referred, or None for transparent.
     """
     from .engine.inference.draw import draw
-    from .render_engine import combined_pass
+    from .pixel_passes import combined_pass
 
     started = time.perf_counter()
     step = viewport.step_for(key, *size, started)
