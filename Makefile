@@ -13,7 +13,7 @@ NATIVE := $(wildcard frog_blender/engine/rasterizer/src/* frog_blender/engine/ra
 # The CUDA run-time compiler, for tests that compile every kernel; there is none for macOS.
 NVRTC := $(if $(filter Darwin,$(shell uname)),,nvidia-cuda-nvrtc-cu12)
 
-.PHONY: demo chart stability test test-slow test-sanitizers test-blender lint format extension clean setup
+.PHONY: demo chart stability test test-slow test-sanitizers test-blender tour lint format extension clean setup
 
 setup: $(VENV)/.ready
 
@@ -79,6 +79,16 @@ test-sanitizers: setup
 test-blender: setup
 	@test -n "$(FROG_BLENDER)" || { echo "FROG_BLENDER is not set: name the blender to test in"; exit 1; }
 	$(FROG_BLENDER) -b --factory-startup --python tests/blender/run_in_blender.py
+
+# A walk through the add-on in a window, with a screenshot of each step: make tour BLENDER=/path/to/blender OUT=dir
+# The Blender's Python needs torch and OpenCV. TOUR_FLAGS is for the script, such as TOUR_FLAGS="--steps 600".
+BLENDER ?= blender
+TOUR_FLAGS ?=
+tour: TOUR_OUT := $(abspath $(if $(filter command line environment,$(origin OUT)),$(OUT),out/tour))
+tour: setup
+	mkdir -p $(TOUR_OUT)
+	BLENDER_USER_RESOURCES=$(TOUR_OUT)/user $(BLENDER) --factory-startup --window-geometry 0 0 1280 720 \
+		--python-exit-code 1 --python tools/window_tour.py -- $(TOUR_OUT) $(TOUR_FLAGS)
 
 lint: setup
 	$(BIN)/ruff check .
