@@ -47,8 +47,8 @@ def state_of(trainer: Trainer, settings: dict[str, Any] | None = None) -> State:
     if trainer.poses:
         poses = [camera.world_to_camera for camera in trainer.capture.cameras]
         tensors["poses"] = torch.from_numpy(np.stack(poses))
-        tensors["poses.moments"] = torch.from_numpy(trainer.poses.moments)
-        tensors["poses.drawn"] = torch.from_numpy(trainer.poses.drawn)
+        for name in ("moments", "drawn", "uneven"):
+            tensors[f"poses.{name}"] = torch.from_numpy(getattr(trainer.poses, name))
     if trainer.parsimony:
         tensors["removed"] = torch.from_numpy(trainer.parsimony.removed)
     if trainer.neighbourhood is not None:
@@ -161,7 +161,7 @@ def restore(trainer: Trainer, state: State) -> None:
     trainer.generator.set_state(tensors["random"])
     trainer.regions.errors = [tensors[f"regions.{camera}"] for camera in range(len(trainer.capture.cameras))]
     if trainer.poses:
-        trainer.poses.resume(arrays["poses"], arrays["poses.moments"], arrays["poses.drawn"])
+        trainer.poses.resume(arrays["poses"], *(arrays[f"poses.{name}"] for name in ("moments", "drawn", "uneven")))
         trainer.capture = trainer.poses.capture
     trainer.neighbourhood = None
     if "neighbourhood.anchors" in tensors:

@@ -17,7 +17,7 @@ class PoseRefinement:
     """Turns and moves the training cameras of a rig, a little at every step that draws one.
 
     The world moves before a camera rather than the camera in the world: by a turn about the scene's centre and a
-    shift. What all cameras have in common is taken out of every step: the whole rig neither turns, moves nor grows, so
+    shift. What all cameras have in common is taken out again: the whole rig neither turns, moves nor grows, so
     that the scene stays where the cameras that judge, which are never moved, see it. A single moving camera stays as it
     was measured too, since its withheld moments have no pose but that.
 
@@ -25,6 +25,7 @@ class PoseRefinement:
         capture: the capture with its cameras as they stand now.
         moments: (2, C, 6) Adam's memory of the gradients by camera: three of turning, three of moving.
         drawn: (C, 2) steps that drew each camera, and the training's progress at the last of them.
+        uneven: (C, 6) what each was moved by since the common part was taken out.
 
     Args:
         capture: as it was opened.
@@ -39,6 +40,7 @@ class PoseRefinement:
         self._moved = np.array(sorted({shot.camera for shot in capture.train_shots}))
         self._moved = self._moved[[capture.cameras[i].name not in capture.test_cameras for i in self._moved]]
         self.moments = np.zeros((2, len(capture.cameras), 6))
+        self.uneven = np.zeros((len(capture.cameras), 6))
         self._arriving: tuple[int, OnItsWay, float] | None = None
         self.drawn = np.tile([0.0, recipe.pose_from], (len(capture.cameras), 1))
 
@@ -83,10 +85,22 @@ class PoseRefinement:
         direction = (first / (1 - _MOMENTUM**count)) / (np.sqrt(second / (1 - _MEMORY**count)) + _TINY)
         width = camera.width / camera.intrinsics[0, 0]  # of the picture, radians
         length = self._recipe.pose_reach * width * 2 * (1 - progress) * (progress - before)
-        turns, shifts = np.zeros((2, len(self._moved), 3))
-        place = int(np.searchsorted(self._moved, index))
-        turns[place], shifts[place] = -length * direction[:3], -length * self._distance * direction[3:]
-        self._move(turns - turns.mean(axis=0), self._without_growth(shifts - shifts.mean(axis=0)))
+        change = -length * direction * np.repeat([1.0, self._distance], 3)
+        self._move({index: change})
+        self.uneven[index] += change
+        if self.drawn[:, 0].sum() % len(self._moved) == 0:
+            self._even_out()
+
+    def _even_out(self) -> None:
+        """Takes back what all cameras did in common since it was last taken back."""
+        changes = self.uneven[self._moved]
+        own = changes - changes.mean(axis=0)
+        centers = np.array([self.capture.cameras[index].center for index in self._moved])
+        centers -= centers.mean(axis=0)
+        growth = (own[:, 3:] * centers).sum() / max((centers**2).sum(), _TINY)  # all nearer to the middle, or away
+        own[:, 3:] -= growth * centers
+        self._move(dict(zip(self._moved.tolist(), own - changes, strict=True)))
+        self.uneven[:] = 0.0
 
     def _slope(self, camera: Camera, gradient: np.ndarray) -> np.ndarray:
         """(6,) of the loss by the world's turn about the centre and its shift in distances, as this camera sees it."""
@@ -95,30 +109,23 @@ class PoseRefinement:
         by_turn = np.array([twice[2, 1], twice[0, 2], twice[1, 0]]) - np.cross(self._center, by_shift)
         return np.concatenate([by_turn, by_shift * self._distance])
 
-    def _without_growth(self, shifts: np.ndarray) -> np.ndarray:
-        """Shifts (M, 3) without what brings all cameras nearer to the middle, or away from it."""
-        centers = np.array([self.capture.cameras[index].center for index in self._moved])
-        centers -= centers.mean(axis=0)
-        return shifts - centers * (shifts * centers).sum() / max((centers**2).sum(), _TINY)
-
-    def _move(self, turns: np.ndarray, shifts: np.ndarray) -> None:
-        """Moves the world (M, 3) radians about the centre, and world units, before each camera that is refined."""
+    def _move(self, changes: dict[int, np.ndarray]) -> None:
+        """Moves the world before some cameras: (6,) radians about the centre, and world units."""
         cameras = list(self.capture.cameras)
-        for index, turn, shift in zip(self._moved, turns, shifts, strict=True):
+        for index, change in changes.items():
             camera = cameras[index]
-            about = camera.rotation @ self._center + camera.world_to_camera[:3, 3]
-            turned = camera.moved(camera.rotation @ turn, np.zeros(3))
-            back = about - turned.rotation @ self._center - turned.world_to_camera[:3, 3]
-            cameras[index] = turned.moved(np.zeros(3), back + camera.rotation @ shift)
+            turned = camera.moved(camera.rotation @ change[:3], np.zeros(3))
+            back = (camera.rotation - turned.rotation) @ (self._center - camera.center)  # the centre stays in its place
+            cameras[index] = turned.moved(np.zeros(3), back + turned.rotation @ change[3:])
         self.capture = self.capture.with_cameras(cameras)
 
-    def resume(self, poses: np.ndarray, moments: np.ndarray, drawn: np.ndarray) -> None:
+    def resume(self, poses: np.ndarray, moments: np.ndarray, drawn: np.ndarray, uneven: np.ndarray) -> None:
         """Goes on from poses (C, 4, 4) and the rest; ValueError for arrays that do not fit."""
         if np.shape(poses) != (len(self.capture.cameras), 4, 4):
             raise ValueError(f"poses of {np.shape(poses)} instead of {(len(self.capture.cameras), 4, 4)}")
-        for array, own in ((moments, self.moments), (drawn, self.drawn)):
+        for array, own in ((moments, self.moments), (drawn, self.drawn), (uneven, self.uneven)):
             if array.shape != own.shape:
                 raise ValueError(f"memory of poses of {array.shape} instead of {own.shape}")
-        self.moments, self.drawn, self._arriving = moments.copy(), drawn.copy(), None
+        self.moments, self.drawn, self.uneven, self._arriving = moments.copy(), drawn.copy(), uneven.copy(), None
         pairs = zip(self.capture.cameras, poses, strict=True)
         self.capture = self.capture.with_cameras(camera.with_pose(pose) for camera, pose in pairs)
