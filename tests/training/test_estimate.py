@@ -130,8 +130,9 @@ def test_a_disk_that_takes_nothing_changes_nothing(tmp_path: Path, monkeypatch: 
 
 
 def test_a_finished_training_is_remembered(
-    filmed: Path, tmp_path: Path, lively: Callable, seeds_at_no_cost: None, cache_folder: Path
+    filmed: Path, tmp_path: Path, lively: Callable, seeds_at_no_cost: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "memories"))  # again: the seeds' fixture named that of all tests
     job = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(20), device="cpu")
     end = list(module.remembering(run_training(job), job))[-1]
     assert isinstance(end, events.Finished)

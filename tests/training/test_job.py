@@ -97,7 +97,8 @@ def test_the_file_says_what_was_done(task: TrainingJob, filmed: Path) -> None:
     assert header.metrics["psnr"] == pytest.approx(finished.psnr)
     scene = PlayableScene.load(task.output)
     assert scene.count == finished.gaussians
-    np.testing.assert_allclose(header.cameras[2].center, film.rig()[2].center, atol=1e-9)
+    np.testing.assert_allclose(header.cameras[0].center, film.rig()[0].center, atol=1e-9)  # judges, so is not refined
+    np.testing.assert_allclose(header.cameras[2].center, film.rig()[2].center, atol=0.1)
 
 
 def test_the_file_plays_the_picture_that_training_saw(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:

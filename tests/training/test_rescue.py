@@ -112,10 +112,10 @@ def short_of_memory(monkeypatch: pytest.MonkeyPatch, most: int, error: Exception
     """A rasterizer whose memory ends at so many Gaussians."""
     real = trainer_module.rasterize
 
-    def limited(gaussians, *rest):  # type: ignore[no-untyped-def]
+    def limited(gaussians, *rest, **keywords):  # type: ignore[no-untyped-def]
         if len(gaussians.means) > most:
             raise error
-        return real(gaussians, *rest)
+        return real(gaussians, *rest, **keywords)
 
     monkeypatch.setattr(trainer_module, "rasterize", limited)
 

@@ -48,9 +48,9 @@ def test_a_training_begins_at_half_size_and_ends_at_whole(
     draw, place = trainer_module.rasterize, trainer_module.worst_points
     anchored: list[tuple[int, int]] = []
 
-    def watched(gaussians: Any, camera: Any, *others: Any) -> Any:
+    def watched(gaussians: Any, camera: Any, *others: Any, **named: Any) -> Any:
         sizes.append((trainer.progress, (camera.width, camera.height)))
-        return draw(gaussians, camera, *others)
+        return draw(gaussians, camera, *others, **named)
 
     def placed(image: Any, truth: Any, camera: Any, *others: Any) -> Any:
         assert truth.shape == image.rgb.shape == (camera.height, camera.width, 3)

@@ -152,9 +152,9 @@ def test_a_short_training_passes_through_every_schedule(
 
     rasterize = trainer_module.rasterize
 
-    def watch_rasterize(gaussians: Any, *arguments: Any) -> Any:
+    def watch_rasterize(gaussians: Any, *arguments: Any, **keywords: Any) -> Any:
         degrees.add(gaussians.sh_degree)
-        return rasterize(gaussians, *arguments)
+        return rasterize(gaussians, *arguments, **keywords)
 
     monkeypatch.setattr(trainer_module, "new_anchors", watch_anchors)
     monkeypatch.setattr(DensityControl, "round", watch_round)
