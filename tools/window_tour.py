@@ -104,7 +104,7 @@ class Tour:
         if task.state.error or not self.scene_file.is_file():
             raise SystemExit(f"Training ended with: {task.state.error or 'no scene'}")
         yield SETTLE
-        scroll(580)  # the preview out of sight, the report in its place
+        scroll(280)  # the settings out of sight, the report in their place
         yield SETTLE
         yield from self.shot("03_trained")
 
@@ -113,9 +113,10 @@ class Tour:
         with override(view()):
             expect(bpy.ops.frog.align_to_floor(), "Align to Floor")
         orbit()
-        view().spaces.active.shading.type = "RENDERED"
+        space = view().spaces.active
+        space.shading.type, space.overlay.show_extras = "RENDERED", False  # cameras stand before the scene
         scene = bpy.context.scene
-        scroll(-9999)
+        scroll(9999)
         for name, share in (("04_rendered_viewport", 0.1), ("05_scrubbed", 0.7)):
             scene.frame_set(scene.frame_start + round(share * (scene.frame_end - scene.frame_start)))
             yield 3 * SETTLE  # the sharp picture comes when nothing moves
@@ -128,7 +129,7 @@ class Tour:
         with override(view()):
             expect(bpy.ops.frog.add_clips(), "Show Clips")
         space = view().spaces.active
-        space.shading.type = "SOLID"
+        space.shading.type, space.overlay.show_extras = "SOLID", True
         space.region_3d.view_perspective = "CAMERA"
         obj.hide_set(True)
         with override(view()):
@@ -141,20 +142,23 @@ class Tour:
         obj, space = gaussians(), view().spaces.active
         obj.frog.display = "ELLIPSOIDS"
         orbit()
-        space.clip_start = 3.5  # the few large ones before the scene would hide it
-        space.shading.type = "MATERIAL"
+        leave_out_large(obj, 0.2)
+        space.shading.type, space.overlay.show_extras = "MATERIAL", False
+        bpy.ops.object.select_all(action="DESELECT")
         yield 6 * SETTLE
         yield from self.shot("07_ellipsoids")
 
     def among_objects(self) -> Iterator[float]:
         """A monkey half inside the splats, which are ellipsoids still; one picture of both."""
         with override(view()):
-            bpy.ops.mesh.primitive_monkey_add(size=1.2, location=(0.0, 0.4, 0.6))
+            bpy.ops.mesh.primitive_monkey_add(size=1.0, location=(0.2, 0.15, 0.75))
             monkey = bpy.context.object
             bpy.ops.object.shade_smooth()
             bpy.ops.object.light_add(type="AREA", location=(-2.0, -3.0, 4.0), rotation=(math.radians(40), 0, -0.5))
             bpy.context.object.data.energy, bpy.context.object.data.size = 400.0, 3.0
             monkey.data.materials.append(golden())
+            bpy.ops.object.select_all(action="DESELECT")
+            bpy.context.scene.render.resolution_percentage = 200
             expect(bpy.ops.frog.compose(engine="CYCLES"), "Render With My Objects")
         scene = bpy.context.scene
         scene.cycles.samples, scene.cycles.device = 32, "CPU"
@@ -234,7 +238,7 @@ def orbit() -> None:
     region = view().spaces.active.region_3d
     region.view_perspective = "PERSP"
     region.view_rotation = Euler((math.radians(74), 0.0, math.radians(-14))).to_quaternion()
-    region.view_location, region.view_distance = (0.35, 0.0, 1.0), 5.6
+    region.view_location, region.view_distance = (0.2, 0.2, 0.85), 5.6
 
 
 def sidebar() -> None:
@@ -267,6 +271,26 @@ def gaussians() -> Any:
     """The imported capture's Gaussians."""
     playback = import_module(f"{ADDON}.playback")
     return next(playback.captures(bpy.context.scene.objects))
+
+
+def leave_out_large(obj: Any, size: float) -> None:
+    """Geometry Nodes, before the add-on's own, that delete Gaussians of more than a size: as solids, the few faint ones
+    that are as large as the room would hide it."""
+    group = bpy.data.node_groups.new("Leave Out Large", "GeometryNodeTree")
+    for way in ("INPUT", "OUTPUT"):
+        group.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
+    kinds = ("NodeGroupInput", "GeometryNodeInputNamedAttribute", "ShaderNodeVectorMath", "FunctionNodeCompare")
+    source, scale, length, larger = (group.nodes.new(kind) for kind in kinds)
+    delete, result = group.nodes.new("GeometryNodeDeleteGeometry"), group.nodes.new("NodeGroupOutput")
+    scale.data_type, length.operation, larger.operation = "FLOAT_VECTOR", "LENGTH", "GREATER_THAN"
+    scale.inputs["Name"].default_value, larger.inputs["B"].default_value = "scale", size
+    group.links.new(scale.outputs["Attribute"], length.inputs[0])
+    group.links.new(length.outputs["Value"], larger.inputs["A"])
+    group.links.new(source.outputs[0], delete.inputs["Geometry"])
+    group.links.new(larger.outputs["Result"], delete.inputs["Selection"])
+    group.links.new(delete.outputs["Geometry"], result.inputs[0])
+    obj.modifiers.new(group.name, "NODES").node_group = group
+    obj.modifiers.move(len(obj.modifiers) - 1, 0)
 
 
 def golden() -> Any:
