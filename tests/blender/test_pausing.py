@@ -97,7 +97,8 @@ def test_leaving_while_paused_does_not_hang(orderly):
     if bpy.app.binary_path:
         pytest.skip("a real Blender runs no second interpreter with bpy")
     code = f"""
-import sys; sys.path[:0] = [{str(ROOT)!r}]
+import atexit, os, sys; sys.path[:0] = [{str(ROOT)!r}]
+atexit.register(os._exit, 0)  # after the add-on's: bpy 4.5 may wait for a thread of its own for ever
 import threading, bpy, frog_blender
 frog_blender.register()
 from frog_blender import background

@@ -166,13 +166,14 @@ def test_blender_quits_with_a_thread_at_work(tmp_path):
         pytest.skip("a real Blender runs no second interpreter with bpy")
     path = write_scene(tmp_path / "x.frog", rig_of_three(), count=30_000)
     code = """
-import bpy, frog_blender
+import atexit, os, bpy, frog_blender
+atexit.register(os._exit, 0)  # after the add-on's: bpy 4.5 may wait for a thread of its own for ever
 from frog_blender import look_ahead, playback_cache
 bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
 frog_blender.register()
 bpy.ops.import_scene.frog(filepath=sys.argv[1])
 look_ahead.look_ahead(bpy.context.scene)
-print("busy", playback_cache.worker.is_alive)
+print("busy", playback_cache.worker.is_alive, flush=True)
 """
     root = Path(__file__).resolve().parents[2]
     command = [sys.executable, "-c", f"import sys; sys.path[:0] = [{str(root)!r}]\n{code}", str(path)]
