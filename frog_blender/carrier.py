@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 import numpy as np
 
-from . import ellipsoid_nodes, splat_nodes
+from .nodes import ellipsoid_nodes, splat_nodes
 
 if TYPE_CHECKING:
     from .engine.inference.moving_part import MovingPart

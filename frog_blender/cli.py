@@ -11,11 +11,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .chart_command import add_chart_parser
+from .command_line.chart_command import add_chart_parser
+from .command_line.scene_commands import add_scene_parsers
+from .command_line.stability_command import add_stability_parser
 from .engine.errors import FrogError
 from .engine.files import METHODS
-from .scene_commands import add_scene_parsers
-from .stability_command import add_stability_parser
 
 if TYPE_CHECKING:
     from .engine.training.recipe import Recipe
@@ -162,9 +162,9 @@ def _info(options: argparse.Namespace) -> int:
 
 
 def _train(options: argparse.Namespace) -> int:
+    from .command_line.progress import show
     from .engine.training.estimate import remembering
     from .engine.training.job import TrainingJob, run_training
-    from .progress import show
 
     job = TrainingJob(
         capture=options.capture,
@@ -211,8 +211,8 @@ def _budgeted(options: argparse.Namespace) -> Recipe:
 
 
 def _eval(options: argparse.Namespace) -> int:
+    from .command_line.progress import bar
     from .commands import evaluate_file
-    from .progress import bar
 
     with bar("Evaluating") as report:
         result = evaluate_file(
@@ -230,8 +230,8 @@ def _eval(options: argparse.Namespace) -> int:
 
 
 def _render(options: argparse.Namespace) -> int:
+    from .command_line.progress import bar
     from .commands import render_frames
-    from .progress import bar
 
     with bar("Rendering") as report:
         count = render_frames(options.scene, options.camera, options.frames, options.out, report, options.device)

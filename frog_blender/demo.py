@@ -24,9 +24,9 @@ _KEY_INTERVAL = 4  # frames between keys of the moving camera
 
 def run_demo(name: str, out: Path, recipe_name: str, seconds: float | None) -> None:
     """Leaves ``scene.frog``, ``scene.blend``, ``video.mp4`` and ``comparison.png`` in ``out``."""
+    from .command_line.progress import show
     from .engine.training.job import TrainingJob, run_training
     from .engine.training.recipe import recipe
-    from .progress import show
 
     started = time.monotonic()
     capture = demo_capture(name)

@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING, Any
 import bpy
 from bpy.app.handlers import persistent
 
-from . import carrier, density, playback_cache
+from . import carrier
 from .engine.errors import FrogError
-from .playback_cache import Moment
-from .retiming import capture_frame
+from .playing import density, playback_cache
+from .playing.playback_cache import Moment
+from .playing.retiming import capture_frame
 
 if TYPE_CHECKING:
     from .engine.inference.bake import Bake

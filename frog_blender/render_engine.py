@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING, Any
 import bpy
 import numpy as np
 
-from . import carrier, index_pass, playback, vector_pass
+from . import carrier, playback
 from .blender_camera import distance_added, engine_camera
 from .colors import to_display
 from .engine.errors import FrogError
-from .holdout import depth_of_objects
-from .pixel_passes import combined_pass, depth_pass, pass_pixels
+from .rendering import index_pass, vector_pass
+from .rendering.holdout import depth_of_objects
+from .rendering.pixel_passes import combined_pass, depth_pass, pass_pixels
 
 if TYPE_CHECKING:
     from .engine.rasterizer.arrays import GaussianArrays
@@ -73,7 +74,7 @@ class FrogRenderEngine(bpy.types.RenderEngine):
         """Blender tells of changes here; view_draw finds out by itself what they are."""
 
     def view_draw(self, context: Any, depsgraph: Any) -> None:
-        from . import viewport_drawing
+        from .rendering import viewport_drawing
 
         viewport_drawing.draw(self, context, depsgraph)
 
@@ -260,7 +261,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    from . import viewport_drawing
+    from .rendering import viewport_drawing
 
     viewport_drawing.unregister()
     bpy.utils.unregister_class(FrogRenderEngine)

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from helpers import scene_file
 
-from frog_blender import progress
 from frog_blender.cli import main
+from frog_blender.command_line import progress
 from frog_blender.commands import parse_frames
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.files import read_scene, write_scene

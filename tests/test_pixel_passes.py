@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from frog_blender.colors import to_linear
-from frog_blender.pixel_passes import NO_SURFACE, combined_pass, depth_pass, pass_pixels
+from frog_blender.rendering.pixel_passes import NO_SURFACE, combined_pass, depth_pass, pass_pixels
 
 SIZES = pytest.mark.parametrize("size", [(1, 1), (5, 31), (40, 32), (7, 33), (23, 100)])  # around a band's rows
 

@@ -13,8 +13,9 @@ from typing import Any
 import bpy
 from bpy.props import StringProperty
 
-from .. import carrier, playback, playback_cache
+from .. import carrier, playback
 from ..engine.errors import FrogError
+from ..playing import playback_cache
 from .imported import chosen
 
 _SLICE_SECONDS = 0.03  # of work between two looks at the keyboard

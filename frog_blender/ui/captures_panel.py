@@ -6,7 +6,9 @@ from typing import Any
 
 import bpy
 
-from .. import carrier, ellipsoid_nodes, playback, playback_cache
+from .. import carrier, playback
+from ..nodes import ellipsoid_nodes
+from ..playing import playback_cache
 from .text import sentence
 
 

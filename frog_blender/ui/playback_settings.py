@@ -16,7 +16,8 @@ from bpy.props import (
     StringProperty,
 )
 
-from .. import carrier, ellipsoid_nodes, playback
+from .. import carrier, playback
+from ..nodes import ellipsoid_nodes
 from .path_options import PATH_OPTIONS
 
 DISPLAYS = (

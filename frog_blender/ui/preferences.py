@@ -11,8 +11,8 @@ import bpy
 from bpy.props import IntProperty, StringProperty
 
 from .. import __package__ as base_package
-from .. import playback_cache
 from ..engine.errors import FrogError
+from ..playing import playback_cache
 
 
 def _on_cache_limit(settings: Any, _context: Any) -> None:

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from scenes import rig_of_three, write_scene
 
-from frog_blender import carrier, playback, playback_cache
+from frog_blender import carrier, playback
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.inference.bake import Bake, write_bake
 from frog_blender.engine.inference.scene import PlayableScene
 from frog_blender.operators import bake
+from frog_blender.playing import playback_cache
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from frog_blender.engine.files import SceneFile, read_scene
 from frog_blender.engine.files import write_scene as write_file
 from frog_blender.operators.clips import clip_of
 from frog_blender.operators.imported import cameras_of
-from frog_blender.retiming import capture_frame
+from frog_blender.playing.retiming import capture_frame
 
 COUNT = 10
 

@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from scenes import rig_of_three, write_scene
 
-from frog_blender import carrier, density, ellipsoid_nodes, playback, render_engine
+from frog_blender import carrier, playback, render_engine
 from frog_blender.engine.inference.importance import most_important, ranking
 from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender.nodes import ellipsoid_nodes
+from frog_blender.playing import density
 
 
 @pytest.fixture

@@ -57,7 +57,7 @@ def test_splats_again(empty, static_rig):
 
 
 def test_too_many_stay_splats(empty, static_rig, monkeypatch):
-    from frog_blender import ellipsoid_nodes
+    from frog_blender.nodes import ellipsoid_nodes
 
     monkeypatch.setattr(ellipsoid_nodes, "MOST", 10)
     obj = import_scene(static_rig)

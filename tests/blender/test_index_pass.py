@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scenes import rig_of_three, write_scene
 
-from frog_blender import index_pass
+from frog_blender.rendering import index_pass
 
 
 def multilayer(scene, path):

@@ -8,7 +8,7 @@ import pytest
 from scenes import rig_of_three, write_scene
 
 from frog_blender import carrier, playback
-from frog_blender.retiming import repeated
+from frog_blender.playing.retiming import repeated
 
 
 def engine_at(path, frame):

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from scenes import rig_of_three, write_scene
 
-from frog_blender import carrier, look_ahead, playback, playback_cache
+from frog_blender import carrier, playback
 from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender.playing import look_ahead, playback_cache
 
 
 @pytest.fixture
@@ -168,7 +169,7 @@ def test_blender_quits_with_a_thread_at_work(tmp_path):
     code = """
 import atexit, os, bpy, frog_blender
 atexit.register(os._exit, 0)  # after the add-on's: bpy 4.5 may wait for a thread of its own for ever
-from frog_blender import look_ahead, playback_cache
+from frog_blender.playing import look_ahead, playback_cache
 bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
 frog_blender.register()
 bpy.ops.import_scene.frog(filepath=sys.argv[1])

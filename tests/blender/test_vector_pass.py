@@ -9,7 +9,7 @@ from scenes import rig_of_three
 
 from frog_blender import render_engine
 from frog_blender.engine.rasterizer.options import RasterizeOptions
-from frog_blender.vector_pass import vectors
+from frog_blender.rendering.vector_pass import vectors
 
 SIZE = (64, 48)
 

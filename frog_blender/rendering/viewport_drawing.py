@@ -8,10 +8,10 @@ from typing import Any
 import bpy
 import numpy as np
 
-from . import playback
-from .blender_camera import view_camera
-from .engine.errors import FrogError
-from .render_engine import background_of, gather, visible_captures
+from .. import playback
+from ..blender_camera import view_camera
+from ..engine.errors import FrogError
+from ..render_engine import background_of, gather, visible_captures
 from .viewport import STILL_AFTER, Viewport, draw_view
 
 _said: set[str] = set()

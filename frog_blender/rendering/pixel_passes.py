@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .colors import picture_to_linear, to_linear
+from ..colors import picture_to_linear, to_linear
 
 if TYPE_CHECKING:
-    from .engine.inference.draw import Drawing
+    from ..engine.inference.draw import Drawing
 
 NO_SURFACE = 1e10  # Blender's depth where nothing was hit
 _BAND = 32  # rows

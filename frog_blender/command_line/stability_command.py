@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from .engine.conditions.catalogue import BASES, CLEAN, CONDITIONS
+from ..engine.conditions.catalogue import BASES, CLEAN, CONDITIONS
 from .grid_command import add_grid_arguments, do_runs, names, say_failed, say_plan, setting
 
 _GIVEN = [base for base in BASES if base != CLEAN]  # each by an option of its own
@@ -35,12 +35,12 @@ def add_stability_parser(commands: Any, positive: Callable[[type], Any], recipes
 
 
 def _stability(options: argparse.Namespace) -> int:
-    from .engine.comparison.heat_map import write_stability
+    from ..engine.comparison.heat_map import write_stability
 
     failed = 0
     if not options.only_report:
-        from .engine.comparison.runs import Conditions
-        from .engine.comparison.stability import METHODS, stability_grid, without_captures
+        from ..engine.comparison.runs import Conditions
+        from ..engine.comparison.stability import METHODS, stability_grid, without_captures
 
         given = {CLEAN: options.capture, **{base: getattr(options, base) for base in _GIVEN}}
         captures = {base: folder for base, folder in given.items() if folder is not None}

@@ -9,8 +9,9 @@ from typing import Any
 import bpy
 from bpy.app.handlers import persistent
 
-from . import playback, playback_cache
-from .engine.errors import FrogError
+from .. import playback
+from ..engine.errors import FrogError
+from . import playback_cache
 from .playback_cache import Moment
 
 AHEAD = 24  # frames

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from .engine.capture.camera import Camera
-    from .engine.rasterizer.options import RasterizeOptions
+    from ..engine.capture.camera import Camera
+    from ..engine.rasterizer.options import RasterizeOptions
 
 _SURFACES = {"MESH", "CURVE", "SURFACE", "FONT", "META"}
 
@@ -20,7 +20,7 @@ _SURFACES = {"MESH", "CURVE", "SURFACE", "FONT", "META"}
 def depth_of_objects(depsgraph: Any, camera: Camera, options: RasterizeOptions) -> np.ndarray | None:
     """(H, W) planar depth of the nearest surface of any object that is no capture, infinity where there is none; None
     without such objects."""
-    from .engine.rasterizer.mesh_depth import mesh_depth
+    from ..engine.rasterizer.mesh_depth import mesh_depth
 
     vertices, triangles, count = [], [], 0
     for points, corners in _surfaces(depsgraph):

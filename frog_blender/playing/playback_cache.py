@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING, Any
 import bpy
 from bpy.app.handlers import persistent
 
-from .engine.inference.frame_cache import FrameCache, Key
+from ..engine.inference.frame_cache import FrameCache, Key
 
 if TYPE_CHECKING:
-    from .engine.inference.bake import Bake
-    from .engine.inference.moving_part import MovingPart
-    from .engine.inference.scene import PlayableScene
-    from .engine.rasterizer.arrays import GaussianArrays
+    from ..engine.inference.bake import Bake
+    from ..engine.inference.moving_part import MovingPart
+    from ..engine.inference.scene import PlayableScene
+    from ..engine.rasterizer.arrays import GaussianArrays
 
 DEFAULT_MEGABYTES = 1024
 MEGABYTE = 1 << 20
@@ -136,7 +136,7 @@ def _on_load_pre(*_: Any) -> None:
 
 
 def register() -> None:
-    from .ui import preferences
+    from ..ui import preferences
 
     frames.limit = preferences.cache_megabytes() * MEGABYTE
     if _on_load_pre not in bpy.app.handlers.load_pre:

@@ -8,9 +8,9 @@ from contextlib import contextmanager
 
 from tqdm import tqdm
 
-from .engine.capacity_report import lines, summary
-from .engine.training import events
-from .engine.training.events import Event
+from ..engine.capacity_report import lines, summary
+from ..engine.training import events
+from ..engine.training.events import Event
 
 
 @contextmanager

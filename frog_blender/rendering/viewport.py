@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from .engine.capture.camera import Camera
-    from .engine.rasterizer.arrays import GaussianArrays
+    from ..engine.capture.camera import Camera
+    from ..engine.rasterizer.arrays import GaussianArrays
 
 MOVING_SECONDS = 0.02  # that a picture may take while things move
 STILL_AFTER = 0.2  # seconds without a change
@@ -88,7 +88,7 @@ def draw_view(
         size: the viewport's width and height in pixels.
         background: (3,) display-referred, or None for transparent.
     """
-    from .engine.inference.draw import draw
+    from ..engine.inference.draw import draw
     from .pixel_passes import combined_pass
 
     started = time.perf_counter()

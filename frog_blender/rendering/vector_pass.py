@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from .engine.capture.camera import Camera
-    from .engine.rasterizer.arrays import GaussianArrays
-    from .engine.rasterizer.options import RasterizeOptions
+    from ..engine.capture.camera import Camera
+    from ..engine.rasterizer.arrays import GaussianArrays
+    from ..engine.rasterizer.options import RasterizeOptions
 
 _LONGEST = 2048.0  # pixels; longer ways are cut
 _SH_0 = 0.28209479177387814
@@ -53,7 +53,7 @@ def _drawn(gaussians: GaussianArrays, way: np.ndarray, camera: Camera, options: 
     """(H, W, 2) the ways (N, 2) of what a pixel shows."""
     from dataclasses import replace
 
-    from .engine.inference.draw import draw
+    from ..engine.inference.draw import draw
 
     longest = min(float(np.abs(way).max(initial=0.0)), _LONGEST) or 1.0
     colors = np.full((len(way), 1, 3), 0.5)  # drawn colours are not negative: a half stands for no motion

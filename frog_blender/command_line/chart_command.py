@@ -7,12 +7,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .engine.comparison.grid import ABLATIONS
-from .engine.errors import FrogError
+from ..engine.comparison.grid import ABLATIONS
+from ..engine.errors import FrogError
 from .grid_command import add_grid_arguments, do_runs, names, say_failed, say_plan, setting
 
 if TYPE_CHECKING:
-    from .engine.comparison.grid import Run
+    from ..engine.comparison.grid import Run
 
 _ALL_ABLATIONS = ",".join(ABLATIONS)
 
@@ -57,12 +57,12 @@ def add_chart_parser(commands: Any, positive: Callable[[type], Any], recipes: Se
 
 
 def _chart(options: argparse.Namespace) -> int:
-    from .engine.comparison.report import write_report
+    from ..engine.comparison.report import write_report
 
     published = _published(options.protocol)
     failed = 0
     if not options.only_report:
-        from .engine.comparison.runs import Conditions
+        from ..engine.comparison.runs import Conditions
 
         runs = _grid(options)
         conditions = Conditions(options.out, options.device)
@@ -82,15 +82,15 @@ def _published(protocol: str | None) -> str:
     """A protocol's published table; FrogError for a protocol that does not exist."""
     if not protocol:
         return ""
-    from .engine.comparison.protocols import protocol_named, published_table
+    from ..engine.comparison.protocols import protocol_named, published_table
 
     return published_table(protocol_named(protocol))
 
 
 def _grid(options: argparse.Namespace) -> list[Run]:
     """The runs that the options ask for."""
-    from .engine.comparison.grid import AUTO_ROW, ROWS, chart_grid, extra_rows, in_order, named_captures
-    from .engine.training.methods import METHODS as KNOWN
+    from ..engine.comparison.grid import AUTO_ROW, ROWS, chart_grid, extra_rows, in_order, named_captures
+    from ..engine.training.methods import METHODS as KNOWN
 
     captures, recipe = named_captures(options.captures), options.recipe or "draft"
     if options.protocol:
@@ -121,7 +121,7 @@ def _grid(options: argparse.Namespace) -> list[Run]:
 
 def _protocol_captures(options: argparse.Namespace) -> tuple[dict[str, Path], str]:
     """A folder for each scene of a protocol, and the recipe."""
-    from .engine.comparison.protocols import captures, protocol_named
+    from ..engine.comparison.protocols import captures, protocol_named
 
     if len(options.captures) != 1:
         raise FrogError(f"--protocol {options.protocol}: found {len(options.captures)} folders, expected one.")

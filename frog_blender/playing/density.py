@@ -14,12 +14,12 @@ from weakref import WeakKeyDictionary
 import bpy
 from bpy.app.handlers import persistent
 
-from . import ellipsoid_nodes
+from ..nodes import ellipsoid_nodes
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from .engine.inference.scene import PlayableScene
+    from ..engine.inference.scene import PlayableScene
 
 _KEPT = 4  # thinned scenes of a scene: objects and renders may each want another density
 
@@ -33,7 +33,7 @@ class _Thinned:
         self.scenes: OrderedDict[int, PlayableScene] = OrderedDict()
 
     def take(self, scene: PlayableScene, count: int) -> PlayableScene:
-        from .engine.inference.importance import most_important, ranking
+        from ..engine.inference.importance import most_important, ranking
 
         with self.lock:
             if count not in self.scenes:
@@ -66,7 +66,7 @@ def shown_count(obj: Any, total: int) -> int:
 
 def _set_rendering(rendering: bool) -> None:
     global _is_rendering
-    from . import playback
+    from .. import playback
 
     if rendering == _is_rendering:
         return

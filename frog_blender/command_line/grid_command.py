@@ -10,12 +10,12 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from .engine.errors import FrogError
+from ..engine.errors import FrogError
 
 if TYPE_CHECKING:
-    from .engine.comparison.execute import Progress
-    from .engine.comparison.grid import Run
-    from .engine.comparison.runs import Conditions
+    from ..engine.comparison.execute import Progress
+    from ..engine.comparison.grid import Run
+    from ..engine.comparison.runs import Conditions
 
 
 def add_grid_arguments(command: argparse.ArgumentParser, positive: Callable[[type], Any]) -> None:
@@ -46,10 +46,10 @@ def say_plan(runs: Sequence[Run], conditions: Conditions, jobs: int) -> None:
     """What the grid is, before it runs."""
     from collections import Counter
 
-    from .engine.comparison.execute import seconds_left
-    from .engine.comparison.results import read
-    from .engine.comparison.runs import is_done
-    from .engine.comparison.tables import duration
+    from ..engine.comparison.execute import seconds_left
+    from ..engine.comparison.results import read
+    from ..engine.comparison.runs import is_done
+    from ..engine.comparison.tables import duration
 
     records = read(conditions.results)
     waiting = [run for run in runs if not is_done(run, records)]
@@ -66,9 +66,9 @@ def do_runs(runs: Sequence[Run], conditions: Conditions, jobs: int, timing_steps
     """Does the grid, and with ``timing_steps`` the timings; how many runs failed, or None when it was stopped."""
     import numpy
 
-    from .engine.comparison.execute import run_grid
-    from .engine.comparison.runs import Stopped
-    from .engine.comparison.timing_pass import time_grid
+    from ..engine.comparison.execute import run_grid
+    from ..engine.comparison.runs import Stopped
+    from ..engine.comparison.timing_pass import time_grid
     from .progress import bar
 
     numpy.finfo(numpy.float64)  # looked up once; later, with denormals flushed by training, it would warn
@@ -119,7 +119,7 @@ def _shown(total: int) -> Iterator[Callable[[Progress], None]]:
     """Yields what takes the grid's progress: one bar over all runs, and a line for each that ended."""
     from tqdm import tqdm
 
-    from .engine.comparison.tables import duration
+    from ..engine.comparison.tables import duration
 
     layout = "{desc} |{bar}| {n:.2f}/{total} runs{postfix}"
     with tqdm(desc="Grid", total=total, file=sys.stderr, bar_format=layout) as line:

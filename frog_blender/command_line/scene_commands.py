@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from .engine.errors import FrogError
+from ..engine.errors import FrogError
 
 
 def add_scene_parsers(commands: Any) -> None:
@@ -27,9 +27,9 @@ def add_scene_parsers(commands: Any) -> None:
 
 
 def _export(options: argparse.Namespace) -> int:
-    from .commands import parse_frames
-    from .engine.exchange import export_frames
-    from .engine.inference.scene import PlayableScene
+    from ..commands import parse_frames
+    from ..engine.exchange import export_frames
+    from ..engine.inference.scene import PlayableScene
     from .progress import bar
 
     scene = PlayableScene.load(options.scene)
@@ -41,7 +41,7 @@ def _export(options: argparse.Namespace) -> int:
 
 
 def _import(options: argparse.Namespace) -> int:
-    from .engine.exchange import free_scene_path, import_splats
+    from ..engine.exchange import free_scene_path, import_splats
 
     if options.splats.suffix.lower() != ".ply":
         raise FrogError(f"{options.splats}: expected a .ply file.")

@@ -1,0 +1,1 @@
+"""What the command line's subcommands do, and how they say how far they are."""

@@ -1,0 +1,1 @@
+"""How engines other than FROG draw Gaussians: Geometry Nodes and materials."""
