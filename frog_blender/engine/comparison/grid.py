@@ -152,6 +152,13 @@ def _smaller(base: Recipe, part: int) -> dict[str, Any]:
     return {"max_gaussians": base.max_gaussians // part, "seed_gaussians": base.seed_gaussians // part}
 
 
+def row_named(row: str) -> tuple[str, str, dict[str, Any]]:
+    """The method, the label and the settings of its own of a name among ROWS; FrogError for another name."""
+    from ..training.methods import method_named
+
+    return ("frog", AUTO_LABEL, AUTO) if row == AUTO_ROW else (row, method_named(row).title, {})
+
+
 def chart_grid(
     captures: Mapping[str, Path],
     *,
@@ -183,15 +190,12 @@ def chart_grid(
     Raises:
         FrogError: for a method, recipe or ablation that does not exist.
     """
-    from ..training.methods import method_named
-
     common = tuple(sorted((overrides or {}).items()))
     runs: list[Run] = []
     for scene, folder in captures.items():
         for method in methods:
-            name, settings = ("frog", {**dict(common), **AUTO}) if method == AUTO_ROW else (method, dict(common))
-            label = AUTO_LABEL if method == AUTO_ROW else method_named(name).title
-            changed = tuple(sorted(settings.items()))
+            name, label, settings = row_named(method)
+            changed = tuple(sorted({**dict(common), **settings}.items()))
             start = Run(
                 scene, str(folder), name, label, recipe, changed, 0, steps, False, scale, holdout_frames, protocol
             )

@@ -12,7 +12,7 @@ from ..capture.readers import open_capture
 from ..conditions.catalogue import BASES, CONDITIONS, Condition, condition_named
 from ..errors import FrogError
 from ..training.methods import method_named
-from .grid import AUTO, AUTO_LABEL, AUTO_ROW, Run
+from .grid import AUTO_ROW, Run, row_named
 from .results import Record, finished
 
 METHODS = ("frog", AUTO_ROW, "ed3dgs", "static", "hexplane")
@@ -51,9 +51,8 @@ def stability_grid(
             continue
         folder = captures[condition.base]
         for method in methods:
-            name, more = ("frog", AUTO) if method == AUTO_ROW else (method, {})
-            label = AUTO_LABEL if method == AUTO_ROW else method_named(name).title
-            settings = {**(overrides or {}), **condition.settings, **more}
+            name, label, own = row_named(method)
+            settings = {**(overrides or {}), **condition.settings, **own}
             run = Run(
                 folder.resolve().name,
                 str(folder),
@@ -142,7 +141,7 @@ def outcome(records: Iterable[Record]) -> Outcome:
     """
     records = [record for record in records if record.get("condition") in CONDITIONS]
     done = finished(records)
-    order = [AUTO_LABEL if name == AUTO_ROW else method_named(name).title for name in METHODS]
+    order = [row_named(name)[1] for name in METHODS]
     found = Outcome([], {})
     for record in records:
         key = (record["condition"], record["label"])
