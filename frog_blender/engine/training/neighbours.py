@@ -22,18 +22,22 @@ def nearest(
     extra = int(skip_self)
     wanted = min(count + extra, len(among))
     columns = among.T.contiguous()
-    distances, indices = [], []
     elements = _CPU_PIECE if points.device.type == "cpu" else _GPU_PIECE
-    for piece in points.split(max(1, elements // max(1, len(among)))):
+    rows = max(1, min(len(points), elements // max(1, len(among))))
+    # The same memory for every piece: asked for piece by piece, between results that stay, the heap grew by gigabytes.
+    squares, differences = points.new_empty(2, rows, len(among))
+    distances = points.new_empty(len(points), wanted)
+    indices = torch.empty(len(points), wanted, dtype=torch.int64, device=points.device)
+    for start in range(0, len(points), rows):
+        piece = points[start : start + rows]
+        square, difference = squares[: len(piece)].zero_(), differences[: len(piece)]
         # From differences: a matrix product would lose small distances far from the origin.
-        square = points.new_zeros(len(piece), len(among))
         for own, other in zip(piece.T, columns, strict=True):
-            difference = own[:, None] - other
+            torch.sub(own[:, None], other, out=difference)
             square.addcmul_(difference, difference)
-        found = square.topk(wanted, largest=False)
-        distances.append(found.values[:, extra:].sqrt())
-        indices.append(found.indices[:, extra:])
-    return torch.cat(distances), torch.cat(indices)
+        found = distances[start : start + rows], indices[start : start + rows]
+        torch.topk(square, wanted, largest=False, out=found)
+    return distances[:, extra:].sqrt(), indices[:, extra:].contiguous()
 
 
 def spacings(points: torch.Tensor, among: torch.Tensor | None = None) -> torch.Tensor:
