@@ -20,6 +20,7 @@ from typing import Any
 import bpy
 from bpy.app.handlers import persistent
 
+from . import app_handlers
 from .engine.capacity_report import lines, summary
 from .engine.errors import FrogError
 from .engine.training.control import Control
@@ -76,7 +77,6 @@ class TrainingState:
     psnr: float | None = None
     psnr_split: str = ""
     preview: Any = None  # (H, W, 3) uint8, the latest
-    device: str = ""  # "cpu" or "cuda", once it is known
     warnings: list[str] = field(default_factory=list)
     result: Path | None = None  # the finished scene, or what a cancelled training left
     cancelled: bool = False
@@ -165,7 +165,6 @@ class TrainingTask:
                 state.stage, state.stage_fraction = event.name.capitalize(), event.done / max(event.total, 1)
             case kinds.Started():
                 state.stage, state.steps, state.gaussians = "", event.steps or 0, event.gaussians
-                state.device = event.device
             case kinds.Evaluated():
                 state.psnr, state.psnr_split = event.psnr, event.split
             case kinds.Preview():
@@ -261,8 +260,7 @@ def _on_load_pre(*_: Any) -> None:
 
 
 def register() -> None:
-    if _on_load_pre not in bpy.app.handlers.load_pre:
-        bpy.app.handlers.load_pre.append(_on_load_pre)
+    app_handlers.add([(bpy.app.handlers.load_pre, _on_load_pre)])
     atexit.register(stop)
 
 
@@ -271,7 +269,6 @@ def unregister() -> None:
     stop()
     current = None
     atexit.unregister(stop)
-    if _on_load_pre in bpy.app.handlers.load_pre:
-        bpy.app.handlers.load_pre.remove(_on_load_pre)
+    app_handlers.remove([(bpy.app.handlers.load_pre, _on_load_pre)])
     if bpy.app.timers.is_registered(_tick):
         bpy.app.timers.unregister(_tick)

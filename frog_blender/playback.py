@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 from bpy.app.handlers import persistent
 
-from . import carrier
+from . import app_handlers, carrier
 from .engine.errors import FrogError
 from .playing import density, playback_cache
 from .playing.playback_cache import Moment
@@ -242,7 +242,7 @@ def _on_save_pre(*_: Any) -> None:
             carrier.clear(obj)
 
 
-def _handlers() -> list[tuple[list[Any], Callable[..., None]]]:
+def _handlers() -> app_handlers.Handlers:
     on = bpy.app.handlers
     return [
         (on.frame_change_pre, _on_frame),
@@ -257,13 +257,9 @@ def _handlers() -> list[tuple[list[Any], Callable[..., None]]]:
 
 
 def register() -> None:
-    for handlers, function in _handlers():
-        if function not in handlers:
-            handlers.append(function)
+    app_handlers.add(_handlers())
 
 
 def unregister() -> None:
-    for handlers, function in _handlers():
-        if function in handlers:
-            handlers.remove(function)
+    app_handlers.remove(_handlers())
     forget()

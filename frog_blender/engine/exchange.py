@@ -83,6 +83,11 @@ def _was_imported_from(source: Path, path: Path) -> bool:
     return header.capture_format == FROM_PLY and header.capture_path == str(source.resolve())
 
 
+def numbered(path: Path, frame: int) -> Path:
+    """The file of one frame of several that are written as ``path``: ``NAME_0007.ply``."""
+    return path.with_name(f"{path.stem}_{frame:04d}{path.suffix}")
+
+
 def export_frames(
     scene: PlayableScene, frames: Iterable[int], folder: Path, stem: str, report: Callable[[int], None] | None = None
 ) -> list[Path]:
@@ -93,7 +98,7 @@ def export_frames(
     """
     paths: list[Path] = []
     for frame in frames:
-        path = folder / f"{stem}_{frame:04d}.ply"
+        path = numbered(folder / f"{stem}.ply", frame)
         write_splats(path, scene.at_frame(frame))
         paths.append(path)
         if report is not None:

@@ -113,9 +113,4 @@ def _sentence(name: str, floor: Floor, certain: bool, use_floor: bool) -> str:
     return f"{name}: {why}it stands upright by {source}, its lowest part on the grid."
 
 
-def register() -> None:
-    bpy.utils.register_class(FROG_OT_align_to_floor)
-
-
-def unregister() -> None:
-    bpy.utils.unregister_class(FROG_OT_align_to_floor)
+register, unregister = bpy.utils.register_classes_factory((FROG_OT_align_to_floor,))

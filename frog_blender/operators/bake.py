@@ -16,7 +16,7 @@ from bpy.props import StringProperty
 from .. import carrier, playback
 from ..engine.errors import FrogError
 from ..playing import playback_cache
-from .imported import chosen
+from .imported import named_or_chosen
 
 _SLICE_SECONDS = 0.03  # of work between two looks at the keyboard
 
@@ -64,14 +64,6 @@ def begin(obj: Any, scene: Any) -> Baking:
     return Baking(path, len(times), write_bake(path, file, playable, times))
 
 
-def capture_of(name: str) -> Any:
-    """The capture of that name in this file; FrogError without one."""
-    obj = next((obj for obj in playback.captures(bpy.data.objects) if obj.name == name and obj.library is None), None)
-    if obj is None:
-        raise FrogError(f"{name or 'No object'}: found no such capture in this file, expected one that plays a .frog.")
-    return obj
-
-
 class _OnCapture:
     """Operators of one capture."""
 
@@ -82,8 +74,7 @@ class _OnCapture:
     )
 
     def capture(self, context: Any) -> Any:
-        of_active = chosen(context) if not self.object_name else None
-        return capture_of(self.object_name or (of_active.name if of_active is not None else ""))
+        return named_or_chosen(context, self.object_name)
 
 
 class FROG_OT_bake(_OnCapture, bpy.types.Operator):
@@ -201,13 +192,4 @@ class FROG_OT_clear_cache(bpy.types.Operator):
 
 
 _CLASSES = (FROG_OT_bake, FROG_OT_clear_bake, FROG_OT_clear_cache)
-
-
-def register() -> None:
-    for cls in _CLASSES:
-        bpy.utils.register_class(cls)
-
-
-def unregister() -> None:
-    for cls in reversed(_CLASSES):
-        bpy.utils.unregister_class(cls)
+register, unregister = bpy.utils.register_classes_factory(_CLASSES)

@@ -26,9 +26,4 @@ class FROG_OT_look_through(bpy.types.Operator):
         return {"FINISHED"}
 
 
-def register() -> None:
-    bpy.utils.register_class(FROG_OT_look_through)
-
-
-def unregister() -> None:
-    bpy.utils.unregister_class(FROG_OT_look_through)
+register, unregister = bpy.utils.register_classes_factory((FROG_OT_look_through,))

@@ -194,6 +194,7 @@ class FROG_OT_hide_clips(bpy.types.Operator):
 
 
 _CLASSES = (FROG_OT_add_clips, FROG_OT_hide_clips)
+_register_classes, _unregister_classes = bpy.utils.register_classes_factory(_CLASSES)
 
 
 def _revive() -> None:
@@ -205,11 +206,9 @@ def _revive() -> None:
 
 
 def register() -> None:
-    for cls in _CLASSES:
-        bpy.utils.register_class(cls)
+    _register_classes()
     _revive()
 
 
 def unregister() -> None:
-    for cls in reversed(_CLASSES):
-        bpy.utils.unregister_class(cls)
+    _unregister_classes()

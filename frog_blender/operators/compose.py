@@ -145,9 +145,4 @@ def _place(tree: Any, over: Any, output: Any) -> None:
         node.location = (over.location.x - 350, over.location.y - 380 * number)
 
 
-def register() -> None:
-    bpy.utils.register_class(FROG_OT_compose)
-
-
-def unregister() -> None:
-    bpy.utils.unregister_class(FROG_OT_compose)
+register, unregister = bpy.utils.register_classes_factory((FROG_OT_compose,))

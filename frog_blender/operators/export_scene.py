@@ -80,6 +80,9 @@ class FROG_OT_export_frames(bpy.types.Operator, ExportHelper):
         row.prop(self, "y_down")
 
     def execute(self, context: Any) -> set[str]:
+        from ..engine.exchange import numbered
+        from ..engine.ply import write_splats
+
         scene, obj = context.scene, chosen(context)
         path = Path(bpy.path.abspath(self.filepath))
         manager = context.window_manager
@@ -90,9 +93,7 @@ class FROG_OT_export_frames(bpy.types.Operator, ExportHelper):
         manager.progress_begin(0, len(numbers))
         try:
             for done, gaussians in enumerate(self._gaussians(context, obj, numbers)):
-                target = path if self.frames == "CURRENT" else _numbered(path, numbers[done])
-                from ..engine.ply import write_splats
-
+                target = path if self.frames == "CURRENT" else numbered(path, int(numbers[done]))
                 write_splats(target, gaussians)
                 manager.progress_update(done + 1)
         except FrogError as error:
@@ -184,25 +185,20 @@ def _suggest(operator: Any, context: Any) -> None:
         operator.filepath = str(playback.file_of(chosen(context)).with_suffix(operator.filename_ext))
 
 
-def _numbered(path: Path, frame: float) -> Path:
-    return path.with_name(f"{path.stem}_{int(frame):04d}{path.suffix}")
-
-
 def _menu(self: Any, _context: Any) -> None:
     self.layout.operator(FROG_OT_export_frames.bl_idname, text="FRoG Frames (.ply)")
     self.layout.operator(FROG_OT_export_scene.bl_idname, text="FRoG Scene (.frog)")
 
 
 _CLASSES = (FROG_OT_export_frames, FROG_OT_export_scene)
+_register_classes, _unregister_classes = bpy.utils.register_classes_factory(_CLASSES)
 
 
 def register() -> None:
-    for cls in _CLASSES:
-        bpy.utils.register_class(cls)
+    _register_classes()
     bpy.types.TOPBAR_MT_file_export.append(_menu)
 
 
 def unregister() -> None:
     bpy.types.TOPBAR_MT_file_export.remove(_menu)
-    for cls in reversed(_CLASSES):
-        bpy.utils.unregister_class(cls)
+    _unregister_classes()

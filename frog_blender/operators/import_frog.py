@@ -7,15 +7,15 @@ from typing import Any
 
 import bpy
 from bpy.props import BoolProperty, FloatProperty, StringProperty
-from bpy_extras.io_utils import ImportHelper
 
 from ..engine.errors import FrogError
 from .clips import clip_of
-from .imported import cameras_of
+from .dropped import DropsIntoViews, OpensDroppedFile
+from .imported import cameras_of, select_alone
 from .materialize import materialize
 
 
-class FROG_OT_import_scene(bpy.types.Operator, ImportHelper):
+class FROG_OT_import_scene(OpensDroppedFile, bpy.types.Operator):
     """Open a trained FRoG scene: its Gaussians, its cameras and its time range"""
 
     bl_idname = "import_scene.frog"
@@ -47,12 +47,6 @@ class FROG_OT_import_scene(bpy.types.Operator, ImportHelper):
         default=True,
     )
 
-    def invoke(self, context: Any, event: Any) -> set[str]:
-        # A dropped file brings its path along and needs no file browser.
-        if self.filepath and Path(self.filepath).is_file():
-            return self.invoke_popup(context)
-        return super().invoke(context, event)
-
     def execute(self, context: Any) -> set[str]:
         path = Path(bpy.path.abspath(self.filepath))
         try:
@@ -67,17 +61,14 @@ class FROG_OT_import_scene(bpy.types.Operator, ImportHelper):
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        for obj in context.selected_objects:
-            obj.select_set(False)
-        carrier_object.select_set(True)
+        select_alone(context, carrier_object)
         cameras = cameras_of(carrier_object)
         if self.show_clips and cameras and not any(clip_of(camera) for camera in cameras):
             self.report({"INFO"}, "The capture's videos were not found; Show Clips in the FRoG tab asks for them.")
-        context.view_layer.objects.active = carrier_object
         return {"FINISHED"}
 
 
-class FROG_FH_scene(bpy.types.FileHandler):
+class FROG_FH_scene(DropsIntoViews, bpy.types.FileHandler):
     """Lets a .frog file be dropped into a window."""
 
     bl_idname = "FROG_FH_scene"
@@ -85,25 +76,20 @@ class FROG_FH_scene(bpy.types.FileHandler):
     bl_import_operator = "import_scene.frog"
     bl_file_extensions = ".frog"
 
-    @classmethod
-    def poll_drop(cls, context: Any) -> bool:
-        return context.area is not None and context.area.type in {"VIEW_3D", "OUTLINER"}
-
 
 def _menu(self: Any, _context: Any) -> None:
     self.layout.operator(FROG_OT_import_scene.bl_idname, text="FRoG Scene (.frog)")
 
 
 _CLASSES = (FROG_OT_import_scene, FROG_FH_scene)
+_register_classes, _unregister_classes = bpy.utils.register_classes_factory(_CLASSES)
 
 
 def register() -> None:
-    for cls in _CLASSES:
-        bpy.utils.register_class(cls)
+    _register_classes()
     bpy.types.TOPBAR_MT_file_import.append(_menu)
 
 
 def unregister() -> None:
     bpy.types.TOPBAR_MT_file_import.remove(_menu)
-    for cls in reversed(_CLASSES):
-        bpy.utils.unregister_class(cls)
+    _unregister_classes()

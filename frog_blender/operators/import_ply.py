@@ -7,16 +7,16 @@ from typing import Any
 
 import bpy
 from bpy.props import BoolProperty, StringProperty
-from bpy_extras.io_utils import ImportHelper
 from mathutils import Matrix
 
 from ..engine.errors import FrogError
+from .dropped import DropsIntoViews, OpensDroppedFile
 from .export_scene import Y_DOWN
-from .imported import placed_by
+from .imported import placed_by, select_alone
 from .materialize import materialize
 
 
-class FROG_OT_import_splats(bpy.types.Operator, ImportHelper):
+class FROG_OT_import_splats(OpensDroppedFile, bpy.types.Operator):
     """Open a 3DGS .ply file of another program as a still capture, of which a .frog file is made"""
 
     bl_idname = "import_scene.frog_splats"
@@ -53,11 +53,6 @@ class FROG_OT_import_splats(bpy.types.Operator, ImportHelper):
         default=True,
     )
 
-    def invoke(self, context: Any, event: Any) -> set[str]:
-        if self.filepath and Path(self.filepath).is_file():  # a dropped file needs no file browser
-            return self.invoke_popup(context)
-        return super().invoke(context, event)
-
     def execute(self, context: Any) -> set[str]:
         from ..engine.exchange import free_scene_path, import_splats
 
@@ -76,10 +71,7 @@ class FROG_OT_import_splats(bpy.types.Operator, ImportHelper):
             return {"CANCELLED"}
         if self.turn_upright:
             placed_by(obj).matrix_world = Matrix(Y_DOWN.T.tolist())
-        for other in context.selected_objects:
-            other.select_set(False)
-        obj.select_set(True)
-        context.view_layer.objects.active = obj
+        select_alone(context, obj)
         if imported.left_out:
             self.report({"WARNING"}, f"{imported.left_out:,} Gaussians were left out: they held no finite numbers.")
         else:
@@ -87,7 +79,7 @@ class FROG_OT_import_splats(bpy.types.Operator, ImportHelper):
         return {"FINISHED"}
 
 
-class FROG_FH_splats(bpy.types.FileHandler):
+class FROG_FH_splats(DropsIntoViews, bpy.types.FileHandler):
     """Lets a .ply file be dropped into a viewport; Blender asks which importer is meant, its own or this one."""
 
     bl_idname = "FROG_FH_splats"
@@ -95,25 +87,20 @@ class FROG_FH_splats(bpy.types.FileHandler):
     bl_import_operator = "import_scene.frog_splats"
     bl_file_extensions = ".ply"
 
-    @classmethod
-    def poll_drop(cls, context: Any) -> bool:
-        return context.area is not None and context.area.type in {"VIEW_3D", "OUTLINER"}
-
 
 def _menu(self: Any, _context: Any) -> None:
     self.layout.operator(FROG_OT_import_splats.bl_idname, text="3DGS Splats (.ply)")
 
 
 _CLASSES = (FROG_OT_import_splats, FROG_FH_splats)
+_register_classes, _unregister_classes = bpy.utils.register_classes_factory(_CLASSES)
 
 
 def register() -> None:
-    for cls in _CLASSES:
-        bpy.utils.register_class(cls)
+    _register_classes()
     bpy.types.TOPBAR_MT_file_import.append(_menu)
 
 
 def unregister() -> None:
     bpy.types.TOPBAR_MT_file_import.remove(_menu)
-    for cls in reversed(_CLASSES):
-        bpy.utils.unregister_class(cls)
+    _unregister_classes()

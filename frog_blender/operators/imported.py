@@ -8,6 +8,7 @@ from typing import Any
 import bpy
 
 from .. import playback
+from ..engine.errors import FrogError
 
 
 def chosen(context: Any) -> Any:
@@ -20,6 +21,25 @@ def chosen(context: Any) -> Any:
         active = active.parent
     captures = list(playback.captures(context.scene.objects))
     return captures[0] if len(captures) == 1 else None
+
+
+def named_or_chosen(context: Any, name: str) -> Any:
+    """The capture of that name in this file, for no name the chosen one; FrogError where there is none to change."""
+    if not name:
+        obj = chosen(context)
+        name = obj.name if obj is not None else ""
+    found = next((obj for obj in playback.captures(bpy.data.objects) if obj.name == name and obj.library is None), None)
+    if found is None:
+        raise FrogError(f"{name or 'No object'}: found no such capture in this file, expected one that plays a .frog.")
+    return found
+
+
+def select_alone(context: Any, obj: Any) -> None:
+    """Make an object the only selected one, and the active one."""
+    for other in context.selected_objects:
+        other.select_set(False)
+    obj.select_set(True)
+    context.view_layer.objects.active = obj
 
 
 def placed_by(obj: Any) -> Any:

@@ -94,11 +94,11 @@ def _tick() -> float | None:
 
 
 _CLASSES = (FROG_OT_install_torch, FROG_OT_cancel_installation)
+_register_classes, _unregister_classes = bpy.utils.register_classes_factory(_CLASSES)
 
 
 def register() -> None:
-    for cls in _CLASSES:
-        bpy.utils.register_class(cls)
+    _register_classes()
 
 
 def unregister() -> None:
@@ -109,5 +109,4 @@ def unregister() -> None:
         current = None
     if bpy.app.timers.is_registered(_tick):
         bpy.app.timers.unregister(_tick)
-    for cls in reversed(_CLASSES):
-        bpy.utils.unregister_class(cls)
+    _unregister_classes()

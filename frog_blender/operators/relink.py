@@ -13,8 +13,7 @@ from bpy_extras.io_utils import ImportHelper
 
 from .. import playback
 from ..engine.errors import FrogError
-from .bake import capture_of
-from .imported import chosen, stored_path
+from .imported import named_or_chosen, stored_path
 
 
 def relink(obj: Any, path: Path, *, also_others: bool) -> list[Any]:
@@ -72,9 +71,7 @@ class FROG_OT_relink(bpy.types.Operator, ImportHelper):
     def execute(self, context: Any) -> set[str]:
         path = Path(bpy.path.abspath(self.filepath))
         try:
-            of_active = chosen(context) if not self.object_name else None
-            obj = capture_of(self.object_name or (of_active.name if of_active is not None else ""))
-            found = relink(obj, path, also_others=self.all_missing)
+            found = relink(named_or_chosen(context, self.object_name), path, also_others=self.all_missing)
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -87,13 +84,4 @@ class FROG_OT_relink(bpy.types.Operator, ImportHelper):
 
 
 _CLASSES = (FROG_OT_relink,)
-
-
-def register() -> None:
-    for cls in _CLASSES:
-        bpy.utils.register_class(cls)
-
-
-def unregister() -> None:
-    for cls in reversed(_CLASSES):
-        bpy.utils.unregister_class(cls)
+register, unregister = bpy.utils.register_classes_factory(_CLASSES)

@@ -14,6 +14,7 @@ from weakref import WeakKeyDictionary
 import bpy
 from bpy.app.handlers import persistent
 
+from .. import app_handlers
 from ..nodes import ellipsoid_nodes
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ def _on_render_end(*_: Any) -> None:
     _set_rendering(False)
 
 
-def _handlers() -> list[tuple[list[Any], Any]]:
+def _handlers() -> app_handlers.Handlers:
     on = bpy.app.handlers
     return [
         (on.render_init, _on_render_init),
@@ -99,15 +100,11 @@ def _handlers() -> list[tuple[list[Any], Any]]:
 
 
 def register() -> None:
-    for handlers, function in _handlers():
-        if function not in handlers:
-            handlers.append(function)
+    app_handlers.add(_handlers())
 
 
 def unregister() -> None:
     global _is_rendering
-    for handlers, function in _handlers():
-        if function in handlers:
-            handlers.remove(function)
+    app_handlers.remove(_handlers())
     _is_rendering = False
     _known.clear()

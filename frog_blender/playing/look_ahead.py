@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 from bpy.app.handlers import persistent
 
-from .. import playback
+from .. import app_handlers, playback
 from ..engine.errors import FrogError
 from . import playback_cache
 from .playback_cache import Moment
@@ -98,17 +98,13 @@ def _on_load(*_: Any) -> None:
 
 
 def register() -> None:
-    for handlers, function in _handlers():
-        if function not in handlers:
-            handlers.append(function)
+    app_handlers.add(_handlers())
 
 
 def unregister() -> None:
-    for handlers, function in _handlers():
-        if function in handlers:
-            handlers.remove(function)
+    app_handlers.remove(_handlers())
     _before.clear()
 
 
-def _handlers() -> list[tuple[list[Any], Any]]:
+def _handlers() -> app_handlers.Handlers:
     return [(bpy.app.handlers.frame_change_post, _on_frame), (bpy.app.handlers.load_post, _on_load)]

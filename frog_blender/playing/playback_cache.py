@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 from bpy.app.handlers import persistent
 
+from .. import app_handlers
 from ..engine.inference.frame_cache import FrameCache, Key
 
 if TYPE_CHECKING:
@@ -139,14 +140,12 @@ def register() -> None:
     from ..ui import preferences
 
     frames.limit = preferences.cache_megabytes() * MEGABYTE
-    if _on_load_pre not in bpy.app.handlers.load_pre:
-        bpy.app.handlers.load_pre.append(_on_load_pre)
+    app_handlers.add([(bpy.app.handlers.load_pre, _on_load_pre)])
     atexit.register(worker.stop)
 
 
 def unregister() -> None:
-    if _on_load_pre in bpy.app.handlers.load_pre:
-        bpy.app.handlers.load_pre.remove(_on_load_pre)
+    app_handlers.remove([(bpy.app.handlers.load_pre, _on_load_pre)])
     atexit.unregister(worker.stop)
     worker.stop()
     frames.forget()

@@ -83,13 +83,4 @@ def _draw_bake(layout: Any, obj: Any, context: Any) -> None:
 
 
 _CLASSES = (FROG_PT_captures,)
-
-
-def register() -> None:
-    for cls in _CLASSES:
-        bpy.utils.register_class(cls)
-
-
-def unregister() -> None:
-    for cls in reversed(_CLASSES):
-        bpy.utils.unregister_class(cls)
+register, unregister = bpy.utils.register_classes_factory(_CLASSES)

@@ -156,12 +156,12 @@ class FrogCameraSettings(bpy.types.PropertyGroup):
 
 
 _CLASSES = (FrogPlaybackSettings, FrogCameraSettings)
+_register_classes, _unregister_classes = bpy.utils.register_classes_factory(_CLASSES)
 _OWNERS: dict[str, Any] = {"Object": FrogPlaybackSettings, "Camera": FrogCameraSettings}
 
 
 def register() -> None:
-    for cls in _CLASSES:
-        bpy.utils.register_class(cls)
+    _register_classes()
     for owner, cls in _OWNERS.items():
         getattr(bpy.types, owner).frog = PointerProperty(type=cls)
 
@@ -169,5 +169,4 @@ def register() -> None:
 def unregister() -> None:
     for owner in _OWNERS:
         del getattr(bpy.types, owner).frog
-    for cls in reversed(_CLASSES):
-        bpy.utils.unregister_class(cls)
+    _unregister_classes()

@@ -147,9 +147,4 @@ def _is_importable() -> bool:
         return False
 
 
-def register() -> None:
-    bpy.utils.register_class(FROG_AP_preferences)
-
-
-def unregister() -> None:
-    bpy.utils.unregister_class(FROG_AP_preferences)
+register, unregister = bpy.utils.register_classes_factory((FROG_AP_preferences,))

@@ -48,13 +48,4 @@ def draw_button(panel: Any) -> None:
 
 
 _CLASSES = (FROG_MT_training_presets, FROG_OT_training_preset_add, FROG_PT_training_presets)
-
-
-def register() -> None:
-    for cls in _CLASSES:
-        bpy.utils.register_class(cls)
-
-
-def unregister() -> None:
-    for cls in reversed(_CLASSES):
-        bpy.utils.unregister_class(cls)
+register, unregister = bpy.utils.register_classes_factory(_CLASSES)

@@ -7,18 +7,23 @@ from typing import Any
 import bpy
 
 
-class FROG_PT_film(bpy.types.Panel):
-    """What lies behind and before the FROG engine's splats."""
+class _OfTheEngine:
+    """Panels of the Properties editor that are there while FROG is the engine."""
 
-    bl_label = "Film"
     bl_space_type = "PROPERTIES"
     bl_region_type = "WINDOW"
-    bl_context = "render"
     COMPAT_ENGINES = {"FROG"}
 
     @classmethod
     def poll(cls, context: Any) -> bool:
         return context.engine in cls.COMPAT_ENGINES
+
+
+class FROG_PT_film(_OfTheEngine, bpy.types.Panel):
+    """What lies behind and before the FROG engine's splats."""
+
+    bl_label = "Film"
+    bl_context = "render"
 
     def draw(self, context: Any) -> None:
         self.layout.use_property_split = True
@@ -26,18 +31,11 @@ class FROG_PT_film(bpy.types.Panel):
         self.layout.prop(context.scene.frog, "hold_out")
 
 
-class FROG_PT_passes(bpy.types.Panel):
+class FROG_PT_passes(_OfTheEngine, bpy.types.Panel):
     """Passes that the FROG engine can write."""
 
     bl_label = "Passes"
-    bl_space_type = "PROPERTIES"
-    bl_region_type = "WINDOW"
     bl_context = "view_layer"
-    COMPAT_ENGINES = {"FROG"}
-
-    @classmethod
-    def poll(cls, context: Any) -> bool:
-        return context.engine in cls.COMPAT_ENGINES
 
     def draw(self, context: Any) -> None:
         self.layout.use_property_split = True
@@ -47,13 +45,4 @@ class FROG_PT_passes(bpy.types.Panel):
 
 
 _CLASSES = (FROG_PT_film, FROG_PT_passes)
-
-
-def register() -> None:
-    for cls in _CLASSES:
-        bpy.utils.register_class(cls)
-
-
-def unregister() -> None:
-    for cls in reversed(_CLASSES):
-        bpy.utils.unregister_class(cls)
+register, unregister = bpy.utils.register_classes_factory(_CLASSES)

@@ -147,13 +147,4 @@ def _draw_figures(box: Any, state: background.TrainingState, context: Any) -> No
 
 
 _CLASSES = (FROG_PT_train, FROG_PT_train_advanced)
-
-
-def register() -> None:
-    for cls in _CLASSES:
-        bpy.utils.register_class(cls)
-
-
-def unregister() -> None:
-    for cls in reversed(_CLASSES):
-        bpy.utils.unregister_class(cls)
+register, unregister = bpy.utils.register_classes_factory(_CLASSES)

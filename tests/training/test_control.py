@@ -164,8 +164,14 @@ def test_previews_are_small_and_show_the_camera_that_was_chosen(
     monkeypatch.setattr(preview, "LARGEST_SIDE", 24)
     control = Control()
     drawn: list[int] = []
-    picture = preview._picture
-    monkeypatch.setattr(preview, "_picture", lambda t, shot: (drawn.append(shot), picture(t, shot))[1])
+    picture = Trainer.picture
+
+    def watched(trainer: Trainer, shot: int, largest_side: int | None = None) -> np.ndarray:
+        if largest_side:
+            drawn.append(shot)
+        return picture(trainer, shot, largest_side)
+
+    monkeypatch.setattr(Trainer, "picture", watched)
 
     def choose() -> None:
         control.preview_camera = "cam03"

@@ -32,7 +32,7 @@ PLAYABLE: dict[str, Callable[[dict[str, np.ndarray], dict], Any]] = {
 then. Quaternions may be of any length unless the class has a true ``unit_quaternions``."""
 
 CANONICAL = {"means", "log_scales", "quaternions", "opacity_logits", "sh"}
-_BY_GAUSSIAN = CANONICAL | {"embeddings"}  # the latter of those that move
+BY_GAUSSIAN = CANONICAL | {"embeddings"}  # the latter of those that move
 
 TIMES_KEPT = 4
 """Times a scene remembers: a render asks for the same one for every view layer, playback for its neighbours."""
@@ -78,7 +78,7 @@ class PlayableScene:
             kept: (M,) their indices, ascending, at least one.
         """
         arrays, header = dict(self._arrays), self.header
-        for name in _BY_GAUSSIAN & arrays.keys():
+        for name in BY_GAUSSIAN & arrays.keys():
             arrays[name] = arrays[name][kept[kept < len(arrays[name])]]
         if "embeddings" in arrays and not len(arrays["embeddings"]):  # none of those that move
             arrays = {name: arrays[name] for name in CANONICAL}

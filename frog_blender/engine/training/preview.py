@@ -6,13 +6,8 @@ import time
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-import numpy as np
-import torch
-
 from ..capture.capture import Capture
-from ..capture.time import frame_to_time
 from ..inference.draw import to_uint8
-from ..rasterizer import rasterize
 from . import events
 from .control import Control
 from .events import Event
@@ -63,17 +58,5 @@ class Previews:
                 self._refused.add(name)
                 yield events.Warned(f"The preview shows no camera {name!r}: the capture has none of this name.")
             shot = watched_shot(trainer.capture) or 0
-        yield events.Preview(trainer.step_count, _picture(trainer, shot))
+        yield events.Preview(trainer.step_count, to_uint8(trainer.picture(shot, LARGEST_SIDE)))
         self._last = time.monotonic()
-
-
-@torch.no_grad()
-def _picture(trainer: Trainer, shot_index: int) -> np.ndarray:
-    """(H, W, 3) uint8 what a shot looks like as training stands, at LARGEST_SIDE pixels a side at most."""
-    capture, shot = trainer.capture, trainer.capture.shots[shot_index]
-    camera = capture.cameras[shot.camera]
-    scale = min(1.0, LARGEST_SIDE / max(camera.width, camera.height))
-    if scale < 1:
-        camera = camera.resized(max(1, round(camera.width * scale)), max(1, round(camera.height * scale)))
-    gaussians, _ = trainer.gaussians_at(frame_to_time(shot.frame, capture.frame_count), trainer.progress)
-    return to_uint8(rasterize(gaussians, camera, capture.background).rgb.cpu().numpy())

@@ -12,7 +12,7 @@ import torch
 
 from ..errors import FrogError
 from ..files import SceneFile, SceneHeader, scene_bytes, settings_json, write_atomically
-from ..inference.scene import CANONICAL
+from ..inference.scene import BY_GAUSSIAN, CANONICAL
 from ..model.canonical import ATTRIBUTES
 from ..packing import ordered, pack, unpack
 from .parsimony import Reduction, heads_of
@@ -30,7 +30,7 @@ def check_budget(job: TrainingJob, trainer: Trainer, scale: float) -> None:
     """FrogError, before a training begins, for a budget of bytes that not even one Gaussian meets."""
     if job.max_bytes:
         scene = _scene(job, trainer, scale, {}, False)
-        one = {name: array[:1] if name in _BY_GAUSSIAN else array for name, array in scene.arrays.items()}
+        one = {name: array[:1] if name in BY_GAUSSIAN else array for name, array in scene.arrays.items()}
         least = _size(SceneFile(scene.header, one))
         if least > job.max_bytes:
             raise FrogError(f"The budget of {job.max_bytes} bytes is too small: expected at least {least}.")
@@ -127,9 +127,6 @@ def _arrays(trainer: Trainer) -> dict[str, np.ndarray]:
     return arrays
 
 
-_BY_GAUSSIAN = CANONICAL | {"embeddings"}
-
-
 def _order(arrays: dict[str, np.ndarray]) -> np.ndarray:
     """(N,) neighbours together: those that move among themselves, then those at rest."""
     means, moving = arrays["means"], len(arrays.get("embeddings", ()))
@@ -138,13 +135,13 @@ def _order(arrays: dict[str, np.ndarray]) -> np.ndarray:
 
 def _sorted(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     order = _order(arrays)
-    return {n: array[order[: len(array)]] if n in _BY_GAUSSIAN else array for n, array in arrays.items()}
+    return {n: array[order[: len(array)]] if n in BY_GAUSSIAN else array for n, array in arrays.items()}
 
 
 def _unpacked(name: str, value: torch.Tensor, order: torch.Tensor) -> torch.Tensor:
     """A model's tensor as it comes back from a packed file, whose Gaussians lie in ``order``."""
     name = name.removeprefix("canonical.")
-    rows = order[: len(value)] if name in _BY_GAUSSIAN else torch.arange(len(value))
+    rows = order[: len(value)] if name in BY_GAUSSIAN else torch.arange(len(value))
     packed = pack(name, value.detach().cpu()[rows].numpy())
     back = torch.empty_like(value, device="cpu")
     back[rows] = torch.from_numpy(unpack(packed.content, packed.description))

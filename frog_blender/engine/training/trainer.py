@@ -307,11 +307,15 @@ class Trainer:
         self.neighbourhood = Neighbourhood(chosen, neighbours, weights)
 
     @torch.no_grad()
-    def picture(self, shot_index: int) -> np.ndarray:
-        """(H, W, 3) float32 what a shot looks like as training stands."""
+    def picture(self, shot_index: int, largest_side: int | None = None) -> np.ndarray:
+        """(H, W, 3) float32 what a shot looks like as training stands, at so many pixels a side at most."""
         shot = self.capture.shots[shot_index]
+        camera = self.capture.cameras[shot.camera]
+        scale = (largest_side or math.inf) / max(camera.width, camera.height)
+        if scale < 1:
+            camera = camera.resized(max(1, round(camera.width * scale)), max(1, round(camera.height * scale)))
         gaussians, _ = self.gaussians_at(frame_to_time(shot.frame, self.capture.frame_count), self.progress)
-        return rasterize(gaussians, self.capture.cameras[shot.camera], self.capture.background).rgb.cpu().numpy()
+        return rasterize(gaussians, camera, self.capture.background).rgb.cpu().numpy()
 
     def evaluate(self, limit: int) -> tuple[float, str]:
         """Mean PSNR over at most ``limit`` evenly spread held-out pictures (training ones when none is withheld).
