@@ -20,9 +20,10 @@ class Steps:
     """An endless source that counts what it did, and says when it waits."""
 
     def __init__(self):
-        self.done, self.asked = 0, threading.Event()
+        self.done, self.was_paused, self.asked = 0, threading.Event(), threading.Event()
 
     def __call__(self, control):
+        self.was_paused.wait(20.0)  # or the pause might come between the two questions that follow
         while True:
             if control.paused:
                 self.asked.set()  # the next thing it does is to wait
@@ -40,6 +41,7 @@ def held(addon):
     source = Steps()
     task = background.begin(source)
     assert bpy.ops.frog.pause_training() == {"FINISHED"}
+    source.was_paused.set()
     assert source.asked.wait(20.0)
     yield task, source
     task.cancel()
