@@ -19,7 +19,7 @@ from . import structs
 from .arrays import GaussianArrays
 from .options import RasterizeOptions
 
-ABI_VERSION = 6
+ABI_VERSION = 7
 
 
 def library_path() -> Path:
@@ -82,6 +82,8 @@ def library() -> ctypes.CDLL:
         POINTER(structs.FieldGradients),
     ]
     loaded.frog_deform_backward.restype = c_int32
+    loaded.frog_adam.argtypes = [POINTER(structs.Adam), c_int32]
+    loaded.frog_adam.restype = c_int32
     return loaded
 
 

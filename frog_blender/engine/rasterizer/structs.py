@@ -5,7 +5,7 @@ The library takes them by address, the CUDA kernels by value; a test compares th
 
 from __future__ import annotations
 
-from ctypes import Structure, c_float, c_int32, c_void_p
+from ctypes import Structure, c_float, c_int32, c_int64, c_void_p
 from typing import Any
 
 SPLAT_FLOATS = 16  # a Splat takes 64 bytes
@@ -67,6 +67,12 @@ Field = _struct(
 DEFORMED = (*ATTRIBUTES, "changes")
 Deformed = _struct("FrogDeformed", *[(name, c_void_p) for name in DEFORMED])
 FieldGradients = _struct("FrogDeformationGradients", *[(name, c_void_p) for name in FIELD_ARRAYS])
+Adam = _struct(
+    "FrogAdam",
+    *[(name, c_void_p) for name in ("values", "gradients", "first", "second")],
+    ("size", c_int64),
+    *[(name, c_float) for name in ("first_share", "second_share", "rate", "second_scale", "epsilon")],
+)
 OPACITY_FORMS = {"off": 0, "paper": 1, "unit": 2}
 
 

@@ -9,6 +9,7 @@ from torch import nn
 
 from ..model.canonical import ATTRIBUTES
 from ..model.interface import SceneModel
+from .adam import NativeAdam
 from .recipe import Recipe
 
 
@@ -45,7 +46,8 @@ class SceneOptimizer:
         ]
         groups += [{"params": parameters, "name": name} for name, parameters in model.rate_groups().items()]
         self._rates, self.rate_factor = rates, 1.0
-        self.adam = torch.optim.Adam(groups, lr=0.0, eps=1e-15, fused=True)
+        on_cpu = self._canonical.means.device.type == "cpu"
+        self.adam = NativeAdam(groups, eps=1e-15) if on_cpu else torch.optim.Adam(groups, eps=1e-15, fused=True)
         self.schedule(0.0)
 
     def schedule(self, progress: float) -> None:

@@ -63,7 +63,7 @@ int32_t attempt(Work work) {
 
 extern "C" {
 
-int32_t frog_abi_version(void) { return 6; }
+int32_t frog_abi_version(void) { return 7; }
 const char *frog_instruction_set(void) { return kernels().name; }
 void frog_set_thread_count(int32_t count) { frog::set_thread_count(count); }
 int32_t frog_thread_count(void) { return frog::thread_count(); }
@@ -110,6 +110,22 @@ int32_t frog_deform(const FrogDeformation *field, const FrogDeformed *result) {
 int32_t frog_deform_backward(const FrogDeformation *field, const FrogDeformed *gradients,
                              const FrogDeformationGradients *result) {
   return attempt([&] { frog::deform_backward(kernels(), *field, *gradients, *result); });
+}
+
+int32_t frog_adam(const FrogAdam *parameters, int32_t count) {
+  return attempt([&] {
+    constexpr int64_t PIECE = 8192;  // numbers that a thread takes at a time
+    std::vector<int> ends(count);    // of each parameter's pieces
+    int pieces = 0;
+    for (int p = 0; p < count; ++p) ends[p] = pieces += static_cast<int>((parameters[p].size + PIECE - 1) / PIECE);
+    frog::parallel_for(pieces, 1, [&](int begin, int end) {
+      for (int piece = begin; piece < end; ++piece) {
+        const auto p = std::upper_bound(ends.begin(), ends.end(), piece) - ends.begin();
+        const int64_t first = (piece - (p ? ends[p - 1] : 0)) * PIECE;
+        kernels().adam(parameters[p], first, std::min(parameters[p].size, first + PIECE));
+      }
+    });
+  });
 }
 
 int32_t frog_mesh_depth(const float *vertices, int32_t vertex_count, const int32_t *triangles, int32_t triangle_count,

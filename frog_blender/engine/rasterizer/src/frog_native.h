@@ -68,6 +68,17 @@ typedef struct {  // shapes as in FrogDeformation
   float *head_weight, *head_bias, *output_weight, *output_bias;
 } FrogDeformationGradients;
 
+// A parameter of `size` numbers and what Adam remembers of it. The step is rate * first / (sqrt(second) * second_scale +
+// epsilon): the corrections for memories that began at zero are in `rate` and `second_scale`.
+typedef struct {
+  float *values;
+  const float *gradients;
+  float *first, *second;              // running means of the gradient and of its square
+  int64_t size;
+  float first_share, second_share;    // of a new gradient in them
+  float rate, second_scale, epsilon;
+} FrogAdam;
+
 typedef struct FrogFrame FrogFrame;
 
 FROG_EXPORT int32_t frog_abi_version(void);
@@ -100,4 +111,7 @@ FROG_EXPORT int32_t frog_similarity(int32_t height, int32_t width, const float *
 FROG_EXPORT int32_t frog_deform(const FrogDeformation *, const FrogDeformed *);
 FROG_EXPORT int32_t frog_deform_backward(const FrogDeformation *, const FrogDeformed *gradients,
                                          const FrogDeformationGradients *);
+
+// One step of Adam for each of `count` parameters. Returns 0, or 1 when memory ran out, before anything was changed.
+FROG_EXPORT int32_t frog_adam(const FrogAdam *parameters, int32_t count);
 }

@@ -49,6 +49,7 @@ struct Kernels {
   long long (*similarity_scratch)(int width);
   double (*similarity)(int height, int width, const float *image, const float *truth, int channel, int begin, int end,
                        float *gradient, float *scratch);
+  void (*adam)(const FrogAdam &, long long begin, long long end);
 };
 
 const Kernels *kernels_baseline();

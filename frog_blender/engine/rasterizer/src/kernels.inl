@@ -21,7 +21,8 @@ namespace FROG_ISA {
 #include "kept_layer.inl"
 #include "deformation.inl"
 #include "similarity.inl"
+#include "adam.inl"
 
 const Kernels kernels = {FROG_ISA_NAME, project, blend, count_blended, blend_backward, project_backward,
-                         deform, deform_backward, similarity_scratch, similarity};
+                         deform, deform_backward, similarity_scratch, similarity, adam};
 }  // namespace FROG_ISA

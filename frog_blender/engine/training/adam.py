@@ -1,0 +1,46 @@
+"""Adam over all parameters in one call of the native library, on all its threads."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+import torch
+
+from ..rasterizer import structs
+from ..rasterizer.native import library
+
+
+class NativeAdam(torch.optim.Adam):
+    """``torch.optim.Adam`` for float32 parameters on the CPU, with the same memory in ``state``.
+
+    Half of the time of torch's fused one: that works on one thread in a training's step, and is called for each group.
+    The library's threads write a denormal as zero, so old moments end there.
+    """
+
+    @torch.no_grad()
+    def step(self, closure: None = None) -> None:
+        """One step for every parameter that has a gradient."""
+        entries, kept = [], []  # gradients made contiguous live until the call is over
+        for group in self.param_groups:
+            for parameter in group["params"]:
+                if parameter.grad is not None:
+                    gradient = parameter.grad.contiguous()
+                    kept.append(gradient)
+                    entries.append(self._entry(parameter, gradient, group))
+        if library().frog_adam((structs.Adam * len(entries))(*entries), len(entries)):
+            raise MemoryError("the optimiser ran out of memory")
+
+    def _entry(self, parameter: torch.Tensor, gradient: torch.Tensor, group: dict[str, Any]) -> ctypes.Structure:
+        state = self.state[parameter]
+        if not state:
+            state["step"] = torch.zeros((), device="cpu")
+            state["exp_avg"], state["exp_avg_sq"] = torch.zeros_like(parameter), torch.zeros_like(parameter)
+        state["step"] += 1
+        count, (first, second) = float(state["step"]), group["betas"]
+        arrays = (parameter, gradient, state["exp_avg"], state["exp_avg_sq"])
+        return structs.Adam(
+            *(array.data_ptr() for array in arrays),
+            parameter.numel(),
+            *(1 - first, 1 - second, group["lr"] / (1 - first**count), (1 - second**count) ** -0.5, group["eps"]),
+        )
