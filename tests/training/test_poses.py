@@ -60,7 +60,8 @@ def test_a_camera_finds_back_to_where_it_was(capture: Capture) -> None:
         pose = torch.from_numpy(camera.world_to_camera[:3]).float().requires_grad_()
         (rasterize(scene, camera, (0.0, 0.0, 0.0), pose=pose).rgb - truth).abs().mean().backward()
         assert pose.grad is not None
-        poses.step(index, pose.grad.double().numpy(), step / steps)
+        poses.observe(index, pose.grad, step / steps)
+    poses.settle()
     after = pixels_off(poses.capture.cameras[index], true)
     assert before > 0.8 and after < 0.05 * before
     rotation = poses.capture.cameras[index].rotation

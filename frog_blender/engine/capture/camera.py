@@ -6,6 +6,7 @@ Readers convert to this at the border; nothing else knows another convention.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -64,7 +65,7 @@ class Camera:
             turn: (3,) axis times angle in radians, by which the world turns as the camera sees it.
             shift: (3,) world units, by which the world moves as the camera sees it.
         """
-        pose = _rotation(turn) @ self.world_to_camera[:3]
+        pose = rotation_about(turn) @ self.world_to_camera[:3]
         pose[:, 3] += shift
         return self.with_pose(pose)
 
@@ -112,11 +113,11 @@ class Camera:
         )
 
 
-def _rotation(vector: np.ndarray) -> np.ndarray:
+def rotation_about(vector: np.ndarray) -> np.ndarray:
     """(3, 3) the rotation about ``vector`` (3,) by its length in radians (Rodrigues)."""
-    x, y, z = vector
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    angle = float(np.linalg.norm(vector))
+    x, y, z = vector.tolist()  # plain numbers: a training asks at every step
+    angle = math.sqrt(x * x + y * y + z * z)
     if angle < 1e-12:
         return np.eye(3)
-    return np.eye(3) + np.sin(angle) / angle * cross + (1 - np.cos(angle)) / angle**2 * cross @ cross
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + math.sin(angle) / angle * cross + (1 - math.cos(angle)) / angle**2 * (cross @ cross)

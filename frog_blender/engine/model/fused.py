@@ -30,16 +30,20 @@ class _Deform(torch.autograd.Function):
         moving = len(tensors[names.index("embeddings")])
         result["changes"] = torch.empty((moving, shape.outputs), device="cpu")
         deform(shape, dict(zip(names, tensors, strict=True)), result)
-        ctx.shape, ctx.names = shape, names
+        ctx.shape, ctx.names, ctx.sizes = shape, names, {name: result[name].shape for name in _OUTPUTS}
         ctx.save_for_backward(*tensors)
         ctx.mark_non_differentiable(result["changes"])
+        ctx.set_materialize_grads(False)  # of the changes: zeros that nobody reads
         return tuple(result.values())
 
     @staticmethod
     def backward(ctx: Any, *by: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
         arrays = dict(zip(ctx.names, ctx.saved_tensors, strict=True))
         gradients = {name: torch.empty_like(array) for name, array in arrays.items()}
-        by_outputs = {name: tensor.contiguous() for name, tensor in zip(_OUTPUTS, by, strict=False)}
+        by_outputs = {
+            name: torch.zeros(ctx.sizes[name]) if gradient is None else gradient.contiguous()
+            for name, gradient in zip(_OUTPUTS, by, strict=False)
+        }
         deform_backward(ctx.shape, arrays, by_outputs, gradients)
         return (None, None, *gradients.values())
 

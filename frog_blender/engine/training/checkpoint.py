@@ -20,7 +20,7 @@ from .parsimony import Reduction, heads_of
 from .trainer import Neighbourhood, Trainer
 
 _KEY = "frog-checkpoint"
-_VERSION = 6
+_VERSION = 7
 
 
 def checkpoint_path(scene: str | Path) -> Path:
@@ -47,7 +47,7 @@ def state_of(trainer: Trainer, settings: dict[str, Any] | None = None) -> State:
     if trainer.poses:
         poses = [camera.world_to_camera for camera in trainer.capture.cameras]
         tensors["poses"] = torch.from_numpy(np.stack(poses))
-        for name in ("moments", "drawn", "uneven"):
+        for name in ("moments", "moved", "gathered"):
             tensors[f"poses.{name}"] = torch.from_numpy(getattr(trainer.poses, name))
     if trainer.parsimony:
         tensors["removed"] = torch.from_numpy(trainer.parsimony.removed)
@@ -161,7 +161,7 @@ def restore(trainer: Trainer, state: State) -> None:
     trainer.generator.set_state(tensors["random"])
     trainer.regions.errors = [tensors[f"regions.{camera}"] for camera in range(len(trainer.capture.cameras))]
     if trainer.poses:
-        trainer.poses.resume(arrays["poses"], *(arrays[f"poses.{name}"] for name in ("moments", "drawn", "uneven")))
+        trainer.poses.resume(arrays["poses"], *(arrays[f"poses.{name}"] for name in ("moments", "moved", "gathered")))
         trainer.capture = trainer.poses.capture
     trainer.neighbourhood = None
     if "neighbourhood.anchors" in tensors:

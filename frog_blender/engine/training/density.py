@@ -52,10 +52,9 @@ class DensityControl:
         if image.screen.grad is None:
             return
         half = max(camera.width, camera.height) / 2  # 3DGS counts in half picture widths
-        visible = image.radii > 0
-        pull = torch.hypot(image.screen.grad[:, 0], image.screen.grad[:, 1])
-        self.gradient_sum += torch.where(visible, pull * half, 0)
-        self.seen += visible
+        across, down = image.screen.grad.unbind(1)  # zero where nothing was seen
+        self.gradient_sum.add_((across * across).addcmul_(down, down).sqrt_(), alpha=half)
+        self.seen += image.radii > 0
 
     @torch.no_grad()
     def round(

@@ -81,20 +81,6 @@ def torch_threads(count: int) -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-@contextmanager
-def denormals_flushed() -> Iterator[None]:
-    """Numbers too small to be normal count as zero inside the block: Adam's old moments end there, and slow it down.
-
-    Only inside: the setting is the thread's, and whoever trains in it may want such numbers elsewhere.
-    """
-    before = float(torch.tensor(1e-40, device="cpu") * 1) == 0.0
-    torch.set_flush_denormal(True)
-    try:
-        yield
-    finally:
-        torch.set_flush_denormal(before)
-
-
 class OnItsWay:
     """A tensor's numbers, asked for without waiting: on a GPU the copy is queued behind what was asked of it before."""
 

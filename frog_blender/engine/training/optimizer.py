@@ -120,7 +120,7 @@ class SceneOptimizer:
         for group in self.adam.param_groups:
             for number, parameter in enumerate(group["params"]):
                 for key, value in self.adam.state.get(parameter, {}).items():
-                    arrays[f"adam.{group['name']}.{number}.{key}"] = value
+                    arrays[f"adam.{group['name']}.{number}.{key}"] = torch.as_tensor(value, dtype=torch.float32)
         return arrays
 
     def load_state_arrays(self, arrays: dict[str, torch.Tensor]) -> None:

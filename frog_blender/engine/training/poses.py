@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from ..capture.camera import Camera
+from ..capture.camera import Camera, rotation_about
 from ..capture.capture import Capture
 from .device import OnItsWay
 from .recipe import Recipe
@@ -21,11 +21,14 @@ class PoseRefinement:
     that the scene stays where the cameras that judge, which are never moved, see it. A single moving camera stays as it
     was measured too, since its withheld moments have no pose but that.
 
+    Gradients are gathered over as many steps as there are such cameras, then all move at once: a step of its own for
+    each took as long as a fortieth of a training's step.
+
     Attributes:
         capture: the capture with its cameras as they stand now.
         moments: (2, C, 6) Adam's memory of the gradients by camera: three of turning, three of moving.
-        drawn: (C, 2) steps that drew each camera, and the training's progress at the last of them.
-        uneven: (C, 6) what each was moved by since the common part was taken out.
+        moved: (C, 2) times that each camera was moved, and the training's progress at the last of them.
+        gathered: (C, 13) sum of the gradients (3, 4) since then by row, and of how many steps.
 
     Args:
         capture: as it was opened.
@@ -37,12 +40,12 @@ class PoseRefinement:
     def __init__(self, capture: Capture, recipe: Recipe, center: np.ndarray, distance: float) -> None:
         self.capture, self._recipe = capture, recipe
         self._center, self._distance = center.astype(np.float64), distance
-        self._moved = np.array(sorted({shot.camera for shot in capture.train_shots}))
-        self._moved = self._moved[[capture.cameras[i].name not in capture.test_cameras for i in self._moved]]
-        self.moments = np.zeros((2, len(capture.cameras), 6))
-        self.uneven = np.zeros((len(capture.cameras), 6))
+        trained = {shot.camera for shot in capture.train_shots}
+        self._learned = np.array(sorted(i for i in trained if capture.cameras[i].name not in capture.test_cameras))
+        count = len(capture.cameras)
+        self.moments, self.gathered = np.zeros((2, count, 6)), np.zeros((count, 13))
+        self.moved = np.tile([0.0, recipe.pose_from], (count, 1))
         self._arriving: tuple[int, OnItsWay, float] | None = None
-        self.drawn = np.tile([0.0, recipe.pose_from], (len(capture.cameras), 1))
 
     @staticmethod
     def wanted(capture: Capture, recipe: Recipe) -> bool:
@@ -51,81 +54,80 @@ class PoseRefinement:
 
     def learns(self, camera: int, progress: float) -> bool:
         """Whether a step that draws this camera at ``progress`` needs the gradient of its pose."""
-        return progress > self._recipe.pose_from and camera in self._moved
+        return progress > self._recipe.pose_from and camera in self._learned
 
     def observe(self, index: int, gradient: torch.Tensor, progress: float) -> None:
-        """Remembers a step's gradient (3, 4) by a camera's pose; ``settle`` moves the camera, before the next step."""
+        """Remembers a step's gradient (3, 4) by a camera's pose; ``settle`` takes it in, before the next step."""
         self.settle()
         self._arriving = index, OnItsWay(gradient), progress
 
     def settle(self) -> None:
-        """Moves the camera that the last step drew, if it has not been."""
-        if self._arriving is not None:
-            index, gradient, progress = self._arriving
-            self._arriving = None
-            self.step(index, gradient.here().double().numpy(), progress)
+        """Takes in the last step's gradient, if it was not, and moves the cameras when enough have been gathered."""
+        if self._arriving is None:
+            return
+        index, gradient, progress = self._arriving
+        self._arriving = None
+        self.gathered[index, :12] += gradient.here().numpy().ravel()
+        self.gathered[index, 12] += 1
+        if self.gathered[:, 12].sum() >= len(self._learned):
+            self._step(progress)
 
-    def step(self, index: int, gradient: np.ndarray, progress: float) -> None:
-        """One step of Adam for one camera, as long as the training that went by since its last one.
-
-        Args:
-            index: of the camera.
-            gradient: (3, 4) of the loss by ``world_to_camera``.
-            progress: of the training.
-        """
-        camera = self.capture.cameras[index]
-        slope = self._slope(camera, gradient)
-        if not np.isfinite(slope).all():
+    def _step(self, progress: float) -> None:
+        """One step of Adam for each camera that was drawn, as long as the training that went by since its last one."""
+        drawn = self.gathered[:, 12].nonzero()[0]
+        means = self.gathered[drawn, :12] / self.gathered[drawn, 12:]
+        self.gathered[:] = 0.0
+        if not np.isfinite(means).all():
             return  # the loss's own check says so
-        count, before = self.drawn[index] + (1, 0)
-        self.drawn[index] = count, progress
-        first, second = self.moments[:, index]
-        first += (1 - _MOMENTUM) * (slope - first)
-        second += (1 - _MEMORY) * (slope**2 - second)
-        direction = (first / (1 - _MOMENTUM**count)) / (np.sqrt(second / (1 - _MEMORY**count)) + _TINY)
-        width = camera.width / camera.intrinsics[0, 0]  # of the picture, radians
-        length = self._recipe.pose_reach * width * 2 * (1 - progress) * (progress - before)
-        change = -length * direction * np.repeat([1.0, self._distance], 3)
-        self._move({index: change})
-        self.uneven[index] += change
-        if self.drawn[:, 0].sum() % len(self._moved) == 0:
-            self._even_out()
+        cameras = [self.capture.cameras[index] for index in drawn]
+        slopes = np.array([self._slope(*pair) for pair in zip(cameras, means.reshape(-1, 3, 4), strict=True)])
+        self.moved[drawn, 0] += 1
+        counts, since = self.moved[drawn, 0, None], progress - self.moved[drawn, 1, None]
+        self.moved[drawn, 1] = progress
+        first = _MOMENTUM * self.moments[0, drawn] + (1 - _MOMENTUM) * slopes
+        second = _MEMORY * self.moments[1, drawn] + (1 - _MEMORY) * slopes**2
+        self.moments[:, drawn] = first, second
+        directions = (first / (1 - _MOMENTUM**counts)) / (np.sqrt(second / (1 - _MEMORY**counts)) + _TINY)
+        widths = np.array([[camera.width / camera.intrinsics[0, 0]] for camera in cameras])  # of the pictures, radians
+        lengths = self._recipe.pose_reach * widths * 2 * (1 - progress) * since
+        changes = np.zeros_like(self.moments[0])
+        changes[drawn] = -lengths * directions * np.repeat([1.0, self._distance], 3)
+        self._move(self._without_common(changes[self._learned]))
 
-    def _even_out(self) -> None:
-        """Takes back what all cameras did in common since it was last taken back."""
-        changes = self.uneven[self._moved]
+    def _without_common(self, changes: np.ndarray) -> np.ndarray:
+        """(L, 6) changes of the learned cameras without what all of them do together."""
         own = changes - changes.mean(axis=0)
-        centers = np.array([self.capture.cameras[index].center for index in self._moved])
+        centers = np.array([self.capture.cameras[index].center for index in self._learned])
         centers -= centers.mean(axis=0)
         growth = (own[:, 3:] * centers).sum() / max((centers**2).sum(), _TINY)  # all nearer to the middle, or away
         own[:, 3:] -= growth * centers
-        self._move(dict(zip(self._moved.tolist(), own - changes, strict=True)))
-        self.uneven[:] = 0.0
+        return own
 
     def _slope(self, camera: Camera, gradient: np.ndarray) -> np.ndarray:
         """(6,) of the loss by the world's turn about the centre and its shift in distances, as this camera sees it."""
-        by_rotation, by_shift = camera.rotation.T @ gradient[:, :3], camera.rotation.T @ gradient[:, 3]
-        twice = by_rotation - by_rotation.T
-        by_turn = np.array([twice[2, 1], twice[0, 2], twice[1, 0]]) - np.cross(self._center, by_shift)
+        by_shift = gradient[:, 3] @ camera.rotation
+        by_rotation = camera.rotation.T @ gradient[:, :3] - by_shift[:, None] * self._center
+        by_turn = (by_rotation - by_rotation.T)[(2, 0, 1), (1, 2, 0)]
         return np.concatenate([by_turn, by_shift * self._distance])
 
-    def _move(self, changes: dict[int, np.ndarray]) -> None:
-        """Moves the world before some cameras: (6,) radians about the centre, and world units."""
+    def _move(self, changes: np.ndarray) -> None:
+        """Moves the world before the learned cameras: (L, 6) radians about the centre, and world units."""
         cameras = list(self.capture.cameras)
-        for index, change in changes.items():
-            camera = cameras[index]
-            turned = camera.moved(camera.rotation @ change[:3], np.zeros(3))
-            back = (camera.rotation - turned.rotation) @ (self._center - camera.center)  # the centre stays in its place
-            cameras[index] = turned.moved(np.zeros(3), back + turned.rotation @ change[3:])
+        for index, change in zip(self._learned, changes, strict=True):
+            pose = cameras[index].world_to_camera[:3]
+            center = pose[:, :3] @ self._center + pose[:, 3]  # which stays in its place but for the shift
+            rotation = pose[:, :3] @ rotation_about(change[:3])
+            shift = center + rotation @ (change[3:] - self._center)
+            cameras[index] = cameras[index].with_pose(np.column_stack([rotation, shift]))
         self.capture = self.capture.with_cameras(cameras)
 
-    def resume(self, poses: np.ndarray, moments: np.ndarray, drawn: np.ndarray, uneven: np.ndarray) -> None:
+    def resume(self, poses: np.ndarray, moments: np.ndarray, moved: np.ndarray, gathered: np.ndarray) -> None:
         """Goes on from poses (C, 4, 4) and the rest; ValueError for arrays that do not fit."""
         if np.shape(poses) != (len(self.capture.cameras), 4, 4):
             raise ValueError(f"poses of {np.shape(poses)} instead of {(len(self.capture.cameras), 4, 4)}")
-        for array, own in ((moments, self.moments), (drawn, self.drawn), (uneven, self.uneven)):
+        for array, own in ((moments, self.moments), (moved, self.moved), (gathered, self.gathered)):
             if array.shape != own.shape:
                 raise ValueError(f"memory of poses of {array.shape} instead of {own.shape}")
-        self.moments, self.drawn, self.uneven, self._arriving = moments.copy(), drawn.copy(), uneven.copy(), None
+        self.moments, self.moved, self.gathered, self._arriving = moments.copy(), moved.copy(), gathered.copy(), None
         pairs = zip(self.capture.cameras, poses, strict=True)
         self.capture = self.capture.with_cameras(camera.with_pose(pose) for camera, pose in pairs)

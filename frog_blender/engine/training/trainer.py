@@ -21,8 +21,8 @@ from ..model.frog import total_deformation
 from ..model.interface import Progressing, SceneModel
 from ..rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
 from .density import DensityControl
-from .device import denormals_flushed, picture_on, torch_threads
-from .losses import add_embedding_smoothness, neighbour_weights, ssim
+from .device import picture_on, torch_threads
+from .losses import absolute_error, add_embedding_smoothness, neighbour_weights, ssim
 from .methods import method_named
 from .neighbours import nearest
 from .optimizer import SceneOptimizer
@@ -37,7 +37,8 @@ from .schedule import Every, ShotPicker, ramp
 from .start import first_model, scale_of
 
 _ANCHORS_WHILE_FEW = 0.01  # of half the limit, a round
-_SMOOTHNESS_BATCH = 64  # anchors of the smoothness sample that a step looks at
+_SMOOTHED_EVERY = 4  # steps between two that regularise, each for as many; their dozens of small operations cost time
+_SMOOTHNESS_BATCH = 64  # anchors of the smoothness sample that such a step looks at
 
 
 @dataclass(frozen=True)
@@ -150,7 +151,7 @@ class Trainer:
 
     def step(self) -> None:
         """One optimiser step on one picture, and whatever round is due after it."""
-        with torch_threads(1), denormals_flushed():
+        with torch_threads(1):
             self._step()
 
     def _step(self) -> None:
@@ -167,7 +168,7 @@ class Trainer:
         pose = self._learned_pose(camera_index, before)
         truth, image, gaussians, changes = self._draw(shot, before, options, pose)
         difference = image.rgb - truth
-        loss = difference.abs().mean()
+        loss = absolute_error(difference)
         if self._in_burst(before):
             loss = loss + self.recipe.dssim_weight * (1 - ssim(image.rgb, truth)) / 2
         if region is not None:
@@ -177,11 +178,13 @@ class Trainer:
             self.regions.observe(camera_index, options.region_of(camera), difference.detach())
         self.picker.observe(shot, difference.detach())
         self._loss.add(loss, self.step_count)
-        extra = self.model.regularization() if changes else None
-        (loss if extra is None else loss + extra).backward()
-        if changes and self.neighbourhood is not None and self.recipe.smoothness_weight:
+        smoothed = bool(changes) and self.step_count % _SMOOTHED_EVERY == 0
+        extra = self.model.regularization() if smoothed else None
+        (loss if extra is None else loss + _SMOOTHED_EVERY * extra).backward()
+        if smoothed and self.neighbourhood is not None and self.recipe.smoothness_weight:
             self._add_smoothness(self.neighbourhood)
-        self.density.observe(image, gaussians.opacities.detach(), camera)
+        if before < self.recipe.densify_until:
+            self.density.observe(image, gaussians.opacities.detach(), camera)
         self.optimizer.step()
         if self.poses and pose is not None and pose.grad is not None:
             self.poses.observe(camera_index, pose.grad, before)
@@ -253,9 +256,9 @@ class Trainer:
         return self.model.canonical.gaussians(sh_count), {}
 
     def _add_smoothness(self, n: Neighbourhood) -> None:
-        start = (self.step_count * _SMOOTHNESS_BATCH) % max(1, len(n.anchors))
+        start = (self.step_count // _SMOOTHED_EVERY * _SMOOTHNESS_BATCH) % max(1, len(n.anchors))
         part = slice(start, start + _SMOOTHNESS_BATCH)
-        embeddings, weight = self.model.canonical.embeddings, self.recipe.smoothness_weight
+        embeddings, weight = self.model.canonical.embeddings, _SMOOTHED_EVERY * self.recipe.smoothness_weight
         add_embedding_smoothness(embeddings, n.anchors[part], n.neighbours[part], n.weights[part], weight)
 
     def _rounds(self, before: float, now: float, shot: int) -> None:

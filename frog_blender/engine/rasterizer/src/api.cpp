@@ -42,7 +42,9 @@ void draw(FrogFrame &frame, const FrogGaussians &gaussians, const FrogImage &ima
   frog::bin_splats(frame);
   if (image.max_weights) std::fill_n(image.max_weights, count, 0.0f);
   if (image.radii)
-    for (int i = 0; i < count; ++i) image.radii[i] = frame.splats[i].radius;
+    frog::parallel_for(count, 4096, [&](int begin, int end) {
+      for (int i = begin; i < end; ++i) image.radii[i] = frame.splats[i].radius;
+    });
   frog::parallel_for(static_cast<int>(frame.tiles.size()), 1, [&](int begin, int end) {
     for (int t = begin; t < end; ++t) kernels().blend(frame.view, frame.tiles[t], image);
   });
