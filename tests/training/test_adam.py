@@ -1,0 +1,76 @@
+"""The library's Adam against torch's."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+import torch
+
+from frog_blender.engine.rasterizer import native
+from frog_blender.engine.training.adam import NativeAdam
+
+# One number, nothing at all, several pieces of a thread's work with a rest, several dimensions.
+SHAPES = [(1,), (0, 3), (20_001,), (300, 4, 3), (2, 2)]
+
+
+def parameters() -> list[torch.nn.Parameter]:
+    generator = torch.Generator().manual_seed(0)
+    return [torch.nn.Parameter(torch.randn(shape, generator=generator)) for shape in SHAPES]
+
+
+def gradients(step: int) -> list[torch.Tensor | None]:
+    """Of very different sizes; some rows never pulled at, one parameter not in every step."""
+    generator = torch.Generator().manual_seed(100 + step)
+    found: list[torch.Tensor | None] = [torch.randn(shape, generator=generator) for shape in SHAPES]
+    assert found[2] is not None and found[3] is not None
+    found[2] *= 10.0 ** torch.randint(-12, 6, (20_001,), generator=generator)
+    found[3][:100] = 0
+    if step % 3 == 0:
+        found[4] = None
+    return found
+
+
+def trained(kind: type[torch.optim.Adam], steps: int = 40) -> tuple[list[torch.nn.Parameter], torch.optim.Adam]:
+    found = parameters()
+    optimizer = kind([{"params": found[:2], "lr": 0.1}, {"params": found[2:]}], lr=1e-3, eps=1e-15)
+    for step in range(steps):
+        for parameter, gradient in zip(found, gradients(step), strict=True):
+            parameter.grad = gradient
+        optimizer.param_groups[1]["lr"] = 1e-3 * 0.95**step
+        optimizer.step()
+    return found, optimizer
+
+
+@pytest.fixture(autouse=True)
+def threads() -> Iterator[None]:
+    yield
+    native.set_thread_count(0)
+
+
+def test_the_same_steps_and_memory_as_torch() -> None:
+    (found, ours), (expected, theirs) = trained(NativeAdam), trained(torch.optim.Adam)
+    for one, other in zip(found, expected, strict=True):
+        torch.testing.assert_close(one, other, rtol=1e-5, atol=1e-6)
+        for name in ("exp_avg", "exp_avg_sq"):
+            torch.testing.assert_close(ours.state[one][name], theirs.state[other][name], rtol=1e-5, atol=1e-30)
+        assert ours.state[one]["step"] == int(theirs.state[other]["step"])
+    assert torch.equal(found[3][:100], parameters()[3][:100])  # never pulled at: never moved
+
+
+def test_the_same_bits_on_any_number_of_threads() -> None:
+    results = []
+    for count in (1, 2, 7):
+        native.set_thread_count(count)
+        results.append(trained(NativeAdam, 5)[0])
+    for result in results[1:]:
+        assert all(torch.equal(one, other) for one, other in zip(result, results[0], strict=True))
+
+
+def test_a_gradient_in_another_order_of_memory() -> None:
+    values, gradient = torch.zeros(4, 3), torch.arange(12.0).reshape(3, 4)
+    one, other = torch.nn.Parameter(values.clone()), torch.nn.Parameter(values.clone())
+    one.grad, other.grad = gradient.T, gradient.T.contiguous()
+    for parameter in (one, other):
+        NativeAdam([parameter], lr=0.1).step()
+    assert torch.equal(one, other) and float(one.detach().abs().max()) > 0.09
