@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -89,15 +89,23 @@ def open_evaluated(scene: PlayableScene, capture_path: Path) -> tuple[Any, Frame
     capture = open_capture(capture_path, pixel_offsets=header.pixel_offsets or None)
     if header.scale != 1.0:
         capture = capture.scaled(header.scale)
-    if [c.name for c in capture.cameras] != [c.name for c in header.cameras] or (
-        capture.frame_count != header.frame_count
-    ):
-        raise FrogError(
-            f"{capture_path}: found {len(capture.cameras)} cameras and {capture.frame_count} frames, expected the "
-            f"{len(header.cameras)} cameras and {header.frame_count} frames that the scene was trained on."
-        )
+    for found, expected in _pairs(capture.cameras, capture.frame_count, header.cameras, header.frame_count):
+        if found != expected:
+            raise FrogError(f"{capture_path}: found {found}, expected {expected} as the scene was trained on.")
     seen = capture.with_cameras(header.cameras)  # their poses may have been refined in training
     return seen, FrameStore.open(capture)
+
+
+def _pairs(
+    cameras: Sequence[Camera], frames: int, trained: Sequence[Camera], trained_frames: int
+) -> Iterator[tuple[str, str]]:
+    """What a capture and a scene must have in common, as each has it."""
+    yield f"{len(cameras)} cameras and {frames} frames", f"{len(trained)} cameras and {trained_frames} frames"
+    for camera, own in zip(cameras, trained, strict=True):
+        yield (
+            f"camera {camera.name} of {camera.width} x {camera.height} pixels",
+            f"camera {own.name} of {own.width} x {own.height} pixels",
+        )
 
 
 def evaluate_file(

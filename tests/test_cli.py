@@ -175,6 +175,19 @@ def test_eval_prints_every_figure(run: Run, trained: Path, filmed: Path) -> None
     assert status == 0 and "psnr_moving" in out and "18" in out
 
 
+def test_eval_refuses_another_capture(run: Run, trained: Path, filmed: Path, tmp_path: Path) -> None:
+    scene = read_scene(trained)
+    first, *others = scene.header.cameras
+    small, renamed = first.resized(first.width // 2, first.height // 2), replace(first, name="door")
+    for header, words in (
+        (replace(scene.header, frame_count=5), f"4 cameras and {film.FRAMES} frames, expected 4 cameras and 5 frames"),
+        (replace(scene.header, cameras=(small, *others)), f"expected camera cam00 of {small.width} x {small.height}"),
+        (replace(scene.header, cameras=(renamed, *others)), "found camera cam00"),
+    ):
+        write_scene(tmp_path / "x.frog", replace(scene, header=header))
+        refused(run("eval", tmp_path / "x.frog", filmed), words)
+
+
 def test_render_writes_exactly_what_the_camera_saw(run: Run, trained: Path, tmp_path: Path) -> None:
     status, out, _ = run("render", trained, "--camera", "cam01", "--frames", "2:5", "--out", tmp_path / "o" / "deep")
     assert status == 0 and "3 pictures" in out

@@ -14,6 +14,7 @@ def test_psnr() -> None:
     assert psnr(truth + np.float32(0.1), truth) == pytest.approx(20, abs=1e-4)
     assert psnr(truth + np.float32(0.01), truth) == pytest.approx(40, abs=1e-2)
     assert psnr_of(1.0) == 0 and psnr_of(0.0) == 100
+    assert np.isnan(psnr_of(float("nan"))) and psnr_of(float("inf")) < -1e9
 
 
 def test_ssim_of_equal_pictures_is_one_and_falls_with_noise() -> None:

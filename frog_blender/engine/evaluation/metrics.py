@@ -8,7 +8,9 @@ _WINDOW, _SIGMA = 11, 1.5
 
 
 def psnr_of(mean_squared_error: float) -> float:
-    """Decibels for pictures in [0, 1]; 100 where they are equal."""
+    """Decibels for pictures in [0, 1]; 100 where they are equal, NaN where there is no number."""
+    if np.isnan(mean_squared_error):
+        return float("nan")  # comparisons below would take it for perfection
     return min(100.0, -10.0 * float(np.log10(max(mean_squared_error, 1e-10))))
 
 
