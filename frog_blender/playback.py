@@ -151,8 +151,8 @@ def moment(obj: Any, scene_frame: float) -> Moment:
 def displayed(obj: Any, scene_frame: float) -> Moment:
     """What an object's points show of ``moment``: see density. FrogError for an unusable file."""
     whole = moment(obj, scene_frame)
-    scene = density.thinned(obj, whole.scene)
-    return whole if scene is whole.scene else Moment(scene, whole.time)
+    fewer = density.thinned(obj, whole.scene)
+    return whole if fewer is None else Moment(fewer[0], whole.time, whole.bake, fewer[1])
 
 
 def shown_frame(obj: Any, scene_frame: float) -> float:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 from weakref import WeakKeyDictionary
 
 import bpy
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from ..engine.inference.scene import PlayableScene
 
 _KEPT = 4  # thinned scenes of a scene: objects and renders may each want another density
+Fewer: TypeAlias = "tuple[PlayableScene, np.ndarray]"
+"""Some of a scene's Gaussians as a scene of their own, and (K,) which of those that move there are among them."""
 
 
 class _Thinned:
@@ -31,16 +33,17 @@ class _Thinned:
     def __init__(self) -> None:
         self.lock = threading.Lock()  # a render evaluates frames in its own thread
         self.order: np.ndarray | None = None
-        self.scenes: OrderedDict[int, PlayableScene] = OrderedDict()
+        self.scenes: OrderedDict[int, Fewer] = OrderedDict()
 
-    def take(self, scene: PlayableScene, count: int) -> PlayableScene:
+    def take(self, scene: PlayableScene, count: int) -> Fewer:
         from ..engine.inference.importance import most_important, ranking
 
         with self.lock:
             if count not in self.scenes:
                 if self.order is None:
                     self.order = ranking(scene)
-                self.scenes[count] = scene.only(most_important(self.order, count))
+                kept = most_important(self.order, count)
+                self.scenes[count] = scene.only(kept), kept[kept < scene.moving]
             self.scenes.move_to_end(count)
             while len(self.scenes) > _KEPT:
                 self.scenes.popitem(last=False)
@@ -51,10 +54,10 @@ _known: WeakKeyDictionary[PlayableScene, _Thinned] = WeakKeyDictionary()
 _is_rendering = False  # with another engine than FROG
 
 
-def thinned(obj: Any, scene: PlayableScene) -> PlayableScene:
-    """The scene that an object's points or ellipsoids show: all of ``scene``, or its most important Gaussians."""
+def thinned(obj: Any, scene: PlayableScene) -> Fewer | None:
+    """The most important Gaussians of ``scene``, if an object's points or ellipsoids show no more; None for all."""
     count = shown_count(obj, scene.count)
-    return scene if count >= scene.count else _known.setdefault(scene, _Thinned()).take(scene, count)
+    return None if count >= scene.count else _known.setdefault(scene, _Thinned()).take(scene, count)
 
 
 def shown_count(obj: Any, total: int) -> int:

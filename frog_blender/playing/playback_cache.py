@@ -11,7 +11,7 @@ import sys
 import threading
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -21,6 +21,8 @@ from .. import app_handlers
 from ..engine.inference.frame_cache import FrameCache, Key
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from ..engine.inference.bake import Bake
     from ..engine.inference.moving_part import MovingPart
     from ..engine.inference.scene import PlayableScene
@@ -34,11 +36,17 @@ frames = FrameCache(DEFAULT_MEGABYTES * MEGABYTE)
 
 @dataclass(frozen=True)
 class Moment:
-    """What an object shows at some frame: a scene at a time in [0, 1], and the bake it may be in."""
+    """What an object shows at some frame: a scene at a time in [0, 1].
+
+    Attributes:
+        bake: it may be in, which can be one of a scene with more Gaussians.
+        rows: (K,) which of the Gaussians that move in the bake are those that move in ``scene``; None for all.
+    """
 
     scene: PlayableScene
     time: float
     bake: Bake | None = None
+    rows: np.ndarray | None = field(default=None, compare=False)
 
     @property
     def key(self) -> Key:
@@ -57,7 +65,9 @@ class Moment:
         return self.scene.at(self.time, frames.find(self.key) or self._baked())
 
     def _baked(self) -> MovingPart | None:
-        return self.bake.find(self.time) if self.bake is not None else None
+        if self.bake is None or not self.scene.changing:
+            return None
+        return self.bake.find(self.time, self.rows)
 
 
 class Worker:

@@ -11,7 +11,10 @@ from scenes import rig_of_three, write_scene
 
 from frog_blender import carrier, playback
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.files import read_scene
+from frog_blender.engine.files import write_scene as write_file
 from frog_blender.engine.inference.bake import Bake, write_bake
+from frog_blender.engine.inference.importance import most_important, ranking
 from frog_blender.engine.inference.scene import PlayableScene
 from frog_blender.operators import bake
 from frog_blender.playing import playback_cache
@@ -254,3 +257,53 @@ def test_write_bake_says_when_the_disk_is_too_small(empty, static_rig, monkeypat
         np.testing.assert_array_equal(found.find(1.0).columns[name], column)
     found.close()
     assert found.find(0.0) is None and "cannot be read" in found.problem
+
+
+def of_which_move(path, moving):
+    """A scene whose first Gaussians move and whose others stand, as training leaves them; one alone is hardly seen."""
+    scene = read_scene(write_scene(path, rig_of_three()))
+    scene.arrays["embeddings"] = scene.arrays["embeddings"][:moving]
+    if moving == 1:
+        scene.arrays["opacity_logits"][0] = -6.0
+    write_file(path, scene)
+    bpy.ops.import_scene.frog(filepath=str(path))
+    return bpy.context.object
+
+
+@pytest.mark.parametrize("share", [100, 50, 15])
+@pytest.mark.parametrize("moving", [60, 25])
+def test_a_thinned_capture_takes_its_share_of_the_bake(empty, tmp_path, computed, share, moving):
+    """The most important ones of the whole frame, to the bit, without the network."""
+    capture = of_which_move(tmp_path / "part.frog", moving)
+    capture.frog.density = share
+    whole, fewer = playback.moment(capture, 1.0).scene, playback.displayed(capture, 1.0).scene
+    kept = most_important(ranking(whole), round(60 * share / 100))
+    expected = {frame: whole.at_frame(frame - 1) for frame in (4, 9)}
+    assert fewer.count == len(kept) and fewer.moving == (kept < moving).sum() > 0
+    assert not np.array_equal(expected[4].means[kept], expected[9].means[kept])
+    bpy.ops.frog.bake()
+    playback_cache.clear()
+    empty.frame_set(2)
+    computed.clear()
+    for frame, gaussians in expected.items():
+        empty.frame_set(frame)
+        shown = carrier.read(capture)
+        np.testing.assert_array_equal(shown["position"], gaussians.means[kept])
+        np.testing.assert_array_equal(shown["rotation"], gaussians.quaternions[kept])
+        np.testing.assert_array_equal(shown["radiance:base"][:, 3], gaussians.opacities[kept])
+    assert [time for time in computed if time] == [], "only what never changes may be looked up"
+    assert playback_cache.frames.bytes == len(playback_cache.frames) * fewer.part_bytes, "no more is kept than shown"
+
+
+def test_what_is_thinned_to_nothing_that_moves_stands(empty, tmp_path):
+    capture = of_which_move(tmp_path / "part.frog", 1)
+    bpy.ops.frog.bake()
+    capture.frog.density = 50
+    assert playback.displayed(capture, 1.0).scene.moving == 0
+    shown = carrier.read(capture)["position"]
+    empty.frame_set(8)
+    np.testing.assert_array_equal(carrier.read(capture)["position"], shown)
+    capture.frog.density = 100
+    whole = carrier.read(capture)["position"]
+    empty.frame_set(3)
+    assert not np.array_equal(carrier.read(capture)["position"], whole)
