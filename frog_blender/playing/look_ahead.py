@@ -9,12 +9,15 @@ from typing import Any
 import bpy
 from bpy.app.handlers import persistent
 
-from .. import app_handlers, playback
+from .. import app_handlers, background, playback
 from ..engine.errors import FrogError
 from . import playback_cache
 from .playback_cache import Moment
 
 AHEAD = 24  # frames
+AHEAD_WHILE_TRAINING = 2
+"""While a training wants the same cores: the next frame, and one more so that a slow one does not hold up playing.
+Every frame beyond them is work that scrubbing throws away."""
 _FARTHEST_STEP = 8.0  # frames of the timeline; who goes farther at once has jumped, not played
 _before: dict[int, tuple[float, float]] = {}  # a scene's frame and step, by session_uid: which way it is being played
 
@@ -47,7 +50,7 @@ def moments_after(scene: Any, frame: float, step: float) -> list[Moment]:
     found: dict[Any, Moment] = {}
     room = playback_cache.frames.limit // 2
     objects = list(playback.captures(scene.objects))
-    for following in islice(frames_after(scene, frame, step), AHEAD):
+    for following in islice(frames_after(scene, frame, step), _frames_ahead()):
         for moment in _shown(scene, objects, following):
             if moment.key in found or not moment.scene.changing:
                 continue
@@ -56,6 +59,11 @@ def moments_after(scene: Any, frame: float, step: float) -> list[Moment]:
                 return list(found.values())
             found[moment.key] = moment
     return list(found.values())
+
+
+def _frames_ahead() -> int:
+    trains = background.is_running() and not background.is_paused()
+    return AHEAD_WHILE_TRAINING if trains else AHEAD
 
 
 def _shown(scene: Any, objects: list[Any], frame: float) -> Iterator[Moment]:

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from scenes import rig_of_three, write_scene
 
-from frog_blender import carrier, playback
+from frog_blender import background, carrier, playback
 from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender.engine.training import events
 from frog_blender.playing import look_ahead, playback_cache
 
 
@@ -96,6 +97,35 @@ def test_frames_ahead_follow_each_captures_time(empty, capture):
         capture.keyframe_insert("frog.shown_frame", frame=frame)
     ahead = frames_ahead(empty, capture)
     assert ahead[9] == pytest.approx(4.0, abs=1e-3) and ahead == sorted(ahead, reverse=True)
+
+
+def test_a_training_leaves_the_thread_little_to_do(empty, capture):
+    """While it runs, not while it is held or after its end; the next frame is there nevertheless."""
+
+    def training(control):
+        while not control():
+            threading.Event().wait(0.005)
+        yield events.Cancelled(0, None)
+
+    empty.frame_set(3)
+    assert len(frames_ahead(empty, capture)) == 10
+    playback_cache.clear()
+    task = background.begin(training)
+    try:
+        for frame in (4, 5, 6):
+            assert frame == 4 or playback.displayed(capture, frame).key in playback_cache.frames, "it was not ready"
+            empty.frame_set(frame)
+            look_ahead.look_ahead(empty)
+            assert playback_cache.worker.wait(20.0)
+            assert len(playback_cache.frames) == frame - 3 + look_ahead.AHEAD_WHILE_TRAINING
+        assert frames_ahead(empty, capture) == [6, 7]
+        task.control.pause()
+        assert len(frames_ahead(empty, capture)) == 10
+        task.control.resume()
+        assert frames_ahead(empty, capture) == [6, 7]
+    finally:
+        background.stop()
+    assert not background.is_running() and len(frames_ahead(empty, capture)) == 10
 
 
 def test_memory_is_bounded_and_said(empty, capture, static_rig):
