@@ -7,6 +7,8 @@ display-referred colour, as they were trained, and the result is converted to Bl
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -51,14 +53,14 @@ class FrogRenderEngine(bpy.types.RenderEngine):
             combined, depth, surface = render_frame(self, depsgraph)
             layer = depsgraph.view_layer
             vectors = render_vectors(self, depsgraph) if layer.use_pass_vector and not self.test_break() else None
-        except FrogError as error:
+            height, width = depth.shape
+            numbers = index_pass.indices(surface, pass_indices(depsgraph), width, height)
+        except (FrogError, MemoryError) as error:
             # Not error_set: that neither ends an animation nor makes a script's render call raise.
-            self.report({"ERROR"}, str(error))
+            self.report({"ERROR"}, sentence_of(error))
             return
         if self.test_break():
             return
-        height, width = depth.shape
-        numbers = index_pass.indices(surface, pass_indices(depsgraph), width, height)
         values_of = {"Combined": combined, "Depth": depth, "Vector": vectors, index_pass.NAME: numbers}
         result = self.begin_result(0, 0, width, height, layer=depsgraph.view_layer.name)
         for render_pass in result.layers[0].passes:
@@ -77,6 +79,13 @@ class FrogRenderEngine(bpy.types.RenderEngine):
         from .rendering import viewport_drawing
 
         viewport_drawing.draw(self, context, depsgraph)
+
+
+def sentence_of(error: FrogError | MemoryError) -> str:
+    """What a person in front of Blender is told when there is no picture."""
+    if isinstance(error, MemoryError):
+        return f"Out of memory{f' ({error})' if str(error) else ''}: make the picture smaller or hide captures."
+    return str(error)
 
 
 def rendered_part(render: Any, width: int, height: int) -> tuple[int, int, int, int]:
@@ -104,14 +113,25 @@ def render_frame(engine: Any, depsgraph: Any) -> Passes:
         return combined, depth, surface
     moments = shutter_moments(frame, render.motion_blur_shutter, render.motion_blur_position)
     light = np.zeros_like(combined)
-    for number, moment in enumerate(moments):
-        if engine.test_break():
-            break
-        engine.frame_set(math.floor(moment), moment % 1.0)  # cameras and roots move as well
-        light += render_moment(engine, depsgraph)[0]
-        engine.update_progress((number + 1) / len(moments))
-    engine.frame_set(math.floor(frame), frame % 1.0)
+    with _frame_kept(engine, depsgraph):
+        for number, moment in enumerate(moments):
+            if engine.test_break():
+                break
+            engine.frame_set(math.floor(moment), moment % 1.0)  # cameras and roots move as well
+            light += render_moment(engine, depsgraph)[0]
+            engine.update_progress((number + 1) / len(moments))
     return light / len(moments), depth, surface
+
+
+@contextmanager
+def _frame_kept(engine: Any, depsgraph: Any) -> Iterator[None]:
+    """Whatever happens within, the scene then stands at the frame again where it stood."""
+    frame = depsgraph.scene.frame_current_final
+    try:
+        yield
+    finally:
+        if depsgraph.scene.frame_current_final != frame:
+            engine.frame_set(math.floor(frame), frame % 1.0)
 
 
 def shutter_moments(frame: float, shutter: float, position: str) -> list[float]:
@@ -160,7 +180,8 @@ def render_vectors(engine: Any, depsgraph: Any) -> np.ndarray:
         return gather(depsgraph)[0], engine_camera(eye, eye.matrix_world, depsgraph.scene.render, width, height)
 
     options = RasterizeOptions(region=rendered_part(depsgraph.scene.render, width, height))
-    return vector_pass.vectors(moment_at, options)
+    with _frame_kept(engine, depsgraph):
+        return vector_pass.vectors(moment_at, options)
 
 
 def gather(depsgraph: Any) -> tuple[GaussianArrays | None, np.ndarray]:

@@ -83,7 +83,7 @@ def draw_view(
     """The picture for ``key``, drawn if it has to be.
 
     Args:
-        key: what decides the picture: view, moment, captures.
+        key: what decides the picture: view, moment, captures, background.
         camera_of: (width, height) -> engine camera of the view at that size.
         size: the viewport's width and height in pixels.
         background: (3,) display-referred, or None for transparent.

@@ -11,8 +11,8 @@ import numpy as np
 from .. import playback
 from ..blender_camera import view_camera
 from ..engine.errors import FrogError
-from ..render_engine import background_of, gather, visible_captures
-from .viewport import STILL_AFTER, Viewport, draw_view
+from ..render_engine import background_of, gather, sentence_of, visible_captures
+from .viewport import STILL_AFTER, Picture, Viewport, draw_view
 
 _said: set[str] = set()
 
@@ -22,22 +22,16 @@ def draw(engine: Any, context: Any, depsgraph: Any) -> None:
     import gpu
     from gpu_extras.presets import draw_texture_2d
 
-    region, view = context.region, context.region_data
-    size = (region.width, region.height)
+    size = (context.region.width, context.region.height)
     viewport = engine.viewport = engine.viewport or Viewport()
     try:
-        key = _key(depsgraph, view, size)
-        if viewport.gathered[0] != key[1:]:
-            viewport.gathered = (key[1:], gather(depsgraph))
-        gaussians, captured = viewport.gathered[1]
-        background = background_of(depsgraph.scene, captured)
-        matrices = view.view_matrix, view.window_matrix
-        picture = draw_view(viewport, key, gaussians, lambda w, h: view_camera(*matrices, w, h), size, background)
-    except FrogError as error:
-        engine.update_stats("FRoG", str(error))
-        if str(error) not in _said:
-            _said.add(str(error))
-            print(f"FRoG: {error}", file=sys.stderr)
+        picture = picture_of(viewport, depsgraph, context.region_data, size)
+    except (FrogError, MemoryError) as error:
+        said = sentence_of(error)
+        engine.update_stats("FRoG", said)
+        if said not in _said:
+            _said.add(said)
+            print(f"FRoG: {said}", file=sys.stderr)
         return
     if viewport.shown is not picture:
         height, width = picture.pixels.shape[:2]
@@ -53,15 +47,31 @@ def draw(engine: Any, context: Any, depsgraph: Any) -> None:
         _redraw_later()
 
 
-def _key(depsgraph: Any, view: Any, size: tuple[int, int]) -> tuple[Any, ...]:
-    """What decides the picture: first the view, then what is seen."""
+def picture_of(viewport: Viewport, depsgraph: Any, view: Any, size: tuple[int, int]) -> Picture:
+    """What a region of that size with the matrices of ``view`` shows; drawn anew when what decides it has changed.
+
+    Raises:
+        FrogError: for what cannot be drawn.
+        MemoryError: when memory runs out.
+    """
+    seen = _seen(depsgraph)
+    if viewport.gathered[0] != seen:
+        viewport.gathered = (seen, gather(depsgraph))
+    gaussians, captured = viewport.gathered[1]
+    background = background_of(depsgraph.scene, captured)
+    matrices = view.view_matrix, view.window_matrix
+    behind = None if background is None else background.tobytes()
+    key = (*(np.array(matrix).tobytes() for matrix in matrices), size, seen, behind)
+    return draw_view(viewport, key, gaussians, lambda w, h: view_camera(*matrices, w, h), size, background)
+
+
+def _seen(depsgraph: Any) -> tuple[Any, ...]:
+    """What decides the Gaussians: the captures, their moments and where they are."""
     frame = depsgraph.scene.frame_current_final
-    seen = tuple(
+    return tuple(
         (str(file), playback.version(file), playback.shown_frame(obj, frame), matrix.tobytes())
         for file, obj, matrix in ((playback.file_of(obj), obj, matrix) for obj, matrix in visible_captures(depsgraph))
     )
-    look = (*size, np.array(view.view_matrix).tobytes(), np.array(view.window_matrix).tobytes())
-    return look, seen
 
 
 def _redraw_later() -> None:

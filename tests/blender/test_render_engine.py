@@ -70,6 +70,58 @@ def test_panoramic_camera_is_refused_in_a_sentence(empty, static_rig, rendered):
         rendered(empty)
 
 
+def without_memory_after(calls, monkeypatch):
+    """Drawing goes well so many times, and then there is no memory left."""
+    from frog_blender.engine.inference import draw
+
+    real, left = draw.draw, [calls]
+
+    def drawing(*arguments, **options):
+        left[0] -= 1
+        if left[0] < 0:
+            raise MemoryError("drawing 60 Gaussians at 96 x 64 ran out of memory")
+        return real(*arguments, **options)
+
+    monkeypatch.setattr(draw, "draw", drawing)
+
+
+def test_without_memory_there_is_one_sentence(empty, static_rig, rendered, monkeypatch, capfd):
+    import_scene(static_rig)
+    without_memory_after(0, monkeypatch)
+    with pytest.raises(RuntimeError, match=r"Out of memory \(drawing 60 Gaussians") as error:
+        rendered(empty)
+    assert "Traceback" not in str(error.value) + capfd.readouterr().err
+
+
+def test_a_motion_blur_that_fails_leaves_the_frame(empty, static_rig, rendered, monkeypatch):
+    import_scene(static_rig)
+    empty.frame_set(5)
+    without_memory_after(4, monkeypatch)
+    with pytest.raises(RuntimeError, match="Out of memory"):
+        rendered(empty, use_motion_blur=True, motion_blur_shutter=1.0)
+    assert empty.frame_current_final == 5.0
+
+
+def test_vectors_that_fail_leave_the_frame(empty, static_rig, rendered, monkeypatch):
+    from frog_blender import render_engine
+    from frog_blender.engine.errors import FrogError
+
+    import_scene(static_rig)
+    empty.frame_set(5, subframe=0.25)
+    bpy.context.view_layer.use_pass_vector = True
+    real = render_engine.gather
+
+    def gather(depsgraph):
+        if depsgraph.scene.frame_current_final != 5.25:
+            raise FrogError("x.frog: found no file, expected a .frog scene.")
+        return real(depsgraph)
+
+    monkeypatch.setattr(render_engine, "gather", gather)
+    with pytest.raises(RuntimeError, match="found no file"):
+        rendered(empty)
+    assert empty.frame_current_final == 5.25
+
+
 def test_orthographic_camera_sees_no_perspective(empty, static_rig, tmp_path):
     """What lies further away looks no smaller, and Depth is the distance from Blender's camera."""
     import_scene(static_rig)

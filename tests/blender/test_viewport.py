@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import bpy
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from frog_blender import playback
 from frog_blender.blender_camera import engine_camera, view_camera
 from frog_blender.engine.errors import FrogError
 from frog_blender.render_engine import gather, visible_captures
-from frog_blender.rendering import viewport
+from frog_blender.rendering import viewport, viewport_drawing
 
 SIZE = (120, 70)
 
@@ -99,6 +101,55 @@ def test_the_sharp_picture_is_the_rendered_one(empty, static_rig):
     expected = expected_png(static_rig, rig_of_three()[0], 3.0)
     np.testing.assert_allclose(255 * display[..., :3], expected, atol=1.5)
     assert pixels[..., 3].min() == 1.0 and pixels.dtype == np.float32
+
+
+def test_another_background_is_another_picture(empty, static_rig):
+    """Without orbiting: the world's colour, its strength, a transparent film."""
+    assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
+    world, memory = bpy.data.worlds.new("sky"), viewport.Viewport(seconds_per_pixel=1e-12)
+    if world.node_tree is None:
+        world.use_nodes = True
+    shader = next(node for node in world.node_tree.nodes if node.type == "BACKGROUND")
+    view, window = matrices(empty.camera, *SIZE)
+    region = SimpleNamespace(view_matrix=view, window_matrix=window)
+
+    def drawn():
+        return viewport_drawing.picture_of(memory, bpy.context.evaluated_depsgraph_get(), region, SIZE)
+
+    captured = drawn()
+    assert drawn() is captured
+    empty.world, shader.inputs["Color"].default_value = world, (0.8, 0.1, 0.2, 1.0)
+    red = drawn()
+    np.testing.assert_allclose(red.pixels[0, 0], (0.8, 0.1, 0.2, 1.0), atol=1e-3)
+    shader.inputs["Strength"].default_value = 0.5
+    np.testing.assert_allclose(drawn().pixels[0, 0], (0.4, 0.05, 0.1, 1.0), atol=1e-3)
+    empty.render.film_transparent = True
+    assert drawn().pixels[0, 0, 3] == 0.0
+    empty.render.film_transparent, shader.inputs["Strength"].default_value = False, 1.0
+    np.testing.assert_array_equal(drawn().pixels, red.pixels)
+
+
+def test_without_memory_it_is_a_sentence_in_the_header(empty, static_rig, monkeypatch, capfd):
+    from frog_blender.engine.inference import draw
+
+    def exhausted(*_, **__):
+        raise MemoryError("drawing 60 Gaussians ran out of memory")
+
+    assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
+    monkeypatch.setattr(draw, "draw", exhausted)
+    monkeypatch.setattr(viewport_drawing, "_said", set())
+    view, window = matrices(empty.camera, *SIZE)
+    region, data = (
+        SimpleNamespace(width=SIZE[0], height=SIZE[1]),
+        SimpleNamespace(view_matrix=view, window_matrix=window),
+    )
+    said = []
+    engine = SimpleNamespace(viewport=None, update_stats=lambda *texts: said.append(texts[1]))
+    context = SimpleNamespace(region=region, region_data=data)
+    for _ in range(2):
+        viewport_drawing.draw(engine, context, bpy.context.evaluated_depsgraph_get())
+    assert len(said) == 2 and said[0] == said[1] and said[0].startswith("Out of memory (drawing 60 Gaussians")
+    assert capfd.readouterr().err.count("Out of memory") == 1
 
 
 def test_an_empty_scene_is_its_background(empty):
