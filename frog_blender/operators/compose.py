@@ -47,11 +47,12 @@ class FROG_OT_compose(bpy.types.Operator):
 
     def execute(self, context: Any) -> set[str]:
         scene = context.scene
-        splats = _splat_scene(scene)
+        layers = _splat_layers(scene)
+        splats = _splat_scene(scene, layers.scene)
+        layers.scene, layers.label = splats, splats.name
         scene.render.engine = _engine_name(self.engine)
         for obj in playback.captures(scene.objects):
             carrier.draw_in_renders(obj, False)
-        _connect(scene, splats)
         self.report({"INFO"}, f"F12 in {scene.name} now renders {splats.name} as well and puts them together.")
         return {"FINISHED"}
 
@@ -68,11 +69,15 @@ def _is_splats(scene: Any) -> bool:
     return scene.frog.hold_out and scene.render.engine == "FROG"
 
 
-def _splat_scene(scene: Any) -> Any:
-    """The scene of the captures, made or brought up to date: the same objects, camera, time and picture size."""
+def _splat_scene(scene: Any, composed: Any) -> Any:
+    """The scene of the captures, made or brought up to date: the same objects, camera, time and picture size.
+
+    Args:
+        composed: the scene that the compositor reads now, which is the one if it is of captures, whatever its name.
+    """
     name = f"{scene.name} FRoG"
-    found = bpy.data.scenes.get(name)
-    splats = found if found is not None and _is_splats(found) else bpy.data.scenes.new(name)
+    known = (found for found in (composed, bpy.data.scenes.get(name)) if found is not None and _is_splats(found))
+    splats = next(known, None) or bpy.data.scenes.new(name)
     for mine, theirs in (
         (splats.collection.children, scene.collection.children),
         (splats.collection.objects, scene.collection.objects),
@@ -89,8 +94,9 @@ def _splat_scene(scene: Any) -> Any:
     return splats
 
 
-def _connect(scene: Any, splats: Any) -> None:
-    """Lays the splats over whatever the scene's compositor shows now."""
+def _splat_layers(scene: Any) -> Any:
+    """The Render Layers node whose picture lies over what the scene's compositor shows besides, made where there is
+    none."""
     tree, output = _compositor(scene)
     over = next((node for node in tree.nodes if node.label == _LABEL and node.type == "ALPHAOVER"), None)
     if over is None:
@@ -98,11 +104,27 @@ def _connect(scene: Any, splats: Any) -> None:
         shown = target.links[0].from_socket if target.is_linked else _layers(tree, scene).outputs["Image"]
         over = tree.nodes.new("CompositorNodeAlphaOver")
         over.label = _LABEL
-        under, above = _images(over)
-        tree.links.new(shown, under)
-        tree.links.new(_layers(tree, splats).outputs["Image"], above)
+        tree.links.new(shown, _images(over)[0])
         tree.links.new(over.outputs[0], target)
+    above = _images(over)[1]
+    layers = next((node for node in _before(above) if node.type == "R_LAYERS" and node.scene != scene), None)
+    if layers is None:
+        layers = _layers(tree, scene)
+        tree.links.new(layers.outputs["Image"], above)
         _place(tree, over, output)
+    return layers
+
+
+def _before(socket: Any) -> list[Any]:
+    """The nodes that a socket's picture comes from, the nearest first: the user may have put others between."""
+    found: list[Any] = []
+    sockets = [socket]
+    for each in sockets:
+        for node in (link.from_node for link in each.links):
+            if node not in found:  # which also ends a circle
+                found.append(node)
+                sockets.extend(node.inputs)
+    return found
 
 
 def _images(over: Any) -> tuple[Any, Any]:

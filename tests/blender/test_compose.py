@@ -100,6 +100,56 @@ def test_run_again_it_follows_the_scene(empty, static_rig):
     assert sum(node.type == "ALPHAOVER" for node in tree.nodes) == 1
 
 
+def read_by(scene):
+    """The scene that the compositor lays over this one, as far as its links reach."""
+    tree = getattr(scene, "compositing_node_group", None) or scene.node_tree
+    (over,) = (node for node in tree.nodes if node.type == "ALPHAOVER")
+    above = [socket for socket in over.inputs if socket.type == "RGBA"][1]
+    (link,) = above.links
+    assert link.from_socket.name == "Image" and link.from_socket.enabled and link.from_node.type == "R_LAYERS"
+    return link.from_node.scene
+
+
+def test_run_again_in_a_renamed_scene_it_keeps_its_splats(empty, static_rig):
+    import_scene(static_rig)
+    bpy.ops.frog.compose()
+    splats = read_by(empty)
+    empty.name = "Shot"
+    empty.render.resolution_x = 123
+    assert bpy.ops.frog.compose() == {"FINISHED"}
+    assert len(bpy.data.scenes) == 2 and read_by(empty) == splats and splats.render.resolution_x == 123
+
+
+def test_run_again_after_its_splats_were_deleted_it_shows_new_ones(empty, static_rig, rendered):
+    import_scene(static_rig)
+    bpy.ops.frog.compose()
+    empty.cycles.samples, empty.cycles.use_denoising = 1, False
+    before = rendered(empty)
+    assert before[..., :3].std() > 10
+    bpy.data.scenes.remove(read_by(empty))
+    assert bpy.ops.frog.compose() == {"FINISHED"}
+    assert read_by(empty).render.engine == "FROG" and len(bpy.data.scenes) == 2
+    np.testing.assert_array_equal(rendered(empty), before)
+
+
+def test_run_again_it_leaves_what_was_put_before_the_splats(empty, static_rig):
+    import_scene(static_rig)
+    bpy.ops.frog.compose()
+    tree = getattr(empty, "compositing_node_group", None) or empty.node_tree
+    splats = read_by(empty)
+    (over,) = (node for node in tree.nodes if node.type == "ALPHAOVER")
+    above = [socket for socket in over.inputs if socket.type == "RGBA"][1]
+    layers, blur = above.links[0].from_node, tree.nodes.new("CompositorNodeBlur")
+    tree.links.new(layers.outputs["Image"], blur.inputs["Image"])
+    tree.links.new(blur.outputs[0], above)
+    bpy.data.scenes.remove(splats)
+    assert bpy.ops.frog.compose() == {"FINISHED"}
+    assert above.links[0].from_node == blur and layers.scene.render.engine == "FROG"
+    tree.nodes.remove(layers)
+    assert bpy.ops.frog.compose() == {"FINISHED"}
+    assert read_by(empty).render.engine == "FROG" and len(bpy.data.scenes) == 2
+
+
 def test_what_the_compositor_did_before_stays(empty, static_rig):
     from frog_blender.operators.compose import _compositor
 
