@@ -15,7 +15,7 @@ import threading
 from collections.abc import Sequence
 from pathlib import Path
 
-from .engine.errors import FrogError
+from .engine.errors import FrogError, brief
 
 PACKAGES = ("torch", "opencv-contrib-python-headless", "imageio-ffmpeg")
 """What training and reading captures import and Blender's Python has not."""
@@ -87,23 +87,26 @@ class Installation:
         return not self._thread.is_alive()
 
     def _work(self) -> None:
-        partial = Path(tempfile.mkdtemp(prefix=f"{self.folder.name}.partial-", dir=self.folder.parent))
+        prefix, parent = f"{self.folder.name}.partial-", self.folder.parent
         try:
-            self._run(partial)
-            if not self._cancelled.is_set() and not self.error:
-                shutil.rmtree(self.folder, ignore_errors=True)  # an older one
-                partial.rename(self.folder)
-                self.done = True
-        except OSError as error:
-            self.error = f"{self.folder}: torch could not be installed ({error.strerror or error})."
+            with tempfile.TemporaryDirectory(prefix=prefix, dir=parent, ignore_cleanup_errors=True) as partial:
+                self._run(Path(partial))
+                if not self._cancelled.is_set() and not self.error:
+                    shutil.rmtree(self.folder, ignore_errors=True)  # an older one
+                    Path(partial).rename(self.folder)
+                    self.done = True
+        except Exception as error:  # nobody else would hear of it
+            reason = getattr(error, "strerror", None) or brief(repr(error))
+            self.error = f"{self.folder}: torch could not be installed ({reason})."
         finally:
-            shutil.rmtree(partial, ignore_errors=True)
             self.running = False
 
     def _run(self, partial: Path) -> None:
         command = [*self._command, "--target", str(partial), *self._arguments, *self._packages]
         said: list[str] = []
-        self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        self._process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace"
+        )
         if self._cancelled.is_set():  # between the two
             self._process.terminate()
         assert self._process.stdout is not None

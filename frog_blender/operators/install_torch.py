@@ -48,7 +48,7 @@ class FROG_OT_install_torch(bpy.types.Operator):
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         if not bpy.app.timers.is_registered(_tick):
-            bpy.app.timers.register(_tick, first_interval=_TICK)
+            bpy.app.timers.register(_tick, first_interval=_TICK, persistent=True)
         return {"FINISHED"}
 
 

@@ -7,6 +7,7 @@ import threading
 import time
 import zipfile
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import pytest
@@ -89,6 +90,34 @@ def test_no_room_is_said_before_anything_is_fetched(tmp_path, monkeypatch):
     monkeypatch.setattr(torch_install, "_ROOM", 1e18)
     with pytest.raises(FrogError, match="GB free, torch needs"):
         Installation(tmp_path / "data" / "torch").start()
+
+
+def test_a_folder_that_cannot_be_written_ends_in_a_sentence(tmp_path, monkeypatch):
+    """It stops being one between the first look at it and the work."""
+    parent = tmp_path / "data"
+
+    def taken(folder):
+        folder.rmdir()
+        folder.write_bytes(b"")
+        return SimpleNamespace(free=1e12)
+
+    monkeypatch.setattr(torch_install.shutil, "disk_usage", taken)
+    failed = finished(Installation(parent / "torch").start())
+    assert not failed.done and "\n" not in failed.error
+    assert failed.error.startswith(f"{parent / 'torch'}: torch could not be installed (")
+
+
+def test_whatever_goes_wrong_ends_in_a_sentence(tmp_path):
+    failed = finished(Installation(tmp_path / "data" / "torch", packages=["torch\0"]).start())
+    assert not failed.done and "torch could not be installed (ValueError" in failed.error
+    assert "\n" not in failed.error and not list((tmp_path / "data").iterdir())
+
+
+def test_what_pip_says_may_be_no_text(tmp_path, monkeypatch):
+    speaks = [sys.executable, "-c", "import sys; sys.stdout.buffer.write(b'ERROR: caf\\xe9\\n'); sys.exit(1)"]
+    monkeypatch.setattr(torch_install, "pip_command", lambda: speaks)
+    failed = finished(Installation(tmp_path / "data" / "torch").start())
+    assert failed.error.startswith("torch could not be installed: caf")
 
 
 def test_a_python_without_pip_uses_the_one_that_it_brings_along(monkeypatch):
