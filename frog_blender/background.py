@@ -212,7 +212,7 @@ def begin(source: EventSource, on_finished: Callable[[Path], None] | None = None
         raise FrogError("A training is running already; wait for it or cancel it first.")
     current = TrainingTask(source, on_finished).start()
     if not bpy.app.timers.is_registered(_tick):
-        bpy.app.timers.register(_tick, first_interval=TIMER_SECONDS)
+        bpy.app.timers.register(_tick, first_interval=TIMER_SECONDS, persistent=True)
     return current
 
 

@@ -120,6 +120,31 @@ def test_only_one_training_at_a_time_and_loading_a_file_ends_it(addon):
     assert not background.is_running() and task.state.cancelled and task.join(0.0)
 
 
+def test_a_training_that_ends_late_is_taken_in_after_another_file_is_loaded(addon, monkeypatch):
+    """Blender waits for it only so long; the panel then goes on following it."""
+    gate = threading.Event()
+
+    def source(cancelled):
+        gate.wait(20.0)
+        yield events.Cancelled(3, None)
+
+    task = background.begin(source)
+    monkeypatch.setattr(task, "join", lambda: False)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    monkeypatch.undo()
+    assert task.state.running and bpy.app.timers.is_registered(background._tick)
+    gate.set()
+    assert task.join(20.0)
+    while background._tick() is not None:
+        pass
+    assert task.state.cancelled and not task.state.running
+    addon.unregister()
+    try:
+        assert not bpy.app.timers.is_registered(background._tick)
+    finally:
+        addon.register()
+
+
 def test_train_operator_says_what_is_missing(empty, tmp_path):
     with pytest.raises(RuntimeError, match="No capture is chosen"):
         bpy.ops.frog.train()
