@@ -4,9 +4,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import bpy
 import numpy as np
@@ -15,10 +14,9 @@ from bpy_extras.io_utils import ExportHelper
 
 from .. import playback
 from ..engine.errors import FrogError
+from .frame_export import FrameExport
 from .imported import chosen, stored_path
-
-if TYPE_CHECKING:
-    from ..engine.rasterizer.arrays import GaussianArrays
+from .stepwise import Stepwise, has_window
 
 Y_DOWN = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 """(4, 4) from Blender's axes (z up) to those of most 3DGS files (y down, z into the picture)."""
@@ -30,8 +28,9 @@ RANGES = (
 )
 
 
-class FROG_OT_export_frames(bpy.types.Operator, ExportHelper):
-    """Write the Gaussians of frames of a capture as 3DGS .ply files, which other splat programs open"""
+class FROG_OT_export_frames(Stepwise, bpy.types.Operator, ExportHelper):
+    """Write the Gaussians of frames of a capture as 3DGS .ply files, which other splat programs open. Esc or the \
+right mouse button stops it"""
 
     bl_idname = "export_scene.frog_frames"
     bl_label = "Export FRoG Frames"
@@ -57,6 +56,10 @@ class FROG_OT_export_frames(bpy.types.Operator, ExportHelper):
         default=True,
     )
 
+    doing = "Exporting {done:,} of {total:,} frames"
+    _asked = False  # by a user, in the file browser
+    _export: FrameExport | None = None
+
     @classmethod
     def poll(cls, context: Any) -> bool:
         cls.poll_message_set("Import or select a FRoG capture first.")
@@ -64,6 +67,7 @@ class FROG_OT_export_frames(bpy.types.Operator, ExportHelper):
 
     def invoke(self, context: Any, event: Any) -> set[str]:
         _suggest(self, context)
+        self._asked = True
         self.first, self.last = context.scene.frame_start, context.scene.frame_end
         return super().invoke(context, event)
 
@@ -80,56 +84,49 @@ class FROG_OT_export_frames(bpy.types.Operator, ExportHelper):
         row.prop(self, "y_down")
 
     def execute(self, context: Any) -> set[str]:
+        """Several frames that a user asked for in the file browser are written one by one while Blender goes on."""
         from ..engine.exchange import numbered
-        from ..engine.ply import write_splats
 
-        scene, obj = context.scene, chosen(context)
-        path = Path(bpy.path.abspath(self.filepath))
-        manager = context.window_manager
-        numbers = self._numbers(scene)
-        if not numbers:
+        asked, self._asked = self._asked, False  # whoever repeats the operator waits for it
+        obj, path = chosen(context), Path(bpy.path.abspath(self.filepath))
+        frames = self._frames(context.scene)
+        if obj is None:
+            self.report({"ERROR"}, "No capture is chosen any more; import or select one first.")
+            return {"CANCELLED"}
+        if not frames:
             self.report({"ERROR"}, f"The range ends at frame {self.last} and begins at {self.first}.")
             return {"CANCELLED"}
-        manager.progress_begin(0, len(numbers))
-        try:
-            for done, gaussians in enumerate(self._gaussians(context, obj, numbers)):
-                target = path if self.frames == "CURRENT" else numbered(path, int(numbers[done]))
-                write_splats(target, gaussians)
-                manager.progress_update(done + 1)
-        except FrogError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        finally:
-            manager.progress_end()
-        self.report({"INFO"}, f"{len(numbers)} {'file' if len(numbers) == 1 else 'files'} written to {path.parent}.")
-        return {"FINISHED"}
+        paths = [path if self.frames == "CURRENT" else numbered(path, int(frame)) for frame in frames]
+        turn = (Y_DOWN if self.y_down else np.eye(4)) if self.apply_transform else None
+        export = self._export = FrameExport.of(context, obj, frames, paths, turn)
+        if asked and len(frames) > 1 and has_window(context):
+            return self.go_on_in_window(context, export.steps(), len(frames))
+        return self.go_through(context, export.steps(), len(frames))
 
-    def _numbers(self, scene: Any) -> list[float]:
+    def finished_sentence(self) -> str:
+        return f"{self._done:,} {'file' if self._done == 1 else 'files'} written to {self._folder}."
+
+    def stopped_sentence(self) -> str:
+        return f"The export was stopped: {self._done:,} of {self._total:,} files were written to {self._folder}."
+
+    def failed_sentence(self, reason: str) -> str:
+        if not self._done:
+            return reason
+        return f"{reason.rstrip('.')}; {self._done:,} of {self._total:,} files were written to {self._folder}."
+
+    def restore(self) -> None:
+        if self._export is not None:
+            self._export.restore()
+
+    @property
+    def _folder(self) -> Path:
+        return Path(bpy.path.abspath(self.filepath)).parent
+
+    def _frames(self, scene: Any) -> list[float]:
         if self.frames == "CURRENT":
             return [scene.frame_current_final]
         first, last = (self.first, self.last) if self.frames == "CUSTOM" else (scene.frame_start, scene.frame_end)
         return [float(frame) for frame in range(first, last + 1)]
-
-    def _gaussians(self, context: Any, obj: Any, frames: list[float]) -> Iterator[GaussianArrays]:
-        if not self.apply_transform:
-            yield from (playback.gaussians_at(obj, frame) for frame in frames)
-            return
-        from ..engine.inference.transform import transform
-
-        scene, turn = context.scene, Y_DOWN if self.y_down else np.eye(4)
-        now = scene.frame_current, scene.frame_subframe
-        try:
-            for frame in frames:
-                if frame != scene.frame_current_final:
-                    scene.frame_set(int(frame))  # the empty may be animated
-                matrix = obj.evaluated_get(context.evaluated_depsgraph_get()).matrix_world
-                try:
-                    yield transform(playback.gaussians_at(obj, frame), turn @ np.array(matrix))
-                except FrogError as error:
-                    raise FrogError(f"{obj.name}: {error}") from error
-        finally:
-            if (scene.frame_current, scene.frame_subframe) != now:
-                scene.frame_set(now[0], subframe=now[1])
 
 
 class FROG_OT_export_scene(bpy.types.Operator, ExportHelper):

@@ -1,0 +1,88 @@
+"""Frames of a capture on their way into .ply files, one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import bpy
+import numpy as np
+
+from .. import playback
+from ..engine.errors import FrogError
+
+if TYPE_CHECKING:
+    from ..engine.rasterizer.arrays import GaussianArrays
+
+
+@dataclass
+class FrameExport:
+    """What is written where.  Between two frames the file may change, so no object of it is kept.
+
+    Attributes:
+        capture, name: session_uid and name of the object that plays the capture.
+        scene, layer: session_uid of the scene that is gone through, and name of its view layer.
+        shown: frame and subframe that the scene shows before.
+        frames: of the timeline; ``paths`` their files.
+        turn: (4, 4) from Blender's axes to those of the files, if the Gaussians are written where the capture has been
+            placed; None to leave them in the capture's own space, which needs no other frame to be shown.
+    """
+
+    capture: int
+    name: str
+    scene: int
+    layer: str
+    shown: tuple[int, float]
+    frames: list[float]
+    paths: list[Path]
+    turn: np.ndarray | None
+
+    @classmethod
+    def of(cls, context: Any, obj: Any, frames: list[float], paths: list[Path], turn: np.ndarray | None) -> FrameExport:
+        """What ``obj`` shows in the present scene."""
+        scene = context.scene
+        shown = scene.frame_current, scene.frame_subframe
+        layer = context.view_layer.name
+        return cls(obj.session_uid, obj.name, scene.session_uid, layer, shown, frames, paths, turn)
+
+    def steps(self) -> Generator[int, None, None]:
+        """Writes a file, each whole or not at all, before it yields how many there are; raises FrogError."""
+        from ..engine.ply import write_splats
+
+        for done, (frame, path) in enumerate(zip(self.frames, self.paths, strict=True), 1):
+            write_splats(path, self._gaussians(frame))
+            yield done
+
+    def restore(self) -> None:
+        """Shows the frame again that the scene had before, if there still is the scene."""
+        scene = _known(bpy.data.scenes, self.scene)
+        if self.turn is not None and scene is not None and (scene.frame_current, scene.frame_subframe) != self.shown:
+            scene.frame_set(self.shown[0], subframe=self.shown[1])
+
+    def _gaussians(self, frame: float) -> GaussianArrays:
+        from ..engine.inference.transform import transform
+
+        obj = _known(bpy.data.objects, self.capture)
+        if obj is None or next(playback.captures([obj]), None) is None:
+            raise FrogError(f"{self.name}: found no such capture in this file any more.")
+        if self.turn is None:
+            return playback.gaussians_at(obj, frame)
+        scene = _known(bpy.data.scenes, self.scene)
+        if scene is None:
+            raise FrogError(f"{self.name}: found its scene deleted, expected it to go through its frames.")
+        if frame != scene.frame_current_final:
+            scene.frame_set(int(frame))  # the empty may be animated
+        layer = scene.view_layers.get(self.layer) or scene.view_layers[0]
+        layer.update()
+        matrix = np.array(obj.evaluated_get(layer.depsgraph).matrix_world)
+        try:
+            return transform(playback.gaussians_at(obj, frame), self.turn @ matrix)
+        except FrogError as error:
+            raise FrogError(f"{obj.name}: {error}") from error
+
+
+def _known(blocks: Any, uid: int) -> Any:
+    """The data-block of that session_uid, which no renaming or undo changes; None where it is gone."""
+    return next((block for block in blocks if block.session_uid == uid), None)
