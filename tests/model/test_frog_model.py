@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -12,7 +13,7 @@ from frog_blender.engine.model.baselines.static import Static
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
 from frog_blender.engine.model.choices import FUSIONS
 from frog_blender.engine.model.deformation import DeformationField
-from frog_blender.engine.model.frog import Frog, FrogSettings, total_deformation
+from frog_blender.engine.model.frog import Frog, FrogSettings, initial_table, total_deformation
 from frog_blender.engine.model.fusion import fuse, fused_size, network_count
 from frog_blender.engine.model.interface import FINISHED, Progressing
 
@@ -125,6 +126,20 @@ def test_the_table_learns_from_the_start() -> None:
     assert float(gradient.abs().max()) > 1e-4
     used = gradient.abs().amax(1) > 0
     assert int(used.sum()) >= 2
+
+
+@pytest.mark.parametrize("size", [64, 9])
+def test_the_table_begins_with_every_frequency_and_both_its_phases(size: int) -> None:
+    """A pair of columns is a point that goes round: as fast as one of as many equal ranges of frequencies says."""
+    settings = replace(SETTINGS, temporal_size=size, temporal_rows=200, coarse_rows=20)
+    table = initial_table(settings) - 1
+    assert table.shape == (200, size)
+    pairs, waves = size // 2, -(-size // 2)
+    points = torch.complex(table[:, 1 : 2 * pairs : 2], table[:, : 2 * pairs : 2])
+    torch.testing.assert_close(points.abs(), torch.ones(200, pairs))
+    frequencies = (points[1:] / points[:-1]).angle().mean(0) * 199 / (2 * math.pi)
+    ranges = (frequencies * waves / 10).floor().int().sort().values.tolist()
+    assert len(set(ranges)) == pairs and set(ranges) <= set(range(waves))
 
 
 def test_a_table_of_zeros_would_never_learn() -> None:

@@ -235,14 +235,18 @@ def total_deformation(changes: dict[str, torch.Tensor]) -> torch.Tensor:
 
 
 def initial_table(settings: FrogSettings) -> torch.Tensor:
-    """(rows, T): one plus a sine of random frequency and phase in each column.
+    """(rows, T): one plus a sine in each column, of a frequency that two columns share a quarter of a turn apart.
 
     Around one, because the product of a zero table with itself has no gradient at all; slow waves, because they let
     neighbouring moments learn from each other from the first step (0.5 dB better in the moving region than noise of
-    the same size after a short training). On the CPU, as the network's first weights.
+    the same size after a short training). The frequencies lie evenly spread and in pairs so that none is missing
+    and none depends on its phase: drawn freely they decided more about a training than anything else that is drawn
+    (docs/stability.md). On the CPU, as the network's first weights.
     """
     times = torch.linspace(0, 1, settings.temporal_rows, device="cpu")[:, None]
-    # Cycles over the capture.
-    frequencies = torch.rand(settings.temporal_size, device="cpu") * settings.coarse_rows / 2
-    phases = torch.rand(settings.temporal_size, device="cpu")
-    return 1 + torch.sin(2 * math.pi * (frequencies * times + phases))
+    waves = -(-settings.temporal_size // 2)
+    places = (torch.randperm(waves, device="cpu") + torch.rand(waves, device="cpu")) / waves
+    frequencies = places * settings.coarse_rows / 2  # cycles over the capture
+    turns = frequencies * times + torch.rand(waves, device="cpu")
+    pairs = torch.stack([turns, turns + 0.25], dim=2).flatten(1)[:, : settings.temporal_size]
+    return 1 + torch.sin(2 * math.pi * pairs)
