@@ -10,7 +10,8 @@ import bpy
 from bpy.props import BoolProperty
 
 from .. import background, playback
-from ..engine.errors import FrogError
+from ..engine.errors import FrogError, found_instead
+from ..engine.training.outputs import free_output, is_of_another
 from ..ui import capture_summary, preferences
 from .materialize import materialize
 
@@ -29,14 +30,19 @@ class FROG_OT_train(bpy.types.Operator):
     )
 
     def execute(self, context: Any) -> set[str]:
+        settings = context.scene.frog
         try:
-            request = request_of(context.scene.frog, self.resume)
+            request = request_of(settings, self.resume)
             preferences.make_torch_importable()
-            after = _importer(context.scene.name) if context.scene.frog.import_when_done else None
+            after = _importer(context.scene.name) if settings.import_when_done else None
             background.begin(request.events, after)
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
+        if request.output != output_of(settings):
+            said = f"{output_of(settings)} is of another capture and stays: this training writes {request.output.name}."
+            self.report({"INFO"}, said)
+            settings.output_path = str(request.output)
         return {"FINISHED"}
 
 
@@ -104,7 +110,10 @@ class FROG_OT_inspect_capture(bpy.types.Operator):
 
 
 def request_of(settings: Any, resume: bool = False) -> background.TrainingRequest:
-    """What the panel's settings ask for; FrogError if something is missing."""
+    """What the panel's settings ask for; FrogError if something is missing.
+
+    The output gets a number where another capture's scene lies.
+    """
     if not settings.capture_folder:
         raise FrogError("No capture is chosen: name the folder with the videos and cameras to train from.")
     capture = Path(bpy.path.abspath(settings.capture_folder))
@@ -113,9 +122,11 @@ def request_of(settings: Any, resume: bool = False) -> background.TrainingReques
     if not settings.output_path:
         raise FrogError("No output is chosen: name the .frog file to write.")
     output = output_of(settings)
+    if resume and is_of_another(output, capture):
+        raise found_instead(f"{output}.checkpoint", "a training of another capture", f"one of {capture}")
     return background.TrainingRequest(
         capture,
-        output,
+        free_output(output, capture),
         settings.recipe,
         settings.capacity,
         steps=settings.steps or None,
@@ -134,8 +145,10 @@ def output_of(settings: Any) -> Path:
 
 
 def can_resume(settings: Any) -> bool:
-    """True when a training of that output left something to go on from."""
-    return bool(settings.output_path) and Path(f"{output_of(settings)}.checkpoint").is_file()
+    """True when a training of that output left something to go on from, and not another capture's."""
+    if not settings.output_path or not Path(f"{output_of(settings)}.checkpoint").is_file():
+        return False
+    return not is_of_another(output_of(settings), Path(bpy.path.abspath(settings.capture_folder)))
 
 
 def _importer(scene_name: str) -> Any:

@@ -3,16 +3,22 @@
 # Blender reads properties from annotations, which to a type checker or a linter are not types.
 # mypy: disable-error-code="valid-type"
 
+from pathlib import Path
 from typing import Any
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
+from ..engine.training.outputs import free_output
 from .path_options import PATH_OPTIONS
 
 RECIPES = (
     ("draft", "Draft", "A first look: 3,000 steps or more, a minute or two on a processor"),
-    ("standard", "Standard", "The usual choice: 10,000 steps or more, five to thirty minutes on a processor"),
+    (
+        "standard",
+        "Standard",
+        "The usual choice: 10,000 steps or more, three to ten minutes on a processor, longer for a long capture",
+    ),
     ("paper", "Paper", "The settings of the FRoG paper: 80,000 steps of a larger model, many hours"),
 )
 
@@ -35,8 +41,9 @@ def _on_capture_folder(settings: Any, _context: Any) -> None:
 
     preferences.add_environment()  # OpenCV, which reads videos, may be there
     capture_summary.inspect(bpy.path.abspath(settings.capture_folder))
-    if not settings.output_path and settings.capture_folder:
-        settings.output_path = bpy.path.abspath(settings.capture_folder).rstrip("/\\") + ".frog"
+    if settings.capture_folder and settings.output_path in ("", settings.derived_output):
+        folder = Path(bpy.path.abspath(settings.capture_folder))
+        settings.derived_output = settings.output_path = str(free_output(Path(f"{folder}.frog"), folder))
 
 
 def _camera_names(settings: Any, _context: Any, text: str) -> list[str]:
@@ -75,6 +82,11 @@ class FrogTrainingSettings(bpy.types.PropertyGroup):
         description="The .frog scene file that training writes",
         subtype="FILE_PATH",
         options=PATH_OPTIONS,
+    )
+    derived_output: StringProperty(
+        name="Derived Output",
+        description="The output that the capture's name led to; another capture changes it as long as it stands",
+        options={"HIDDEN"},
     )
     recipe: EnumProperty(
         name="Recipe", description="How long and how large to train", items=RECIPES, default="standard"

@@ -1,0 +1,53 @@
+"""Which file a training may write: one of its own capture, and never what another one was trained to."""
+
+from __future__ import annotations
+
+import json
+import os
+from functools import lru_cache
+from pathlib import Path
+
+from safetensors import SafetensorError, safe_open
+
+
+def free_output(output: Path, capture: Path) -> Path:
+    """``output``, or that name with a number where a scene of another capture lies there."""
+    path, number = output, 1
+    while is_of_another(path, capture):
+        number += 1
+        path = output.with_name(f"{output.stem}_{number}{output.suffix}")
+    return path
+
+
+def is_of_another(output: Path, capture: Path) -> bool:
+    """True when the ``.frog`` or the checkpoint beside it says that it was made from another folder than ``capture``.
+
+    A folder of the same name that is gone is taken for this one, moved.
+    """
+    here = capture.resolve()
+    made = [Path(found) for path in (output, Path(f"{output}.checkpoint")) if (found := trained_from(path))]
+    return any(there != here and (there.name != here.name or os.path.exists(there)) for there in made)
+
+
+def trained_from(path: Path) -> str:
+    """The capture that a ``.frog`` or a checkpoint names; "" where it names none, or there is no such file.
+
+    Cheap enough for every redraw of a panel: a file is opened once, and its arrays are not read.
+    """
+    try:
+        status = path.stat()
+    except OSError:
+        return ""
+    return _named_by(str(path), status.st_mtime_ns, status.st_size)
+
+
+@lru_cache(maxsize=32)
+def _named_by(path: str, _changed: int, _size: int) -> str:
+    try:
+        with safe_open(path, framework="numpy") as file:
+            metadata = file.metadata() or {}
+        if "frog" in metadata:
+            return str(json.loads(metadata["frog"])["capture_path"])
+        return str(json.loads(metadata["frog-checkpoint"])["settings"]["capture"])
+    except (SafetensorError, OSError, ValueError, TypeError, KeyError, RecursionError):
+        return ""

@@ -1,0 +1,79 @@
+"""One capture after another in the panel: each keeps its own scene and its own Resume."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import bpy
+import numpy as np
+import pytest
+from safetensors.numpy import save_file
+from scenes import rig_of_three, write_scene
+
+from frog_blender import background
+from frog_blender.engine.files import SceneFile, read_scene
+from frog_blender.engine.files import write_scene as write_file
+from frog_blender.operators import train
+from frog_blender.operators.train import can_resume, request_of
+
+
+def trained(path, capture):
+    """What a training of a folder leaves: a scene and a checkpoint."""
+    scene = read_scene(write_scene(path, rig_of_three()))
+    write_file(path, SceneFile(replace(scene.header, capture_path=str(capture.resolve())), scene.arrays))
+    state = json.dumps({"settings": {"capture": str(capture.resolve())}})
+    save_file({"x": np.zeros(1)}, f"{path}.checkpoint", metadata={"frog-checkpoint": state})
+
+
+@pytest.fixture
+def captures(empty, tmp_path):
+    for name in "ab":
+        (tmp_path / name).mkdir()
+    return tmp_path / "a", tmp_path / "b"
+
+
+def test_another_capture_gets_another_output(empty, captures, tmp_path):
+    settings, (first, second) = empty.frog, captures
+    settings.capture_folder = f"{first}/"
+    assert settings.output_path == f"{first}.frog"
+    trained(tmp_path / "a.frog", first)
+    assert can_resume(settings)
+    settings.capture_folder = str(second)
+    assert settings.output_path == f"{second}.frog" and not can_resume(settings)
+    settings.capture_folder = str(first)
+    assert settings.output_path == f"{first}.frog" and can_resume(settings)
+
+
+def test_a_name_of_ones_own_stays(empty, captures, tmp_path):
+    settings, (first, second) = empty.frog, captures
+    settings.capture_folder = str(first)
+    settings.output_path = mine = str(tmp_path / "mine.frog")
+    settings.capture_folder = str(second)
+    assert settings.output_path == mine
+
+
+def test_what_lies_where_the_name_leads_is_not_written_over(empty, captures, tmp_path):
+    first, second = captures
+    trained(tmp_path / "b.frog", first)
+    empty.frog.capture_folder = str(second)
+    assert empty.frog.output_path == str(tmp_path / "b_2.frog")
+
+
+def test_training_into_another_captures_scene_takes_a_number(empty, captures, tmp_path, monkeypatch):
+    settings, (first, second) = empty.frog, captures
+    trained(tmp_path / "mine.frog", first)
+    before = (tmp_path / "mine.frog").read_bytes()
+    settings.capture_folder, settings.output_path = str(second), str(tmp_path / "mine.frog")
+    assert not can_resume(settings)
+    with pytest.raises(RuntimeError, match="found a training of another capture"):
+        bpy.ops.frog.train(resume=True)
+    asked = []
+    monkeypatch.setattr(train.preferences, "make_torch_importable", lambda: None)
+    monkeypatch.setattr(background, "begin", lambda events, after: asked.append(events.__self__))
+    assert bpy.ops.frog.train() == {"FINISHED"}
+    assert asked[0].output == tmp_path / "mine_2.frog" and settings.output_path == str(tmp_path / "mine_2.frog")
+    assert (tmp_path / "mine.frog").read_bytes() == before
+    settings.capture_folder, settings.output_path = str(first), str(tmp_path / "mine.frog")
+    assert request_of(settings).output == tmp_path / "mine.frog", "one's own is trained anew"
+    assert can_resume(settings) and request_of(settings, resume=True).output == tmp_path / "mine.frog"
