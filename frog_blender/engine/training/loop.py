@@ -133,6 +133,6 @@ def _progress_event(trainer: Trainer, work: Workload) -> events.Progress:
 
 
 def _settings(job: TrainingJob) -> dict[str, Any]:
-    """What a resume takes over from this job."""
+    """What a resume takes over from this job, and whose it is."""
     settings = {name: getattr(job, name) for name in (*KEPT, "steps", "seconds")}
-    return {**settings, "max_gaussians": job.recipe.max_gaussians}
+    return {**settings, "max_gaussians": job.recipe.max_gaussians, "capture": str(Path(job.capture).resolve())}
