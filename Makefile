@@ -75,14 +75,15 @@ test-sanitizers: setup
 		$(BIN)/python -m pytest -q --capture=sys -p no:cacheprovider --ignore=tests/rasterizer/cuda \
 		tests/rasterizer tests/model/test_fused.py tests/inference || exit 1; done
 
-# FROG_BLENDER names the Blender to test in, such as FROG_BLENDER=/opt/blender/blender
+# The Blender to test in and to walk through: make test-blender BLENDER=/path/to/blender (FROG_BLENDER names it as well).
+BLENDER ?= $(or $(FROG_BLENDER),blender)
+
 test-blender: setup
-	@test -n "$(FROG_BLENDER)" || { echo "FROG_BLENDER is not set: name the blender to test in"; exit 1; }
-	$(FROG_BLENDER) -b --factory-startup --python tests/blender/run_in_blender.py
+	@command -v $(firstword $(BLENDER)) > /dev/null || { echo "$(BLENDER): found no such program; say BLENDER=/path/to/blender"; exit 1; }
+	$(BLENDER) -b --factory-startup --python tests/blender/run_in_blender.py
 
 # A walk through the add-on in a window, with a screenshot of each step: make tour BLENDER=/path/to/blender OUT=dir
 # The Blender's Python needs torch and OpenCV. TOUR_FLAGS is for the script, such as TOUR_FLAGS="--steps 600".
-BLENDER ?= blender
 TOUR_FLAGS ?=
 tour: TOUR_OUT := $(abspath $(if $(filter command line environment,$(origin OUT)),$(OUT),out/tour))
 tour: setup
