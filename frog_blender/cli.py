@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .command_line.chart_command import add_chart_parser
+from .command_line.extras import missing
 from .command_line.scene_commands import add_scene_parsers
 from .command_line.stability_command import add_stability_parser
 from .engine.errors import FrogError
@@ -35,10 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except MemoryError as error:
         print(f"frog: out of memory ({error}).", file=sys.stderr)
     except ModuleNotFoundError as error:
-        print(
-            f"frog: the Python package {error.name!r} is missing; see the README for the extras to install.",
-            file=sys.stderr,
-        )
+        print(f"frog: {missing(error)}", file=sys.stderr)
     except BrokenPipeError:
         return 1
     return 1
