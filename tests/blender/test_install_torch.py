@@ -151,6 +151,9 @@ def test_the_button(empty, index, tmp_path, monkeypatch):
         if not bpy.app.online_access:
             pytest.skip("this Blender was started offline")
         assert bpy.ops.frog.install_torch() == {"FINISHED"}
+        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+        assert bpy.app.timers.is_registered(install_torch._tick), "another file does not end it"
+        system = bpy.context.preferences.system
         finished(install_torch.current)
         assert install_torch.adopt() and str(tmp_path / "data" / "torch") in sys.path
         assert preferences.site_packages(tmp_path / "data" / "torch") == tmp_path / "data" / "torch"
