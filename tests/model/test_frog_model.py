@@ -138,7 +138,7 @@ def test_the_table_begins_with_every_frequency_and_both_its_phases(size: int) ->
     points = torch.complex(table[:, 1 : 2 * pairs : 2], table[:, : 2 * pairs : 2])
     torch.testing.assert_close(points.abs(), torch.ones(200, pairs))
     frequencies = (points[1:] / points[:-1]).angle().mean(0) * 199 / (2 * math.pi)
-    ranges = (frequencies * waves / 10).floor().int().sort().values.tolist()
+    ranges = (frequencies * waves / 5).floor().int().sort().values.tolist()
     assert len(set(ranges)) == pairs and set(ranges) <= set(range(waves))
 
 

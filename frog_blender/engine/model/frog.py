@@ -246,7 +246,7 @@ def initial_table(settings: FrogSettings) -> torch.Tensor:
     times = torch.linspace(0, 1, settings.temporal_rows, device="cpu")[:, None]
     waves = -(-settings.temporal_size // 2)
     places = (torch.randperm(waves, device="cpu") + torch.rand(waves, device="cpu")) / waves
-    frequencies = places * settings.coarse_rows / 2  # cycles over the capture
+    frequencies = places * settings.coarse_rows / 4  # cycles over the capture: half of what the coarse rows could tell
     turns = frequencies * times + torch.rand(waves, device="cpu")
     pairs = torch.stack([turns, turns + 0.25], dim=2).flatten(1)[:, : settings.temporal_size]
     return 1 + torch.sin(2 * math.pi * pairs)
