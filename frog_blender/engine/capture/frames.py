@@ -65,12 +65,12 @@ class FrameStore:
             FrogError: if a file is missing or cut off, or the disk has no room.
         """
         cache = Path(cache_folder) if cache_folder is not None else default_cache_folder()
-        sources, key = _keys(capture)
-        folder = cache / key
+        sources = _sources(capture)
+        folder = cache / _key(capture, sources)
         if not _is_whole(folder, capture):
             try:
                 cache.mkdir(parents=True, exist_ok=True)
-                _remove_stale(cache, capture, sources)
+                _remove_stale(cache, capture)
                 _build(folder, capture, sources, progress, cancelled)
             except OSError as error:
                 reason = error.strerror or str(error)
@@ -122,28 +122,36 @@ def decoding_order(capture: Capture) -> list[int]:
     return sorted(range(len(capture.shots)), key=place)
 
 
-def _keys(capture: Capture) -> tuple[str, str]:
-    """Hashes of the source files alone, and of all that decides the decoded bytes."""
-    sources, everything = hashlib.sha256(), hashlib.sha256()
+def _facts(path: Path) -> list[int]:
+    """Size and time of change: what tells a file from what it was. OSError where it cannot be read."""
+    facts = path.stat()
+    return [facts.st_size, facts.st_mtime_ns]
+
+
+def _sources(capture: Capture) -> dict[str, list[int]]:
+    """The capture's files and their facts."""
+    sources = {}
     for path in sorted({shot.path for shot in capture.shots}):
         try:
-            facts = path.stat()
+            sources[str(path.resolve())] = _facts(path)
         except OSError as error:
             raise FrogError(
                 f"{path}: the file cannot be read ({error.strerror}), expected a part of the capture."
             ) from error
-        sources.update(json.dumps([str(path.resolve()), facts.st_size, facts.st_mtime_ns]).encode())
+    return sources
+
+
+def _key(capture: Capture, sources: dict[str, list[int]]) -> str:
+    """A hash of all that decides the decoded bytes."""
     cameras = [
         [c.width, c.height, c.intrinsics.tolist(), _distortion_key(d), crop]
         for c, d, crop in zip(capture.cameras, capture.distortions, capture.crops, strict=True)
     ]
     shots = [[s.camera, s.frame, str(s.path.resolve()), s.index] for s in capture.shots]
-    decides = [_VERSION, sources.hexdigest(), cameras, shots, capture.background]
+    decides = [_VERSION, sources, cameras, shots, capture.background]
     if capture.alteration is not None:
         decides += [capture.alteration.key, sorted(capture.test_cameras), sorted(capture.test_frames)]
-    text = json.dumps(decides)
-    everything.update(text.encode())
-    return sources.hexdigest()[:32], everything.hexdigest()[:32]
+    return hashlib.sha256(json.dumps(decides).encode()).hexdigest()[:32]
 
 
 def _distortion_key(distortion: Distortion | None) -> list[float] | dict[str, object] | None:
@@ -161,8 +169,11 @@ def _is_whole(folder: Path, capture: Capture) -> bool:
         return False
 
 
-def _remove_stale(cache: Path, capture: Capture, sources: str) -> None:
-    """Remove what killed runs left, and stores of this capture made from files that have changed since."""
+def _remove_stale(cache: Path, capture: Capture) -> None:
+    """Remove what killed runs left, and stores of this capture made from files that have changed since.
+
+    Stores of some of its cameras, or of its pictures altered, stay beside that of the whole.
+    """
     for entry in cache.iterdir():
         try:
             if _PARTIAL in entry.name:
@@ -171,10 +182,20 @@ def _remove_stale(cache: Path, capture: Capture, sources: str) -> None:
                     shutil.rmtree(entry, ignore_errors=True)
             elif (entry / _INDEX).is_file():
                 index = json.loads((entry / _INDEX).read_text(encoding="utf-8"))
-                if index["capture"] == str(capture.path.resolve()) and index["sources"] != sources:
+                if index["capture"] == str(capture.path.resolve()) and _changed(index["sources"]):
                     shutil.rmtree(entry, ignore_errors=True)
         except (OSError, ValueError, KeyError, TypeError):
             continue  # not ours to remove
+
+
+def _changed(sources: object) -> bool:
+    """Whether a file that a store was made from is not what it was. Older indices held no files."""
+    if not isinstance(sources, dict):
+        return True
+    try:
+        return any(_facts(Path(path)) != facts for path, facts in sources.items())
+    except OSError:
+        return True
 
 
 def _altered(capture: Capture, index: int, picture: np.ndarray) -> np.ndarray:
@@ -188,7 +209,7 @@ def _altered(capture: Capture, index: int, picture: np.ndarray) -> np.ndarray:
 def _build(
     folder: Path,
     capture: Capture,
-    sources: str,
+    sources: dict[str, list[int]],
     progress: Callable[[int, int], None] | None,
     cancelled: Callable[[], bool] | None,
 ) -> None:
