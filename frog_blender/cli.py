@@ -78,7 +78,12 @@ def _parser() -> argparse.ArgumentParser:
         metavar="SECONDS",
         help="between checkpoints; default: 180",
     )
-    train.add_argument("--resume", action="store_true", help="go on from the checkpoint beside the .frog")
+    train.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on from the checkpoint beside the .frog, with the recipe, method, capacity and so on that it began "
+        "with (others are left aside, and it says so); only --steps and --seconds may be others",
+    )
     _offset_argument(train)
     train.set_defaults(run=_train)
 

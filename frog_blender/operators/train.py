@@ -24,7 +24,8 @@ class FROG_OT_train(bpy.types.Operator):
 
     resume: BoolProperty(
         name="Resume",
-        description="Go on with the training that was cancelled, or that Blender did not survive",
+        description="Go on with the training that was cancelled, or that Blender did not survive, "
+        "with the recipe and settings that it began with",
         default=False,
         options={"SKIP_SAVE"},
     )

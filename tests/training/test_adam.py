@@ -74,3 +74,28 @@ def test_a_gradient_in_another_order_of_memory() -> None:
     for parameter in (one, other):
         NativeAdam([parameter], lr=0.1).step()
     assert torch.equal(one, other) and float(one.detach().abs().max()) > 0.09
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        torch.ones(3, dtype=torch.float64),
+        torch.ones(3, dtype=torch.float16),
+        torch.ones(2, 3).T,
+        torch.ones(3).to("meta"),
+    ],
+    ids=["double", "half", "strided", "elsewhere"],
+)
+def test_parameters_that_native_code_cannot_take_are_refused(values: torch.Tensor) -> None:
+    parameter = torch.nn.Parameter(values)
+    parameter.grad = torch.ones_like(parameter)
+    with pytest.raises(TypeError, match="expected contiguous float32 on the CPU"):
+        NativeAdam([parameter], lr=0.1).step()
+
+
+def test_a_gradient_of_another_size_is_refused() -> None:
+    parameter = torch.nn.Parameter(torch.ones(5))
+    parameter.grad = torch.ones(5)
+    parameter.data = torch.ones(50_000)
+    with pytest.raises(TypeError, match="gradient of 50000 numbers, found 5"):
+        NativeAdam([parameter], lr=0.1).step()

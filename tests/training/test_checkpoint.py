@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
+import random
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import mutating
+import numpy as np
 import pytest
 from helpers import scene_file
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.files import write_scene
-from frog_blender.engine.training.checkpoint import checkpoint_path, load_checkpoint, save_checkpoint
+from frog_blender.engine.training.checkpoint import (
+    checkpoint_path,
+    load_checkpoint,
+    save_checkpoint,
+    state_of,
+    write_checkpoint,
+)
+from frog_blender.engine.training.running_loss import Unstable
 from frog_blender.engine.training.trainer import Trainer
 
 Make = Callable[..., Trainer]
@@ -86,3 +97,104 @@ def test_files_that_are_no_checkpoint(make_trainer: Make, tmp_path: Path) -> Non
             load_checkpoint(tmp_path / name, make_trainer(20))
         assert "\n" not in str(caught.value) and str(tmp_path / name) in str(caught.value)
     assert checkpoint_path(tmp_path / "a.frog") == tmp_path / "a.frog.checkpoint"
+
+
+def whole(array: np.ndarray) -> np.ndarray:
+    return array.astype(np.float64)
+
+
+def negative(array: np.ndarray) -> np.ndarray:
+    return -np.ones_like(array)
+
+
+def broken(array: np.ndarray) -> np.ndarray:
+    return np.full_like(array, np.nan)
+
+
+def cut(array: np.ndarray) -> np.ndarray:
+    return array[:-1].copy()
+
+
+DAMAGE: list[tuple[str, Callable[[np.ndarray], np.ndarray]]] = [
+    *[("adam.means.0.exp_avg", change) for change in (cut, whole, lambda array: array[:, :2].copy())],
+    *[("adam.network.0.exp_avg_sq", change) for change in (cut, whole)],
+    *[("adam.sh.0.step", change) for change in (negative, broken, whole, lambda array: array + 0.5)],
+    *[("model.canonical.means", change) for change in (cut, whole, broken, lambda array: array[:0])],
+    *[("model.canonical.embeddings", change) for change in (whole, broken, lambda array: array[:, :-1].copy())],
+    ("model.temporal_table", broken),
+    *[("density.seen", change) for change in (cut, whole)],
+    *[("losses", change) for change in (cut, whole, broken, negative)],
+    *[("regions.1", change) for change in (cut, whole, negative)],
+    *[("poses", change) for change in (cut, broken, lambda array: array.astype(np.float32))],
+    *[("poses.moved", change) for change in (cut, broken)],
+    *[("removed", change) for change in (whole, lambda array: array.reshape(-1))],
+    *[("neighbourhood.anchors", change) for change in (cut, whole, negative, lambda array: array + 10_000)],
+    *[("neighbourhood.neighbours", change) for change in (cut, negative, lambda array: array + 10_000)],
+    *[("neighbourhood.weights", change) for change in (cut, whole)],
+    *[("random", change) for change in (cut, lambda array: np.zeros_like(array))],
+]
+VALUES: list[tuple[str, Any]] = [
+    *[("rate_factor", value) for value in (0, -1, 1e9, float("nan"), "x", None)],
+    *[("step_count", value) for value in (-1, float("inf"), None)],
+    *[("progress", -0.5), ("seconds", float("nan")), ("burst_shot", 10_000), ("draws", -3), ("loss", float("inf"))],
+    *[("heads", 3), ("parsimony", {"seed": 2**62, "reductions": []}), ("parsimony", {"seed": 0, "reductions": [{}]})],
+    ("parsimony", {"seed": 0, "reductions": [{"what": "pruned", "progress": "x", "before": 1, "after": 1}]}),
+]
+
+
+@pytest.fixture(scope="module")
+def trained(make_trainer: Make) -> Trainer:
+    return train(make_trainer(40, capacity="auto"), until=30)
+
+
+def refused(path: Path, trained: Trainer, make_trainer: Make, bits: Bits) -> None:
+    """In a sentence, and the training that was to go on from it can begin instead."""
+    trainer = make_trainer(40, capacity="auto")
+    before = bits(trainer)
+    with pytest.raises(FrogError) as caught:
+        load_checkpoint(path, trainer)
+    assert "\n" not in str(caught.value) and str(path) in str(caught.value)
+    assert bits(trainer) == before and trainer.step_count == 0 and trainer.optimizer.rate_factor == 1
+    trainer.step()
+
+
+@pytest.mark.parametrize(("name", "damage"), DAMAGE)
+def test_damaged_arrays_never_reach_the_training(
+    trained: Trainer, make_trainer: Make, bits: Bits, tmp_path: Path, name: str, damage: Callable
+) -> None:
+    arrays, values = state_of(trained)
+    arrays[name] = np.array(damage(arrays[name]))
+    write_checkpoint(tmp_path / "c", (arrays, values))
+    refused(tmp_path / "c", trained, make_trainer, bits)
+
+
+@pytest.mark.parametrize(("name", "value"), VALUES)
+def test_damaged_values_never_reach_the_training(
+    trained: Trainer, make_trainer: Make, bits: Bits, tmp_path: Path, name: str, value: Any
+) -> None:
+    arrays, values = state_of(trained)
+    write_checkpoint(tmp_path / "c", (arrays, {**values, name: value}))
+    refused(tmp_path / "c", trained, make_trainer, bits)
+
+
+def test_two_hundred_damaged_checkpoints(trained: Trainer, make_trainer: Make, tmp_path: Path) -> None:
+    """Some damage is harmless, some is numbers that a training cannot go on with; nothing else comes of it."""
+    save_checkpoint(tmp_path / "c", trained)
+    content, chance, counts = (tmp_path / "c").read_bytes(), random.Random(4), {True: 0, False: 0}
+    for _ in range(200):
+        (tmp_path / "c").write_bytes(chance.choice(mutating.MUTATIONS)(content, chance))
+        trainer = make_trainer(40, capacity="auto")
+        try:
+            load_checkpoint(tmp_path / "c", trainer)
+        except FrogError as error:
+            assert "\n" not in str(error)
+            counts[False] += 1
+            continue
+        counts[True] += 1
+        try:
+            for _ in range(3):
+                if not trainer.finished:
+                    trainer.step()
+        except Unstable:
+            pass
+    assert min(counts.values()) > 10

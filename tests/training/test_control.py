@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 
 from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.files import read_scene
+from frog_blender.engine.files import read_scene, read_tensors
 from frog_blender.engine.training import events, loop, preview
 from frog_blender.engine.training.checkpoint import checkpoint_path, checkpoint_settings
 from frog_blender.engine.training.control import Control
@@ -108,6 +109,28 @@ def test_a_pause_costs_nothing_and_changes_nothing(task: TrainingJob, taken: Cal
     arrays, others = read_scene(task.output).arrays, read_scene(undisturbed.output).arrays
     for name, array in others.items():
         np.testing.assert_array_equal(arrays[name], array)
+
+
+@pytest.mark.parametrize("where", ["evaluate", "picture"])
+def test_a_pause_that_comes_while_a_picture_is_drawn_is_saved_first(
+    task: TrainingJob, monkeypatch: pytest.MonkeyPatch, where: str
+) -> None:
+    control, real, paused_at = Control(), getattr(Trainer, where), []
+
+    def pausing(self: Trainer, *arguments: Any) -> Any:
+        if self.step_count >= PAUSED_AT and not paused_at:
+            paused_at.append(self.step_count)
+            control.pause()
+        return real(self, *arguments)
+
+    monkeypatch.setattr(Trainer, where, pausing)
+    worker = Worker(task, control)
+    until(lambda: checkpoint_path(task.output).is_file())
+    threading.Event().wait(0.2)
+    _, metadata = read_tensors(checkpoint_path(task.output), "a training checkpoint")
+    assert json.loads(metadata["frog-checkpoint"])["step_count"] == paused_at[0]
+    control.resume()
+    assert isinstance(worker.end(), events.Finished)
 
 
 def test_a_pause_is_no_training_time(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass, replace
@@ -11,12 +12,13 @@ from typing import Any
 import filmed as film
 import numpy as np
 import pytest
+from safetensors.numpy import save as serialize
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.evaluation.metrics import psnr
-from frog_blender.engine.files import read_scene
+from frog_blender.engine.files import read_scene, read_tensors
 from frog_blender.engine.inference.draw import draw
 from frog_blender.engine.inference.scene import PlayableScene
 from frog_blender.engine.training import events, job, loop, rescue
@@ -209,10 +211,42 @@ def test_an_output_that_cannot_be_written_is_said_before_training(task: Training
         next(run_training(replace(task, output=tmp_path / "file" / "x.frog")))
 
 
-def test_resuming_with_another_recipe_is_refused(task: TrainingJob) -> None:
-    list(run_training(task))
-    with pytest.raises(FrogError, match="embedding_size differ"):
-        list(run_training(replace(task, resume=True, recipe=replace(task.recipe, embedding_size=8))))
+@pytest.mark.parametrize("method", ["ed3dgs", "d3dgs"])  # whose recipe adapted twice would be another
+def test_a_resume_keeps_method_and_recipe_whatever_is_asked(
+    task: TrainingJob, lively: Callable, monkeypatch: pytest.MonkeyPatch, method: str
+) -> None:
+    began = replace(task, method=method, recipe=lively(STEPS, capacity="auto", sh_growth=(0.2, 0.4)))
+    with monkeypatch.context() as patch:
+        list(run_training(began, stopping_after(STEPS // 2, patch)))
+    stream = list(run_training(TrainingJob(task.capture, task.output, resume=True, device="cpu")))
+    (said,) = [event.message for event in stream if isinstance(event, events.Warned)]
+    assert said == f"The training goes on as it began: method {method}, recipe draft, capacity auto."
+    kept = read_scene(task.output)
+    assert kept.header.steps == STEPS and kept.header.method == method
+    whole = replace(began, output=task.output.with_name("whole.frog"))
+    list(run_training(whole))
+    assert kept.arrays["means"].tobytes() == read_scene(whole.output).arrays["means"].tobytes()
+    again = list(run_training(replace(began, resume=True, recipe=began.recipe)))
+    assert not [event for event in again if isinstance(event, events.Warned)], "nothing else was asked for"
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        *[("method", ["frog"]), ("method", "nerf"), ("seed", "x"), ("scale", [1]), ("steps", -5), ("seconds", "1")],
+        *[("pixel_offsets", {"cam00": 3}), ("recipe", {"steps": "x"}), ("recipe", {"fusion": "x"}), ("recipe", 7)],
+    ],
+)
+def test_settings_that_no_training_had_are_one_sentence(task: TrainingJob, name: str, value: Any) -> None:
+    list(run_training(replace(task, recipe=replace(task.recipe, steps=2))))
+    path = checkpoint_path(task.output)
+    tensors, metadata = read_tensors(path, "a training checkpoint")
+    values = json.loads(metadata["frog-checkpoint"])
+    values["settings"][name] = value
+    path.write_bytes(serialize(tensors, metadata={"frog-checkpoint": json.dumps(values)}))
+    with pytest.raises(FrogError) as caught:
+        list(run_training(replace(task, resume=True)))
+    assert "\n" not in str(caught.value)
 
 
 def test_a_resume_takes_over_what_the_training_began_with(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -232,7 +266,7 @@ def test_a_disk_that_takes_no_checkpoint_costs_no_scene(task: TrainingJob, monke
     def full(*_: Any) -> None:
         raise FrogError("x.frog.checkpoint: could not be written (No space left on device); nothing was changed.")
 
-    monkeypatch.setattr(rescue, "save_checkpoint", full)
+    monkeypatch.setattr(rescue, "write_checkpoint", full)
     stream = list(run_training(replace(task, save_seconds=0.0)))
     assert isinstance(stream[-1], events.Finished)
     assert any(isinstance(event, events.Warned) and "No space left" in event.message for event in stream)

@@ -127,3 +127,41 @@ def test_a_resume_has_the_same_poses(make_trainer: Callable[..., Trainer], captu
         np.testing.assert_array_equal(first.world_to_camera, second.world_to_camera)
         moved += not np.array_equal(first.world_to_camera, begun.world_to_camera)
     assert moved == len(film.CAMERAS) - 1
+
+
+def test_a_finished_training_that_is_extended_goes_on_downhill(
+    make_trainer: Callable[..., Trainer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every change of a pose is against its gradients' mean, and as long as the training that went by."""
+    done, longer = make_trainer(40, pose_reach=0.05), make_trainer(80, pose_reach=0.05)
+    while not done.finished:
+        done.step()
+    restore(longer, state_of(done))
+    poses = longer.poses
+    assert longer.progress == 0.5 and poses is not None and (poses.moved[:, 1] <= 0.5).all()
+    uphill, largest, bare = [], [], PoseRefinement._without_common
+
+    def watched(self: PoseRefinement, changes: np.ndarray) -> np.ndarray:
+        uphill.append((changes * self.moments[0, self._learned]).max())
+        largest.append(np.abs(changes[:, :3]).max())
+        return bare(self, changes)
+
+    monkeypatch.setattr(PoseRefinement, "_without_common", watched)
+    while not longer.finished:
+        longer.step()
+    assert len(uphill) > 5 and max(uphill) <= 0 and max(largest) > 1e-5
+
+
+def test_a_shorter_limit_makes_no_step_long(make_trainer: Callable[..., Trainer]) -> None:
+    begun, shorter = make_trainer(200, pose_reach=0.05), make_trainer(60, pose_reach=0.05)
+    while begun.step_count < 50:
+        begun.step()
+    restore(shorter, state_of(begun))
+    restore(shorter, state_of(shorter))  # as a training does that goes back
+    poses, spans = shorter.poses, []
+    assert shorter.progress == 0.25 and poses is not None
+    while not shorter.finished:
+        last = poses.moved[:, 1].copy()
+        shorter.step()
+        spans.append(float((poses.moved[:, 1] - last).max()))
+    assert min(spans) == 0.0 and 0 < max(spans) < 11 / 60

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import filmed as film
@@ -11,10 +12,10 @@ import pytest
 import torch
 
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.files import read_scene
+from frog_blender.engine.files import read_scene, read_tensors
 from frog_blender.engine.training import events, job
 from frog_blender.engine.training import trainer as trainer_module
-from frog_blender.engine.training.checkpoint import load_checkpoint, save_checkpoint
+from frog_blender.engine.training.checkpoint import checkpoint_path, load_checkpoint, save_checkpoint
 from frog_blender.engine.training.job import TrainingJob, run_training
 from frog_blender.engine.training.recovery import Recovery
 from frog_blender.engine.training.running_loss import Unstable
@@ -95,3 +96,78 @@ def test_a_model_that_is_not_finite_is_not_remembered(make_trainer: Make) -> Non
         recovery.remember(trainer)
     recovery.go_back(trainer, Unstable("x"))
     assert torch.isfinite(trainer.model.canonical.embeddings).all()
+
+
+def losing_a_gaussian(monkeypatch: pytest.MonkeyPatch, at: int) -> None:
+    """After step ``at``, the first time, a Gaussian is none, which no picture and no loss shows."""
+    step, done = Trainer.step, [False]
+
+    def sometimes(self: Trainer) -> None:
+        step(self)
+        if self.step_count == at and not done[0]:
+            done[0] = True
+            self.model.canonical.means.data[3, 1] = float("nan")
+
+    monkeypatch.setattr(Trainer, "step", sometimes)
+
+
+def finite(checkpoint: Path) -> bool:
+    arrays, _ = read_tensors(checkpoint, "a training checkpoint")
+    return all(np.isfinite(array).all() for name, array in arrays.items() if name.startswith("model."))
+
+
+def test_no_checkpoint_holds_numbers_that_are_none(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
+    losing_a_gaussian(monkeypatch, 8)
+    seen, stream = [], run_training(replace(task, save_seconds=0.0))
+    for event in stream:
+        if checkpoint_path(task.output).is_file():
+            seen.append(finite(checkpoint_path(task.output)))
+        if isinstance(event, events.Warned):
+            assert "means is not finite" in event.message and "goes on from step 7" in event.message
+    assert isinstance(event, events.Finished) and event.steps == 60
+    assert len(seen) > 60 and all(seen)
+
+
+@pytest.mark.parametrize("lost", ["a Gaussian", "the loss"])
+def test_a_cancelled_training_goes_back_too(task: TrainingJob, monkeypatch: pytest.MonkeyPatch, lost: str) -> None:
+    """As on a GPU, where a loss that is none is seen steps later: nobody looked before the training was cancelled."""
+    step, taken = Trainer.step, [0]
+
+    def counted(self: Trainer) -> None:
+        step(self)
+        taken[0] += 1
+        if self.step_count == 23 and lost == "a Gaussian":
+            self.model.canonical.means.data[3, 1] = float("nan")
+        elif self.step_count == 23:
+            self._loss._mean, self._loss._unseen = torch.tensor(float("nan")), 1
+
+    monkeypatch.setattr(Trainer, "step", counted)
+    stream = list(run_training(task, lambda: taken[0] >= 23))
+    assert [event for event in stream if isinstance(event, events.Warned)]
+    assert stream[-1] == events.Cancelled(18, str(task.output)) and finite(checkpoint_path(task.output))
+    assert read_scene(task.output).header.steps == 18
+    taken[0] = -100
+    monkeypatch.setattr(Trainer, "step", step)
+    assert list(run_training(replace(task, resume=True)))[-1].steps == 60
+
+
+def test_a_state_that_is_not_finite_is_never_what_is_gone_back_to(make_trainer: Make) -> None:
+    trainer = make_trainer(60)
+    trainer.model.canonical.sh.data[0, 0, 0] = float("inf")
+    with pytest.raises(Unstable, match="sh is not finite"):
+        Recovery(trainer)
+
+
+def test_what_a_bad_picture_said_of_its_regions_is_forgotten(make_trainer: Make) -> None:
+    trainer = make_trainer(60)
+    while trainer.step_count < 12:
+        trainer.step()
+    recovery = Recovery(trainer)
+    camera = trainer.capture.cameras[1]
+    trainer.regions.observe(
+        1, (0, 0, camera.width, camera.height), torch.full((camera.height, camera.width, 3), torch.nan)
+    )
+    recovery.go_back(trainer, Unstable("x"))
+    trainer.settle()
+    assert all(not errors.isnan().any() for errors in trainer.regions.errors)
+    assert torch.equal(trainer.regions.errors[1], torch.from_numpy(recovery.state[0]["regions.1"]))

@@ -18,10 +18,11 @@ from helpers import run_python
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.files import read_scene
 from frog_blender.engine.inference.scene import PlayableScene
-from frog_blender.engine.training import events, job
+from frog_blender.engine.training import checkpoint, events, job
 from frog_blender.engine.training import trainer as trainer_module
 from frog_blender.engine.training.checkpoint import checkpoint_path
 from frog_blender.engine.training.job import TrainingJob, run_training
+from frog_blender.engine.training.recovery import Recovery
 from frog_blender.engine.training.trainer import Trainer
 
 STEPS = 60
@@ -161,6 +162,58 @@ def test_memory_that_stays_short_ends_in_a_sentence(task: TrainingJob, monkeypat
     short_of_memory(monkeypatch, 0, MemoryError("no more"))
     with pytest.raises(FrogError, match=r"memory stays too short.*smaller scale"):
         list(run_training(task))
+
+
+@pytest.mark.parametrize("where", ["evaluate", "picture", "remember"])
+def test_memory_that_ends_between_steps_costs_gaussians_too(
+    task: TrainingJob, monkeypatch: pytest.MonkeyPatch, where: str
+) -> None:
+    """In an evaluation on the way or at the end, a preview, a copy of what was learned."""
+    owner = Recovery if where == "remember" else Trainer
+    real = getattr(owner, where)
+
+    def limited(self: object, *arguments: object) -> object:
+        trainer = self if isinstance(self, Trainer) else arguments[0]
+        assert isinstance(trainer, Trainer)
+        if trainer.count > 330:
+            raise MemoryError("no more")
+        return real(self, *arguments)
+
+    monkeypatch.setattr(owner, where, limited)
+    stream = list(run_training(task))
+    assert any("goes on from step" in warning for warning in warnings(stream))
+    assert isinstance(stream[-1], events.Finished) and stream[-1].steps == STEPS and stream[-1].gaussians <= 330
+    steps = [event.step for event in stream if isinstance(event, events.Evaluated)]
+    assert steps == sorted(set(steps)), "no evaluation is told twice"
+
+
+def test_memory_that_ends_at_the_last_evaluation_costs_no_scene(
+    task: TrainingJob, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    evaluate, counts = Trainer.evaluate, []
+
+    def limited(self: Trainer, limit: int) -> object:
+        if self.finished:
+            counts.append(self.count)
+            if len(counts) == 1:
+                raise MemoryError("no more")
+        return evaluate(self, limit)
+
+    monkeypatch.setattr(Trainer, "evaluate", limited)
+    end = list(run_training(task))[-1]
+    assert isinstance(end, events.Finished) and end.gaussians == counts[1] == int(0.75 * counts[0])
+    assert PlayableScene.load(task.output).count == end.gaussians
+
+
+def test_a_checkpoint_without_memory_costs_nothing_else(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
+    def none_left(*_: object, **__: object) -> bytes:
+        raise MemoryError
+
+    monkeypatch.setattr(checkpoint, "serialize", none_left)
+    stream = list(run_training(task))
+    (warning,) = warnings(stream)
+    assert warning.endswith("out of memory); nothing was changed. Training goes on without this checkpoint.")
+    assert isinstance(stream[-1], events.Finished) and PlayableScene.load(task.output).header.steps == STEPS
 
 
 def test_memory_that_really_ends_is_recognised() -> None:

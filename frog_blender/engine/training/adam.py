@@ -12,15 +12,15 @@ from ..rasterizer.native import library
 
 
 class NativeAdam(torch.optim.Adam):
-    """``torch.optim.Adam`` for float32 parameters on the CPU, with the same memory in ``state``.
+    """``torch.optim.Adam`` for float32 parameters on the CPU, with the same memory in ``state`` ("step" is an int).
 
     Half of the time of torch's fused one: that works on one thread in a training's step, and is called for each group.
     The library's threads write a denormal as zero, so old moments end there.
     """
 
     @torch.no_grad()
-    def step(self, closure: None = None) -> None:
-        """One step for every parameter that has a gradient."""
+    def step(self, closure: None = None) -> None:  # type: ignore[override]
+        """One step for every parameter that has a gradient; TypeError for other parameters than those."""
         entries, kept = [], []  # gradients made contiguous live until the call is over
         for group in self.param_groups:
             for parameter in group["params"]:
@@ -32,11 +32,16 @@ class NativeAdam(torch.optim.Adam):
             raise MemoryError("the optimiser ran out of memory")
 
     def _entry(self, parameter: torch.Tensor, gradient: torch.Tensor, group: dict[str, Any]) -> ctypes.Structure:
+        for array in (parameter, gradient):  # native code only sees addresses
+            if not (array.dtype is torch.float32 and array.is_cpu and array.is_contiguous()):
+                raise TypeError(f"expected contiguous float32 on the CPU, found {array.dtype} on {array.device}")
+        if gradient.numel() != parameter.numel():
+            raise TypeError(f"expected a gradient of {parameter.numel()} numbers, found {gradient.numel()}")
         state = self.state[parameter]
-        if not state:
-            state["exp_avg"], state["exp_avg_sq"] = torch.zeros_like(parameter), torch.zeros_like(parameter)
-        count, (first, second) = int(state.get("step", 0)) + 1, group["betas"]
-        state["step"] = count  # a plain number: counting in tensors took a tenth as long as the step itself
+        if not state:  # steps are a plain number: counting in tensors took a tenth as long as the step itself
+            state.update(step=0, exp_avg=torch.zeros_like(parameter), exp_avg_sq=torch.zeros_like(parameter))
+        state["step"] += 1
+        count, (first, second) = state["step"], group["betas"]
         arrays = (parameter, gradient, state["exp_avg"], state["exp_avg_sq"])
         return structs.Adam(
             *(array.data_ptr() for array in arrays),

@@ -12,15 +12,19 @@ import torch
 from safetensors.numpy import save as serialize
 from torch import nn
 
-from ..errors import FrogError, found_instead
+from ..errors import FrogError, brief, found_instead
 from ..files import read_tensors, settings_json, write_atomically
 from ..model.canonical import ATTRIBUTES
 from ..model.frog import Frog
+from .fitting import fitting
 from .parsimony import Reduction, heads_of
+from .running_loss import Unstable
 from .trainer import Neighbourhood, Trainer
 
 _KEY = "frog-checkpoint"
-_VERSION = 7
+_VERSION = 8
+# RuntimeError: what torch says to shapes, and a RecursionError.
+_DO_NOT_FIT = (KeyError, ValueError, TypeError, AttributeError, IndexError, OverflowError, RuntimeError)
 
 
 def checkpoint_path(scene: str | Path) -> Path:
@@ -81,25 +85,42 @@ def save_checkpoint(path: Path, trainer: Trainer, settings: dict[str, Any] | Non
 
 
 def write_checkpoint(path: Path, state: State) -> None:
-    """A state that ``state_of`` found; atomic; FrogError when the disk does not take it."""
+    """A state that ``state_of`` found; atomic; FrogError when disk or memory do not take it."""
     arrays, values = state
-    write_atomically(path, serialize(arrays, metadata={_KEY: json.dumps(values)}))
+    try:
+        content = serialize(arrays, metadata={_KEY: json.dumps(values)})
+    except MemoryError as error:
+        raise FrogError(f"{path}: could not be written (out of memory); nothing was changed.") from error
+    write_atomically(path, content)
 
 
-def _check_shapes(tensors: dict[str, torch.Tensor]) -> None:
-    """ValueError unless there is a row for every Gaussian: native code only sees addresses."""
-    count = len(tensors["model.canonical.means"])
-    shapes = {"means": (count, 3), "log_scales": (count, 3), "quaternions": (count, 4), "opacity_logits": (count,)}
-    sh = tensors["model.canonical.sh"]
-    shapes["sh"] = (count, sh.shape[1] if sh.ndim == 3 and sh.shape[1] in (1, 4, 9, 16) else 1, 3)
-    for name, shape in shapes.items():
-        if tensors[f"model.canonical.{name}"].shape != shape:
-            raise ValueError(f"{name} of another shape than {shape}")
-    if len(tensors["model.canonical.embeddings"]) > count:
-        raise ValueError("more embeddings than Gaussians")
-    for name in ("gradient_sum", "seen", "peak_opacity"):
-        if tensors[f"density.{name}"].shape != (count,):
-            raise ValueError(f"{name} of another length than {count}")
+def _gaussians(tensors: dict[str, torch.Tensor], trainer: Trainer) -> dict[str, torch.Tensor]:
+    """The canonical attributes on the trainer's device; ValueError unless there is a row for every Gaussian."""
+    found = {name: tensors[f"model.canonical.{name}"] for name in ATTRIBUTES}
+    count, moving = len(found["means"]), len(found["embeddings"])
+    coefficients = found["sh"].shape[1]
+    if coefficients not in [(degree + 1) ** 2 for degree in range(trainer.recipe.sh_degree + 1)]:
+        raise ValueError(f"{coefficients} SH coefficients")
+    if not 0 <= moving <= count > 0:
+        raise ValueError(f"{moving} of {count} Gaussians that move")
+    shapes = {"sh": (count, coefficients, 3), "embeddings": (moving, trainer.model.canonical.embeddings.shape[1])}
+    shapes |= {"means": (count, 3), "log_scales": (count, 3), "quaternions": (count, 4), "opacity_logits": (count,)}
+    return {name: fitting(name, found[name], shapes[name]).to(trainer.device) for name in ATTRIBUTES}
+
+
+def _neighbourhood(tensors: dict[str, torch.Tensor], trainer: Trainer) -> Neighbourhood | None:
+    """What was drawn for the embedding smoothness, if anything; ValueError for Gaussians that do not move."""
+    names = ("anchors", "neighbours", "weights")
+    if "neighbourhood.anchors" not in tensors:
+        return None
+    anchors, neighbours, weights = (tensors[f"neighbourhood.{name}"] for name in names)
+    fitting("anchors", anchors, (len(anchors),), torch.int64)
+    fitting("neighbours", neighbours, (len(anchors), *neighbours.shape[1:2]), torch.int64)
+    fitting("weights", weights, tuple(neighbours.shape))
+    who = torch.cat([anchors, neighbours.flatten()])
+    if not bool(((who >= 0) & (who < trainer.model.canonical.moving)).all()):
+        raise ValueError("neighbours that are none")
+    return Neighbourhood(*(part.to(trainer.device) for part in (anchors, neighbours, weights)))
 
 
 def _parsimony_state(trainer: Trainer) -> dict[str, Any]:
@@ -108,22 +129,31 @@ def _parsimony_state(trainer: Trainer) -> dict[str, Any]:
     return {"seed": trainer.parsimony.seed, "reductions": [asdict(each) for each in trainer.parsimony.reductions]}
 
 
+def _values(path: Path, metadata: dict[str, str]) -> dict[str, Any]:
+    values: dict[str, Any] = json.loads(metadata[_KEY])
+    if values["version"] != _VERSION:
+        raise FrogError(f"{path}: found checkpoint version {brief(values['version'])}, expected {_VERSION}.")
+    return values
+
+
 def checkpoint_settings(path: Path) -> dict[str, Any]:
     """What ``save_checkpoint`` was given; FrogError when the file cannot be used."""
     _, metadata = read_tensors(path, "a training checkpoint")
     try:
-        return dict(json.loads(metadata[_KEY])["settings"])
-    except (KeyError, ValueError, TypeError, RecursionError) as error:
+        return dict(_values(path, metadata)["settings"])
+    except _DO_NOT_FIT as error:
         raise found_instead(path, f"contents that do not fit ({error})", "a training checkpoint") from error
 
 
 def load_checkpoint(path: Path, trainer: Trainer) -> None:
-    """Puts ``trainer`` (same capture, recipe and method; any device) where the checkpoint was written."""
+    """Puts ``trainer`` (same capture, recipe and method; any device) where the checkpoint was written.
+
+    FrogError when the file cannot be used; the trainer is then as it was.
+    """
     arrays, metadata = read_tensors(path, "a training checkpoint")
+    before = state_of(trainer)
     try:
-        values = json.loads(metadata[_KEY])
-        if values["version"] != _VERSION:
-            raise FrogError(f"{path}: found checkpoint version {values['version']}, expected {_VERSION}.")
+        values = _values(path, metadata)
         recipe = json.loads(json.dumps(settings_json(trainer.recipe)))
         differing = [
             key
@@ -136,43 +166,39 @@ def load_checkpoint(path: Path, trainer: Trainer) -> None:
             what = "the method" if values["method"] != trainer.method else ", ".join(differing) or "the capture"
             raise FrogError(f"{path}: belongs to another training ({what} differ); train again without resuming.")
         restore(trainer, (arrays, values))
-    except (KeyError, ValueError, TypeError, AttributeError, IndexError, OverflowError, RuntimeError) as error:
+    except (*_DO_NOT_FIT, Unstable) as error:
+        restore(trainer, before)
         raise found_instead(path, f"contents that do not fit ({error})", "a training checkpoint") from error
 
 
 def restore(trainer: Trainer, state: State) -> None:
     """Puts ``trainer`` where ``state_of`` found it, or another one of the same training.
 
-    KeyError, ValueError, TypeError or RuntimeError for a state that does not fit.
+    One of _DO_NOT_FIT, or Unstable, for a state that does not fit; the trainer is then of no use until another does.
     """
     arrays, values = state
     tensors = {name: torch.from_numpy(array.copy()) for name, array in arrays.items()}
-    _check_shapes(tensors)
-    for name in ATTRIBUTES:
-        setattr(trainer.model.canonical, name, nn.Parameter(tensors[f"model.canonical.{name}"].to(trainer.device)))
+    for name, attribute in _gaussians(tensors, trainer).items():
+        setattr(trainer.model.canonical, name, nn.Parameter(attribute))
     trainer.model.load_state_dict({name[6:]: value for name, value in tensors.items() if name.startswith("model.")})
     trainer.model.zero_grad(set_to_none=True)
     trainer.rebuild_optimizer()
-    trainer.optimizer.load_state_arrays(tensors)
-    trainer.optimizer.rate_factor = float(values["rate_factor"])
-    for name in ("gradient_sum", "seen", "peak_opacity"):
-        setattr(trainer.density, name, tensors[f"density.{name}"].to(trainer.device))
-    trainer.picker.losses = tensors["losses"]
+    trainer.optimizer.resume(tensors, float(values["rate_factor"]))
+    collected = [tensors[f"density.{name}"] for name in ("gradient_sum", "seen", "peak_opacity")]
+    trainer.density.resume(trainer.count, *collected)
+    trainer.picker.resume(tensors["losses"], int(values["draws"]))
     trainer.generator.set_state(tensors["random"])
-    trainer.regions.errors = [tensors[f"regions.{camera}"] for camera in range(len(trainer.capture.cameras))]
+    trainer.regions.resume([tensors[f"regions.{camera}"] for camera in range(len(trainer.capture.cameras))])
     if trainer.poses:
-        trainer.poses.resume(arrays["poses"], *(arrays[f"poses.{name}"] for name in ("moments", "moved", "gathered")))
+        trainer.poses.resume(tensors["poses"], *(tensors[f"poses.{name}"] for name in ("moments", "moved", "gathered")))
         trainer.capture = trainer.poses.capture
-    trainer.neighbourhood = None
-    if "neighbourhood.anchors" in tensors:
-        names = ("anchors", "neighbours", "weights")
-        parts = [tensors[f"neighbourhood.{name}"].to(trainer.device) for name in names]
-        trainer.neighbourhood = Neighbourhood(*parts)
+    trainer.neighbourhood = _neighbourhood(tensors, trainer)
     if trainer.parsimony:
         rounds = values["parsimony"]
         reductions = [Reduction(**each) for each in rounds["reductions"]]
         trainer.parsimony.resume(rounds["seed"], reductions, arrays["removed"])
-    if isinstance(trainer.model, Frog):
+    trainer.resume_at(values)
+    trainer.check()
+    if isinstance(trainer.model, Frog):  # last: nothing gives a head its voice back
         for name in set(heads_of(trainer.model)) - set(values["heads"]):
             trainer.model.silence(name)
-    trainer.resume_at(values)

@@ -30,6 +30,11 @@ class Control:
         """True from ``pause`` until ``resume`` or ``cancel``."""
         return self._paused and not self._cancelled
 
+    @property
+    def ended(self) -> bool:
+        """True when the training is to end, paused or not."""
+        return self._cancelled or self._ends()
+
     def pause(self) -> None:
         """Hold the training before its next step."""
         with self._changed:
@@ -50,5 +55,4 @@ class Control:
     def __call__(self) -> bool:
         with self._changed:
             self._changed.wait_for(lambda: self._cancelled or not self._paused)
-            cancelled = self._cancelled
-        return cancelled or self._ends()
+        return self.ended

@@ -12,6 +12,7 @@ from ..capture.camera import Camera
 from ..model.canonical import ATTRIBUTES, CanonicalField
 from ..rasterizer import Image
 from ..rasterizer.reference import rotation_matrices
+from .fitting import fitting
 from .optimizer import SceneOptimizer
 from .recipe import Recipe
 
@@ -43,6 +44,13 @@ class DensityControl:
         count = len(self.peak_opacity)
         faded = torch.cat([0.5 * self.peak_opacity, torch.ones(1, device=device)])
         self.peak_opacity = faded[who.clamp(max=count)]
+
+    def resume(self, count: int, gradient_sum: torch.Tensor, seen: torch.Tensor, peak_opacity: torch.Tensor) -> None:
+        """Goes on from what was collected of ``count`` Gaussians; ValueError for arrays that do not fit."""
+        device = self.peak_opacity.device
+        self.gradient_sum = fitting("gradient_sum", gradient_sum, (count,)).to(device)
+        self.seen = fitting("seen", seen, (count,)).to(device)
+        self.peak_opacity = fitting("peak_opacity", peak_opacity, (count,)).to(device)
 
     @torch.no_grad()
     def observe(self, image: Image, opacities: torch.Tensor, camera: Camera) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import queue
 import threading
 from collections.abc import Callable, Generator, Iterator
@@ -24,7 +25,7 @@ from .estimate import pixels_of, usual_scale
 from .events import Event
 from .loop import KEPT, train
 from .methods import method_named
-from .recipe import Recipe, recipe
+from .recipe import Recipe, recipe, stored_recipe
 from .saving import check_budget
 from .trainer import Limits, Trainer
 
@@ -44,7 +45,8 @@ class TrainingJob:
         seed: of everything random.
         scale: picture size factor; None shrinks to at most 1600 pixels a side.
         holdout_frames: withhold every n-th moment; None keeps what the format says.
-        resume: go on from the checkpoint beside ``output``.
+        resume: go on from the checkpoint beside ``output``, with the method, recipe and other settings that it began
+            with; only ``steps`` and ``seconds`` can be set anew.
         pixel_offsets: see ``open_capture``.
         lossless: write every number as it is, instead of packed where that shows nowhere.
         max_bytes: of the file, at most; only with the recipe's capacity "auto".
@@ -109,12 +111,14 @@ def run_training(job: TrainingJob, cancelled: Callable[[], bool] = lambda: False
         cancelled: asked between steps; a ``Control`` can pause as well.
     """
     control = Control.of(cancelled)
-    adapted = method_named(job.method).adapt(job.recipe)
     _check_output(job.output)
     if job.resume and not checkpoint_path(job.output).is_file():  # said before minutes of decoding
         raise found_instead(checkpoint_path(job.output), "no file", "a training checkpoint to go on from")
     if job.resume:
-        job = _as_it_began(job)
+        asked, job = _described(job), _as_it_began(job)
+        if _described(job) != asked:
+            yield events.Warned(f"The training goes on as it began: {_described(job)}.")
+    adapted = method_named(job.method).adapt(job.recipe)
     if job.max_bytes and (adapted.capacity != "auto" or job.lossless):
         raise FrogError("A budget of bytes needs FRoG with automatic capacity, and a file that may be packed.")
     capture, scale = prepare_capture(job.capture, job.scale, job.holdout_frames, job.pixel_offsets, job.opened)
@@ -153,12 +157,26 @@ def _seeds(job: TrainingJob, capture: Capture, store: FrameStore, report: Callab
 
 def _as_it_began(job: TrainingJob) -> TrainingJob:
     """A resumed job with what it was started with; only the limits can be set anew."""
-    before = checkpoint_settings(checkpoint_path(job.output))
-    kept = {name: before[name] for name in KEPT if name in before}
-    if not (job.steps or job.seconds):
-        kept |= {name: before.get(name) for name in ("steps", "seconds")}
-    budget = before.get("max_gaussians", job.recipe.max_gaussians)
-    return replace(job, **kept, recipe=replace(job.recipe, max_gaussians=budget))
+    path = checkpoint_path(job.output)
+    before = checkpoint_settings(path)
+    try:
+        kept = {name: before[name] for name in KEPT}
+        for name, value in kept.items():
+            if not isinstance(value, KEPT[name]):
+                raise ValueError(f"{name} is {value!r}")
+        if not all(kept[name] is None or 0 < kept[name] < math.inf for name in ("steps", "seconds")):
+            raise ValueError(f"{kept['steps']} steps, {kept['seconds']} seconds")
+        if kept["pixel_offsets"]:
+            kept["pixel_offsets"] = {name: (float(x), float(y)) for name, (x, y) in kept["pixel_offsets"].items()}
+        if job.steps or job.seconds:
+            kept |= {"steps": job.steps, "seconds": job.seconds}
+        return replace(job, **kept, recipe=stored_recipe(before["recipe"]))
+    except (KeyError, ValueError, TypeError, AttributeError, FrogError) as error:
+        raise found_instead(path, f"settings that do not fit ({error})", "a training checkpoint") from error
+
+
+def _described(job: TrainingJob) -> str:
+    return f"method {job.method}, recipe {job.recipe.name}, capacity {job.recipe.capacity}"
 
 
 def _check_output(output: Path) -> None:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..capacity_report import reduction_line
 from ..errors import FrogError
-from ..files import write_atomically
+from ..files import SceneFile, settings_json, write_atomically
 from . import events
 from .capacity_picture import capacity_picture
 from .control import Control
@@ -28,29 +28,37 @@ if TYPE_CHECKING:
 
 _EVENT_SECONDS = 0.5  # between progress events
 _EVALUATIONS = 10  # over a training
-KEPT = ("seed", "scale", "holdout_frames", "pixel_offsets", "lossless", "max_bytes")
-"""Fields of a job that a resume takes over."""
+KEPT: dict[str, Any] = {
+    "method": str,
+    "seed": int,
+    "scale": int | float | None,
+    "holdout_frames": int | None,
+    "pixel_offsets": dict | None,
+    "lossless": bool,
+    "max_bytes": int | None,
+    "steps": int | None,
+    "seconds": int | float | None,
+}
+"""Fields of a job that a resume takes over besides its recipe, and what they are."""
 
 
 def train(job: TrainingJob, trainer: Trainer, scale: float, control: Control) -> Iterator[Event]:
     """Trains from where ``trainer`` stands to its end, or until ``control`` says so, and saves; see
     ``job.run_training``."""
-    checkpoints = Checkpoints(job, _settings(job))
-    recovery = Recovery(trainer, checkpoints.settings)
+    checkpoints = Checkpoints(job, trainer.step_count)
+    recovery = Recovery(trainer, _settings(job))
     try:
-        yield from _steps(job, trainer, recovery, checkpoints, control)
+        while True:
+            try:
+                yield from _steps(job, trainer, recovery, checkpoints, control)
+                place, scene, psnr = yield from _scene(job, trainer, scale)
+                break
+            except (Unstable, RuntimeError, MemoryError) as error:
+                said = recovery.go_back(trainer, error)
+            yield events.Warned(said)
     except Exception:
         checkpoints.keep(recovery.state)
         raise
-    trainer.check()
-    yield from checkpoints.save(trainer)  # before anything that may go wrong with the scene
-    if trainer.finished:
-        fit_budget(job, trainer, scale)
-    elif job.max_bytes:
-        yield events.Warned("The budget of bytes holds for a finished training; this one was cancelled.")
-    psnr, split = trainer.evaluate(30)
-    yield events.Evaluated(trainer.step_count, psnr, split, trainer.seconds)
-    place, scene = yield from save_somewhere(job, trainer, scale, {"psnr": psnr, "split": split})
     yield events.Saved(str(place))
     if trainer.finished:
         figures = (trainer.step_count, trainer.seconds, psnr, trainer.count)
@@ -64,37 +72,52 @@ def train(job: TrainingJob, trainer: Trainer, scale: float, control: Control) ->
 def _steps(
     job: TrainingJob, trainer: Trainer, recovery: Recovery, checkpoints: Checkpoints, control: Control
 ) -> Iterator[Event]:
+    """Trains to the end or until it is to end; then the checkpoint is as new as the training."""
     last_event = last_save = time.monotonic()
     evaluated = int(trainer.progress * _EVALUATIONS)
     previews, work = Previews(job, control), Workload.of(trainer.capture, trainer.recipe, trainer.limits.steps)
-    while not trainer.finished and not control():
-        try:
-            trainer.step()
-            # Before a pause, which may last for days, what was learned goes to disk.
-            saving = control.paused or time.monotonic() - last_save >= job.save_seconds
-            if trainer.finished or int(trainer.progress * _EVALUATIONS) > evaluated:
-                recovery.remember(trainer)
-            elif saving:
-                trainer.check()
-        except (Unstable, RuntimeError, MemoryError) as error:
-            yield events.Warned(recovery.go_back(trainer, error))
-            evaluated = int(trainer.progress * _EVALUATIONS)
-            continue
+    while not trainer.finished and not control.ended:
+        paused = control.paused  # asked once: a pause that comes later holds the next step
+        # Before a pause, which may last for days, what was learned goes to disk.
+        if trainer.step_count != checkpoints.step and (paused or time.monotonic() - last_save >= job.save_seconds):
+            yield _progress_event(trainer, work)
+            yield from _save(trainer, recovery, checkpoints)
+            last_event = last_save = time.monotonic()
+        if paused and control():
+            break
+        trainer.step()
         yield from _reductions(trainer)
         now = time.monotonic()
-        if now - last_event >= _EVENT_SECONDS or trainer.finished or saving:
+        if now - last_event >= _EVENT_SECONDS or trainer.finished:
             last_event = now
             yield _progress_event(trainer, work)
         a_tenth = int(trainer.progress * _EVALUATIONS) > evaluated and not trainer.finished
         if a_tenth:
             evaluated = int(trainer.progress * _EVALUATIONS)
+            recovery.remember(trainer)
             psnr, split = trainer.evaluate(job.evaluated_shots)
             yield events.Evaluated(trainer.step_count, psnr, split, trainer.seconds)
         if a_tenth or (previews.due and not trainer.finished):
             yield from previews.draw(trainer)
-        if saving:
-            yield from checkpoints.save(trainer)
-            last_save = time.monotonic()
+    yield from _save(trainer, recovery, checkpoints)
+
+
+def _save(trainer: Trainer, recovery: Recovery, checkpoints: Checkpoints) -> Iterator[Event]:
+    """Only what is good to go back to is written."""
+    recovery.remember(trainer)
+    yield from checkpoints.save(recovery.state)
+
+
+def _scene(job: TrainingJob, trainer: Trainer, scale: float) -> Generator[Event, None, tuple[Path, SceneFile, float]]:
+    """Writes the scene; where it is, and its PSNR."""
+    if trainer.finished:
+        fit_budget(job, trainer, scale)
+    elif job.max_bytes:
+        yield events.Warned("The budget of bytes holds for a finished training; this one was cancelled.")
+    psnr, split = trainer.evaluate(30)
+    yield events.Evaluated(trainer.step_count, psnr, split, trainer.seconds)
+    place, scene = yield from save_somewhere(job, trainer, scale, {"psnr": psnr, "split": split})
+    return place, scene, psnr
 
 
 def _capacity_picture(scene: Path, trainer: Trainer, shot: int) -> Iterator[Event]:
@@ -134,5 +157,5 @@ def _progress_event(trainer: Trainer, work: Workload) -> events.Progress:
 
 def _settings(job: TrainingJob) -> dict[str, Any]:
     """What a resume takes over from this job, and whose it is."""
-    settings = {name: getattr(job, name) for name in (*KEPT, "steps", "seconds")}
-    return {**settings, "max_gaussians": job.recipe.max_gaussians, "capture": str(Path(job.capture).resolve())}
+    settings = {name: getattr(job, name) for name in KEPT}
+    return {**settings, "recipe": settings_json(job.recipe), "capture": str(Path(job.capture).resolve())}

@@ -10,6 +10,7 @@ from torch import nn
 from ..model.canonical import ATTRIBUTES
 from ..model.interface import SceneModel
 from .adam import NativeAdam
+from .fitting import fitting
 from .recipe import Recipe
 
 
@@ -123,15 +124,21 @@ class SceneOptimizer:
                     arrays[f"adam.{group['name']}.{number}.{key}"] = torch.as_tensor(value, dtype=torch.float32)
         return arrays
 
-    def load_state_arrays(self, arrays: dict[str, torch.Tensor]) -> None:
-        """The inverse, for parameters of the same shapes."""
+    def resume(self, arrays: dict[str, torch.Tensor], rate_factor: float) -> None:
+        """Goes on with what ``state_arrays`` gave; ValueError or KeyError for what does not fit the parameters."""
+        if not 0 < rate_factor <= 1:
+            raise ValueError(f"rates times {rate_factor}")
+        self.rate_factor = rate_factor
         for group in self.adam.param_groups:
             for number, parameter in enumerate(group["params"]):
                 prefix = f"adam.{group['name']}.{number}."
-                state = {
-                    key[len(prefix) :]: value.to(parameter.device)
-                    for key, value in arrays.items()
-                    if key.startswith(prefix)
-                }
-                if state:
-                    self.adam.state[parameter] = state
+                if any(name.startswith(prefix) for name in arrays):
+                    self.adam.state[parameter] = self._memory(arrays, prefix, parameter)
+
+    def _memory(self, arrays: dict[str, torch.Tensor], prefix: str, parameter: nn.Parameter) -> dict[str, Any]:
+        names, device = ("exp_avg", "exp_avg_sq"), parameter.device
+        moments = {name: fitting(prefix + name, arrays[prefix + name], parameter.shape).to(device) for name in names}
+        step = fitting(f"{prefix}step", arrays[f"{prefix}step"], ())
+        if not (step >= 0 and float(step).is_integer()):
+            raise ValueError(f"{prefix}step is {float(step)}")
+        return {"step": int(step) if isinstance(self.adam, NativeAdam) else step.to(device), **moments}

@@ -11,12 +11,13 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 
+from ..capacity_report import reduction_line
 from ..capture.time import frame_to_time
 from ..errors import FrogError
 from ..model.frog import Frog
@@ -102,7 +103,12 @@ class Parsimony:
         self.looked_at = [i for i in training if i not in self.withheld]
 
     def resume(self, seed: int, reductions: list[Reduction], removed: np.ndarray) -> None:
-        """Takes over a checkpoint's training."""
+        """Takes over a checkpoint's training; TypeError or ValueError for what does not fit."""
+        for reduction in reductions:
+            reduction_line(asdict(reduction))  # said to people at the end
+        if removed.dtype != np.float32 or removed.shape[1:] != (3,):
+            raise ValueError(f"removed is {removed.dtype} of {removed.shape} instead of float32 of (n, 3)")
+        torch.Generator("cpu").manual_seed(1000 * seed)  # as every round will
         self._seed_with(seed)
         self.removed = removed
         self.reductions, self._told = reductions, len(reductions)

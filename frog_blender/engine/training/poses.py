@@ -8,6 +8,7 @@ import torch
 from ..capture.camera import Camera, rotation_about
 from ..capture.capture import Capture
 from .device import OnItsWay
+from .fitting import fitting
 from .recipe import Recipe
 
 _MOMENTUM, _MEMORY, _TINY = 0.9, 0.99, 1e-15  # Adam's; a camera is drawn in one step of many, so a short memory
@@ -82,8 +83,9 @@ class PoseRefinement:
         cameras = [self.capture.cameras[index] for index in drawn]
         slopes = np.array([self._slope(*pair) for pair in zip(cameras, means.reshape(-1, 3, 4), strict=True)])
         self.moved[drawn, 0] += 1
-        counts, since = self.moved[drawn, 0, None], progress - self.moved[drawn, 1, None]
-        self.moved[drawn, 1] = progress
+        last = self.moved[drawn, 1]
+        self.moved[drawn, 1] = np.maximum(last, progress)
+        counts, since = self.moved[drawn, :1], (self.moved[drawn, 1] - last)[:, None]
         first = _MOMENTUM * self.moments[0, drawn] + (1 - _MOMENTUM) * slopes
         second = _MEMORY * self.moments[1, drawn] + (1 - _MEMORY) * slopes**2
         self.moments[:, drawn] = first, second
@@ -121,13 +123,18 @@ class PoseRefinement:
             cameras[index] = cameras[index].with_pose(np.column_stack([rotation, shift]))
         self.capture = self.capture.with_cameras(cameras)
 
-    def resume(self, poses: np.ndarray, moments: np.ndarray, moved: np.ndarray, gathered: np.ndarray) -> None:
+    def resume(self, poses: torch.Tensor, moments: torch.Tensor, moved: torch.Tensor, gathered: torch.Tensor) -> None:
         """Goes on from poses (C, 4, 4) and the rest; ValueError for arrays that do not fit."""
-        if np.shape(poses) != (len(self.capture.cameras), 4, 4):
-            raise ValueError(f"poses of {np.shape(poses)} instead of {(len(self.capture.cameras), 4, 4)}")
-        for array, own in ((moments, self.moments), (moved, self.moved), (gathered, self.gathered)):
-            if array.shape != own.shape:
-                raise ValueError(f"memory of poses of {array.shape} instead of {own.shape}")
-        self.moments, self.moved, self.gathered, self._arriving = moments.copy(), moved.copy(), gathered.copy(), None
-        pairs = zip(self.capture.cameras, poses, strict=True)
+        count = len(self.capture.cameras)
+        self.moments = fitting("moments", moments, (2, count, 6), torch.float64).numpy()
+        self.moved = fitting("moved", moved, (count, 2), torch.float64).numpy()
+        self.gathered, self._arriving = fitting("gathered", gathered, (count, 13), torch.float64).numpy(), None
+        found = fitting("poses", poses, (count, 4, 4), torch.float64).numpy()
+        if not all(np.isfinite(array).all() for array in (found, self.moments, self.moved)):
+            raise ValueError("poses that are not finite")
+        pairs = zip(self.capture.cameras, found, strict=True)
         self.capture = self.capture.with_cameras(camera.with_pose(pose) for camera, pose in pairs)
+
+    def begin_at(self, progress: float) -> None:
+        """Another limit makes the training's progress jump: no camera's step spans what lies before."""
+        self.moved[:, 1] = max(progress, self._recipe.pose_from)

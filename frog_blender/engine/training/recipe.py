@@ -259,6 +259,16 @@ RECIPES = {
 }
 
 
+def stored_recipe(values: dict[str, Any]) -> Recipe:
+    """The recipe that ``settings_json`` made plain values of; TypeError, ValueError or FrogError for other values."""
+    settings: dict[str, Any] = {key: tuple(each) if isinstance(each, list) else each for key, each in values.items()}
+    for field in fields(Recipe):
+        kinds = (int, float) if isinstance(field.default, float) else type(field.default)
+        if not isinstance(settings.get(field.name, field.default), kinds):
+            raise ValueError(f"{field.name} is {settings[field.name]!r}")
+    return Recipe(**settings)
+
+
 def recipe(name: str, **overrides: Any) -> Recipe:
     """A named recipe with some settings changed; FrogError for a name that does not exist."""
     if name not in RECIPES:

@@ -27,20 +27,17 @@ class Recovery:
 
     Args:
         trainer: at its first step, or resumed.
-        settings: see ``state_of``.
+        settings: of the job, see ``state_of``.
     """
 
     def __init__(self, trainer: Trainer, settings: dict[str, Any] | None = None) -> None:
         self._left, self._settings = _ATTEMPTS, settings
-        self.state: State = state_of(trainer, settings)
+        self.remember(trainer)
 
     def remember(self, trainer: Trainer) -> None:
-        """Call it now and then. Unstable when the model itself is not finite: then there is nothing to remember."""
+        """Call it now and then, and before a state is written. Unstable when there is nothing good to remember."""
         trainer.check()
-        for name, parameter in trainer.model.named_parameters():
-            if not bool(torch.isfinite(parameter).all()):
-                raise Unstable(f"Training became unstable at step {trainer.step_count} ({name} is not finite).")
-        self.state = state_of(trainer, self._settings)
+        self.state: State = state_of(trainer, self._settings)
 
     def go_back(self, trainer: Trainer, error: Exception) -> str:
         """Restores the remembered state, mends what went wrong and says so.
@@ -75,7 +72,7 @@ class Recovery:
         if trainer.device.type == "cuda":
             torch.cuda.empty_cache()
         if self._settings is not None:
-            self._settings["max_gaussians"] = limit
+            self._settings["recipe"]["max_gaussians"] = limit
         self.state = state_of(trainer, self._settings)
         return (
             f"The memory did not suffice for {count:,} Gaussians. "

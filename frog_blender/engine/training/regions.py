@@ -13,6 +13,7 @@ from torch.nn import functional
 
 from ..capture.camera import Camera
 from .device import OnItsWay
+from .fitting import fitting
 
 CELL = 16  # pixels a side; the rasterizer's tiles
 _MEMORY = 0.7  # share of the old estimate that a new look at a cell leaves
@@ -81,6 +82,14 @@ class RegionPicker:
         """Takes in what is still on its way."""
         for look in self._arriving:
             self._take_in(look)
+        self._arriving.clear()
+
+    def resume(self, errors: list[torch.Tensor]) -> None:
+        """Goes on from a checkpoint's errors and forgets what is on its way; ValueError for what does not fit."""
+        sizes = [tuple(own.shape) for own in self.errors]
+        self.errors = [fitting("errors", *pair) for pair in zip(errors, sizes, strict=True)]
+        if any(bool((found < 0).any()) for found in errors):
+            raise ValueError("errors below zero")
         self._arriving.clear()
 
     def _take_in(self, look: _Look) -> None:

@@ -13,7 +13,7 @@ from ..capture.frames import default_cache_folder
 from ..errors import FrogError
 from ..files import SceneFile
 from . import events
-from .checkpoint import State, checkpoint_path, save_checkpoint, write_checkpoint
+from .checkpoint import State, checkpoint_path, write_checkpoint
 from .events import Event
 from .saving import save_scene
 
@@ -26,26 +26,31 @@ class Checkpoints:
     """The checkpoint beside a scene, as new as the disk allows.
 
     Args:
-        settings: see ``save_checkpoint``.
+        step: at which the training begins or goes on.
+
+    Attributes:
+        step: of the checkpoint.
     """
 
-    def __init__(self, job: TrainingJob, settings: dict[str, Any]) -> None:
-        self._path, self._step = checkpoint_path(job.output), -1
-        self.settings = settings
+    def __init__(self, job: TrainingJob, step: int) -> None:
+        self._path, self.step = checkpoint_path(job.output), step
 
-    def save(self, trainer: Trainer) -> Iterator[Event]:
-        """A disk that takes no checkpoint is no reason to lose the training: then it says so."""
+    def save(self, state: State) -> Iterator[Event]:
+        """A disk or a memory that takes no checkpoint is no reason to lose the training: then it says so."""
         try:
-            save_checkpoint(self._path, trainer, self.settings)
-            self._step = trainer.step_count
+            self._write(state)
         except FrogError as error:
             yield events.Warned(f"{error} Training goes on without this checkpoint.")
 
     def keep(self, state: State) -> None:
         """For a training that ends unforeseen: writes a remembered state that is newer than the last checkpoint."""
-        if state[1]["step_count"] > max(self._step, 0):
+        if state[1]["step_count"] > self.step:
             with suppress(FrogError):
-                write_checkpoint(self._path, state)
+                self._write(state)
+
+    def _write(self, state: State) -> None:
+        write_checkpoint(self._path, state)
+        self.step = state[1]["step_count"]
 
 
 def save_somewhere(

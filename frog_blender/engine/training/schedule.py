@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import torch
 
 from ..capture.capture import Capture
+from .fitting import fitting
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,13 @@ class ShotPicker:
         self._by_frame: dict[int, list[int]] = {}
         for i in self._shots:
             self._by_frame.setdefault(shots[i].frame, []).append(i)
+
+    def resume(self, losses: torch.Tensor, draws: int) -> None:
+        """Goes on from a checkpoint; ValueError for what does not fit."""
+        self.losses = fitting("losses", losses, tuple(self.losses.shape))
+        if not bool((losses.isfinite() & (losses >= 0)).all()) or draws < 0:
+            raise ValueError("losses or draws are not positive numbers")
+        self.draws = draws
 
     def withhold(self, shots: Sequence[int]) -> None:
         """From now on leaves these training shots alone, and no others."""

@@ -31,7 +31,7 @@ from .poses import PoseRefinement
 from .recipe import Recipe
 from .regions import RegionPicker
 from .resolution import halved, halved_picture, is_halved
-from .running_loss import RunningLoss
+from .running_loss import RunningLoss, Unstable
 from .sampling import new_anchors, undeformed, worst_points
 from .schedule import Every, ShotPicker, ramp
 from .start import first_model, scale_of
@@ -115,12 +115,22 @@ class Trainer:
         self.recipe = self.density.recipe = replace(self.recipe, max_gaussians=count)
 
     def resume_at(self, state: dict[str, Any]) -> None:
-        """Sets the counters of a checkpoint."""
+        """Sets the counters of a checkpoint; ValueError for what no training counts."""
         self.step_count, self.seconds = int(state["step_count"]), float(state["seconds"])
-        self._loss.resume(math.nan if state["loss"] is None else float(state["loss"]))
-        self.burst_shot, self.picker.draws = int(state["burst_shot"]), int(state["draws"])
+        self.burst_shot, before = int(state["burst_shot"]), float(state["progress"])
+        if not (self.step_count >= 0 and 0 <= self.seconds < math.inf and 0 <= before <= 1):
+            raise ValueError(f"{before} of a training at step {self.step_count} after {self.seconds} s")
+        if not -1 <= self.burst_shot < len(self.capture.shots):
+            raise ValueError(f"no shot {self.burst_shot}")
+        loss = math.nan if state["loss"] is None else float(state["loss"])
+        if math.isinf(loss):
+            raise ValueError(f"a loss of {loss}")
+        self._loss.resume(loss)
         # A shorter limit makes progress jump: then the rounds in between are due at the next step.
-        self.progress = min(float(state["progress"]), self._progress_now())
+        now = self._progress_now()
+        self.progress = min(before, now)
+        if self.poses and now != before:
+            self.poses.begin_at(now)
         if self.parsimony:
             self.picker.withhold(self.parsimony.withheld_at(self.progress))
 
@@ -139,8 +149,12 @@ class Trainer:
         return self._loss.mean
 
     def check(self) -> None:
-        """FrogError when the training has become unstable; call it before anything is saved or shown."""
+        """Unstable when the loss or the model is not finite (a Gaussian that is none is not drawn, and shows in no
+        loss); call it before anything is saved."""
         self._loss.check(self.step_count)
+        for name, parameter in self.model.named_parameters():
+            if not bool(torch.isfinite(parameter).all()):
+                raise Unstable(f"Training became unstable at step {self.step_count} ({name} is not finite).")
 
     def settle(self) -> None:
         """Takes in what the last step found and has not been waited for."""
