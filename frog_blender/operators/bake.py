@@ -4,8 +4,7 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,8 +16,7 @@ from .. import carrier, playback
 from ..engine.errors import FrogError
 from ..playing import playback_cache
 from .imported import named_or_chosen
-
-_SLICE_SECONDS = 0.03  # of work between two looks at the keyboard
+from .stepwise import Stepwise, has_window
 
 
 @dataclass
@@ -28,16 +26,6 @@ class Baking:
     path: Path
     total: int
     steps: Generator[int, None, None]
-    done: int = 0
-
-    def go_on(self, seconds: float) -> bool:
-        """Works for that long, one step at least; False once it is finished.  Raises FrogError."""
-        deadline = time.perf_counter() + seconds
-        for done in self.steps:
-            self.done = done
-            if time.perf_counter() >= deadline:
-                return True
-        return False
 
 
 def begin(obj: Any, scene: Any) -> Baking:
@@ -77,82 +65,43 @@ class _OnCapture:
         return named_or_chosen(context, self.object_name)
 
 
-class FROG_OT_bake(_OnCapture, bpy.types.Operator):
+class FROG_OT_bake(_OnCapture, Stepwise, bpy.types.Operator):
     """Compute every frame of this capture in the scene's frame range and keep them on disk, so that scrubbing has \
-nothing to compute. Esc stops it"""
+nothing to compute. Esc or the right mouse button stops it"""
 
     bl_idname = "frog.bake"
     bl_label = "Bake Playback"
 
+    doing = "Baking {done:,} of {total:,} frames"
+    slice_seconds = 0.03
     _baking: Baking | None = None
-    _timer: Any = None
 
     def execute(self, context: Any) -> set[str]:
         """For scripts: comes back when all is done."""
-        try:
-            self._baking = begin(self.capture(context), context.scene)
-            while self._baking.go_on(1.0):
-                pass
-        except FrogError as error:
-            return self._fail(context, error)
-        return self._finish(context)
+        return self._bake(context, self.go_through)
 
     def invoke(self, context: Any, _event: Any) -> set[str]:
         """In a window: a slice of work at a time."""
-        if context.window is None or bpy.app.background:
-            return self.execute(context)
+        return self._bake(context, self.go_on_in_window if has_window(context) else self.go_through)
+
+    def _bake(self, context: Any, go: Callable[..., set[str]]) -> set[str]:
         try:
             self._baking = begin(self.capture(context), context.scene)
         except FrogError as error:
-            return self._fail(context, error)
-        manager = context.window_manager
-        self._timer = manager.event_timer_add(0.01, window=context.window)
-        manager.progress_begin(0, self._baking.total)
-        manager.modal_handler_add(self)
-        return {"RUNNING_MODAL"}
-
-    def modal(self, context: Any, event: Any) -> set[str]:
-        if event.type == "ESC":
-            self.cancel(context)
-            self.report({"INFO"}, "Baking was stopped; nothing was written.")
+            self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        if event.type != "TIMER" or self._baking is None:
-            return {"PASS_THROUGH"}
-        try:
-            if not self._baking.go_on(_SLICE_SECONDS):
-                return self._finish(context)
-        except FrogError as error:
-            return self._fail(context, error)
-        context.window_manager.progress_update(self._baking.done)
-        context.workspace.status_text_set(f"Baking {self._baking.done:,} of {self._baking.total:,} frames | Esc: Stop")
-        return {"PASS_THROUGH"}
+        return go(context, self._baking.steps, self._baking.total)
 
-    def cancel(self, context: Any) -> None:
-        """Also called by Blender, when the window or the file is closed."""
-        self._clean_up(context)
+    def restore(self) -> None:
+        playback.refresh(bpy.context.scene)  # the bake was let go of; what is shown comes from what there is now
 
-    def _finish(self, context: Any) -> set[str]:
+    def finished_sentence(self) -> str:
         assert self._baking is not None
         size = self._baking.path.stat().st_size / playback_cache.MEGABYTE
-        self.report({"INFO"}, f"Baked {self._baking.total:,} frames to {self._baking.path} ({size:,.0f} MB).")
-        self._clean_up(context)
-        playback.refresh(context.scene)
-        return {"FINISHED"}
+        return f"Baked {self._baking.total:,} frames to {self._baking.path} ({size:,.0f} MB)."
 
-    def _fail(self, context: Any, error: FrogError) -> set[str]:
-        self._clean_up(context)
-        self.report({"ERROR"}, str(error))
-        return {"CANCELLED"}
-
-    def _clean_up(self, context: Any) -> None:
-        if self._baking is not None:
-            self._baking.steps.close()
-            self._baking = None
-        if self._timer is not None:
-            context.window_manager.event_timer_remove(self._timer)
-            context.window_manager.progress_end()
-            context.workspace.status_text_set(None)
-            self._timer = None
+    def stopped_sentence(self) -> str:
+        return "Baking was stopped; nothing was written."
 
 
 class FROG_OT_clear_bake(_OnCapture, bpy.types.Operator):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 import traceback
 from collections.abc import Generator
 from typing import Any
@@ -22,12 +23,15 @@ def has_window(context: Any) -> bool:
 class Stepwise:
     """A base beside ``bpy.types.Operator``; ``execute`` ends with ``go_through`` or ``go_on_in_window``.
 
-    The steps are a generator that yields how many of the total are done, after each.  Whatever a step raises ends the
-    operator with a sentence.  A step must not rely on objects of the file: anything may happen to them between two.
+    The steps are a generator that yields how many of the total are done, after each, and ends. Whatever a step raises
+    ends the operator with a sentence. A step must not rely on objects of the file: anything may happen to them between
+    two.
     """
 
     doing = "Working: {done:,} of {total:,}"
     """What the status bar says."""
+    slice_seconds = 0.0
+    """Of work between two looks at the keyboard, one step at least."""
 
     _steps: Generator[int, None, None] | None = None
     _timer: Any = None
@@ -61,7 +65,11 @@ class Stepwise:
         # A render evaluates the file in its own thread; nothing else may go through the frames meanwhile.
         if event.type != "TIMER" or bpy.app.is_job_running("RENDER"):
             return {"PASS_THROUGH"}
-        return self._step(context) or {"PASS_THROUGH"}
+        deadline = time.perf_counter() + self.slice_seconds
+        while not (ended := self._step(context)):
+            if time.perf_counter() >= deadline:
+                return {"PASS_THROUGH"}
+        return ended
 
     def cancel(self, context: Any) -> None:
         """Called by Blender, when the window or the file is closed; what is there is not to be touched any more."""
@@ -90,15 +98,16 @@ class Stepwise:
         """One step; the empty set while there are more."""
         assert self._steps is not None
         try:
-            self._done = next(self._steps, self._total)
+            done = next(self._steps, None)
         except FrogError as error:
             return self._end(context, "ERROR", self.failed_sentence(str(error)), {"CANCELLED"})
         except Exception as error:
             traceback.print_exc(file=sys.stderr)
             reason = f"Stopped by an unforeseen {type(error).__name__}: {error}."
             return self._end(context, "ERROR", self.failed_sentence(reason), {"CANCELLED"})
-        if self._done >= self._total:
+        if done is None:
             return self._end(context, "INFO", self.finished_sentence(), {"FINISHED"})
+        self._done = done
         self._say(context)
         return set()
 

@@ -159,7 +159,7 @@ def test_a_bake_that_does_not_end_well_leaves_the_one_before(empty, capture, sta
     empty.frame_end = 5
     work = bake.begin(capture, empty)
     assert work.total == 5 and leftovers(path.parent) == []
-    assert work.go_on(0.0) and work.go_on(0.0) and work.done == 1
+    assert [next(work.steps), next(work.steps)] == [0, 1]
     assert len(leftovers(path.parent)) == 1
     if ending == "stopped":
         work.steps.close()
@@ -170,12 +170,12 @@ def test_a_bake_that_does_not_end_well_leaves_the_one_before(empty, capture, sta
 
         monkeypatch.setattr(PlayableScene, "part_at", full)
         with pytest.raises(FrogError, match="No space left"):
-            work.go_on(10.0)
+            list(work.steps)
         monkeypatch.undo()
     else:
         write_scene(static_rig, rig_of_three(), seed=2)
         with pytest.raises(FrogError, match="another version"):
-            work.go_on(10.0)
+            list(work.steps)
     assert leftovers(path.parent) == [] and path.read_bytes() == before
 
 
@@ -196,49 +196,46 @@ def test_without_a_capture_baking_says_so(empty):
         bpy.ops.frog.clear_bake(object_name="nobody")
 
 
-def in_a_window(capture, scene):
-    """The operator as a window drives it, and what it told."""
-    said = []
-    manager = SimpleNamespace(
-        progress_begin=lambda *a: said.append("begin"),
-        progress_update=lambda done: said.append(done),
-        progress_end=lambda: said.append("end"),
-        event_timer_add=lambda *a, **k: "timer",
-        event_timer_remove=lambda timer: said.append("timer removed"),
-    )
-    context = SimpleNamespace(
-        window_manager=manager, scene=scene, workspace=SimpleNamespace(status_text_set=lambda text: said.append(text))
-    )
-    operator = SimpleNamespace(_baking=bake.begin(capture, scene), _timer="timer", report=lambda *a: said.append(a[1]))
-    for name in ("modal", "cancel", "_clean_up", "_finish", "_fail"):
-        setattr(operator, name, getattr(bake.FROG_OT_bake, name).__get__(operator))
-    return operator, context, said
+@pytest.fixture
+def baking(empty, capture, monkeypatch):
+    """The operator as the button starts it in a window; only the events come from here."""
+    monkeypatch.setattr(bake, "has_window", lambda context: context.window is not None)
+    operator = bake.FROG_OT_bake
+    monkeypatch.setattr(operator, "slice_seconds", 0.0)
+    started, said = [], []
+    go_on, end = operator.go_on_in_window, operator._end
+    monkeypatch.setattr(operator, "go_on_in_window", lambda self, *args: started.append(self) or go_on(self, *args))
+    monkeypatch.setattr(operator, "_end", lambda self, *args: said.append(args[2]) or end(self, *args))
+    monkeypatch.setattr(operator, "execute", lambda self, context: self.invoke(context, None))  # which needs a screen
+    assert bpy.ops.frog.bake() == {"RUNNING_MODAL"}
+    yield started[0], said
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)  # Blender drops the operator
 
 
-def event(kind):
-    return SimpleNamespace(type=kind)
+def send(operator, kind, value="NOTHING"):
+    return operator.modal(bpy.context, SimpleNamespace(type=kind, value=value))
 
 
-def test_in_a_window_baking_goes_on_by_a_timer(empty, capture, static_rig, monkeypatch):
-    monkeypatch.setattr(bake, "_SLICE_SECONDS", 1e-9)
-    operator, context, said = in_a_window(capture, empty)
-    assert operator.modal(context, event("MOUSEMOVE")) == {"PASS_THROUGH"}
+def test_in_a_window_baking_goes_on_by_a_timer(static_rig, baking):
+    operator, said = baking
+    assert send(operator, "MOUSEMOVE") == {"PASS_THROUGH"}
     steps = 0
-    while operator.modal(context, event("TIMER")) == {"PASS_THROUGH"}:
+    while (result := send(operator, "TIMER")) == {"PASS_THROUGH"}:
         steps += 1
         assert steps < 100
-    assert steps > 5 and "timer removed" in said and any("Baked 10 frames" in str(text) for text in said)
-    assert static_rig.with_suffix(".frogbake").is_file() and said[-1] is None
+    assert result == {"FINISHED"} and steps > 5 and operator._timer is None
+    assert said[0].startswith("Baked 10 frames") and static_rig.with_suffix(".frogbake").is_file()
 
 
-def test_escape_stops_a_bake(empty, capture, static_rig, monkeypatch):
-    monkeypatch.setattr(bake, "_SLICE_SECONDS", 1e-9)
-    operator, context, said = in_a_window(capture, empty)
+@pytest.mark.parametrize("kind", ["ESC", "RIGHTMOUSE"])
+def test_a_bake_is_stopped(static_rig, baking, kind):
+    operator, said = baking
     for _ in range(4):
-        operator.modal(context, event("TIMER"))
-    assert operator.modal(context, event("ESC")) == {"CANCELLED"}
+        send(operator, "TIMER")
+    assert len(leftovers(static_rig.parent)) == 1
+    assert send(operator, kind, "PRESS") == {"CANCELLED"} and operator._timer is None
     assert not static_rig.with_suffix(".frogbake").exists() and not leftovers(static_rig.parent)
-    assert "Baking was stopped; nothing was written." in said
+    assert said == ["Baking was stopped; nothing was written."]
 
 
 def test_write_bake_says_when_the_disk_is_too_small(empty, static_rig, monkeypatch):

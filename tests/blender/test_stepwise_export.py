@@ -69,7 +69,7 @@ def is_over(running):
 def test_a_frame_each_time_until_all_are_there(empty, export, static_rig):
     running = export()
     assert written(running) == []
-    for done in range(1, 10):
+    for done in range(1, 11):
         assert send(running) == {"PASS_THROUGH"} and len(written(running)) == done
         assert send(running, "MOUSEMOVE") == {"PASS_THROUGH"} and len(written(running)) == done
     assert send(running) == {"FINISHED"} and is_over(running)
