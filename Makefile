@@ -73,7 +73,8 @@ test-sanitizers: setup
 		FROG_NATIVE_LIBRARY=$(abspath $(SANITIZED))/libfrog_native.so ASAN_OPTIONS=detect_leaks=0:halt_on_error=1 \
 		UBSAN_OPTIONS=halt_on_error=1:print_stacktrace=1 \
 		$(BIN)/python -m pytest -q --capture=sys -p no:cacheprovider --ignore=tests/rasterizer/cuda \
-		tests/rasterizer tests/model/test_fused.py tests/inference || exit 1; done
+		tests/rasterizer tests/model/test_fused.py tests/inference \
+		tests/training/test_adam.py tests/training/test_losses.py || exit 1; done
 
 # The Blender to test in and to walk through: make test-blender BLENDER=/path/to/blender (FROG_BLENDER names it as well).
 BLENDER ?= $(or $(FROG_BLENDER),blender)
