@@ -117,7 +117,9 @@ def test_train_says_how_it_went_and_resumes(run: Run, filmed: Path, tmp_path: Pa
     assert (header.method, header.test_frames, header.scale) == ("static", (1, 4), 0.5)
     status, out, _ = run(*options, "--steps", "9", "--method", "static", "--resume")
     assert status == 0 and "9 steps" in out
-    refused(run(*options, "--steps", "9", "--resume"), "method")
+    status, out, err = run(*options, "--steps", "12", "--resume")  # another method: the one that it began with stays
+    assert status == 0 and "12 steps" in out and "goes on as it began: method static, recipe draft" in out + err
+    assert read_scene(tmp_path / "y.frog").header.method == "static"
 
 
 def test_one_bar_for_each_kind_of_work(
