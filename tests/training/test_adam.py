@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from frog_blender.engine.rasterizer import native
-from frog_blender.engine.training.adam import NativeAdam
+from frog_blender.engine.training.adam import NativeAdam, adam_on
 
 # One number, nothing at all, several pieces of a thread's work with a rest, several dimensions.
 SHAPES = [(1,), (0, 3), (20_001,), (300, 4, 3), (2, 2)]
@@ -99,3 +99,10 @@ def test_a_gradient_of_another_size_is_refused() -> None:
     parameter.data = torch.ones(50_000)
     with pytest.raises(TypeError, match="gradient of 50000 numbers, found 5"):
         NativeAdam([parameter], lr=0.1).step()
+
+
+def test_who_steps_where() -> None:
+    parameters = [{"params": [torch.nn.Parameter(torch.zeros(3))]}]
+    assert type(adam_on(torch.device("cpu"), parameters)) is NativeAdam
+    elsewhere = adam_on(torch.device("cuda"), parameters)
+    assert type(elsewhere) is torch.optim.Adam and elsewhere.defaults["fused"]

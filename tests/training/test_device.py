@@ -13,6 +13,7 @@ import filmed as film
 import numpy as np
 import pytest
 import torch
+from torch.optim import Adam
 
 from frog_blender.cli import main
 from frog_blender.engine.capture.capture import Capture
@@ -23,6 +24,7 @@ from frog_blender.engine.model.frog import FINISHED, Frog
 from frog_blender.engine.rasterizer import rasterize
 from frog_blender.engine.training import capacity_picture, events, job, motion, parsimony, reductions, validation
 from frog_blender.engine.training import device as device_module
+from frog_blender.engine.training import optimizer as optimizer_module
 from frog_blender.engine.training import trainer as trainer_module
 from frog_blender.engine.training.checkpoint import checkpoint_path, load_checkpoint, save_checkpoint
 from frog_blender.engine.training.device import choose_device, picture_on
@@ -68,6 +70,7 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Iterator[Machine]:
     monkeypatch.setattr(Frog, "deform", deform)
     adam = import_module("torch.optim.adam")  # its list of devices that have fused kernels
     monkeypatch.setattr(adam, "_device_dtype_check_for_fused", lambda *_, **__: None)
+    monkeypatch.setattr(optimizer_module, "adam_on", lambda device, groups: Adam(groups, eps=1e-15, fused=True))
     with machine:
         yield machine
 

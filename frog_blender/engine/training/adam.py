@@ -10,6 +10,8 @@ import torch
 from ..rasterizer import structs
 from ..rasterizer.native import library
 
+_EPSILON = 1e-15  # 3DGS's: gradients of means are tiny
+
 
 class NativeAdam(torch.optim.Adam):
     """``torch.optim.Adam`` for float32 parameters on the CPU, with the same memory in ``state`` ("step" is an int).
@@ -48,3 +50,10 @@ class NativeAdam(torch.optim.Adam):
             parameter.numel(),
             *(1 - first, 1 - second, group["lr"] / (1 - first**count), (1 - second**count) ** -0.5, group["eps"]),
         )
+
+
+def adam_on(device: torch.device, groups: list[dict[str, Any]]) -> torch.optim.Adam:
+    """The fastest for parameters that lie on ``device``."""
+    if device.type == "cpu":
+        return NativeAdam(groups, eps=_EPSILON)
+    return torch.optim.Adam(groups, eps=_EPSILON, fused=True)

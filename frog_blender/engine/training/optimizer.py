@@ -9,7 +9,7 @@ from torch import nn
 
 from ..model.canonical import ATTRIBUTES
 from ..model.interface import SceneModel
-from .adam import NativeAdam
+from .adam import NativeAdam, adam_on
 from .fitting import fitting
 from .recipe import Recipe
 
@@ -47,8 +47,7 @@ class SceneOptimizer:
         ]
         groups += [{"params": parameters, "name": name} for name, parameters in model.rate_groups().items()]
         self._rates, self.rate_factor = rates, 1.0
-        on_cpu = self._canonical.means.device.type == "cpu"
-        self.adam = NativeAdam(groups, eps=1e-15) if on_cpu else torch.optim.Adam(groups, eps=1e-15, fused=True)
+        self.adam = adam_on(self._canonical.means.device, groups)
         self.schedule(0.0)
 
     def schedule(self, progress: float) -> None:
@@ -121,7 +120,9 @@ class SceneOptimizer:
         for group in self.adam.param_groups:
             for number, parameter in enumerate(group["params"]):
                 for key, value in self.adam.state.get(parameter, {}).items():
-                    arrays[f"adam.{group['name']}.{number}.{key}"] = torch.as_tensor(value, dtype=torch.float32)
+                    if isinstance(value, int):
+                        value = torch.tensor(float(value), device="cpu")
+                    arrays[f"adam.{group['name']}.{number}.{key}"] = value
         return arrays
 
     def resume(self, arrays: dict[str, torch.Tensor], rate_factor: float) -> None:
