@@ -194,7 +194,7 @@ class FROG_OT_hide_clips(bpy.types.Operator):
 
 
 _CLASSES = (FROG_OT_add_clips, FROG_OT_hide_clips)
-_register_classes, _unregister_classes = bpy.utils.register_classes_factory(_CLASSES)
+_register_classes, unregister = bpy.utils.register_classes_factory(_CLASSES)
 
 
 def _revive() -> None:
@@ -208,7 +208,3 @@ def _revive() -> None:
 def register() -> None:
     _register_classes()
     _revive()
-
-
-def unregister() -> None:
-    _unregister_classes()

@@ -23,6 +23,10 @@ from .trainer import Neighbourhood, Trainer
 
 _KEY = "frog-checkpoint"
 _VERSION = 8
+# Attributes of the trainer's parts, each an array under the part's name.
+_DENSITY = ("gradient_sum", "seen", "peak_opacity")
+_POSES = ("moments", "moved", "gathered")
+_NEIGHBOURHOOD = ("anchors", "neighbours", "weights")
 # RuntimeError: what torch says to shapes, and a RecursionError.
 _DO_NOT_FIT = (KeyError, ValueError, TypeError, AttributeError, IndexError, OverflowError, RuntimeError)
 
@@ -41,9 +45,7 @@ def state_of(trainer: Trainer, settings: dict[str, Any] | None = None) -> State:
     trainer.settle()
     tensors = {f"model.{name}": value for name, value in trainer.model.state_dict().items()}
     tensors |= trainer.optimizer.state_arrays()
-    tensors["density.gradient_sum"] = trainer.density.gradient_sum
-    tensors["density.seen"] = trainer.density.seen
-    tensors["density.peak_opacity"] = trainer.density.peak_opacity
+    tensors |= {f"density.{name}": getattr(trainer.density, name) for name in _DENSITY}
     tensors["losses"] = trainer.picker.losses
     tensors["random"] = trainer.generator.get_state()
     for camera, errors in enumerate(trainer.regions.errors):
@@ -51,13 +53,11 @@ def state_of(trainer: Trainer, settings: dict[str, Any] | None = None) -> State:
     if trainer.poses:
         poses = [camera.world_to_camera for camera in trainer.capture.cameras]
         tensors["poses"] = torch.from_numpy(np.stack(poses))
-        for name in ("moments", "moved", "gathered"):
-            tensors[f"poses.{name}"] = torch.from_numpy(getattr(trainer.poses, name))
+        tensors |= {f"poses.{name}": torch.from_numpy(getattr(trainer.poses, name)) for name in _POSES}
     if trainer.parsimony:
         tensors["removed"] = torch.from_numpy(trainer.parsimony.removed)
     if trainer.neighbourhood is not None:
-        for name in ("anchors", "neighbours", "weights"):
-            tensors[f"neighbourhood.{name}"] = getattr(trainer.neighbourhood, name)
+        tensors |= {f"neighbourhood.{name}": getattr(trainer.neighbourhood, name) for name in _NEIGHBOURHOOD}
     values = {
         "version": _VERSION,
         "method": trainer.method,
@@ -110,10 +110,9 @@ def _gaussians(tensors: dict[str, torch.Tensor], trainer: Trainer) -> dict[str, 
 
 def _neighbourhood(tensors: dict[str, torch.Tensor], trainer: Trainer) -> Neighbourhood | None:
     """What was drawn for the embedding smoothness, if anything; ValueError for Gaussians that do not move."""
-    names = ("anchors", "neighbours", "weights")
     if "neighbourhood.anchors" not in tensors:
         return None
-    anchors, neighbours, weights = (tensors[f"neighbourhood.{name}"] for name in names)
+    anchors, neighbours, weights = (tensors[f"neighbourhood.{name}"] for name in _NEIGHBOURHOOD)
     fitting("anchors", anchors, (len(anchors),), torch.int64)
     fitting("neighbours", neighbours, (len(anchors), *neighbours.shape[1:2]), torch.int64)
     fitting("weights", weights, tuple(neighbours.shape))
@@ -184,13 +183,12 @@ def restore(trainer: Trainer, state: State) -> None:
     trainer.model.zero_grad(set_to_none=True)
     trainer.rebuild_optimizer()
     trainer.optimizer.resume(tensors, float(values["rate_factor"]))
-    collected = [tensors[f"density.{name}"] for name in ("gradient_sum", "seen", "peak_opacity")]
-    trainer.density.resume(trainer.count, *collected)
+    trainer.density.resume(trainer.count, *(tensors[f"density.{name}"] for name in _DENSITY))
     trainer.picker.resume(tensors["losses"], int(values["draws"]))
     trainer.generator.set_state(tensors["random"])
     trainer.regions.resume([tensors[f"regions.{camera}"] for camera in range(len(trainer.capture.cameras))])
     if trainer.poses:
-        trainer.poses.resume(tensors["poses"], *(tensors[f"poses.{name}"] for name in ("moments", "moved", "gathered")))
+        trainer.poses.resume(tensors["poses"], *(tensors[f"poses.{name}"] for name in _POSES))
         trainer.capture = trainer.poses.capture
     trainer.neighbourhood = _neighbourhood(tensors, trainer)
     if trainer.parsimony:

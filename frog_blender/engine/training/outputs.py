@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Iterator
 from functools import lru_cache
+from itertools import count
 from pathlib import Path
 
 from safetensors import SafetensorError, safe_open
@@ -12,11 +14,14 @@ from safetensors import SafetensorError, safe_open
 
 def free_output(output: Path, capture: Path) -> Path:
     """``output``, or that name with a number where a scene of another capture lies there."""
-    path, number = output, 1
-    while is_of_another(path, capture):
-        number += 1
-        path = output.with_name(f"{output.stem}_{number}{output.suffix}")
-    return path
+    return next(path for path in numbered_names(output, "_") if not is_of_another(path, capture))
+
+
+def numbered_names(path: Path, joint: str) -> Iterator[Path]:
+    """``path``, then the same name with 2, 3 and so on behind ``joint``, for ever."""
+    yield path
+    for number in count(2):
+        yield path.with_name(f"{path.stem}{joint}{number}{path.suffix}")
 
 
 def is_of_another(output: Path, capture: Path) -> bool:

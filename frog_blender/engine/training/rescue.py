@@ -15,6 +15,7 @@ from ..files import SceneFile
 from . import events
 from .checkpoint import State, checkpoint_path, write_checkpoint
 from .events import Event
+from .outputs import numbered_names
 from .saving import save_scene
 
 if TYPE_CHECKING:
@@ -82,8 +83,4 @@ def _other_folders() -> list[Path]:
 
 def _free_name(folder: Path, wanted: Path) -> Path:
     """``wanted``'s name in ``folder``, numbered where it is taken."""
-    name, number = folder / wanted.name, 2
-    while name.exists():
-        name = folder / f"{wanted.stem}-{number}{wanted.suffix}"
-        number += 1
-    return name
+    return next(place for place in numbered_names(folder / wanted.name, "-") if not place.exists())
