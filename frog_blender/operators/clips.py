@@ -1,117 +1,23 @@
-"""The capture's own videos behind its cameras, showing the moment that the capture shows.
-
-Each camera gets its video, or its sequence of pictures, as a background image. Which picture it shows follows from
-the capture's timing by a driver, whatever its start, speed, repetition or time remapping; the expression is one of
-those that Blender evaluates without Python. Nothing is decoded until a picture is looked at.
-"""
+"""The buttons that show and hide what a capture's cameras filmed."""
 
 # mypy: disable-error-code="valid-type"
 
+from collections.abc import Generator
 from pathlib import Path
 from typing import Any
 
 import bpy
 from bpy.props import BoolProperty, FloatProperty, StringProperty
 
-from .. import playback
-from ..engine.clips import Clip, capture_folders, find_clips
 from ..engine.errors import FrogError
-from .imported import cameras_of, chosen, stored_path
-
-OPACITY = 0.5
-_MARK = "frog_clip"  # of the images that this file loads
-_TIMING = {
-    "s": "frog.start_frame",
-    "v": "frog.speed",
-    "r": "frog.repeat",
-    "m": "frog.use_remap",
-    "w": "frog.shown_frame",
-}
+from ..engine.straight_clips import Straightening
+from .camera_clips import OPACITY, add_clips, begin_straightening, hide_clip, revive
+from .imported import cameras_of, chosen, known_by
+from .stepwise import Stepwise, has_window
 
 
-def add_clips(obj: Any, folder: Path | None = None, *, opacity: float = OPACITY, in_front: bool = False) -> int:
-    """Put the videos of a capture behind its cameras and return how many cameras have one now.
-
-    Args:
-        obj: what plays the capture.
-        folder: the capture's; by default where the .frog file says, or near that file.
-
-    Raises:
-        FrogError: if the .frog file cannot be read.
-    """
-    path = playback.file_of(obj)
-    header = playback.open_scene(path).header
-    folders = [folder] if folder is not None else capture_folders(header, path)
-    clips = next((found for each in folders if (found := find_clips(header, each))), {})
-    shown = 0
-    for camera in cameras_of(obj):
-        clip = clips.get(camera.data.frog.capture_camera or camera.name)
-        if clip is None or camera.data.library is not None:
-            continue
-        background = clip_of(camera) or camera.data.background_images.new()
-        try:
-            background.image = _load(clip)
-        except RuntimeError:  # no picture or video that Blender can open
-            camera.data.background_images.remove(background)
-            continue
-        background.alpha = opacity
-        background.display_depth = "FRONT" if in_front else "BACK"
-        background.frame_method = "STRETCH"  # a capture's pictures fill its cameras' frames, rounded sizes included
-        camera.data.show_background_images = True
-        _synchronise(camera.data, background, clip, obj)
-        shown += 1
-    return shown
-
-
-def clip_of(camera: Any) -> Any:
-    """The background image of a camera object that shows what it filmed, or None."""
-    images = camera.data.background_images
-    return next((each for each in images if each.image is not None and _MARK in each.image), None)
-
-
-def _load(clip: Clip) -> Any:
-    image = bpy.data.images.load(str(clip.path), check_existing=True)
-    image.filepath = stored_path(clip.path)
-    if clip.kind == "SEQUENCE":
-        image.source = "SEQUENCE"
-    image[_MARK] = True
-    return image
-
-
-def _synchronise(data: Any, background: Any, clip: Clip, obj: Any) -> None:
-    """Drive the number of the picture that is shown. Number n is offset n - 1 of a clip that is one frame long."""
-    index = next(i for i, each in enumerate(data.background_images) if each == background)
-    path = f"background_images[{index}].image_user.frame_offset"
-    data.driver_remove(path)
-    if clip.kind == "PICTURE":
-        return
-    user = background.image_user
-    user.frame_start, user.frame_duration, user.use_auto_refresh = 1, 1, True
-    user.use_cyclic = True  # or Blender hides a sequence after its only frame
-    driver = data.driver_add(path).driver
-    driver.type = "SCRIPTED"
-    for name, data_path in _TIMING.items():
-        variable = driver.variables.new()
-        variable.name, variable.type = name, "SINGLE_PROP"
-        variable.targets[0].id, variable.targets[0].data_path = obj, data_path
-    driver.expression = expression(clip)
-
-
-def expression(clip: Clip) -> str:
-    """The driver's expression: retiming.capture_frame, rounded to a picture, as an offset of the first one."""
-    last = clip.count - 1
-    if last < 1:
-        return str(clip.first - 1)
-    position, turn = "(frame-s)*v", 2 * last
-    loop = f"fmod(fmod({position},{clip.count})+{clip.count},{clip.count})"
-    there_and_back = f"{last}-abs({last}-fmod(fmod({position},{turn})+{turn},{turn}))"
-    shown = f"w if m else {position} if r==0 else {loop} if r==1 else {there_and_back}"
-    return f"floor(clamp({shown},0,{last})+.5)*{clip.step}+{clip.first - 1}"
-
-
-class FROG_OT_add_clips(bpy.types.Operator):
-    """Show each camera's own video behind what it sees, in time with the capture. Videos are shown as they were filmed:
-    where a lens distorts, they differ from the capture, which is free of distortion"""
+class FROG_OT_add_clips(Stepwise, bpy.types.Operator):
+    """Show each camera's own video behind what it sees, in time with the capture"""
 
     bl_idname = "frog.add_clips"
     bl_label = "Show Clips"
@@ -138,6 +44,19 @@ class FROG_OT_add_clips(bpy.types.Operator):
         default=False,
     )
 
+    straighten: BoolProperty(
+        name="Straighten",
+        description="Where a lens distorts, or Blender cannot read the pictures as a film, write films beside the "
+        "scene's file that show what the cameras saw, and show those",
+        default=True,
+    )
+
+    doing = "Straightening {done:,} of {total:,} pictures"
+    slice_seconds = 0.03
+    _folder: Path | None = None
+    _shown = 0
+    _asked = False  # by a click, not by a script
+
     @classmethod
     def poll(cls, context: Any) -> bool:
         cls.poll_message_set("Select a capture with cameras first.")
@@ -145,31 +64,63 @@ class FROG_OT_add_clips(bpy.types.Operator):
         return obj is not None and bool(cameras_of(obj))
 
     def invoke(self, context: Any, event: Any) -> set[str]:
-        obj = chosen(context)
-        try:
-            if add_clips(obj, opacity=self.opacity, in_front=self.in_front):
-                return {"FINISHED"}
-        except FrogError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
+        """In a window: films are written a slice at a time, and a folder is asked for where none was found."""
+        self._asked = True
+        ended = self._show(context, None)
+        if ended is None:
+            context.window_manager.fileselect_add(self)
+            return {"RUNNING_MODAL"}
+        return ended
 
     def execute(self, context: Any) -> set[str]:
+        """For scripts, then it comes back when all is done; and for the folder that was asked for."""
         obj = chosen(context)
         folder = Path(bpy.path.abspath(self.directory)) if self.directory else None
-        try:
-            shown = add_clips(obj, folder, opacity=self.opacity, in_front=self.in_front)
-        except FrogError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        if not shown:
+        ended = self._show(context, folder)
+        if ended is None:
             where = folder or "The capture's folder"
             names = ", ".join(camera.name for camera in cameras_of(obj)[:3])
             self.report({"ERROR"}, f"{where}: found no clip of {obj.name}, expected pictures of {names} and so on.")
             return {"CANCELLED"}
-        self.report({"INFO"}, f"{shown} of {len(cameras_of(obj))} cameras show their clip.")
+        return ended
+
+    def _show(self, context: Any, folder: Path | None) -> set[str] | None:
+        """Write what is lacking and show; None where nothing was found to show."""
+        obj = chosen(context)
+        films, problem = None, ""
+        try:
+            films = begin_straightening(obj, folder) if self.straighten else None
+        except FrogError as error:  # what there is can still be shown as it was filmed
+            problem = str(error)
+        self._folder = folder
+        if films is not None:
+            go = self.go_on_in_window if self._asked and has_window(context) else self.go_through
+            return go(context, self._write(films, obj.session_uid), films.total)
+        try:
+            self._shown = add_clips(obj, folder, opacity=self.opacity, in_front=self.in_front)
+        except FrogError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        if not self._shown:
+            return None
+        if problem:
+            self.report({"WARNING"}, f"The clips are shown as they were filmed: {problem}")
+        else:
+            self.report({"INFO"}, self.finished_sentence())
         return {"FINISHED"}
+
+    def _write(self, films: Straightening, capture: int) -> Generator[int, None, None]:
+        """Write the films, then show them if the capture is still there."""
+        yield from films.steps
+        obj = known_by(bpy.data.objects, capture)
+        if obj is not None:
+            self._shown = add_clips(obj, self._folder, opacity=self.opacity, in_front=self.in_front)
+
+    def finished_sentence(self) -> str:
+        return f"{self._shown} camera{'s' * (self._shown != 1)} of the capture show what they filmed."
+
+    def stopped_sentence(self) -> str:
+        return "No films were written; without Straighten the clips are shown as they were filmed."
 
 
 class FROG_OT_hide_clips(bpy.types.Operator):
@@ -185,11 +136,7 @@ class FROG_OT_hide_clips(bpy.types.Operator):
 
     def execute(self, context: Any) -> set[str]:
         for camera in cameras_of(chosen(context)):
-            background = clip_of(camera)
-            if background is not None and camera.data.library is None:
-                index = next(i for i, each in enumerate(camera.data.background_images) if each == background)
-                camera.data.driver_remove(f"background_images[{index}].image_user.frame_offset")
-                camera.data.background_images.remove(background)
+            hide_clip(camera)
         return {"FINISHED"}
 
 
@@ -197,14 +144,6 @@ _CLASSES = (FROG_OT_add_clips, FROG_OT_hide_clips)
 _register_classes, unregister = bpy.utils.register_classes_factory(_CLASSES)
 
 
-def _revive() -> None:
-    """Blender gives drivers up whose properties go, as ours do when the add-on is switched off; told anew, they run."""
-    for data in getattr(bpy.data, "cameras", ()):  # no data can be reached while Blender starts
-        for curve in data.animation_data.drivers if data.animation_data is not None and data.library is None else ():
-            if any(variable.targets[0].data_path in _TIMING.values() for variable in curve.driver.variables):
-                curve.driver.expression = str(curve.driver.expression)
-
-
 def register() -> None:
     _register_classes()
-    _revive()
+    revive()

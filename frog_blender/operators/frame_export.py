@@ -12,6 +12,7 @@ import numpy as np
 
 from .. import playback
 from ..engine.errors import FrogError
+from .imported import known_by
 
 if TYPE_CHECKING:
     from ..engine.rasterizer.arrays import GaussianArrays
@@ -57,19 +58,19 @@ class FrameExport:
 
     def restore(self) -> None:
         """Shows the frame again that the scene had before, if there still is the scene."""
-        scene = _known(bpy.data.scenes, self.scene)
+        scene = known_by(bpy.data.scenes, self.scene)
         if self.turn is not None and scene is not None and (scene.frame_current, scene.frame_subframe) != self.shown:
             scene.frame_set(self.shown[0], subframe=self.shown[1])
 
     def _gaussians(self, frame: float) -> GaussianArrays:
         from ..engine.inference.transform import transform
 
-        obj = _known(bpy.data.objects, self.capture)
+        obj = known_by(bpy.data.objects, self.capture)
         if obj is None or next(playback.captures([obj]), None) is None:
             raise FrogError(f"{self.name}: found no such capture in this file any more.")
         if self.turn is None:
             return playback.gaussians_at(obj, frame)
-        scene = _known(bpy.data.scenes, self.scene)
+        scene = known_by(bpy.data.scenes, self.scene)
         if scene is None:
             raise FrogError(f"{self.name}: found its scene deleted, expected it to go through its frames.")
         if frame != scene.frame_current_final:
@@ -81,8 +82,3 @@ class FrameExport:
             return transform(playback.gaussians_at(obj, frame), self.turn @ matrix)
         except FrogError as error:
             raise FrogError(f"{obj.name}: {error}") from error
-
-
-def _known(blocks: Any, uid: int) -> Any:
-    """The data-block of that session_uid, which no renaming or undo changes; None where it is gone."""
-    return next((block for block in blocks if block.session_uid == uid), None)

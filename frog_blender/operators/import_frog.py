@@ -9,7 +9,7 @@ import bpy
 from bpy.props import BoolProperty, FloatProperty, StringProperty
 
 from ..engine.errors import FrogError
-from .clips import clip_of
+from .camera_clips import clip_of
 from .dropped import DropsIntoViews, OpensDroppedFile
 from .imported import cameras_of, select_alone
 from .materialize import materialize
@@ -38,7 +38,7 @@ class FROG_OT_import_scene(OpensDroppedFile, bpy.types.Operator):
     show_clips: BoolProperty(
         name="Clips",
         description="Show each camera's own video behind what it sees, where the videos are still to be found. "
-        "Videos are shown as they were filmed, with the distortion of their lenses",
+        "Where lenses distort, Show Clips in the FRoG tab straightens them",
         default=True,
     )
     use_frog_engine: BoolProperty(

@@ -34,6 +34,11 @@ def named_or_chosen(context: Any, name: str) -> Any:
     return found
 
 
+def known_by(blocks: Any, uid: int) -> Any:
+    """The data-block of that session_uid, which no renaming or undo changes; None where it is gone."""
+    return next((block for block in blocks if block.session_uid == uid), None)
+
+
 def select_alone(context: Any, obj: Any) -> None:
     """Make an object the only selected one, and the active one."""
     for other in context.selected_objects:

@@ -13,7 +13,7 @@ from .. import carrier, playback
 from ..blender_camera import apply_lens, lens_of, pose_of
 from ..colors import to_linear
 from ..engine.clips import camera_path, moves_alone
-from .clips import add_clips
+from .camera_clips import add_clips
 from .imported import stored_path
 
 if TYPE_CHECKING:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
@@ -12,7 +14,9 @@ from scenes import moving_camera, rig_of_three, write_scene
 from frog_blender import playback
 from frog_blender.engine.files import SceneFile, read_scene
 from frog_blender.engine.files import write_scene as write_file
-from frog_blender.operators.clips import clip_of
+from frog_blender.engine.straight_clips import clips_folder
+from frog_blender.operators import clips
+from frog_blender.operators.camera_clips import clip_of
 from frog_blender.operators.imported import cameras_of
 from frog_blender.playing.retiming import capture_frame
 
@@ -202,3 +206,96 @@ def test_clips_are_in_time_after_the_addon_was_away(addon, mono):
     finally:
         addon.register()
     assert number_shown(cameras_of(bpy.data.objects[name])[0], 4) == 11
+
+
+@pytest.fixture
+def bent(empty, tmp_path):
+    """A scene of three cameras whose lenses distort, and their videos."""
+    cv2 = pytest.importorskip("cv2")
+    folder = tmp_path / "bent"
+    folder.mkdir()
+    cameras = rig_of_three()
+    listed = []
+    for camera in cameras:
+        size = (camera.width, camera.height)
+        writer = cv2.VideoWriter(str(folder / f"{camera.name}.mp4"), cv2.VideoWriter_fourcc(*"mp4v"), 24.0, size)
+        for frame in range(COUNT):
+            writer.write(np.full((size[1], size[0], 3), 20 * frame + 20, np.uint8))
+        writer.release()
+        pose = {"R": camera.rotation.tolist(), "t": camera.world_to_camera[:3, 3].tolist()}
+        lens = {"K": camera.intrinsics.tolist(), "dist": [-0.2, 0.0, 0.0, 0.0]}
+        listed.append({"name": camera.name, "width": size[0], "height": size[1], **lens, **pose})
+    (folder / "cameras_opencv.json").write_text(json.dumps({"cameras": listed}))
+    return scene_of(tmp_path / "bent.frog", folder, cameras, capture_format="calibrated_videos")
+
+
+def shown_files(obj):
+    return {clip_of(camera).image.filepath for camera in cameras_of(obj) if clip_of(camera)}
+
+
+def test_bent_clips_are_straightened(bent, tmp_path):
+    obj = imported(bent)
+    assert shown_files(obj) == {str(tmp_path / "bent" / f"cam0{i}.mp4") for i in range(3)}, "as they were filmed"
+    assert bpy.ops.frog.add_clips(straighten=False) == {"FINISHED"}
+    assert not clips_folder(bent).exists()
+    assert bpy.ops.frog.add_clips() == {"FINISHED"}
+    straight = {str(clips_folder(bent) / f"cam0{i}.mp4") for i in range(3)}
+    assert shown_files(obj) == straight
+    first = cameras_of(obj)[0]
+    assert len(first.data.background_images) == 1 and clip_of(first).image.frame_duration == COUNT
+    assert [number_shown(first, frame) for frame in (1, 2, 10, 20)] == [1, 2, 10, 10]
+    assert shown_files(imported(bent)) == straight, "they are there from now on"
+
+
+def test_what_cannot_be_straightened_is_shown_as_it_was_filmed(bent, tmp_path, capfd):
+    obj = imported(bent)
+    (tmp_path / "bent" / "cameras_opencv.json").write_text("{")
+    assert bpy.ops.frog.add_clips() == {"FINISHED"}
+    assert len(shown_files(obj)) == 3
+    said = capfd.readouterr()
+    assert "shown as they were filmed" in said.out + said.err
+
+
+@pytest.fixture
+def in_window(bent, monkeypatch):
+    """A function that presses the button as in a window and gives the operator that Blender then runs."""
+    monkeypatch.setattr(clips, "has_window", lambda context: context.window is not None)
+    operator = clips.FROG_OT_add_clips
+    monkeypatch.setattr(operator, "_asked", True)
+    started = []
+    go_on = operator.go_on_in_window
+    monkeypatch.setattr(operator, "go_on_in_window", lambda self, *given: started.append(self) or go_on(self, *given))
+
+    def press():
+        assert bpy.ops.frog.add_clips() == {"RUNNING_MODAL"}
+        return started[-1]
+
+    yield press
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)  # makes Blender drop the operators
+
+
+def event(kind, value="NOTHING"):
+    return SimpleNamespace(type=kind, value=value)
+
+
+def test_in_a_window_straightening_can_be_stopped(bent, in_window):
+    obj = imported(bent)
+    before = shown_files(obj)
+    operator = in_window()
+    operator.slice_seconds = 0.0
+    assert operator.modal(bpy.context, event("TIMER")) == {"PASS_THROUGH"}
+    assert operator.modal(bpy.context, event("ESC", "PRESS")) == {"CANCELLED"}
+    assert shown_files(obj) == before
+    assert {path.name for path in bent.parent.iterdir()} == {"bent", "bent.frog"}
+
+
+def test_in_a_window_a_capture_may_go_while_its_clips_are_written(bent, in_window):
+    obj = imported(bent)
+    operator = in_window()
+    bpy.data.objects.remove(obj)
+    for _ in range(1000):
+        ended = operator.modal(bpy.context, event("TIMER"))
+        if ended != {"PASS_THROUGH"}:
+            break
+    assert ended == {"FINISHED"}
+    assert clips_folder(bent).is_dir()
