@@ -13,7 +13,7 @@ NATIVE := $(wildcard frog_blender/engine/rasterizer/src/* frog_blender/engine/ra
 # The CUDA run-time compiler, for tests that compile every kernel; there is none for macOS.
 NVRTC := $(if $(filter Darwin,$(shell uname)),,nvidia-cuda-nvrtc-cu12)
 
-.PHONY: demo chart stability test test-slow test-sanitizers test-blender tour lint format extension clean setup
+.PHONY: demo chart stability test test-slow test-sanitizers test-blender test-bpy45 tour lint format extension clean setup
 
 setup: $(VENV)/.ready
 
@@ -76,12 +76,25 @@ test-sanitizers: setup
 		tests/rasterizer tests/model/test_fused.py tests/inference \
 		tests/training/test_adam.py tests/training/test_losses.py || exit 1; done
 
+# The oldest Blender that the add-on supports, as a module in an environment of its own.
+BPY45 := .venv-bpy45
+
+$(BPY45)/.ready: constraints.txt
+	test -x $(BPY45)/bin/python || $(PYTHON) -m venv $(BPY45)
+	sed 's/^bpy==.*/bpy==4.5.15/' constraints.txt > $(BPY45)/constraints.txt
+	$(BPY45)/bin/python -m pip install --disable-pip-version-check -q -c $(BPY45)/constraints.txt $(PIP_FLAGS) \
+		bpy torch numpy safetensors opencv-contrib-python-headless tqdm pytest plyfile
+	touch $@
+
+test-bpy45: setup $(BPY45)/.ready
+	$(BPY45)/bin/python tests/blender/run_in_blender.py -- -q -m "slow or not slow"
+
 # The Blender to test in and to walk through: make test-blender BLENDER=/path/to/blender (FROG_BLENDER names it as well).
 BLENDER ?= $(or $(FROG_BLENDER),blender)
 
 test-blender: setup
 	@command -v $(firstword $(BLENDER)) > /dev/null || { echo "$(BLENDER): found no such program; say BLENDER=/path/to/blender"; exit 1; }
-	$(BLENDER) -b --factory-startup --python tests/blender/run_in_blender.py
+	$(BLENDER) -b --factory-startup --python tests/blender/run_in_blender.py -- -q -m "slow or not slow"
 
 # A walk through the add-on in a window, with a screenshot of each step: make tour BLENDER=/path/to/blender OUT=dir
 # The Blender's Python needs torch and OpenCV. TOUR_FLAGS is for the script, such as TOUR_FLAGS="--steps 600".

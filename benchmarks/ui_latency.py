@@ -1,10 +1,13 @@
 """How late Blender's window answers while a training runs in it.
 
-    blender --factory-startup --python benchmarks/ui_latency.py -- CAPTURE [--seconds 30] [--recipe draft]
+    blender --factory-startup --python benchmarks/ui_latency.py -- CAPTURE [--seconds 30] [--recipe draft] \\
+        [--play X.frog]
 
 In a window (timers do not fire with -b) a timer asks to be called every 10 ms and notes how much later it is called:
 what a click would wait.  First without a training, then while one decodes and finds its seed points, then during its
-steps.  Prints one line of JSON, milliseconds, and quits Blender.
+steps.  With --play a scene plays in the rendered viewport all the while; since software OpenGL may take most of a
+second to draw a window, what the add-on itself takes for a frame and for a picture is measured then, not lateness.
+Prints one line of JSON, milliseconds, and quits Blender.
 """
 
 from __future__ import annotations
@@ -14,7 +17,9 @@ import json
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -22,7 +27,8 @@ import bpy
 import numpy as np
 
 import frog_blender
-from frog_blender import background
+from frog_blender import background, playback
+from frog_blender.rendering import viewport_drawing
 
 INTERVAL = 0.01  # seconds
 IDLE_SECONDS = 8.0
@@ -37,6 +43,7 @@ class Watch:
         self.request = request
         self.seconds = seconds
         self.late: dict[str, list[float]] = {"idle": [], "preparing": [], "training": []}
+        self.own: dict[str, dict[str, list[float]]] = {}
         self.phase = "settling"
         self.since = self.due = time.perf_counter()
 
@@ -51,6 +58,29 @@ class Watch:
             return None
         self.due = time.perf_counter() + INTERVAL
         return INTERVAL
+
+    def timed(self, name: str, work: Callable[..., Any]) -> Callable[..., Any]:
+        """``work``, every call of which is measured under this name and the present phase."""
+
+        def measured(*arguments: Any) -> Any:
+            started = time.perf_counter()
+            result = work(*arguments)
+            took = 1000.0 * (time.perf_counter() - started)
+            self.own.setdefault(self.phase, {}).setdefault(name, []).append(took)
+            return result
+
+        return measured
+
+    def play(self, scene: Path) -> None:
+        """Play a scene in the window from now on."""
+        bpy.ops.import_scene.frog(filepath=str(scene.resolve()), show_clips=False)
+        handlers = bpy.app.handlers.frame_change_pre
+        place = handlers.index(playback._on_frame)
+        handlers[place] = self.timed("frame handler", playback._on_frame)
+        viewport_drawing.picture_of = self.timed("picture of the viewport", viewport_drawing.picture_of)
+        window = bpy.context.window_manager.windows[0]
+        with bpy.context.temp_override(window=window, screen=window.screen):
+            bpy.ops.screen.animation_play()
 
     def advance(self, elapsed: float) -> bool:
         """Go to the next phase when this one has lasted; whether it did."""
@@ -74,10 +104,10 @@ class Watch:
         """Print the figures and leave."""
         figures: dict[str, object] = {"interval_ms": 1000.0 * INTERVAL, "blender": bpy.app.version_string}
         for phase, late in self.late.items():
-            if late:
-                p50, p95 = np.percentile(late, (50, 95))
-                shown = {"calls": len(late), "p50": p50, "p95": p95, "max": max(late)}
-                figures[phase] = {name: round(float(value), 2) for name, value in shown.items()}
+            if late and not self.own:
+                figures[phase] = summary(late)
+            elif phase in self.own:
+                figures[phase] = {name: summary(taken) for name, taken in self.own[phase].items()}
         state = background.current.state if background.current else None
         if state is not None:
             figures["steps"], figures["gaussians"], figures["error"] = state.step, state.gaussians, state.error
@@ -86,11 +116,18 @@ class Watch:
         bpy.ops.wm.quit_blender()
 
 
+def summary(milliseconds: list[float]) -> dict[str, float]:
+    p50, p95 = np.percentile(milliseconds, (50, 95))
+    shown = {"calls": len(milliseconds), "p50": p50, "p95": p95, "max": max(milliseconds)}
+    return {name: round(float(value), 2) for name, value in shown.items()}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(prog="ui_latency.py", description="Latency of the window while a training runs.")
     parser.add_argument("capture", type=Path)
     parser.add_argument("--seconds", type=float, default=30.0, help="how long to measure during training")
     parser.add_argument("--recipe", default="draft")
+    parser.add_argument("--play", type=Path, help="a scene that plays while it is measured")
     options = parser.parse_args(sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else [])
     if bpy.app.background:
         sys.exit("This measures a window: start Blender without -b.")
@@ -98,6 +135,8 @@ def main() -> None:
     frog_blender.register()
     output = Path(tempfile.mkdtemp()) / "latency.frog"
     watch = Watch(background.TrainingRequest(options.capture.resolve(), output, options.recipe), options.seconds)
+    if options.play is not None:
+        watch.play(options.play)
     bpy.app.timers.register(watch.__call__, first_interval=INTERVAL)
 
 

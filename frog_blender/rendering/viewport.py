@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ..engine.capture.camera import Camera
     from ..engine.rasterizer.arrays import GaussianArrays
 
-MOVING_SECONDS = 0.02  # that a picture may take while things move
+MOVING_SECONDS = 0.016  # that a picture may take while things move
 STILL_AFTER = 0.2  # seconds without a change
 COARSEST = 4  # pixels a side that one stands for at most
 
