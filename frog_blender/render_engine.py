@@ -19,7 +19,7 @@ from .blender_camera import distance_added, engine_camera
 from .colors import to_display
 from .engine.errors import FrogError
 from .rendering import index_pass, vector_pass
-from .rendering.holdout import depth_of_objects
+from .rendering.holdout import draw_before, limits_of_objects
 from .rendering.pixel_passes import combined_pass, depth_pass, pass_pixels
 
 if TYPE_CHECKING:
@@ -143,7 +143,6 @@ def shutter_moments(frame: float, shutter: float, position: str) -> list[float]:
 
 def render_moment(engine: Any, depsgraph: Any) -> Passes:
     """``render_frame`` of the moment at which the scene stands, without blur."""
-    from .engine.inference.draw import draw
     from .engine.rasterizer.options import RasterizeOptions
 
     scene = depsgraph.scene
@@ -159,8 +158,8 @@ def render_moment(engine: Any, depsgraph: Any) -> Passes:
         drawing = None
     else:
         engine.update_stats("", f"Drawing {len(gaussians.means):,} Gaussians")
-        hidden = depth_of_objects(depsgraph, camera, options) if scene.frog.hold_out else None
-        drawing = draw(gaussians, camera, options=options, depth_limit=hidden)
+        limits = limits_of_objects(depsgraph, camera, options) if scene.frog.hold_out else None
+        drawing = draw_before(limits, gaussians, camera, options)
     size = options.region_of(camera)[2:]
     depth = depth_pass(drawing, *size, distance_added(eye.data))
     combined = combined_pass(drawing, background_of(scene, captured_background), *size)

@@ -42,8 +42,10 @@ class FROG_OT_compose(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: Any) -> bool:
-        cls.poll_message_set("Import a capture first.")
-        return next(playback.captures(context.scene.objects), None) is not None and not _is_splats(context.scene)
+        is_splats = _is_splats(context.scene)
+        asked = "Use it in the scene of your objects, or turn Hold Out off." if is_splats else "Import a capture first."
+        cls.poll_message_set(asked)
+        return not is_splats and next(playback.captures(context.scene.objects), None) is not None
 
     def execute(self, context: Any) -> set[str]:
         scene = context.scene

@@ -75,6 +75,7 @@ def test_film_train_scrub_render(empty, tmp_path, rendered, monkeypatch):
     hidden = alone - cut
     assert 0.002 < (hidden > 0.5).mean() < 0.5
 
+    empty.frog.hold_out = empty.render.film_transparent = False
     assert bpy.ops.frog.compose(engine="CYCLES") == {"FINISHED"}
     empty.cycles.samples, empty.cycles.use_denoising = 1, False
     both = rendered(empty)[..., :3].astype(float) / 255
