@@ -50,6 +50,15 @@ def test_behind_an_edge_may_be_another_surface():
     assert np.isinf(limits.behind[:, 20]).all()
 
 
+def test_of_three_surfaces_the_nearest_is_told_apart():
+    camera = plain_camera()
+    cards = card(camera, -5, 10.5, 2.0), card(camera, -5, 10.75, 50.0)
+    limits = limits_of_mesh(*together(*cards), camera, WHOLE)
+    assert (limits.share[:, 10] == 0.5).all()
+    np.testing.assert_allclose(limits.front[:, 10], 2.0, rtol=1e-5)
+    np.testing.assert_allclose(limits.behind[:, 10], 100.0, rtol=1e-5)  # between what is far and nothing
+
+
 def test_a_slanted_surface_is_one():
     camera = plain_camera()
     points, triangles = card(camera, -40, 60, 3.0)

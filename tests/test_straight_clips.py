@@ -98,8 +98,59 @@ def test_films_of_other_lenses_are_not_taken(bent: Path, tmp_path: Path) -> None
     list(again.steps)
     facts = read_facts(clips_folder(scene) / "right.mp4")
     assert (facts.width, facts.height) == (48, 36), "videos have even sides"
-    (clips_folder(scene) / "clips.json").write_text("{")
-    assert straight_clips(header, scene) == {}
+    for damaged in ("{", "[]", '{"scene": 1}'):
+        (clips_folder(scene) / "clips.json").write_text(damaged)
+        assert straight_clips(header, scene) == {}
+
+
+def test_what_changed_is_written_again(bent: Path, tmp_path: Path) -> None:
+    scene = tmp_path / "x.frog"
+    header = header_of(open_capture(bent))
+    list(straightening(header, scene, bent).steps)
+    film(bent / "right.mp4", 7)
+    assert straightening(header, scene, bent) is not None, "another video of the same name"
+    calibration = bent / "cameras_opencv.json"
+    calibration.write_text(calibration.read_text().replace("-0.3", "-0.2"))
+    list(straightening(header, scene, bent).steps)
+    assert straightening(header, scene, bent) is None
+    calibration.write_text(calibration.read_text().replace("-0.2", "-0.1"))
+    list(straightening(header, scene, bent).steps)
+    (clips_folder(scene) / "left.mp4").unlink()
+    assert straight_clips(header, scene) == {}, "one is missing"
+    assert straightening(header, scene, bent) is not None
+
+
+def test_nobody_s_own_files_are_touched(bent: Path, tmp_path: Path) -> None:
+    scene = tmp_path / "x.frog"
+    header = header_of(open_capture(bent))
+    footage = clips_folder(scene) / "left.mp4"
+    footage.parent.mkdir()
+    footage.write_bytes(b"mine")
+    with pytest.raises(FrogError, match="none of our clips"):
+        straightening(header, scene, bent)
+    assert footage.read_bytes() == b"mine"
+    footage.unlink()
+    films = straightening(header, scene, bent)  # an empty folder will do
+    next(films.steps)
+    with pytest.raises(FrogError, match="being written already"):
+        straightening(header, scene, bent)
+    (footage.parent / "notes.txt").write_text("mine")
+    films.steps.close()
+    assert [path.name for path in footage.parent.iterdir()] == ["notes.txt"]
+
+
+@pytest.mark.parametrize("rate", [23.976, 66.6667, 239.8461, 0.2])
+def test_any_frame_rate_has_films(bent: Path, tmp_path: Path, rate: float) -> None:
+    header = replace(header_of(open_capture(bent)), frames_per_second=rate)
+    list(straightening(header, tmp_path / "x.frog", bent).steps)
+    clip = straight_clips(header, tmp_path / "x.frog")["left"]
+    assert read_facts(clip.path).frame_count == FRAMES
+
+
+def test_a_part_of_a_capture_is_not_the_whole(bent: Path, tmp_path: Path) -> None:
+    header = header_of(open_capture(bent).segment(1, 3))
+    with pytest.raises(FrogError, match="found 5 frames, expected 3"):
+        straightening(header, tmp_path / "x.frog", bent)
 
 
 def test_straight_lenses_need_no_films(tmp_path: Path) -> None:
@@ -171,7 +222,7 @@ def test_a_single_moment_is_a_picture_and_any_name_a_file(tmp_path: Path) -> Non
 def test_another_capture_is_told_apart(bent: Path, tmp_path: Path) -> None:
     header = header_of(open_capture(bent))
     renamed = replace(header, cameras=tuple(replace(c, name=f"other {c.name}") for c in header.cameras))
-    with pytest.raises(FrogError, match=r"none of the pictures that x\.frog"):
+    with pytest.raises(FrogError, match="not all pictures of other left"):
         straightening(renamed, tmp_path / "x.frog", bent)
 
 

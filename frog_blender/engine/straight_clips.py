@@ -1,15 +1,16 @@
 """Films of a capture's cameras as training saw them, for video programs: free of lens distortion, one for each camera.
 
 Needed where lenses distort, or where a video program cannot read a layout's pictures as a film (Technicolor's end with
-the camera's number). They lie in a folder beside the scene's file, which appears when all of them are whole.
+the camera's number). They lie in a folder beside the scene's file, with an index that says what they were made from,
+and that they are whole.
 """
 
 from __future__ import annotations
 
 import json
-import shutil
-import tempfile
-from collections.abc import Generator, Sequence
+import os
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,10 +19,12 @@ from urllib.parse import quote
 import numpy as np
 
 from .capture.decoding import decode_shots
+from .capture.frames import decoding_key
 from .capture.readers import open_capture
 from .capture.video import load_opencv, read_facts
 from .clips import Clip, camera_path, find_clips, moves_alone
 from .errors import FrogError
+from .files import write_atomically
 
 if TYPE_CHECKING:
     from .capture.capture import Capture
@@ -29,6 +32,7 @@ if TYPE_CHECKING:
 
 _INDEX = "clips.json"
 _NEVER_DISTORTED = frozenset({"n3dv"})  # formats that know no distortion, of which many captures are: not even opened
+_writing: set[Path] = set()
 
 
 @dataclass(frozen=True)
@@ -37,7 +41,7 @@ class Straightening:
 
     Attributes:
         total: pictures to write.
-        steps: yields how many are written, after each; closed early it leaves nothing behind. Raises FrogError.
+        steps: yields how many are written, after each; closed early it leaves no films. Raises FrogError.
     """
 
     total: int
@@ -50,42 +54,59 @@ def clips_folder(scene_file: Path) -> Path:
 
 
 def straight_clips(header: SceneHeader, scene_file: Path) -> dict[str, Clip]:
-    """Clips by camera name that were written for this scene; {} where there are none, or those of other cameras."""
+    """Clips by camera name that were written for this scene; {} where there are none, or not all of them."""
     folder = clips_folder(scene_file)
-    try:
-        if json.loads((folder / _INDEX).read_text(encoding="utf-8")) != _decides(header):
-            return {}
-    except (OSError, ValueError):
+    index = _index(folder)
+    if not index or index.get("scene") != _decides(header):
         return {}
     clips = {}
     for name, moments in _moments(header).items():
         file = _file(folder, name, len(moments))
-        clip = Clip(file, "VIDEO", count=header.frame_count) if len(moments) > 1 else Clip(file, "PICTURE")
-        if file.is_file():
-            clips[name] = clip
-    return clips
+        clips[name] = Clip(file, "VIDEO", count=header.frame_count) if len(moments) > 1 else Clip(file, "PICTURE")
+    return clips if all(clip.path.is_file() for clip in clips.values()) else {}
 
 
-def straightening(header: SceneHeader, scene_file: Path, folder: Path) -> Straightening | None:
-    """What has to be written for a video program to show the capture in ``folder``; None where it can as it is.
+def straightening(header: SceneHeader, scene_file: Path, capture_folder: Path) -> Straightening | None:
+    """What has to be written for a video program to show a capture; None where it can as it is, or has been written.
 
     Raises:
-        FrogError: if the capture cannot be opened, or has not got the pictures of this scene.
+        FrogError: if the capture cannot be opened, is not that of the scene, or something else lies where films go.
     """
-    if not folder.is_dir() or straight_clips(header, scene_file):
+    if not capture_folder.is_dir():
         return None
-    shown = find_clips(header, folder)
+    shown = find_clips(header, capture_folder)
     if shown and header.capture_format in _NEVER_DISTORTED:
         return None
-    capture = open_capture(folder, pixel_offsets=header.pixel_offsets or None)
+    capture = open_capture(capture_folder, pixel_offsets=header.pixel_offsets or None)
     if shown and not any(capture.distortions):
         return None
-    clips = _moments(header).items()
-    films = {name: shots for name, moments in clips if (shots := _shots(capture, moments))}
-    if not films:
-        raise FrogError(f"{folder}: found none of the pictures that {scene_file.name} was trained from.")
-    total = sum(len(shots) for shots in films.values())
-    return Straightening(total, _write(header, _at_size(capture, header), films, clips_folder(scene_file)))
+    films = _films(header, capture, capture_folder)
+    folder, seen = clips_folder(scene_file), _at_size(capture, header)
+    key, index = decoding_key(seen), _index(folder)
+    if index and index.get("made_from") == key and straight_clips(header, scene_file):
+        return None
+    if index is None and folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise FrogError(f"{folder}: found something that is none of our clips, expected this name to be free for them.")
+    if folder in _writing:
+        raise FrogError(f"{folder}: the clips are being written already.")
+    marks = {"scene": _decides(header), "made_from": key}
+    return Straightening(sum(map(len, films.values())), _write(header, seen, films, folder, marks))
+
+
+def _films(header: SceneHeader, capture: Capture, folder: Path) -> dict[str, list[int]]:
+    """The shots of each clip, ordered by frame; FrogError where the capture is not that of the scene."""
+    if capture.frame_count != header.frame_count:
+        raise FrogError(
+            f"{folder}: found {capture.frame_count} frames, expected {header.frame_count} as the scene was trained on."
+        )
+    index = {camera.name: i for i, camera in enumerate(capture.cameras)}
+    films = {}
+    for name, moments in _moments(header).items():
+        shots = [capture.shot_index(index.get(camera, -1), frame) for frame, camera in moments]
+        films[name] = [shot for shot in shots if shot is not None]
+        if not shots or None in shots:
+            raise FrogError(f"{folder}: not all pictures of {name} are there, expected those that were trained on.")
+    return films
 
 
 def _moments(header: SceneHeader) -> dict[str, list[tuple[int, str]]]:
@@ -95,14 +116,6 @@ def _moments(header: SceneHeader) -> dict[str, list[tuple[int, str]]]:
         return {path[0][1]: path}
     filmed = zip(header.cameras, header.camera_shots, strict=True)
     return {camera.name: [(frame, camera.name) for frame in sorted(frames)] for camera, frames in filmed}
-
-
-def _shots(capture: Capture, moments: Sequence[tuple[int, str]]) -> list[int]:
-    """The shots of a capture that show these moments, none where it has not got all of them."""
-    index = {camera.name: i for i, camera in enumerate(capture.cameras)}
-    found = [capture.shot_index(index[name], frame) if name in index else None for frame, name in moments]
-    shots = [shot for shot in found if shot is not None]
-    return shots if len(shots) == len(moments) else []
 
 
 def _at_size(capture: Capture, header: SceneHeader) -> Capture:
@@ -121,34 +134,55 @@ def _decides(header: SceneHeader) -> dict[str, Any]:
     return {"capture": header.capture_path, "frames": header.frame_count, "lenses": lenses}
 
 
+def _index(folder: Path) -> dict[str, Any] | None:
+    """What the folder's index says; {} where films were begun and not finished, None where there is no index."""
+    try:
+        index = json.loads((folder / _INDEX).read_text(encoding="utf-8"))
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except (OSError, ValueError):
+        return {}
+    return index if isinstance(index, dict) else {}
+
+
 def _file(folder: Path, name: str, count: int) -> Path:
     """The file of a camera's clip of so many moments. Names of cameras may hold strokes, files' may not."""
     return folder / f"{quote(name, safe=' ')}.{'mp4' if count > 1 else 'png'}"
 
 
 def _write(
-    header: SceneHeader, capture: Capture, films: dict[str, list[int]], folder: Path
+    header: SceneHeader, capture: Capture, films: Mapping[str, Sequence[int]], folder: Path, marks: dict[str, Any]
 ) -> Generator[int, None, None]:
-    done = 0
-    partial = None
+    """Films into the folder, whose index says nothing until all of them are whole."""
+    done, whole, index = 0, False, folder / _INDEX
+    files = {name: _file(folder, name, len(shots)) for name, shots in films.items()}
+    _writing.add(folder)
     try:
-        partial = Path(tempfile.mkdtemp(prefix=f"{folder.name}.", dir=folder.parent))
+        folder.mkdir(exist_ok=True)
+        write_atomically(index, b"{}")
         for name, shots in films.items():
-            for _ in _write_clip(_file(partial, name, len(shots)), header, capture, shots):
+            for _ in _write_clip(files[name], round(header.frames_per_second) or 1, capture, shots):
                 done += 1
                 yield done
-        (partial / _INDEX).write_text(json.dumps(_decides(header)), encoding="utf-8")
-        shutil.rmtree(folder, ignore_errors=True)
-        partial.rename(folder)
+        write_atomically(index, json.dumps(marks).encode())
+        whole = True
     except OSError as error:
         raise FrogError(f"{folder}: the clips cannot be written here ({error.strerror or error}).") from error
     finally:
-        if partial is not None:
-            shutil.rmtree(partial, ignore_errors=True)
+        _writing.discard(folder)
+        if not whole:
+            for file in (*files.values(), index):
+                with suppress(OSError):
+                    file.unlink(missing_ok=True)
+            with suppress(OSError):
+                os.rmdir(folder)  # unless there is something else in it
 
 
-def _write_clip(path: Path, header: SceneHeader, capture: Capture, shots: Sequence[int]) -> Generator[None, None, None]:
-    """One camera's shots, ordered by frame: a picture, or a video of all moments that repeats one where one lacks."""
+def _write_clip(path: Path, rate: int, capture: Capture, shots: Sequence[int]) -> Generator[None, None, None]:
+    """One camera's shots, ordered by frame: a picture, or a video of all moments that repeats one where one lacks.
+
+    Whoever shows it asks for pictures by number, so a whole rate will do; MPEG-4 cannot say every other.
+    """
     cv2 = load_opencv()
     pictures = (cv2.cvtColor(picture, cv2.COLOR_RGB2BGR) for picture in decode_shots(capture, shots))
     if len(shots) == 1:
@@ -157,17 +191,21 @@ def _write_clip(path: Path, header: SceneHeader, capture: Capture, shots: Sequen
         return
     camera = capture.cameras[capture.shots[shots[0]].camera]
     size = (camera.width, camera.height)
-    video = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), header.frames_per_second, size)
+    video = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), float(rate), size)
     try:
         if not video.isOpened():
-            raise FrogError(f"{path.parent}: no video can be written here (no encoder in OpenCV, or no room).")
+            raise FrogError(f"{path}: OpenCV cannot write this video (no encoder for MPEG-4, or no room).")
         changes = [capture.shots[shot].frame for shot in shots[1:]]
-        for picture, first, end in zip(pictures, [0, *changes], [*changes, header.frame_count], strict=True):
+        for picture, first, end in zip(pictures, [0, *changes], [*changes, capture.frame_count], strict=True):
             shown = picture if picture.shape[1::-1] == size else cv2.resize(picture, size)
             for _ in range(first, end):
                 video.write(shown)
             yield
     finally:
         video.release()
-    if read_facts(path).frame_count != header.frame_count:  # an encoder does not say that a disk is full
-        raise FrogError(f"{path.parent}: a clip could not be written whole, expected room for it.")
+    try:
+        written = read_facts(path).frame_count
+    except FrogError:
+        written = 0
+    if written != capture.frame_count:  # an encoder does not say that a disk is full
+        raise FrogError(f"{path}: {written} of {capture.frame_count} pictures could be written; is the disk full?")

@@ -33,18 +33,28 @@ _TIMING = {
 }
 
 
-def add_clips(obj: Any, folder: Path | None = None, *, opacity: float = OPACITY, in_front: bool = False) -> int:
+def add_clips(
+    obj: Any,
+    folder: Path | None = None,
+    *,
+    opacity: float = OPACITY,
+    in_front: bool = False,
+    straight: bool = True,
+) -> int:
     """Put the videos of a capture behind its cameras and return how many cameras have one now.
 
     Args:
         obj: what plays the capture.
         folder: the capture's; by default where the .frog file says, or near that file.
+        straight: show the films without distortion where there are such.
 
     Raises:
         FrogError: if the .frog file cannot be read.
     """
     path, header, folders = _sources(obj, folder)
-    clips = straight_clips(header, path) or next((found for each in folders if (found := find_clips(header, each))), {})
+    clips = next((found for each in folders if (found := find_clips(header, each))), {})
+    if straight:
+        clips |= straight_clips(header, path)
     shown = 0
     for camera in cameras_of(obj):
         clip = clips.get(camera.data.frog.capture_camera or camera.name)
@@ -66,12 +76,15 @@ def add_clips(obj: Any, folder: Path | None = None, *, opacity: float = OPACITY,
 
 
 def begin_straightening(obj: Any, folder: Path | None = None) -> Straightening | None:
-    """The films that have to be written for ``add_clips`` to show what the cameras saw; None where there are no such.
+    """The films that have to be written for ``add_clips`` to show what the cameras saw; None where there are no such,
+    or no camera that could show one.
 
     Raises:
         FrogError: if the .frog file cannot be read, or no capture of it be opened.
     """
     path, header, folders = _sources(obj, folder)
+    if all(camera.data.library is not None for camera in cameras_of(obj)):
+        return None
     problem = None
     for each in filter(Path.is_dir, folders):
         try:

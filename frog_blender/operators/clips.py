@@ -17,7 +17,8 @@ from .stepwise import Stepwise, has_window
 
 
 class FROG_OT_add_clips(Stepwise, bpy.types.Operator):
-    """Show each camera's own video behind what it sees, in time with the capture"""
+    """Show each camera's own video behind what it sees, in time with the capture. Where a lens distorts, films that are
+    free of it are written beside the scene's file first"""
 
     bl_idname = "frog.add_clips"
     bl_label = "Show Clips"
@@ -55,6 +56,7 @@ class FROG_OT_add_clips(Stepwise, bpy.types.Operator):
     slice_seconds = 0.03
     _folder: Path | None = None
     _shown = 0
+    _problem = ""
     _asked = False  # by a click, not by a script
 
     @classmethod
@@ -80,7 +82,8 @@ class FROG_OT_add_clips(Stepwise, bpy.types.Operator):
         if ended is None:
             where = folder or "The capture's folder"
             names = ", ".join(camera.name for camera in cameras_of(obj)[:3])
-            self.report({"ERROR"}, f"{where}: found no clip of {obj.name}, expected pictures of {names} and so on.")
+            nothing = f"{where}: found no clip of {obj.name}, expected pictures of {names} and so on."
+            self.report({"ERROR"}, self._problem if folder and self._problem else nothing)
             return {"CANCELLED"}
         return ended
 
@@ -94,14 +97,16 @@ class FROG_OT_add_clips(Stepwise, bpy.types.Operator):
             problem = str(error)
         self._folder = folder
         if films is not None:
+            self._show_now(obj, straight=False)  # until they are written, and if they never are
             go = self.go_on_in_window if self._asked and has_window(context) else self.go_through
             return go(context, self._write(films, obj.session_uid), films.total)
         try:
-            self._shown = add_clips(obj, folder, opacity=self.opacity, in_front=self.in_front)
+            self._show_now(obj, straight=self.straighten)
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         if not self._shown:
+            self._problem = problem
             return None
         if problem:
             self.report({"WARNING"}, f"The clips are shown as they were filmed: {problem}")
@@ -114,13 +119,20 @@ class FROG_OT_add_clips(Stepwise, bpy.types.Operator):
         yield from films.steps
         obj = known_by(bpy.data.objects, capture)
         if obj is not None:
-            self._shown = add_clips(obj, self._folder, opacity=self.opacity, in_front=self.in_front)
+            self._show_now(obj, straight=True)
+
+    def _show_now(self, obj: Any, *, straight: bool) -> None:
+        options = {"opacity": self.opacity, "in_front": self.in_front, "straight": straight}
+        self._shown = add_clips(obj, self._folder, **options)
 
     def finished_sentence(self) -> str:
         return f"{self._shown} camera{'s' * (self._shown != 1)} of the capture show what they filmed."
 
     def stopped_sentence(self) -> str:
-        return "No films were written; without Straighten the clips are shown as they were filmed."
+        return "No films were written; the clips are shown as they were filmed."
+
+    def failed_sentence(self, reason: str) -> str:
+        return f"The clips are shown as they were filmed: {reason}" if self._shown else reason
 
 
 class FROG_OT_hide_clips(bpy.types.Operator):

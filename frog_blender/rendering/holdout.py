@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _SURFACES = {"MESH", "CURVE", "SURFACE", "FONT", "META"}
 _ACROSS = 4  # depths along each side of a pixel
-_MOST_DEPTHS = 16_000_000  # at once
+_MOST_DEPTHS = 40_000_000  # at once
 _STEP = 1.02  # depths of one pixel that differ by more are of two surfaces
 
 
@@ -81,6 +81,7 @@ def limits_of_mesh(vertices: np.ndarray, triangles: np.ndarray, camera: Camera, 
     """Where splats end at a mesh of (V, 3) world-space vertices and (T, 3) triangles."""
     from ..engine.rasterizer.mesh_depth import mesh_depth
 
+    vertices, triangles = np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(triangles, np.int32)
     finer = camera.resized(camera.width * _ACROSS, camera.height * _ACROSS)
     left, top, width, height = options.region_of(camera)
     rows = max(1, _MOST_DEPTHS // (_ACROSS**2 * width))
@@ -100,13 +101,13 @@ def _told_apart(depths: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
         front = np.where(np.isfinite(furthest), 0.5 * (nearest + furthest), nearest)
     behind, share = front.copy(), np.ones_like(front)
     edges = np.nonzero(furthest > _STEP * nearest)
-    each = np.sort(depths.transpose(0, 2, 1, 3)[edges].reshape(len(edges[0]), _ACROSS**2), axis=1)
-    with np.errstate(invalid="ignore"):  # infinity over itself is no step
-        steps = np.nan_to_num(each[:, 1:] / each[:, :-1], nan=0.0, posinf=np.inf)
-    count = steps.argmax(1) + 1  # of depths that are of the surface in front
+    # By their inverses, of which infinity's is zero: a step far away counts less than one near by.
+    each = 1 / np.sort(depths.transpose(0, 2, 1, 3)[edges].reshape(len(edges[0]), _ACROSS**2), axis=1)
+    count = (each[:, :-1] - each[:, 1:]).argmax(1) + 1  # of depths that are of the surface in front
     in_front = np.arange(each.shape[1]) < count[:, None]
-    front[edges] = np.where(in_front, each, 0).sum(1) / count
-    behind[edges] = np.where(in_front, 0, each).sum(1) / (each.shape[1] - count)
+    with np.errstate(divide="ignore"):
+        front[edges] = count / np.where(in_front, each, 0).sum(1)
+        behind[edges] = (each.shape[1] - count) / np.where(in_front, 0, each).sum(1)
     share[edges] = count / each.shape[1]
     return front, behind, share
 

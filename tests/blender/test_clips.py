@@ -165,8 +165,10 @@ def test_another_folder_is_named_and_clips_are_hidden_again(mono, tmp_path):
     obj = imported(mono)
     camera = cameras_of(obj)[0]
     assert clip_of(camera) is None
-    with pytest.raises(RuntimeError, match="found no clip"):
+    with pytest.raises(RuntimeError, match=r"found 1 folder and 1 \.frog file, expected videos"):
         bpy.ops.frog.add_clips(directory=str(tmp_path))
+    with pytest.raises(RuntimeError, match="found no clip"):
+        bpy.ops.frog.add_clips(directory=str(tmp_path / "film"))
     for _ in range(2):  # a second time replaces the first
         assert bpy.ops.frog.add_clips(directory=str(tmp_path / "elsewhere"), opacity=0.8, in_front=True) == {"FINISHED"}
     assert len(camera.data.background_images) == len(camera.data.animation_data.drivers) == 1
@@ -244,7 +246,25 @@ def test_bent_clips_are_straightened(bent, tmp_path):
     first = cameras_of(obj)[0]
     assert len(first.data.background_images) == 1 and clip_of(first).image.frame_duration == COUNT
     assert [number_shown(first, frame) for frame in (1, 2, 10, 20)] == [1, 2, 10, 10]
+    assert bpy.ops.frog.add_clips(straighten=False) == {"FINISHED"}
+    assert shown_files(obj) == {str(tmp_path / "bent" / f"cam0{i}.mp4") for i in range(3)}
     assert shown_files(imported(bent)) == straight, "they are there from now on"
+
+
+def test_clips_are_shown_although_films_cannot_be_written(bent, tmp_path, capfd):
+    obj = imported(bent, show_clips=False)
+    clips_folder(bent).write_text("in the way")
+    assert bpy.ops.frog.add_clips() == {"FINISHED"}
+    assert len(shown_files(obj)) == 3
+    said = capfd.readouterr()
+    assert "none of our clips" in said.out + said.err
+    clips_folder(bent).unlink()
+    (clips_folder(bent) / "cam01.mp4").mkdir(parents=True)
+    (clips_folder(bent) / "clips.json").write_text("{}")  # as a Blender that was killed leaves it
+    with pytest.raises(RuntimeError, match=r"shown as they were filmed: .*cam01\.mp4"):
+        bpy.ops.frog.add_clips()
+    assert len(shown_files(obj)) == 3
+    assert [path.name for path in clips_folder(bent).iterdir()] == ["cam01.mp4"]
 
 
 def test_what_cannot_be_straightened_is_shown_as_it_was_filmed(bent, tmp_path, capfd):

@@ -141,8 +141,16 @@ def _sources(capture: Capture) -> dict[str, list[int]]:
     return sources
 
 
+def decoding_key(capture: Capture) -> str:
+    """A hash of all that decides the decoded bytes: the files as they are now, cameras, lenses, which frames of what.
+
+    Raises:
+        FrogError: if a file of the capture is missing.
+    """
+    return _key(capture, _sources(capture))
+
+
 def _key(capture: Capture, sources: dict[str, list[int]]) -> str:
-    """A hash of all that decides the decoded bytes."""
     cameras = [
         [c.width, c.height, c.intrinsics.tolist(), _distortion_key(d), crop]
         for c, d, crop in zip(capture.cameras, capture.distortions, capture.crops, strict=True)

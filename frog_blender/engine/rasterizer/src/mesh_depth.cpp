@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 #include <vector>
 
@@ -73,11 +74,30 @@ void clip(const Point corners[3], double near_plane, const FrogCamera &camera, c
   }
 }
 
-void draw_rows(const std::vector<Flat> &flats, const int32_t region[4], int begin, int end, float *depth) {
+// Numbers of the triangles that reach into each band of rows: those of band b are [begin[b], begin[b + 1]) of `flats`.
+struct Bands {
+  std::vector<uint32_t> begin, flats;
+};
+
+Bands sort_into_bands(const std::vector<Flat> &flats, int count) {
+  Bands bands;
+  bands.begin.assign(count + 2, 0);
+  for (const Flat &flat : flats)
+    for (int b = flat.top / BAND; b <= (flat.bottom - 1) / BAND; ++b) ++bands.begin[b + 2];
+  for (int b = 2; b < count + 2; ++b) bands.begin[b] += bands.begin[b - 1];
+  bands.flats.resize(bands.begin.back());
+  for (uint32_t i = 0; i < flats.size(); ++i)
+    for (int b = flats[i].top / BAND; b <= (flats[i].bottom - 1) / BAND; ++b) bands.flats[bands.begin[b + 1]++] = i;
+  return bands;
+}
+
+void draw_band(const std::vector<Flat> &flats, const Bands &bands, int band, const int32_t region[4], float *depth) {
+  const int begin = band * BAND, end = std::min(begin + BAND, static_cast<int>(region[3]));
   const int width = region[2];
   std::fill(depth + static_cast<size_t>(begin) * width, depth + static_cast<size_t>(end) * width,
             std::numeric_limits<float>::infinity());
-  for (const Flat &flat : flats) {
+  for (uint32_t n = bands.begin[band]; n < bands.begin[band + 1]; ++n) {
+    const Flat &flat = flats[bands.flats[n]];
     for (int row = std::max(begin, flat.top); row < std::min(end, flat.bottom); ++row) {
       const double y = region[1] + row + 0.5;
       float *line = depth + static_cast<size_t>(row) * width;
@@ -115,9 +135,10 @@ void draw_mesh_depth(const float *vertices, int vertex_count, const int32_t *tri
     }
     if (usable) clip(corners, near_plane, camera, region, flats);
   }
-  const int bands = (region[3] + BAND - 1) / BAND;
-  parallel_for(bands, 1, [&](int begin, int end) {
-    draw_rows(flats, region, begin * BAND, std::min(end * BAND, static_cast<int>(region[3])), depth);
+  const int count = (region[3] + BAND - 1) / BAND;
+  const Bands bands = sort_into_bands(flats, count);
+  parallel_for(count, 1, [&](int begin, int end) {
+    for (int band = begin; band < end; ++band) draw_band(flats, bands, band, region, depth);
   });
 }
 
