@@ -129,7 +129,7 @@ class FROG_OT_add_clips(Stepwise, bpy.types.Operator):
         return f"{self._shown} camera{'s' * (self._shown != 1)} of the capture show what they filmed."
 
     def stopped_sentence(self) -> str:
-        return "No films were written; the clips are shown as they were filmed."
+        return f"No films were written{'; the clips are shown as they were filmed' if self._shown else ''}."
 
     def failed_sentence(self, reason: str) -> str:
         return f"The clips are shown as they were filmed: {reason}" if self._shown else reason
