@@ -50,8 +50,8 @@ def heat_map(found: Outcome) -> Any:
     axes.set_yticks(range(len(rows)), [row.name for row in rows])
     axes.tick_params(length=0)
     figure.colorbar(colors, ax=axes, label="dB against the same method's clean case", shrink=0.6)
-    figure.supxlabel(
-        "PSNR where a row has no clean case; after the sign ±: standard deviation over seeds; !: failed runs"
+    figure.supxlabel(  # in lines that fit the narrowest picture
+        "PSNR where a row has no clean case\n±: standard deviation over seeds; !: failed runs", fontsize="medium"
     )
     return figure
 
