@@ -116,6 +116,19 @@ def gaussian_arrays(random: np.random.Generator, count: int, sh_count: int) -> d
     return {name: np.ascontiguousarray(values, dtype=np.float32) for name, values in arrays.items()}
 
 
+def glowing(color: tuple[float, float, float]) -> bpy.types.Material:
+    """A material that shows one scene-linear colour whatever the light."""
+    material = bpy.data.materials.new("glow")
+    if material.node_tree is None:
+        material.use_nodes = True
+    material.node_tree.nodes.clear()
+    glow = material.node_tree.nodes.new("ShaderNodeEmission")
+    glow.inputs["Color"].default_value = (*color, 1.0)
+    output = material.node_tree.nodes.new("ShaderNodeOutputMaterial")
+    material.node_tree.links.new(glow.outputs[0], output.inputs["Surface"])
+    return material
+
+
 def read_png(path: Path) -> np.ndarray:
     """(H, W, 4) uint8, rows from the top, as stored."""
     image = bpy.data.images.load(str(path))

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from types import SimpleNamespace
 
 import bpy
 import numpy as np
 import pytest
 from scenes import moving_camera, rig_of_three, write_scene
+from windows import drop_operators, event, started_in_window
 
 from frog_blender import playback
 from frog_blender.engine.files import SceneFile, read_scene
@@ -279,23 +279,15 @@ def test_what_cannot_be_straightened_is_shown_as_it_was_filmed(bent, tmp_path, c
 @pytest.fixture
 def in_window(bent, monkeypatch):
     """A function that presses the button as in a window and gives the operator that Blender then runs."""
-    monkeypatch.setattr(clips, "has_window", lambda context: context.window is not None)
-    operator = clips.FROG_OT_add_clips
-    monkeypatch.setattr(operator, "_asked", True)
-    started = []
-    go_on = operator.go_on_in_window
-    monkeypatch.setattr(operator, "go_on_in_window", lambda self, *given: started.append(self) or go_on(self, *given))
+    started = started_in_window(monkeypatch, clips, clips.FROG_OT_add_clips)
 
     def press():
         assert bpy.ops.frog.add_clips() == {"RUNNING_MODAL"}
-        return started[-1]
+        operator, _ = started[-1]
+        return operator
 
     yield press
-    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)  # makes Blender drop the operators
-
-
-def event(kind, value="NOTHING"):
-    return SimpleNamespace(type=kind, value=value)
+    drop_operators()
 
 
 def test_in_a_window_straightening_can_be_stopped(bent, in_window):
@@ -303,7 +295,7 @@ def test_in_a_window_straightening_can_be_stopped(bent, in_window):
     before = shown_files(obj)
     operator = in_window()
     operator.slice_seconds = 0.0
-    assert operator.modal(bpy.context, event("TIMER")) == {"PASS_THROUGH"}
+    assert operator.modal(bpy.context, event()) == {"PASS_THROUGH"}
     assert operator.modal(bpy.context, event("ESC", "PRESS")) == {"CANCELLED"}
     assert shown_files(obj) == before
     assert {path.name for path in bent.parent.iterdir()} == {"bent", "bent.frog"}
@@ -314,7 +306,7 @@ def test_in_a_window_a_capture_may_go_while_its_clips_are_written(bent, in_windo
     operator = in_window()
     bpy.data.objects.remove(obj)
     for _ in range(1000):
-        ended = operator.modal(bpy.context, event("TIMER"))
+        ended = operator.modal(bpy.context, event())
         if ended != {"PASS_THROUGH"}:
             break
     assert ended == {"FINISHED"}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from scenes import passes_of, rig_of_three
+from scenes import glowing, passes_of, rig_of_three
 
 from frog_blender.engine.inference.draw import draw
 from frog_blender.engine.inference.scene import PlayableScene
@@ -24,15 +24,7 @@ def card(scene, place, size=20.0, color=(0.9, 0.1, 0.8)):
     mesh.from_pydata(corners, [], [(0, 1, 2, 3)])
     obj = bpy.data.objects.new("card", mesh)
     obj.location = place
-    material = bpy.data.materials.new("glow")
-    if material.node_tree is None:
-        material.use_nodes = True
-    material.node_tree.nodes.clear()
-    glow = material.node_tree.nodes.new("ShaderNodeEmission")
-    glow.inputs["Color"].default_value = (*color, 1.0)
-    output = material.node_tree.nodes.new("ShaderNodeOutputMaterial")
-    material.node_tree.links.new(glow.outputs[0], output.inputs["Surface"])
-    mesh.materials.append(material)
+    mesh.materials.append(glowing(color))
     scene.collection.objects.link(obj)
     return obj
 

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
+from windows import drop_operators, event, started_in_window
 
 from frog_blender import playback
 from frog_blender.engine import ply
@@ -24,14 +25,8 @@ def export(empty, static_rig, tmp_path, monkeypatch):
     """A function that begins an export of frames 1 to 10 as the file browser does, and gives the running operator."""
     bpy.ops.import_scene.frog(filepath=str(static_rig))
     empty.frame_set(4)
-    monkeypatch.setattr(export_scene, "has_window", lambda context: context.window is not None)
     operator = export_scene.FROG_OT_export_frames
-    monkeypatch.setattr(operator, "_asked", True)
-    started = []
-    go_on = operator.go_on_in_window
-    monkeypatch.setattr(
-        operator, "go_on_in_window", lambda self, *args: started.append((self, args[1])) or go_on(self, *args)
-    )
+    started = started_in_window(monkeypatch, export_scene, operator)
     said: list[tuple[str, str]] = []  # reports, which a script does not see of an operator that Blender runs later
     end = operator._end
     monkeypatch.setattr(operator, "_end", lambda self, *args: said.append(args[1:3]) or end(self, *args))
@@ -45,13 +40,12 @@ def export(empty, static_rig, tmp_path, monkeypatch):
         return SimpleNamespace(operator=operator, steps=steps, said=said, folder=tmp_path / "out")
 
     yield begin
-    # Blender itself would have dropped each operator when it ended; a new file makes it do so.
-    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    drop_operators()
 
 
 def send(running, kind="TIMER", times=1, value="NOTHING"):
     for _ in range(times):
-        result = running.operator.modal(bpy.context, SimpleNamespace(type=kind, value=value))
+        result = running.operator.modal(bpy.context, event(kind, value))
     return result
 
 

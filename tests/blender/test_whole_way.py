@@ -9,26 +9,19 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
+from scenes import glowing
 
 from frog_blender import background, carrier, playback
 from frog_blender.operators.imported import cameras_of
 
 CAPTURE = Path(__file__).resolve().parents[2] / "examples" / "captures" / "room"
-GLOW = np.array([0.9, 0.1, 0.8])
+GLOW = (0.9, 0.1, 0.8)
 
 
-def ball(scene, place, radius):
+def ball(place, radius):
     """A glowing sphere."""
     bpy.ops.mesh.primitive_uv_sphere_add(radius=radius, location=place)
-    material = bpy.data.materials.new("glow")
-    if material.node_tree is None:
-        material.use_nodes = True
-    material.node_tree.nodes.clear()
-    glow = material.node_tree.nodes.new("ShaderNodeEmission")
-    glow.inputs["Color"].default_value = (*GLOW, 1.0)
-    output = material.node_tree.nodes.new("ShaderNodeOutputMaterial")
-    material.node_tree.links.new(glow.outputs[0], output.inputs["Surface"])
-    bpy.context.object.data.materials.append(material)
+    bpy.context.object.data.materials.append(glowing(GLOW))
     return bpy.context.object
 
 
@@ -68,7 +61,7 @@ def test_film_train_scrub_render(empty, tmp_path, rendered, monkeypatch):
     # A ball around what moves most: it hides what lies behind it, and what lies before it hides the ball.
     place = first[travelled > 0.5 * travelled.max()].mean(0)
     alone = rendered(empty)[..., 3].astype(float) / 255
-    sphere = ball(empty, place, 0.35)
+    sphere = ball(place, 0.35)
     empty.frog.hold_out, empty.render.film_transparent = True, True
     cut = rendered(empty)[..., 3].astype(float) / 255
     assert alone.mean() > 0.9

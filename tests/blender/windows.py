@@ -1,0 +1,37 @@
+"""Operators as a window runs them: what a test without a screen puts in the place of clicks and timers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import bpy
+
+
+def started_in_window(monkeypatch: Any, module: ModuleType, operator: type) -> list[tuple[Any, Iterator[Any]]]:
+    """From now on ``operator`` of ``module`` runs as if it was asked for in a window.
+
+    Returns:
+        a list that every operator that goes on in the window joins, with the steps that it takes.
+    """
+    monkeypatch.setattr(module, "has_window", lambda context: context.window is not None)
+    monkeypatch.setattr(operator, "_asked", True)
+    started: list[tuple[Any, Iterator[Any]]] = []
+    go_on = operator.go_on_in_window
+
+    def noted(self: Any, context: Any, steps: Iterator[Any], *rest: Any) -> Any:
+        started.append((self, steps))
+        return go_on(self, context, steps, *rest)
+
+    monkeypatch.setattr(operator, "go_on_in_window", noted)
+    return started
+
+
+def drop_operators() -> None:
+    """Blender itself drops an operator of a window when it ends; a new file makes it do so here."""
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+
+
+def event(kind: str = "TIMER", value: str = "NOTHING") -> SimpleNamespace:
+    return SimpleNamespace(type=kind, value=value)
