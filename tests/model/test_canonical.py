@@ -6,9 +6,9 @@ import pytest
 import torch
 
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
-from frog_blender.engine.training.losses import add_embedding_smoothness, neighbour_weights
 from frog_blender.engine.training.neighbours import nearest, spacings
 from frog_blender.engine.training.recipe import RECIPES
+from frog_blender.engine.training.smoothness import add_embedding_smoothness, neighbour_weights
 
 
 def test_fresh_gaussians_are_what_they_were_made_from() -> None:

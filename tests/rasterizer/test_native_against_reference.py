@@ -9,7 +9,7 @@ from drawing import draw_with_gradients, relative_error
 from helpers import ATTRIBUTES, odd_camera, one_gaussian, plain_camera, random_gaussians
 
 from frog_blender.engine.capture.camera import Camera
-from frog_blender.engine.rasterizer import GaussianArrays, Image
+from frog_blender.engine.rasterizer import GaussianArrays, Image, rasterize
 
 # Where float32 decides a threshold the other way a whole contribution appears or goes, at the rim of a splat mostly.
 FLIP, FLIPPED_SHARE = 1e-5, 3e-4
@@ -127,3 +127,22 @@ def test_where_alpha_is_clamped_nothing_reaches_the_shape() -> None:
     for attribute in ("means", "scales", "quaternions", "opacities"):
         assert not gradients[attribute].any(), attribute
     assert gradients["sh"].any()
+
+
+@pytest.mark.parametrize("wanted", ["rgb", "alpha"])
+def test_a_loss_of_colour_or_alpha_alone(wanted: str) -> None:
+    """What the loss does not look at is told apart from what has a gradient of zero."""
+    camera = odd_camera(33, 20)
+    arrays = random_gaussians(camera, 60, 1, seed=5)
+    found = []
+    for other in (0.0, None):
+        leaves = {
+            name: torch.tensor(getattr(arrays, name), dtype=torch.float32, requires_grad=True) for name in ATTRIBUTES
+        }
+        image = rasterize(GaussianArrays(**leaves), camera)
+        kept, left = (image.rgb, image.alpha) if wanted == "rgb" else (image.alpha, image.rgb)
+        loss = kept.square().sum()
+        (loss if other is None else loss + other * left.sum()).backward()
+        found.append([leaf.grad for leaf in leaves.values()])
+    assert all(torch.equal(*pair) for pair in zip(*found, strict=True))
+    assert any(bool(gradient.any()) for gradient in found[0])

@@ -29,7 +29,7 @@ from frog_blender.engine.training import trainer as trainer_module
 from frog_blender.engine.training.checkpoint import checkpoint_path, load_checkpoint, save_checkpoint
 from frog_blender.engine.training.device import choose_device, picture_on
 from frog_blender.engine.training.job import TrainingJob, run_training
-from frog_blender.engine.training.losses import ssim_plainly
+from frog_blender.engine.training.losses import Comparison, picture_loss_plainly
 from frog_blender.engine.training.running_loss import RunningLoss
 from frog_blender.engine.training.trainer import Limits, Trainer
 
@@ -51,6 +51,13 @@ BUSY = {
 Make = Callable[..., Trainer]
 
 
+def picture_loss_on_any_device(
+    image: torch.Tensor, pixels: np.ndarray, *, dssim_weight: float = 0.0, weight: float = 1.0
+) -> Comparison:
+    """As a GPU has it: the library's differs in the last bits."""
+    return picture_loss_plainly(image, picture_on(image.device, pixels), dssim_weight, weight)
+
+
 @pytest.fixture
 def machine(monkeypatch: pytest.MonkeyPatch) -> Iterator[Machine]:
     """A pretended GPU, and everywhere the operations in plain torch that both devices have."""
@@ -66,7 +73,7 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Iterator[Machine]:
         return self.deform_plainly(temporal, progressing, sh_count or self.canonical.sh.shape[1])
 
     monkeypatch.setattr(trainer_module, "rasterize", slowly)
-    monkeypatch.setattr(trainer_module, "ssim", ssim_plainly)
+    monkeypatch.setattr(trainer_module, "picture_loss", picture_loss_on_any_device)
     monkeypatch.setattr(Frog, "deform", deform)
     adam = import_module("torch.optim.adam")  # its list of devices that have fused kernels
     monkeypatch.setattr(adam, "_device_dtype_check_for_fused", lambda *_, **__: None)
@@ -102,7 +109,7 @@ def state(trainer: Trainer) -> dict[str, torch.Tensor]:
 
 def numbers(trainer: Trainer) -> dict[str, bytes]:
     trainer.settle()
-    host = {f"regions.{camera}": errors for camera, errors in enumerate(trainer.regions.errors)}
+    host = {f"regions.{camera}": torch.from_numpy(errors) for camera, errors in enumerate(trainer.regions.errors)}
     host["random"] = trainer.generator.get_state()
     return {name: value.detach().cpu().numpy().tobytes() for name, value in {**state(trainer), **host}.items()}
 
@@ -113,7 +120,7 @@ def test_it_learns_elsewhere_what_it_learns_here(machine: Machine, make: Make, m
     there, here = (train(make(device, method)) for device in (ELSEWHERE, CPU))
     assert there.count > 80 and there.step_count == STEPS
     assert all(isinstance(value, Remote) for value in state(there).values())
-    assert not any(isinstance(value, Remote) for value in (*state(here).values(), *there.regions.errors))
+    assert not any(isinstance(value, Remote) for value in state(here).values())
     assert numbers(there) == numbers(here)
     assert there.loss == pytest.approx(here.loss, rel=1e-5)
     assert there.evaluate(2) == here.evaluate(2)

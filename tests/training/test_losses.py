@@ -1,48 +1,96 @@
-"""Structural similarity in the native library against plain torch in float64."""
+"""The loss of a picture in the native library against plain torch in float64."""
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 import torch
 
 from frog_blender.engine.rasterizer import native
-from frog_blender.engine.training.losses import ssim, ssim_plainly
+from frog_blender.engine.training.losses import Comparison, picture_loss, picture_loss_plainly
 
-# Smaller than the window, one row or column, strips of rows that are full, cut, and one row long.
-SIZES = [(1, 1), (5, 7), (1, 40), (40, 1), (32, 20), (33, 17), (70, 90)]
+# Smaller than the window and than a cell, one row or column, strips of rows that are full, cut, and one row long.
+SIZES = [(1, 1), (5, 7), (1, 40), (40, 1), (32, 20), (33, 17), (16, 48), (70, 90)]
 
 
-def pictures(height: int, width: int) -> tuple[torch.Tensor, torch.Tensor]:
-    generator = torch.Generator().manual_seed(height * 100 + width)
-    truth = torch.rand(height, width, 3, generator=generator)
-    image = (truth + 0.2 * torch.randn(height, width, 3, generator=generator)).clamp(0, 1)
-    return image.requires_grad_(), truth
+def pictures(height: int, width: int) -> tuple[torch.Tensor, np.ndarray]:
+    """A drawing, some of whose numbers are exactly those of the picture beside it."""
+    random = np.random.default_rng(height * 100 + width)
+    truth = random.integers(0, 256, (height, width, 3), np.uint8)
+    drawn = (truth / 255 + random.normal(0, 0.2, truth.shape)).clip(0, 1).astype(np.float32)
+    drawn[1::3, ::2] = truth[1::3, ::2].astype(np.float32) / 255
+    return torch.from_numpy(drawn).requires_grad_(), truth
+
+
+def exactly(
+    image: torch.Tensor, truth: np.ndarray, dssim_weight: float, weight: float
+) -> tuple[Comparison, torch.Tensor]:
+    """In float64, where what is equal in float32 must stay equal."""
+    exact = image.detach().double().requires_grad_()
+    wanted = torch.from_numpy(truth.astype(np.float32) / 255).double()
+    found = picture_loss_plainly(exact, wanted, dssim_weight, weight)
+    (2 * found.loss).backward()
+    assert exact.grad is not None
+    return found, exact.grad
+
+
+@pytest.mark.parametrize("dssim_weight", [0.0, 0.4])
+@pytest.mark.parametrize("size", SIZES)
+def test_values_and_gradient(size: tuple[int, int], dssim_weight: float) -> None:
+    image, truth = pictures(*size)
+    found = picture_loss(image, truth, dssim_weight=dssim_weight, weight=0.7)
+    (2 * found.loss).backward()
+    expected, slope = exactly(image, truth, dssim_weight, 0.7)
+    assert abs(float(found.loss.detach()) - float(expected.loss.detach())) < 1e-6
+    assert abs(float(found.error) - float(expected.error)) < 1e-6
+    assert not found.error.requires_grad
+    assert float((image.grad - slope).norm()) <= 1e-5 * float(slope.norm())
+    np.testing.assert_allclose(found.cells, expected.cells, rtol=1e-5, atol=1e-9)
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_value_and_gradient(size: tuple[int, int]) -> None:
+def test_cells_hold_the_mean_square_of_their_pixels(size: tuple[int, int]) -> None:
+    """Also the cells that the picture's border cuts."""
     image, truth = pictures(*size)
-    found = ssim(image, truth)
-    (2 * found).backward()
-    exact = image.detach().double().requires_grad_()
-    expected = ssim_plainly(exact, truth.double())
-    (2 * expected).backward()
-    assert abs(float(found.detach()) - float(expected.detach())) < 1e-6
-    assert float((image.grad - exact.grad).norm() / exact.grad.norm()) < 1e-5
+    cells = picture_loss(image, truth).cells
+    square = (image.detach().numpy() - truth.astype(np.float64) / 255) ** 2
+    assert cells.shape == (-(-size[0] // 16), -(-size[1] // 16))
+    for (row, column), found in np.ndenumerate(cells.numpy()):
+        cell = square[16 * row : 16 * (row + 1), 16 * column : 16 * (column + 1)]
+        np.testing.assert_allclose(found, cell.mean(), rtol=1e-5)
+
+
+def test_a_part_of_a_larger_picture() -> None:
+    image, truth = pictures(60, 70)
+    part = image.detach()[10:50, 20:60].contiguous().requires_grad_()
+    found = picture_loss(part, truth[10:50, 20:60], dssim_weight=0.2)
+    expected = picture_loss(part, np.ascontiguousarray(truth[10:50, 20:60]), dssim_weight=0.2)
+    assert float(found.loss.detach()) == float(expected.loss.detach())
+    assert torch.equal(found.cells, expected.cells)
+
+
+def test_a_drawing_that_is_not_contiguous() -> None:
+    image, truth = pictures(40, 30)
+    turned = np.ascontiguousarray(truth.transpose(1, 0, 2))
+    found = picture_loss(image.transpose(0, 1), turned, dssim_weight=0.3).loss.detach()
+    assert float(found) == pytest.approx(float(picture_loss(image, truth, dssim_weight=0.3).loss.detach()), abs=1e-6)
 
 
 def test_equal_pictures() -> None:
-    image, _ = pictures(50, 60)
-    value = ssim(image, image.detach().clone())
-    value.backward()
-    assert float(value.detach()) == pytest.approx(1, abs=1e-6)
-    assert float(image.grad.abs().max()) < 1e-6
+    _, truth = pictures(50, 60)
+    image = torch.from_numpy(truth.astype(np.float32) / 255).requires_grad_()
+    found = picture_loss(image, truth, dssim_weight=0.5)
+    found.loss.backward()
+    assert float(found.error) == 0.0 and float(found.loss.detach()) == pytest.approx(0, abs=1e-6)
+    assert float(image.grad.abs().max()) < 1e-6 and not found.cells.any()
 
 
-def test_a_picture_that_is_not_contiguous() -> None:
-    image, truth = pictures(40, 30)
-    found = ssim(image.transpose(0, 1), truth.transpose(0, 1))
-    assert float(found.detach()) == pytest.approx(float(ssim(image, truth).detach()), abs=1e-6)
+@pytest.mark.parametrize("bad", [float("nan"), float("inf")])
+def test_what_is_no_number_shows(bad: float) -> None:
+    image, truth = pictures(20, 20)
+    with torch.no_grad():
+        image[3, 4, 1] = bad
+    assert not np.isfinite(float(picture_loss(image, truth).loss.detach()))
 
 
 def test_the_same_bits_on_any_number_of_threads() -> None:
@@ -50,9 +98,10 @@ def test_the_same_bits_on_any_number_of_threads() -> None:
     for threads in (1, 2, 7):
         native.set_thread_count(threads)
         image, truth = pictures(100, 64)
-        value = ssim(image, truth)
-        value.backward()
-        results.append((float(value.detach()), image.grad))
+        found = picture_loss(image, truth, dssim_weight=0.2)
+        found.loss.backward()
+        results.append((float(found.loss.detach()), image.grad, found.cells))
     native.set_thread_count(0)
-    for value, gradient in results[1:]:
-        assert value == results[0][0] and torch.equal(gradient, results[0][1])
+    for value, gradient, cells in results[1:]:
+        assert value == results[0][0]
+        assert torch.equal(gradient, results[0][1]) and torch.equal(cells, results[0][2])

@@ -87,13 +87,13 @@ def test_loss_based_choice_looks_everywhere_first_and_then_where_the_loss_is() -
         index = picker.pick(generator)
         shot = capture.shots[index]
         found.append((shot.camera, shot.frame))
-        picker.observe(index, torch.full((2, 2, 3), error[shot.frame]))
+        picker.observe(index, torch.tensor(error[shot.frame]))
     assert {camera for camera, _ in found} == {1, 2} and {frame for _, frame in found} == set(range(8))
     late = Counter(frame for _, frame in found[200:])
     assert late[5] > 0.5 * sum(late.values())  # nearly every second draw, and an eighth of the others
     assert min(late.values()) > 100
     even = ShotPicker(capture)
-    even.observe(capture.shot_index(1, 0), torch.ones(2, 2, 3))
+    even.observe(capture.shot_index(1, 0), torch.tensor(1.0))
     assert len(even.losses.unique()) == 1  # nobody pays for what is not used
 
 

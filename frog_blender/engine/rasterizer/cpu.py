@@ -40,15 +40,17 @@ class _Rasterize(torch.autograd.Function):
         ctx.shapes = [t.shape for t in (means, quaternions, scales, opacities, sh, screen)]
         ctx.pose_shape = None if pose is None else pose.shape
         ctx.screen_absolute = drawing.screen_absolute
+        ctx.set_materialize_grads(False)  # of alpha: zeros of the size of the picture
         return rgb, alpha
 
     @staticmethod
-    def backward(ctx: Any, *grad_outputs: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
+    def backward(ctx: Any, *grad_outputs: torch.Tensor | None) -> tuple[torch.Tensor | None, ...]:
         gradients = [torch.empty(shape) for shape in ctx.shapes]
         pose = None if ctx.pose_shape is None else torch.zeros(ctx.pose_shape)
         names = ("means", "quaternions", "scales", "opacities", "sh", "screen")
         rgb, alpha = ctx.saved_tensors
-        by_rgb, by_alpha = (gradient.contiguous() for gradient in grad_outputs)
+        by_rgb, by_alpha = (None if gradient is None else gradient.contiguous() for gradient in grad_outputs)
+        by_rgb = torch.zeros_like(rgb) if by_rgb is None else by_rgb
         wanted = dict(zip(names, gradients, strict=True)) | {"screen_absolute": ctx.screen_absolute, "pose": pose}
         ctx.frame.backward({"rgb": rgb, "alpha": alpha}, by_rgb, by_alpha, wanted)
         return (*gradients, pose, None)

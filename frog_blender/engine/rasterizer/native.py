@@ -19,7 +19,8 @@ from . import structs
 from .arrays import GaussianArrays
 from .options import RasterizeOptions
 
-ABI_VERSION = 7
+ABI_VERSION = 8
+CELL = 16  # pixels a side of the cells of ``compare``
 
 
 def library_path() -> Path:
@@ -82,6 +83,8 @@ def library() -> ctypes.CDLL:
         POINTER(structs.FieldGradients),
     ]
     loaded.frog_deform_backward.restype = c_int32
+    loaded.frog_compare.argtypes = [POINTER(structs.Comparison), POINTER(c_float)]
+    loaded.frog_compare.restype = c_int32
     loaded.frog_adam.argtypes = [POINTER(structs.Adam), c_int32]
     loaded.frog_adam.restype = c_int32
     return loaded
@@ -106,6 +109,28 @@ def similarity(image: Any, truth: Any, gradient: Any) -> float:
     if library().frog_similarity(height, width, *addresses, ctypes.addressof(value), structs.address(gradient)):
         raise MemoryError("comparing two pictures ran out of memory")
     return value.value
+
+
+def compare(image: Any, truth: Any, weight: float, gradient: Any, cells: Any, truth_floats: Any = None) -> float:
+    """Mean absolute difference of a drawing (H, W, 3) and the picture it should be, in one pass on all threads.
+
+    Args:
+        image: contiguous float32.
+        truth: (H, W, 3) uint8 in a numpy array whose rows are contiguous.
+        weight: of the gradient.
+        gradient: (H, W, 3), filled with ``weight`` times the gradient by ``image``.
+        cells: (rows, columns) for cells of CELL x CELL pixels, filled with their mean squared differences.
+        truth_floats: (H, W, 3), filled with the truth in [0, 1]; or None.
+    """
+    (height, width, _), absolute = truth.shape, c_float()
+    assert truth.strides[1:] == (3, 1) and tuple(image.shape) == truth.shape
+    comparison = structs.Comparison(
+        *(height, width, structs.address(image), structs.address(truth), truth.strides[0], weight),
+        *(structs.address(array) for array in (gradient, cells, truth_floats)),
+    )
+    if library().frog_compare(byref(comparison), byref(absolute)):
+        raise MemoryError("comparing two pictures ran out of memory")
+    return absolute.value
 
 
 class Frame:

@@ -73,6 +73,12 @@ Adam = _struct(
     ("size", c_int64),
     *[(name, c_float) for name in ("first_share", "second_share", "rate", "second_scale", "epsilon")],
 )
+Comparison = _struct(
+    "FrogComparison",
+    *[(name, c_int32) for name in ("height", "width")],
+    *[("image", c_void_p), ("truth", c_void_p), ("truth_row", c_int64), ("weight", c_float)],
+    *[(name, c_void_p) for name in ("gradient", "cells", "truth_floats")],
+)
 OPACITY_FORMS = {"off": 0, "paper": 1, "unit": 2}
 
 

@@ -49,7 +49,7 @@ def state_of(trainer: Trainer, settings: dict[str, Any] | None = None) -> State:
     tensors["losses"] = trainer.picker.losses
     tensors["random"] = trainer.generator.get_state()
     for camera, errors in enumerate(trainer.regions.errors):
-        tensors[f"regions.{camera}"] = errors
+        tensors[f"regions.{camera}"] = torch.from_numpy(errors)
     if trainer.poses:
         poses = [camera.world_to_camera for camera in trainer.capture.cameras]
         tensors["poses"] = torch.from_numpy(np.stack(poses))

@@ -1,16 +1,87 @@
-"""Image losses and the embedding smoothness (FRoG, section on optimisation)."""
+"""How far a drawing is from the picture it should be: the loss and its gradient, and the errors by cells."""
 
 from __future__ import annotations
 
 import functools
+from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import torch
 from torch.nn import functional
 
-from ..rasterizer.native import similarity
+from ..rasterizer.native import CELL, compare, similarity
+from .device import picture_on
 
 _WINDOW, _SIGMA = 11, 1.5
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A drawing and its picture.
+
+    Attributes:
+        loss: () with a gradient by the drawing.
+        error: () mean absolute difference, without one.
+        cells: (rows, columns) mean squared difference in cells of CELL x CELL pixels; the border cuts the last.
+    """
+
+    loss: torch.Tensor
+    error: torch.Tensor
+    cells: torch.Tensor
+
+
+def picture_loss(
+    image: torch.Tensor, pixels: np.ndarray, *, dssim_weight: float = 0.0, weight: float = 1.0
+) -> Comparison:
+    """``weight`` (mean |image - truth| + ``dssim_weight`` (1 - SSIM) / 2).
+
+    Float32 on the CPU goes through the native library, in one pass over the picture.
+
+    Args:
+        image: (H, W, 3) a drawing.
+        pixels: (H, W, 3) uint8 what it should be; its rows may be part of a larger picture's.
+    """
+    if image.dtype == torch.float32 and image.device.type == "cpu":
+        cells = torch.empty([-(-length // CELL) for length in pixels.shape[:2]])
+        loss, error = _PictureLoss.apply(image.contiguous(), pixels, dssim_weight, weight, cells)
+        return Comparison(loss, error, cells)
+    return picture_loss_plainly(image, picture_on(image.device, pixels), dssim_weight, weight)
+
+
+class _PictureLoss(torch.autograd.Function):
+    @staticmethod
+    def forward(
+        ctx: Any, image: torch.Tensor, pixels: np.ndarray, dssim_weight: float, weight: float, cells: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        gradient = torch.empty_like(image)
+        truth = torch.empty_like(image) if dssim_weight else None
+        loss = error = compare(image, pixels, weight, gradient, cells, truth)
+        if dssim_weight:
+            slope = torch.empty_like(image)
+            loss += dssim_weight * (1 - similarity(image, truth, slope)) / 2
+            gradient.sub_(slope, alpha=weight * dssim_weight / 2)
+        ctx.save_for_backward(gradient)
+        results = torch.tensor(weight * loss), torch.tensor(error)
+        ctx.mark_non_differentiable(results[1])
+        return results
+
+    @staticmethod
+    def backward(ctx: Any, *by: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
+        (gradient,) = ctx.saved_tensors
+        return gradient if by[0] == 1 else by[0] * gradient, None, None, None, None
+
+
+def picture_loss_plainly(
+    image: torch.Tensor, truth: torch.Tensor, dssim_weight: float = 0.0, weight: float = 1.0
+) -> Comparison:
+    """``picture_loss`` in plain torch, on any device and in any floating-point type; ``truth`` in [0, 1]."""
+    difference = image - truth
+    error = difference.abs().mean()
+    loss = error + dssim_weight * (1 - ssim(image, truth)) / 2 if dssim_weight else error
+    square = difference.detach().square().permute(2, 0, 1)
+    cells = functional.avg_pool2d(square, CELL, ceil_mode=True, count_include_pad=False).mean(0)
+    return Comparison(weight * loss, error.detach(), cells)
 
 
 @functools.cache
@@ -20,51 +91,8 @@ def _kernel() -> torch.Tensor:
     return kernel / kernel.sum()
 
 
-class _AbsoluteError(torch.autograd.Function):
-    """Written out: automatic differentiation takes twice as many passes over the picture."""
-
-    @staticmethod
-    def forward(ctx: Any, difference: torch.Tensor) -> torch.Tensor:
-        ctx.save_for_backward(difference)
-        return difference.abs().mean()
-
-    @staticmethod
-    def backward(ctx: Any, *by: torch.Tensor) -> torch.Tensor:
-        (difference,) = ctx.saved_tensors
-        return difference.sign().mul_(by[0] / difference.numel())
-
-
-def absolute_error(difference: torch.Tensor) -> torch.Tensor:
-    """Mean of |difference|, in any shape."""
-    return _AbsoluteError.apply(difference)
-
-
-class _Similarity(torch.autograd.Function):
-    @staticmethod
-    def forward(ctx: Any, image: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
-        gradient = torch.empty_like(image)
-        value = similarity(image, truth, gradient)
-        ctx.save_for_backward(gradient)
-        return torch.tensor(value, device=image.device)
-
-    @staticmethod
-    def backward(ctx: Any, *by: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
-        (gradient,) = ctx.saved_tensors
-        return by[0] * gradient, None
-
-
 def ssim(image: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
-    """Mean structural similarity of (H, W, 3) pictures in [0, 1], with the window of 3DGS (11 pixels, sigma 1.5).
-
-    Float32 on the CPU goes through the native library, which takes a tenth of the time. ``truth`` gets no gradient.
-    """
-    if image.dtype == torch.float32 and image.device.type == "cpu":
-        return _Similarity.apply(image.contiguous(), truth.contiguous())
-    return ssim_plainly(image, truth)
-
-
-def ssim_plainly(image: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
-    """``ssim`` in plain torch, on any device and in any floating-point type."""
+    """Mean structural similarity of (H, W, 3) pictures in [0, 1], with the window of 3DGS (11 pixels, sigma 1.5)."""
     x, y = image.permute(2, 0, 1), truth.permute(2, 0, 1)
     moments = torch.cat([x, y, x * x, y * y, x * y])[None]
     channels = moments.shape[1]
@@ -78,37 +106,3 @@ def ssim_plainly(image: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
     c1, c2 = 0.01**2, 0.03**2
     numerator = (2 * mean_x * mean_y + c1) * (2 * covariance + c2)
     return (numerator / ((mean_x.square() + mean_y.square() + c1) * (variance_x + variance_y + c2))).mean()
-
-
-@torch.no_grad()
-def add_embedding_smoothness(
-    embeddings: torch.Tensor, anchors: torch.Tensor, neighbours: torch.Tensor, weights: torch.Tensor, weight: float
-) -> None:
-    """Adds to ``embeddings.grad`` the gradient of the mean over (i, j) of w_ij |e_i - e_j| (the paper's L_emb-reg).
-
-    Written out, because only the few drawn rows have a gradient; automatic differentiation would make one of all rows
-    for each of the two look-ups.
-
-    Args:
-        embeddings: (N, E) with a gradient.
-        anchors: (A,) indices i, drawn this time.
-        neighbours: (A, k) indices j.
-        weights: (A, k), see ``neighbour_weights``.
-        weight: of the loss.
-    """
-    assert embeddings.grad is not None
-    differences = embeddings[anchors][:, None] - embeddings[neighbours]
-    lengths = (differences.square().sum(-1) + 1e-12).sqrt()
-    gradient = differences * (weight / weights.numel() * weights / lengths)[..., None]
-    embeddings.grad.index_add_(0, anchors, gradient.sum(1))
-    embeddings.grad.index_add_(0, neighbours.flatten(), gradient.flatten(0, 1), alpha=-1)
-
-
-def neighbour_weights(distances: torch.Tensor, falloff: float) -> torch.Tensor:
-    """exp(-falloff d^2) with d in units of the median nearest-neighbour distance, which makes it free of scene units.
-
-    Args:
-        distances: (A, k) ascending along k, world units.
-    """
-    unit = distances[:, 0].median().clamp(min=1e-12)
-    return torch.exp(-falloff * (distances / unit).square())

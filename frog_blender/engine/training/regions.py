@@ -8,25 +8,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
-from torch.nn import functional
 
 from ..capture.camera import Camera
+from ..rasterizer.native import CELL
 from .device import OnItsWay
 from .fitting import fitting
 
-CELL = 16  # pixels a side; the rasterizer's tiles
 _MEMORY = 0.7  # share of the old estimate that a new look at a cell leaves
 _LEAST = 48  # pixels a side
 
 
 @dataclass(frozen=True)
 class _Look:
-    """Mean squared error by cell (rows, columns) of a camera's region."""
+    """Mean squared errors (rows, columns) of a camera's region."""
 
     camera: int
     region: tuple[int, int, int, int]
-    mean: OnItsWay
+    cells: OnItsWay
 
 
 class RegionPicker:
@@ -38,14 +38,13 @@ class RegionPicker:
         size: sides of the rectangle over those of the picture, in (0, 1].
 
     Attributes:
-        errors: (rows, columns) by camera, infinite where nothing was drawn yet; on the CPU, where rectangles are drawn.
-            ``settle`` first.
+        errors: (rows, columns) float32 by camera, infinite where nothing was drawn yet. ``settle`` first.
     """
 
     def __init__(self, cameras: tuple[Camera, ...] | list[Camera], share: float, size: float) -> None:
         self._cameras, self._share, self._size = cameras, share, size
         sizes = [(-(-c.height // CELL), -(-c.width // CELL)) for c in cameras]
-        self.errors = [torch.full(size, torch.inf, device="cpu") for size in sizes]
+        self.errors = [np.full(size, np.inf, np.float32) for size in sizes]
         self._arriving: list[_Look] = []
 
     def pick(self, camera: int, generator: torch.Generator) -> tuple[int, int, int, int] | None:
@@ -55,9 +54,10 @@ class RegionPicker:
             return None
         self.settle()
         errors = self.errors[camera]
-        if not bool(torch.isfinite(errors).all()):  # its first time: all of it
+        if not np.isfinite(errors).all():  # its first time: all of it
             return None
-        cell = int(torch.multinomial(errors.flatten() + 1e-12, 1, generator=generator))
+        weights = torch.from_numpy(errors.ravel() + np.float32(1e-12))
+        cell = int(torch.multinomial(weights, 1, generator=generator))
         row, column = divmod(cell, errors.shape[1])
         left, width = self._interval(column, self._cameras[camera].width)
         top, height = self._interval(row, self._cameras[camera].height)
@@ -70,13 +70,10 @@ class RegionPicker:
         first = min(max(cell - wanted // 2, 0), cells - wanted)
         return first * CELL, min(length, (first + wanted) * CELL) - first * CELL
 
-    @torch.no_grad()
-    def observe(self, camera: int, region: tuple[int, int, int, int], difference: torch.Tensor) -> None:
-        """Takes in what a step saw: ``difference`` (height, width, 3), picture minus truth, of the region."""
-        square = difference[::2, ::2].square().permute(2, 0, 1)  # a quarter of the pixels tells as much
-        mean = functional.avg_pool2d(square, CELL // 2, ceil_mode=True, count_include_pad=False).mean(0)
+    def observe(self, camera: int, region: tuple[int, int, int, int], cells: torch.Tensor) -> None:
+        """Takes in what a step saw: mean squared errors (rows, columns) of the region's cells."""
         self.settle()  # what came before has long arrived; this is fetched by the next step, and nothing waits for it
-        self._arriving.append(_Look(camera, region, OnItsWay(mean)))
+        self._arriving.append(_Look(camera, region, OnItsWay(cells)))
 
     def settle(self) -> None:
         """Takes in what is still on its way."""
@@ -86,14 +83,14 @@ class RegionPicker:
 
     def resume(self, errors: list[torch.Tensor]) -> None:
         """Goes on from a checkpoint's errors and forgets what is on its way; ValueError for what does not fit."""
-        sizes = [tuple(own.shape) for own in self.errors]
-        self.errors = [fitting("errors", *pair) for pair in zip(errors, sizes, strict=True)]
-        if any(bool((found < 0).any()) for found in errors):
+        sizes = [own.shape for own in self.errors]
+        self.errors = [fitting("errors", *pair).numpy() for pair in zip(errors, sizes, strict=True)]
+        if any((found < 0).any() for found in self.errors):
             raise ValueError("errors below zero")
         self._arriving.clear()
 
     def _take_in(self, look: _Look) -> None:
-        mean = look.mean.here()
+        new = look.cells.here().numpy()
         row, column = look.region[1] // CELL, look.region[0] // CELL
-        cells = self.errors[look.camera][row : row + mean.shape[0], column : column + mean.shape[1]]
-        cells.copy_(torch.where(torch.isfinite(cells), _MEMORY * cells + (1 - _MEMORY) * mean, mean))
+        known = self.errors[look.camera][row : row + new.shape[0], column : column + new.shape[1]]
+        known[...] = np.where(np.isfinite(known), _MEMORY * known + (1 - _MEMORY) * new, new)

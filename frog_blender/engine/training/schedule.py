@@ -93,11 +93,11 @@ class ShotPicker:
         there = self._by_frame[frames[int(torch.multinomial(weights, 1, generator=generator))]]
         return there[int(torch.randint(len(there), (1,), generator=generator))]
 
-    def observe(self, shot: int, difference: torch.Tensor) -> None:
-        """Takes in how far a drawn picture (H, W, 3) was from the truth."""
+    def observe(self, shot: int, error: torch.Tensor) -> None:
+        """Takes in the mean absolute difference () of a drawn picture from the truth."""
         if self._by_loss:
             drawn = self._capture.shots[shot]
-            self.losses[drawn.camera, drawn.frame] = difference.abs().mean().cpu()
+            self.losses[drawn.camera, drawn.frame] = error.cpu()
 
     def pick_same_moment(self, shot: int, generator: torch.Generator) -> int:
         """Another camera at the moment of ``shot`` (the same picture when there is only one); any picture when all of

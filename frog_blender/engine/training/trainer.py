@@ -22,7 +22,7 @@ from ..model.interface import Progressing, SceneModel
 from ..rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
 from .density import DensityControl
 from .device import picture_on, torch_threads
-from .losses import absolute_error, add_embedding_smoothness, neighbour_weights, ssim
+from .losses import picture_loss
 from .methods import method_named
 from .neighbours import nearest
 from .optimizer import SceneOptimizer
@@ -34,6 +34,7 @@ from .resolution import halved, halved_picture, is_halved
 from .running_loss import RunningLoss, Unstable
 from .sampling import new_anchors, undeformed, worst_points
 from .schedule import Every, ShotPicker, ramp
+from .smoothness import add_embedding_smoothness, neighbour_weights
 from .start import first_model, scale_of
 
 _ANCHORS_WHILE_FEW = 0.01  # of half the limit, a round
@@ -180,21 +181,18 @@ class Trainer:
         region = self.regions.pick(camera_index, self.generator) if whole_size else None
         options = RasterizeOptions(region=region)
         pose = self._learned_pose(camera_index, before)
-        truth, image, gaussians, changes = self._draw(shot, before, options, pose)
-        difference = image.rgb - truth
-        loss = absolute_error(difference)
-        if self._in_burst(before):
-            loss = loss + self.recipe.dssim_weight * (1 - ssim(image.rgb, truth)) / 2
-        if region is not None:
-            share = region[2] * region[3] / (camera.width * camera.height)
-            loss = loss * share ** (1 - self.recipe.region_emphasis)
+        pixels, image, gaussians, changes = self._draw(shot, before, options, pose)
+        share = 1.0 if region is None else region[2] * region[3] / (camera.width * camera.height)
+        dssim_weight = self.recipe.dssim_weight if self._in_burst(before) else 0.0
+        weight = share ** (1 - self.recipe.region_emphasis)
+        found = picture_loss(image.rgb, pixels, dssim_weight=dssim_weight, weight=weight)
         if whole_size:
-            self.regions.observe(camera_index, options.region_of(camera), difference.detach())
-        self.picker.observe(shot, difference.detach())
-        self._loss.add(loss, self.step_count)
+            self.regions.observe(camera_index, options.region_of(camera), found.cells)
+        self.picker.observe(shot, found.error)
+        self._loss.add(found.loss, self.step_count)
         smoothed = bool(changes) and self.step_count % _SMOOTHED_EVERY == 0
         extra = self.model.regularization() if smoothed else None
-        (loss if extra is None else loss + _SMOOTHED_EVERY * extra).backward()
+        (found.loss if extra is None else found.loss + _SMOOTHED_EVERY * extra).backward()
         if smoothed and self.neighbourhood is not None and self.recipe.smoothness_weight:
             self._add_smoothness(self.neighbourhood)
         if before < self.recipe.densify_until:
@@ -230,18 +228,17 @@ class Trainer:
 
     def _draw(
         self, shot_index: int, progress: float, options: RasterizeOptions, pose: torch.Tensor | None = None
-    ) -> tuple[torch.Tensor, Image, GaussianArrays, dict[str, torch.Tensor]]:
-        """The truth, its drawing, and the Gaussians and changes that were drawn."""
+    ) -> tuple[np.ndarray, Image, GaussianArrays, dict[str, torch.Tensor]]:
+        """A picture (H, W, 3) uint8, its drawing, and the Gaussians and changes that were drawn."""
         shot = self.capture.shots[shot_index]
         camera = self._camera(shot.camera, progress)
         pixels = self.store.image(shot_index)
         if camera is not self.capture.cameras[shot.camera]:
             pixels = halved_picture(pixels)
         left, top, width, height = options.region_of(camera)
-        truth = picture_on(self.device, pixels[top : top + height, left : left + width])
         gaussians, changes = self.gaussians_at(frame_to_time(shot.frame, self.capture.frame_count), progress)
         image = rasterize(gaussians, camera, self.capture.background, options, pose=pose)
-        return truth, image, gaussians, changes
+        return pixels[top : top + height, left : left + width], image, gaussians, changes
 
     def _learned_pose(self, camera: int, progress: float) -> torch.Tensor | None:
         """(3, 4) the pose of a camera, to receive its gradient in this step; None where it is not learned."""
@@ -294,11 +291,12 @@ class Trainer:
         room = min(newcomers, self.recipe.max_gaussians - self.count)
         if room <= 0:
             return
-        truth, image, gaussians, changes = self._draw(shot_index, progress, RasterizeOptions(depth=True))
+        pixels, image, gaussians, changes = self._draw(shot_index, progress, RasterizeOptions(depth=True))
         if not changes:
             return
         canonical = self.model.canonical
         camera = self._camera(self.capture.shots[shot_index].camera, progress)
+        truth = picture_on(self.device, pixels)
         points, colors = worst_points(image, truth, camera, room, self.recipe.sampling_depth, self.generator)
         if self.recipe.sampling == "inverse":
             moved = gaussians.means[: canonical.moving]

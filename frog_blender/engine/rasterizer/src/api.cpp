@@ -65,7 +65,7 @@ int32_t attempt(Work work) {
 
 extern "C" {
 
-int32_t frog_abi_version(void) { return 7; }
+int32_t frog_abi_version(void) { return 8; }
 const char *frog_instruction_set(void) { return kernels().name; }
 void frog_set_thread_count(int32_t count) { frog::set_thread_count(count); }
 int32_t frog_thread_count(void) { return frog::thread_count(); }
@@ -127,6 +127,19 @@ int32_t frog_adam(const FrogAdam *parameters, int32_t count) {
         kernels().adam(parameters[p], first, std::min(parameters[p].size, first + PIECE));
       }
     });
+  });
+}
+
+int32_t frog_compare(const FrogComparison *comparison, float *absolute) {
+  return attempt([&] {
+    const FrogComparison &c = *comparison;
+    std::vector<double> sums((c.height + FROG_CELL - 1) / FROG_CELL);
+    frog::parallel_for(static_cast<int>(sums.size()), 1, [&](int begin, int end) {
+      for (int row = begin; row < end; ++row) sums[row] = kernels().compare(c, row);
+    });
+    double total = 0;
+    for (double each : sums) total += each;
+    *absolute = static_cast<float>(total / (3.0 * c.height * c.width));
   });
 }
 

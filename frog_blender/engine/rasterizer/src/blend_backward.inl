@@ -21,8 +21,8 @@ static void blend_tile_backward(const FrameView &view, const SlotView &slots, co
     long long at = picture_index(view, tile, row * TILE);
     for (int i = row * TILE; i < row * TILE + size.columns; ++i, ++at) {
       red[i] = gradient.rgb[3 * at], green[i] = gradient.rgb[3 * at + 1], blue[i] = gradient.rgb[3 * at + 2];
-      rest[i] = red[i] * image.rgb[3 * at] + green[i] * image.rgb[3 * at + 1] + blue[i] * image.rgb[3 * at + 2] -
-                gradient.alpha[at] * (1 - image.alpha[at]);
+      rest[i] = red[i] * image.rgb[3 * at] + green[i] * image.rgb[3 * at + 1] + blue[i] * image.rgb[3 * at + 2];
+      if (gradient.alpha) rest[i] -= gradient.alpha[at] * (1 - image.alpha[at]);
     }
   }
   Footprint f;

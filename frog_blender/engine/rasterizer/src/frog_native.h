@@ -26,7 +26,7 @@ typedef struct {
 
 typedef struct {
   const float *rgb;    // (H, W, 3) gradient of the loss
-  const float *alpha;  // (H, W)
+  const float *alpha;  // (H, W) (or null: the loss does not look at it)
 } FrogImageGradient;
 
 enum { KEPT_GROUP = 16 };
@@ -79,6 +79,20 @@ typedef struct {
   float rate, second_scale, epsilon;
 } FrogAdam;
 
+enum { FROG_CELL = 16 };  // pixels a side
+
+// A drawing and the picture it should be.
+typedef struct {
+  int32_t height, width;
+  const float *image;    // (H, W, 3)
+  const uint8_t *truth;  // (H, W, 3), its rows `truth_row` bytes apart
+  int64_t truth_row;
+  float weight;
+  float *gradient;       // (H, W, 3) `weight` times that of the mean absolute difference by the drawing
+  float *cells;          // (rows, columns) mean squared difference in each cell, of which the picture's border cuts the last
+  float *truth_floats;   // (H, W, 3) the truth in [0, 1] (or null)
+} FrogComparison;
+
 typedef struct FrogFrame FrogFrame;
 
 FROG_EXPORT int32_t frog_abi_version(void);
@@ -111,6 +125,10 @@ FROG_EXPORT int32_t frog_similarity(int32_t height, int32_t width, const float *
 FROG_EXPORT int32_t frog_deform(const FrogDeformation *, const FrogDeformed *);
 FROG_EXPORT int32_t frog_deform_backward(const FrogDeformation *, const FrogDeformed *gradients,
                                          const FrogDeformationGradients *);
+
+// Fills the gradient, cells and floats of a comparison, and the mean absolute difference. Returns 0, or 1 when memory ran
+// out.
+FROG_EXPORT int32_t frog_compare(const FrogComparison *, float *absolute);
 
 // One step of Adam for each of `count` parameters. Returns 0, or 1 when memory ran out, before anything was changed.
 FROG_EXPORT int32_t frog_adam(const FrogAdam *parameters, int32_t count);

@@ -22,7 +22,8 @@ namespace FROG_ISA {
 #include "deformation.inl"
 #include "similarity.inl"
 #include "adam.inl"
+#include "comparison.inl"
 
 const Kernels kernels = {FROG_ISA_NAME, project, blend, count_blended, blend_backward, project_backward,
-                         deform, deform_backward, similarity_scratch, similarity, adam};
+                         deform, deform_backward, similarity_scratch, similarity, adam, compare};
 }  // namespace FROG_ISA

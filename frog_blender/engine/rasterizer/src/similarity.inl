@@ -6,7 +6,8 @@ constexpr int SSIM_ROWS = SSIM_STRIP + 4 * SSIM_REACH;           // of the pictu
 constexpr int SSIM_MOMENTS = 5;                                  // x, y, x^2, y^2, xy
 constexpr int SSIM_SLOPES = 3;                                   // by the means of x, x^2 and xy
 
-static inline long long ssim_row(int width) { return (width + 2 * SSIM_REACH + 15) / 16 * 16; }
+// Rows are so long that whole registers may be read and written beyond the picture.
+static inline long long ssim_row(int width) { return (width + 15) / 16 * 16 + 16; }
 
 static long long similarity_scratch(int width) {
   return ssim_row(width) * (2 * SSIM_ROWS + SSIM_MOMENTS * SSIM_ROWS + 2 * SSIM_SLOPES * SSIM_ROWS + SSIM_MOMENTS + SSIM_SLOPES);
@@ -14,15 +15,19 @@ static long long similarity_scratch(int width) {
 
 // out[i] = sum_k window[k] (from[i + k]), along a row that begins SSIM_REACH before the picture.
 static inline void blur_row(const float *window, const float *from, int width, float *out) {
-  for (int i = 0; i < width; ++i) out[i] = 0;
-  for (int k = 0; k <= 2 * SSIM_REACH; ++k)
-    for (int i = 0; i < width; ++i) out[i] += window[k] * from[i + k];
+  for (int i = 0; i < width; i += LANES) {
+    Floats sum = {};
+    for (int k = 0; k <= 2 * SSIM_REACH; ++k) sum += window[k] * load(from + i + k);
+    store(out + i, sum);
+  }
 }
 
 static inline void blur_column(const float *window, const float *rows, long long row_length, int width, float *out) {
-  for (int i = 0; i < width; ++i) out[i] = 0;
-  for (int k = 0; k <= 2 * SSIM_REACH; ++k)
-    for (int i = 0; i < width; ++i) out[i] += window[k] * rows[k * row_length + i];
+  for (int i = 0; i < width; i += LANES) {
+    Floats sum = {};
+    for (int k = 0; k <= 2 * SSIM_REACH; ++k) sum += window[k] * load(rows + k * row_length + i);
+    store(out + i, sum);
+  }
 }
 
 // Adds up the similarity over the strip's pixels and writes the gradient of that sum by `image`.
