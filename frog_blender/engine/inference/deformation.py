@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import FrogError, brief
+from ..model.first_layer import first_layer
 from ..rasterizer.arrays import GaussianArrays
 from ..rasterizer.native_deformation import FieldShape, deform
 from .frame_memory import FrameMemory
@@ -99,8 +100,7 @@ class PlayableDeformation:
             raise FrogError(
                 f"The scene's deformation network cannot be used ({brief(error)}); train it again."
             ) from error
-        weight = a.pop("temporal_weight")
-        self._temporal_weight, self._bias = weight.reshape(self._temporal.networks, -1, weight.shape[1]), a.pop("bias")
+        self._temporal_weight, self._bias = a.pop("temporal_weight"), a.pop("bias")
         self.moving, deformed = len(a["embeddings"]), self._shape.sh_deformed
         self.changing = _changing(a, deformed) if self.moving else frozenset()
         still = vars(at_rest(a))
@@ -122,14 +122,9 @@ class PlayableDeformation:
     def _first_layer_at(self, time: float) -> dict[str, np.ndarray]:
         """What of the first layer depends on time: ``shared`` (networks * hidden,), its temporal part and bias, and
         with modulation ``embedding_weight`` (networks * hidden, E)."""
-        temporal = self.temporal(time)
-        arrays = {"shared": (self._temporal_weight @ temporal[:, :, None]).ravel() + self._bias}
-        if self._modulation is not None:
-            size = self._modulation.shape[1]
-            weights = self._modulation.reshape(self._temporal.networks, -1, size)
-            change = weights * (temporal[:, None, :size] - 1)
-            arrays["embedding_weight"] = self._arrays["embedding_weight"] + change.reshape(-1, size)
-        return arrays
+        weights = self._arrays["embedding_weight"]
+        layer = first_layer(self.temporal(time), self._temporal_weight, self._bias, weights, self._modulation)
+        return dict(zip(("shared", "embedding_weight"), layer, strict=True))
 
     def at(self, time: float) -> GaussianArrays:
         """The Gaussians at a time in [0, 1], activated, with unit quaternions; the arrays are not to be changed."""
