@@ -52,9 +52,10 @@ class _Deform(torch.autograd.Function):
             for name, gradient in zip(_OUTPUTS, by, strict=False)
         }
         deform_backward(ctx.shape, arrays, by_outputs, gradients)
-        by_layer = (gradients.pop(name).numpy() for name in ctx.at_the_moment)
-        kept = {name: before.get(name) for name in ("temporal", "temporal_weight", "modulation_weight")}
-        found = first_layer_gradients(*by_layer, **kept)
+        by_shared, by_weights = (gradients.pop(name).numpy() for name in ctx.at_the_moment)
+        found = first_layer_gradients(
+            by_shared, by_weights, before["temporal"], before["temporal_weight"], before.get("modulation_weight")
+        )
         gradients |= {name: torch.from_numpy(gradient) for name, gradient in found.items()}
         return (None, None, *(gradients[name] for name in ctx.names))
 
