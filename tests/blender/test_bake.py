@@ -8,6 +8,7 @@ import bpy
 import numpy as np
 import pytest
 from scenes import rig_of_three, write_scene
+from windows import drop_operators, event, started_in_window
 
 from frog_blender import carrier, playback
 from frog_blender.engine.errors import FrogError
@@ -199,21 +200,18 @@ def test_without_a_capture_baking_says_so(empty):
 @pytest.fixture
 def baking(empty, capture, monkeypatch):
     """The operator as the button starts it in a window; only the events come from here."""
-    monkeypatch.setattr(bake, "has_window", lambda context: context.window is not None)
     operator = bake.FROG_OT_bake
     monkeypatch.setattr(operator, "slice_seconds", 0.0)
-    started, said = [], []
-    go_on, end = operator.go_on_in_window, operator._end
-    monkeypatch.setattr(operator, "go_on_in_window", lambda self, *args: started.append(self) or go_on(self, *args))
+    started, said, end = started_in_window(monkeypatch, bake, operator), [], operator._end
     monkeypatch.setattr(operator, "_end", lambda self, *args: said.append(args[2]) or end(self, *args))
     monkeypatch.setattr(operator, "execute", lambda self, context: self.invoke(context, None))  # which needs a screen
     assert bpy.ops.frog.bake() == {"RUNNING_MODAL"}
-    yield started[0], said
-    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)  # Blender drops the operator
+    yield started[0][0], said
+    drop_operators()
 
 
 def send(operator, kind, value="NOTHING"):
-    return operator.modal(bpy.context, SimpleNamespace(type=kind, value=value))
+    return operator.modal(bpy.context, event(kind, value))
 
 
 def test_in_a_window_baking_goes_on_by_a_timer(static_rig, baking):

@@ -163,6 +163,15 @@ def test_the_embedding_is_the_product_of_coarse_and_fine() -> None:
     )
 
 
+def test_a_moment_that_was_played_can_be_trained() -> None:
+    """What is kept of a moment does not remember who asked first."""
+    with torch.inference_mode():
+        Frog(canonical(), SETTINGS).deform(0.31)
+    model = Frog(canonical(), SETTINGS)
+    model.temporal_embedding(0.31).sum().backward()
+    assert model.temporal_table.grad is not None and model.temporal_table.grad.any()
+
+
 def test_every_other_fusion_is_what_its_name_says() -> None:
     coarse, fine = torch.tensor([1.0, 2, -3]), torch.tensor([0.5, -1, 2])
     expected = {

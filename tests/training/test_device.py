@@ -29,7 +29,7 @@ from frog_blender.engine.training import trainer as trainer_module
 from frog_blender.engine.training.checkpoint import checkpoint_path, load_checkpoint, save_checkpoint
 from frog_blender.engine.training.device import choose_device, picture_on
 from frog_blender.engine.training.job import TrainingJob, run_training
-from frog_blender.engine.training.losses import Comparison, picture_loss_plainly
+from frog_blender.engine.training.losses import PictureLoss, picture_loss_plainly
 from frog_blender.engine.training.running_loss import RunningLoss
 from frog_blender.engine.training.trainer import Limits, Trainer
 
@@ -53,7 +53,7 @@ Make = Callable[..., Trainer]
 
 def picture_loss_on_any_device(
     image: torch.Tensor, pixels: np.ndarray, *, dssim_weight: float = 0.0, weight: float = 1.0
-) -> Comparison:
+) -> PictureLoss:
     """As a GPU has it: the library's differs in the last bits."""
     return picture_loss_plainly(image, picture_on(image.device, pixels), dssim_weight, weight)
 

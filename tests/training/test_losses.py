@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from frog_blender.engine.rasterizer import native
-from frog_blender.engine.training.losses import Comparison, picture_loss, picture_loss_plainly
+from frog_blender.engine.training.losses import PictureLoss, picture_loss, picture_loss_plainly
 
 # Smaller than the window and than a cell, one row or column, strips of rows that are full, cut, and one row long.
 SIZES = [(1, 1), (5, 7), (1, 40), (40, 1), (32, 20), (33, 17), (16, 48), (70, 90)]
@@ -24,35 +24,36 @@ def pictures(height: int, width: int) -> tuple[torch.Tensor, np.ndarray]:
 
 def exactly(
     image: torch.Tensor, truth: np.ndarray, dssim_weight: float, weight: float
-) -> tuple[Comparison, torch.Tensor]:
+) -> tuple[PictureLoss, torch.Tensor]:
     """In float64, where what is equal in float32 must stay equal."""
     exact = image.detach().double().requires_grad_()
     wanted = torch.from_numpy(truth.astype(np.float32) / 255).double()
     found = picture_loss_plainly(exact, wanted, dssim_weight, weight)
-    (2 * found.loss).backward()
+    found.loss.backward()
     assert exact.grad is not None
     return found, exact.grad
 
 
+@pytest.mark.parametrize("factor", [1.0, 2.0])
 @pytest.mark.parametrize("dssim_weight", [0.0, 0.4])
 @pytest.mark.parametrize("size", SIZES)
-def test_values_and_gradient(size: tuple[int, int], dssim_weight: float) -> None:
+def test_values_and_gradient(size: tuple[int, int], dssim_weight: float, factor: float) -> None:
     image, truth = pictures(*size)
     found = picture_loss(image, truth, dssim_weight=dssim_weight, weight=0.7)
-    (2 * found.loss).backward()
+    (factor * found.loss).backward()
     expected, slope = exactly(image, truth, dssim_weight, 0.7)
     assert abs(float(found.loss.detach()) - float(expected.loss.detach())) < 1e-6
     assert abs(float(found.error) - float(expected.error)) < 1e-6
     assert not found.error.requires_grad
-    assert float((image.grad - slope).norm()) <= 1e-5 * float(slope.norm())
-    np.testing.assert_allclose(found.cells, expected.cells, rtol=1e-5, atol=1e-9)
+    assert float((image.grad - factor * slope).norm()) <= 1e-5 * factor * float(slope.norm())
+    np.testing.assert_allclose(found.cell_errors, expected.cell_errors, rtol=1e-5, atol=1e-9)
 
 
 @pytest.mark.parametrize("size", SIZES)
 def test_cells_hold_the_mean_square_of_their_pixels(size: tuple[int, int]) -> None:
     """Also the cells that the picture's border cuts."""
     image, truth = pictures(*size)
-    cells = picture_loss(image, truth).cells
+    cells = picture_loss(image, truth).cell_errors
     square = (image.detach().numpy() - truth.astype(np.float64) / 255) ** 2
     assert cells.shape == (-(-size[0] // 16), -(-size[1] // 16))
     for (row, column), found in np.ndenumerate(cells.numpy()):
@@ -66,7 +67,7 @@ def test_a_part_of_a_larger_picture() -> None:
     found = picture_loss(part, truth[10:50, 20:60], dssim_weight=0.2)
     expected = picture_loss(part, np.ascontiguousarray(truth[10:50, 20:60]), dssim_weight=0.2)
     assert float(found.loss.detach()) == float(expected.loss.detach())
-    assert torch.equal(found.cells, expected.cells)
+    assert torch.equal(found.cell_errors, expected.cell_errors)
 
 
 def test_a_drawing_that_is_not_contiguous() -> None:
@@ -82,7 +83,7 @@ def test_equal_pictures() -> None:
     found = picture_loss(image, truth, dssim_weight=0.5)
     found.loss.backward()
     assert float(found.error) == 0.0 and float(found.loss.detach()) == pytest.approx(0, abs=1e-6)
-    assert float(image.grad.abs().max()) < 1e-6 and not found.cells.any()
+    assert float(image.grad.abs().max()) < 1e-6 and not found.cell_errors.any()
 
 
 @pytest.mark.parametrize("bad", [float("nan"), float("inf")])
@@ -100,8 +101,25 @@ def test_the_same_bits_on_any_number_of_threads() -> None:
         image, truth = pictures(100, 64)
         found = picture_loss(image, truth, dssim_weight=0.2)
         found.loss.backward()
-        results.append((float(found.loss.detach()), image.grad, found.cells))
+        results.append((float(found.loss.detach()), image.grad, found.cell_errors))
     native.set_thread_count(0)
     for value, gradient, cells in results[1:]:
         assert value == results[0][0]
         assert torch.equal(gradient, results[0][1]) and torch.equal(cells, results[0][2])
+
+
+def test_what_does_not_fit_is_refused() -> None:
+    """Native code only sees addresses."""
+    image, truth = pictures(20, 33)
+    drawn, gradient, cells = image.detach(), torch.empty(20, 33, 3), torch.empty(2, 3)
+    native.compare(drawn, truth, 1.0, gradient, cells)
+    for arguments in (
+        (drawn, truth.astype(np.float32), 1.0, gradient, cells),
+        (drawn, truth[:, ::2], 1.0, torch.empty(20, 17, 3), torch.empty(2, 2)),
+        (drawn, truth[:-1], 1.0, gradient, cells),
+        (drawn, truth, 1.0, torch.empty(20, 32, 3), cells),
+        (drawn, truth, 1.0, gradient, torch.empty(2, 2)),
+        (drawn, truth, 1.0, gradient, cells, torch.empty(20, 33)),
+    ):
+        with pytest.raises(ValueError, match="expected"):
+            native.compare(*arguments)

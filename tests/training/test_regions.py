@@ -16,7 +16,7 @@ from frog_blender.engine.rasterizer import RasterizeOptions
 from frog_blender.engine.training import trainer as trainer_module
 from frog_blender.engine.training.checkpoint import load_checkpoint, save_checkpoint
 from frog_blender.engine.training.device import picture_on
-from frog_blender.engine.training.losses import Comparison, picture_loss_plainly
+from frog_blender.engine.training.losses import PictureLoss, picture_loss_plainly
 from frog_blender.engine.training.regions import CELL, RegionPicker
 from frog_blender.engine.training.trainer import Trainer
 
@@ -30,7 +30,7 @@ SIZES = [(160, 96), (161, 97), (175, 95), (48, 36), (47, 200), (17, 33), (16, 16
 def picker_of(size: tuple[int, int], share: float = 1.0, region_size: float = 0.4) -> RegionPicker:
     """For one camera, whose whole picture has been seen with the same error everywhere."""
     picker = RegionPicker([plain_camera(*size)], share, region_size)
-    picker.observe(0, (0, 0, *size), torch.ones_like(torch.from_numpy(picker.errors[0])))
+    picker.observe(0, (0, 0, *size), torch.ones(picker.errors[0].shape))
     picker.settle()
     return picker
 
@@ -194,7 +194,7 @@ def one_step(trainer: Trainer, masked: bool) -> tuple[dict[str, torch.Tensor], t
     gradients: dict[str, torch.Tensor] = {}
     trainer.density.gradient_sum.zero_()
 
-    def flattering(image: torch.Tensor, pixels: np.ndarray, *, weight: float, **_: float) -> Comparison:
+    def flattering(image: torch.Tensor, pixels: np.ndarray, *, weight: float, **_: float) -> PictureLoss:
         truth = image.detach().clone()
         cut(truth, REGION)[:] = cut(picture_on(image.device, pixels), REGION)
         return picture_loss_plainly(image, truth, weight=weight)

@@ -120,8 +120,8 @@ class PlayableDeformation:
         return self._temporal.at(time)
 
     def _first_layer_at(self, time: float) -> dict[str, np.ndarray]:
-        """What of the first layer depends on time: ``shared`` (networks * hidden,), its temporal part and bias, and
-        with modulation ``embedding_weight`` (networks * hidden, E)."""
+        """The first layer at a time: ``shared`` (networks * hidden,), its temporal part and bias, and
+        ``embedding_weight`` (networks * hidden, E), which only modulation makes depend on time."""
         weights = self._arrays["embedding_weight"]
         layer = first_layer(self.temporal(time), self._temporal_weight, self._bias, weights, self._modulation)
         return dict(zip(("shared", "embedding_weight"), layer, strict=True))

@@ -1,6 +1,7 @@
 """What of the network's first layer depends on the moment (see model.deformation), and its gradients. No torch.
 
-A dozen products of small matrices: automatic differentiation takes longer to keep track of them than they take.
+A dozen products of small matrices: automatic differentiation takes longer to keep track of them than they take. Sums
+are einsum's, since the threads of numpy's own matrix product would spin on the cores that the rasterizer wants.
 """
 
 from __future__ import annotations
@@ -19,15 +20,17 @@ def first_layer(
 
     Args:
         temporal: (networks, T) fused temporal embedding.
-        temporal_weight, bias, embedding_weight, modulation_weight: the field's; no modulation leaves the embedding's
-            weights as they are.
+        temporal_weight: (networks * hidden, T).
+        bias: (networks * hidden,).
+        embedding_weight: (networks * hidden, E); comes back itself where there is no modulation.
+        modulation_weight: (networks * hidden, E) or None.
     """
-    networks, size = len(temporal), embedding_weight.shape[1]
-    shared = (temporal_weight.reshape(networks, -1, temporal.shape[1]) @ temporal[:, :, None]).ravel() + bias
+    networks = len(temporal)
+    shared = np.einsum("nht,nt->nh", _by_network(temporal_weight, networks), temporal).ravel() + bias
     if modulation_weight is None:
         return shared, embedding_weight
-    change = modulation_weight.reshape(networks, -1, size) * (temporal[:, None, :size] - 1)
-    return shared, embedding_weight + change.reshape(-1, size)
+    change = _by_network(modulation_weight, networks) * _modulation(temporal, embedding_weight.shape[1])
+    return shared, embedding_weight + change.reshape(embedding_weight.shape)
 
 
 def first_layer_gradients(
@@ -37,17 +40,30 @@ def first_layer_gradients(
     temporal_weight: np.ndarray,
     modulation_weight: np.ndarray | None = None,
 ) -> dict[str, np.ndarray]:
-    """Gradients by argument of ``first_layer``, from those by what it gave."""
+    """Gradients by argument of ``first_layer``; those of bias and embedding_weight are the first two arguments.
+
+    Args:
+        by_shared, by_weights: (networks * hidden,) and (networks * hidden, E) gradients by what ``first_layer`` gave.
+        temporal, temporal_weight, modulation_weight: what it was given.
+    """
     networks = len(temporal)
-    own = by_shared.reshape(networks, 1, -1)
-    by_temporal = (own @ temporal_weight.reshape(networks, -1, temporal.shape[1]))[:, 0]
-    by_temporal_weight = own.transpose(0, 2, 1) * temporal[:, None]
+    by_sums = by_shared.reshape(networks, -1)
+    by_temporal = np.einsum("nh,nht->nt", by_sums, _by_network(temporal_weight, networks))
+    by_temporal_weight = by_sums[:, :, None] * temporal[:, None]
     gradients = {"temporal": by_temporal, "temporal_weight": by_temporal_weight.reshape(temporal_weight.shape)}
     gradients |= {"bias": by_shared, "embedding_weight": by_weights}
     if modulation_weight is not None:
-        size = modulation_weight.shape[1]
-        of_weights = by_weights.reshape(networks, -1, size)
-        by_temporal[:, :size] += (of_weights * modulation_weight.reshape(networks, -1, size)).sum(1)
-        by_modulation = of_weights * (temporal[:, None, :size] - 1)
-        gradients["modulation_weight"] = by_modulation.reshape(modulation_weight.shape)
+        size, by_products = modulation_weight.shape[1], _by_network(by_weights, networks)
+        by_temporal[:, :size] += (by_products * _by_network(modulation_weight, networks)).sum(1)
+        gradients["modulation_weight"] = (by_products * _modulation(temporal, size)).reshape(modulation_weight.shape)
     return gradients
+
+
+def _by_network(rows: np.ndarray, networks: int) -> np.ndarray:
+    """(networks, hidden, ...) of (networks * hidden, ...)."""
+    return rows.reshape(networks, -1, rows.shape[1])
+
+
+def _modulation(temporal: np.ndarray, size: int) -> np.ndarray:
+    """(networks, 1, E) what the modulation's weights are multiplied with."""
+    return temporal[:, None, :size] - 1

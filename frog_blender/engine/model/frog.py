@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -135,8 +134,10 @@ class Frog(SceneModel):
         """(networks, T) coarse and fine embedding, fused (FRoG, section on early fusion)."""
         s = self.settings
         rows = (s.coarse_rows, self.fine_rows(progressing))
-        weights = _table_weights(time, rows, s.temporal_rows, self.temporal_table.device)
-        coarse, fine = (weights @ self.temporal_table).unbind()
+        weights = torch.from_numpy(np.stack([temporal_weights(time, each, s.temporal_rows) for each in rows]))
+        if self.temporal_table.is_cuda:  # from pinned memory a copy does not wait for the work queued before it
+            weights = weights.pin_memory()
+        coarse, fine = (weights.to(self.temporal_table.device, non_blocking=True) @ self.temporal_table).unbind()
         attention = (self.attention_weight, self.attention_query) if s.fusion == "attention" else None
         return fuse(s.fusion, coarse, fine, attention)
 
@@ -222,15 +223,6 @@ class Frog(SceneModel):
             silent_heads=tuple(sorted(self._silent)),
         )
         return asdict(settings)
-
-
-@functools.lru_cache(maxsize=1024)  # a training comes back to a few hundred moments in thousands of steps
-def _table_weights(time: float, rows: tuple[int, ...], table_rows: int, device: torch.device) -> torch.Tensor:
-    """(len(rows), table_rows) weights of the table's rows at ``time`` when resampled to as many rows."""
-    weights = torch.from_numpy(np.stack([temporal_weights(time, each, table_rows) for each in rows]))
-    if device.type == "cuda":  # from pinned memory a copy does not wait for the work that is queued before it
-        weights = weights.pin_memory()
-    return weights.to(device, non_blocking=True)
 
 
 def total_deformation(changes: dict[str, torch.Tensor]) -> torch.Tensor:

@@ -15,7 +15,9 @@ from .first_layer import first_layer, first_layer_gradients
 _OUTPUTS = ("means", "quaternions", "scales", "opacities", "sh")
 _NETWORK = ("output_weight", "output_bias")
 _HEADS = ("head_weight", "head_bias")
-_FIRST_LAYER = ("temporal", "temporal_weight", "bias", "embedding_weight", "modulation_weight")
+_FIRST_LAYER = ("temporal_weight", "bias", "embedding_weight")
+_MODULATION = ("modulation_weight",)
+_LAYER_INPUTS, _LAYER_OUTPUTS = ("temporal", *_FIRST_LAYER, *_MODULATION), ("shared", "embedding_weight")
 
 
 class _Deform(torch.autograd.Function):
@@ -26,16 +28,16 @@ class _Deform(torch.autograd.Function):
         ctx: Any, shape: FieldShape, names: tuple[str, ...], *tensors: torch.Tensor
     ) -> tuple[torch.Tensor, ...]:
         tensors = tuple(tensor.contiguous() for tensor in tensors)
-        given = dict(zip(names, tensors, strict=True))
-        at_the_moment = {name: given.pop(name).numpy() for name in _FIRST_LAYER if name in given}
-        given["shared"], given["embedding_weight"] = map(torch.from_numpy, first_layer(**at_the_moment))
+        arrays = dict(zip(names, tensors, strict=True))
+        layer = first_layer(**{name: arrays.pop(name).numpy() for name in _LAYER_INPUTS if name in arrays})
+        ctx.layer = dict(zip(_LAYER_OUTPUTS, map(torch.from_numpy, layer), strict=True))
+        arrays |= ctx.layer
         count = len(tensors[0])
         sizes = {"means": (3,), "quaternions": (4,), "scales": (3,), "opacities": (), "sh": (shape.sh_active, 3)}
         result = {name: torch.empty((count, *sizes[name]), device="cpu") for name in _OUTPUTS}
-        result["changes"] = torch.empty((len(given["embeddings"]), shape.outputs), device="cpu")
-        deform(shape, given, result)
+        result["changes"] = torch.empty((len(arrays["embeddings"]), shape.outputs), device="cpu")
+        deform(shape, arrays, result)
         ctx.shape, ctx.names, ctx.sizes = shape, names, {name: result[name].shape for name in _OUTPUTS}
-        ctx.at_the_moment = {name: given[name] for name in ("shared", "embedding_weight")}
         ctx.save_for_backward(*tensors)
         ctx.mark_non_differentiable(result["changes"])
         ctx.set_materialize_grads(False)  # of the changes: zeros that nobody reads
@@ -44,17 +46,17 @@ class _Deform(torch.autograd.Function):
     @staticmethod
     def backward(ctx: Any, *by: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
         arrays = dict(zip(ctx.names, ctx.saved_tensors, strict=True))
-        before = {name: arrays.pop(name).numpy() for name in _FIRST_LAYER if name in arrays}
-        arrays |= ctx.at_the_moment
+        inputs = {name: arrays.pop(name).numpy() for name in _LAYER_INPUTS if name in arrays}
+        arrays |= ctx.layer
         gradients = {name: torch.empty_like(array) for name, array in arrays.items()}
         by_outputs = {
             name: torch.zeros(ctx.sizes[name]) if gradient is None else gradient.contiguous()
             for name, gradient in zip(_OUTPUTS, by, strict=False)
         }
         deform_backward(ctx.shape, arrays, by_outputs, gradients)
-        by_shared, by_weights = (gradients.pop(name).numpy() for name in ctx.at_the_moment)
+        by_shared, by_weights = (gradients.pop(name).numpy() for name in _LAYER_OUTPUTS)
         found = first_layer_gradients(
-            by_shared, by_weights, before["temporal"], before["temporal_weight"], before.get("modulation_weight")
+            by_shared, by_weights, inputs["temporal"], inputs["temporal_weight"], inputs.get("modulation_weight")
         )
         gradients |= {name: torch.from_numpy(gradient) for name, gradient in found.items()}
         return (None, None, *(gradients[name] for name in ctx.names))
@@ -70,8 +72,8 @@ def deform_fused(
         temporal: (networks, T) fused temporal embedding of the moment.
     """
     arrays = {name: getattr(canonical, name) for name in ATTRIBUTES}
-    arrays |= {name: getattr(network, name) for name in (*_NETWORK, *(_HEADS if network.head_width else ()))}
-    layer = _FIRST_LAYER if network.modulated else _FIRST_LAYER[:-1]
-    arrays |= {name: temporal if name == "temporal" else getattr(network, name) for name in layer}
+    names = (*_FIRST_LAYER, *(_MODULATION if network.modulated else ()))
+    names += (*_NETWORK, *(_HEADS if network.head_width else ()))
+    arrays |= {"temporal": temporal} | {name: getattr(network, name) for name in names}
     *outputs, changes = _Deform.apply(shape, tuple(arrays), *arrays.values())
     return GaussianArrays(**dict(zip(_OUTPUTS, outputs, strict=True))), changes

@@ -6,11 +6,14 @@ it can follow fast motion (fine). Both are linear in the table, so a time is a v
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
 
+@functools.lru_cache(maxsize=4096)  # a training comes back to a few hundred moments in thousands of steps
 def temporal_weights(time: float, rows: int, table_rows: int) -> np.ndarray:
-    """(table_rows,) float32 weights of the table at ``time`` when resampled to ``rows`` rows.
+    """(table_rows,) float32, read-only: weights of the table at ``time`` when resampled to ``rows`` rows.
 
     Both steps are linear with the ends aligned: row 0 is time 0, the last row time 1. Times outside are clamped.
     """
@@ -18,7 +21,9 @@ def temporal_weights(time: float, rows: int, table_rows: int) -> np.ndarray:
     for row, share in _neighbours(min(max(time, 0.0), 1.0) * (rows - 1), rows):
         for table_row, part in _neighbours(row * (table_rows - 1) / max(rows - 1, 1), table_rows):
             weights[table_row] += share * part
-    return weights.astype(np.float32)
+    weights = weights.astype(np.float32)
+    weights.flags.writeable = False
+    return weights
 
 
 def _neighbours(position: float, count: int) -> list[tuple[int, float]]:

@@ -13,6 +13,8 @@ from ctypes import POINTER, byref, c_char_p, c_float, c_int32, c_int64, c_void_p
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..capture.camera import Camera
 from ..errors import FrogError
 from . import structs
@@ -20,7 +22,7 @@ from .arrays import GaussianArrays
 from .options import RasterizeOptions
 
 ABI_VERSION = 8
-CELL = 16  # pixels a side of the cells of ``compare``
+CELL = 16  # FROG_CELL: pixels a side of the cells of ``compare``, which are the rasterizer's tiles
 
 
 def library_path() -> Path:
@@ -123,7 +125,11 @@ def compare(image: Any, truth: Any, weight: float, gradient: Any, cells: Any, tr
         truth_floats: (H, W, 3), filled with the truth in [0, 1]; or None.
     """
     (height, width, _), absolute = truth.shape, c_float()
-    assert truth.strides[1:] == (3, 1) and tuple(image.shape) == truth.shape
+    sizes = {tuple(array.shape) for array in (image, gradient, truth_floats) if array is not None}
+    if truth.dtype != np.uint8 or truth.strides[1:] != (3, 1) or sizes != {truth.shape}:
+        raise ValueError(f"expected pictures of {truth.shape}, truth in uint8 and rows, found {sizes}, {truth.dtype}")
+    if tuple(cells.shape) != (-(-height // CELL), -(-width // CELL)):
+        raise ValueError(f"expected a cell for {CELL} x {CELL} pixels of {height} x {width}, found {cells.shape}")
     comparison = structs.Comparison(
         *(height, width, structs.address(image), structs.address(truth), truth.strides[0], weight),
         *(structs.address(array) for array in (gradient, cells, truth_floats)),
@@ -174,7 +180,7 @@ class Frame:
             )
 
     def backward(self, image: dict[str, Any], rgb: Any, alpha: Any, gradients: dict[str, Any]) -> None:
-        """Fills ``gradients`` from dL/d(rgb, alpha).
+        """Fills ``gradients`` from dL/d(rgb, alpha); ``alpha`` is None where the loss does not look at it.
 
         ``image`` holds the drawn ``rgb`` and ``alpha`` (the frame does not keep them: as outputs of a torch operation
         they would keep it alive in turn, for ever). ``gradients`` are arrays by name: those of the Gaussians,

@@ -17,39 +17,39 @@ _WINDOW, _SIGMA = 11, 1.5
 
 
 @dataclass(frozen=True)
-class Comparison:
-    """A drawing and its picture.
+class PictureLoss:
+    """How far a drawing is from its picture.
 
     Attributes:
         loss: () with a gradient by the drawing.
         error: () mean absolute difference, without one.
-        cells: (rows, columns) mean squared difference in cells of CELL x CELL pixels; the border cuts the last.
+        cell_errors: (rows, columns) mean squared difference in cells of CELL x CELL pixels; the border cuts the last.
     """
 
     loss: torch.Tensor
     error: torch.Tensor
-    cells: torch.Tensor
+    cell_errors: torch.Tensor
 
 
 def picture_loss(
     image: torch.Tensor, pixels: np.ndarray, *, dssim_weight: float = 0.0, weight: float = 1.0
-) -> Comparison:
+) -> PictureLoss:
     """``weight`` (mean |image - truth| + ``dssim_weight`` (1 - SSIM) / 2).
 
-    Float32 on the CPU goes through the native library, in one pass over the picture.
+    Float32 on the CPU goes through the native library: the first part in one pass over the picture.
 
     Args:
         image: (H, W, 3) a drawing.
         pixels: (H, W, 3) uint8 what it should be; its rows may be part of a larger picture's.
     """
     if image.dtype == torch.float32 and image.device.type == "cpu":
-        cells = torch.empty([-(-length // CELL) for length in pixels.shape[:2]])
-        loss, error = _PictureLoss.apply(image.contiguous(), pixels, dssim_weight, weight, cells)
-        return Comparison(loss, error, cells)
+        cells = torch.empty([-(-length // CELL) for length in pixels.shape[:2]], device="cpu")
+        loss, error = _NativeLoss.apply(image.contiguous(), pixels, dssim_weight, weight, cells)
+        return PictureLoss(loss, error, cells)
     return picture_loss_plainly(image, picture_on(image.device, pixels), dssim_weight, weight)
 
 
-class _PictureLoss(torch.autograd.Function):
+class _NativeLoss(torch.autograd.Function):
     @staticmethod
     def forward(
         ctx: Any, image: torch.Tensor, pixels: np.ndarray, dssim_weight: float, weight: float, cells: torch.Tensor
@@ -62,26 +62,27 @@ class _PictureLoss(torch.autograd.Function):
             loss += dssim_weight * (1 - similarity(image, truth, slope)) / 2
             gradient.sub_(slope, alpha=weight * dssim_weight / 2)
         ctx.save_for_backward(gradient)
-        results = torch.tensor(weight * loss), torch.tensor(error)
-        ctx.mark_non_differentiable(results[1])
-        return results
+        mean = torch.tensor(error, device="cpu")
+        ctx.mark_non_differentiable(mean)
+        return torch.tensor(weight * loss, device="cpu"), mean
 
     @staticmethod
     def backward(ctx: Any, *by: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
         (gradient,) = ctx.saved_tensors
+        # Nearly always one: a pass over the picture less.
         return gradient if by[0] == 1 else by[0] * gradient, None, None, None, None
 
 
 def picture_loss_plainly(
     image: torch.Tensor, truth: torch.Tensor, dssim_weight: float = 0.0, weight: float = 1.0
-) -> Comparison:
+) -> PictureLoss:
     """``picture_loss`` in plain torch, on any device and in any floating-point type; ``truth`` in [0, 1]."""
     difference = image - truth
     error = difference.abs().mean()
     loss = error + dssim_weight * (1 - ssim(image, truth)) / 2 if dssim_weight else error
     square = difference.detach().square().permute(2, 0, 1)
     cells = functional.avg_pool2d(square, CELL, ceil_mode=True, count_include_pad=False).mean(0)
-    return Comparison(weight * loss, error.detach(), cells)
+    return PictureLoss(weight * loss, error.detach(), cells)
 
 
 @functools.cache

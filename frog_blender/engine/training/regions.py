@@ -30,7 +30,7 @@ class _Look:
 
 
 class RegionPicker:
-    """Running mean squared error of every camera in cells of 16 x 16 pixels, and rectangles drawn from it.
+    """Running mean squared error of every camera in cells of CELL x CELL pixels, and rectangles drawn from it.
 
     Args:
         cameras: of the capture; pictures may differ in size.
@@ -56,7 +56,7 @@ class RegionPicker:
         errors = self.errors[camera]
         if not np.isfinite(errors).all():  # its first time: all of it
             return None
-        weights = torch.from_numpy(errors.ravel() + np.float32(1e-12))
+        weights = torch.from_numpy(errors.ravel() + 1e-12)
         cell = int(torch.multinomial(weights, 1, generator=generator))
         row, column = divmod(cell, errors.shape[1])
         left, width = self._interval(column, self._cameras[camera].width)

@@ -187,7 +187,7 @@ class Trainer:
         weight = share ** (1 - self.recipe.region_emphasis)
         found = picture_loss(image.rgb, pixels, dssim_weight=dssim_weight, weight=weight)
         if whole_size:
-            self.regions.observe(camera_index, options.region_of(camera), found.cells)
+            self.regions.observe(camera_index, options.region_of(camera), found.cell_errors)
         self.picker.observe(shot, found.error)
         self._loss.add(found.loss, self.step_count)
         smoothed = bool(changes) and self.step_count % _SMOOTHED_EVERY == 0

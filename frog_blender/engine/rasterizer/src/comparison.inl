@@ -1,17 +1,17 @@
 // A drawing against the picture it should be, a row of cells at a time: each number is read once.
 
-struct Difference {
+struct DifferenceSums {
   Floats absolute = {}, square = {};
 };
 
-struct Addresses {  // in one row of pixels
+struct PixelRow {
   const float *image;
   const uint8_t *truth;
   float *gradient, *truth_floats;
 };
 
 // Takes in `count` numbers, LANES at most.
-static inline void compare_numbers(const Addresses &row, int at, int count, float share, Difference &sums) {
+static inline void compare_numbers(const PixelRow &row, int at, int count, float share, DifferenceSums &sums) {
   Floats drawn = {};
   int32_t bytes[LANES] = {};
   __builtin_memcpy(&drawn, row.image + at, count * sizeof(float));
@@ -34,14 +34,14 @@ static double compare(const FrogComparison &c, int row) {
   double absolute = 0;
   for (int begin = 0, cell = row * ((c.width + FROG_CELL - 1) / FROG_CELL); begin < numbers; begin += 3 * FROG_CELL, ++cell) {
     const int end = begin + 3 * FROG_CELL < numbers ? begin + 3 * FROG_CELL : numbers;
-    Difference sums;
+    DifferenceSums sums;
     for (int line = top; line < bottom; ++line) {
       const long long first = static_cast<long long>(line) * numbers;
-      const Addresses addresses = {c.image + first, c.truth + line * c.truth_row, c.gradient + first,
+      const PixelRow pixels = {c.image + first, c.truth + line * c.truth_row, c.gradient + first,
                                    c.truth_floats ? c.truth_floats + first : nullptr};
       int at = begin;
-      for (; at + LANES <= end; at += LANES) compare_numbers(addresses, at, LANES, share, sums);
-      if (at < end) compare_numbers(addresses, at, end - at, share, sums);
+      for (; at + LANES <= end; at += LANES) compare_numbers(pixels, at, LANES, share, sums);
+      if (at < end) compare_numbers(pixels, at, end - at, share, sums);
     }
     absolute += sum(sums.absolute);
     c.cells[cell] = sum(sums.square) / (static_cast<float>(end - begin) * (bottom - top));

@@ -79,7 +79,7 @@ typedef struct {
   float rate, second_scale, epsilon;
 } FrogAdam;
 
-enum { FROG_CELL = 16 };  // pixels a side
+enum { FROG_CELL = 16 };  // pixels a side; native.py has it too
 
 // A drawing and the picture it should be.
 typedef struct {

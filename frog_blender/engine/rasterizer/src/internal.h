@@ -50,7 +50,7 @@ struct Kernels {
   double (*similarity)(int height, int width, const float *image, const float *truth, int channel, int begin, int end,
                        float *gradient, float *scratch);
   void (*adam)(const FrogAdam &, long long begin, long long end);
-  double (*compare)(const FrogComparison &, int row);  // returns the sum of a row of cells
+  double (*compare)(const FrogComparison &, int row);  // returns the sum of the absolute differences in a row of cells
 };
 
 const Kernels *kernels_baseline();

@@ -6,6 +6,7 @@ constexpr int SSIM_ROWS = SSIM_STRIP + 4 * SSIM_REACH;           // of the pictu
 constexpr int SSIM_MOMENTS = 5;                                  // x, y, x^2, y^2, xy
 constexpr int SSIM_SLOPES = 3;                                   // by the means of x, x^2 and xy
 
+static_assert(LANES <= 16 && 2 * SSIM_REACH <= 16, "what a row has beyond the picture");
 // Rows are so long that whole registers may be read and written beyond the picture.
 static inline long long ssim_row(int width) { return (width + 15) / 16 * 16 + 16; }
 
