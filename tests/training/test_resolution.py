@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from helpers import odd_camera
 
+from frog_blender.engine.training import sampling
 from frog_blender.engine.training import trainer as trainer_module
 from frog_blender.engine.training.resolution import halved, halved_picture, is_halved
 from frog_blender.engine.training.trainer import Trainer
@@ -45,7 +46,7 @@ def test_a_training_begins_at_half_size_and_ends_at_whole(
     monkeypatch.setattr("frog_blender.engine.training.resolution._LEAST", 16)
     trainer = make_trainer(60, half_size_until=0.5, sampling_until=0.95, densify_until=0.0, max_gaussians=5000)
     sizes: list[tuple[float, tuple[int, int]]] = []
-    draw, place = trainer_module.rasterize, trainer_module.worst_points
+    draw, place = trainer_module.rasterize, sampling.worst_points
     anchored: list[tuple[int, int]] = []
 
     def watched(gaussians: Any, camera: Any, *others: Any, **named: Any) -> Any:
@@ -58,7 +59,7 @@ def test_a_training_begins_at_half_size_and_ends_at_whole(
         return place(image, truth, camera, *others)
 
     monkeypatch.setattr(trainer_module, "rasterize", watched)
-    monkeypatch.setattr(trainer_module, "worst_points", placed)
+    monkeypatch.setattr(sampling, "worst_points", placed)
     while not trainer.finished:
         trainer.step()
     whole = (trainer.capture.cameras[0].width, trainer.capture.cameras[0].height)

@@ -10,11 +10,11 @@ from typing import Any
 import filmed as film
 import numpy as np
 import pytest
-import torch
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.training import losses, sampling, smoothness
 from frog_blender.engine.training import trainer as trainer_module
 from frog_blender.engine.training.density import DensityControl
 from frog_blender.engine.training.trainer import Limits, Trainer
@@ -132,9 +132,9 @@ def test_a_short_training_passes_through_every_schedule(
         return call
 
     trainer = make_trainer(120, sh_degree=3, deformed_sh=4, densify_threshold=1e-5)
-    for name in ("ssim", "add_embedding_smoothness"):
-        monkeypatch.setattr(trainer_module, name, counted(name, getattr(trainer_module, name)))
-    anchors, density_round, deform = trainer_module.new_anchors, DensityControl.round, trainer.model.deform
+    for module, name in ((losses, "similarity"), (smoothness, "add_embedding_smoothness")):
+        monkeypatch.setattr(module, name, counted(name, getattr(module, name)))
+    anchors, density_round, deform = sampling.new_anchors, DensityControl.round, trainer.model.deform
 
     def watch_anchors(*arguments: Any) -> Any:
         new = anchors(*arguments)
@@ -156,7 +156,7 @@ def test_a_short_training_passes_through_every_schedule(
         degrees.add(gaussians.sh_degree)
         return rasterize(gaussians, *arguments, **keywords)
 
-    monkeypatch.setattr(trainer_module, "new_anchors", watch_anchors)
+    monkeypatch.setattr(sampling, "new_anchors", watch_anchors)
     monkeypatch.setattr(DensityControl, "round", watch_round)
     monkeypatch.setattr(trainer.model, "deform", watch_deform)
     monkeypatch.setattr(trainer_module, "rasterize", watch_rasterize)
@@ -172,7 +172,7 @@ def test_a_short_training_passes_through_every_schedule(
     assert calls["anchors"] > 0
     assert trainer.count > start
     bursts = sum(r.dssim_from <= i / 120 and i % r.dssim_period < r.dssim_burst for i in range(120))
-    assert calls["ssim"] == bursts > 0
+    assert calls["similarity"] == bursts > 0
     assert calls["add_embedding_smoothness"] > 15  # every fourth step
     assert trainer.neighbourhood is not None and int(trainer.neighbourhood.neighbours.max()) < trainer.count
 
@@ -197,8 +197,9 @@ def test_what_the_recipe_switches_off_does_not_happen(
     def never(*_: Any) -> None:
         raise AssertionError("switched off")
 
-    for name in ("ssim", "worst_points", "add_embedding_smoothness"):
-        monkeypatch.setattr(trainer_module, name, never)
+    switched_off = ((losses, "similarity"), (sampling, "worst_points"), (smoothness, "add_embedding_smoothness"))
+    for module, name in switched_off:
+        monkeypatch.setattr(module, name, never)
     train(make_trainer(60, sampling="off", dssim_weight=0.0, smoothness_weight=0.0))
 
 
@@ -226,7 +227,7 @@ def test_few_seeds_are_enough(capture: Capture, store: FrameStore, lively: Any, 
 def test_a_loss_that_is_not_a_number_stops_the_training(
     make_trainer: Callable[..., Trainer], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(trainer_module, "ssim", lambda *_: torch.tensor(float("nan")))
+    monkeypatch.setattr(losses, "similarity", lambda *_: float("nan"))
     trainer = make_trainer(20, dssim_from=0.0)
     with pytest.raises(FrogError, match="unstable at step 0"):
         trainer.step()

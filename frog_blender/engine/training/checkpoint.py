@@ -19,7 +19,8 @@ from ..model.frog import Frog
 from .fitting import fitting
 from .parsimony import Reduction, heads_of
 from .running_loss import Unstable
-from .trainer import Neighbourhood, Trainer
+from .smoothness import Neighbourhood
+from .trainer import Trainer
 
 _KEY = "frog-checkpoint"
 _VERSION = 8

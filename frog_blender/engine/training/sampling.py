@@ -7,15 +7,23 @@ The paper's two variants are here too: mean depth, and points taken back by an i
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import torch
 from torch.nn import functional
 
 from ..capture.camera import Camera
-from ..model.canonical import new_gaussians
-from ..rasterizer import Image
+from ..model.canonical import ATTRIBUTES, new_gaussians
+from ..model.frog import total_deformation
+from ..rasterizer import Image, RasterizeOptions
+from .device import picture_on
 from .neighbours import nearest, spacings
 
+if TYPE_CHECKING:
+    from .trainer import Trainer
+
+_WHILE_FEW = 0.01  # anchors of half the limit of Gaussians, a round
 _PATCH = 7  # pixels: single bright pixels are noise
 _BRIGHTNESS_FLOOR = 0.05  # of the display range: below it, error counts as it is
 
@@ -106,3 +114,28 @@ def new_anchors(
     new = new_gaussians(points, colors, sizes, sh_count, embeddings.shape[1])
     new["embeddings"] = embeddings.detach().clone()
     return new
+
+
+@torch.no_grad()
+def inject_anchors(trainer: Trainer, progress: float, shot_index: int) -> None:
+    """A round: new anchors where the drawing of a shot is wrong, at the end of the Gaussians that move."""
+    recipe, canonical = trainer.recipe, trainer.model.canonical
+    newcomers = recipe.newcomers(trainer.count, recipe.sampling_share, _WHILE_FEW)
+    room = min(newcomers, recipe.max_gaussians - trainer.count)
+    if room <= 0:
+        return
+    pixels, image, gaussians, changes = trainer.draw(shot_index, progress, RasterizeOptions(depth=True))
+    if not changes:
+        return
+    camera = trainer.camera_at(trainer.capture.shots[shot_index].camera, progress)
+    truth = picture_on(trainer.device, pixels)
+    points, colors = worst_points(image, truth, camera, room, recipe.sampling_depth, trainer.generator)
+    if recipe.sampling == "inverse":
+        moved = gaussians.means[: canonical.moving]
+        points, embeddings = undeformed(points, moved, changes["means"], canonical.embeddings)
+    else:
+        calmest = canonical.embeddings[int(total_deformation(changes).argmin())]
+        embeddings = calmest.expand(len(points), -1)
+    new = new_anchors(points, colors, embeddings, canonical.means.detach(), canonical.sh.shape[1])
+    everyone = torch.arange(trainer.count, device=trainer.device)
+    trainer.density.reset(trainer.optimizer.replace_gaussians(everyone, {name: new[name] for name in ATTRIBUTES}))

@@ -1,8 +1,42 @@
-"""The embedding smoothness (FRoG, section on optimisation)."""
+"""The embedding smoothness (FRoG, section on optimisation): neighbours that move have embeddings alike."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import torch
+
+from .neighbours import nearest
+from .recipe import Recipe
+
+SMOOTHED_EVERY = 4  # steps between two that regularise, each for as many; their dozens of small operations cost time
+_BATCH = 64  # anchors that such a step looks at
+
+
+@dataclass(frozen=True)
+class Neighbourhood:
+    """A sample of the Gaussians that move: anchors (A,), neighbours (A, k), weights (A, k)."""
+
+    anchors: torch.Tensor
+    neighbours: torch.Tensor
+    weights: torch.Tensor
+
+    @classmethod
+    @torch.no_grad()
+    def drawn(cls, means: torch.Tensor, recipe: Recipe, generator: torch.Generator) -> Neighbourhood | None:
+        """A new sample among ``means`` (M, 3); None where nobody has a neighbour."""
+        if len(means) < 2:
+            return None
+        chosen = torch.randperm(len(means), generator=generator)[: recipe.smoothness_sample].to(means.device)
+        distances, neighbours = nearest(means[chosen], means, recipe.smoothness_neighbours, skip_self=True)
+        return cls(chosen, neighbours, neighbour_weights(distances, recipe.smoothness_falloff))
+
+    def add_gradient(self, embeddings: torch.Tensor, step: int, weight: float) -> None:
+        """Regularises ``embeddings`` (M, E) for SMOOTHED_EVERY steps at once; another part of the sample each time."""
+        start = (step // SMOOTHED_EVERY * _BATCH) % max(1, len(self.anchors))
+        part = slice(start, start + _BATCH)
+        sample = self.anchors[part], self.neighbours[part], self.weights[part]
+        add_embedding_smoothness(embeddings, *sample, SMOOTHED_EVERY * weight)
 
 
 @torch.no_grad()

@@ -16,15 +16,12 @@ from ..capture.frames import FrameStore
 from ..capture.seeds import Seeds
 from ..capture.time import frame_to_time
 from ..evaluation.metrics import psnr_of
-from ..model.canonical import ATTRIBUTES
-from ..model.frog import total_deformation
 from ..model.interface import Progressing, SceneModel
 from ..rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
 from .density import DensityControl
-from .device import picture_on, torch_threads
+from .device import torch_threads
 from .losses import picture_loss
 from .methods import method_named
-from .neighbours import nearest
 from .optimizer import SceneOptimizer
 from .parsimony import Parsimony
 from .poses import PoseRefinement
@@ -32,14 +29,10 @@ from .recipe import Recipe
 from .regions import RegionPicker
 from .resolution import halved, halved_picture, is_halved
 from .running_loss import RunningLoss, Unstable
-from .sampling import new_anchors, undeformed, worst_points
+from .sampling import inject_anchors
 from .schedule import Every, ShotPicker, ramp
-from .smoothness import add_embedding_smoothness, neighbour_weights
+from .smoothness import SMOOTHED_EVERY, Neighbourhood
 from .start import first_model, scale_of
-
-_ANCHORS_WHILE_FEW = 0.01  # of half the limit, a round
-_SMOOTHED_EVERY = 4  # steps between two that regularise, each for as many; their dozens of small operations cost time
-_SMOOTHNESS_BATCH = 64  # anchors of the smoothness sample that such a step looks at
 
 
 @dataclass(frozen=True)
@@ -48,15 +41,6 @@ class Limits:
 
     steps: int | None = None
     seconds: float | None = None
-
-
-@dataclass
-class Neighbourhood:
-    """The embedding smoothness's sample: anchors (A,), neighbours (A, k), weights (A, k)."""
-
-    anchors: torch.Tensor
-    neighbours: torch.Tensor
-    weights: torch.Tensor
 
 
 class Trainer:
@@ -176,12 +160,12 @@ class Trainer:
         self.optimizer.schedule(before)
         shot = self._next_shot(before)
         camera_index = self.capture.shots[shot].camera
-        camera = self._camera(camera_index, before)
+        camera = self.camera_at(camera_index, before)
         whole_size = camera is self.capture.cameras[camera_index]
         region = self.regions.pick(camera_index, self.generator) if whole_size else None
         options = RasterizeOptions(region=region)
         pose = self._learned_pose(camera_index, before)
-        pixels, image, gaussians, changes = self._draw(shot, before, options, pose)
+        pixels, image, gaussians, changes = self.draw(shot, before, options, pose)
         share = 1.0 if region is None else region[2] * region[3] / (camera.width * camera.height)
         dssim_weight = self.recipe.dssim_weight if self._in_burst(before) else 0.0
         weight = share ** (1 - self.recipe.region_emphasis)
@@ -190,11 +174,12 @@ class Trainer:
             self.regions.observe(camera_index, options.region_of(camera), found.cell_errors)
         self.picker.observe(shot, found.error)
         self._loss.add(found.loss, self.step_count)
-        smoothed = bool(changes) and self.step_count % _SMOOTHED_EVERY == 0
+        smoothed = bool(changes) and self.step_count % SMOOTHED_EVERY == 0
         extra = self.model.regularization() if smoothed else None
-        (found.loss if extra is None else found.loss + _SMOOTHED_EVERY * extra).backward()
+        (found.loss if extra is None else found.loss + SMOOTHED_EVERY * extra).backward()
         if smoothed and self.neighbourhood is not None and self.recipe.smoothness_weight:
-            self._add_smoothness(self.neighbourhood)
+            embeddings = self.model.canonical.embeddings
+            self.neighbourhood.add_gradient(embeddings, self.step_count, self.recipe.smoothness_weight)
         if before < self.recipe.densify_until:
             self.density.observe(image, gaussians.opacities.detach(), camera)
         self.optimizer.step()
@@ -226,12 +211,12 @@ class Trainer:
         self.burst_shot = self.picker.pick(self.generator)
         return self.burst_shot
 
-    def _draw(
+    def draw(
         self, shot_index: int, progress: float, options: RasterizeOptions, pose: torch.Tensor | None = None
     ) -> tuple[np.ndarray, Image, GaussianArrays, dict[str, torch.Tensor]]:
         """A picture (H, W, 3) uint8, its drawing, and the Gaussians and changes that were drawn."""
         shot = self.capture.shots[shot_index]
-        camera = self._camera(shot.camera, progress)
+        camera = self.camera_at(shot.camera, progress)
         pixels = self.store.image(shot_index)
         if camera is not self.capture.cameras[shot.camera]:
             pixels = halved_picture(pixels)
@@ -247,7 +232,7 @@ class Trainer:
         pose = torch.from_numpy(self.capture.cameras[camera].world_to_camera[:3]).float()
         return pose.to(self.device, non_blocking=True).requires_grad_()
 
-    def _camera(self, index: int, progress: float) -> Camera:
+    def camera_at(self, index: int, progress: float) -> Camera:
         """A camera at the size at which it is drawn at ``progress``."""
         camera = self.capture.cameras[index]
         return halved(camera) if is_halved(camera, progress, self.recipe.half_size_until) else camera
@@ -266,60 +251,24 @@ class Trainer:
             return self.model.deform(time_, self.progressing(progress), sh_count)
         return self.model.canonical.gaussians(sh_count), {}
 
-    def _add_smoothness(self, n: Neighbourhood) -> None:
-        start = (self.step_count // _SMOOTHED_EVERY * _SMOOTHNESS_BATCH) % max(1, len(n.anchors))
-        part = slice(start, start + _SMOOTHNESS_BATCH)
-        embeddings, weight = self.model.canonical.embeddings, _SMOOTHED_EVERY * self.recipe.smoothness_weight
-        add_embedding_smoothness(embeddings, n.anchors[part], n.neighbours[part], n.weights[part], weight)
-
     def _rounds(self, before: float, now: float, shot: int) -> None:
         grows = not (self.parsimony and self.parsimony.settled(now))
         densified = grows and self._densify.due(before, now)
         if densified:
             self.density.round(self.model.canonical, self.optimizer, self.generator)
         if grows and self.recipe.sampling != "off" and self._sample.due(before, now):
-            self._inject_anchors(now, shot)  # behind those that move: nobody's neighbours change their places
+            inject_anchors(self, now, shot)  # behind those that move: nobody's neighbours change their places
         if densified and self.recipe.smoothness_weight:
             self.find_neighbours()
         if self.parsimony:
             self.parsimony.after_step(self, before, now)
             self.picker.withhold(self.parsimony.withheld_at(now))
 
-    @torch.no_grad()
-    def _inject_anchors(self, progress: float, shot_index: int) -> None:
-        newcomers = self.recipe.newcomers(self.count, self.recipe.sampling_share, _ANCHORS_WHILE_FEW)
-        room = min(newcomers, self.recipe.max_gaussians - self.count)
-        if room <= 0:
-            return
-        pixels, image, gaussians, changes = self._draw(shot_index, progress, RasterizeOptions(depth=True))
-        if not changes:
-            return
-        canonical = self.model.canonical
-        camera = self._camera(self.capture.shots[shot_index].camera, progress)
-        truth = picture_on(self.device, pixels)
-        points, colors = worst_points(image, truth, camera, room, self.recipe.sampling_depth, self.generator)
-        if self.recipe.sampling == "inverse":
-            moved = gaussians.means[: canonical.moving]
-            points, embeddings = undeformed(points, moved, changes["means"], canonical.embeddings)
-        else:
-            calmest = canonical.embeddings[int(total_deformation(changes).argmin())]
-            embeddings = calmest.expand(len(points), -1)
-        new = new_anchors(points, colors, embeddings, canonical.means.detach(), canonical.sh.shape[1])
-        everyone = torch.arange(self.count, device=self.device)
-        self.density.reset(self.optimizer.replace_gaussians(everyone, {name: new[name] for name in ATTRIBUTES}))
-
-    @torch.no_grad()
     def find_neighbours(self) -> None:
         """Draws the embedding smoothness's sample anew, among the Gaussians that move."""
         means = self.model.canonical.means.detach()[: self.model.canonical.moving]
-        if len(means) < 2:  # nobody to be like
-            self.neighbourhood = None
-            return
-        chosen = torch.randperm(len(means), generator=self.generator)[: self.recipe.smoothness_sample].to(self.device)
         with torch_threads(self._threads):  # large enough for them
-            distances, neighbours = nearest(means[chosen], means, self.recipe.smoothness_neighbours, skip_self=True)
-        weights = neighbour_weights(distances, self.recipe.smoothness_falloff)
-        self.neighbourhood = Neighbourhood(chosen, neighbours, weights)
+            self.neighbourhood = Neighbourhood.drawn(means, self.recipe, self.generator)
 
     @torch.no_grad()
     def picture(self, shot_index: int, largest_side: int | None = None) -> np.ndarray:
