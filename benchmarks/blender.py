@@ -15,8 +15,10 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
@@ -44,13 +46,23 @@ def median_ms(work: Callable[[int], object], times: int = 15) -> float:
     return round(1000 * statistics.median(seconds), 2)
 
 
+def noting(function: Callable[..., Any], seconds: list[float]) -> Callable[..., Any]:
+    """The function, which notes how long each of its calls took."""
+
+    def timed(*arguments: Any) -> Any:
+        started = time.perf_counter()
+        result = function(*arguments)
+        seconds.append(time.perf_counter() - started)
+        return result
+
+    return timed
+
+
 def opened(folder: Path, count: int, moving: int, size: tuple[int, int]) -> tuple[bpy.types.Object, Path]:
     """A new file with one random capture of small Gaussians before its first camera."""
     scene = scene_file(count, moving=moving)
     scene.arrays["log_scales"] = scene.arrays["log_scales"] - np.float32(2.5)
     cameras = tuple(camera.resized(*size) for camera in scene.header.cameras)
-    from dataclasses import replace
-
     path = folder / f"{count}_{moving}.frog"
     write_scene(path, SceneFile(replace(scene.header, cameras=cameras), scene.arrays))
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
@@ -63,13 +75,7 @@ def handler(folder: Path, count: int, moving: int) -> dict[str, float]:
     when the attributes it writes are shared with the evaluated copy of the frame before."""
     _, path = opened(folder, count, moving, (160, 120))
     scene, inside = bpy.context.scene, []
-    original = playback._on_frame
-
-    def timed(*arguments: object) -> None:
-        started = time.perf_counter()
-        original(*arguments)
-        inside.append(time.perf_counter() - started)
-
+    original, timed = playback._on_frame, noting(playback._on_frame, inside)
     handlers = bpy.app.handlers.frame_change_pre
     handlers[handlers.index(original)] = timed
 
@@ -104,14 +110,7 @@ def still(folder: Path) -> dict[str, float]:
     engine_ms = median_ms(lambda number: draw(playable.at_frame(0.1 * number), camera), 5)
     inside: list[float] = []
     original = render_engine.render_moment
-
-    def timed(*arguments: object) -> object:
-        started = time.perf_counter()
-        result = original(*arguments)
-        inside.append(time.perf_counter() - started)
-        return result
-
-    render_engine.render_moment = timed
+    render_engine.render_moment = noting(original, inside)
 
     def render(number: int) -> None:
         scene.frame_current = 1 + number % 5
@@ -137,14 +136,12 @@ def rendered_viewport(folder: Path) -> dict[str, float]:
     window_matrix = camera.calc_matrix_camera(bpy.context.evaluated_depsgraph_get(), x=size[0], y=size[1])
     viewport = Viewport()
     inside: list[float] = []
+    draw_picture = noting(picture_of, inside)
 
     def redraw(angle: float) -> None:
         turned = obj.matrix_world @ Matrix.Rotation(angle, 4, "Z") @ camera.matrix_world
         view = SimpleNamespace(view_matrix=turned.inverted(), window_matrix=window_matrix)
-        depsgraph = bpy.context.evaluated_depsgraph_get()
-        started = time.perf_counter()
-        picture_of(viewport, depsgraph, view, size)
-        inside.append(time.perf_counter() - started)
+        draw_picture(viewport, bpy.context.evaluated_depsgraph_get(), view, size)
 
     def median(work: Callable[[int], object]) -> float:
         inside.clear()
