@@ -59,6 +59,7 @@ def train(request: background.TrainingRequest, seconds: float) -> int:
         look_ahead(scene)
         shown += 1
         time.sleep(SCRUB_SECONDS)
+    task.join()
     if task.state.error:
         raise SystemExit(task.state.error)
     bpy.data.batch_remove(old)

@@ -21,6 +21,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from . import app_handlers
+from .engine import memory
 from .engine.capacity_report import lines, summary
 from .engine.errors import FrogError
 from .engine.training.control import Control
@@ -133,6 +134,8 @@ class TrainingTask:
             self._events.put(_Ended(f"Training stopped by an unforeseen {type(error).__name__}: {error}."))
         else:
             self._events.put(_Ended(""))
+        finally:
+            memory.give_back()
 
     def pump(self, most: int = PUMP_EVENTS) -> int:
         """Apply waiting events to ``state``: at most ``most``, for at most about PUMP_SECONDS.  Returns how many."""

@@ -64,6 +64,8 @@ def bake_path(obj: Any) -> Path:
 
 def open_scene(path: Path) -> PlayableScene:
     """The scene in a file, read once for each version of the file; FrogError with one sentence if it is unusable."""
+    if path not in _scenes:
+        _let_go_of_unplayed()
     kept = _scenes.setdefault(path, _Kept())
     before = kept.content
     content = kept.take(_stamp(path), lambda: _read(path))
@@ -129,6 +131,19 @@ def forget() -> None:
     for path, _ in list(_bakes):
         let_go_of_bake(path)
     playback_cache.clear()
+
+
+def _let_go_of_unplayed() -> None:
+    """Drops scenes and bakes that no object plays any more, so that a day of trainings does not gather them."""
+    if threading.current_thread() is not threading.main_thread():  # a render's, which must not look at bpy.data
+        return
+    played = {file_of(obj) for obj in captures(bpy.data.objects)}
+    for path in _scenes.keys() - played:
+        content = _scenes.pop(path).content
+        if content is not None and not isinstance(content, str):
+            playback_cache.frames.forget(content.token)
+    for path in {path for path, file in _bakes if file not in played}:
+        let_go_of_bake(path)
 
 
 def captures(objects: Any) -> Iterator[Any]:

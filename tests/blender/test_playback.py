@@ -138,6 +138,23 @@ def test_geometry_is_saved_when_its_file_is_gone(empty, capture, static_rig, tmp
     assert carrier.count(bpy.data.objects[name]) == 60
 
 
+def test_what_nobody_plays_is_let_go(empty, tmp_path):
+    """When another scene is opened; what is played stays."""
+    paths = [write_scene(tmp_path / f"{name}.frog", rig_of_three()) for name in "abc"]
+    for path in paths[:2]:
+        assert bpy.ops.import_scene.frog(filepath=str(path)) == {"FINISHED"}
+    first, second = (
+        next(obj for obj in playback.captures(empty.objects) if playback.file_of(obj) == p) for p in paths[:2]
+    )
+    bpy.data.objects.remove(first)
+    assert set(playback._scenes) == set(paths[:2])
+    kept = playback.open_scene(paths[1])
+    assert bpy.ops.import_scene.frog(filepath=str(paths[2])) == {"FINISHED"}
+    assert set(playback._scenes) == set(paths[1:]) and playback.open_scene(paths[1]) is kept
+    empty.frame_set(4)
+    assert_shows(second, engine_at(paths[1], 3.0))
+
+
 def test_undo_keeps_playing(empty, capture, static_rig):
     bpy.ops.ed.undo_push(message="before")
     empty.frame_set(6)

@@ -48,12 +48,24 @@ def threads() -> Iterator[None]:
     native.set_thread_count(0)
 
 
+def largest_gradients(steps: int = 40) -> list[torch.Tensor]:
+    """By parameter, of each number the largest size that its gradient had."""
+    largest = [torch.zeros(shape) for shape in SHAPES]
+    for step in range(steps):
+        for size, gradient in zip(largest, gradients(step), strict=True):
+            if gradient is not None:
+                torch.maximum(size, gradient.abs(), out=size)
+    return largest
+
+
 def test_the_same_steps_and_memory_as_torch() -> None:
+    """A mean of changing gradients may be small beside them, and is as exact as they are large."""
     (found, ours), (expected, theirs) = trained(NativeAdam), trained(torch.optim.Adam)
-    for one, other in zip(found, expected, strict=True):
+    for one, other, largest in zip(found, expected, largest_gradients(), strict=True):
         torch.testing.assert_close(one, other, rtol=1e-5, atol=1e-6)
-        for name in ("exp_avg", "exp_avg_sq"):
-            torch.testing.assert_close(ours.state[one][name], theirs.state[other][name], rtol=1e-5, atol=1e-30)
+        for name, size in (("exp_avg", largest), ("exp_avg_sq", largest.square())):
+            difference = (ours.state[one][name] - theirs.state[other][name]).abs()
+            assert bool((difference <= 2e-7 * size).all()), name
         assert ours.state[one]["step"] == int(theirs.state[other]["step"])
     assert torch.equal(found[3][:100], parameters()[3][:100])  # never pulled at: never moved
 

@@ -1,0 +1,41 @@
+"""Freed memory goes back to the system."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+from helpers import run_python
+
+FREE_BUT_THE_LAST = """
+import ctypes
+from pathlib import Path
+from frog_blender.engine import memory
+
+library = ctypes.CDLL(None)
+library.malloc.restype, library.malloc.argtypes = ctypes.c_void_p, [ctypes.c_size_t]
+library.free.argtypes = [ctypes.c_void_p]
+
+
+def resident():
+    return int(Path("/proc/self/statm").read_text().split()[1])
+
+
+blocks = []
+for _ in range(4000):
+    blocks.append(library.malloc(50_000))
+    ctypes.memset(blocks[-1], 1, 50_000)
+for block in blocks[:-1]:  # the last one holds the end of the heap in its place
+    library.free(block)
+before = resident()
+memory.give_back()
+print(before, resident())
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="glibc's heap")
+def test_what_is_free_goes_back() -> None:
+    done = run_python(FREE_BUT_THE_LAST)
+    assert done.returncode == 0, done.stderr
+    before, after = (4096 * int(pages) for pages in done.stdout.split())
+    assert before > 200e6 and after < before - 150e6
