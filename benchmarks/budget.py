@@ -19,15 +19,18 @@ import numpy as np
 
 from frog_blender.commands import evaluate_file
 from frog_blender.engine.files import SceneFile, read_scene, write_scene
+from frog_blender.engine.training.budget import with_budget
 from frog_blender.engine.training.job import TrainingJob, run_training
 from frog_blender.engine.training.recipe import recipe
 
 PER_GAUSSIAN = ("means", "log_scales", "quaternions", "opacity_logits", "sh")
 
 
-def train(options: argparse.Namespace, capture: Path, output: Path, most: int) -> Path:
-    """A training of at most so many Gaussians."""
-    settings = recipe(options.recipe, capacity="auto", max_gaussians=most, seed_gaussians=min(most, options.budget))
+def train(options: argparse.Namespace, capture: Path, output: Path, budget: int | None = None) -> Path:
+    """A training of the full scene, or of one with at most so many Gaussians."""
+    settings = recipe(options.recipe, capacity="auto", max_gaussians=options.full)
+    if budget:
+        settings = with_budget(settings, budget, "frog")
     job = TrainingJob(capture, output, recipe=settings, steps=options.steps, seed=options.seed, scale=options.scale)
     for _ in run_training(job):
         pass
@@ -67,7 +70,7 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             here = Path(folder)
             budget = train(options, capture, here / "budget.frog", options.budget)
-            full = train(options, capture, here / "full.frog", options.full)
+            full = train(options, capture, here / "full.frog")
             cut = without_transparent(full, here / "cut.frog", options.budget)
             found = {name: figures(path, capture) for name, path in (("budget", budget), ("full", full), ("cut", cut))}
         print(json.dumps({"capture": capture.name, "seed": options.seed, **found}), flush=True)

@@ -68,7 +68,7 @@ def _parser() -> argparse.ArgumentParser:
     train.add_argument(
         "--capacity", choices=["auto", "fixed"], default="auto", help="auto (default): no more than the scene needs"
     )
-    train.add_argument("--max-gaussians", type=_positive(int), metavar="N", help="never more than these")
+    train.add_argument("--max-gaussians", type=_positive(int), metavar="N", help="of the scene, at most")
     train.add_argument("--max-bytes", type=_positive(int), metavar="N", help="of the .frog, with --capacity auto")
     train.add_argument("--lossless", action="store_true", help="write every number as it is; default: packed")
     train.add_argument(
@@ -204,10 +204,12 @@ def _train(options: argparse.Namespace) -> int:
 
 def _budgeted(options: argparse.Namespace) -> Recipe:
     """The recipe with the capacity and the budgets that were asked for."""
-    from .engine.training.budget import gaussians_within
+    from .engine.training.budget import gaussians_within, with_budget
     from .engine.training.recipe import recipe
 
-    chosen = recipe(options.recipe, capacity=options.capacity, max_gaussians=options.max_gaussians)
+    chosen = recipe(options.recipe, capacity=options.capacity)
+    if options.max_gaussians:
+        chosen = with_budget(chosen, options.max_gaussians, options.method)
     if options.max_bytes:
         chosen = replace(chosen, max_gaussians=min(chosen.max_gaussians, gaussians_within(options.max_bytes, chosen)))
     return chosen

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender.engine.training.budget import with_budget
+from frog_blender.engine.training.events import Cancelled, Started
 from frog_blender.engine.training.job import TrainingJob, run_training
+from frog_blender.engine.training.recipe import recipe
 from frog_blender.engine.training.trainer import Trainer
 
 pytestmark = pytest.mark.usefixtures("seeds_at_no_cost")
@@ -33,6 +37,40 @@ def test_a_budget_of_gaussians_is_never_exceeded(make_trainer: Make, capacity: s
 def test_not_even_by_the_seeds(filmed: Path, tmp_path: Path, lively: Callable) -> None:
     task = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(20, max_gaussians=150))
     assert list(run_training(task))[-1].gaussians <= 150
+
+
+def test_a_training_may_grow_beyond_what_it_keeps(make_trainer: Make) -> None:
+    trainer, most = make_trainer(60, capacity="auto", max_gaussians=600, kept_gaussians=250), 0
+    while not trainer.finished:
+        trainer.step()
+        most = max(most, trainer.count)
+    assert most > 300 and 200 < trainer.count <= 250
+    assert any(each.what == "pruned" and each.before > 250 >= each.after for each in trainer.parsimony.reductions)
+
+
+def test_a_cancelled_training_keeps_no_more_either(filmed: Path, tmp_path: Path, lively: Callable) -> None:
+    """And goes on from all that it had."""
+    settings = lively(60, capacity="auto", max_gaussians=600, kept_gaussians=250)
+    task, steps = TrainingJob(filmed, tmp_path / "x.frog", recipe=settings), 0
+
+    def cancelled() -> bool:
+        nonlocal steps
+        steps += 1
+        return steps > 40
+
+    assert isinstance(list(run_training(task, cancelled))[-1], Cancelled)
+    assert PlayableScene.load(task.output).count == 250
+    begun = next(each for each in run_training(replace(task, resume=True)) if isinstance(each, Started))
+    assert begun.gaussians > 250
+
+
+def test_recipes_with_a_budget() -> None:
+    draft = recipe("draft", capacity="auto")
+    for count, most in ((20_000, 25_000), (10_000, 20_000), (40_000, 40_000)):
+        found = with_budget(draft, count, "frog")
+        assert (found.kept_gaussians, found.max_gaussians) == (count, most)
+    for other in (with_budget(draft, 20_000, "ed3dgs"), with_budget(recipe("draft", capacity="fixed"), 20_000, "frog")):
+        assert (other.kept_gaussians, other.max_gaussians) == (0, 20_000)
 
 
 def test_a_budget_of_bytes_holds_exactly(filmed: Path, tmp_path: Path, lively: Callable) -> None:

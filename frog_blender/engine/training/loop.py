@@ -110,9 +110,8 @@ def _save(trainer: Trainer, recovery: Recovery, checkpoints: Checkpoints) -> Ite
 
 def _scene(job: TrainingJob, trainer: Trainer, scale: float) -> Generator[Event, None, tuple[Path, SceneFile, float]]:
     """Writes the scene; where it is, and its PSNR."""
-    if trainer.finished:
-        fit_budget(job, trainer, scale)
-    elif job.max_bytes:
+    fit_budget(job, trainer, scale)
+    if job.max_bytes and not trainer.finished:
         yield events.Warned("The budget of bytes holds for a finished training; this one was cancelled.")
     psnr, split = trainer.evaluate(30)
     yield events.Evaluated(trainer.step_count, psnr, split, trainer.seconds)

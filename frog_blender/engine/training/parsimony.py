@@ -141,12 +141,24 @@ class Parsimony:
             number = max(1, math.ceil((size - most) / of_each))
             if number >= trainer.count:
                 raise FrogError(f"The budget of {most} bytes is too small: the scene takes {size} bytes.")
-            motion = self._measure(trainer, generator)
-            keep = all_but(motion.contribution.argsort()[:number], trainer.count).nonzero().squeeze(1)
-            arrange(trainer, keep, keep[keep < trainer.model.canonical.moving])
+            self._leave_out(trainer, number, generator)
             size = size_of()
         loss = psnr - self.judge(trainer).before
         self.reductions.append(Reduction("pruned", trainer.progress, before, trainer.count, loss, bytes=first - size))
+
+    def keep(self, trainer: Trainer, most: int) -> None:
+        """Leaves out what adds least until there are at most ``most`` Gaussians."""
+        before = trainer.count
+        if before <= most:
+            return
+        psnr, generator = self.judge(trainer).before, torch.Generator("cpu").manual_seed(1000 * self.seed + len(ROUNDS))
+        self._leave_out(trainer, before - most, generator)
+        self.note("pruned", trainer, before, trainer.count, psnr - self.judge(trainer).before)
+
+    def _leave_out(self, trainer: Trainer, number: int, generator: torch.Generator) -> None:
+        motion = self._measure(trainer, generator)
+        keep = all_but(motion.contribution.argsort()[:number], trainer.count).nonzero().squeeze(1)
+        arrange(trainer, keep, keep[keep < trainer.model.canonical.moving])
 
     def begin(self, trainer: Trainer) -> None:
         """Lets everything rest from the start where the pictures show no motion."""

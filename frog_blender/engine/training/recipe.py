@@ -22,6 +22,8 @@ class Recipe:
         steps: optimiser steps, each on one picture or part of it, at least.
         steps_per_moment: for each of the capture's moments; what is longer of the two is trained.
         max_gaussians: growth stops here.
+        kept_gaussians: of them, those that a scene has in the end at most, with automatic capacity; 0 for as many as it
+            needs (see training.budget).
         seed_gaussians: seed points at most.
         seed_share: of the seed points, those that may be measured, see ``find_seeds``; for tests of stability.
         sh_degree: 0 to 3; grows by one at each of ``sh_growth`` (fractions of training).
@@ -73,6 +75,7 @@ class Recipe:
     steps: int = 10_000
     steps_per_moment: int = 300
     max_gaussians: int = 40_000
+    kept_gaussians: int = 0
     seed_gaussians: int = 25_000
     seed_share: float = 1.0
     sh_degree: int = 1

@@ -1,6 +1,6 @@
 """What a round can do to a model: leave Gaussians out, cut colours, put to rest, wake, silence heads.
 
-What takes away is proposed to the round's judge first (but for what ``dynamic_share`` forces), does what is allowed,
+What takes away is proposed to the round's judge first (but for what budgets force), does what is allowed,
 and notes what that saved.
 """
 
@@ -36,7 +36,8 @@ _WAKING_CAMERAS, _WAKING_MOMENTS = 3, 8
 
 
 def prune(rounds: Parsimony, trainer: Trainer, motion: Motion) -> Motion:
-    """Leaves out Gaussians that pictures do not need; returns the motion of those that stay."""
+    """Leaves out Gaussians that pictures do not need, or that a budget has no room for; returns the motion of those
+    that stay."""
     count, canonical = trainer.count, trainer.model.canonical
     order = motion.contribution.argsort()
     judge = rounds.judge(trainer)
@@ -47,6 +48,9 @@ def prune(rounds: Parsimony, trainer: Trainer, motion: Motion) -> Motion:
 
     most, first = (int(share * count) for share in (_MOST_PRUNED, _FIRST_PRUNED))
     number, loss = most_within(without, most, ALLOWED_PRUNING_LOSS, first)
+    forced = count - (trainer.recipe.kept_gaussians or count)
+    if forced > number:
+        number, loss = forced, without(forced)
     if not number:
         return motion
     keep = all_but(order[:number], count)
