@@ -19,7 +19,7 @@ CAPTURE = ROOT / "examples" / "captures" / "room"
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="counts what /proc says")
 def test_nothing_grows(tmp_path):
     """Caches fill in the first trainings. After them memory does not grow by more than one training differs from
-    another, and threads, open files and data blocks are as many each time."""
+    another, open files and data blocks are as many each time, and threads nearly so."""
     pytest.importorskip("torch")
     pytest.importorskip("cv2")
     blender = [bpy.app.binary_path, "-b", "--factory-startup", "--python"] if bpy.app.binary_path else [sys.executable]
@@ -29,9 +29,10 @@ def test_nothing_grows(tmp_path):
     done = subprocess.run(command, capture_output=True, text=True, timeout=1800, env=environment)
     assert done.returncode == 0, done.stdout + done.stderr
     samples = [json.loads(line) for line in done.stdout.splitlines() if line.startswith('{"training"')]
-    assert len(samples) >= 5 and all(sample["frames"] > 20 for sample in samples)
-    for figure in ("threads", "files", "blocks"):
+    assert len(samples) >= 6 and all(sample["frames"] > 20 for sample in samples)
+    for figure in ("files", "blocks"):
         assert len({sample[figure] for sample in samples[1:]}) == 1, figure
+    assert samples[-1]["threads"] <= samples[1]["threads"] + 2  # Blender begins its own when it first needs them
     half = len(samples) // 2
     first, last = (max(s["megabytes"] for s in part) for part in (samples[1 : half + 1], samples[half + 1 :]))
     assert last < first + 60, [sample["megabytes"] for sample in samples]
