@@ -138,11 +138,11 @@ def _let_go_of_unplayed() -> None:
     if threading.current_thread() is not threading.main_thread():  # a render's, which must not look at bpy.data
         return
     played = {file_of(obj) for obj in captures(bpy.data.objects)}
-    for path in _scenes.keys() - played:
+    for path in [path for path in list(_scenes) if path not in played]:
         content = _scenes.pop(path).content
         if content is not None and not isinstance(content, str):
             playback_cache.frames.forget(content.token)
-    for path in {path for path, file in _bakes if file not in played}:
+    for path in {path for path, file in list(_bakes) if file not in played}:
         let_go_of_bake(path)
 
 

@@ -39,7 +39,8 @@ def check_budget(job: TrainingJob, trainer: Trainer, scale: float) -> None:
 def fit_budget(job: TrainingJob, trainer: Trainer, scale: float) -> None:
     """Leaves Gaussians out until the scene is within its budgets, if there are any; call it before the last evaluation.
 
-    That of bytes holds for a finished training, since before its end much is not yet what it will be."""
+    That of bytes holds for a finished training, since before its end much is not yet what it will be.
+    """
     if trainer.recipe.kept_gaussians and trainer.parsimony:
         trainer.parsimony.keep(trainer, trainer.recipe.kept_gaussians)
     if job.max_bytes and trainer.parsimony and trainer.finished:
