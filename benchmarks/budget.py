@@ -19,11 +19,10 @@ import numpy as np
 
 from frog_blender.commands import evaluate_file
 from frog_blender.engine.files import SceneFile, read_scene, write_scene
+from frog_blender.engine.inference.scene import CANONICAL
 from frog_blender.engine.training.budget import with_budget
 from frog_blender.engine.training.job import TrainingJob, run_training
 from frog_blender.engine.training.recipe import recipe
-
-PER_GAUSSIAN = ("means", "log_scales", "quaternions", "opacity_logits", "sh")
 
 
 def train(options: argparse.Namespace, capture: Path, output: Path, budget: int | None = None) -> Path:
@@ -44,7 +43,7 @@ def without_transparent(path: Path, output: Path, count: int) -> Path:
     kept = np.sort(np.argsort(-arrays["opacity_logits"], kind="stable")[:count])
     moving = len(arrays["embeddings"])
     arrays["embeddings"] = np.ascontiguousarray(arrays["embeddings"][kept[kept < moving]])
-    for name in PER_GAUSSIAN:
+    for name in CANONICAL:
         arrays[name] = np.ascontiguousarray(arrays[name][kept])
     write_scene(output, SceneFile(scene.header, arrays))
     return output

@@ -69,8 +69,8 @@ def open_scene(path: Path) -> PlayableScene:
     kept = _scenes.setdefault(path, _Kept())
     before = kept.content
     content = kept.take(_stamp(path), lambda: _read(path))
-    if before is not None and before is not content and not isinstance(before, str):
-        playback_cache.frames.forget(before.token)
+    if before is not content:
+        _forget_frames(before)
     if isinstance(content, str):
         raise FrogError(content)
     return content
@@ -133,15 +133,19 @@ def forget() -> None:
     playback_cache.clear()
 
 
+def _forget_frames(content: PlayableScene | str | None) -> None:
+    """Drops the cached frames of what was kept of a file, if that was a scene."""
+    if content is not None and not isinstance(content, str):
+        playback_cache.frames.forget(content.token)
+
+
 def _let_go_of_unplayed() -> None:
     """Drops scenes and bakes that no object plays any more, so that a day of trainings does not gather them."""
     if threading.current_thread() is not threading.main_thread():  # a render's, which must not look at bpy.data
         return
     played = {file_of(obj) for obj in captures(bpy.data.objects)}
     for path in [path for path in list(_scenes) if path not in played]:
-        content = _scenes.pop(path).content
-        if content is not None and not isinstance(content, str):
-            playback_cache.frames.forget(content.token)
+        _forget_frames(_scenes.pop(path).content)
     for path in {path for path, file in list(_bakes) if file not in played}:
         let_go_of_bake(path)
 
