@@ -6,7 +6,6 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-import sys
 import threading
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import bpy
 import numpy as np
 import pytest
 from scenes import rig_of_three, write_scene
+from windows import another_blender
 
 from frog_blender import background, carrier, playback
 from frog_blender.engine.inference.scene import PlayableScene
@@ -274,8 +274,7 @@ def in_another_blender(code, tmp_path, *arguments, resources=None):
         pytest.skip("the bpy 4.5 module never leaves while any script's handler is registered")
     script = tmp_path / "script.py"
     script.write_text(code)
-    blender = [bpy.app.binary_path, "-b", "--factory-startup", "--python"] if bpy.app.binary_path else [sys.executable]
-    command = [*blender, str(script), *(["--"] if bpy.app.binary_path else []), *map(str, arguments)]
+    command = another_blender(script, *arguments)
     environment = os.environ | ({"BLENDER_USER_RESOURCES": str(resources)} if resources else {})
     result = subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment)
     assert result.returncode == 0, result.stdout + result.stderr

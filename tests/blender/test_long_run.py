@@ -8,8 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-import bpy
 import pytest
+from windows import another_blender
 
 ROOT = Path(__file__).resolve().parents[2]
 CAPTURE = ROOT / "examples" / "captures" / "room"
@@ -22,9 +22,8 @@ def test_nothing_grows(tmp_path):
     another, open files and data blocks are as many each time, and threads nearly so."""
     pytest.importorskip("torch")
     pytest.importorskip("cv2")
-    blender = [bpy.app.binary_path, "-b", "--factory-startup", "--python"] if bpy.app.binary_path else [sys.executable]
-    arguments = [str(CAPTURE), "--minutes", "5", "--each", "8", "--scale", "0.25"]
-    command = [*blender, str(ROOT / "benchmarks" / "long_run.py"), *(["--"] if bpy.app.binary_path else []), *arguments]
+    limits = ("--minutes", 5, "--each", 8, "--scale", 0.25)
+    command = another_blender(ROOT / "benchmarks" / "long_run.py", CAPTURE, *limits)
     environment = os.environ | {"FROG_CACHE": str(tmp_path / "cache")}
     done = subprocess.run(command, capture_output=True, text=True, timeout=1800, env=environment)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -1,8 +1,10 @@
-"""Operators as a window runs them: what a test without a screen puts in the place of clicks and timers."""
+"""Operators as a window runs them, without a screen; and scripts in a Blender of their own."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -38,3 +40,10 @@ def drop_operators() -> None:
 
 def event(kind: str = "TIMER", value: str = "NOTHING") -> SimpleNamespace:
     return SimpleNamespace(type=kind, value=value)
+
+
+def another_blender(script: Path, *arguments: object) -> list[str]:
+    """The command that runs a script in another process of the Blender, or the bpy module, that runs the tests."""
+    words = [str(script), *(["--"] if bpy.app.binary_path else []), *map(str, arguments)]
+    blender = [bpy.app.binary_path, "-b", "--factory-startup", "--python"] if bpy.app.binary_path else [sys.executable]
+    return [*blender, *words]
