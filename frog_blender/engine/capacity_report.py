@@ -41,5 +41,6 @@ _UNITS = {
     "pruned": "Gaussians",
     "put to rest": "moving Gaussians",
     "woken": "moving Gaussians",
+    "network width": "hidden units",
     "packed": "bytes",
 }

@@ -106,7 +106,7 @@ def test_looking_leaves_no_gradient_behind(make_trainer: Make) -> None:
         trainer.step()
     assert trainer.parsimony
     for _ in range(2):
-        motion = trainer.parsimony._measure(trainer, torch.Generator().manual_seed(0))
+        motion = measured(trainer)
         assert (motion.contribution > 0).any()
         reductions.wake_some(trainer.parsimony, trainer, torch.Generator().manual_seed(0))
         assert all(parameter.grad is None for parameter in trainer.model.parameters())
@@ -156,7 +156,8 @@ def halfway(make_trainer: Make, **changes: Any) -> Trainer:
 
 def measured(trainer: Trainer) -> Motion:
     assert trainer.parsimony
-    return trainer.parsimony._measure(trainer, torch.Generator().manual_seed(0))
+    generator = torch.Generator().manual_seed(0)
+    return trainer.parsimony._measure(trainer, trainer.parsimony._draw_looks(generator), generator)
 
 
 def test_what_pictures_miss_is_not_taken(make_trainer: Make, monkeypatch: pytest.MonkeyPatch) -> None:

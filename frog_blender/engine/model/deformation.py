@@ -17,6 +17,9 @@ from torch import nn
 HEADS = {"means": 3, "log_scales": 3, "quaternions": 4, "opacity_logits": 1, "sh": 0}
 """What each head changes and how many numbers it puts out; ``sh`` has three for each coefficient it deforms."""
 
+UNITS = {"embedding_weight": 0, "temporal_weight": 0, "bias": 0, "modulation_weight": 0, "output_weight": 1}
+"""The dimension along which the first layer's units lie in each array of a network that can be narrowed."""
+
 
 def _uniform(bound: float, *shape: int) -> nn.Parameter:
     """On the CPU, whose generator draws the same numbers wherever the model goes afterwards."""
@@ -66,6 +69,15 @@ class DeformationField(nn.Module):
         self.output_weight = nn.Parameter(torch.zeros(outputs, networks * (head_width or hidden_width), device="cpu"))
         self.output_bias = nn.Parameter(torch.zeros(outputs, device="cpu"))
 
+    @property
+    def can_narrow(self) -> bool:
+        """True where the outputs read the one first layer."""
+        return self.networks == 1 and not self.head_width
+
+    def hidden(self, temporal: torch.Tensor, embeddings: torch.Tensor) -> torch.Tensor:
+        """(N, networks * hidden) the first layer's units."""
+        return torch.addmm(self.shared(temporal), embeddings, self.embedding_weights(temporal).T).relu_()
+
     def shared(self, temporal: torch.Tensor) -> torch.Tensor:
         """(networks * hidden,) the first layer's temporal part and bias at a moment, from (networks, T)."""
         weights = self.temporal_weight.reshape(self.networks, -1, self.temporal_weight.shape[1])
@@ -82,7 +94,7 @@ class DeformationField(nn.Module):
     def forward(self, temporal: torch.Tensor, embeddings: torch.Tensor) -> dict[str, torch.Tensor]:
         """Changes by attribute, (N, size) each, of embeddings (N, E) at the fused temporal embedding (networks, T)."""
         sizes = list(self.sizes.values())
-        hidden = torch.addmm(self.shared(temporal), embeddings, self.embedding_weights(temporal).T).relu_()
+        hidden = self.hidden(temporal, embeddings)
         if not self.head_width:
             output = torch.addmm(self.output_bias, hidden, self.output_weight.T)
             return dict(zip(self.sizes, output.split(sizes, dim=1), strict=True))

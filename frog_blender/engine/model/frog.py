@@ -113,6 +113,13 @@ class Frog(SceneModel):
         self.deformation.output_weight[rows] = 0
         self.deformation.output_bias[rows] = 0
 
+    def set_width(self, arrays: dict[str, torch.Tensor]) -> None:
+        """Gives the first layer other units: ``arrays`` of the deformation field, along ``deformation.UNITS``."""
+        for name, values in arrays.items():
+            setattr(self.deformation, name, nn.Parameter(values))
+        self.deformation.output_weight.register_hook(self._without_silent)
+        self.settings = replace(self.settings, hidden_width=len(self.deformation.bias))
+
     def _without_silent(self, gradient: torch.Tensor) -> torch.Tensor:
         if self._silent:
             gradient = gradient.clone()

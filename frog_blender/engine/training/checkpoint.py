@@ -15,6 +15,7 @@ from torch import nn
 from ..errors import FrogError, brief, found_instead
 from ..files import read_tensors, settings_json, write_atomically
 from ..model.canonical import ATTRIBUTES
+from ..model.deformation import UNITS
 from ..model.frog import Frog
 from .fitting import fitting
 from .parsimony import Reduction, heads_of
@@ -109,6 +110,21 @@ def _gaussians(tensors: dict[str, torch.Tensor], trainer: Trainer) -> dict[str, 
     return {name: fitting(name, found[name], shapes[name]).to(trainer.device) for name in ATTRIBUTES}
 
 
+def _set_width(tensors: dict[str, torch.Tensor], model: Frog) -> None:
+    """Gives the model's first layer as many units as there are in ``tensors``: a network may have been narrowed."""
+    field = model.deformation
+    width = len(tensors["model.deformation.bias"])
+    if width == len(field.bias) or not field.can_narrow:
+        return
+    arrays = {}
+    for name, dimension in UNITS.items():
+        if hasattr(field, name):
+            old = getattr(field, name)
+            shape = [width if at == dimension else size for at, size in enumerate(old.shape)]
+            arrays[name] = fitting(name, tensors[f"model.deformation.{name}"], tuple(shape)).to(old.device)
+    model.set_width(arrays)
+
+
 def _neighbourhood(tensors: dict[str, torch.Tensor], trainer: Trainer) -> Neighbourhood | None:
     """What was drawn for the embedding smoothness, if anything; ValueError for Gaussians that do not move."""
     if "neighbourhood.anchors" not in tensors:
@@ -180,6 +196,8 @@ def restore(trainer: Trainer, state: State) -> None:
     tensors = {name: torch.from_numpy(array.copy()) for name, array in arrays.items()}
     for name, attribute in _gaussians(tensors, trainer).items():
         setattr(trainer.model.canonical, name, nn.Parameter(attribute))
+    if isinstance(trainer.model, Frog):
+        _set_width(tensors, trainer.model)
     trainer.model.load_state_dict({name[6:]: value for name, value in tensors.items() if name.startswith("model.")})
     trainer.model.zero_grad(set_to_none=True)
     trainer.rebuild_optimizer()

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import torch
 from torch import nn
 
 from ..model.canonical import ATTRIBUTES
+from ..model.deformation import UNITS
+from ..model.frog import Frog
 from ..model.interface import SceneModel
 from .adam import NativeAdam, adam_on
 from .fitting import fitting
@@ -94,6 +98,14 @@ class SceneOptimizer:
         """Keeps the first ``count`` SH coefficients."""
         self._replace("sh", (slice(None), slice(count)), None)
 
+    def keep_units(self, model: Frog, units: torch.Tensor) -> None:
+        """Keeps the units ``units`` (indices, ascending) of the deformation field's first layer."""
+        field = model.deformation
+        old = {name: getattr(field, name) for name in UNITS if hasattr(field, name)}
+        model.set_width({name: array.detach().index_select(UNITS[name], units) for name, array in old.items()})
+        for name, array in old.items():
+            self._exchange(array, getattr(field, name), partial(torch.index_select, dim=UNITS[name], index=units))
+
     def stop(self, parameter: nn.Parameter, rows: slice) -> None:
         """Lets go of what Adam still carries on with in some rows of a parameter that has no gradient there."""
         state = self.adam.state.get(parameter)
@@ -107,14 +119,19 @@ class SceneOptimizer:
         fresh = old.detach()[:0] if new is None else new
         parameter = nn.Parameter(torch.cat([old.detach(), fresh])[kept].contiguous())
         setattr(self._canonical, name, parameter)
+        unseen = torch.zeros_like(fresh)
+        self._exchange(old, parameter, lambda moment: torch.cat([moment, unseen])[kept].contiguous())
+
+    def _exchange(
+        self, old: nn.Parameter, new: nn.Parameter, rearranged: Callable[[torch.Tensor], torch.Tensor]
+    ) -> None:
+        """Goes on with ``new`` in place of a parameter, whose memory is ``rearranged`` for it."""
         for group in self.adam.param_groups:
-            if group["name"] == name:
-                group["params"] = [parameter]
+            group["params"] = [new if parameter is old else parameter for parameter in group["params"]]
         state = self.adam.state.pop(old, None)
         if state:
-            unseen = torch.zeros_like(fresh)
-            moments = {key: torch.cat([state[key], unseen])[kept].contiguous() for key in ("exp_avg", "exp_avg_sq")}
-            self.adam.state[parameter] = {"step": state["step"], **moments}
+            moments = {key: rearranged(state[key]) for key in ("exp_avg", "exp_avg_sq")}
+            self.adam.state[new] = {"step": state["step"], **moments}
 
     def state_arrays(self) -> dict[str, torch.Tensor]:
         """Adam's memory by name, for a checkpoint."""

@@ -23,7 +23,8 @@ from ..errors import FrogError
 from ..model.frog import Frog
 from ..model.interface import SceneModel
 from ..rasterizer import GaussianArrays
-from .motion import Motion, draw_looks, measure_motion
+from .motion import Look, Motion, draw_looks, measure_motion
+from .narrowing import narrow
 from .reductions import cut_colors, prune, rest, silence_heads, wake_some
 from .resting import all_but, arrange, gaussians_at
 from .stillness import nothing_moves
@@ -47,9 +48,10 @@ class Reduction:
     """What one round did in one respect.
 
     Attributes:
-        what: "pruned", "put to rest", "woken", "SH degree", "head ..." or "packed".
+        what: "pruned", "put to rest", "woken", "SH degree", "network width", "head ..." or "packed".
         progress: of the training, 0 to 1.
-        before, after: Gaussians, those that move (of "put to rest" and "woken"), the degree, heads, or bytes.
+        before, after: Gaussians, those that move (of "put to rest" and "woken"), the degree, hidden units, heads, or
+            bytes.
         loss: dB that it cost on the withheld pictures before training went on; None where nothing was measured.
         milliseconds: that it saves a frame: of drawing, or of deformation.
         bytes: that it saves, of numbers as training has them.
@@ -156,7 +158,7 @@ class Parsimony:
         self.note("pruned", trainer, before, trainer.count, psnr - self.judge(trainer).before)
 
     def _leave_out(self, trainer: Trainer, number: int, generator: torch.Generator) -> None:
-        motion = self._measure(trainer, generator)
+        motion = self._measure(trainer, self._draw_looks(generator), generator)
         keep = all_but(motion.contribution.argsort()[:number], trainer.count).nonzero().squeeze(1)
         arrange(trainer, keep, keep[keep < trainer.model.canonical.moving])
 
@@ -177,13 +179,17 @@ class Parsimony:
         if kind == "wake":
             wake_some(self, trainer, generator)
             return
-        motion = prune(self, trainer, self._measure(trainer, generator))
+        looks = self._draw_looks(generator)
+        motion = prune(self, trainer, self._measure(trainer, looks, generator))
         cut_colors(self, trainer)
         rest(self, trainer, motion)
+        narrow(self, trainer, looks, generator)
         silence_heads(self, trainer)
 
-    def _measure(self, trainer: Trainer, generator: torch.Generator) -> Motion:
-        looks = draw_looks(trainer.capture, self.looked_at, _LOOKS, generator)
+    def _draw_looks(self, generator: torch.Generator) -> list[Look]:
+        return draw_looks(self._capture, self.looked_at, _LOOKS, generator)
+
+    def _measure(self, trainer: Trainer, looks: list[Look], generator: torch.Generator) -> Motion:
         moving = trainer.model.canonical.moving
         return measure_motion(lambda moment: gaussians_at(trainer, moment), moving, trainer.capture, looks, generator)
 

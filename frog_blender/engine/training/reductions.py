@@ -7,6 +7,7 @@ and notes what that saved.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -64,20 +65,20 @@ def prune(rounds: Parsimony, trainer: Trainer, motion: Motion) -> Motion:
 
 
 def cut_colors(rounds: Parsimony, trainer: Trainer) -> None:
-    """Takes the highest degree of spherical harmonics away where the withheld pictures do not miss it."""
-    canonical = trainer.model.canonical
-    degree = math.isqrt(canonical.sh.shape[1]) - 1
-    left = degree**2
-    if not degree or left < trainer.recipe.deformed_sh:
-        return
-    loss = rounds.judge(trainer).loss(
-        lambda g: GaussianArrays(g.means, g.quaternions, g.scales, g.opacities, g.sh[:, :left].contiguous())
-    )
-    if loss <= ALLOWED_COLOR_LOSS:
-        with rounds.noted(
-            *("SH degree", trainer, lambda: math.isqrt(canonical.sh.shape[1]) - 1),
-            *(lambda: trainer.picture(rounds.judged[0]), loss),
-        ):
+    """Takes the highest degrees of spherical harmonics away that the withheld pictures do not miss."""
+    canonical, judge = trainer.model.canonical, rounds.judge(trainer)
+
+    def degree() -> int:
+        return math.isqrt(canonical.sh.shape[1]) - 1
+
+    while (left := degree() ** 2) and left >= trainer.recipe.deformed_sh:
+
+        def cut(gaussians: GaussianArrays, left: int = left) -> GaussianArrays:
+            return replace(gaussians, sh=gaussians.sh[:, :left].contiguous())
+
+        if (loss := judge.loss(cut)) > ALLOWED_COLOR_LOSS:
+            break
+        with rounds.noted("SH degree", trainer, degree, lambda: trainer.picture(rounds.judged[0]), loss):
             trainer.optimizer.cut_colors(left)
 
 
