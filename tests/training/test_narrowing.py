@@ -71,7 +71,7 @@ def test_what_no_picture_shows_has_no_moments(make_trainer: Make) -> None:
     trainer = halfway(make_trainer)
     looks = [Look(0, 0.25), Look(3, 0.75)]
     found = visible_moments(trainer, trainer.model, looks, torch.Generator().manual_seed(0))
-    assert found.shape == (14, 33, 33) and (found.diagonal(dim1=1, dim2=2)[:, -1] > 0).all()
+    assert found.shape == (14, 65, 65) and (found.diagonal(dim1=1, dim2=2)[:, -1] > 0).all()
     assert all(parameter.grad is None for parameter in trainer.model.parameters())
     trainer.model.canonical.opacity_logits.data -= 100.0
     found = visible_moments(trainer, trainer.model, looks, torch.Generator().manual_seed(0))
@@ -110,7 +110,7 @@ def test_a_narrower_network_trains_saves_and_plays(
     assert kept.shape == (14, 16) and all((memory == column[:, None]).all(0).any() for column in kept.T)
     assert trainer.parsimony
     last = trainer.parsimony.reductions[-1]
-    assert (last.what, last.before, last.after) == ("network width", 32, 16) and last.bytes > 0
+    assert (last.what, last.before, last.after) == ("network width", 64, 16) and last.bytes > 0
     before = field.bias.detach().clone()
     while not trainer.finished:
         trainer.step()
@@ -128,7 +128,7 @@ def test_a_network_that_is_needed_stays_as_it_is(make_trainer: Make, monkeypatch
     weight = trainer.model.deformation.output_weight.detach().clone()
     narrowed(trainer)
     assert trainer.parsimony
-    assert trainer.model.settings.hidden_width == 32 and trainer.parsimony.reductions == []
+    assert trainer.model.settings.hidden_width == 64 and trainer.parsimony.reductions == []
     assert torch.equal(trainer.model.deformation.output_weight, weight)
 
 
@@ -164,5 +164,5 @@ def test_a_checkpoint_that_does_not_fit_leaves_the_width(
     other = make_trainer(120, capacity="auto")
     with pytest.raises(FrogError, match="do not fit"):
         load_checkpoint(tmp_path / "c", other)
-    assert other.model.settings.hidden_width == 32
+    assert other.model.settings.hidden_width == 64
     other.step()

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from .job import TrainingJob
 
 LARGEST_SIDE = 1600  # pixels, to which pictures are shrunk unless told otherwise
-MODEL = 2  # raise it when the model of a step's cost changes: what was remembered no longer fits then
+MODEL = 1  # raise it when the model of a step's cost changes: what was remembered no longer fits then
 
 _MOMENTS = np.linspace(0.0, 1.0, 401)  # of a training, between which its cost is summed
 _KEPT = 40  # trainings that are remembered
@@ -104,9 +104,8 @@ def _weights(recipe: Recipe) -> int:
     """Of the deformation network: multiplications for each Gaussian that moves."""
     r = recipe
     outputs = 3 + 3 + 4 + int(r.deformed_opacity) + 3 * r.deformed_sh
-    width = r.starting_width
-    heads = width * 5 * r.head_width + r.head_width * outputs if r.head_width else width * outputs
-    return r.embedding_size * width + heads
+    heads = r.hidden_width * 5 * r.head_width + r.head_width * outputs if r.head_width else r.hidden_width * outputs
+    return r.embedding_size * r.hidden_width + heads
 
 
 @dataclass(frozen=True)

@@ -62,7 +62,7 @@ def _frog(begin: Beginning) -> Frog:
         coarse_rows=recipe.coarse_rows_for(rows),
         temporal_size=recipe.temporal_size,
         embedding_size=recipe.embedding_size,
-        hidden_width=recipe.starting_width,
+        hidden_width=recipe.hidden_width,
         head_width=recipe.head_width,
         deformed_sh=min(recipe.deformed_sh, sh_count),
         opacity_reduction=recipe.opacity_reduction,

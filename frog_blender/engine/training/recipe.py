@@ -151,12 +151,6 @@ class Recipe:
             rows = min(rows, int(pictures / self.pictures_per_row))
         return max(2, min(rows, self.most_temporal_rows))
 
-    @property
-    def starting_width(self) -> int:
-        """Units of the deformation network's first layer at the start: with automatic capacity half of them, which are
-        as good in every capture that was tried (docs/parsimony.md); the papers' networks begin whole."""
-        return self.hidden_width // 2 if self.capacity == "auto" and not self.head_width else self.hidden_width
-
     def coarse_rows_for(self, rows: int) -> int:
         """Rows of the coarse embedding, of a table of ``rows``."""
         share = self.coarse_share
