@@ -4,6 +4,7 @@
 #include <atomic>
 #include <chrono>
 #include <condition_variable>
+#include <cstdint>
 #include <memory>
 #include <mutex>
 #include <new>
@@ -99,34 +100,53 @@ class Pool {
   }
   int workers() const { return static_cast<int>(threads_.size()); }
 
+  // Waits for the workers that came, not for those that did not: where other programs keep the cores busy a thread is
+  // given one only after milliseconds, and all pieces have long been taken by then.
   void run(Job &job) {
     job_ = &job;
-    busy_ = workers();
-    ++generation_;
+    state_ = (generation(state_) + 1) << GENERATION | OPEN;
     wake_all();
     job.run();
-    const auto finished = [this] { return busy_ == 0; };
+    state_ &= ~OPEN;
+    const auto finished = [this] { return (state_ & INSIDE) == 0; };
     if (soon(finished)) return;
     std::unique_lock<std::mutex> lock(mutex_);
     done_.wait(lock, finished);
   }
 
  private:
+  // One number for all that workers and caller agree on: how many jobs there were, whether the last one may still be
+  // joined, and how many workers are inside.
+  using State = std::uint64_t;
+  static constexpr int GENERATION = 32;
+  static constexpr State OPEN = State{1} << 31, INSIDE = OPEN - 1;
+  static State generation(State state) { return state >> GENERATION; }
+
   void loop() {
-    unsigned seen = 0;
-    const auto called = [&] { return stop_ || generation_ != seen; };
+    State seen = 0;
+    const auto called = [&] { return stop_ || generation(state_) != seen; };
     for (;;) {
       if (!soon(called)) {
         std::unique_lock<std::mutex> lock(mutex_);
         wake_.wait(lock, called);
       }
       if (stop_) return;
-      ++seen;  // `run` waits for every worker, so none can miss a call
+      State state = state_;
+      seen = generation(state);
+      if (!joined(state)) continue;
       job_->run();
-      if (--busy_ > 0) continue;
+      if ((--state_ & (OPEN | INSIDE)) != 0) continue;
       { std::lock_guard<std::mutex> lock(mutex_); }  // not between the caller's look and its sleep
       done_.notify_one();
     }
+  }
+
+  // Whether the job of `state` could be joined; from then on its caller waits.
+  bool joined(State state) {
+    const State job = generation(state);
+    while ((state & OPEN) && generation(state) == job)
+      if (state_.compare_exchange_weak(state, state + 1)) return true;
+    return false;
   }
 
   void wake_all() {
@@ -138,8 +158,7 @@ class Pool {
   std::mutex mutex_;
   std::condition_variable wake_, done_;
   Job *job_ = nullptr;
-  std::atomic<int> busy_{0};
-  std::atomic<unsigned> generation_{0};
+  std::atomic<State> state_{0};
   std::atomic<bool> stop_{false};
 };
 
