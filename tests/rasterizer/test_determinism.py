@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 
@@ -90,6 +93,21 @@ def test_two_python_threads_at_once(crowd: GaussianArrays) -> None:
         assert len(found[which]) == 6
         for picture in found[which]:
             assert_same_bits(picture, expected[which])
+
+
+def test_beside_a_busy_machine(crowd: GaussianArrays) -> None:
+    """Workers that get no core come when the pieces have been taken, or when the next call has begun."""
+    expected = native_picture(crowd, CAMERA)
+    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2 * (os.cpu_count() or 1))]
+    try:
+        for threads in (2, 5, 12):
+            native.set_thread_count(threads)
+            for _ in range(15):
+                assert_same_bits(native_picture(crowd, CAMERA), expected)
+    finally:
+        for process in busy:
+            process.kill()
+            process.wait()
 
 
 def with_everything(gaussians: GaussianArrays) -> dict[str, np.ndarray]:

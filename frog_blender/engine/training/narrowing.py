@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 ALLOWED_WIDTH_LOSS = 0.03
 """dB that a narrower network may cost on the withheld pictures; the rest of the training makes it up."""
 STEP = 16  # units that the native library computes at once
+_LOOKS = 8  # of those that Gaussians are measured on: units have thousands of Gaussians to be judged by
 _DAMPING = 1e-6  # of the mean second moment: units that always have the same values
 
 
@@ -51,7 +52,7 @@ def narrow(rounds: Parsimony, trainer: Trainer, looks: Sequence[Look], generator
     if not isinstance(model, Frog) or not model.canonical.moving or not model.deformation.can_narrow:
         return
     weight, bias = model.deformation.output_weight.detach(), model.deformation.output_bias.detach()
-    narrower = without_units(visible_moments(trainer, model, looks, generator), weight, bias)
+    narrower = without_units(visible_moments(trainer, model, looks[:_LOOKS], generator), weight, bias)
     psnr = rounds.judge(trainer).before
 
     def loss_of(number: int) -> float:
