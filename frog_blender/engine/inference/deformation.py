@@ -14,7 +14,7 @@ import numpy as np
 from ..errors import FrogError, brief
 from ..model.first_layer import first_layer
 from ..rasterizer.arrays import GaussianArrays
-from ..rasterizer.native_deformation import FieldShape, deform
+from ..rasterizer.native_deformation import FieldShape, PlayedField
 from .frame_memory import FrameMemory
 from .kept_layer import kept_first_layer
 from .moving_part import MovingPart, taken_from
@@ -113,7 +113,11 @@ class PlayableDeformation:
         if not self._shape.head_width and self._modulation is None:
             # With heads it is a twentieth of the arithmetic, and not worth its memory.
             a["first_layer"] = kept_first_layer(a.pop("embeddings"), a["embedding_weight"])
-        self._arrays = a
+        # Of frames, which have all colours, and of parts, which have those that deform.
+        self._field, self._part_field = (
+            PlayedField(shape, a) for shape in (self._shape, replace(self._shape, sh_active=deformed))
+        )
+        self._embedding_weight = a["embedding_weight"]
 
     def temporal(self, time: float) -> np.ndarray:
         """(networks, T) what each network is given at a time in [0, 1]."""
@@ -122,15 +126,15 @@ class PlayableDeformation:
     def _first_layer_at(self, time: float) -> dict[str, np.ndarray]:
         """The first layer at a time: ``shared`` (networks * hidden,), its temporal part and bias, and
         ``embedding_weight`` (networks * hidden, E), which only modulation makes depend on time."""
-        weights = self._arrays["embedding_weight"]
-        layer = first_layer(self.temporal(time), self._temporal_weight, self._bias, weights, self._modulation)
+        network = self._temporal_weight, self._bias, self._embedding_weight, self._modulation
+        layer = first_layer(self.temporal(time), *network)
         return dict(zip(("shared", "embedding_weight"), layer, strict=True))
 
     def at(self, time: float) -> GaussianArrays:
         """The Gaussians at a time in [0, 1], activated, with unit quaternions; the arrays are not to be changed."""
         result = {"sh": self._sh, **self._memory.take()}
         moved = {name: array[: self.moving] for name, array in result.items()}
-        deform(self._shape, self._arrays | self._first_layer_at(time), moved, unit_quaternions=True)
+        self._field.deform(self._first_layer_at(time), moved)
         return GaussianArrays(**result)
 
     def part_at(self, time: float, names: Collection[str]) -> MovingPart:
@@ -138,8 +142,7 @@ class PlayableDeformation:
         count, deformed = self.moving, self._shape.sh_deformed
         sizes = {"means": (3,), "quaternions": (4,), "scales": (3,), "opacities": (), "sh": (deformed, 3)}
         moved = {name: np.empty((count, *size), np.float32) for name, size in sizes.items()}
-        shape = replace(self._shape, sh_active=deformed)
-        deform(shape, self._arrays | self._first_layer_at(time), moved, unit_quaternions=True)
+        self._part_field.deform(self._first_layer_at(time), moved)
         if not deformed:
             moved["sh"] = self._sh[:count]
         return taken_from(GaussianArrays(**moved), names)

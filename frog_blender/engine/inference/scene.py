@@ -104,13 +104,13 @@ class PlayableScene:
             known = self._recent.get(time)
             if known is not None:
                 self._recent.move_to_end(time)
-                return _read_only(known)
+                return replace(known)
             while len(self._recent) >= TIMES_KEPT:
                 self._recent.popitem(last=False)  # before the new one is computed, which may use its memory again
         gaussians = _read_only(self._compute(time) if part is None else self._joined(part))
         with self._lock:
             self._recent[time] = gaussians
-        return _read_only(gaussians)
+        return replace(gaussians)
 
     def part_at(self, time: float) -> MovingPart:
         """What of a time in [0, 1] (clamped) is not as at all others: ``changing`` of the Gaussians that move."""

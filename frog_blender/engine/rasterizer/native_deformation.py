@@ -59,7 +59,30 @@ def deform(
     """
     if shape.head_width and "first_layer" in arrays:
         raise ValueError("first_layer: found one beside heads, expected embeddings")
-    field = _field(shape, arrays, unit_quaternions)
+    _deform(_field(shape, arrays, unit_quaternions), result)
+
+
+class PlayedField:
+    """``deform`` at one moment after the other, with unit quaternions. Where the arrays lie is looked up once, which
+    takes as long as a thousand Gaussians.
+
+    Args:
+        shape: settings.
+        arrays: as for ``deform``, with any first layer; they are kept, and not to be replaced.
+    """
+
+    def __init__(self, shape: FieldShape, arrays: dict[str, Any]) -> None:
+        self._arrays, self._field = arrays, _field(shape, arrays, True)
+
+    def deform(self, first_layer: dict[str, Any], result: dict[str, Any]) -> None:
+        """Fills ``result`` at a moment, whose ``shared`` and ``embedding_weight`` are in ``first_layer``."""
+        field = structs.Field.from_buffer_copy(self._field)  # others may be at another moment
+        for name, array in first_layer.items():
+            setattr(field, name, structs.address(array))
+        _deform(field, result)
+
+
+def _deform(field: Any, result: dict[str, Any]) -> None:
     if library().frog_deform(byref(field), byref(structs.pointers(structs.Deformed, structs.DEFORMED, result))):
         raise MemoryError("deforming the Gaussians ran out of memory")
 
