@@ -27,6 +27,9 @@ def main() -> None:
     options = parser.parse_args()
     native.set_thread_count(options.threads)
     scenes = [PlayableScene.load(path) for path in options.scenes]
+    for path, scene in zip(options.scenes, scenes, strict=True):
+        if not scene.moving:
+            parser.error(f"{path}: nothing moves there, expected a scene with a deformation to be timed")
     seconds: list[list[float]] = [[] for _ in scenes]
     for turn in range(-5, options.repeats):  # five to warm up
         for scene, taken in zip(scenes, seconds, strict=True):

@@ -11,11 +11,12 @@ import torch
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender.engine.rasterizer import rasterize
 from frog_blender.engine.training import narrowing
 from frog_blender.engine.training.checkpoint import load_checkpoint, save_checkpoint, state_of
 from frog_blender.engine.training.job import TrainingJob
 from frog_blender.engine.training.motion import Look, draw_looks
-from frog_blender.engine.training.narrowing import narrow, visible_moments, without_units
+from frog_blender.engine.training.narrowing import narrow, sensitivities, visible_moments, without_units
 from frog_blender.engine.training.saving import save_scene
 from frog_blender.engine.training.trainer import Trainer
 
@@ -51,7 +52,7 @@ def test_the_others_are_corrected_in_the_best_way() -> None:
     generator = torch.Generator().manual_seed(2)
     values, weights = torch.rand(400, 40, generator=generator), torch.rand(400, 3, generator=generator)
     weight, bias = layer(3, 40)
-    (found,) = without_units(moments_of(values, weights), weight, bias)
+    found = without_units(moments_of(values, weights), weight, bias)[-1]
     kept = torch.cat([values[:, found.units], torch.ones(400, 1)], dim=1).double()
     for output in range(3):
         wanted = (values.double() @ weight[output].double() + bias[output]) * weights[:, output].double().sqrt()
@@ -60,10 +61,44 @@ def test_the_others_are_corrected_in_the_best_way() -> None:
         torch.testing.assert_close(mine, best, atol=2e-4, rtol=2e-3)
 
 
+def test_units_that_are_nearly_the_same_leave_first() -> None:
+    """Moments that are as good as singular do not make any other unit look cheap."""
+    generator = torch.Generator().manual_seed(3)
+    base = torch.rand(20_000, 16, generator=generator)
+    twins = base + 1e-4 * torch.rand(20_000, 16, generator=generator)
+    weight, bias = layer(4, 32)
+    (found,) = without_units(moments_of(torch.cat([base, twins], dim=1), torch.ones(20_000, 4)), weight, bias)
+    assert sorted(unit % 16 for unit in found.units.tolist()) == list(range(16))
+    values = torch.cat([base, twins], dim=1)
+    before, after = values @ weight.T + bias, values @ found.weight.T + found.bias
+    torch.testing.assert_close(after, before, atol=1e-3, rtol=0)
+
+
+def test_outputs_that_no_picture_shows() -> None:
+    values = torch.rand(100, 32)
+    (found,) = without_units(torch.zeros(2, 33, 33, dtype=torch.float64), *layer(2, 32))
+    assert torch.isfinite(found.weight).all() and len(found.units) == 16
+    assert torch.isfinite(values @ found.weight.T + found.bias).all()
+
+
+def test_what_a_picture_changes_with_an_output(make_trainer: Make) -> None:
+    """Summed over the Gaussians it is what it changes with the outputs' bias, opacity reduction and all."""
+    trainer = halfway(make_trainer)
+    model, look, camera = trainer.model, Look(2, 0.4), trainer.capture.cameras[2]
+    found = sensitivities(trainer, model, look, torch.Generator().manual_seed(5)).sum(0)
+    gaussians, _ = trainer.gaussians_at(look.time, trainer.progress)
+    image = rasterize(gaussians, camera, trainer.capture.background)
+    signs = 2.0 * torch.randint(2, image.rgb.shape, generator=torch.Generator().manual_seed(5)) - 1
+    image.rgb.backward(signs)
+    expected = model.deformation.output_bias.grad
+    model.zero_grad(set_to_none=True)
+    torch.testing.assert_close(found, expected, rtol=1e-3, atol=1e-4 * float(expected.abs().max()))
+
+
 def test_a_layer_keeps_sixteen_units() -> None:
     values = torch.rand(100, 40)
     found = without_units(moments_of(values, torch.ones(100, 2)), *layer(2, 40))
-    assert [len(each.units) for each in found] == [24]
+    assert [len(each.units) for each in found] == [32, 16]
     assert without_units(moments_of(values[:, :16], torch.ones(100, 2)), *layer(2, 16)) == []
 
 
@@ -73,7 +108,7 @@ def test_what_no_picture_shows_has_no_moments(make_trainer: Make) -> None:
     found = visible_moments(trainer, trainer.model, looks, torch.Generator().manual_seed(0))
     assert found.shape == (14, 65, 65) and (found.diagonal(dim1=1, dim2=2)[:, -1] > 0).all()
     assert all(parameter.grad is None for parameter in trainer.model.parameters())
-    trainer.model.canonical.opacity_logits.data -= 100.0
+    trainer.model.canonical.opacity_logits.data -= 100.0  # nothing is drawn
     found = visible_moments(trainer, trainer.model, looks, torch.Generator().manual_seed(0))
     assert not found.any()
 
@@ -101,13 +136,14 @@ def test_a_narrower_network_trains_saves_and_plays(
     silent = trainer.model.output_rows("quaternions")
     trainer.model.silence("quaternions")
     trainer.optimizer.stop(trainer.model.deformation.output_weight, silent)
-    memory = trainer.optimizer.adam.state[trainer.model.deformation.output_weight]["exp_avg"].clone()
-    narrowed(trainer)
     field = trainer.model.deformation
+    memory = trainer.optimizer.adam.state[field.output_weight]["exp_avg"].clone()
+    rows = field.embedding_weight.detach().clone()
+    narrowed(trainer)
     assert trainer.model.settings.hidden_width == len(field.bias) == 16
     assert field.modulation_weight.shape == field.embedding_weight.shape == (16, 32)
-    kept = trainer.optimizer.adam.state[field.output_weight]["exp_avg"]
-    assert kept.shape == (14, 16) and all((memory == column[:, None]).all(0).any() for column in kept.T)
+    units = [int((rows == row).all(1).nonzero()) for row in field.embedding_weight]
+    assert torch.equal(trainer.optimizer.adam.state[field.output_weight]["exp_avg"], memory[:, units])
     assert trainer.parsimony
     last = trainer.parsimony.reductions[-1]
     assert (last.what, last.before, last.after) == ("network width", 64, 16) and last.bytes > 0

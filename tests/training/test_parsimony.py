@@ -147,6 +147,18 @@ def test_colours_are_cut_where_nobody_misses_them(make_trainer: Make, monkeypatc
     trained(trainer)
 
 
+def test_degrees_that_nobody_misses_go_one_after_the_other(make_trainer: Make) -> None:
+    trainer = make_trainer(40, sh_degree=3, capacity="auto", sh_growth=(0.0, 0.0, 0.0))
+    while trainer.step_count < 15:
+        trainer.step()
+    assert trainer.parsimony and trainer.model.canonical.sh.shape[1] == 16
+    trainer.model.canonical.sh.data[:, 4:] = 0
+    reductions.cut_colors(trainer.parsimony, trainer)
+    cuts = trainer.parsimony.reductions[:2]
+    assert [(each.before, each.after) for each in cuts] == [(3, 2), (2, 1)]
+    assert [each.loss for each in cuts] == pytest.approx([0.0, 0.0], abs=1e-5)
+
+
 def halfway(make_trainer: Make, **changes: Any) -> Trainer:
     trainer = make_trainer(120, capacity="auto", **changes)
     while trainer.step_count < 90:

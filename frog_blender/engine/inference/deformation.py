@@ -123,18 +123,17 @@ class PlayableDeformation:
         """(networks, T) what each network is given at a time in [0, 1]."""
         return self._temporal.at(time)
 
-    def _first_layer_at(self, time: float) -> dict[str, np.ndarray]:
-        """The first layer at a time: ``shared`` (networks * hidden,), its temporal part and bias, and
-        ``embedding_weight`` (networks * hidden, E), which only modulation makes depend on time."""
+    def _first_layer_at(self, time: float) -> tuple[np.ndarray, np.ndarray]:
+        """The first layer at a time: (networks * hidden,) its temporal part and bias, and (networks * hidden, E) the
+        embeddings' weights, which only modulation makes depend on time."""
         network = self._temporal_weight, self._bias, self._embedding_weight, self._modulation
-        layer = first_layer(self.temporal(time), *network)
-        return dict(zip(("shared", "embedding_weight"), layer, strict=True))
+        return first_layer(self.temporal(time), *network)
 
     def at(self, time: float) -> GaussianArrays:
         """The Gaussians at a time in [0, 1], activated, with unit quaternions; the arrays are not to be changed."""
         result = {"sh": self._sh, **self._memory.take()}
         moved = {name: array[: self.moving] for name, array in result.items()}
-        self._field.deform(self._first_layer_at(time), moved)
+        self._field.deform(*self._first_layer_at(time), moved)
         return GaussianArrays(**result)
 
     def part_at(self, time: float, names: Collection[str]) -> MovingPart:
@@ -142,7 +141,7 @@ class PlayableDeformation:
         count, deformed = self.moving, self._shape.sh_deformed
         sizes = {"means": (3,), "quaternions": (4,), "scales": (3,), "opacities": (), "sh": (deformed, 3)}
         moved = {name: np.empty((count, *size), np.float32) for name, size in sizes.items()}
-        self._part_field.deform(self._first_layer_at(time), moved)
+        self._part_field.deform(*self._first_layer_at(time), moved)
         if not deformed:
             moved["sh"] = self._sh[:count]
         return taken_from(GaussianArrays(**moved), names)

@@ -96,7 +96,7 @@ class PlayableScene:
     def at(self, time: float, part: MovingPart | None = None) -> GaussianArrays:
         """Gaussians at a time in [0, 1] (clamped): unit quaternions, scales and opacities activated.
 
-        The arrays are read-only: others may be shown the same.  With ``part``, what was kept of that time (see
+        The arrays are read-only: others may be shown the same ones.  With ``part``, what was kept of that time (see
         ``part_at``), nothing is computed; the numbers are the same.
         """
         time = self._held(time)
@@ -104,7 +104,7 @@ class PlayableScene:
             known = self._recent.get(time)
             if known is not None:
                 self._recent.move_to_end(time)
-                return replace(known)
+                return replace(known)  # its fields are the caller's own, the arrays are not
             while len(self._recent) >= TIMES_KEPT:
                 self._recent.popitem(last=False)  # before the new one is computed, which may use its memory again
         gaussians = _read_only(self._compute(time) if part is None else self._joined(part))

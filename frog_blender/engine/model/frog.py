@@ -114,7 +114,13 @@ class Frog(SceneModel):
         self.deformation.output_bias[rows] = 0
 
     def set_width(self, arrays: dict[str, torch.Tensor]) -> None:
-        """Gives the first layer other units: ``arrays`` of the deformation field, along ``deformation.UNITS``."""
+        """Gives the first layer of a field that ``can_narrow`` other units.
+
+        Whoever holds the old parameters, as an optimiser does, has to follow.
+
+        Args:
+            arrays: the field's, by the names in ``deformation.UNITS``, of any one number of units.
+        """
         for name, values in arrays.items():
             setattr(self.deformation, name, nn.Parameter(values))
         self.deformation.output_weight.register_hook(self._without_silent)

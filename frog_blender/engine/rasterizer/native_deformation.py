@@ -57,8 +57,6 @@ def deform(
             wanted ``changes`` (M, outputs). Coefficients that ``arrays["sh"]`` does not have are left as they are.
         unit_quaternions: normalise them.
     """
-    if shape.head_width and "first_layer" in arrays:
-        raise ValueError("first_layer: found one beside heads, expected embeddings")
     _deform(_field(shape, arrays, unit_quaternions), result)
 
 
@@ -74,11 +72,10 @@ class PlayedField:
     def __init__(self, shape: FieldShape, arrays: dict[str, Any]) -> None:
         self._arrays, self._field = arrays, _field(shape, arrays, True)
 
-    def deform(self, first_layer: dict[str, Any], result: dict[str, Any]) -> None:
-        """Fills ``result`` at a moment, whose ``shared`` and ``embedding_weight`` are in ``first_layer``."""
+    def deform(self, shared: Any, embedding_weight: Any, result: dict[str, Any]) -> None:
+        """Fills ``result`` at the moment whose first layer these are."""
         field = structs.Field.from_buffer_copy(self._field)  # others may be at another moment
-        for name, array in first_layer.items():
-            setattr(field, name, structs.address(array))
+        field.shared, field.embedding_weight = structs.address(shared), structs.address(embedding_weight)
         _deform(field, result)
 
 
@@ -106,6 +103,8 @@ def _moving(arrays: dict[str, Any]) -> int:
 
 
 def _field(shape: FieldShape, arrays: dict[str, Any], unit_quaternions: bool) -> Any:
+    if shape.head_width and "first_layer" in arrays:
+        raise ValueError("first_layer: found one beside heads, expected embeddings")
     weight, sh = arrays["embedding_weight"], arrays["sh"]
     return structs.Field(
         *(len(arrays["means"]), _moving(arrays)),

@@ -110,12 +110,15 @@ def _gaussians(tensors: dict[str, torch.Tensor], trainer: Trainer) -> dict[str, 
     return {name: fitting(name, found[name], shapes[name]).to(trainer.device) for name in ATTRIBUTES}
 
 
-def _set_width(tensors: dict[str, torch.Tensor], model: Frog) -> None:
-    """Gives the model's first layer as many units as there are in ``tensors``: a network may have been narrowed."""
+def _set_width(tensors: dict[str, torch.Tensor], model: Frog, most: int) -> None:
+    """Gives the model's first layer as many units as there are in ``tensors``: a network may have been narrowed.
+    ValueError for more than ``most``."""
     field = model.deformation
     width = len(tensors["model.deformation.bias"])
     if width == len(field.bias) or not field.can_narrow:
         return
+    if not 1 <= width <= most:
+        raise ValueError(f"{width} hidden units")
     arrays = {}
     for name, dimension in UNITS.items():
         if hasattr(field, name):
@@ -197,7 +200,7 @@ def restore(trainer: Trainer, state: State) -> None:
     for name, attribute in _gaussians(tensors, trainer).items():
         setattr(trainer.model.canonical, name, nn.Parameter(attribute))
     if isinstance(trainer.model, Frog):
-        _set_width(tensors, trainer.model)
+        _set_width(tensors, trainer.model, trainer.recipe.hidden_width)
     trainer.model.load_state_dict({name[6:]: value for name, value in tensors.items() if name.startswith("model.")})
     trainer.model.zero_grad(set_to_none=True)
     trainer.rebuild_optimizer()

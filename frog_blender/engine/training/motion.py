@@ -50,11 +50,13 @@ class Motion:
         change of colour and opacity, each times their blending weight in the look where that is most.
     contribution: (N,) by how much a look's picture would change if this Gaussian alone were left out: root of the sum
         of squares over its pixels and channels, of the display range, in the look where that is most.
+    energy: (N,) the mean of that sum of squares over the looks: what all pictures together would lose.
     state: how those that move look on average over the looks, as the canonical field's attributes but embeddings.
     """
 
     score: torch.Tensor
     contribution: torch.Tensor
+    energy: torch.Tensor
     state: dict[str, torch.Tensor]
 
 
@@ -96,7 +98,7 @@ def measure_motion(
         moving: how many they are, M.
     """
     ranges = {name: _Range() for name in _SHAPES}
-    contribution, weight, reach = _Range(), _Range(), _Range()
+    contribution, energy, weight, reach = _Range(), _Range(), _Range(), _Range()
     for look in looks:
         camera = capture.cameras[look.camera]
         with torch.no_grad():
@@ -104,6 +106,7 @@ def measure_motion(
         image, change = _look(gaussians, camera, capture.background, generator)
         assert image.max_weights is not None
         contribution.add(change)
+        energy.add(change.square())
         weight.add(image.max_weights[:moving])
         reach.add((image.max_weights * _pixels_per_unit(gaussians, image, camera))[:moving])
         for name, values in ranges.items():
@@ -122,7 +125,7 @@ def measure_motion(
         "sh": sh.mean,  # of the degrees that have begun
     }
     score = reach.largest * moved + PIXELS_OF_A_CHANGE * weight.largest * (fade + tint)
-    return Motion(score, contribution.largest, state)
+    return Motion(score, contribution.largest, energy.mean, state)
 
 
 def _look(

@@ -16,6 +16,7 @@ import torch
 from ..model.frog import Frog
 from ..rasterizer import rasterize
 from .motion import Look
+from .resting import gaussians_at
 from .validation import most_within
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 ALLOWED_WIDTH_LOSS = 0.03
 """dB that a narrower network may cost on the withheld pictures; the rest of the training makes it up."""
 STEP = 16  # units that the native library computes at once
-_LOOKS = 8  # of those that Gaussians are measured on: units have thousands of Gaussians to be judged by
+_LOOKS, _GAUSSIANS = 8, 4096  # that units are measured on at most: they are few
 _DAMPING = 1e-6  # of the mean second moment: units that always have the same values
 
 
@@ -51,6 +52,8 @@ def narrow(rounds: Parsimony, trainer: Trainer, looks: Sequence[Look], generator
     model = trainer.model
     if not isinstance(model, Frog) or not model.canonical.moving or not model.deformation.can_narrow:
         return
+    if model.settings.hidden_width <= STEP:
+        return
     weight, bias = model.deformation.output_weight.detach(), model.deformation.output_bias.detach()
     narrower = without_units(visible_moments(trainer, model, looks[:_LOOKS], generator), weight, bias)
     psnr = rounds.judge(trainer).before
@@ -67,51 +70,57 @@ def narrow(rounds: Parsimony, trainer: Trainer, looks: Sequence[Look], generator
     if not number:
         return
     chosen = narrower[number - 1]
-    with rounds.noted(
-        *("network width", trainer, lambda: model.settings.hidden_width),
-        *(lambda: trainer.gaussians_at(0.5, trainer.progress), loss),
-    ):
+
+    def width() -> int:
+        return model.settings.hidden_width
+
+    with rounds.noted("network width", trainer, width, lambda: gaussians_at(trainer, 0.5), loss):
         weight.copy_(chosen.weight)
         bias.copy_(chosen.bias)
         trainer.optimizer.keep_units(model, chosen.units)
 
 
 def visible_moments(trainer: Trainer, model: Frog, looks: Sequence[Look], generator: torch.Generator) -> torch.Tensor:
-    """(outputs, U + 1, U + 1) float64 second moments of the units' values and a constant 1 over the Gaussians that move
-    and the looks, for each output weighed by the square of what the look's picture changes with that Gaussian's output.
+    """(outputs, U + 1, U + 1) float64 second moments of the units' values and a constant 1 over Gaussians that move and
+    the looks, for each output weighed by the square of what the look's picture changes with that Gaussian's output.
 
-    What a picture changes with an output it changes with the canonical attribute that the output is added to. One
-    backward pass with random signs gives it for all Gaussians at once (see motion.Motion).
+    In double precision: single rounds by more than what tells the least units apart.
     """
-    moments = torch.zeros(0, device="cpu")
+    every = max(1, model.canonical.moving // _GAUSSIANS)
+    moments = torch.zeros((), dtype=torch.float64, device=trainer.device)
     for look in looks:
         with torch.no_grad():
             temporal = model.temporal_embedding(look.time, trainer.progressing(trainer.progress))
-            hidden = model.deformation.hidden(temporal, model.canonical.embeddings)
-            values = torch.cat([hidden, hidden.new_ones(len(hidden), 1)], dim=1)
-        squares = _sensitivities(trainer, model, look, generator).square()
-        found = torch.stack([(values * by[:, None]).T @ values for by in squares.T]).double()
-        moments = moments + found if len(moments) else found
+            hidden = model.deformation.hidden(temporal, model.canonical.embeddings[::every])
+        values = torch.cat([hidden, hidden.new_ones(len(hidden), 1)], dim=1).double()
+        squares = sensitivities(trainer, model, look, generator)[::every].double().square()
+        moments = moments + torch.stack([(values * by[:, None]).T @ values for by in squares.T])
     return moments
 
 
-def _sensitivities(trainer: Trainer, model: Frog, look: Look, generator: torch.Generator) -> torch.Tensor:
-    """(M, outputs) estimates; leaves the model no gradient."""
-    canonical, capture = model.canonical, trainer.capture
-    gaussians, _ = trainer.gaussians_at(look.time, trainer.progress)
+def sensitivities(trainer: Trainer, model: Frog, look: Look, generator: torch.Generator) -> torch.Tensor:
+    """(M, outputs) how much a look's picture changes with each output of the network for each Gaussian that moves:
+    estimates by one backward pass with random signs (see motion.Motion). Leaves the model no gradient."""
+    capture, progressing = trainer.capture, trainer.progressing(trainer.progress)
+    temporal = model.temporal_embedding(look.time, progressing)
+    gaussians, changes = model.deform_plainly(temporal, progressing, model.canonical.sh.shape[1])
+    for change in changes.values():
+        change.retain_grad()
     image = rasterize(gaussians, capture.cameras[look.camera], capture.background)
     signs = 2.0 * torch.randint(2, image.rgb.shape, generator=generator, device="cpu") - 1
     image.rgb.backward(signs.to(image.rgb.device))
-    parts = []
-    for name, size in model.deformation.sizes.items():
-        gradient = getattr(canonical, name).grad[: canonical.moving].reshape(canonical.moving, -1)[:, :size]
-        parts.append(gradient * model.settings.motion_unit if name == "means" else gradient)
     model.zero_grad(set_to_none=True)
-    return torch.cat(parts, dim=1)
+    gradients = []
+    for name in model.deformation.sizes:
+        gradient = changes[name].grad
+        assert gradient is not None
+        gradients.append(gradient * model.settings.motion_unit if name == "means" else gradient)
+    return torch.cat(gradients, dim=1)
 
 
 def without_units(moments: torch.Tensor, weight: torch.Tensor, bias: torch.Tensor) -> list[Narrower]:
-    """What is left of an output layer after STEP, 2 STEP, ... units, at least STEP of them.
+    """What is left of an output layer after STEP, 2 STEP, ... units, at least STEP of them; the first time fewer leave
+    where there are not a multiple of STEP.
 
     Args:
         moments: (outputs, U + 1, U + 1) see visible_moments.
@@ -119,25 +128,21 @@ def without_units(moments: torch.Tensor, weight: torch.Tensor, bias: torch.Tenso
     """
     count = weight.shape[1]
     diagonal = moments.diagonal(dim1=1, dim2=2)
-    damping = _DAMPING * diagonal.mean(1, keepdim=True) + torch.finfo(torch.float64).tiny ** 0.5
+    least = torch.finfo(torch.float64).tiny ** 0.5  # for outputs that no picture shows
+    damping = _DAMPING * diagonal.mean(1, keepdim=True) + least
     inverse = torch.linalg.inv(moments + torch.diag_embed(damping.expand_as(diagonal)))
     layer = torch.cat([weight, bias[:, None]], dim=1).double()
     there = torch.ones(count, dtype=torch.bool, device=weight.device)
     found = []
-    for left in range(1, max(0, count - STEP) + 1):
+    for stay in range(count - 1, STEP - 1, -1):
         spread = inverse.diagonal(dim1=1, dim2=2)[:, :count]
-        cost = (layer[:, :count].square() / spread).sum(0)
-        unit = int(torch.where(there, cost, torch.inf).argmin())
+        cost = torch.where(there, (layer[:, :count].square() / spread).sum(0), torch.inf)
+        unit = int(cost.argmin())
         there[unit] = False
         row = inverse[:, unit] / inverse[:, unit, unit, None]
         layer = layer - layer[:, unit, None] * row
         inverse = inverse - inverse[:, :, unit, None] * row[:, None]
-        layer[:, unit] = 0  # but for rounding it is
-        inverse[:, unit, unit] = 1
-        if left % STEP == 0:
-            found.append(Narrower(there.nonzero().squeeze(1), *_split(layer.to(weight.dtype))))
+        if stay % STEP == 0:
+            left = layer.to(weight.dtype) * torch.cat([there, there.new_ones(1)])
+            found.append(Narrower(there.nonzero().squeeze(1), left[:, :-1].contiguous(), left[:, -1].contiguous()))
     return found
-
-
-def _split(layer: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    return layer[:, :-1].contiguous(), layer[:, -1].contiguous()

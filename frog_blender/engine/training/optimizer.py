@@ -1,4 +1,4 @@
-"""Adam over parameters whose first dimension changes as Gaussians come and go."""
+"""Adam over parameters that change their shapes as Gaussians come and go, and units of the network leave."""
 
 from __future__ import annotations
 

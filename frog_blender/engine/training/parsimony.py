@@ -2,7 +2,7 @@
 
 With ``capacity="auto"`` a training withholds a few of its pictures for a while (training.validation). Rounds measure
 what each Gaussian adds to pictures and how much of its motion can be seen (training.motion), and take away as much as
-those pictures allow (training.reductions); what follows is trained without it.
+those pictures allow (training.reductions, training.narrowing); what follows is trained without it.
 """
 
 from __future__ import annotations
@@ -40,6 +40,7 @@ or 0.72 would have learned more (docs/parsimony.md)."""
 WITHHELD = (0.5, SETTLED)
 """Fractions of the training between which the withheld pictures are not learned from."""
 _LOOKS, _JUDGED = 24, 8  # views that Gaussians are measured on; pictures that judge where none was withheld
+_LOOKS_OF_A_BUDGET = 72  # where what pictures need has to be weighed, few moments and sides must be overlooked
 _BYTES_AT_LEAST = 60.0  # of a Gaussian in a file, more than it takes: the first guess of a budget
 
 
@@ -158,8 +159,8 @@ class Parsimony:
         self.note("pruned", trainer, before, trainer.count, psnr - self.judge(trainer).before)
 
     def _leave_out(self, trainer: Trainer, number: int, generator: torch.Generator) -> None:
-        motion = self._measure(trainer, self._draw_looks(generator), generator)
-        keep = all_but(motion.contribution.argsort()[:number], trainer.count).nonzero().squeeze(1)
+        motion = self._measure(trainer, self._draw_looks(generator, _LOOKS_OF_A_BUDGET), generator)
+        keep = all_but(motion.energy.argsort()[:number], trainer.count).nonzero().squeeze(1)
         arrange(trainer, keep, keep[keep < trainer.model.canonical.moving])
 
     def begin(self, trainer: Trainer) -> None:
@@ -179,15 +180,15 @@ class Parsimony:
         if kind == "wake":
             wake_some(self, trainer, generator)
             return
-        looks = self._draw_looks(generator)
+        looks = self._draw_looks(generator, _LOOKS_OF_A_BUDGET if trainer.recipe.kept_gaussians else _LOOKS)
         motion = prune(self, trainer, self._measure(trainer, looks, generator))
         cut_colors(self, trainer)
         rest(self, trainer, motion)
         narrow(self, trainer, looks, generator)
         silence_heads(self, trainer)
 
-    def _draw_looks(self, generator: torch.Generator) -> list[Look]:
-        return draw_looks(self._capture, self.looked_at, _LOOKS, generator)
+    def _draw_looks(self, generator: torch.Generator, count: int = _LOOKS) -> list[Look]:
+        return draw_looks(self._capture, self.looked_at, count, generator)
 
     def _measure(self, trainer: Trainer, looks: list[Look], generator: torch.Generator) -> Motion:
         moving = trainer.model.canonical.moving

@@ -38,9 +38,14 @@ _WAKING_CAMERAS, _WAKING_MOMENTS = 3, 8
 
 def prune(rounds: Parsimony, trainer: Trainer, motion: Motion) -> Motion:
     """Leaves out Gaussians that pictures do not need, or that a budget has no room for; returns the motion of those
-    that stay."""
+    that stay.
+
+    What no picture may miss is judged by the picture that would miss it most; where a budget forces, by what all of
+    them together would.
+    """
     count, canonical = trainer.count, trainer.model.canonical
-    order = motion.contribution.argsort()
+    forced = count - (trainer.recipe.kept_gaussians or count)
+    order = (motion.energy if forced > 0 else motion.contribution).argsort()
     judge = rounds.judge(trainer)
 
     def without(number: int) -> float:
@@ -49,7 +54,6 @@ def prune(rounds: Parsimony, trainer: Trainer, motion: Motion) -> Motion:
 
     most, first = (int(share * count) for share in (_MOST_PRUNED, _FIRST_PRUNED))
     number, loss = most_within(without, most, ALLOWED_PRUNING_LOSS, first)
-    forced = count - (trainer.recipe.kept_gaussians or count)
     if forced > number:
         number, loss = forced, without(forced)
     if not number:
@@ -61,12 +65,12 @@ def prune(rounds: Parsimony, trainer: Trainer, motion: Motion) -> Motion:
     with rounds.noted("pruned", trainer, lambda: trainer.count, lambda: trainer.picture(rounds.judged[0]), loss):
         arrange(trainer, kept, movers)
     state = {name: values[movers] for name, values in motion.state.items()}
-    return Motion(motion.score[movers], motion.contribution[kept], state)
+    return Motion(motion.score[movers], motion.contribution[kept], motion.energy[kept], state)
 
 
 def cut_colors(rounds: Parsimony, trainer: Trainer) -> None:
-    """Takes the highest degrees of spherical harmonics away that the withheld pictures do not miss."""
-    canonical, judge = trainer.model.canonical, rounds.judge(trainer)
+    """Takes the highest degrees of spherical harmonics away that the withheld pictures do not miss, all together."""
+    canonical, judge, lost = trainer.model.canonical, rounds.judge(trainer), 0.0
 
     def degree() -> int:
         return math.isqrt(canonical.sh.shape[1]) - 1
@@ -78,8 +82,9 @@ def cut_colors(rounds: Parsimony, trainer: Trainer) -> None:
 
         if (loss := judge.loss(cut)) > ALLOWED_COLOR_LOSS:
             break
-        with rounds.noted("SH degree", trainer, degree, lambda: trainer.picture(rounds.judged[0]), loss):
+        with rounds.noted("SH degree", trainer, degree, lambda: trainer.picture(rounds.judged[0]), loss - lost):
             trainer.optimizer.cut_colors(left)
+        lost = loss
 
 
 def silence_heads(rounds: Parsimony, trainer: Trainer) -> None:
