@@ -65,7 +65,13 @@ test-slow: setup
 SANITIZED := build/sanitizers
 PRELOAD = $(shell $(CXX) -print-file-name=libasan.so):$(shell $(CXX) -print-file-name=libubsan.so)
 
+POOL := frog_blender/engine/rasterizer/src
+
 test-sanitizers: setup
+	mkdir -p $(SANITIZED)
+	$(CXX) -std=c++17 -O1 -g -fsanitize=thread -I$(POOL) tests/rasterizer/thread_pool_races.cpp $(POOL)/thread_pool.cpp \
+		-pthread -o $(SANITIZED)/races
+	$(SANITIZED)/races
 	$(BIN)/cmake -S . -B $(SANITIZED) -G Ninja -DCMAKE_MAKE_PROGRAM=$(abspath $(BIN))/ninja \
 		-DCMAKE_BUILD_TYPE=RelWithDebInfo -DCMAKE_CXX_COMPILER=$(CXX) -DFROG_SANITIZE=ON
 	$(BIN)/cmake --build $(SANITIZED)
