@@ -82,5 +82,5 @@ def test_a_budget_of_bytes_holds_exactly(filmed: Path, tmp_path: Path, lively: C
         sizes[name], counts[name] = path.stat().st_size, PlayableScene.load(path).count
         assert counts[name] == finished.capacity["gaussians"] == finished.gaussians
     for name in ("b", "c", "again"):
-        assert 0.86 * limits[name] < sizes[name] <= limits[name]
+        assert limits[name] - 5_000 < sizes[name] <= limits[name]
     assert counts["a"] > counts["b"] > counts["c"] == counts["again"]
