@@ -144,6 +144,12 @@ def scene_file(
     return SceneFile(header, {name: np.ascontiguousarray(array, np.float32) for name, array in arrays.items()})
 
 
+def run_benchmark(name: str, *arguments: object) -> subprocess.CompletedProcess[str]:
+    """Runs a script of ``benchmarks/``; read ``returncode``, ``stdout`` and ``stderr``."""
+    command = [sys.executable, str(REPOSITORY / "benchmarks" / name), *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+
+
 def run_python(code: str, *arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
     """Runs code in an interpreter of its own, in the repository; read ``returncode``, ``stdout`` and ``stderr``."""
     return subprocess.run(

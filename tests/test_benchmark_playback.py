@@ -3,26 +3,19 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
-from helpers import REPOSITORY, scene_file
+from helpers import run_benchmark, scene_file
 
 from frog_blender.engine.files import SceneFile, write_scene
 from frog_blender.engine.inference.scene import CANONICAL
 
 
-def playback(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, str(REPOSITORY / "benchmarks" / "playback.py"), *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-
-
 def test_a_record_for_each_scene(tmp_path: Path) -> None:
     write_scene(tmp_path / "all.frog", scene_file(200))
     write_scene(tmp_path / "some.frog", scene_file(200, moving=30, hidden_width=16))
-    done = playback(tmp_path / "all.frog", tmp_path / "some.frog", "--repeats", 3)
+    done = run_benchmark("playback.py", tmp_path / "all.frog", tmp_path / "some.frog", "--repeats", 3)
     assert done.returncode == 0, done.stderr
     first, second = (json.loads(line) for line in done.stdout.splitlines())
     assert (first["scene"], first["gaussians"], first["moving"], first["units"]) == ("all.frog", 200, 200, 24)
@@ -34,5 +27,5 @@ def test_a_scene_in_which_nothing_moves_is_refused(tmp_path: Path) -> None:
     scene = scene_file(20)
     still = {name: array for name, array in scene.arrays.items() if name in CANONICAL}
     write_scene(tmp_path / "still.frog", SceneFile(replace(scene.header, model={}), still))
-    done = playback(tmp_path / "still.frog")
+    done = run_benchmark("playback.py", tmp_path / "still.frog")
     assert done.returncode == 2 and done.stdout == "" and "still.frog: nothing moves there" in done.stderr

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from helpers import REPOSITORY, run_python
+from helpers import REPOSITORY, run_benchmark, run_python
 
 BENCHMARKS = REPOSITORY / "benchmarks"
 KEYS = {
@@ -38,11 +38,6 @@ def small_scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return make_scene(tmp_path_factory.mktemp("scenes") / "small.npz")
 
 
-def benchmark(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, str(BENCHMARKS / "rasterizer.py"), *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-
-
 def test_a_generated_scene_is_the_same_every_time_and_can_be_drawn(small_scene: Path, tmp_path: Path) -> None:
     with np.load(small_scene) as first, np.load(make_scene(tmp_path / "again.npz")) as second:
         assert set(first.files) == set(second.files)
@@ -57,7 +52,9 @@ def test_a_generated_scene_is_the_same_every_time_and_can_be_drawn(small_scene: 
 
 
 def test_one_run_is_one_json_object(small_scene: Path) -> None:
-    done = benchmark("--scene", small_scene, "--backend", "cpu", "--threads", "1", "--isa", "baseline", "--json")
+    done = run_benchmark(
+        "rasterizer.py", "--scene", small_scene, "--backend", "cpu", "--threads", "1", "--isa", "baseline", "--json"
+    )
     assert done.returncode == 0, done.stderr
     record = json.loads(done.stdout)
     assert record.keys() >= KEYS
@@ -71,7 +68,7 @@ def test_a_file_that_is_no_scene_is_refused_in_one_sentence(tmp_path: Path) -> N
     foreign.write_bytes(b"no archive")
     np.savez(incomplete, means=np.zeros((1, 3)))
     for path in (foreign, incomplete, tmp_path / "missing.npz", tmp_path / "scene.ply"):
-        done = benchmark("--scene", path, "--json")
+        done = run_benchmark("rasterizer.py", "--scene", path, "--json")
         assert done.returncode == 1 and done.stdout == ""
         assert done.stderr.startswith(f"{path}: found ") and done.stderr.count("\n") == 1
         assert done.stderr.endswith(".\n")

@@ -9,13 +9,17 @@ from fields import field_arrays, output_arrays
 from frog_blender.engine.inference import kept_layer
 from frog_blender.engine.inference.kept_layer import GROUP, kept_first_layer
 from frog_blender.engine.rasterizer import native
-from frog_blender.engine.rasterizer.native_deformation import FieldShape, deform
+from frog_blender.engine.rasterizer.native_deformation import FieldShape, PlayedField, deform
 
 
 def kept(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """The same field without embeddings, their product with the first layer's weights in their place."""
     product = kept_first_layer(arrays["embeddings"], arrays["embedding_weight"])
     return {name: array for name, array in arrays.items() if name != "embeddings"} | {"first_layer": product}
+
+
+def play(shape: FieldShape, arrays: dict[str, np.ndarray], result: dict[str, np.ndarray]) -> None:
+    PlayedField(shape, arrays).deform(arrays["shared"], arrays["embedding_weight"], result)
 
 
 @pytest.mark.parametrize("count", [1, GROUP, 3 * GROUP + 5, 200])
@@ -62,7 +66,7 @@ def test_the_same_bits_on_any_number_of_threads() -> None:
         for threads in (1, 2, 7):
             native.set_thread_count(threads)
             results.append(output_arrays(shape, 5000))
-            deform(shape, arrays, results[-1], unit_quaternions=True)
+            play(shape, arrays, results[-1])
         for name, values in results[0].items():
             assert all(result[name].tobytes() == values.tobytes() for result in results)
     finally:
@@ -77,7 +81,7 @@ def test_unit_quaternions(count: int) -> None:
     arrays["quaternions"][0] = 0  # has no direction, and gets none
     plain, unit = output_arrays(shape, count), output_arrays(shape, count)
     deform(shape, arrays, plain)
-    deform(shape, arrays, unit, unit_quaternions=True)
+    play(shape, arrays, unit)
     lengths = np.linalg.norm(plain["quaternions"].astype(np.float64), axis=1, keepdims=True)
     np.testing.assert_allclose(unit["quaternions"], plain["quaternions"] / np.maximum(lengths, 1e-12), atol=3e-7)
     assert not unit["quaternions"][0].any()

@@ -256,7 +256,7 @@ import numpy as np
 from fields import field_arrays, output_arrays
 from frog_blender.engine.inference.kept_layer import kept_first_layer
 from frog_blender.engine.rasterizer import native
-from frog_blender.engine.rasterizer.native_deformation import FieldShape, deform, deform_backward
+from frog_blender.engine.rasterizer.native_deformation import FieldShape, PlayedField, deform, deform_backward
 
 found = {}
 cases = [(33, 3, 0, "unit", 1), (33, 3, 24, "paper", 1), (64, 32, 0, "off", 1)]
@@ -274,7 +274,7 @@ for case, (hidden, embedding, head, form, networks) in enumerate(cases):
     if head == 0:
         arrays["first_layer"] = kept_first_layer(arrays["embeddings"], arrays["embedding_weight"])
         played = output_arrays(shape, 500)
-        deform(shape, arrays, played, unit_quaternions=True)
+        PlayedField(shape, arrays).deform(arrays["shared"], arrays["embedding_weight"], played)
         found |= {f"{case}/played/{name}": array for name, array in played.items()}
 np.savez(sys.argv[1], **found)
 print(native.instruction_set())

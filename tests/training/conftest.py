@@ -77,6 +77,19 @@ def make_trainer(capture: Capture, store: FrameStore, lively: Callable[..., Reci
 
 
 @pytest.fixture(scope="session")
+def halfway(make_trainer: Callable[..., Trainer]) -> Callable[..., Trainer]:
+    """``halfway(**recipe changes)``: 90 of 120 steps with automatic capacity, just before the scene settles."""
+
+    def make(**changes: Any) -> Trainer:
+        trainer = make_trainer(120, capacity="auto", **changes)
+        while trainer.step_count < 90:
+            trainer.step()
+        return trainer
+
+    return make
+
+
+@pytest.fixture(scope="session")
 def watched(store: FrameStore) -> Callable[[], WatchedStore]:
     return lambda: WatchedStore(store)
 

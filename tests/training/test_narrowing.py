@@ -81,9 +81,9 @@ def test_outputs_that_no_picture_shows() -> None:
     assert torch.isfinite(values @ found.weight.T + found.bias).all()
 
 
-def test_what_a_picture_changes_with_an_output(make_trainer: Make) -> None:
+def test_what_a_picture_changes_with_an_output(halfway: Make) -> None:
     """Summed over the Gaussians it is what it changes with the outputs' bias, opacity reduction and all."""
-    trainer = halfway(make_trainer)
+    trainer = halfway()
     model, look, camera = trainer.model, Look(2, 0.4), trainer.capture.cameras[2]
     found = sensitivities(trainer, model, look, torch.Generator().manual_seed(5)).sum(0)
     gaussians, _ = trainer.gaussians_at(look.time, trainer.progress)
@@ -102,8 +102,8 @@ def test_a_layer_keeps_sixteen_units() -> None:
     assert without_units(moments_of(values[:, :16], torch.ones(100, 2)), *layer(2, 16)) == []
 
 
-def test_what_no_picture_shows_has_no_moments(make_trainer: Make) -> None:
-    trainer = halfway(make_trainer)
+def test_what_no_picture_shows_has_no_moments(halfway: Make) -> None:
+    trainer = halfway()
     looks = [Look(0, 0.25), Look(3, 0.75)]
     found = visible_moments(trainer, trainer.model, looks, torch.Generator().manual_seed(0))
     assert found.shape == (14, 65, 65) and (found.diagonal(dim1=1, dim2=2)[:, -1] > 0).all()
@@ -111,13 +111,6 @@ def test_what_no_picture_shows_has_no_moments(make_trainer: Make) -> None:
     trainer.model.canonical.opacity_logits.data -= 100.0  # nothing is drawn
     found = visible_moments(trainer, trainer.model, looks, torch.Generator().manual_seed(0))
     assert not found.any()
-
-
-def halfway(make_trainer: Make, **changes: object) -> Trainer:
-    trainer = make_trainer(120, capacity="auto", **changes)
-    while trainer.step_count < 90:
-        trainer.step()
-    return trainer
 
 
 def narrowed(trainer: Trainer) -> Trainer:
@@ -129,10 +122,10 @@ def narrowed(trainer: Trainer) -> Trainer:
 
 
 def test_a_narrower_network_trains_saves_and_plays(
-    make_trainer: Make, monkeypatch: pytest.MonkeyPatch, filmed: Path, tmp_path: Path
+    halfway: Make, monkeypatch: pytest.MonkeyPatch, filmed: Path, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(narrowing, "ALLOWED_WIDTH_LOSS", 100.0)
-    trainer = halfway(make_trainer)
+    trainer = halfway()
     silent = trainer.model.output_rows("quaternions")
     trainer.model.silence("quaternions")
     trainer.optimizer.stop(trainer.model.deformation.output_weight, silent)
@@ -158,9 +151,9 @@ def test_a_narrower_network_trains_saves_and_plays(
     np.testing.assert_allclose(played.at(0.4).means, expected, atol=1e-5)
 
 
-def test_a_network_that_is_needed_stays_as_it_is(make_trainer: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_network_that_is_needed_stays_as_it_is(halfway: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(narrowing, "ALLOWED_WIDTH_LOSS", -100.0)
-    trainer = halfway(make_trainer)
+    trainer = halfway()
     weight = trainer.model.deformation.output_weight.detach().clone()
     narrowed(trainer)
     assert trainer.parsimony
@@ -169,16 +162,18 @@ def test_a_network_that_is_needed_stays_as_it_is(make_trainer: Make, monkeypatch
 
 
 @pytest.mark.parametrize("changes", [{"head_width": 16, "modulation": False}, {"fusion": "dual"}])
-def test_networks_of_more_layers_stay_as_they_are(make_trainer: Make, changes: dict) -> None:
-    trainer = halfway(make_trainer, **changes)
+def test_networks_of_more_layers_stay_as_they_are(halfway: Make, changes: dict) -> None:
+    trainer = halfway(**changes)
     width = trainer.model.settings.hidden_width
     assert trainer.parsimony and "network width" not in [each.what for each in narrowed(trainer).parsimony.reductions]
     assert trainer.model.settings.hidden_width == width
 
 
-def test_a_narrow_training_is_resumed(make_trainer: Make, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_narrow_training_is_resumed(
+    make_trainer: Make, halfway: Make, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setattr(narrowing, "ALLOWED_WIDTH_LOSS", 100.0)
-    trainer = narrowed(halfway(make_trainer))
+    trainer = narrowed(halfway())
     save_checkpoint(tmp_path / "c", trainer)
     other = make_trainer(120, capacity="auto")
     load_checkpoint(tmp_path / "c", other)
@@ -191,10 +186,10 @@ def test_a_narrow_training_is_resumed(make_trainer: Make, monkeypatch: pytest.Mo
 
 
 def test_a_checkpoint_that_does_not_fit_leaves_the_width(
-    make_trainer: Make, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    make_trainer: Make, halfway: Make, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(narrowing, "ALLOWED_WIDTH_LOSS", 100.0)
-    trainer = narrowed(halfway(make_trainer))
+    trainer = narrowed(halfway())
     trainer.model.temporal_table.data = trainer.model.temporal_table.data[:3]
     save_checkpoint(tmp_path / "c", trainer)
     other = make_trainer(120, capacity="auto")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -159,22 +158,15 @@ def test_degrees_that_nobody_misses_go_one_after_the_other(make_trainer: Make) -
     assert [each.loss for each in cuts] == pytest.approx([0.0, 0.0], abs=1e-5)
 
 
-def halfway(make_trainer: Make, **changes: Any) -> Trainer:
-    trainer = make_trainer(120, capacity="auto", **changes)
-    while trainer.step_count < 90:
-        trainer.step()
-    return trainer
-
-
 def measured(trainer: Trainer) -> Motion:
     assert trainer.parsimony
     generator = torch.Generator().manual_seed(0)
     return trainer.parsimony._measure(trainer, trainer.parsimony._draw_looks(generator), generator)
 
 
-def test_what_pictures_miss_is_not_taken(make_trainer: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_pictures_miss_is_not_taken(halfway: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     """However little it seems to add or to move."""
-    trainer = halfway(make_trainer)
+    trainer = halfway()
     assert trainer.parsimony
     count, motion = trainer.count, measured(trainer)
     lying = replace(motion, score=torch.zeros(count), contribution=torch.arange(count, 0, -1).float())
@@ -186,16 +178,16 @@ def test_what_pictures_miss_is_not_taken(make_trainer: Make, monkeypatch: pytest
     assert trainer.count == count
 
 
-def test_what_moves_far_is_not_even_proposed(make_trainer: Make) -> None:
-    trainer = halfway(make_trainer)
+def test_what_moves_far_is_not_even_proposed(halfway: Make) -> None:
+    trainer = halfway()
     assert trainer.parsimony
     motion = measured(trainer)
     reductions.rest(trainer.parsimony, trainer, replace(motion, score=torch.full_like(motion.score, 50.0)))
     assert trainer.parsimony.reductions == [] and trainer.model.canonical.moving == trainer.count
 
 
-def test_a_share_of_those_that_move_may_be_forced(make_trainer: Make, monkeypatch: pytest.MonkeyPatch) -> None:
-    trainer = halfway(make_trainer, dynamic_share=0.1)
+def test_a_share_of_those_that_move_may_be_forced(halfway: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    trainer = halfway(dynamic_share=0.1)
     assert trainer.parsimony
     motion = measured(trainer)
     reductions.rest(trainer.parsimony, trainer, replace(motion, score=motion.score + 50.0))
@@ -206,9 +198,9 @@ def test_a_share_of_those_that_move_may_be_forced(make_trainer: Make, monkeypatc
 
 
 def test_heads_that_nobody_misses_are_silenced(
-    make_trainer: Make, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    make_trainer: Make, halfway: Make, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    trainer = halfway(make_trainer)
+    trainer = halfway()
     assert trainer.parsimony
     trainer.model.silence("sh")  # as if nothing had been learned there
     trainer.model._silent.clear()

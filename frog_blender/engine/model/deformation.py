@@ -74,6 +74,11 @@ class DeformationField(nn.Module):
         """True where the outputs read the one first layer."""
         return self.networks == 1 and not self.head_width
 
+    @property
+    def unit_arrays(self) -> dict[str, nn.Parameter]:
+        """The arrays of ``UNITS`` that this network has."""
+        return {name: getattr(self, name) for name in UNITS if hasattr(self, name)}
+
     def hidden(self, temporal: torch.Tensor, embeddings: torch.Tensor) -> torch.Tensor:
         """(N, networks * hidden) the first layer's units."""
         return torch.addmm(self.shared(temporal), embeddings, self.embedding_weights(temporal).T).relu_()

@@ -41,9 +41,7 @@ class FieldShape:
         return 11 + 3 * self.sh_deformed
 
 
-def deform(
-    shape: FieldShape, arrays: dict[str, Any], result: dict[str, Any], *, unit_quaternions: bool = False
-) -> None:
+def deform(shape: FieldShape, arrays: dict[str, Any], result: dict[str, Any]) -> None:
     """Fills ``result`` with the deformed, activated Gaussians.
 
     Args:
@@ -55,9 +53,8 @@ def deform(
             field without heads may have (see inference.kept_layer), no ``embeddings`` are needed.
         result: contiguous float32 by name: the attributes of GaussianArrays, with ``sh`` (N, sh_active, 3), and where
             wanted ``changes`` (M, outputs). Coefficients that ``arrays["sh"]`` does not have are left as they are.
-        unit_quaternions: normalise them.
     """
-    _deform(_field(shape, arrays, unit_quaternions), result)
+    _deform(_field(shape, arrays, False), result)
 
 
 class PlayedField:

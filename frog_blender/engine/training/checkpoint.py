@@ -120,11 +120,9 @@ def _set_width(tensors: dict[str, torch.Tensor], model: Frog, most: int) -> None
     if not 1 <= width <= most:
         raise ValueError(f"{width} hidden units")
     arrays = {}
-    for name, dimension in UNITS.items():
-        if hasattr(field, name):
-            old = getattr(field, name)
-            shape = [width if at == dimension else size for at, size in enumerate(old.shape)]
-            arrays[name] = fitting(name, tensors[f"model.deformation.{name}"], tuple(shape)).to(old.device)
+    for name, old in field.unit_arrays.items():
+        shape = [width if at == UNITS[name] else size for at, size in enumerate(old.shape)]
+        arrays[name] = fitting(name, tensors[f"model.deformation.{name}"], tuple(shape)).to(old.device)
     model.set_width(arrays)
 
 

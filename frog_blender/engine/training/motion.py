@@ -134,16 +134,21 @@ def _look(
     """What a camera sees, and (N,) by how much the picture would change without each Gaussian.
 
     A picture is affine in every single opacity o, so without that Gaussian it changes by o times its derivative by o.
-    One backward pass gives the norms of all the derivatives at once, as estimates: with random signs s of the pixels,
-    the mean of (s . derivative) ** 2 is the derivative's squared norm (Hutchinson's estimator).
+    One backward pass gives the norms of all the derivatives at once, as estimates (see backward_by_signs).
     """
     opacities = gaussians.opacities.detach().clone().requires_grad_()
     drawn = GaussianArrays(gaussians.means, gaussians.quaternions, gaussians.scales, opacities, gaussians.sh)
     image = rasterize(drawn, camera, background, RasterizeOptions(weights=True))
-    signs = 2.0 * torch.randint(2, image.rgb.shape, generator=generator, device="cpu") - 1
-    image.rgb.backward(signs.to(image.rgb.device))
+    backward_by_signs(image, generator)
     assert opacities.grad is not None
     return image, (opacities.grad * opacities.detach()).abs()
+
+
+def backward_by_signs(image: Image, generator: torch.Generator) -> None:
+    """One backward pass with random signs at the pixels: the square of each gradient that it gives is, in the mean, the
+    squared norm of the picture's derivative (Hutchinson's estimator)."""
+    signs = 2.0 * torch.randint(2, image.rgb.shape, generator=generator, device="cpu") - 1
+    image.rgb.backward(signs.to(image.rgb.device))
 
 
 def _pixels_per_unit(gaussians: GaussianArrays, image: Image, camera: Camera) -> torch.Tensor:

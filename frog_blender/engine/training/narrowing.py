@@ -15,7 +15,7 @@ import torch
 
 from ..model.frog import Frog
 from ..rasterizer import rasterize
-from .motion import Look
+from .motion import Look, backward_by_signs
 from .resting import gaussians_at
 from .validation import most_within
 
@@ -100,15 +100,14 @@ def visible_moments(trainer: Trainer, model: Frog, looks: Sequence[Look], genera
 
 def sensitivities(trainer: Trainer, model: Frog, look: Look, generator: torch.Generator) -> torch.Tensor:
     """(M, outputs) how much a look's picture changes with each output of the network for each Gaussian that moves:
-    estimates by one backward pass with random signs (see motion.Motion). Leaves the model no gradient."""
+    estimates (see motion.backward_by_signs). Leaves the model no gradient."""
     capture, progressing = trainer.capture, trainer.progressing(trainer.progress)
     temporal = model.temporal_embedding(look.time, progressing)
     gaussians, changes = model.deform_plainly(temporal, progressing, model.canonical.sh.shape[1])
     for change in changes.values():
         change.retain_grad()
     image = rasterize(gaussians, capture.cameras[look.camera], capture.background)
-    signs = 2.0 * torch.randint(2, image.rgb.shape, generator=generator, device="cpu") - 1
-    image.rgb.backward(signs.to(image.rgb.device))
+    backward_by_signs(image, generator)
     model.zero_grad(set_to_none=True)
     gradients = []
     for name in model.deformation.sizes:

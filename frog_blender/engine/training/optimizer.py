@@ -101,7 +101,7 @@ class SceneOptimizer:
     def keep_units(self, model: Frog, units: torch.Tensor) -> None:
         """Keeps the units ``units`` (indices, ascending) of the deformation field's first layer."""
         field = model.deformation
-        old = {name: getattr(field, name) for name in UNITS if hasattr(field, name)}
+        old = field.unit_arrays
         model.set_width({name: array.detach().index_select(UNITS[name], units) for name, array in old.items()})
         for name, array in old.items():
             self._exchange(array, getattr(field, name), partial(torch.index_select, dim=UNITS[name], index=units))

@@ -134,7 +134,7 @@ class Parsimony:
 
         FrogError when a file of a single Gaussian would be larger.
         """
-        generator = torch.Generator("cpu").manual_seed(1000 * self.seed + len(ROUNDS))
+        generator = self._generator(len(ROUNDS))
         first = size = size_of()
         if size <= most:
             return
@@ -154,8 +154,8 @@ class Parsimony:
         before = trainer.count
         if before <= most:
             return
-        psnr, generator = self.judge(trainer).before, torch.Generator("cpu").manual_seed(1000 * self.seed + len(ROUNDS))
-        self._leave_out(trainer, before - most, generator)
+        psnr = self.judge(trainer).before
+        self._leave_out(trainer, before - most, self._generator(len(ROUNDS)))
         self.note("pruned", trainer, before, trainer.count, psnr - self.judge(trainer).before)
 
     def _leave_out(self, trainer: Trainer, number: int, generator: torch.Generator) -> None:
@@ -174,7 +174,11 @@ class Parsimony:
         """Holds the rounds that lie in (before, now]."""
         for number, (at, kind) in enumerate(ROUNDS.items()):
             if before < at <= now:
-                self._round(trainer, kind, torch.Generator("cpu").manual_seed(1000 * self.seed + number))
+                self._round(trainer, kind, self._generator(number))
+
+    def _generator(self, number: int) -> torch.Generator:
+        """A round's own, so that a resumed training draws what an undisturbed one does."""
+        return torch.Generator("cpu").manual_seed(1000 * self.seed + number)
 
     def _round(self, trainer: Trainer, kind: str, generator: torch.Generator) -> None:
         if kind == "wake":
