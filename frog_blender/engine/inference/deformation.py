@@ -89,7 +89,7 @@ class PlayableDeformation:
             changes nothing.
     """
 
-    unit_quaternions = True
+    ready = True  # ``at`` gives unit quaternions, contiguous and float32 as all the others
 
     def __init__(self, arrays: dict[str, np.ndarray], model: dict) -> None:
         try:
@@ -132,8 +132,7 @@ class PlayableDeformation:
     def at(self, time: float) -> GaussianArrays:
         """The Gaussians at a time in [0, 1], activated, with unit quaternions; the arrays are not to be changed."""
         result = {"sh": self._sh, **self._memory.take()}
-        moved = {name: array[: self.moving] for name, array in result.items()}
-        self._field.deform(*self._first_layer_at(time), moved)
+        self._field.deform(*self._first_layer_at(time), result)  # the first of them: those that move
         return GaussianArrays(**result)
 
     def part_at(self, time: float, names: Collection[str]) -> MovingPart:

@@ -21,9 +21,9 @@ class FrameMemory:
 
     def __init__(self, first: dict[str, np.ndarray], kept: int = 6) -> None:
         self._first, self._kept, self._size = first, kept, 0
-        self._layout: list[tuple[str, tuple[int, ...], int, int]] = []  # name, shape, length, first byte
+        self._layout: list[tuple[str, tuple[int, ...], int]] = []  # name, shape, first byte
         for name, array in first.items():
-            self._layout.append((name, array.shape, array.size, self._size))
+            self._layout.append((name, array.shape, self._size))
             self._size += 4 * array.size
         self._blocks: list[bytearray] = []
         self._lock = threading.Lock()
@@ -46,7 +46,5 @@ class FrameMemory:
         return arrays
 
     def _arrays(self, block: bytearray) -> dict[str, np.ndarray]:
-        return {
-            name: np.frombuffer(block, np.float32, length, start).reshape(shape)
-            for name, shape, length, start in self._layout
-        }
+        whole = np.frombuffer(block, np.uint8)  # the block cannot be resized while this or one that shows it lives
+        return {name: np.ndarray(shape, np.float32, whole, start) for name, shape, start in self._layout}

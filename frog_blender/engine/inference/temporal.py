@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..model.temporal import temporal_weights
+from ..model.temporal import temporal_shares
 
 FUSIONS = ("product", "add", "concat", "attention", "coarse", "fine", "dual")
 """See ``model.fusion``; "dual" is E-D3DGS, whose second network is given the fine embedding."""
@@ -79,8 +79,14 @@ class TemporalEmbedding:
 
     def at(self, time: float) -> np.ndarray:
         """(networks, size) float32 at a time in [0, 1]."""
-        coarse, fine = (temporal_weights(time, rows, len(self._table)) @ self._table for rows in self._rows)
+        coarse, fine = (self._interpolated(time, rows) for rows in self._rows)
         return fuse(self.form, coarse, fine, self._attention).astype(np.float32)
+
+    def _interpolated(self, time: float, rows: int) -> np.ndarray:
+        """(T,) from the few rows that count: for a product with all of them numpy starts threads, which take
+        milliseconds where other work keeps the cores busy."""
+        shares = temporal_shares(time, rows, len(self._table))
+        return np.array([*shares.values()], np.float32) @ self._table.take([*shares], axis=0)
 
 
 def checked(arrays: dict[str, np.ndarray], name: str, shape: tuple[int, ...]) -> np.ndarray:

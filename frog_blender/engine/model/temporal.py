@@ -11,17 +11,24 @@ import functools
 import numpy as np
 
 
-@functools.lru_cache(maxsize=4096)  # a training comes back to a few hundred moments in thousands of steps
-def temporal_weights(time: float, rows: int, table_rows: int) -> np.ndarray:
-    """(table_rows,) float32, read-only: weights of the table at ``time`` when resampled to ``rows`` rows.
+def temporal_shares(time: float, rows: int, table_rows: int) -> dict[int, float]:
+    """What counts at ``time`` of a table when resampled to ``rows`` rows: at most four of its rows, and their weights.
 
     Both steps are linear with the ends aligned: row 0 is time 0, the last row time 1. Times outside are clamped.
     """
-    weights = np.zeros(table_rows)
+    shares: dict[int, float] = {}
     for row, share in _neighbours(min(max(time, 0.0), 1.0) * (rows - 1), rows):
         for table_row, part in _neighbours(row * (table_rows - 1) / max(rows - 1, 1), table_rows):
-            weights[table_row] += share * part
-    weights = weights.astype(np.float32)
+            shares[table_row] = shares.get(table_row, 0.0) + share * part
+    return shares
+
+
+@functools.lru_cache(maxsize=4096)  # a training comes back to a few hundred moments in thousands of steps
+def temporal_weights(time: float, rows: int, table_rows: int) -> np.ndarray:
+    """(table_rows,) float32, read-only: ``temporal_shares`` as a vector."""
+    weights = np.zeros(table_rows, np.float32)
+    for row, share in temporal_shares(time, rows, table_rows).items():
+        weights[row] = share
     weights.flags.writeable = False
     return weights
 

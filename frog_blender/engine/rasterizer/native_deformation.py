@@ -70,7 +70,7 @@ class PlayedField:
         self._arrays, self._field = arrays, _field(shape, arrays, True)
 
     def deform(self, shared: Any, embedding_weight: Any, result: dict[str, Any]) -> None:
-        """Fills ``result`` at the moment whose first layer these are."""
+        """Fills the first rows of ``result`` at the moment whose first layer these are."""
         field = structs.Field.from_buffer_copy(self._field)  # others may be at another moment
         field.shared, field.embedding_weight = structs.address(shared), structs.address(embedding_weight)
         _deform(field, result)

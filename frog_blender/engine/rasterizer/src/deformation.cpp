@@ -162,12 +162,12 @@ float *thread_scratch(size_t length) {
   return scratch.resize(length);
 }
 
-// Chunks of Gaussians that all move, then chunks of Gaussians at rest.
+// Chunks of so many Gaussians that all move, then chunks of Gaussians at rest.
 template <class Work>
-void in_chunks(const FrogDeformation &field, const Work &work) {
-  parallel_for(field.moving, DEFORM_CHUNK, work);
+void in_chunks(const FrogDeformation &field, int size, const Work &work) {
+  parallel_for(field.moving, size, work);
   const int first = field.moving;
-  parallel_for(field.count - first, DEFORM_CHUNK, [&](int begin, int end) { work(first + begin, first + end); });
+  parallel_for(field.count - first, size, [&](int begin, int end) { work(first + begin, first + end); });
 }
 
 void backward_of_all(const Kernels &kernels, const FrogDeformation &field, const FrogDeformed &by,
@@ -179,7 +179,7 @@ void backward_of_all(const Kernels &kernels, const FrogDeformation &field, const
   Buffer<float> partials;
   partials.resize(std::max(1ll, chunks) * l.partial);
   std::fill_n(partials.data(), l.partial, 0.0f);  // the sum, where there is no chunk
-  in_chunks(field, [&](int begin, int end) {
+  in_chunks(field, DEFORM_CHUNK, [&](int begin, int end) {
     float *mine = begin < field.moving ? partials.data() + begin / DEFORM_CHUNK * l.partial : nullptr;
     if (mine) std::fill_n(mine, l.partial, 0.0f);
     kernels.deform_backward(plan, by, result, begin, end, thread_scratch(l.scratch), mine);
@@ -195,7 +195,7 @@ void backward_of_all(const Kernels &kernels, const FrogDeformation &field, const
 void deform(const Kernels &kernels, const FrogDeformation &field, const FrogDeformed &result) {
   const Packed packed = plan_of(field, false);
   const DeformationLayout layout = layout_of(packed.plan);
-  in_chunks(field, [&](int begin, int end) {
+  in_chunks(field, DEFORM_BLOCK, [&](int begin, int end) {  // nothing is added up: as small as the threads can share best
     kernels.deform(packed.plan, result, begin, end, thread_scratch(layout.forward));
   });
 }
