@@ -90,16 +90,43 @@ def test_every_kind_of_change_is_seen(capture: Capture, kind: str) -> None:
 def test_the_contribution_is_what_leaving_out_changes(capture: Capture) -> None:
     camera, generator, count = capture.cameras[1], torch.Generator().manual_seed(0), 300
     gaussians = true_gaussians(2)
-    squares = torch.stack([_look(gaussians, camera, (0.1, 0.2, 0.3), generator)[1].square() for _ in range(count)])
+    slopes = [_look(gaussians, camera, (0.1, 0.2, 0.3), generator)[1]["opacities"] for _ in range(count)]
+    squares = (torch.stack(slopes) * gaussians.opacities).square()
     whole = rasterize(gaussians, camera, (0.1, 0.2, 0.3)).rgb
     for index in (3, 40, 77, STATIC, STATIC + 5):
         keep = torch.arange(len(gaussians)) != index
         without = rasterize(
             GaussianArrays(*(value[keep] for value in vars(gaussians).values())), camera, (0.1, 0.2, 0.3)
         ).rgb
-        change = float((whole - without).square().sum())
+        change = float((whole - without).detach().square().sum())
         error = 4 * float(squares[:, index].std()) / count**0.5  # of the mean of random signs
         assert float(squares[:, index].mean()) == pytest.approx(change, abs=error + 1e-3 * change)
+
+
+@pytest.mark.parametrize("name", ["means", "quaternions", "scales", "opacities", "sh"])
+def test_the_rest_energy_is_what_standing_still_changes(capture: Capture, name: str) -> None:
+    """Of one Gaussian alone, whose change is small enough for the first order."""
+    index, looks, size = STATIC + 5, 2 * [Look(1, 0.0), Look(1, 1.0)], 0.05 if name == "quaternions" else 0.01
+
+    def swinging(time: float, rests: bool = False) -> GaussianArrays:
+        g = true_gaussians(2)
+        g.scales[index] *= torch.tensor([1.0, 0.5, 0.7])
+        way = torch.linspace(0.4, 1.0, getattr(g, name)[index].numel()).reshape(getattr(g, name)[index].shape)
+        getattr(g, name)[index] += size * way * (0.0 if rests else 2 * time - 1)
+        return g
+
+    camera, draws = capture.cameras[1], torch.Generator().manual_seed(0)
+    found = [measure_motion(swinging, len(swinging(0)), capture, looks, draws).rest_energy for _ in range(100)]
+    energies = torch.stack(found)
+    moves, rests = (
+        [rasterize(swinging(time, still), camera, capture.background).rgb for time in (0.0, 1.0)]
+        for still in (False, True)
+    )
+    change = float(np.mean([float((a - b).detach().square().sum()) for a, b in zip(moves, rests, strict=True)]))
+    error = 4 * float(energies[:, index].std()) / len(found) ** 0.5  # of the mean of random signs
+    assert change > 0
+    assert float(energies[:, index].mean()) == pytest.approx(change, abs=error + 0.05 * change)
+    assert float(energies[:, :index].max()) == 0
 
 
 def test_errors_that_change_with_time_show_who_should_move(capture: Capture) -> None:
@@ -116,6 +143,15 @@ def test_errors_that_change_with_time_show_who_should_move(capture: Capture) -> 
     assert float(frozen[STATIC:].max()) > 0.05
     far = torch.from_numpy(film.gaussians_at(0).means[:STATIC, 1] > 1.2)  # below the ball's path
     assert float(frozen[:STATIC][far].max()) < 0.02
+
+
+def test_no_stretch_of_time_is_overlooked(capture: Capture) -> None:
+    shots = [i for i, shot in enumerate(capture.shots) if not capture.is_test(shot)]
+    for seed in range(20):
+        looks = draw_looks(capture, shots, film.FRAMES, torch.Generator().manual_seed(seed))
+        assert [round(look.time * (film.FRAMES - 1) - frame) for frame, look in enumerate(looks)] == film.FRAMES * [0]
+    twice = draw_looks(capture, shots, 2 * len(shots), torch.Generator().manual_seed(0))
+    assert len(twice) == 2 * len(shots)
 
 
 def test_looks_are_spread_and_jittered(capture: Capture) -> None:

@@ -32,13 +32,15 @@ class Look:
 
 
 def draw_looks(capture: Capture, shots: Sequence[int], count: int, generator: torch.Generator) -> list[Look]:
-    """``count`` looks spread over ``shots`` (more than there are: some shots twice)."""
-    order = torch.randperm(len(shots), generator=generator, device="cpu")
-    jitter = torch.rand(count, generator=generator, device="cpu") - 0.5
+    """``count`` looks at ``shots`` (more than there are: some twice), one from each of as many stretches of time: what
+    shows for a few moments only must not be missed. They are in order of time."""
+    shuffled = [shots[int(k)] for k in torch.randperm(len(shots), generator=generator, device="cpu")]
+    in_time = sorted(shuffled, key=lambda index: capture.shots[index].frame)
+    choice, jitter = (torch.rand(2, count, generator=generator, device="cpu") - 0.5).tolist()
     looks = []
     for k in range(count):
-        shot = capture.shots[shots[int(order[k % len(shots)])]]
-        frame = min(max(shot.frame + float(jitter[k]), 0.0), capture.frame_count - 1.0)
+        shot = capture.shots[in_time[int((k + 0.5 + choice[k]) / count * len(in_time))]]
+        frame = min(max(shot.frame + jitter[k], 0.0), capture.frame_count - 1.0)
         looks.append(Look(shot.camera, frame_to_time(frame, capture.frame_count)))
     return looks
 
@@ -48,6 +50,8 @@ class Motion:
     """Attributes:
     score: (M,) of those that move: pixels that they move, grow or turn by at most, and PIXELS_OF_A_CHANGE times their
         change of colour and opacity, each times their blending weight in the look where that is most.
+    rest_energy: (M,) the mean over the looks of the sum of squares over pixels and channels by which a picture would
+        change, to first order, if this Gaussian alone were as in ``state``.
     contribution: (N,) by how much a look's picture would change if this Gaussian alone were left out: root of the sum
         of squares over its pixels and channels, of the display range, in the look where that is most.
     energy: (N,) the mean of that sum of squares over the looks: what all pictures together would lose.
@@ -55,6 +59,7 @@ class Motion:
     """
 
     score: torch.Tensor
+    rest_energy: torch.Tensor
     contribution: torch.Tensor
     energy: torch.Tensor
     state: dict[str, torch.Tensor]
@@ -98,19 +103,26 @@ def measure_motion(
         moving: how many they are, M.
     """
     ranges = {name: _Range() for name in _SHAPES}
-    contribution, energy, weight, reach = _Range(), _Range(), _Range(), _Range()
+    contribution, energy, rest_energy, weight, reach = (_Range() for _ in range(5))
+    with torch.no_grad():
+        for look in looks:
+            gaussians = gaussians_at(look.time)
+            for name, values in ranges.items():
+                values.add(getattr(gaussians, name)[:moving])
     for look in looks:
         camera = capture.cameras[look.camera]
         with torch.no_grad():
             gaussians = gaussians_at(look.time)
-        image, change = _look(gaussians, camera, capture.background, generator)
+        image, slopes = _look(gaussians, camera, capture.background, generator)
         assert image.max_weights is not None
+        change = (slopes["opacities"] * gaussians.opacities).abs()
         contribution.add(change)
         energy.add(change.square())
+        to_rest = {name: values.mean - getattr(gaussians, name)[:moving] for name, values in ranges.items()}
+        by_name = [_sums(slopes[name][:moving] * way) for name, way in to_rest.items()]
+        rest_energy.add(torch.stack(by_name).sum(0).square())
         weight.add(image.max_weights[:moving])
         reach.add((image.max_weights * _pixels_per_unit(gaussians, image, camera))[:moving])
-        for name, values in ranges.items():
-            values.add(getattr(gaussians, name)[:moving])
     means, quaternions, scales, opacities, sh = (ranges[name] for name in _SHAPES)
     length = quaternions.mean.norm(dim=1).clamp(min=1e-12)
     turn = 2 * quaternions.half.norm(dim=1) / length * scales.largest.amax(1)
@@ -125,23 +137,26 @@ def measure_motion(
         "sh": sh.mean,  # of the degrees that have begun
     }
     score = reach.largest * moved + PIXELS_OF_A_CHANGE * weight.largest * (fade + tint)
-    return Motion(score, contribution.largest, energy.mean, state)
+    return Motion(score, rest_energy.mean, contribution.largest, energy.mean, state)
+
+
+def _sums(values: torch.Tensor) -> torch.Tensor:
+    """(N,) of (N, ...)."""
+    return values.flatten(1).sum(1) if values.dim() > 1 else values
 
 
 def _look(
     gaussians: GaussianArrays, camera: Camera, background: tuple[float, float, float], generator: torch.Generator
-) -> tuple[Image, torch.Tensor]:
-    """What a camera sees, and (N,) by how much the picture would change without each Gaussian.
+) -> tuple[Image, dict[str, torch.Tensor]]:
+    """What a camera sees, and gradients whose products with changes of the attributes are, squared, in the mean the
+    sums of squares of what such changes of one Gaussian do to the picture (see backward_by_signs).
 
-    A picture is affine in every single opacity o, so without that Gaussian it changes by o times its derivative by o.
-    One backward pass gives the norms of all the derivatives at once, as estimates (see backward_by_signs).
+    To first order; a picture is affine in every single opacity, so for the whole of that it is exact.
     """
-    opacities = gaussians.opacities.detach().clone().requires_grad_()
-    drawn = GaussianArrays(gaussians.means, gaussians.quaternions, gaussians.scales, opacities, gaussians.sh)
+    drawn = GaussianArrays(*(value.detach().clone().requires_grad_() for value in vars(gaussians).values()))
     image = rasterize(drawn, camera, background, RasterizeOptions(weights=True))
     backward_by_signs(image, generator)
-    assert opacities.grad is not None
-    return image, (opacities.grad * opacities.detach()).abs()
+    return image, {name: value.grad for name, value in vars(drawn).items()}
 
 
 def backward_by_signs(image: Image, generator: torch.Generator) -> None:

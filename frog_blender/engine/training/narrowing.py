@@ -7,6 +7,7 @@ moments are weighed by how much a picture changes with each Gaussian's each outp
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -55,7 +56,8 @@ def narrow(rounds: Parsimony, trainer: Trainer, looks: Sequence[Look], generator
     if model.settings.hidden_width <= STEP:
         return
     weight, bias = model.deformation.output_weight.detach(), model.deformation.output_bias.detach()
-    narrower = without_units(visible_moments(trainer, model, looks[:_LOOKS], generator), weight, bias)
+    some = looks[:: math.ceil(len(looks) / _LOOKS)]
+    narrower = without_units(visible_moments(trainer, model, some, generator), weight, bias)
     psnr = rounds.judge(trainer).before
 
     def loss_of(number: int) -> float:

@@ -29,7 +29,7 @@ ALLOWED_LOSS = 0.05
 ALLOWED_PRUNING_LOSS, ALLOWED_COLOR_LOSS, ALLOWED_HEAD_LOSS = 0.03, 0.03, 0.01
 RESTS_BELOW, ALL_REST_BELOW = 4.0, 2.0
 """Score (see motion.Motion) below which a Gaussian may rest; and below which every one may, if none is above."""
-_TRIED_FIRST_BELOW = 1.5  # score, in the search for how many may rest
+_TRIED_FIRST = 0.8  # of those that may rest
 _FIRST_PRUNED, _MOST_PRUNED = 0.15, 0.6  # of the Gaussians, in a round
 _WAKES_ABOVE = 0.1  # error that changes with time, of the pictures' mean brightness
 _MOST_WOKEN = 0.1  # of the Gaussians at rest
@@ -65,7 +65,8 @@ def prune(rounds: Parsimony, trainer: Trainer, motion: Motion) -> Motion:
     with rounds.noted("pruned", trainer, lambda: trainer.count, lambda: trainer.picture(rounds.judged[0]), loss):
         arrange(trainer, kept, movers)
     state = {name: values[movers] for name, values in motion.state.items()}
-    return Motion(motion.score[movers], motion.contribution[kept], motion.energy[kept], state)
+    of_movers = motion.score[movers], motion.rest_energy[movers]
+    return Motion(*of_movers, motion.contribution[kept], motion.energy[kept], state)
 
 
 def cut_colors(rounds: Parsimony, trainer: Trainer) -> None:
@@ -117,14 +118,13 @@ def silence_heads(rounds: Parsimony, trainer: Trainer) -> None:
 
 
 def rest(rounds: Parsimony, trainer: Trainer, motion: Motion) -> None:
-    """Puts Gaussians to rest whose motion nobody sees."""
+    """Puts Gaussians to rest whose motion pictures miss least, none of which anybody would see."""
     canonical = trainer.model.canonical
     if not canonical.moving:
         return
-    order = motion.score.argsort()
-    limit = ALL_REST_BELOW if float(motion.score.max()) < ALL_REST_BELOW else RESTS_BELOW
-    candidates = int((motion.score < limit).sum())
-    first = int((motion.score < _TRIED_FIRST_BELOW).sum())
+    may = motion.score < (ALL_REST_BELOW if float(motion.score.max()) < ALL_REST_BELOW else RESTS_BELOW)
+    candidates = int(may.sum())
+    order = torch.where(may, motion.rest_energy, torch.inf).argsort()
     state = {
         **motion.state,
         "scales": motion.state["log_scales"].exp(),
@@ -144,7 +144,7 @@ def rest(rounds: Parsimony, trainer: Trainer, motion: Motion) -> None:
 
         return judge.loss(change)
 
-    number, loss = most_within(at_rest, candidates, ALLOWED_LOSS, first, tries=7)
+    number, loss = most_within(at_rest, candidates, ALLOWED_LOSS, int(_TRIED_FIRST * candidates), tries=7)
     share = trainer.recipe.dynamic_share
     forced = canonical.moving - int(share * trainer.count) if share else 0
     if forced > number:
