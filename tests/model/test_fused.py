@@ -108,6 +108,17 @@ def test_every_shape_of_the_network(settings: FrogSettings, head_width: int, fus
     assert_equal_to_plain(model_of(replace(settings, temporal_size=9, **changed)))
 
 
+@pytest.mark.parametrize("silent", [["log_scales"], ["means", "opacity_logits", "sh"], ["sh", "quaternions"], None])
+@pytest.mark.parametrize("head_width", [0, 16, 24])
+@pytest.mark.parametrize("fusion", ["product", "dual"])
+def test_heads_that_say_nothing(fusion: str, head_width: int, silent: list[str] | None) -> None:
+    """Their layers are left out forward (None: of all heads); backward they may learn to speak."""
+    model = model_of(replace(SETTINGS, head_width=head_width, deformed_sh=4, fusion=fusion))
+    for name in model.heads if silent is None else silent:
+        model.deformation.output_weight.data[model.output_rows(name)] = 0
+    assert_equal_to_plain(model)
+
+
 @pytest.mark.parametrize("moving", [0, 1, 95, 96, 961, 1999])
 @pytest.mark.parametrize("form", ["off", "paper", "unit"])
 @pytest.mark.parametrize("head_width", [0, 16])

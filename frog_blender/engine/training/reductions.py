@@ -91,8 +91,8 @@ def cut_colors(rounds: Parsimony, trainer: Trainer) -> None:
 def silence_heads(rounds: Parsimony, trainer: Trainer) -> None:
     """Sets heads of the network to zero, for good, whose output the withheld pictures do not miss.
 
-    That makes the file smaller (zeros take no room in a packed one), but nothing faster: the outputs of all heads are
-    one matrix product of whole vectors.
+    Zeros take no room in a packed file, and where heads have layers of their own (the papers' networks) a silent head's
+    is not computed; elsewhere the outputs of all heads are one matrix product of whole vectors.
     """
     model = trainer.model
     if not isinstance(model, Frog) or not model.canonical.moving:
@@ -107,14 +107,14 @@ def silence_heads(rounds: Parsimony, trainer: Trainer) -> None:
                 value[rows] = 0
             return value
 
-        without, before = rounds.psnr_with(trainer, silent), len(model.heads)
-        if psnr - without > ALLOWED_HEAD_LOSS:
+        loss = psnr - rounds.psnr_with(trainer, silent)
+        if loss > ALLOWED_HEAD_LOSS:
             continue
-        model.silence(name)
-        for parameter in (model.deformation.output_weight, model.deformation.output_bias):
-            trainer.optimizer.stop(parameter, rows)
-        rounds.note(f"head {name}", trainer, before, len(model.heads), psnr - without)
-        psnr = without
+        with rounds.noted(f"head {name}", trainer, lambda: len(model.heads), lambda: gaussians_at(trainer, 0.5), loss):
+            model.silence(name)
+            for parameter in (model.deformation.output_weight, model.deformation.output_bias):
+                trainer.optimizer.stop(parameter, rows)
+        psnr -= loss
 
 
 def rest(rounds: Parsimony, trainer: Trainer, motion: Motion) -> None:

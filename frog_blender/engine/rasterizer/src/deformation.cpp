@@ -54,6 +54,27 @@ const float *pack_transposed(Memory &memory, const float *from, int rows, int co
   return to.data;
 }
 
+// Which heads have layers of their own that anybody reads. A silenced head's outputs are its bias whatever its layer says;
+// a backward pass asks all of them, since outputs that are zero at the start learn.
+struct Heads {
+  int count = 0, read = 0;
+  int sizes[5] = {3, 3, 4, 1, 0};
+  int place[5];  // among those that are read, or -1
+
+  Heads(const FrogDeformation &field, bool backward) {
+    if (!field.head_width) return;
+    sizes[4] = 3 * field.sh_deformed;
+    count = field.sh_deformed ? 5 : 4;
+    const long long length = static_cast<long long>(field.networks) * field.head_width;
+    const float *weight = field.output_weight;
+    for (int head = 0; head < count; ++head) {
+      const float *end = weight + sizes[head] * length;
+      place[head] = backward || std::any_of(weight, end, [](float w) { return w != 0; }) ? read++ : -1;
+      weight = end;
+    }
+  }
+};
+
 struct Packed {
   Memory memory;
   DeformationPlan plan{};
@@ -79,27 +100,39 @@ void plan_first(Packed &packed, bool backward) {
   plan.embedding_backward = to.data;
 }
 
-void plan_heads(Packed &packed, bool backward) {
+// The rows of the heads that are read, of `length` numbers for each of their units.
+std::vector<float> rows_read(const FrogDeformation &field, const Heads &heads, const float *from, long long length) {
+  const long long size = field.head_width * length;
+  std::vector<float> rows;
+  rows.reserve(static_cast<size_t>(field.networks * heads.read * size));
+  for (int n = 0; n < field.networks; ++n)
+    for (int head = 0; head < heads.count; ++head, from += size)
+      if (heads.place[head] >= 0) rows.insert(rows.end(), from, from + size);
+  return rows;
+}
+
+void plan_heads(Packed &packed, const Heads &heads, bool backward) {
   DeformationPlan &plan = packed.plan;
   const FrogDeformation &field = *plan.field;
-  plan.head_bias = pad(packed.memory, field.head_bias, plan.networks, plan.heads);
+  const std::vector<float> bias = rows_read(field, heads, field.head_bias, 1);
+  const std::vector<float> weights = rows_read(field, heads, field.head_weight, plan.hidden);
+  plan.head_bias = pad(packed.memory, bias.data(), plan.networks, plan.heads);
   for (int n = 0; n < plan.networks; ++n) {
-    const float *weight = field.head_weight + static_cast<long long>(n) * plan.heads * plan.hidden;
+    const float *weight = weights.data() + static_cast<long long>(n) * plan.heads * plan.hidden;
     plan.head_forward[n] = pack_transposed(packed.memory, weight, plan.heads, plan.hidden, plan.hidden);
     if (backward) plan.head_backward[n] = pack(packed.memory, weight, plan.heads, plan.hidden, plan.hidden);
   }
 }
 
-void plan_outputs(Packed &packed, bool backward) {
+void plan_outputs(Packed &packed, const Heads &heads, bool backward) {
   DeformationPlan &plan = packed.plan;
   const FrogDeformation &field = *plan.field;
-  const int sizes[] = {3, 3, 4, 1, 3 * field.sh_deformed};
-  const int heads = plan.heads ? plan.heads / field.head_width : 1, inputs = plan.heads ? field.head_width : plan.hidden;
+  const int inputs = field.head_width ? field.head_width : plan.hidden;
   // Padded as the outputs' rows are: a branch's padding may reach over the last one.
   packed.memory.emplace_back(static_cast<size_t>(padded(plan.outputs) + DEFORM_PAD), 0.0f);
   plan.output_bias = packed.memory.back().data();
   std::copy_n(field.output_bias, plan.outputs, packed.memory.back().data());
-  if (field.first_layer && !plan.heads) {
+  if (field.first_layer && !field.head_width) {
     packed.memory.emplace_back(static_cast<size_t>(plan.hidden * padded(plan.outputs)), 0.0f);
     float *rows = packed.memory.back().data();
     for (long long o = 0; o < plan.outputs; ++o)
@@ -108,9 +141,10 @@ void plan_outputs(Packed &packed, bool backward) {
   }
   for (int n = 0; n < plan.networks; ++n) {
     int output = 0;
-    for (int head = 0; head < heads; ++head) {
+    for (int head = 0; head < std::max(1, heads.count); ++head) {
+      const int place = heads.count ? heads.place[head] : 0, size = heads.count ? heads.sizes[head] : plan.outputs;
       Branch &branch = plan.branches[plan.branch_count++];
-      branch = {n, head * inputs, inputs, output, plan.heads ? sizes[head] : plan.outputs, nullptr, nullptr};
+      branch = {n, std::max(0, place) * inputs, place < 0 ? 0 : inputs, output, size, nullptr, nullptr};
       const long long length = static_cast<long long>(plan.networks) * inputs;
       const float *weight = field.output_weight + output * length + n * inputs;
       branch.forward = pack_transposed(packed.memory, weight, branch.size, inputs, length);
@@ -127,12 +161,13 @@ Packed plan_of(const FrogDeformation &field, bool backward) {
   plan.networks = field.head_width ? field.networks : 1;
   plan.embedding = field.embedding_size;
   plan.hidden = field.head_width ? field.hidden_width : field.networks * field.hidden_width;
-  plan.heads = field.head_width * (field.sh_deformed ? 5 : 4);
+  const Heads heads(field, backward);
+  plan.heads = field.head_width * heads.read;
   plan.outputs = 11 + 3 * field.sh_deformed;
   packed.memory.reserve(9 + 2 * MAX_BRANCHES);
   plan_first(packed, backward);
-  if (plan.heads) plan_heads(packed, backward);
-  plan_outputs(packed, backward);
+  if (plan.heads) plan_heads(packed, heads, backward);
+  plan_outputs(packed, heads, backward);
   return packed;
 }
 

@@ -13,7 +13,7 @@ static inline long long padded(long long length) { return (length + DEFORM_PAD -
 // One linear output layer: of everything when the hidden layer is shared, else of one head of one network.
 struct Branch {
   int network, source;    // whose layer it reads, from which column
-  int inputs;             // how many columns
+  int inputs;             // how many columns; none of a silent head, whose outputs are the bias
   int output, size;       // its numbers among the outputs
   const float *forward;   // (inputs, size) packed
   const float *backward;  // (size, inputs) packed
@@ -50,7 +50,7 @@ static inline DeformationLayout layout_of(const DeformationPlan &plan) {
   l.embedding = padded(plan.embedding), l.hidden = padded(plan.hidden);
   // A head's padding may reach over the last one's end, and a branch's over the last output.
   l.heads = plan.heads ? padded(plan.heads) + DEFORM_PAD : 0;
-  l.outputs = padded(plan.outputs) + (plan.heads ? DEFORM_PAD : 0);
+  l.outputs = padded(plan.outputs) + (plan.branch_count > 1 ? DEFORM_PAD : 0);
   l.first_row = plan.networks * l.hidden, l.second_row = plan.networks * l.heads;
   l.weight_output_row = plan.networks * padded(plan.branches[0].inputs);
   long long at = 0;
