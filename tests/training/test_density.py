@@ -191,10 +191,12 @@ def test_observation_counts_only_what_is_seen_in_half_picture_widths() -> None:
 def test_rates_decay_from_start_to_end() -> None:
     scene = Scene()
     rates = {}
-    for progress in (0.0, 0.5, 1.0):
+    halfway = 1.0 - RECIPE.cool_down / 2
+    for progress in (0.0, 0.5, halfway, 1.0):
         scene.optimizer.schedule(progress)
         rates[progress] = {group["name"]: group["lr"] for group in scene.optimizer.adam.param_groups}
     assert rates[0.0]["means"] == pytest.approx(RECIPE.mean_rate)
-    assert rates[1.0]["means"] == pytest.approx(RECIPE.mean_rate * RECIPE.rate_decay)
+    assert rates[halfway]["means"] == pytest.approx(RECIPE.mean_rate * RECIPE.rate_decay**halfway / 2)
     assert rates[0.5]["means"] == pytest.approx(RECIPE.mean_rate * RECIPE.rate_decay**0.5)
-    assert rates[1.0]["sh"] == pytest.approx(RECIPE.color_rate * RECIPE.attribute_decay)
+    assert rates[halfway]["sh"] == pytest.approx(RECIPE.color_rate * RECIPE.attribute_decay**halfway / 2)
+    assert set(rates[1.0].values()) == {0.0}  # cooled down

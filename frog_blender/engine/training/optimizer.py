@@ -50,15 +50,17 @@ class SceneOptimizer:
             if getattr(self._canonical, name).shape[1:].numel()  # methods without embeddings have some of no length
         ]
         groups += [{"params": parameters, "name": name} for name, parameters in model.rate_groups().items()]
-        self._rates, self.rate_factor = rates, 1.0
+        self._rates, self._cool_down, self.rate_factor = rates, recipe.cool_down, 1.0
         self.adam = adam_on(self._canonical.means.device, groups)
         self.schedule(0.0)
 
     def schedule(self, progress: float) -> None:
-        """Sets the rates for ``progress`` in [0, 1]: exponential decay."""
+        """Sets the rates for ``progress`` in [0, 1]: exponential decay, and the cool-down at the end."""
+        left = 1.0 - progress
+        factor = self.rate_factor * (left / self._cool_down if left < self._cool_down else 1.0)
         for group in self.adam.param_groups:
             start, decay = self._rates[group["name"]]
-            group["lr"] = self.rate_factor * start * decay**progress
+            group["lr"] = factor * start * decay**progress
 
     def step(self) -> None:
         self.adam.step()

@@ -46,6 +46,8 @@ class Recipe:
         warm_up: fraction of training without deformation.
         mean_rate ... grid_rate: Adam rates at the start; means, embedding, network, grid and temporal rates decay
             exponentially by ``rate_decay`` to the end, the others by ``attribute_decay``.
+        cool_down: fraction of training, the last, over which all rates go down to nothing as well, linearly: steps as
+            large as they were leave the scene a few tenths of a dB beside where they lead.
         pose_reach, pose_from: how far a training camera's pose may go in a training, as a share of its picture's width,
             and the fraction of training at which it begins (see training.poses); the papers take poses as they are.
         dssim_weight: of (1 - SSIM) / 2, for ``dssim_burst`` of every ``dssim_period`` steps after ``dssim_from``
@@ -111,6 +113,7 @@ class Recipe:
     grid_rate: float = 1e-2
     rate_decay: float = 0.1
     attribute_decay: float = 0.2
+    cool_down: float = 0.15
     pose_reach: float = 0.01
     pose_from: float = 0.05
     dssim_weight: float = 0.2
@@ -209,6 +212,7 @@ _PAPER = Recipe(
     fine_rows_until=0.125,
     warm_up=0.0,
     opacity_ramp=(0.0625, 0.075),
+    cool_down=0.0,
     mean_rate=4e-5,
     scale_rate=5e-3,
     pose_reach=0.0,
