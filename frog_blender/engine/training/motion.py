@@ -109,6 +109,7 @@ def measure_motion(
             gaussians = gaussians_at(look.time)
             for name, values in ranges.items():
                 values.add(getattr(gaussians, name)[:moving])
+    mean = {name: values.mean for name, values in ranges.items()}
     for look in looks:
         camera = capture.cameras[look.camera]
         with torch.no_grad():
@@ -118,26 +119,31 @@ def measure_motion(
         change = (slopes["opacities"] * gaussians.opacities).abs()
         contribution.add(change)
         energy.add(change.square())
-        to_rest = {name: values.mean - getattr(gaussians, name)[:moving] for name, values in ranges.items()}
-        by_name = [_sums(slopes[name][:moving] * way) for name, way in to_rest.items()]
+        ways = {name: mean[name] - getattr(gaussians, name)[:moving] for name in _SHAPES}
+        by_name = [_sums(slopes[name][:moving] * way) for name, way in ways.items()]
         rest_energy.add(torch.stack(by_name).sum(0).square())
         weight.add(image.max_weights[:moving])
         reach.add((image.max_weights * _pixels_per_unit(gaussians, image, camera))[:moving])
+    state = {
+        "means": mean["means"],
+        "quaternions": mean["quaternions"],
+        "log_scales": mean["scales"].clamp(min=1e-12).log(),
+        "opacity_logits": mean["opacities"].clamp(1e-6, 1 - 1e-6).logit(),
+        "sh": mean["sh"],  # of the degrees that have begun
+    }
+    score = _score(ranges, weight.largest, reach.largest)
+    return Motion(score, rest_energy.mean, contribution.largest, energy.mean, state)
+
+
+def _score(ranges: dict[str, _Range], weight: torch.Tensor, reach: torch.Tensor) -> torch.Tensor:
+    """See Motion; ``reach`` (M,) is the largest product of blending weight and pixels of a world unit."""
     means, quaternions, scales, opacities, sh = (ranges[name] for name in _SHAPES)
     length = quaternions.mean.norm(dim=1).clamp(min=1e-12)
     turn = 2 * quaternions.half.norm(dim=1) / length * scales.largest.amax(1)
     fade = opacities.half / opacities.largest.clamp(min=1e-6)
     tint = SH_DC * sh.half[:, 0].amax(1)
     moved = means.half.norm(dim=1) + scales.half.amax(1) + turn
-    state = {
-        "means": means.mean,
-        "quaternions": quaternions.mean,
-        "log_scales": scales.mean.clamp(min=1e-12).log(),
-        "opacity_logits": opacities.mean.clamp(1e-6, 1 - 1e-6).logit(),
-        "sh": sh.mean,  # of the degrees that have begun
-    }
-    score = reach.largest * moved + PIXELS_OF_A_CHANGE * weight.largest * (fade + tint)
-    return Motion(score, rest_energy.mean, contribution.largest, energy.mean, state)
+    return reach * moved + PIXELS_OF_A_CHANGE * weight * (fade + tint)
 
 
 def _sums(values: torch.Tensor) -> torch.Tensor:
