@@ -200,3 +200,6 @@ def test_rates_decay_from_start_to_end() -> None:
     assert rates[0.5]["means"] == pytest.approx(RECIPE.mean_rate * RECIPE.rate_decay**0.5)
     assert rates[halfway]["sh"] == pytest.approx(RECIPE.color_rate * RECIPE.attribute_decay**halfway / 2)
     assert set(rates[1.0].values()) == {0.0}  # cooled down
+    never = Scene(replace(RECIPE, cool_down=0.0)).optimizer
+    never.schedule(1.0)
+    assert never.adam.param_groups[0]["lr"] == pytest.approx(RECIPE.mean_rate * RECIPE.rate_decay)

@@ -186,6 +186,26 @@ def test_what_moves_far_is_not_even_proposed(halfway: Make) -> None:
     assert trainer.parsimony.reductions == [] and trainer.model.canonical.moving == trainer.count
 
 
+@pytest.mark.parametrize("forced", [False, True])
+def test_those_rest_first_that_pictures_miss_least(
+    halfway: Make, monkeypatch: pytest.MonkeyPatch, forced: bool
+) -> None:
+    trainer = halfway(dynamic_share=0.1 if forced else 0.0)
+    assert trainer.parsimony
+    monkeypatch.setattr(reductions, "ALLOWED_LOSS", 100.0)
+    monkeypatch.setattr(reductions, "_TRIED_FIRST", 0.9)
+    monkeypatch.setattr(reductions, "most_within", lambda loss, most, allowed, first, tries: (first, loss(first)))
+    motion, count = measured(trainer), trainer.count
+    energy = torch.randperm(count, generator=torch.Generator().manual_seed(1)).float()
+    score = torch.full((count,), 50.0 if forced else 3.0)
+    places = trainer.model.canonical.means.detach().clone()
+    kept = places[energy.argsort()[-int(0.1 * count) :].sort().values]
+    reductions.rest(trainer.parsimony, trainer, replace(motion, score=score, rest_energy=energy))
+    moving = trainer.model.canonical.moving
+    assert moving == int(0.1 * count)
+    torch.testing.assert_close(trainer.model.canonical.means.detach()[:moving], kept)
+
+
 def test_a_share_of_those_that_move_may_be_forced(halfway: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     trainer = halfway(dynamic_share=0.1)
     assert trainer.parsimony

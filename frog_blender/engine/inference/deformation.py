@@ -89,7 +89,7 @@ class PlayableDeformation:
             changes nothing.
     """
 
-    ready = True  # ``at`` gives unit quaternions, contiguous and float32 as all the others
+    gives_checked = True  # ``at`` gives unit quaternions, contiguous and float32 as all the others
 
     def __init__(self, arrays: dict[str, np.ndarray], model: dict) -> None:
         try:

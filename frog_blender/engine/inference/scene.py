@@ -29,7 +29,7 @@ PLAYABLE: dict[str, Callable[[dict[str, np.ndarray], dict], Any]] = {
     **RIVALS,
 }
 """What moves a scene, by the method in its header, unless there is no more in the file than CANONICAL: nothing moves
-then. Quaternions may be of any length, and arrays of any layout, unless the class has a true ``ready``."""
+then. Quaternions may be of any length, and arrays of any layout, unless the class has a true ``gives_checked``."""
 
 CANONICAL = {"means", "log_scales", "quaternions", "opacity_logits", "sh"}
 BY_GAUSSIAN = CANONICAL | {"embeddings"}  # the latter of those that move
@@ -174,7 +174,7 @@ class PlayableScene:
         if self._deformation is None:
             return at_rest(self._arrays).checked()
         gaussians = self._deformation.at(time)
-        if getattr(self._deformation, "ready", False):
+        if getattr(self._deformation, "gives_checked", False):
             return gaussians
         gaussians.quaternions = unit(gaussians.quaternions)
         return gaussians.checked()

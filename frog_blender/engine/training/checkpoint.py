@@ -24,7 +24,7 @@ from .smoothness import Neighbourhood
 from .trainer import Trainer
 
 _KEY = "frog-checkpoint"
-_VERSION = 8
+_VERSION = 9
 # Attributes of the trainer's parts, each an array under the part's name.
 _DENSITY = ("gradient_sum", "seen", "peak_opacity")
 _POSES = ("moments", "moved", "gathered")

@@ -32,8 +32,8 @@ class Look:
 
 
 def draw_looks(capture: Capture, shots: Sequence[int], count: int, generator: torch.Generator) -> list[Look]:
-    """``count`` looks at ``shots`` (more than there are: some twice), one from each of as many stretches of time: what
-    shows for a few moments only must not be missed. They are in order of time."""
+    """``count`` looks at ``shots`` (more than there are: some twice), one from each of as many stretches of time with
+    equally many shots: what shows for a few moments only must not be missed. They are in order of time."""
     shuffled = [shots[int(k)] for k in torch.randperm(len(shots), generator=generator, device="cpu")]
     in_time = sorted(shuffled, key=lambda index: capture.shots[index].frame)
     choice, jitter = (torch.rand(2, count, generator=generator, device="cpu") - 0.5).tolist()
@@ -154,10 +154,10 @@ def _sums(values: torch.Tensor) -> torch.Tensor:
 def _look(
     gaussians: GaussianArrays, camera: Camera, background: tuple[float, float, float], generator: torch.Generator
 ) -> tuple[Image, dict[str, torch.Tensor]]:
-    """What a camera sees, and gradients whose products with changes of the attributes are, squared, in the mean the
-    sums of squares of what such changes of one Gaussian do to the picture (see backward_by_signs).
+    """What a camera sees, and gradients by attribute.
 
-    To first order; a picture is affine in every single opacity, so for the whole of that it is exact.
+    Such a gradient times a change of one Gaussian's attributes, squared, is in the mean the sum of squares by which the
+    picture changes (see backward_by_signs): to first order, and exactly for opacities, in each of which it is affine.
     """
     drawn = GaussianArrays(*(value.detach().clone().requires_grad_() for value in vars(gaussians).values()))
     image = rasterize(drawn, camera, background, RasterizeOptions(weights=True))

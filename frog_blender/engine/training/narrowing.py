@@ -56,7 +56,8 @@ def narrow(rounds: Parsimony, trainer: Trainer, looks: Sequence[Look], generator
     if model.settings.hidden_width <= STEP:
         return
     weight, bias = model.deformation.output_weight.detach(), model.deformation.output_bias.detach()
-    some = looks[:: math.ceil(len(looks) / _LOOKS)]
+    step = math.ceil(len(looks) / _LOOKS)
+    some = looks[step // 2 :: step]
     narrower = without_units(visible_moments(trainer, model, some, generator), weight, bias)
     psnr = rounds.judge(trainer).before
 

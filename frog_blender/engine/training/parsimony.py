@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 SETTLED = 0.85
 ROUNDS = {0.3: "wake", SETTLED: "settle", 0.93: "wake"}
 """What happens at which fraction of the training. Motion is learned until late: Gaussians that were put to rest at 0.45
-or 0.72 would have learned more (docs/parsimony.md)."""
+or 0.72 would have learned more (docs/parsimony.md); from the second round on rates cool down (recipe.cool_down)."""
 WITHHELD = (0.5, SETTLED)
 """Fractions of the training between which the withheld pictures are not learned from."""
 _LOOKS, _JUDGED = 24, 8  # views that Gaussians are measured on; pictures that judge where none was withheld

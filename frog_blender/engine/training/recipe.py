@@ -177,6 +177,8 @@ class Recipe:
             )
         if not 0 <= self.seed_share <= 1:
             raise FrogError(f"seed_share is {self.seed_share}, expected 0 to 1.")
+        if not 0 <= self.cool_down <= 1:
+            raise FrogError(f"cool_down is {self.cool_down}, expected 0 to 1.")
         if self.steps < 1:
             raise FrogError(f"The number of steps is {self.steps}, expected at least 1.")
 

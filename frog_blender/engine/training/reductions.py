@@ -110,21 +110,24 @@ def silence_heads(rounds: Parsimony, trainer: Trainer) -> None:
         loss = psnr - rounds.psnr_with(trainer, silent)
         if loss > ALLOWED_HEAD_LOSS:
             continue
-        with rounds.noted(f"head {name}", trainer, lambda: len(model.heads), lambda: gaussians_at(trainer, 0.5), loss):
-            model.silence(name)
-            for parameter in (model.deformation.output_weight, model.deformation.output_bias):
-                trainer.optimizer.stop(parameter, rows)
+        before = len(model.heads)
+        model.silence(name)
+        for parameter in (model.deformation.output_weight, model.deformation.output_bias):
+            trainer.optimizer.stop(parameter, rows)
+        rounds.note(f"head {name}", trainer, before, len(model.heads), loss)
         psnr -= loss
 
 
 def rest(rounds: Parsimony, trainer: Trainer, motion: Motion) -> None:
-    """Puts Gaussians to rest whose motion pictures miss least, none of which anybody would see."""
+    """Puts Gaussians to rest whose motion pictures miss least, none whose motion anybody would see but for what
+    ``dynamic_share`` forces."""
     canonical = trainer.model.canonical
     if not canonical.moving:
         return
     may = motion.score < (ALL_REST_BELOW if float(motion.score.max()) < ALL_REST_BELOW else RESTS_BELOW)
     candidates = int(may.sum())
-    order = torch.where(may, motion.rest_energy, torch.inf).argsort()
+    by_energy = motion.rest_energy.argsort()
+    order = torch.cat([by_energy[may[by_energy]], by_energy[~may[by_energy]]])
     state = {
         **motion.state,
         "scales": motion.state["log_scales"].exp(),
@@ -144,7 +147,7 @@ def rest(rounds: Parsimony, trainer: Trainer, motion: Motion) -> None:
 
         return judge.loss(change)
 
-    number, loss = most_within(at_rest, candidates, ALLOWED_LOSS, int(_TRIED_FIRST * candidates), tries=7)
+    number, loss = most_within(at_rest, candidates, ALLOWED_LOSS, math.ceil(_TRIED_FIRST * candidates), tries=7)
     share = trainer.recipe.dynamic_share
     forced = canonical.moving - int(share * trainer.count) if share else 0
     if forced > number:
