@@ -92,6 +92,23 @@ def test_missing_figures_leave_a_chart_out() -> None:
     assert ablation_chart(sections([alone])[0]) is None
 
 
+def test_a_sweep_is_compared_over_its_own_seeds() -> None:
+    auto = [
+        run_record("frog", label="FRoG auto", seed=seed, psnr=30.0 + seed, packed_bytes=3_000_000) for seed in range(3)
+    ]
+    frog = [run_record("frog", seed=seed, psnr=31.0 + seed, packed_bytes=6_000_000) for seed in range(3)]
+    sweep = [
+        run_record("frog", label="10% move", group="capacity", psnr=29.0, packed_bytes=2_000_000),
+        run_record("frog", label="40% move", group="capacity", psnr=30.0, packed_bytes=3_000_000),  # as automatic
+    ]
+    chart = capacity_chart(sections([*auto, *frog, *sweep])[0])
+    star = next(line for line in chart.axes[0].lines if line.get_label() == "automatic choice")
+    assert (list(star.get_xdata()), list(star.get_ydata())) == ([3.0], [30.0])
+    assert overlapping(chart) == [] and "10% move" in texts(chart) and "40% move" not in texts(chart)
+    late = run_record("frog", label="5% move", group="capacity", seed=7, psnr=29.0, packed_bytes=2_000_000)
+    assert capacity_chart(sections([*frog, late])[0]) is None
+
+
 def test_curves_of_different_lengths() -> None:
     records = [run_record(seed=seed, curve=[[i, i, 20 + i] for i in range(3 + seed)]) for seed in range(3)]
     assert overlapping(training_chart(sections(records)[0])) == []

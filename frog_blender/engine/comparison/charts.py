@@ -178,17 +178,22 @@ def ablation_chart(section: Section) -> Any:
 
 
 def capacity_chart(section: Section) -> Any:
-    """PSNR against bytes: fewer Gaussians, fewer that move, and where the automatic choice stands. None without a
-    sweep."""
-    rows = [row for row in section.rows.get("capacity", ()) if row.median("psnr") and row.median("packed_bytes")]
-    frog = section.of_method("frog")
-    if not rows or frog is None or not frog.median("packed_bytes"):
+    """PSNR against bytes: fewer Gaussians, fewer that move, and where the automatic choice stands, over the seeds that
+    all of them have. None without a sweep; what came out as the automatic choice is not shown twice."""
+    rows, frog = list(section.rows.get("capacity", ())), section.of_method("frog")
+    if not rows or frog is None:
         return None
+    automatic = [row for row in section.rows.get("methods", ()) if row.label == AUTO_LABEL]
+    seeds = set.intersection(*(set(row.by_seed("packed_bytes")) for row in (frog, *rows, *automatic)))
+    if not seeds:
+        return None
+    frog, rows, automatic = frog.of_seeds(seeds), _of_seeds(rows, seeds), _of_seeds(automatic, seeds)
     figure, axes = _figure(f"{section.title}: what capacity buys")
 
     def point(row: Row) -> tuple[float, float]:
         return (row.median("packed_bytes") or 0.0) / 1e6, row.median("psnr") or 0.0
 
+    rows = [row for row in rows if point(row) not in map(point, automatic)]
     fewer = [row for row in rows if "Gaussians" in row.label]
     calmer = [row for row in rows if "move" in row.label]
     lines = {
@@ -200,7 +205,6 @@ def capacity_chart(section: Section) -> Any:
             continue
         points = sorted(point(row) for row in swept)
         axes.plot(*zip(*points, strict=True), color=color, marker=marker, label=title)
-    automatic = [row for row in section.rows.get("methods", ()) if row.label == AUTO_LABEL]
     for row in automatic:
         axes.plot(*point(row), color="#D55E00", marker="*", markersize=17, linestyle="none", label="automatic choice")
     axes.set_xscale("log")
@@ -211,9 +215,14 @@ def capacity_chart(section: Section) -> Any:
     figure.legend(loc="outside lower center", frameon=False, fontsize=9, ncols=3)
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
-    named = [frog, *rows]
-    place_labels(axes, [point(row) for row in named], [row.label for row in named], [5.0] * len(named))
+    named = [*automatic, frog, *rows]
+    radii = [10.0] * len(automatic) + [5.0] * (1 + len(rows))
+    place_labels(axes, [point(row) for row in named], [row.label for row in named], radii)
     return figure
+
+
+def _of_seeds(rows: Sequence[Row], seeds: set[int]) -> list[Row]:
+    return [row.of_seeds(seeds) for row in rows]
 
 
 _CHARTS = {"speed": speed_chart, "training": training_chart, "ablation": ablation_chart, "capacity": capacity_chart}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from .grid import ABLATIONS, AUTO_LABEL, METHODS
@@ -41,6 +41,10 @@ class Row:
     def median(self, name: str) -> float | None:
         values = self.values(name)
         return statistics.median(values) if values else None
+
+    def of_seeds(self, seeds: set[int]) -> Row:
+        """The same with some of its runs alone."""
+        return replace(self, records={seed: record for seed, record in self.records.items() if seed in seeds})
 
     @property
     def fps(self) -> float | None:
