@@ -180,10 +180,14 @@ def ablation_chart(section: Section) -> Any:
 def capacity_chart(section: Section) -> Any:
     """PSNR against bytes: fewer Gaussians, fewer that move, and where the automatic choice stands, over the seeds that
     all of them have. None without a sweep; what came out as the automatic choice is not shown twice."""
-    rows, frog = list(section.rows.get("capacity", ())), section.of_method("frog")
+    rows, of_methods = (
+        [row for row in section.rows.get(group, ()) if row.median("psnr") and row.median("packed_bytes")]
+        for group in ("capacity", "methods")
+    )
+    frog = section.of_method("frog")
     if not rows or frog is None:
         return None
-    automatic = [row for row in section.rows.get("methods", ()) if row.label == AUTO_LABEL]
+    automatic = [row for row in of_methods if row.label == AUTO_LABEL]
     seeds = set.intersection(*(set(row.by_seed("packed_bytes")) for row in (frog, *rows, *automatic)))
     if not seeds:
         return None

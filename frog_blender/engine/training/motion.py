@@ -36,11 +36,11 @@ def draw_looks(capture: Capture, shots: Sequence[int], count: int, generator: to
     equally many shots: what shows for a few moments only must not be missed. They are in order of time."""
     shuffled = [shots[int(k)] for k in torch.randperm(len(shots), generator=generator, device="cpu")]
     in_time = sorted(shuffled, key=lambda index: capture.shots[index].frame)
-    choice, jitter = (torch.rand(2, count, generator=generator, device="cpu") - 0.5).tolist()
+    choice, jitter = torch.rand(2, count, generator=generator, device="cpu").tolist()
     looks = []
     for k in range(count):
-        shot = capture.shots[in_time[int((k + 0.5 + choice[k]) / count * len(in_time))]]
-        frame = min(max(shot.frame + jitter[k], 0.0), capture.frame_count - 1.0)
+        shot = capture.shots[in_time[int((k + choice[k]) / count * len(in_time))]]
+        frame = min(max(shot.frame + jitter[k] - 0.5, 0.0), capture.frame_count - 1.0)
         looks.append(Look(shot.camera, frame_to_time(frame, capture.frame_count)))
     return looks
 

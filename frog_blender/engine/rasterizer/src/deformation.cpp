@@ -3,6 +3,7 @@
 #include "deformation.h"
 
 #include <algorithm>
+#include <array>
 
 #include "buffer.h"
 #include "pulled_rows.h"
@@ -54,17 +55,22 @@ const float *pack_transposed(Memory &memory, const float *from, int rows, int co
   return to.data;
 }
 
-// Which heads have layers of their own that anybody reads. A silenced head's outputs are its bias whatever its layer says;
-// a backward pass asks all of them, since outputs that are zero at the start learn.
+// The output layer's parts: one for each head that has a layer of its own, else one for everything. A silenced head's outputs
+// are its bias whatever its layer says, so nobody reads that one; a backward pass asks all of them, since outputs that are
+// zero at the start learn.
 struct Heads {
-  int count = 0, read = 0;
-  int sizes[5] = {3, 3, 4, 1, 0};
+  int count, read = 0;
+  int sizes[5];
   int place[5];  // among those that are read, or -1
 
   Heads(const FrogDeformation &field, bool backward) {
-    if (!field.head_width) return;
-    sizes[4] = 3 * field.sh_deformed;
-    count = field.sh_deformed ? 5 : 4;
+    const int colors = 3 * field.sh_deformed;
+    if (!field.head_width) {
+      count = read = 1, sizes[0] = 11 + colors, place[0] = 0;
+      return;
+    }
+    std::copy_n(std::array{3, 3, 4, 1, colors}.begin(), 5, sizes);
+    count = colors ? 5 : 4;
     const long long length = static_cast<long long>(field.networks) * field.head_width;
     const float *weight = field.output_weight;
     for (int head = 0; head < count; ++head) {
@@ -100,27 +106,26 @@ void plan_first(Packed &packed, bool backward) {
   plan.embedding_backward = to.data;
 }
 
-// The rows of the heads that are read, of `length` numbers for each of their units.
-std::vector<float> rows_read(const FrogDeformation &field, const Heads &heads, const float *from, long long length) {
-  const long long size = field.head_width * length;
-  std::vector<float> rows;
-  rows.reserve(static_cast<size_t>(field.networks * heads.read * size));
-  for (int n = 0; n < field.networks; ++n)
-    for (int head = 0; head < heads.count; ++head, from += size)
-      if (heads.place[head] >= 0) rows.insert(rows.end(), from, from + size);
-  return rows;
-}
-
 void plan_heads(Packed &packed, const Heads &heads, bool backward) {
   DeformationPlan &plan = packed.plan;
   const FrogDeformation &field = *plan.field;
-  const std::vector<float> bias = rows_read(field, heads, field.head_bias, 1);
-  const std::vector<float> weights = rows_read(field, heads, field.head_weight, plan.hidden);
-  plan.head_bias = pad(packed.memory, bias.data(), plan.networks, plan.heads);
+  const int width = field.head_width;
+  packed.memory.emplace_back(static_cast<size_t>(plan.networks * padded(plan.heads)), 0.0f);
+  float *bias = packed.memory.back().data();
+  plan.head_bias = bias;
   for (int n = 0; n < plan.networks; ++n) {
-    const float *weight = weights.data() + static_cast<long long>(n) * plan.heads * plan.hidden;
-    plan.head_forward[n] = pack_transposed(packed.memory, weight, plan.heads, plan.hidden, plan.hidden);
-    if (backward) plan.head_backward[n] = pack(packed.memory, weight, plan.heads, plan.hidden, plan.hidden);
+    const Panels forward = panels(packed.memory, plan.hidden, plan.heads);
+    const Panels back = backward ? panels(packed.memory, plan.heads, plan.hidden) : Panels{nullptr, 0};
+    plan.head_forward[n] = forward.data, plan.head_backward[n] = back.data;
+    for (int head = 0; head < heads.count; ++head) {
+      const int first = heads.place[head] * width;
+      if (first < 0) continue;
+      const long long unit = static_cast<long long>(n * heads.count + head) * width;
+      const float *weight = field.head_weight + unit * plan.hidden;
+      forward.put(weight, plan.hidden, width, 1, plan.hidden, 0, first);
+      if (backward) back.put(weight, width, plan.hidden, plan.hidden, 1, first, 0);
+      std::copy_n(field.head_bias + unit, width, bias + n * padded(plan.heads) + first);
+    }
   }
 }
 
@@ -141,10 +146,10 @@ void plan_outputs(Packed &packed, const Heads &heads, bool backward) {
   }
   for (int n = 0; n < plan.networks; ++n) {
     int output = 0;
-    for (int head = 0; head < std::max(1, heads.count); ++head) {
-      const int place = heads.count ? heads.place[head] : 0, size = heads.count ? heads.sizes[head] : plan.outputs;
+    for (int head = 0; head < heads.count; ++head) {
+      const int place = heads.place[head];
       Branch &branch = plan.branches[plan.branch_count++];
-      branch = {n, std::max(0, place) * inputs, place < 0 ? 0 : inputs, output, size, nullptr, nullptr};
+      branch = {n, std::max(0, place) * inputs, place < 0 ? 0 : inputs, output, heads.sizes[head], nullptr, nullptr};
       const long long length = static_cast<long long>(plan.networks) * inputs;
       const float *weight = field.output_weight + output * length + n * inputs;
       branch.forward = pack_transposed(packed.memory, weight, branch.size, inputs, length);

@@ -22,7 +22,8 @@ struct Branch {
 // Two networks without heads are one of twice the width; with heads they share the first matrix product only.
 struct DeformationPlan {
   const FrogDeformation *field;
-  int networks, embedding, hidden, heads, outputs;  // hidden and heads (the width of the layers of all heads that are read, or 0) of a network
+  // hidden and heads, the width of the layers of all heads that are read, are of a network.
+  int networks, embedding, hidden, heads, outputs;
   const float *shared;                    // (networks, padded(hidden))
   const float *embedding_forward;         // (embedding, networks * padded(hidden)) packed
   const float *embedding_backward;        // (networks * padded(hidden), embedding) packed
