@@ -3,7 +3,6 @@
 #include "deformation.h"
 
 #include <algorithm>
-#include <array>
 
 #include "buffer.h"
 #include "pulled_rows.h"
@@ -63,14 +62,12 @@ struct Heads {
   int sizes[5];
   int place[5];  // among those that are read, or -1
 
-  Heads(const FrogDeformation &field, bool backward) {
-    const int colors = 3 * field.sh_deformed;
+  Heads(const FrogDeformation &field, bool backward) : sizes{3, 3, 4, 1, 3 * field.sh_deformed} {
     if (!field.head_width) {
-      count = read = 1, sizes[0] = 11 + colors, place[0] = 0;
+      count = read = 1, sizes[0] = 11 + sizes[4], place[0] = 0;
       return;
     }
-    std::copy_n(std::array{3, 3, 4, 1, colors}.begin(), 5, sizes);
-    count = colors ? 5 : 4;
+    count = field.sh_deformed ? 5 : 4;
     const long long length = static_cast<long long>(field.networks) * field.head_width;
     const float *weight = field.output_weight;
     for (int head = 0; head < count; ++head) {
