@@ -117,7 +117,7 @@ def narrowed(trainer: Trainer) -> Trainer:
     assert trainer.parsimony
     generator = torch.Generator().manual_seed(0)
     looks = draw_looks(trainer.capture, trainer.parsimony.looked_at, 8, generator)
-    narrow(trainer.parsimony, trainer, looks, generator)
+    narrow(trainer.parsimony, trainer, trainer.parsimony.judge(trainer), looks, generator)
     return trainer
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -131,16 +132,22 @@ def test_a_silenced_head_stays_silent(make_trainer: Make) -> None:
     assert model.stored_settings(trainer.progressing(1.0))["silent_heads"] == ("log_scales",)
 
 
+def hold(reduction: Callable[..., object], trainer: Trainer, *about: object) -> None:
+    """One reduction of a round."""
+    assert trainer.parsimony
+    reduction(trainer.parsimony, trainer, trainer.parsimony.judge(trainer), *about)
+
+
 def test_colours_are_cut_where_nobody_misses_them(make_trainer: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     trainer = make_trainer(40, sh_degree=2, capacity="auto")
     while trainer.step_count < 15:
         trainer.step()
     assert trainer.parsimony
     trainer.model.canonical.sh.data[:, 4:] = 0
-    reductions.cut_colors(trainer.parsimony, trainer)
+    hold(reductions.cut_colors, trainer)
     assert trainer.model.canonical.sh.shape[1] == 4
     monkeypatch.setattr(reductions, "ALLOWED_COLOR_LOSS", -100.0)
-    reductions.cut_colors(trainer.parsimony, trainer)
+    hold(reductions.cut_colors, trainer)
     assert trainer.model.canonical.sh.shape[1] == 4
     assert [each.what for each in trainer.parsimony.reductions] == ["SH degree"]
     trained(trainer)
@@ -152,7 +159,7 @@ def test_degrees_that_nobody_misses_go_one_after_the_other(make_trainer: Make) -
         trainer.step()
     assert trainer.parsimony and trainer.model.canonical.sh.shape[1] == 16
     trainer.model.canonical.sh.data[:, 4:] = 0
-    reductions.cut_colors(trainer.parsimony, trainer)
+    hold(reductions.cut_colors, trainer)
     cuts = trainer.parsimony.reductions[:2]
     assert [(each.before, each.after) for each in cuts] == [(3, 2), (2, 1)]
     assert [each.loss for each in cuts] == pytest.approx([0.0, 0.0], abs=1e-5)
@@ -161,7 +168,7 @@ def test_degrees_that_nobody_misses_go_one_after_the_other(make_trainer: Make) -
 def measured(trainer: Trainer) -> Motion:
     assert trainer.parsimony
     generator = torch.Generator().manual_seed(0)
-    return trainer.parsimony._measure(trainer, trainer.parsimony._draw_looks(generator), generator)
+    return trainer.parsimony.measure(trainer, trainer.parsimony.draw_looks(generator), generator)
 
 
 def test_what_pictures_miss_is_not_taken(halfway: Make, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -171,10 +178,10 @@ def test_what_pictures_miss_is_not_taken(halfway: Make, monkeypatch: pytest.Monk
     count, motion = trainer.count, measured(trainer)
     lying = replace(motion, score=torch.zeros(count), contribution=torch.arange(count, 0, -1).float())
     far = {**motion.state, "means": motion.state["means"] + 5.0}
-    reductions.rest(trainer.parsimony, trainer, replace(lying, state=far))
+    hold(reductions.rest, trainer, replace(lying, state=far))
     assert trainer.model.canonical.moving > 0.9 * count  # those that nobody sees may go
     monkeypatch.setattr(reductions, "ALLOWED_PRUNING_LOSS", -100.0)
-    reductions.prune(trainer.parsimony, trainer, lying)
+    hold(reductions.prune, trainer, lying)
     assert trainer.count == count
 
 
@@ -182,7 +189,7 @@ def test_what_moves_far_is_not_even_proposed(halfway: Make) -> None:
     trainer = halfway()
     assert trainer.parsimony
     motion = measured(trainer)
-    reductions.rest(trainer.parsimony, trainer, replace(motion, score=torch.full_like(motion.score, 50.0)))
+    hold(reductions.rest, trainer, replace(motion, score=torch.full_like(motion.score, 50.0)))
     assert trainer.parsimony.reductions == [] and trainer.model.canonical.moving == trainer.count
 
 
@@ -192,15 +199,14 @@ def test_those_rest_first_that_pictures_miss_least(
 ) -> None:
     trainer = halfway(dynamic_share=0.1 if forced else 0.0)
     assert trainer.parsimony
-    monkeypatch.setattr(reductions, "ALLOWED_LOSS", 100.0)
-    monkeypatch.setattr(reductions, "_TRIED_FIRST", 0.9)
-    monkeypatch.setattr(reductions, "most_within", lambda loss, most, allowed, first, tries: (first, loss(first)))
     motion, count = measured(trainer), trainer.count
+    most = math.ceil(0.9 * count)
+    monkeypatch.setattr(reductions, "most_within", lambda loss, expected, allowed: (most, loss(most)))
     energy = torch.randperm(count, generator=torch.Generator().manual_seed(1)).float()
     score = torch.full((count,), 50.0 if forced else 3.0)
     places = trainer.model.canonical.means.detach().clone()
     kept = places[energy.argsort()[-int(0.1 * count) :].sort().values]
-    reductions.rest(trainer.parsimony, trainer, replace(motion, score=score, rest_energy=energy))
+    hold(reductions.rest, trainer, replace(motion, score=score, rest_energy=energy))
     moving = trainer.model.canonical.moving
     assert moving == int(0.1 * count)
     torch.testing.assert_close(trainer.model.canonical.means.detach()[:moving], kept)
@@ -210,7 +216,7 @@ def test_a_share_of_those_that_move_may_be_forced(halfway: Make, monkeypatch: py
     trainer = halfway(dynamic_share=0.1)
     assert trainer.parsimony
     motion = measured(trainer)
-    reductions.rest(trainer.parsimony, trainer, replace(motion, score=motion.score + 50.0))
+    hold(reductions.rest, trainer, replace(motion, score=motion.score + 50.0))
     assert trainer.model.canonical.moving == int(0.1 * trainer.count)
     monkeypatch.setattr(reductions, "_WAKES_ABOVE", 0.0)
     reductions.wake_some(trainer.parsimony, trainer, torch.Generator().manual_seed(0))
@@ -224,7 +230,7 @@ def test_heads_that_nobody_misses_are_silenced(
     assert trainer.parsimony
     trainer.model.silence("sh")  # as if nothing had been learned there
     trainer.model._silent.clear()
-    reductions.silence_heads(trainer.parsimony, trainer)
+    hold(reductions.silence_heads, trainer)
     assert "sh" not in trainer.model.heads and "means" in trainer.model.heads
     assert [each.what for each in trainer.parsimony.reductions][-1].startswith("head ")
     save_checkpoint(tmp_path / "c", trainer)

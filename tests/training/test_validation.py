@@ -59,19 +59,30 @@ def test_no_test_picture_is_ever_looked_at(make_trainer: Make, watched: Callable
     assert store.read and not any(capture.is_test(capture.shots[index]) for index in store.read)
 
 
-@given(st.integers(0, 500), st.floats(0, 60), st.one_of(st.none(), st.integers(0, 600)))
-def test_the_search_never_allows_too_much(candidates: int, allowed: float, first: int | None) -> None:
+@given(st.integers(0, 500), st.floats(0, 60), st.floats(1e-3, 1e3), st.floats(0.5, 4.0))
+def test_the_search_never_allows_too_much(candidates: int, allowed: float, wrong: float, power: float) -> None:
+    """However far from the truth what is expected is."""
     asked = []
 
     def loss(number: int) -> float:
         asked.append(number)
         return number**1.5 / 100
 
-    number, cost = most_within(loss, candidates, allowed, first)
-    assert len(asked) <= 4 and all(0 < each <= candidates for each in asked)
+    number, cost = most_within(loss, wrong * np.arange(1, candidates + 1) ** power, allowed)
+    assert len(asked) == len(set(asked)) <= 4 and all(0 < each <= candidates for each in asked)
     assert cost <= allowed and (number == 0 or cost == number**1.5 / 100)
-    if candidates**1.5 / 100 <= allowed and first is None:
-        assert number == candidates
+
+
+@given(st.integers(50, 5000), st.floats(0.1, 0.9), st.floats(0.1, 10.0), st.floats(0.7, 1.5))
+def test_the_search_needs_few_looks(candidates: int, share: float, wrong: float, power: float) -> None:
+    """Where loss is ten times what was expected or a tenth of it, or grows faster or more slowly."""
+    truth = (np.arange(1, candidates + 1) / (share * candidates)) ** 3.0
+    number, _ = most_within(lambda n: float(truth[n - 1]) ** power, wrong * truth, 1.0)
+    assert 0.85 * share * candidates - 2 <= number <= share * candidates * (1 + 1e-9)
+
+
+def test_the_search_takes_everything_where_nothing_is_missed() -> None:
+    assert most_within(lambda n: 0.0, 0.3 * np.arange(1.0, 1001.0) ** 4 / 1000**4, 0.05) == (1000, 0.0)
 
 
 def test_withholding_may_begin_within_a_burst(capture: Capture) -> None:

@@ -12,13 +12,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
 import torch
 
 from ..model.frog import Frog
 from ..rasterizer import rasterize
 from .motion import Look, backward_by_signs
 from .resting import gaussians_at
-from .validation import most_within
+from .validation import Judge, most_within
 
 if TYPE_CHECKING:
     from .parsimony import Parsimony
@@ -28,6 +29,7 @@ ALLOWED_WIDTH_LOSS = 0.03
 """dB that a narrower network may cost on the withheld pictures; the rest of the training makes it up."""
 STEP = 16  # units that the native library computes at once
 _LOOKS, _GAUSSIANS = 8, 4096  # that units are measured on at most: they are few
+_GROWTH = 4.0  # of what narrowing costs, for each STEP
 _DAMPING = 1e-6  # of the mean second moment: units that always have the same values
 
 
@@ -45,7 +47,9 @@ class Narrower:
     bias: torch.Tensor
 
 
-def narrow(rounds: Parsimony, trainer: Trainer, looks: Sequence[Look], generator: torch.Generator) -> None:
+def narrow(
+    rounds: Parsimony, trainer: Trainer, judge: Judge, looks: Sequence[Look], generator: torch.Generator
+) -> None:
     """Leaves out units of the first layer, STEP at a time, as many as the withheld pictures do not miss.
 
     The papers' networks, whose heads have layers of their own, and dual ones stay as they are.
@@ -59,7 +63,6 @@ def narrow(rounds: Parsimony, trainer: Trainer, looks: Sequence[Look], generator
     step = math.ceil(len(looks) / _LOOKS)
     some = looks[step // 2 :: step]
     narrower = without_units(visible_moments(trainer, model, some, generator), weight, bias)
-    psnr = rounds.judge(trainer).before
 
     def loss_of(number: int) -> float:
         arrays = vars(narrower[number - 1])
@@ -67,9 +70,10 @@ def narrow(rounds: Parsimony, trainer: Trainer, looks: Sequence[Look], generator
         def change(key: str, value: torch.Tensor) -> torch.Tensor:
             return arrays[key.rpartition("_")[2]] if key.startswith("deformation.output_") else value
 
-        return psnr - rounds.psnr_with(trainer, change)
+        return judge.now - rounds.psnr_with(trainer, change)
 
-    number, loss = most_within(loss_of, len(narrower), ALLOWED_WIDTH_LOSS, first=1)
+    expected = 0.25 * ALLOWED_WIDTH_LOSS * _GROWTH ** np.arange(len(narrower))
+    number, loss = most_within(loss_of, expected, ALLOWED_WIDTH_LOSS)
     if not number:
         return
     chosen = narrower[number - 1]
@@ -81,6 +85,7 @@ def narrow(rounds: Parsimony, trainer: Trainer, looks: Sequence[Look], generator
         weight.copy_(chosen.weight)
         bias.copy_(chosen.bias)
         trainer.optimizer.keep_units(model, chosen.units)
+    judge.accept(loss)
 
 
 def visible_moments(trainer: Trainer, model: Frog, looks: Sequence[Look], generator: torch.Generator) -> torch.Tensor:

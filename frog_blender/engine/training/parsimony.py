@@ -7,7 +7,6 @@ those pictures allow (training.reductions, training.narrowing); what follows is 
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -19,14 +18,13 @@ import torch
 
 from ..capacity_report import reduction_line
 from ..capture.time import frame_to_time
-from ..errors import FrogError
 from ..model.frog import Frog
 from ..model.interface import SceneModel
 from ..rasterizer import GaussianArrays
 from .motion import Look, Motion, draw_looks, measure_motion
 from .narrowing import narrow
 from .reductions import cut_colors, prune, rest, silence_heads, wake_some
-from .resting import all_but, arrange, gaussians_at
+from .resting import arrange, gaussians_at
 from .stillness import nothing_moves
 from .validation import Judge, withheld_shots
 
@@ -40,8 +38,8 @@ or 0.72 would have learned more (docs/parsimony.md); from the second round on ra
 WITHHELD = (0.5, SETTLED)
 """Fractions of the training between which the withheld pictures are not learned from."""
 _LOOKS, _JUDGED = 24, 8  # views that Gaussians are measured on; pictures that judge where none was withheld
-_LOOKS_OF_A_BUDGET = 72  # where what pictures need has to be weighed, few moments and sides must be overlooked
-_BYTES_AT_LEAST = 60.0  # of a Gaussian in a file, more than it takes: the first guess of a budget
+LOOKS_OF_A_BUDGET = 72
+"""Where what pictures need has to be weighed, few moments and sides must be overlooked."""
 
 
 @dataclass(frozen=True)
@@ -125,43 +123,9 @@ class Parsimony:
         """On the withheld pictures, with ``change(name, value)`` in place of the model's tensors."""
         kept = {name: value.clone() for name, value in trainer.model.state_dict().items()}
         trainer.model.load_state_dict({name: change(name, value) for name, value in kept.items()})
-        changed = self.judge(trainer).before
+        changed = self.judge(trainer).now
         trainer.model.load_state_dict(kept)
         return changed
-
-    def fit(self, trainer: Trainer, size_of: Callable[[], int], most: int) -> None:
-        """Leaves out what adds least until ``size_of()``, the bytes of the scene's file, is at most ``most``.
-
-        FrogError when a file of a single Gaussian would be larger.
-        """
-        generator = self._generator(len(ROUNDS))
-        first = size = size_of()
-        if size <= most:
-            return
-        before, psnr = trainer.count, self.judge(trainer).before
-        while size > most:
-            of_each = max(1.0, (first - size) / max(1, before - trainer.count)) if size < first else _BYTES_AT_LEAST
-            number = max(1, math.ceil((size - most) / of_each))
-            if number >= trainer.count:
-                raise FrogError(f"The budget of {most} bytes is too small: the scene takes {size} bytes.")
-            self._leave_out(trainer, number, generator)
-            size = size_of()
-        loss = psnr - self.judge(trainer).before
-        self.reductions.append(Reduction("pruned", trainer.progress, before, trainer.count, loss, bytes=first - size))
-
-    def keep(self, trainer: Trainer, most: int) -> None:
-        """Leaves out what adds least until there are at most ``most`` Gaussians."""
-        before = trainer.count
-        if before <= most:
-            return
-        psnr = self.judge(trainer).before
-        self._leave_out(trainer, before - most, self._generator(len(ROUNDS)))
-        self.note("pruned", trainer, before, trainer.count, psnr - self.judge(trainer).before)
-
-    def _leave_out(self, trainer: Trainer, number: int, generator: torch.Generator) -> None:
-        motion = self._measure(trainer, self._draw_looks(generator, _LOOKS_OF_A_BUDGET), generator)
-        keep = all_but(motion.energy.argsort()[:number], trainer.count).nonzero().squeeze(1)
-        arrange(trainer, keep, keep[keep < trainer.model.canonical.moving])
 
     def begin(self, trainer: Trainer) -> None:
         """Lets everything rest from the start where the pictures show no motion."""
@@ -174,27 +138,30 @@ class Parsimony:
         """Holds the rounds that lie in (before, now]."""
         for number, (at, kind) in enumerate(ROUNDS.items()):
             if before < at <= now:
-                self._round(trainer, kind, self._generator(number))
+                self._round(trainer, kind, self.generator(number))
 
-    def _generator(self, number: int) -> torch.Generator:
-        """A round's own, so that a resumed training draws what an undisturbed one does."""
+    def generator(self, number: int = len(ROUNDS)) -> torch.Generator:
+        """A round's own, or the end's, so that a resumed training draws what an undisturbed one does."""
         return torch.Generator("cpu").manual_seed(1000 * self.seed + number)
 
     def _round(self, trainer: Trainer, kind: str, generator: torch.Generator) -> None:
         if kind == "wake":
             wake_some(self, trainer, generator)
             return
-        looks = self._draw_looks(generator, _LOOKS_OF_A_BUDGET if trainer.recipe.kept_gaussians else _LOOKS)
-        motion = prune(self, trainer, self._measure(trainer, looks, generator))
-        cut_colors(self, trainer)
-        rest(self, trainer, motion)
-        narrow(self, trainer, looks, generator)
-        silence_heads(self, trainer)
+        looks = self.draw_looks(generator, LOOKS_OF_A_BUDGET if trainer.recipe.kept_gaussians else _LOOKS)
+        judge = self.judge(trainer)
+        motion = prune(self, trainer, judge, self.measure(trainer, looks, generator))
+        cut_colors(self, trainer, judge)
+        rest(self, trainer, judge, motion)
+        narrow(self, trainer, judge, looks, generator)
+        silence_heads(self, trainer, judge)
 
-    def _draw_looks(self, generator: torch.Generator, count: int = _LOOKS) -> list[Look]:
+    def draw_looks(self, generator: torch.Generator, count: int = _LOOKS) -> list[Look]:
+        """At the pictures that are learned from."""
         return draw_looks(self._capture, self.looked_at, count, generator)
 
-    def _measure(self, trainer: Trainer, looks: list[Look], generator: torch.Generator) -> Motion:
+    def measure(self, trainer: Trainer, looks: list[Look], generator: torch.Generator) -> Motion:
+        """Of the Gaussians as they stand."""
         moving = trainer.model.canonical.moving
         return measure_motion(lambda moment: gaussians_at(trainer, moment), moving, trainer.capture, looks, generator)
 

@@ -18,7 +18,7 @@ from ..rasterizer import GaussianArrays
 from .device import picture_on
 from .motion import Motion, unrest
 from .resting import all_but, arrange, gaussians_at, put_to_rest, wake
-from .validation import most_within
+from .validation import Judge, most_within
 
 if TYPE_CHECKING:
     from .parsimony import Parsimony
@@ -29,14 +29,13 @@ ALLOWED_LOSS = 0.05
 ALLOWED_PRUNING_LOSS, ALLOWED_COLOR_LOSS, ALLOWED_HEAD_LOSS = 0.03, 0.03, 0.01
 RESTS_BELOW, ALL_REST_BELOW = 4.0, 2.0
 """Score (see motion.Motion) below which a Gaussian may rest; and below which every one may, if none is above."""
-_TRIED_FIRST = 0.8  # of those that may rest
-_FIRST_PRUNED, _MOST_PRUNED = 0.15, 0.6  # of the Gaussians, in a round
+_MOST_PRUNED = 0.6  # of the Gaussians, in a round
 _WAKES_ABOVE = 0.1  # error that changes with time, of the pictures' mean brightness
 _MOST_WOKEN = 0.1  # of the Gaussians at rest
 _WAKING_CAMERAS, _WAKING_MOMENTS = 3, 8
 
 
-def prune(rounds: Parsimony, trainer: Trainer, motion: Motion) -> Motion:
+def prune(rounds: Parsimony, trainer: Trainer, judge: Judge, motion: Motion) -> Motion:
     """Leaves out Gaussians that pictures do not need, or that a budget has no room for; returns the motion of those
     that stay.
 
@@ -46,14 +45,13 @@ def prune(rounds: Parsimony, trainer: Trainer, motion: Motion) -> Motion:
     count, canonical = trainer.count, trainer.model.canonical
     forced = count - (trainer.recipe.kept_gaussians or count)
     order = (motion.energy if forced > 0 else motion.contribution).argsort()
-    judge = rounds.judge(trainer)
 
     def without(number: int) -> float:
-        keep = all_but(order[:number], count)
-        return judge.loss(lambda gaussians: GaussianArrays(*(value[keep] for value in vars(gaussians).values())))
+        there = all_but(order[:number], count)
+        return judge.loss(lambda gaussians: replace(gaussians, opacities=gaussians.opacities * there))
 
-    most, first = (int(share * count) for share in (_MOST_PRUNED, _FIRST_PRUNED))
-    number, loss = most_within(without, most, ALLOWED_PRUNING_LOSS, first)
+    expected = judge.expected(motion.energy[order[: int(_MOST_PRUNED * count)]])
+    number, loss = most_within(without, expected, ALLOWED_PRUNING_LOSS)
     if forced > number:
         number, loss = forced, without(forced)
     if not number:
@@ -64,14 +62,15 @@ def prune(rounds: Parsimony, trainer: Trainer, motion: Motion) -> Motion:
     movers = kept[kept < canonical.moving]
     with rounds.noted("pruned", trainer, lambda: trainer.count, lambda: trainer.picture(rounds.judged[0]), loss):
         arrange(trainer, kept, movers)
+    judge.accept(loss)
     state = {name: values[movers] for name, values in motion.state.items()}
     of_movers = motion.score[movers], motion.rest_energy[movers]
     return Motion(*of_movers, motion.contribution[kept], motion.energy[kept], state)
 
 
-def cut_colors(rounds: Parsimony, trainer: Trainer) -> None:
+def cut_colors(rounds: Parsimony, trainer: Trainer, judge: Judge) -> None:
     """Takes the highest degrees of spherical harmonics away that the withheld pictures do not miss, all together."""
-    canonical, judge, lost = trainer.model.canonical, rounds.judge(trainer), 0.0
+    canonical, lost = trainer.model.canonical, 0.0
 
     def degree() -> int:
         return math.isqrt(canonical.sh.shape[1]) - 1
@@ -81,14 +80,15 @@ def cut_colors(rounds: Parsimony, trainer: Trainer) -> None:
         def cut(gaussians: GaussianArrays, left: int = left) -> GaussianArrays:
             return replace(gaussians, sh=gaussians.sh[:, :left].contiguous())
 
-        if (loss := judge.loss(cut)) > ALLOWED_COLOR_LOSS:
+        if lost + (loss := judge.loss(cut)) > ALLOWED_COLOR_LOSS:
             break
-        with rounds.noted("SH degree", trainer, degree, lambda: trainer.picture(rounds.judged[0]), loss - lost):
+        with rounds.noted("SH degree", trainer, degree, lambda: trainer.picture(rounds.judged[0]), loss):
             trainer.optimizer.cut_colors(left)
-        lost = loss
+        judge.accept(loss)
+        lost += loss
 
 
-def silence_heads(rounds: Parsimony, trainer: Trainer) -> None:
+def silence_heads(rounds: Parsimony, trainer: Trainer, judge: Judge) -> None:
     """Sets heads of the network to zero, for good, whose output the withheld pictures do not miss.
 
     Zeros take no room in a packed file, and where heads have layers of their own (the papers' networks) a silent head's
@@ -97,7 +97,6 @@ def silence_heads(rounds: Parsimony, trainer: Trainer) -> None:
     model = trainer.model
     if not isinstance(model, Frog) or not model.canonical.moving:
         return
-    psnr = rounds.judge(trainer).before
     for name in model.heads:
         rows = model.output_rows(name)
 
@@ -107,7 +106,7 @@ def silence_heads(rounds: Parsimony, trainer: Trainer) -> None:
                 value[rows] = 0
             return value
 
-        loss = psnr - rounds.psnr_with(trainer, silent)
+        loss = judge.now - rounds.psnr_with(trainer, silent)
         if loss > ALLOWED_HEAD_LOSS:
             continue
         before = len(model.heads)
@@ -115,10 +114,10 @@ def silence_heads(rounds: Parsimony, trainer: Trainer) -> None:
         for parameter in (model.deformation.output_weight, model.deformation.output_bias):
             trainer.optimizer.stop(parameter, rows)
         rounds.note(f"head {name}", trainer, before, len(model.heads), loss)
-        psnr -= loss
+        judge.accept(loss)
 
 
-def rest(rounds: Parsimony, trainer: Trainer, motion: Motion) -> None:
+def rest(rounds: Parsimony, trainer: Trainer, judge: Judge, motion: Motion) -> None:
     """Puts Gaussians to rest whose motion pictures miss least, none whose motion anybody would see but for what
     ``dynamic_share`` forces."""
     canonical = trainer.model.canonical
@@ -134,20 +133,17 @@ def rest(rounds: Parsimony, trainer: Trainer, motion: Motion) -> None:
         "opacities": motion.state["opacity_logits"].sigmoid(),
         "sh": motion.state["sh"][:, : canonical.sh.shape[1]],
     }
-    judge = rounds.judge(trainer)
 
     def at_rest(number: int) -> float:
-        who = order[:number]
+        moves = all_but(order[:number], canonical.moving)
 
-        def change(gaussians: GaussianArrays) -> GaussianArrays:
-            changed = {name: value.clone() for name, value in vars(gaussians).items()}
-            for name, value in changed.items():
-                value[who] = state[name][who]
-            return GaussianArrays(**changed)
+        def change(name: str, value: torch.Tensor) -> torch.Tensor:
+            of_movers = moves.view(-1, *[1] * (value.dim() - 1))
+            return torch.cat([torch.where(of_movers, value[: len(moves)], state[name]), value[len(moves) :]])
 
-        return judge.loss(change)
+        return judge.loss(lambda gaussians: GaussianArrays(**{k: change(k, v) for k, v in vars(gaussians).items()}))
 
-    number, loss = most_within(at_rest, candidates, ALLOWED_LOSS, math.ceil(_TRIED_FIRST * candidates), tries=7)
+    number, loss = most_within(at_rest, judge.expected(motion.rest_energy[order[:candidates]]), ALLOWED_LOSS)
     share = trainer.recipe.dynamic_share
     forced = canonical.moving - int(share * trainer.count) if share else 0
     if forced > number:
@@ -156,6 +152,7 @@ def rest(rounds: Parsimony, trainer: Trainer, motion: Motion) -> None:
         return
     with rounds.noted("put to rest", trainer, lambda: canonical.moving, lambda: gaussians_at(trainer, 0.5), loss):
         put_to_rest(trainer, order[:number].sort().values, motion.state)
+    judge.accept(loss)
 
 
 def wake_some(rounds: Parsimony, trainer: Trainer, generator: torch.Generator) -> None:

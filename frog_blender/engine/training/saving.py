@@ -15,6 +15,7 @@ from ..files import SceneFile, SceneHeader, scene_bytes, settings_json, write_at
 from ..inference.scene import BY_GAUSSIAN, CANONICAL
 from ..model.canonical import ATTRIBUTES
 from ..packing import ordered, pack, unpack
+from .budget import fit_within, keep_within
 from .parsimony import Reduction, heads_of
 from .resting import arrange
 
@@ -42,9 +43,9 @@ def fit_budget(job: TrainingJob, trainer: Trainer, scale: float) -> None:
     That of bytes holds for a finished training, since before its end much is not yet what it will be.
     """
     if trainer.recipe.kept_gaussians and trainer.parsimony:
-        trainer.parsimony.keep(trainer, trainer.recipe.kept_gaussians)
+        keep_within(trainer.parsimony, trainer, trainer.recipe.kept_gaussians)
     if job.max_bytes and trainer.parsimony and trainer.finished:
-        trainer.parsimony.fit(trainer, lambda: _size(_scene(job, trainer, scale, {}, True)), job.max_bytes)
+        fit_within(trainer.parsimony, trainer, lambda: _size(_scene(job, trainer, scale, {}, True)), job.max_bytes)
 
 
 def _size(scene: SceneFile) -> int:
@@ -64,7 +65,7 @@ def save_scene(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[s
         plain = sum(array.nbytes for array in scene.arrays.values())
         order = torch.from_numpy(_order(_arrays(trainer)))
         after = trainer.parsimony.psnr_with(trainer, lambda name, value: _unpacked(name, value, order))
-        loss = trainer.parsimony.judge(trainer).before - after
+        loss = trainer.parsimony.judge(trainer).now - after
         if loss > _PACKING_LOSS and not job.max_bytes:
             compact = False
         else:
