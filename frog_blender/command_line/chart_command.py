@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..engine.comparison.grid import ABLATIONS
 from ..engine.errors import FrogError
+from .arguments import RECIPES, positive
 from .grid_command import add_grid_arguments, do_runs, names, say_failed, say_plan, setting
 
 if TYPE_CHECKING:
@@ -17,13 +17,8 @@ if TYPE_CHECKING:
 _ALL_ABLATIONS = ",".join(ABLATIONS)
 
 
-def add_chart_parser(commands: Any, positive: Callable[[type], Any], recipes: Sequence[str]) -> None:
-    """Adds the command to the parser's ``commands``.
-
-    Args:
-        positive: makes an argument type of ``int`` or ``float`` that takes positive numbers only.
-        recipes: their names.
-    """
+def add_chart_parser(commands: Any) -> None:
+    """Adds the command."""
     chart = commands.add_parser("chart", help="train every method on captures and chart speed against accuracy")
     chart.add_argument("captures", type=Path, nargs="+", metavar="CAPTURE")
     chart.add_argument("--out", type=Path, required=True, metavar="DIR", help="results, tables and charts")
@@ -33,7 +28,7 @@ def add_chart_parser(commands: Any, positive: Callable[[type], Any], recipes: Se
     chart.add_argument("--methods", type=names, metavar="A,B", help="default: all of them")
     chart.add_argument("--seeds", type=positive(int), default=3, metavar="N", help="of FRoG and E-D3DGS")
     chart.add_argument("--other-seeds", type=positive(int), default=1, metavar="N", help="of the other methods")
-    chart.add_argument("--recipe", choices=recipes, help="default: draft, or the protocol's")
+    chart.add_argument("--recipe", choices=RECIPES, help="default: draft, or the protocol's")
     chart.add_argument("--steps", type=positive(int), help="default: the recipe's")
     chart.add_argument("--scale", type=positive(float), help="picture size factor, such as 0.5")
     chart.add_argument("--holdout-frames", type=int, metavar="K", help="withhold every K-th moment")
@@ -52,7 +47,7 @@ def add_chart_parser(commands: Any, positive: Callable[[type], Any], recipes: Se
     chart.add_argument("--ablation-seeds", type=positive(int), metavar="N", help="default: --seeds")
     chart.add_argument("--timing", action="store_true", help="then time all methods, one after the other")
     chart.add_argument("--timing-steps", type=positive(int), default=300, metavar="N")
-    add_grid_arguments(chart, positive)
+    add_grid_arguments(chart)
     chart.set_defaults(run=_chart)
 
 

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from ..engine.errors import FrogError
+from .arguments import positive
 
 if TYPE_CHECKING:
     from ..engine.comparison.execute import Progress
@@ -18,8 +19,8 @@ if TYPE_CHECKING:
     from ..engine.comparison.runs import Conditions
 
 
-def add_grid_arguments(command: argparse.ArgumentParser, positive: Callable[[type], Any]) -> None:
-    """Those that decide how a grid is done, not what it holds; ``positive`` as for ``add_chart_parser``."""
+def add_grid_arguments(command: argparse.ArgumentParser) -> None:
+    """Those that decide how a grid is done, not what it holds."""
     command.add_argument("--jobs", type=positive(int), default=1, metavar="N", help="runs at once, sharing the cores")
     command.add_argument("--device", choices=["auto", "cpu", "cuda"], default="auto")
     command.add_argument("--plan", action="store_true", help="say what would run, and stop")

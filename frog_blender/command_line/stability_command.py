@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from ..engine.conditions.catalogue import BASES, CLEAN, CONDITIONS
+from .arguments import RECIPES, positive
 from .grid_command import add_grid_arguments, do_runs, names, say_failed, say_plan, setting
 
 _GIVEN = [base for base in BASES if base != CLEAN]  # each by an option of its own
 
 
-def add_stability_parser(commands: Any, positive: Callable[[type], Any], recipes: Sequence[str]) -> None:
-    """Adds the command to the parser's ``commands``; the arguments are those of ``add_chart_parser``."""
+def add_stability_parser(commands: Any) -> None:
+    """Adds the command."""
     parser = commands.add_parser("stability", help="train methods where they fail and draw a heat map")
     parser.add_argument("capture", type=Path, metavar="CAPTURE", help="several cameras at rest; what conditions change")
     for base in _GIVEN:
@@ -24,13 +24,13 @@ def add_stability_parser(commands: Any, positive: Callable[[type], Any], recipes
     parser.add_argument("--methods", type=names, metavar="A,B", help="default: frog,frog-auto,ed3dgs,static,hexplane")
     parser.add_argument("--frog-seeds", type=positive(int), default=5, metavar="N", help="of FRoG")
     parser.add_argument("--seeds", type=positive(int), default=3, metavar="N", help="of every other method")
-    parser.add_argument("--recipe", choices=recipes, default="draft")
+    parser.add_argument("--recipe", choices=RECIPES, default="draft")
     parser.add_argument("--steps", type=positive(int), help="default: the recipe's")
     parser.add_argument("--side", type=positive(int), metavar="PIXELS", help="of larger pictures the longest side")
     parser.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE", help="a setting of the recipe, for all"
     )
-    add_grid_arguments(parser, positive)
+    add_grid_arguments(parser)
     parser.set_defaults(run=_stability)
 
 

@@ -1,0 +1,104 @@
+"""``frog train``: a scene from a capture."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..engine.files import METHODS
+from .arguments import RECIPES, add_offset_argument, offsets_of, positive
+
+if TYPE_CHECKING:
+    from ..engine.training.recipe import Recipe
+
+
+def add_train_parser(commands: Any) -> None:
+    """Adds the command."""
+    train = commands.add_parser("train", help="train a scene from a capture")
+    train.add_argument("capture", type=Path)
+    train.add_argument("--out", type=Path, required=True, metavar="X.frog")
+    train.add_argument("--method", choices=METHODS, default="frog")
+    train.add_argument("--recipe", choices=RECIPES, default="standard")
+    train.add_argument("--steps", type=positive(int), help="default: the recipe's")
+    train.add_argument("--seconds", type=positive(float), help="train for this long instead")
+    train.add_argument("--seed", type=int, default=0)
+    train.add_argument("--scale", type=positive(float), help="picture size factor, such as 0.5")
+    train.add_argument("--holdout-frames", type=int, metavar="K", help="withhold every K-th moment; 0 withholds none")
+    train.add_argument(
+        "--device", choices=["auto", "cpu", "cuda"], default="auto", help="auto: the GPU where there is a usable one"
+    )
+    train.add_argument(
+        "--capacity", choices=["auto", "fixed"], default="auto", help="auto (default): no more than the scene needs"
+    )
+    train.add_argument("--max-gaussians", type=positive(int), metavar="N", help="of the scene, at most")
+    train.add_argument("--max-bytes", type=positive(int), metavar="N", help="of the .frog, with --capacity auto")
+    train.add_argument("--lossless", action="store_true", help="write every number as it is; default: packed")
+    train.add_argument(
+        "--save-every",
+        type=positive(float),
+        default=180.0,
+        metavar="SECONDS",
+        help="between checkpoints; default: 180",
+    )
+    train.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on from the checkpoint beside the .frog, with the recipe, method, capacity and so on that it began "
+        "with (others are left aside, and it says so); only --steps and --seconds may be others",
+    )
+    add_offset_argument(train)
+    train.set_defaults(run=_train)
+
+
+def _train(options: argparse.Namespace) -> int:
+    from ..engine.training.estimate import remembering
+    from ..engine.training.job import TrainingJob, run_training
+    from .progress import show
+
+    job = TrainingJob(
+        capture=options.capture,
+        output=options.out,
+        method=options.method,
+        recipe=_budgeted(options),
+        steps=options.steps,
+        seconds=options.seconds,
+        seed=options.seed,
+        scale=options.scale,
+        holdout_frames=options.holdout_frames,
+        resume=options.resume,
+        pixel_offsets=offsets_of(options),
+        device=options.device,
+        lossless=options.lossless,
+        max_bytes=options.max_bytes,
+        save_seconds=options.save_every,
+    )
+    stopping = False
+
+    def stop(*_: object) -> None:
+        nonlocal stopping
+        if stopping:
+            raise KeyboardInterrupt
+        stopping = True  # the first Ctrl-C saves what was learned, the second leaves at once
+
+    previous = signal.signal(signal.SIGINT, stop)
+    try:
+        finished = show(remembering(run_training(job, lambda: stopping), job))
+    finally:
+        signal.signal(signal.SIGINT, previous)
+    return 0 if finished else 1
+
+
+def _budgeted(options: argparse.Namespace) -> Recipe:
+    """The recipe with the capacity and the budgets that were asked for."""
+    from ..engine.training.budget import gaussians_within, with_budget
+    from ..engine.training.recipe import recipe
+
+    chosen = recipe(options.recipe, capacity=options.capacity)
+    if options.max_gaussians:
+        chosen = with_budget(chosen, options.max_gaussians, options.method)
+    if options.max_bytes:
+        chosen = replace(chosen, max_gaussians=min(chosen.max_gaussians, gaussians_within(options.max_bytes, chosen)))
+    return chosen
