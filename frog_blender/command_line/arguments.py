@@ -7,8 +7,6 @@ from collections.abc import Callable
 
 from ..engine.errors import FrogError
 
-RECIPES = ("draft", "standard", "paper", "hypernerf", "technicolor")
-
 
 def positive(kind: Callable[[str], float]) -> Callable[[str], float]:
     """An argument type of ``int`` or ``float`` that takes positive numbers only."""

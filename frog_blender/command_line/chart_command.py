@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from ..engine.comparison.grid import ABLATIONS
 from ..engine.errors import FrogError
-from .arguments import RECIPES, positive
+from ..engine.training.recipe import RECIPES
+from .arguments import positive
 from .grid_command import add_grid_arguments, do_runs, names, say_failed, say_plan, setting
 
 if TYPE_CHECKING:

@@ -6,7 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from .arguments import RECIPES, positive
+from ..engine.training.recipe import RECIPES
+from .arguments import positive
 
 
 def add_demo_parser(commands: Any) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..engine.errors import FrogError
 from .arguments import positive
+from .stopping import stopping
 
 if TYPE_CHECKING:
     from ..engine.comparison.execute import Progress
@@ -73,7 +73,7 @@ def do_runs(runs: Sequence[Run], conditions: Conditions, jobs: int, timing_steps
     from .progress import bar
 
     numpy.finfo(numpy.float64)  # looked up once; later, with denormals flushed by training, it would warn
-    with _stopping() as cancelled:
+    with stopping() as cancelled:
         failed, stopped = 0, False
         try:
             with _shown(len(runs)) as told:
@@ -95,24 +95,6 @@ def say_failed(failed: int) -> int:
     if failed:
         print(f"frog: {failed} runs failed; the tables say why.", file=sys.stderr)
     return 1 if failed else 0
-
-
-@contextmanager
-def _stopping() -> Iterator[Callable[[], bool]]:
-    """Yields a question that Ctrl-C answers with yes; a second Ctrl-C leaves at once."""
-    asked = False
-
-    def stop(*_: object) -> None:
-        nonlocal asked
-        if asked:
-            raise KeyboardInterrupt
-        asked = True
-
-    previous = signal.signal(signal.SIGINT, stop)
-    try:
-        yield lambda: asked
-    finally:
-        signal.signal(signal.SIGINT, previous)
 
 
 @contextmanager

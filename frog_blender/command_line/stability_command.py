@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from ..engine.conditions.catalogue import BASES, CLEAN, CONDITIONS
-from .arguments import RECIPES, positive
+from ..engine.training.recipe import RECIPES
+from .arguments import positive
 from .grid_command import add_grid_arguments, do_runs, names, say_failed, say_plan, setting
 
 _GIVEN = [base for base in BASES if base != CLEAN]  # each by an option of its own

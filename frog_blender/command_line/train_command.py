@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import signal
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..engine.files import METHODS
-from .arguments import RECIPES, add_offset_argument, offsets_of, positive
+from ..engine.training.recipe import RECIPES
+from .arguments import add_offset_argument, offsets_of, positive
+from .stopping import stopping
 
 if TYPE_CHECKING:
     from ..engine.training.recipe import Recipe
@@ -75,19 +76,8 @@ def _train(options: argparse.Namespace) -> int:
         max_bytes=options.max_bytes,
         save_seconds=options.save_every,
     )
-    stopping = False
-
-    def stop(*_: object) -> None:
-        nonlocal stopping
-        if stopping:
-            raise KeyboardInterrupt
-        stopping = True  # the first Ctrl-C saves what was learned, the second leaves at once
-
-    previous = signal.signal(signal.SIGINT, stop)
-    try:
-        finished = show(remembering(run_training(job, lambda: stopping), job))
-    finally:
-        signal.signal(signal.SIGINT, previous)
+    with stopping() as asked:  # what was learned is saved
+        finished = show(remembering(run_training(job, asked), job))
     return 0 if finished else 1
 
 
