@@ -144,6 +144,52 @@ def test_pruning_makes_room() -> None:
     assert scene.round({1: 1.0, 2: 2.0}) == (1, 1)
 
 
+def at_the_limit(below: float = 0.2) -> Scene:
+    """Ten Gaussians where no more are allowed, of which two were hardly seen of late."""
+    scene = Scene(replace(RECIPE, max_gaussians=COUNT, replaced_below=below))
+    scene.density.peak_weight[[4, 8]] = torch.tensor([0.1, 0.01])
+    return scene
+
+
+def test_at_the_limit_the_strongest_take_the_places_of_those_least_needed() -> None:
+    scene = at_the_limit()
+    assert scene.round({1: 1.0, 2: 2.0, 3: 3.0}) == (2, 2)  # two are needed little enough
+    torch.testing.assert_close(scene.canonical.sh.detach(), scene.before["sh"][[0, 1, 2, 3, 5, 6, 7, 9, 2, 3]])
+    for name, memory in scene.memory().items():
+        assert memory == [1.0, 2, 3, 4, 6, 7, 8, 10, 0, 0], name
+
+
+def test_only_as_many_go_as_come_and_the_least_needed_first() -> None:
+    scene = at_the_limit()
+    assert scene.round({1: 1.0}) == (1, 1)
+    torch.testing.assert_close(scene.canonical.means[8:].detach(), scene.before["means"][[9, 1]])
+
+
+def test_what_grows_is_not_replaced() -> None:
+    scene = at_the_limit()
+    assert scene.round({8: 1.0, 4: 1.0}) == (0, 0)
+    assert scene.round({8: 1.0}) == (1, 1)
+
+
+def test_nothing_is_replaced_without_need_or_by_the_papers_recipes() -> None:
+    assert at_the_limit().round({}) == (0, 0)
+    assert at_the_limit(RECIPES["paper"].replaced_below).round({1: 1.0}) == (0, 0)
+    roomy = at_the_limit()
+    roomy.density.recipe = RECIPE
+    assert roomy.round({1: 1.0}) == (1, 0)
+
+
+def test_what_was_needed_long_ago_is_forgotten_after_some_rounds() -> None:
+    scene, everyone = Scene(), torch.ones(COUNT, dtype=torch.bool)
+    for rounds in range(1, 30):  # noqa: B007
+        scene.density.peak_weight[0] = 1.0  # seen in every round
+        scene.round({})
+        if len(scene.density.least_needed(COUNT, everyone)):
+            break
+    assert 2 < rounds < 8
+    assert sorted(scene.density.least_needed(COUNT, everyone).tolist()) == list(range(1, COUNT))
+
+
 def test_not_everything_is_pruned() -> None:
     scene = Scene()
     scene.density.peak_opacity[:] = 1e-3

@@ -27,6 +27,7 @@ from frog_blender.engine.training import device as device_module
 from frog_blender.engine.training import optimizer as optimizer_module
 from frog_blender.engine.training import trainer as trainer_module
 from frog_blender.engine.training.checkpoint import checkpoint_path, load_checkpoint, save_checkpoint
+from frog_blender.engine.training.density import COLLECTED
 from frog_blender.engine.training.device import choose_device, picture_on
 from frog_blender.engine.training.job import TrainingJob, run_training
 from frog_blender.engine.training.losses import PictureLoss, picture_loss_plainly
@@ -100,7 +101,7 @@ def train(trainer: Trainer, until: int | None = None) -> Trainer:
 def state(trainer: Trainer) -> dict[str, torch.Tensor]:
     """Everything that grows with the Gaussians, where it lies."""
     tensors = {**trainer.model.state_dict(), **trainer.optimizer.state_arrays()}
-    for name in ("gradient_sum", "seen", "peak_opacity"):
+    for name in COLLECTED:
         tensors[f"density.{name}"] = getattr(trainer.density, name)
     if trainer.neighbourhood is not None:
         tensors |= {f"neighbourhood.{name}": value for name, value in vars(trainer.neighbourhood).items()}

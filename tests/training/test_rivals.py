@@ -12,7 +12,7 @@ from frog_blender.engine.training.checkpoint import load_checkpoint, save_checkp
 from frog_blender.engine.training.trainer import Trainer
 
 RIVALS = ("d3dgs", "hexplane", "curves")
-STEPS = 240
+STEPS = 480  # 4DGaussians has found the ball by then, whatever the seed
 
 
 def train(trainer: Trainer, until: int | None = None) -> Trainer:

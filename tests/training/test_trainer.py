@@ -10,6 +10,7 @@ from typing import Any
 import filmed as film
 import numpy as np
 import pytest
+import torch
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.frames import FrameStore
@@ -175,6 +176,20 @@ def test_a_short_training_passes_through_every_schedule(
     assert calls["similarity"] == bursts > 0
     assert calls["add_embedding_smoothness"] > 15  # every fourth step
     assert trainer.neighbourhood is not None and int(trainer.neighbourhood.neighbours.max()) < trainer.count
+
+
+def test_at_the_limit_anchors_take_the_places_of_those_least_needed(make_trainer: Callable[..., Trainer]) -> None:
+    trainer = make_trainer(60, densify_until=0.0, max_gaussians=1, sampling_share=0.1)  # more are there already
+    while trainer.step_count < 20:
+        trainer.step()
+    count = trainer.count
+    assert not sampling.inject_anchors(trainer, 0.5, 0) and trainer.count == count  # all were needed of late
+    trainer.density.peak_weight[[2, 5]] = 0.01
+    before = trainer.model.canonical.means.detach().clone()
+    assert sampling.inject_anchors(trainer, 0.5, 0) and trainer.count == count
+    kept = [i for i in range(count) if i not in (2, 5)]
+    torch.testing.assert_close(trainer.model.canonical.means[: count - 2].detach(), before[kept])
+    assert trainer.density.peak_weight.tolist() == [1.0] * count
 
 
 def test_a_burst_stays_at_one_moment_and_changes_the_camera(

@@ -17,6 +17,7 @@ from ..files import read_tensors, settings_json, write_atomically
 from ..model.canonical import ATTRIBUTES
 from ..model.deformation import UNITS
 from ..model.frog import Frog
+from .density import COLLECTED
 from .fitting import fitting
 from .parsimony import Reduction, heads_of
 from .running_loss import Unstable
@@ -24,9 +25,8 @@ from .smoothness import Neighbourhood
 from .trainer import Trainer
 
 _KEY = "frog-checkpoint"
-_VERSION = 9
+_VERSION = 10
 # Attributes of the trainer's parts, each an array under the part's name.
-_DENSITY = ("gradient_sum", "seen", "peak_opacity")
 _POSES = ("moments", "moved", "gathered")
 _NEIGHBOURHOOD = ("anchors", "neighbours", "weights")
 # RuntimeError: what torch says to shapes, and a RecursionError.
@@ -47,7 +47,7 @@ def state_of(trainer: Trainer, settings: dict[str, Any] | None = None) -> State:
     trainer.settle()
     tensors = {f"model.{name}": value for name, value in trainer.model.state_dict().items()}
     tensors |= trainer.optimizer.state_arrays()
-    tensors |= {f"density.{name}": getattr(trainer.density, name) for name in _DENSITY}
+    tensors |= {f"density.{name}": getattr(trainer.density, name) for name in COLLECTED}
     tensors["losses"] = trainer.picker.losses
     tensors["random"] = trainer.generator.get_state()
     for camera, errors in enumerate(trainer.regions.errors):
@@ -203,7 +203,7 @@ def restore(trainer: Trainer, state: State) -> None:
     trainer.model.zero_grad(set_to_none=True)
     trainer.rebuild_optimizer()
     trainer.optimizer.resume(tensors, float(values["rate_factor"]))
-    trainer.density.resume(trainer.count, *(tensors[f"density.{name}"] for name in _DENSITY))
+    trainer.density.resume({name: tensors[f"density.{name}"] for name in COLLECTED}, trainer.count)
     trainer.picker.resume(tensors["losses"], int(values["draws"]))
     trainer.generator.set_state(tensors["random"])
     trainer.regions.resume([tensors[f"regions.{camera}"] for camera in range(len(trainer.capture.cameras))])

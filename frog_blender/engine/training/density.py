@@ -1,7 +1,8 @@
 """Adaptive density control: Gaussians that the pictures pull at are split or cloned, invisible ones removed.
 
 The rules of 3DGS, without its opacity reset (which costs dynamic scenes; E-D3DGS never resets), and with a budget:
-each round takes the strongest candidates until the recipe's growth or its Gaussian limit is reached.
+each round takes the strongest candidates until the recipe's growth or its Gaussian limit is reached. At the limit they
+take the places of those that pictures need least: seeds lie where nothing is to be seen, too.
 """
 
 from __future__ import annotations
@@ -16,7 +17,13 @@ from .fitting import fitting
 from .optimizer import SceneOptimizer
 from .recipe import Recipe
 
+COLLECTED = ("gradient_sum", "seen", "peak_opacity", "peak_weight")
+"""What is known of each Gaussian, by attribute of ``DensityControl``."""
+
 _GROWTH_WHILE_FEW = 1.0  # every candidate may grow
+# Peaks fade from round to round, over several of them: one round's steps may miss the moment, or the part of a picture,
+# at which a Gaussian is seen.
+_FADING_OPACITY, _FADING_WEIGHT = 0.5, 0.6
 
 
 class DensityControl:
@@ -27,42 +34,51 @@ class DensityControl:
         scene_scale: world units.
         count: Gaussians.
         device: theirs.
+
+    Attributes:
+        gradient_sum, seen: (N,) screen gradients since the last round, and how many.
+        peak_opacity: (N,) the largest opacity of late, seen or not.
+        peak_weight: (N,) the largest blending weight of late.
     """
 
     def __init__(self, recipe: Recipe, scene_scale: float, count: int, device: torch.device | str = "cpu") -> None:
         self.recipe = recipe
         self._scene_scale = scene_scale
-        self.peak_opacity = torch.ones(count, device=device)
-        self.reset(torch.arange(count, device=device))
+        self.gradient_sum, self.seen = torch.zeros(2, count, device=device)
+        self.peak_opacity, self.peak_weight = torch.ones(2, count, device=device)
 
-    def reset(self, who: torch.Tensor) -> None:
-        """Begins again with the Gaussians ``who``: old indices, those beyond the old count for new ones."""
-        device = self.peak_opacity.device
-        self.gradient_sum = torch.zeros(len(who), device=device)
-        self.seen = torch.zeros(len(who), device=device)
-        # Fades over several rounds: one round's steps may miss the moment at which a Gaussian is seen.
-        count = len(self.peak_opacity)
-        faded = torch.cat([0.5 * self.peak_opacity, torch.ones(1, device=device)])
-        self.peak_opacity = faded[who.clamp(max=count)]
+    def arrange(self, who: torch.Tensor) -> None:
+        """Goes on with the Gaussians ``who``: old indices, those beyond the old count for new ones."""
+        for name in COLLECTED:
+            old = getattr(self, name)
+            unseen = old.new_full((1,), float(name.startswith("peak")))  # new ones have not been seen, and stay
+            setattr(self, name, torch.cat([old, unseen])[who.clamp(max=len(old))])
 
-    def resume(self, count: int, gradient_sum: torch.Tensor, seen: torch.Tensor, peak_opacity: torch.Tensor) -> None:
-        """Goes on from what was collected of ``count`` Gaussians; ValueError for arrays that do not fit."""
-        device = self.peak_opacity.device
-        self.gradient_sum = fitting("gradient_sum", gradient_sum, (count,)).to(device)
-        self.seen = fitting("seen", seen, (count,)).to(device)
-        self.peak_opacity = fitting("peak_opacity", peak_opacity, (count,)).to(device)
+    def resume(self, arrays: dict[str, torch.Tensor], count: int) -> None:
+        """Goes on from what was collected of ``count`` Gaussians, by name; ValueError for arrays that do not fit."""
+        for name in COLLECTED:
+            setattr(self, name, fitting(name, arrays[name], (count,)).to(self.seen.device))
 
     @torch.no_grad()
     def observe(self, image: Image, opacities: torch.Tensor, camera: Camera) -> None:
         """Adds one backward pass of ``camera`` and the opacities (N,) it drew; call it before the optimiser clears the
         gradients."""
         torch.maximum(self.peak_opacity, opacities, out=self.peak_opacity)
+        if image.max_weights is not None:
+            torch.maximum(self.peak_weight, image.max_weights, out=self.peak_weight)
         if image.screen.grad is None:
             return
         half = max(camera.width, camera.height) / 2  # 3DGS counts in half picture widths
         across, down = image.screen.grad.unbind(1)  # zero where nothing was seen
         self.gradient_sum.add_((across * across).addcmul_(down, down).sqrt_(), alpha=half)
         self.seen += image.radii > 0
+
+    def least_needed(self, count: int, among: torch.Tensor) -> torch.Tensor:
+        """Indices of at most ``count`` Gaussians ``among`` (N,) that may make room for others: those of the least
+        blending weights, all below the recipe's ``replaced_below``."""
+        weights = torch.where(among, self.peak_weight, torch.inf)
+        least = weights.topk(min(max(count, 0), len(weights)), largest=False)
+        return least.indices[least.values < self.recipe.replaced_below]
 
     @torch.no_grad()
     def round(
@@ -74,13 +90,15 @@ class DensityControl:
         keep = self.peak_opacity > recipe.prune_opacity
         keep |= ~keep.any()  # never everything
         pull = self.gradient_sum / self.seen.clamp(min=1)
-        room = min(
-            recipe.newcomers(count, recipe.densify_growth, _GROWTH_WHILE_FEW), recipe.max_gaussians - int(keep.sum())
-        )
-        chosen = torch.empty(0, dtype=torch.long, device=keep.device)
-        if room > 0:
-            candidates = ((pull > recipe.densify_threshold) & keep).nonzero().squeeze(1)
-            chosen = candidates[pull[candidates].topk(min(room, len(candidates))).indices].sort().values
+        candidates = ((pull > recipe.densify_threshold) & keep).nonzero().squeeze(1)
+        wanted = min(recipe.newcomers(count, recipe.densify_growth, _GROWTH_WHILE_FEW), len(candidates))
+        chosen = candidates[pull[candidates].topk(wanted).indices]
+        room = max(recipe.max_gaussians - int(keep.sum()), 0)
+        if wanted > room:
+            replaced = self.least_needed(wanted - room, keep.index_fill(0, chosen, False))
+            keep[replaced] = False
+            chosen = chosen[: room + len(replaced)]  # the strongest
+        chosen = chosen.sort().values
 
         # In order of their indices: first those that move, as their copies will. A parent at rest has copies at rest.
         values = {name: getattr(canonical, name).detach()[chosen] for name in ATTRIBUTES if name != "embeddings"}
@@ -95,5 +113,9 @@ class DensityControl:
         canonical.means.data[chosen] -= offsets
         canonical.log_scales.data[chosen] -= shrink
         kept = keep.nonzero().squeeze(1)
-        self.reset(optimizer.replace_gaussians(kept, new))
+        self.arrange(optimizer.replace_gaussians(kept, new))
+        self.gradient_sum.zero_()
+        self.seen.zero_()
+        self.peak_opacity *= _FADING_OPACITY
+        self.peak_weight *= _FADING_WEIGHT
         return len(chosen), count - int(keep.sum())

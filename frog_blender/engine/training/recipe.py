@@ -63,6 +63,8 @@ class Recipe:
         densify_from, densify_until, densify_every: fractions.
         densify_threshold: mean screen gradient (in half picture widths, as in 3DGS) above which a Gaussian splits.
         densify_growth: share of new Gaussians a round at most, see ``newcomers``.
+        replaced_below: largest blending weight of late below which a Gaussian makes room for a new one when there are
+            ``max_gaussians``; 0 for none, as in the papers.
         split_scale: above this size a Gaussian is split, below it is cloned.
         prune_opacity: canonical opacity below which a Gaussian is removed.
         sampling: "anchors" puts the points into the canonical field as they are (FRoG, section on canonical field
@@ -103,7 +105,7 @@ class Recipe:
     fine_rows_until: float = 0.05
     warm_up: float = 0.01
     mean_rate: float = 3e-4
-    scale_rate: float = 3e-2
+    scale_rate: float = 4.5e-2
     rotation_rate: float = 2e-3
     opacity_rate: float = 3e-2
     color_rate: float = 5e-3
@@ -134,6 +136,7 @@ class Recipe:
     densify_every: float = 0.025
     densify_threshold: float = 2e-4
     densify_growth: float = 0.03
+    replaced_below: float = 0.2
     split_scale: float = 0.01
     prune_opacity: float = 5e-3
     sampling: str = "anchors"
@@ -223,6 +226,7 @@ _PAPER = Recipe(
     densify_until=0.95,
     densify_every=100 / 80_000,
     densify_threshold=3e-4,
+    replaced_below=0.0,
     smoothness_neighbours=20,
 )
 

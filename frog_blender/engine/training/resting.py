@@ -32,7 +32,7 @@ def arrange(
 ) -> None:
     """See SceneOptimizer.arrange; everything else in the trainer that knows Gaussians by their places follows."""
     trainer.optimizer.arrange(who, movers, new or {})
-    trainer.density.reset(who)
+    trainer.density.arrange(who)
     if trainer.neighbourhood is not None:
         trainer.find_neighbours()
 

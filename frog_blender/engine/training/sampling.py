@@ -117,19 +117,27 @@ def new_anchors(
 
 
 @torch.no_grad()
-def inject_anchors(trainer: Trainer, progress: float, shot_index: int) -> None:
-    """A round: new anchors where the drawing of a shot is wrong, at the end of the Gaussians that move."""
+def inject_anchors(trainer: Trainer, progress: float, shot_index: int) -> bool:
+    """A round: new anchors where the drawing of a shot is wrong, at the end of the Gaussians that move. At the limit
+    they take the places of those that are least needed (see training.density).
+
+    Returns:
+        whether Gaussians have changed their places.
+    """
     recipe, canonical = trainer.recipe, trainer.model.canonical
     newcomers = recipe.newcomers(trainer.count, recipe.sampling_share, _WHILE_FEW)
-    room = min(newcomers, recipe.max_gaussians - trainer.count)
-    if room <= 0:
-        return
+    room = max(recipe.max_gaussians - trainer.count, 0)
+    everyone = torch.ones(trainer.count, dtype=torch.bool, device=trainer.device)
+    replaced = trainer.density.least_needed(newcomers - room, everyone)
+    newcomers = min(newcomers, room + len(replaced))
+    if not newcomers:
+        return False
     pixels, image, gaussians, changes = trainer.draw(shot_index, progress, RasterizeOptions(depth=True))
     if not changes:
-        return
+        return False
     camera = trainer.camera_at(trainer.capture.shots[shot_index].camera, progress)
     truth = picture_on(trainer.device, pixels)
-    points, colors = worst_points(image, truth, camera, room, recipe.sampling_depth, trainer.generator)
+    points, colors = worst_points(image, truth, camera, newcomers, recipe.sampling_depth, trainer.generator)
     if recipe.sampling == "inverse":
         moved = gaussians.means[: canonical.moving]
         points, embeddings = undeformed(points, moved, changes["means"], canonical.embeddings)
@@ -137,5 +145,6 @@ def inject_anchors(trainer: Trainer, progress: float, shot_index: int) -> None:
         calmest = canonical.embeddings[int(total_deformation(changes).argmin())]
         embeddings = calmest.expand(len(points), -1)
     new = new_anchors(points, colors, embeddings, canonical.means.detach(), canonical.sh.shape[1])
-    everyone = torch.arange(trainer.count, device=trainer.device)
-    trainer.density.reset(trainer.optimizer.replace_gaussians(everyone, {name: new[name] for name in ATTRIBUTES}))
+    kept = everyone.index_fill(0, replaced, False).nonzero().squeeze(1)
+    trainer.density.arrange(trainer.optimizer.replace_gaussians(kept, {name: new[name] for name in ATTRIBUTES}))
+    return bool(len(replaced))  # new ones alone come behind those that move

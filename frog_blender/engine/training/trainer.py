@@ -163,7 +163,8 @@ class Trainer:
         camera = self.camera_at(camera_index, before)
         whole_size = camera is self.capture.cameras[camera_index]
         region = self.regions.pick(camera_index, self.generator) if whole_size else None
-        options = RasterizeOptions(region=region)
+        grows = before < self.recipe.densify_until
+        options = RasterizeOptions(region=region, weights=grows and self.recipe.replaced_below > 0)
         pose = self._learned_pose(camera_index, before)
         pixels, image, gaussians, changes = self.draw(shot, before, options, pose)
         share = 1.0 if region is None else region[2] * region[3] / (camera.width * camera.height)
@@ -180,7 +181,7 @@ class Trainer:
         if smoothed and self.neighbourhood is not None and self.recipe.smoothness_weight:
             embeddings = self.model.canonical.embeddings
             self.neighbourhood.add_gradient(embeddings, self.step_count, self.recipe.smoothness_weight)
-        if before < self.recipe.densify_until:
+        if grows:
             self.density.observe(image, gaussians.opacities.detach(), camera)
         self.optimizer.step()
         if self.poses and pose is not None and pose.grad is not None:
@@ -257,7 +258,7 @@ class Trainer:
         if densified:
             self.density.round(self.model.canonical, self.optimizer, self.generator)
         if grows and self.recipe.sampling != "off" and self._sample.due(before, now):
-            inject_anchors(self, now, shot)  # behind those that move: nobody's neighbours change their places
+            densified |= inject_anchors(self, now, shot)
         if densified and self.recipe.smoothness_weight:
             self.find_neighbours()
         if self.parsimony:
