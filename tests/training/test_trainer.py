@@ -183,10 +183,16 @@ def test_at_the_limit_anchors_take_the_places_of_those_least_needed(make_trainer
     while trainer.step_count < 20:
         trainer.step()
     count = trainer.count
-    assert not sampling.inject_anchors(trainer, 0.5, 0) and trainer.count == count  # all were needed of late
+    means = trainer.model.canonical.means
+    sampling.inject_anchors(trainer, 0.5, 0)  # all were needed of late
+    assert trainer.model.canonical.means is means
     trainer.density.peak_weight[[2, 5]] = 0.01
-    before = trainer.model.canonical.means.detach().clone()
-    assert sampling.inject_anchors(trainer, 0.5, 0) and trainer.count == count
+    before = means.detach().clone()
+    trainer.find_neighbours()
+    pairs = trainer.neighbourhood.neighbours
+    sampling.inject_anchors(trainer, 0.5, 0)
+    assert trainer.count == count
+    assert trainer.neighbourhood.neighbours is not pairs and int(trainer.neighbourhood.neighbours.max()) < count - 2
     kept = [i for i in range(count) if i not in (2, 5)]
     torch.testing.assert_close(trainer.model.canonical.means[: count - 2].detach(), before[kept])
     assert trainer.density.peak_weight.tolist() == [1.0] * count

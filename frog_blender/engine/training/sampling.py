@@ -117,13 +117,9 @@ def new_anchors(
 
 
 @torch.no_grad()
-def inject_anchors(trainer: Trainer, progress: float, shot_index: int) -> bool:
+def inject_anchors(trainer: Trainer, progress: float, shot_index: int) -> None:
     """A round: new anchors where the drawing of a shot is wrong, at the end of the Gaussians that move. At the limit
-    they take the places of those that are least needed (see training.density).
-
-    Returns:
-        whether Gaussians have changed their places.
-    """
+    they take the places of those that are least needed (see training.density)."""
     recipe, canonical = trainer.recipe, trainer.model.canonical
     newcomers = recipe.newcomers(trainer.count, recipe.sampling_share, _WHILE_FEW)
     room = max(recipe.max_gaussians - trainer.count, 0)
@@ -131,10 +127,10 @@ def inject_anchors(trainer: Trainer, progress: float, shot_index: int) -> bool:
     replaced = trainer.density.least_needed(newcomers - room, everyone)
     newcomers = min(newcomers, room + len(replaced))
     if not newcomers:
-        return False
+        return
     pixels, image, gaussians, changes = trainer.draw(shot_index, progress, RasterizeOptions(depth=True))
     if not changes:
-        return False
+        return
     camera = trainer.camera_at(trainer.capture.shots[shot_index].camera, progress)
     truth = picture_on(trainer.device, pixels)
     points, colors = worst_points(image, truth, camera, newcomers, recipe.sampling_depth, trainer.generator)
@@ -145,6 +141,9 @@ def inject_anchors(trainer: Trainer, progress: float, shot_index: int) -> bool:
         calmest = canonical.embeddings[int(total_deformation(changes).argmin())]
         embeddings = calmest.expand(len(points), -1)
     new = new_anchors(points, colors, embeddings, canonical.means.detach(), canonical.sh.shape[1])
+    replaced = replaced[: max(len(points) - room, 0)]  # fewer pixels than asked for may have a depth
     kept = everyone.index_fill(0, replaced, False).nonzero().squeeze(1)
-    trainer.density.arrange(trainer.optimizer.replace_gaussians(kept, {name: new[name] for name in ATTRIBUTES}))
-    return bool(len(replaced))  # new ones alone come behind those that move
+    who = trainer.optimizer.replace_gaussians(kept, {name: new[name] for name in ATTRIBUTES})
+    trainer.density.arrange(who)
+    if trainer.neighbourhood is not None and len(replaced):  # new ones alone come behind those that move
+        trainer.neighbourhood = trainer.neighbourhood.arranged(who)

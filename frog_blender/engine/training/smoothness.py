@@ -31,6 +31,22 @@ class Neighbourhood:
         distances, neighbours = nearest(means[chosen], means, recipe.smoothness_neighbours, skip_self=True)
         return cls(chosen, neighbours, neighbour_weights(distances, recipe.smoothness_falloff))
 
+    def arranged(self, who: torch.Tensor) -> Neighbourhood | None:
+        """The same sample where others have come and some have gone, who are nobody's neighbours any more; None without
+        anchors.
+
+        Args:
+            who: (M',) for each place an old index, or a larger one for who is new.
+        """
+        places = torch.full(
+            (int(max(who.max(), self.neighbours.max(), self.anchors.max())) + 1,), -1, device=who.device
+        )
+        places[who] = torch.arange(len(who), device=who.device)
+        left = places[self.anchors] >= 0
+        neighbours = places[self.neighbours[left]]
+        weights = torch.where(neighbours >= 0, self.weights[left], 0.0)
+        return Neighbourhood(places[self.anchors[left]], neighbours.clamp(min=0), weights) if bool(left.any()) else None
+
     def add_gradient(self, embeddings: torch.Tensor, step: int, weight: float) -> None:
         """Regularises ``embeddings`` (M, E) for SMOOTHED_EVERY steps at once; another part of the sample each time."""
         start = (step // SMOOTHED_EVERY * _BATCH) % max(1, len(self.anchors))

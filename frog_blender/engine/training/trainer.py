@@ -258,7 +258,7 @@ class Trainer:
         if densified:
             self.density.round(self.model.canonical, self.optimizer, self.generator)
         if grows and self.recipe.sampling != "off" and self._sample.due(before, now):
-            densified |= inject_anchors(self, now, shot)
+            inject_anchors(self, now, shot)
         if densified and self.recipe.smoothness_weight:
             self.find_neighbours()
         if self.parsimony:
