@@ -24,6 +24,7 @@ _GROWTH_WHILE_FEW = 1.0  # every candidate may grow
 # Peaks fade from round to round, over several of them: one round's steps may miss the moment, or the part of a picture,
 # at which a Gaussian is seen.
 _FADING_OPACITY, _FADING_WEIGHT = 0.5, 0.6
+_LOOKS = 25  # a round with fewer looks at a Gaussian than that lets weights fade by less: nobody was missed yet
 
 
 class DensityControl:
@@ -113,9 +114,10 @@ class DensityControl:
         canonical.means.data[chosen] -= offsets
         canonical.log_scales.data[chosen] -= shrink
         kept = keep.nonzero().squeeze(1)
+        looks = float(self.seen.max())
         self.arrange(optimizer.replace_gaussians(kept, new))
         self.gradient_sum.zero_()
         self.seen.zero_()
         self.peak_opacity *= _FADING_OPACITY
-        self.peak_weight *= _FADING_WEIGHT
+        self.peak_weight *= _FADING_WEIGHT ** min(1.0, looks / _LOOKS)
         return len(chosen), count - int(keep.sum())
