@@ -17,8 +17,8 @@ from .fitting import fitting
 from .optimizer import SceneOptimizer
 from .recipe import Recipe
 
-COLLECTED = ("gradient_sum", "seen", "peak_opacity", "peak_weight")
-"""What is known of each Gaussian, by attribute of ``DensityControl``."""
+COLLECTED = {"gradient_sum": 0.0, "seen": 0.0, "peak_opacity": 1.0, "peak_weight": 1.0}
+"""What is known of each Gaussian, by attribute of ``DensityControl``, at first: nobody pulls, everybody is needed."""
 
 _GROWTH_WHILE_FEW = 1.0  # every candidate may grow
 # Peaks fade from round to round, over several of them: one round's steps may miss the moment, or the part of a picture,
@@ -42,18 +42,22 @@ class DensityControl:
         peak_weight: (N,) the largest blending weight of late.
     """
 
+    gradient_sum: torch.Tensor
+    seen: torch.Tensor
+    peak_opacity: torch.Tensor
+    peak_weight: torch.Tensor
+
     def __init__(self, recipe: Recipe, scene_scale: float, count: int, device: torch.device | str = "cpu") -> None:
         self.recipe = recipe
         self._scene_scale = scene_scale
-        self.gradient_sum, self.seen = torch.zeros(2, count, device=device)
-        self.peak_opacity, self.peak_weight = torch.ones(2, count, device=device)
+        for name, first in COLLECTED.items():
+            setattr(self, name, torch.full((count,), first, device=device))
 
     def arrange(self, who: torch.Tensor) -> None:
         """Goes on with the Gaussians ``who``: old indices, those beyond the old count for new ones."""
-        for name in COLLECTED:
+        for name, first in COLLECTED.items():
             old = getattr(self, name)
-            unseen = old.new_full((1,), float(name.startswith("peak")))  # new ones have not been seen, and stay
-            setattr(self, name, torch.cat([old, unseen])[who.clamp(max=len(old))])
+            setattr(self, name, torch.cat([old, old.new_full((1,), first)])[who.clamp(max=len(old))])
 
     def resume(self, arrays: dict[str, torch.Tensor], count: int) -> None:
         """Goes on from what was collected of ``count`` Gaussians, by name; ValueError for arrays that do not fit."""
@@ -74,10 +78,10 @@ class DensityControl:
         self.gradient_sum.add_((across * across).addcmul_(down, down).sqrt_(), alpha=half)
         self.seen += image.radii > 0
 
-    def least_needed(self, count: int, among: torch.Tensor) -> torch.Tensor:
-        """Indices of at most ``count`` Gaussians ``among`` (N,) that may make room for others: those of the least
-        blending weights, all below the recipe's ``replaced_below``."""
-        weights = torch.where(among, self.peak_weight, torch.inf)
+    def least_needed(self, count: int, among: torch.Tensor | None = None) -> torch.Tensor:
+        """Indices of at most ``count`` Gaussians, of all or ``among`` (N,), that may make room for others: those of the
+        least blending weights, all below the recipe's ``replaced_below``."""
+        weights = self.peak_weight if among is None else torch.where(among, self.peak_weight, torch.inf)
         least = weights.topk(min(max(count, 0), len(weights)), largest=False)
         return least.indices[least.values < self.recipe.replaced_below]
 

@@ -19,6 +19,7 @@ from ..model.frog import total_deformation
 from ..rasterizer import Image, RasterizeOptions
 from .device import picture_on
 from .neighbours import nearest, spacings
+from .resting import all_but
 
 if TYPE_CHECKING:
     from .trainer import Trainer
@@ -123,8 +124,7 @@ def inject_anchors(trainer: Trainer, progress: float, shot_index: int) -> None:
     recipe, canonical = trainer.recipe, trainer.model.canonical
     newcomers = recipe.newcomers(trainer.count, recipe.sampling_share, _WHILE_FEW)
     room = max(recipe.max_gaussians - trainer.count, 0)
-    everyone = torch.ones(trainer.count, dtype=torch.bool, device=trainer.device)
-    replaced = trainer.density.least_needed(newcomers - room, everyone)
+    replaced = trainer.density.least_needed(newcomers - room)
     newcomers = min(newcomers, room + len(replaced))
     if not newcomers:
         return
@@ -142,7 +142,7 @@ def inject_anchors(trainer: Trainer, progress: float, shot_index: int) -> None:
         embeddings = calmest.expand(len(points), -1)
     new = new_anchors(points, colors, embeddings, canonical.means.detach(), canonical.sh.shape[1])
     replaced = replaced[: max(len(points) - room, 0)]  # fewer pixels than asked for may have a depth
-    kept = everyone.index_fill(0, replaced, False).nonzero().squeeze(1)
+    kept = all_but(replaced, trainer.count).nonzero().squeeze(1)
     who = trainer.optimizer.replace_gaussians(kept, {name: new[name] for name in ATTRIBUTES})
     trainer.density.arrange(who)
     if trainer.neighbourhood is not None and len(replaced):  # new ones alone come behind those that move

@@ -38,9 +38,8 @@ class Neighbourhood:
         Args:
             who: (M',) for each place an old index, or a larger one for who is new.
         """
-        places = torch.full(
-            (int(max(who.max(), self.neighbours.max(), self.anchors.max())) + 1,), -1, device=who.device
-        )
+        last = int(max(who.max(), self.neighbours.max(), self.anchors.max()))
+        places = torch.full((last + 1,), -1, device=who.device)
         places[who] = torch.arange(len(who), device=who.device)
         left = places[self.anchors] >= 0
         neighbours = places[self.neighbours[left]]
