@@ -22,16 +22,40 @@ def test_neighbours_and_spacings_are_exact(unit: float, offset: float) -> None:
     assert torch.allclose(spacings(points), torch.full((len(points),), 0.25 * unit), rtol=1e-3)
 
 
-def test_pieces_that_do_not_divide_the_points_and_nobody_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
-    points, among = torch.rand(23, 3), torch.rand(40, 3)
-    whole = nearest(points, among, 5, skip_self=False)
-    assert torch.equal(torch.cdist(points.double(), among.double()).topk(5, largest=False).indices, whole[1])
-    for elements in (1, 40 * 7, 40 * 23):
-        monkeypatch.setattr(neighbours, "_CPU_PIECE", elements)
-        for found, expected in zip(nearest(points, among, 5, skip_self=False), whole, strict=True):
-            assert torch.equal(found, expected)
-    distances, indices = nearest(points[:0], among, 5, skip_self=False)
-    assert distances.shape == indices.shape == (0, 5)
+def test_the_gpus_search_finds_what_the_tree_finds(monkeypatch: pytest.MonkeyPatch) -> None:
+    points, among = torch.rand(23, 3), torch.rand(400, 3)
+    distances, indices = nearest(points, among, 5, skip_self=False)
+    expected = torch.cdist(points.double(), among.double()).topk(5, largest=False)
+    assert torch.equal(indices, expected.indices)
+    assert torch.allclose(distances.double(), expected.values, rtol=1e-5)
+    for elements in (1, 400 * 7, 400 * 23):  # pieces that do not divide the points, too
+        monkeypatch.setattr(neighbours, "_GPU_PIECE", elements)
+        squares, others = neighbours._by_distances(points, among, 5)
+        assert torch.equal(others, indices)
+        assert torch.allclose(squares.sqrt(), distances, rtol=1e-5)
+
+
+def test_nobody_at_all_and_fewer_than_asked_for() -> None:
+    points = torch.rand(3, 3)
+    for found in nearest(points[:0], points, 5, skip_self=False):
+        assert found.shape == (0, 3)
+    for found in nearest(points, points, 5, skip_self=True):
+        assert found.shape == (3, 2)
+    for found in nearest(points[:1], points[:1], 5, skip_self=True):
+        assert found.shape == (1, 0)
+    assert float(spacings(points[:1])) > 0
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), 1e30])
+def test_points_that_are_nowhere_have_neighbours_that_exist(value: float) -> None:
+    points = torch.rand(300, 3)
+    points[7, 1] = points[9] = value
+    distances, indices = nearest(points, points, 4, skip_self=True)
+    assert bool(((indices >= 0) & (indices < 300)).all())
+    usual = torch.ones(300, dtype=torch.bool)
+    usual[[7, 9]] = False
+    assert bool(torch.isfinite(distances[usual]).all())
+    assert not bool(((indices == 7) | (indices == 9))[usual].any())
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="the system does not say how much memory was used")

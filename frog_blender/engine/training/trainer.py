@@ -69,7 +69,6 @@ class Trainer:
         recipe = method_named(method).adapt(recipe)
         self.capture, self.recipe, self.method, self.limits = capture, recipe, method, limits
         self.store, self.device = store, torch.device(device)
-        self._threads = torch.get_num_threads()  # what the caller allows, outside of steps
         torch.manual_seed(seed)
         self.generator = torch.Generator().manual_seed(seed)
         self.scene_scale = scale_of(capture, seeds.points)
@@ -268,8 +267,7 @@ class Trainer:
     def find_neighbours(self) -> None:
         """Draws the embedding smoothness's sample anew, among the Gaussians that move."""
         means = self.model.canonical.means.detach()[: self.model.canonical.moving]
-        with torch_threads(self._threads):  # large enough for them
-            self.neighbourhood = Neighbourhood.drawn(means, self.recipe, self.generator)
+        self.neighbourhood = Neighbourhood.drawn(means, self.recipe, self.generator)
 
     @torch.no_grad()
     def picture(self, shot_index: int, largest_side: int | None = None) -> np.ndarray:
