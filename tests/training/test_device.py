@@ -22,7 +22,16 @@ from frog_blender.engine.errors import FrogError
 from frog_blender.engine.files import read_scene
 from frog_blender.engine.model.frog import FINISHED, Frog
 from frog_blender.engine.rasterizer import rasterize
-from frog_blender.engine.training import capacity_picture, events, job, motion, parsimony, reductions, validation
+from frog_blender.engine.training import (
+    capacity_picture,
+    events,
+    job,
+    motion,
+    neighbours,
+    parsimony,
+    reductions,
+    validation,
+)
 from frog_blender.engine.training import device as device_module
 from frog_blender.engine.training import optimizer as optimizer_module
 from frog_blender.engine.training import trainer as trainer_module
@@ -76,6 +85,7 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Iterator[Machine]:
     monkeypatch.setattr(trainer_module, "rasterize", slowly)
     monkeypatch.setattr(trainer_module, "picture_loss", picture_loss_on_any_device)
     monkeypatch.setattr(Frog, "deform", deform)
+    monkeypatch.setattr(neighbours, "_by_tree", neighbours._by_distances)
     adam = import_module("torch.optim.adam")  # its list of devices that have fused kernels
     monkeypatch.setattr(adam, "_device_dtype_check_for_fused", lambda *_, **__: None)
     monkeypatch.setattr(optimizer_module, "adam_on", lambda device, groups: Adam(groups, eps=1e-15, fused=True))
