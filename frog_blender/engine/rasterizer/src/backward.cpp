@@ -18,20 +18,16 @@ uint64_t slot_limit() {
   return wanted && *wanted ? std::max(1ull, std::strtoull(wanted, nullptr, 10)) : MAX_SLOTS;
 }
 
-// Where each Gaussian's slots of tile rows [first, last) begin; returns how many slots there are.
-size_t place_slots(FrogFrame &frame, int first, int last, bool whole, uint32_t *count) {
+// Gathers the slots of tile rows [first, last): how many each Gaussian has there, and by how much they move in memory.
+// Returns how many there are.
+size_t place_slots(FrogFrame &frame, int first, int last, uint32_t *count, uint32_t *moved) {
   const int gaussians = frame.view.count;
-  uint32_t *base = frame.slot_base.data(), *seen = frame.slots_seen.data();
-  if (whole) {
-    std::copy_n(frame.slot_count.data(), gaussians, count);
-  } else {
-    std::fill_n(count, gaussians, 0u);
-    for (size_t e = frame.row_begin[first]; e < frame.row_begin[last]; ++e)
-      count[frame.entries[e].splat] += frame.entries[e].last - frame.entries[e].first + 1;
-  }
+  std::fill_n(count, gaussians, 0u);
+  for (size_t e = frame.row_begin[first]; e < frame.row_begin[last]; ++e)
+    count[frame.entries[e].splat] += frame.entries[e].last - frame.entries[e].first + 1;
   uint32_t total = 0;
   for (int i = 0; i < gaussians; ++i) {
-    base[i] = total - seen[i];  // wraps; adding a slot of this band wraps back
+    moved[i] = total - frame.slot_base[i] - frame.slots_seen[i];  // wraps; adding a slot of this band wraps back
     total += count[i];
   }
   return total;
@@ -44,16 +40,16 @@ void go_backward(const Kernels &kernels, FrogFrame &frame, const FrogGaussians &
   const FrameView &view = frame.view;
   const int count = view.count, width = result.screen_absolute ? SPLAT_GRADIENTS : BY_BLUE + 1;
   float *sums = frame.sums.resize(static_cast<size_t>(count) * SPLAT_GRADIENTS);
-  frame.slot_base.resize(count);
   std::fill_n(frame.slots_seen.resize(count), count, 0u);
-  uint32_t *counts = frame.histogram.resize(count);
   const uint64_t limit = slot_limit();
   for (int first = 0; first < view.tiles_y;) {
     int last = first + 1;
     while (last < view.tiles_y && frame.row_instances[last + 1] - frame.row_instances[first] <= limit) ++last;
     const bool whole = first == 0 && last == view.tiles_y;
-    const size_t slots = place_slots(frame, first, last, whole, counts);
-    const SlotView slot_view = {frame.slot_gradients.resize(slots * width), frame.slot_base.data(), width};
+    uint32_t *counts = whole ? frame.slot_count.data() : frame.histogram.resize(count);
+    uint32_t *moved = whole ? nullptr : frame.slots_moved.resize(count);
+    const size_t slots = whole ? frame.row_instances.back() : place_slots(frame, first, last, counts, moved);
+    const SlotView slot_view = {frame.slot_gradients.resize(slots * width), moved, width};
     parallel_for(static_cast<int>(frame.tiles.size()), 1, [&](int begin, int end) {
       for (int t = begin; t < end; ++t)
         if (frame.tiles[t].y >= first && frame.tiles[t].y < last)
@@ -64,7 +60,8 @@ void go_backward(const Kernels &kernels, FrogFrame &frame, const FrogGaussians &
         float total[SPLAT_GRADIENTS] = {};
         float *out = sums + static_cast<size_t>(i) * SPLAT_GRADIENTS;
         if (first > 0) std::copy_n(out, SPLAT_GRADIENTS, total);
-        const float *slot = slot_view.gradients + static_cast<size_t>(slot_view.slot_base[i] + frame.slots_seen[i]) * width;
+        const uint32_t begun = frame.slot_base[i] + frame.slots_seen[i] + (moved ? moved[i] : 0);
+        const float *slot = slot_view.gradients + static_cast<size_t>(begun) * width;
         for (uint32_t s = 0; s < counts[i]; ++s, slot += width)
           for (int k = 0; k < width; ++k) total[k] += slot[k];
         std::copy_n(total, SPLAT_GRADIENTS, out);

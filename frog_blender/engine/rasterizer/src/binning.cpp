@@ -148,6 +148,8 @@ void bin_splats(FrogFrame &frame) {
   std::partial_sum(frame.row_instances.begin(), frame.row_instances.end(), frame.row_instances.begin());
   if (frame.row_instances.back() > UINT32_MAX) throw std::bad_alloc();
   Instance *instances = frame.instances.resize(frame.row_instances.back());
+  uint32_t *slot_base = frame.slot_base.resize(view.count);
+  std::exclusive_scan(frame.slot_count.data(), frame.slot_count.data() + view.count, slot_base, 0u);
   frame.tiles.resize(static_cast<size_t>(rows) * columns);
   parallel_for(rows, 1, [&](int begin, int end) {
     for (int row = begin; row < end; ++row) {
@@ -157,8 +159,8 @@ void bin_splats(FrogFrame &frame) {
         frame.tiles[static_cast<size_t>(row) * columns + x] = {x, row, base + next[x], base + next[x + 1]};
       for (size_t e = frame.row_begin[row]; e < frame.row_begin[row + 1]; ++e) {
         const RowEntry &entry = frame.entries[e];
-        for (int x = entry.first; x <= entry.last; ++x)
-          instances[base + next[x]++] = {entry.splat, entry.slot + static_cast<uint32_t>(x - entry.first)};
+        uint32_t slot = slot_base[entry.splat] + entry.slot;
+        for (int x = entry.first; x <= entry.last; ++x) instances[base + next[x]++] = {entry.splat, slot++};
       }
     }
   });

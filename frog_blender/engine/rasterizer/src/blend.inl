@@ -15,43 +15,47 @@ enum { WITH_DEPTH = 1, WITH_WEIGHTS = 2, WITH_LIMIT = 4, ONLY_COUNT = 8 };
 template <int WITH>
 static int64_t blend_tile(const FrameView &view, const Tile &tile, const FrogImage &image) {
   constexpr bool DEPTH = WITH & WITH_DEPTH, WEIGHTS = WITH & WITH_WEIGHTS, LIMIT = WITH & WITH_LIMIT, COUNT = WITH & ONLY_COUNT;
-  alignas(64) float transmittance[TILE_PIXELS], red[TILE_PIXELS] = {}, green[TILE_PIXELS] = {}, blue[TILE_PIXELS] = {};
-  alignas(64) float limit[LIMIT ? TILE_PIXELS : 1];
-  alignas(64) float depth[DEPTH ? TILE_PIXELS : 1] = {};
-  alignas(64) int32_t median[DEPTH ? TILE_PIXELS : 1];
-  open_tile(view, tile, transmittance, LIMIT ? limit : nullptr);
-  if (DEPTH) for (int i = 0; i < TILE_PIXELS; ++i) median[i] = -1;
+  struct alignas(64) {  // together: one address for all of a vector's numbers
+    float transmittance[TILE_PIXELS], red[TILE_PIXELS] = {}, green[TILE_PIXELS] = {}, blue[TILE_PIXELS] = {};
+    float limit[LIMIT ? TILE_PIXELS : 1];
+    float depth[DEPTH ? TILE_PIXELS : 1] = {};
+    int32_t median[DEPTH ? TILE_PIXELS : 1];
+  } p;
+  open_tile(view, tile, p.transmittance, LIMIT ? p.limit : nullptr);
+  if (DEPTH) for (int i = 0; i < TILE_PIXELS; ++i) p.median[i] = -1;
   const TileSize size = size_of(view, tile);
+  uint32_t open[COLUMNS];
+  still_open(p.transmittance, open);
   int64_t blended_pairs = 0;
-  Footprint f;
+  Footprints footprints(view, tile);
 
   for (uint32_t n = tile.begin; n < tile.end; ++n) {
-    if ((n - tile.begin) % CHECK_EVERY == CHECK_EVERY - 1 && finished(transmittance)) break;
+    if ((n - tile.begin) % CHECK_EVERY == CHECK_EVERY - 1 && !still_open(p.transmittance, open)) break;
     __builtin_prefetch(view.splats + view.instances[n + 6 < tile.end ? n + 6 : n].splat);
     const uint32_t index = view.instances[n].splat;
     const Splat &splat = view.splats[index];
-    make_footprint(splat, tile, size.rows, f);
+    const Footprint &f = footprints.at(n);
     Floats heaviest = {};
-    for (int v = f.first_vector; v <= f.last_vector; ++v) {
+    for (size_t v = 0; v < COLUMNS; ++v) {
       const Floats along = columns_of(f, v) * splat.along;
-      for (int row = f.first_row; row <= f.last_row; ++row) {
+      for (uint32_t rows = f.rows[v] & open[v]; rows; rows &= rows - 1) {
+        const size_t row = lowest(rows), at = row * TILE + v * LANES;
         const Floats u = along + f.shift[row], power = f.constant[row] - u * u;
-        const int at = row * TILE + v * LANES;
-        const Floats t = load(transmittance + at);
+        const Floats t = load(p.transmittance + at);
         Contribution c;
-        if (!contribution_of<LIMIT>(power, t, splat.depth, limit + (LIMIT ? at : 0), c)) continue;
-        store(transmittance + at, c.next);
+        contribution_of<LIMIT, true>(power, t, splat.depth, p.limit + (LIMIT ? at : 0), c);
+        store(p.transmittance + at, c.next);
         if (COUNT) {
           blended_pairs += count(c.blended);
           continue;
         }
-        store(red + at, load(red + at) + c.weight * splat.red);
-        store(green + at, load(green + at) + c.weight * splat.green);
-        store(blue + at, load(blue + at) + c.weight * splat.blue);
+        store(p.red + at, load(p.red + at) + c.weight * splat.red);
+        store(p.green + at, load(p.green + at) + c.weight * splat.green);
+        store(p.blue + at, load(p.blue + at) + c.weight * splat.blue);
         if (DEPTH) {
-          store(depth + at, load(depth + at) + c.weight * splat.depth);
+          store(p.depth + at, load(p.depth + at) + c.weight * splat.depth);
           const Mask crossing = and_not(c.blended, at_least(c.next, all(0.50000006f)));  // the first float above 1/2
-          store(median + at, choose(at_least(crossing, t, all(0.50000006f)), static_cast<int32_t>(index), load(median + at)));
+          store(p.median + at, choose(at_least(crossing, t, all(0.50000006f)), static_cast<int32_t>(index), load(p.median + at)));
         }
         if (WEIGHTS) heaviest = larger(c.weight, heaviest);
       }
@@ -66,14 +70,14 @@ static int64_t blend_tile(const FrameView &view, const Tile &tile, const FrogIma
   for (int from = 0; from < TILE_PIXELS; ++from) {
     if (!inside(size, from)) continue;
     const long long to = picture_index(view, tile, from);
-    const float left = fabsf(transmittance[from]);
-    image.rgb[3 * to] = red[from] + left * view.options.background[0];
-    image.rgb[3 * to + 1] = green[from] + left * view.options.background[1];
-    image.rgb[3 * to + 2] = blue[from] + left * view.options.background[2];
+    const float left = fabsf(p.transmittance[from]);
+    image.rgb[3 * to] = p.red[from] + left * view.options.background[0];
+    image.rgb[3 * to + 1] = p.green[from] + left * view.options.background[1];
+    image.rgb[3 * to + 2] = p.blue[from] + left * view.options.background[2];
     image.alpha[to] = 1 - left;
     if (DEPTH) {
-      image.median_index[to] = median[from];
-      image.mean_depth[to] = left < 1 ? depth[from] / (1 - left) : __builtin_nanf("");
+      image.median_index[to] = p.median[from];
+      image.mean_depth[to] = left < 1 ? p.depth[from] / (1 - left) : __builtin_nanf("");
     }
   }
   return 0;

@@ -3,6 +3,9 @@
 #pragma once
 #include <cstddef>
 #include <new>
+#ifdef __linux__
+#include <sys/mman.h>
+#endif
 
 namespace frog {
 
@@ -19,8 +22,13 @@ class Buffer {
     if (count > capacity_) {
       release();
       const size_t wanted = count + count / 8;
-      data_ = static_cast<T *>(::operator new(wanted * sizeof(T), ALIGNMENT));
+      alignment_ = std::align_val_t(wanted * sizeof(T) < HUGE_PAGE ? 64 : HUGE_PAGE);
+      data_ = static_cast<T *>(::operator new(wanted * sizeof(T), alignment_));
       capacity_ = wanted;
+#ifdef __linux__
+      // Gradients are written all over their array: with pages of 4 kB most of them miss the table of pages.
+      if (bytes() >= HUGE_PAGE) madvise(data_, bytes(), MADV_HUGEPAGE);
+#endif
     }
     size_ = count;
     return data_;
@@ -33,15 +41,16 @@ class Buffer {
   size_t bytes() const { return capacity_ * sizeof(T); }
 
  private:
-  static constexpr std::align_val_t ALIGNMENT{64};
+  static constexpr size_t HUGE_PAGE = 2 << 20;
   void release() {
-    ::operator delete(data_, ALIGNMENT);
+    ::operator delete(data_, alignment_);
     data_ = nullptr;
     size_ = capacity_ = 0;
   }
 
   T *data_ = nullptr;
   size_t size_ = 0, capacity_ = 0;
+  std::align_val_t alignment_{64};
 };
 
 }  // namespace frog

@@ -30,14 +30,15 @@ struct FrogFrame {
   std::vector<Tile> tiles;               // dearest first
   std::vector<uint64_t> row_instances;   // (tiles_y + 1,) first instance of each row
   frog::Buffer<uint32_t> slot_count;     // (N,) tiles of each Gaussian
+  frog::Buffer<uint32_t> slot_base;      // (N,) where its slots begin, see Instance
   // Only used while drawing or going backward.
   frog::Buffer<frog::Keyed> order, spare_order;
-  frog::Buffer<uint32_t> histogram, slot_base, slots_seen;
+  frog::Buffer<uint32_t> histogram, slots_moved, slots_seen;
   frog::Buffer<float> slot_gradients, sums, poses;
 
   size_t bytes() const {
     return splats.bytes() + instances.bytes() + entries.bytes() + slot_count.bytes() + order.bytes() + spare_order.bytes() +
-           histogram.bytes() + slot_base.bytes() + slots_seen.bytes() + slot_gradients.bytes() + sums.bytes() + poses.bytes();
+           histogram.bytes() + slot_base.bytes() + slots_moved.bytes() + slots_seen.bytes() + slot_gradients.bytes() + sums.bytes() + poses.bytes();
   }
 };
 

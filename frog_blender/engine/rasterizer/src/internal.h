@@ -5,7 +5,7 @@
 
 struct Instance {  // a splat in one tile
   uint32_t splat;  // index of the Gaussian
-  uint32_t slot;   // number of this tile among the Gaussian's tiles
+  uint32_t slot;   // among all instances, ordered by Gaussians and each one's by its tiles
 };
 
 struct Tile {  // one tile's job
@@ -23,10 +23,10 @@ struct FrameView {
   const Instance *instances;  // tile by tile, each in depth order
 };
 
-// Where the backward pass of some tile rows puts its numbers: Gaussian i's slot s at (slot_base[i] + s) * width.
+// Where the backward pass of some tile rows puts its numbers: those of slot s of Gaussian i at (s + moved[i]) * width.
 struct SlotView {
   float *gradients;
-  const uint32_t *slot_base;  // (N,)
+  const uint32_t *moved;  // (N,), null for a whole frame: nothing to look up
   int32_t width;              // SPLAT_GRADIENTS, or BY_BLUE + 1 where absolute gradients are not wanted
 };
 

@@ -14,12 +14,10 @@ static inline void store(int32_t *to, Ints v) { __builtin_memcpy(to, &v, sizeof 
 
 // 2^f on [-1/2, 1/2], minimax of degree 5: relative error below 2.2e-7 with its rounding.
 static inline Floats exp2_fraction(Floats f) {
-  Floats p = all(1.3276472454890609e-3f);
-  p = p * f + 9.675540961325169e-3f;
-  p = p * f + 5.550713092088699e-2f;
-  p = p * f + 2.4022120237350464e-1f;
-  p = p * f + 6.931469440460205e-1f;
-  return p * f + 1.0000001192092896f;
+  // In pairs (Estrin's scheme): what waits for it, waits for three operations instead of five.
+  const Floats square = f * f, low = 6.931469440460205e-1f * f + 1.0000001192092896f;
+  const Floats middle = 5.550713092088699e-2f * f + 2.4022120237350464e-1f, high = 1.3276472454890609e-3f * f + 9.675540961325169e-3f;
+  return (high * square + middle) * square + low;
 }
 
 #if FROG_VECTOR_BYTES == 64
@@ -29,22 +27,19 @@ static inline Mask at_least(Floats a, Floats b) { return _mm512_cmp_ps_mask(a, b
 static inline Mask at_least(Mask mask, Floats a, Floats b) { return _mm512_mask_cmp_ps_mask(mask, a, b, _CMP_GE_OQ); }
 static inline Mask and_not(Mask mask, Mask other) { return _kandn_mask16(other, mask); }
 static inline bool any(Mask mask) { return mask != 0; }
+static inline uint32_t bits(Mask mask) { return mask; }
 static inline int count(Mask mask) { return __builtin_popcount(mask); }
 static inline Floats keep(Mask mask, Floats v) { return _mm512_maskz_mov_ps(mask, v); }
 static inline Floats choose(Mask mask, Floats yes, Floats no) { return _mm512_mask_mov_ps(no, mask, yes); }
 static inline Ints choose(Mask mask, int32_t yes, Ints no) {
   return (Ints)_mm512_mask_set1_epi32((__m512i)no, mask, yes);
 }
-static inline Floats negate(Mask mask, Floats v) {
-  return (Floats)_mm512_mask_xor_epi32((__m512i)v, mask, (__m512i)v, _mm512_set1_epi32(INT32_MIN));
+static inline Floats negative(Mask mask, Floats v) {
+  return (Floats)_mm512_mask_or_epi32((__m512i)v, mask, (__m512i)v, _mm512_set1_epi32(INT32_MIN));
 }
 static inline Floats smaller(Floats a, Floats b) { return _mm512_min_ps(a, b); }
 static inline Floats larger(Floats a, Floats b) { return _mm512_max_ps(a, b); }
 static inline Floats absolute(Floats v) { return _mm512_abs_ps(v); }
-static inline Floats reciprocal(Floats v) {  // one Newton step on 14 bits
-  const Floats r = _mm512_rcp14_ps(v);
-  return r * (2.0f - v * r);
-}
 static inline Floats exp2(Floats x) {
   const Floats whole = _mm512_roundscale_ps(x, _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC);
   return _mm512_scalef_ps(exp2_fraction(x - whole), whole);
@@ -70,42 +65,41 @@ typedef Ints Mask;  // lanes are 0 or -1
 static inline Mask at_least(Floats a, Floats b) { return a >= b; }
 static inline Mask at_least(Mask mask, Floats a, Floats b) { return mask & (a >= b); }
 static inline Mask and_not(Mask mask, Mask other) { return mask & ~other; }
-static inline bool any(Mask mask) {
+static inline uint32_t bits(Mask mask) {
 #if FROG_VECTOR_BYTES == 32
-  return _mm256_movemask_ps((__m256)mask) != 0;
+  return _mm256_movemask_ps((__m256)mask);
 #elif defined(__SSE__)
-  return _mm_movemask_ps((__m128)mask) != 0;
+  return _mm_movemask_ps((__m128)mask);
 #else
-  int32_t joined = 0;
-  for (int i = 0; i < LANES; ++i) joined |= mask[i];
-  return joined != 0;
+  uint32_t joined = 0;
+  for (int i = 0; i < LANES; ++i) joined |= mask[i] & 1u << i;
+  return joined;
 #endif
 }
-static inline int count(Mask mask) {
-  int result = 0;
-  for (int i = 0; i < LANES; ++i) result -= mask[i];
-  return result;
-}
+static inline bool any(Mask mask) { return bits(mask) != 0; }
+static inline int count(Mask mask) { return __builtin_popcount(bits(mask)); }
 static inline Floats keep(Mask mask, Floats v) { return (Floats)(mask & (Ints)v); }
 static inline Floats choose(Mask mask, Floats yes, Floats no) { return mask ? yes : no; }
 static inline Ints choose(Mask mask, int32_t yes, Ints no) { return mask ? yes - Ints{} : no; }
-static inline Floats negate(Mask mask, Floats v) { return (Floats)((Ints)v ^ (mask & INT32_MIN)); }
+static inline Floats negative(Mask mask, Floats v) { return (Floats)((Ints)v | (mask & INT32_MIN)); }
+#if FROG_VECTOR_BYTES == 32
+static inline Floats smaller(Floats a, Floats b) { return _mm256_min_ps(a, b); }
+static inline Floats larger(Floats a, Floats b) { return _mm256_max_ps(a, b); }
+#else
 static inline Floats smaller(Floats a, Floats b) { return a < b ? a : b; }
 static inline Floats larger(Floats a, Floats b) { return a > b ? a : b; }
-static inline Floats absolute(Floats v) { return (Floats)((Ints)v & INT32_MAX); }
-#if FROG_VECTOR_BYTES == 32
-static inline Floats reciprocal(Floats v) {  // one Newton step on 12 bits
-  const Floats r = _mm256_rcp_ps(v);
-  return r * (2.0f - v * r);
-}
-#else
-static inline Floats reciprocal(Floats v) { return 1.0f / v; }
 #endif
-// Rounds by adding a number whose last digit is a one; lanes that overflow come out as rubbish, and are masked by all callers.
+static inline Floats absolute(Floats v) { return (Floats)((Ints)v & INT32_MAX); }
+// Lanes that overflow come out as rubbish, and are masked by all callers.
 static inline Floats exp2(Floats x) {
-  constexpr float ROUND = 12582912.0f;  // 1.5 * 2^23
+#if FROG_VECTOR_BYTES == 32
+  const Floats whole = _mm256_round_ps(x, _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC);
+  return (Floats)((Bits)exp2_fraction(x - whole) + ((Bits)_mm256_cvtps_epi32(x) << 23));
+#else
+  constexpr float ROUND = 12582912.0f;  // 1.5 * 2^23: rounds what it is added to, whose last digit becomes a one
   const Floats shifted = x + ROUND;
   return (Floats)((Bits)exp2_fraction(x - (shifted - ROUND)) + ((Bits)shifted << 23));
+#endif
 }
 static inline float sum(Floats v) {  // by halves: a fixed order
   float parts[LANES];

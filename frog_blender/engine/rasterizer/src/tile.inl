@@ -1,38 +1,60 @@
 // What blending and its gradient have in common: a tile's pixels in vectors, and one splat's part of it.
 //
 // A pixel is finished by the Gaussian that would take its transmittance below TRANSMITTANCE_MIN (that one is left out).
-// A finished pixel keeps its transmittance with the sign flipped, which fails every later test by itself.
+// A finished pixel keeps its transmittance with a minus sign, which fails every later test by itself.
 
 static_assert(TILE % LANES == 0, "a tile row is a whole number of vectors");
 constexpr int TILE_PIXELS = TILE * TILE;
 
-// One splat in a tile: the rows and vectors of columns that its bounding box touches, and its power row by row:
+constexpr int COLUMNS = TILE / LANES;  // of vectors
+
+static inline size_t lowest(uint32_t rows) { return static_cast<uint32_t>(__builtin_ctz(rows)); }
+
+// One splat in a tile: which rows of each column of vectors it touches, and its power row by row:
 // power = constant[row] - u^2 with u = along dx + shift[row].
 struct alignas(64) Footprint {
   float v[TILE], shift[TILE], constant[TILE];
-  float left;  // dx of the tile's first column
-  int first_row, last_row, first_vector, last_vector;
+  float left;             // dx of the tile's first column
+  uint32_t rows[COLUMNS];  // a bit for each row
 };
 
-static inline void make_footprint(const Splat &splat, const Tile &tile, int rows, Footprint &f) {
-  constexpr float MARGIN = 0.01f;  // pixels, for rounding; every pixel is tested anyway
+// Tells the rows before any pixel is looked at: a branch for each of them, at an ellipse's rim, would be guessed wrong.
+static inline void make_footprint(const Splat &splat, const Tile &tile, Footprint &f) {
+  constexpr float MARGIN = 0.02f;  // of a power, for rounding; every pixel is tested anyway
   const float x = splat.x - (tile.x * TILE + 0.5f), y = splat.y - (tile.y * TILE + 0.5f);  // in pixel centres
-  const float reach_x = splat.extent_x + MARGIN, reach_y = splat.extent_y + MARGIN;
-  // Conversion truncates, which only ever adds a row or a vector.
-  f.first_row = static_cast<int>(clamped(y - reach_y, 0, TILE));
-  f.last_row = static_cast<int>(clamped(y + reach_y + 1, 0, static_cast<float>(rows))) - 1;
-  f.first_vector = LANES == TILE ? 0 : static_cast<int>(clamped(x - reach_x, 0, TILE)) / LANES;
-  f.last_vector = LANES == TILE ? 0 : static_cast<int>(clamped(x + reach_x, -1, TILE - 1) + LANES) / LANES - 1;
   f.left = -x;
+  for (int c = 0; c < COLUMNS; ++c) f.rows[c] = 0;
   static const float ramp[TILE] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
   for (int i = 0; i < TILE; i += LANES) {
     const Floats dy = load(ramp + i) - y;
-    const Floats v = dy * splat.across;
+    const Floats v = dy * splat.across, shift = dy * splat.lean, constant = splat.log2_opacity - v * v;
     store(f.v + i, v);
-    store(f.shift + i, dy * splat.lean);
-    store(f.constant + i, splat.log2_opacity - v * v);
+    store(f.shift + i, shift);
+    store(f.constant + i, constant);
+    for (int c = 0; c < COLUMNS; ++c) {
+      const Floats first = shift + splat.along * (c * LANES - x), last = first + splat.along * (LANES - 1);
+      const Floats nearest = larger(larger(first, -last), Floats{});  // |u| of the column's nearest place
+      f.rows[c] |= bits(at_least(constant - nearest * nearest, all(LOG2_ALPHA_MIN - MARGIN))) << i;
+    }
   }
 }
+
+// The footprints of a tile's splats one after the other. Each is found while the pixels of the one before are worked on,
+// so that which rows come next is known long before their turn.
+struct Footprints {
+  const FrameView &view;
+  const Tile &tile;
+  Footprint pair[2];
+
+  Footprints(const FrameView &view, const Tile &tile) : view(view), tile(tile) {
+    if (tile.begin < tile.end) find(tile.begin);
+  }
+  void find(uint32_t n) { make_footprint(view.splats[view.instances[n].splat], tile, pair[n & 1]); }
+  const Footprint &at(uint32_t n) {  // in order
+    if (n + 1 < tile.end) find(n + 1);
+    return pair[n & 1];
+  }
+};
 
 static inline Floats columns_of(const Footprint &f, int vector) {  // dx
   static const float ramp[TILE] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
@@ -42,30 +64,41 @@ static inline Floats columns_of(const Footprint &f, int vector) {  // dx
 // What a splat does to one vector of pixels of transmittance t.
 struct Contribution {
   Mask blended;
-  Floats raw, alpha;  // before and after the clamp
-  Floats weight;      // zero where not blended
-  Floats next;        // transmittance behind it, as it is stored
+  Floats raw;     // alpha before the clamp
+  Floats behind;  // transmittance, rubbish where not blended
+  Floats weight;  // zero where not blended
+  Floats next;    // transmittance as it is stored
 };
 
-// False when no pixel of the vector is touched.
-template <bool LIMIT>
-static inline bool contribution_of(Floats power, Floats t, float depth, const float *limit, Contribution &c) {
-  Mask drawn = at_least(at_least(t, all(TRANSMITTANCE_MIN)), power, all(LOG2_ALPHA_MIN));
-  if (!any(drawn)) return false;
+// OPAQUE: whether the splat reaches the clamp at all, which few do.
+template <bool LIMIT, bool OPAQUE>
+static inline void contribution_of(Floats power, Floats t, float depth, const float *limit, Contribution &c) {
+  const Mask touched = at_least(power, all(LOG2_ALPHA_MIN));
   c.raw = exp2(power);
-  c.alpha = smaller(c.raw, all(ALPHA_MAX));
-  const Floats next = t - t * c.alpha;
-  c.blended = at_least(drawn, next, all(TRANSMITTANCE_MIN));
+  const Floats part = t * (OPAQUE ? smaller(c.raw, all(ALPHA_MAX)) : c.raw);
+  c.behind = t - part;
+  c.blended = at_least(touched, c.behind, all(TRANSMITTANCE_MIN));
   if (LIMIT) c.blended = at_least(c.blended, load(limit), all(depth));
-  c.weight = keep(c.blended, t * c.alpha);
-  c.next = negate(and_not(drawn, c.blended), choose(c.blended, next, t));
-  return true;
+  c.weight = keep(c.blended, part);
+  c.next = choose(c.blended, c.behind, negative(touched, t));
 }
 
-static inline bool finished(const float *transmittance) {
-  Floats open = all(-1.0f);
-  for (int i = 0; i < TILE_PIXELS; i += LANES) open = larger(open, load(transmittance + i));
-  return !any(at_least(open, Floats{}));
+// As a vector's: rows are counted from any of them.
+static const float row_offsets[2 * TILE - 1] = {-15, -14, -13, -12, -11, -10, -9, -8, -7, -6, -5, -4, -3, -2, -1, 0,
+                                                1,   2,   3,   4,   5,   6,   7,  8,  9,  10, 11, 12, 13, 14, 15};
+
+static inline bool is_opaque(const Splat &splat) { return splat.log2_opacity > LOG2_ALPHA_MAX; }
+
+// Rows of each column of vectors in which a pixel is open; false when there is none.
+static inline bool still_open(const float *transmittance, uint32_t *rows) {
+  uint32_t anywhere = 0;
+  for (int c = 0; c < COLUMNS; ++c) {
+    rows[c] = 0;
+    for (int row = 0; row < TILE; ++row)
+      rows[c] |= static_cast<uint32_t>(any(at_least(load(transmittance + row * TILE + c * LANES), Floats{}))) << row;
+    anywhere |= rows[c];
+  }
+  return anywhere;
 }
 
 // How often a tile is looked at for being finished, in splats.

@@ -13,6 +13,7 @@ constexpr float ALPHA_MIN = 1.0f / 255;     // fainter contributions are skipped
 constexpr float ALPHA_MAX = 0.999f;         // keeps 1 - alpha away from zero
 constexpr float TRANSMITTANCE_MIN = 1e-4f;  // a pixel that would fall below is finished
 constexpr float LOG2_ALPHA_MIN = -7.994353436858858f;  // log2(ALPHA_MIN)
+constexpr float LOG2_ALPHA_MAX = -1.4434168696687186e-3f;
 constexpr float LOG2E = 1.4426950408889634f;
 constexpr float COMPENSATION_MIN = 0.005f;  // the opacity compensation never goes below
 
