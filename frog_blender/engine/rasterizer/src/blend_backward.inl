@@ -40,7 +40,7 @@ enum ColumnSum { OF_1, OF_D, OF_DD, OF_S, OF_SD, OF_SS, OF_RED, OF_GREEN, OF_BLU
 template <bool LIMIT, bool ABSOLUTE, bool OPAQUE>
 static inline void sum_columns(const Splat &splat, const Footprint &f, int middle, const uint32_t *open,
                                BackwardPixels<LIMIT> &p, Floats *sums) {
-  const float *from_middle = row_offsets + TILE - 1 - middle;
+  const float *from_middle = offsets_from(middle);
   for (size_t v = 0; v < COLUMNS; ++v) {
     const Floats along = columns_of(f, v) * splat.along, start = along + f.shift[middle];
     Floats by_1 = {}, by_d = {}, by_dd = {};
