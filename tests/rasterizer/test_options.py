@@ -92,7 +92,7 @@ def test_gradients_of_a_region_are_those_of_a_loss_on_it(
     expected = {name: getattr(leaves, name).grad for name in ATTRIBUTES}
     expected |= {"screen": image.screen.grad, "screen_absolute": image.screen_absolute, "pose": moving.grad}
     for name, gradient in expected.items():
-        assert relative_error(found[name], gradient.double().numpy()) < 4e-6, name  # tiles lie elsewhere
+        assert relative_error(found[name], gradient.double().numpy()) < 1e-6, name
 
 
 @pytest.mark.parametrize(

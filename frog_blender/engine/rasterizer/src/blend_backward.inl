@@ -33,79 +33,54 @@ static inline void open_backward(const FrameView &view, const Tile &tile, const 
   }
 }
 
-// Sums over pixels of g = dL/dlog(alpha), with d = row - middle row and s = u in the middle row, u = s + lean d. In a
-// column s is one number, so that three sums a pixel are enough; the middle row keeps both small.
-enum ColumnSum { OF_1, OF_D, OF_DD, OF_S, OF_SD, OF_SS, OF_RED, OF_GREEN, OF_BLUE, OF_ABSOLUTE_X, OF_ABSOLUTE_Y, COLUMN_SUMS };
-
+// Adds what the pixels send back, in the order of SplatGradient. In a column u and v depend on the row alone, so three
+// sums over its rows, of g = dL/dlog(alpha), g d and g d^2, give all five moments. d counts from where the column comes
+// nearest to the splat's axis u = 0: counted from anywhere else, a slanting needle's sums would cancel.
 template <bool LIMIT, bool ABSOLUTE, bool OPAQUE>
-static inline void sum_columns(const Splat &splat, const Footprint &f, int middle, const uint32_t *open,
-                               BackwardPixels<LIMIT> &p, Floats *sums) {
-  const float *from_middle = offsets_from(middle);
-  for (size_t v = 0; v < COLUMNS; ++v) {
-    const Floats along = columns_of(f, v) * splat.along, start = along + f.shift[middle];
+static inline void sum_columns(const Splat &splat, const Footprint &f, const uint32_t *open, BackwardPixels<LIMIT> &p, Floats *sums) {
+  const float *rows_from_first = offsets_from(0), over_lean = -1 / splat.lean;
+  for (size_t c = 0; c < COLUMNS; ++c) {
+    const Floats along = columns_of(f, c) * splat.along, start = along + f.shift[0];
+    const Floats nearest = larger(smaller(start * over_lean, all(TILE - 1)), Floats{});  // a row; finite whatever lean is
+    const Floats u0 = start + splat.lean * nearest, v0 = f.v[0] + splat.across * nearest;
     Floats by_1 = {}, by_d = {}, by_dd = {};
-    for (uint32_t rows = f.rows[v] & open[v]; rows; rows &= rows - 1) {
-      const size_t row = lowest(rows), at = row * TILE + v * LANES;
-      const float d = from_middle[row];
+    for (uint32_t rows = f.rows[c] & open[c]; rows; rows &= rows - 1) {
+      const size_t row = lowest(rows), at = row * TILE + c * LANES;
+      const Floats d = rows_from_first[row] - nearest;
       const Floats u = along + f.shift[row], power = f.constant[row] - u * u;
       const Floats t = load(p.transmittance + at);
-      Contribution c;
-      contribution_of<LIMIT, OPAQUE>(power, t, splat.depth, p.limit + (LIMIT ? at : 0), c);
-      store(p.transmittance + at, c.next);
+      Contribution part;
+      contribution_of<LIMIT, OPAQUE>(power, t, splat.depth, p.limit + (LIMIT ? at : 0), part);
+      store(p.transmittance + at, part.next);
       const Floats g_red = load(p.red + at), g_green = load(p.green + at), g_blue = load(p.blue + at);
-      const Floats own = c.weight * (g_red * splat.red + g_green * splat.green + g_blue * splat.blue);
+      const Floats own = part.weight * (g_red * splat.red + g_green * splat.green + g_blue * splat.blue);
       const Floats behind = load(p.rest + at) - own;
       store(p.rest + at, behind);
-      sums[OF_RED] += c.weight * g_red;
-      sums[OF_GREEN] += c.weight * g_green;
-      sums[OF_BLUE] += c.weight * g_blue;
+      sums[BY_RED] += part.weight * g_red;
+      sums[BY_GREEN] += part.weight * g_green;
+      sums[BY_BLUE] += part.weight * g_blue;
       // alpha / (1 - alpha) = weight / transmittance behind. A clamped alpha passes nothing on.
-      const Mask passes = OPAQUE ? and_not(c.blended, at_least(c.raw, all(ALPHA_MAX))) : c.blended;
-      const Floats g = keep(passes, own - behind * (c.weight / c.behind));
-      const Floats times_d = g * d;
+      const Mask passes = OPAQUE ? and_not(part.blended, at_least(part.raw, all(ALPHA_MAX))) : part.blended;
+      const Floats g = keep(passes, own - behind * (part.weight / part.behind)), times_d = g * d;
       by_1 += g;
       by_d += times_d;
       by_dd += times_d * d;
       if (ABSOLUTE) {  // d(log alpha)/d(position)
         const Floats by_u = g * u;
-        sums[OF_ABSOLUTE_X] += absolute(by_u * (2 / LOG2E * splat.along));
-        sums[OF_ABSOLUTE_Y] += absolute((by_u * splat.lean + g * f.v[row] * splat.across) * (2 / LOG2E));
+        sums[ABSOLUTE_X] += absolute(by_u * (2 / LOG2E * splat.along));
+        sums[ABSOLUTE_Y] += absolute((by_u * splat.lean + g * f.v[row] * splat.across) * (2 / LOG2E));
       }
     }
-    const Floats by_s = by_1 * start;
-    sums[OF_1] += by_1;
-    sums[OF_D] += by_d;
-    sums[OF_DD] += by_dd;
-    sums[OF_S] += by_s;
-    sums[OF_SD] += by_d * start;
-    sums[OF_SS] += by_s * start;
+    // u = u0 + lean d, v = v0 + across d.
+    const Floats by_u = u0 * by_1 + splat.lean * by_d, by_v = v0 * by_1 + splat.across * by_d;
+    const Floats by_ud = u0 * by_d + splat.lean * by_dd, by_vd = v0 * by_d + splat.across * by_dd;
+    sums[SUM_1] += by_1;
+    sums[SUM_U] += by_u;
+    sums[SUM_V] += by_v;
+    sums[SUM_UU] += u0 * by_u + splat.lean * by_ud;
+    sums[SUM_UV] += v0 * by_u + splat.across * by_ud;
+    sums[SUM_VV] += v0 * by_v + splat.across * by_vd;
   }
-}
-
-static inline int middle_row(const Footprint &f) {
-  uint32_t rows = 0;
-  for (int c = 0; c < COLUMNS; ++c) rows |= f.rows[c];
-  return rows ? (__builtin_ctz(rows) + 31 - __builtin_clz(rows)) / 2 : 0;
-}
-
-// From sums over columns to the moments of SplatGradient; v is v0 in the middle row.
-template <bool ABSOLUTE>
-static inline void moments_of(const Floats *sums, const Splat &splat, float v0, float *out) {
-  float of[8];
-  sums_of_8(sums, of);
-  const float by_ud = of[OF_SD] + splat.lean * of[OF_DD];
-  out[SUM_1] = of[OF_1];
-  out[SUM_U] = of[OF_S] + splat.lean * of[OF_D];
-  out[SUM_V] = v0 * of[OF_1] + splat.across * of[OF_D];
-  out[SUM_UU] = of[OF_SS] + splat.lean * (of[OF_SD] + by_ud);
-  out[SUM_UV] = v0 * out[SUM_U] + splat.across * by_ud;
-  out[SUM_VV] = v0 * out[SUM_V] + splat.across * (v0 * of[OF_D] + splat.across * of[OF_DD]);
-  out[BY_RED] = of[OF_RED];
-  out[BY_GREEN] = of[OF_GREEN];
-  out[BY_BLUE] = sum(sums[OF_BLUE]);
-  if (!ABSOLUTE) return;
-  out[ABSOLUTE_X] = sum(sums[OF_ABSOLUTE_X]);
-  out[ABSOLUTE_Y] = sum(sums[OF_ABSOLUTE_Y]);
 }
 
 template <bool LIMIT, bool ABSOLUTE>
@@ -130,11 +105,11 @@ static void blend_tile_backward(const FrameView &view, const SlotView &slots, co
     __builtin_prefetch(view.splats + soon.splat);
     const Splat &splat = view.splats[instance.splat];
     const Footprint &f = footprints.at(n);
-    const int middle = middle_row(f);
-    Floats sums[COLUMN_SUMS] = {};
-    if (is_opaque(splat)) sum_columns<LIMIT, ABSOLUTE, true>(splat, f, middle, open, pixels, sums);
-    else sum_columns<LIMIT, ABSOLUTE, false>(splat, f, middle, open, pixels, sums);
-    moments_of<ABSOLUTE>(sums, splat, f.v[middle], out);
+    Floats sums[SPLAT_GRADIENTS] = {};
+    if (is_opaque(splat)) sum_columns<LIMIT, ABSOLUTE, true>(splat, f, open, pixels, sums);
+    else sum_columns<LIMIT, ABSOLUTE, false>(splat, f, open, pixels, sums);
+    sums_of_8(sums, out);
+    for (int k = 8; k < (ABSOLUTE ? SPLAT_GRADIENTS : BY_BLUE + 1); ++k) out[k] = sum(sums[k]);
   }
 }
 
