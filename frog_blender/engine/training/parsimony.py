@@ -32,11 +32,9 @@ if TYPE_CHECKING:
     from .trainer import Trainer
 
 SETTLED = 0.85
-ROUNDS = {0.3: "wake", SETTLED: "settle", 0.93: "wake", 1.0: "rest"}
-"""What happens at which fraction of the training. Motion is learned until the end: of those that were put to rest
-earlier, only the calmest half would have learned nothing more (docs/parsimony.md). From the second round on rates cool
-down (recipe.cool_down)."""
-_RESTS_EARLY = 0.5  # of those that move, at most
+ROUNDS = {0.3: "wake", SETTLED: "settle", 0.93: "wake"}
+"""What happens at which fraction of the training. Motion is learned until late: Gaussians that were put to rest at 0.45
+or 0.72 would have learned more (docs/parsimony.md); from the second round on rates cool down (recipe.cool_down)."""
 WITHHELD = (0.5, SETTLED)
 """Fractions of the training between which the withheld pictures are not learned from."""
 _LOOKS, _JUDGED = 24, 8  # views that Gaussians are measured on; pictures that judge where none was withheld
@@ -152,13 +150,9 @@ class Parsimony:
             return
         looks = self.draw_looks(generator, LOOKS_OF_A_BUDGET if trainer.recipe.kept_gaussians else _LOOKS)
         judge = self.judge(trainer)
-        motion = self.measure(trainer, looks, generator)
-        if kind == "rest":
-            rest(self, trainer, judge, motion)
-            return
-        motion = prune(self, trainer, judge, motion)
+        motion = prune(self, trainer, judge, self.measure(trainer, looks, generator))
         cut_colors(self, trainer, judge)
-        rest(self, trainer, judge, motion, _RESTS_EARLY)
+        rest(self, trainer, judge, motion)
         narrow(self, trainer, judge, looks, generator)
         silence_heads(self, trainer, judge)
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from .trainer import Trainer
 
 ALLOWED_LOSS = 0.05
-"""dB that putting Gaussians to rest may cost on the withheld pictures."""
+"""dB that putting Gaussians to rest may cost on the withheld pictures; the rest of the training makes it up."""
 ALLOWED_PRUNING_LOSS, ALLOWED_COLOR_LOSS, ALLOWED_HEAD_LOSS = 0.03, 0.03, 0.01
 RESTS_BELOW, ALL_REST_BELOW = 4.0, 2.0
 """Score (see motion.Motion) below which a Gaussian may rest; and below which every one may, if none is above."""
@@ -117,14 +117,14 @@ def silence_heads(rounds: Parsimony, trainer: Trainer, judge: Judge) -> None:
         judge.accept(loss)
 
 
-def rest(rounds: Parsimony, trainer: Trainer, judge: Judge, motion: Motion, most: float = 1.0) -> None:
-    """Puts Gaussians to rest whose motion pictures miss least, ``most`` of those that move at most, none whose motion
-    anybody would see but for what ``dynamic_share`` forces."""
+def rest(rounds: Parsimony, trainer: Trainer, judge: Judge, motion: Motion) -> None:
+    """Puts Gaussians to rest whose motion pictures miss least, none whose motion anybody would see but for what
+    ``dynamic_share`` forces."""
     canonical = trainer.model.canonical
     if not canonical.moving:
         return
     may = motion.score < (ALL_REST_BELOW if float(motion.score.max()) < ALL_REST_BELOW else RESTS_BELOW)
-    candidates = min(int(may.sum()), int(most * canonical.moving))
+    candidates = int(may.sum())
     by_energy = motion.rest_energy.argsort()
     order = torch.cat([by_energy[may[by_energy]], by_energy[~may[by_energy]]])
     state = {
