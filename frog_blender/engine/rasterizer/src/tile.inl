@@ -19,7 +19,7 @@ static inline size_t lowest(uint32_t rows) { return static_cast<uint32_t>(__buil
 // power = constant[row] - u^2 with u = along dx + shift[row].
 struct alignas(64) Footprint {
   float v[TILE], shift[TILE], constant[TILE];
-  float left;             // dx of the tile's first column
+  float left;              // dx of the tile's first column
   uint32_t rows[COLUMNS];  // a bit for each row
 };
 
