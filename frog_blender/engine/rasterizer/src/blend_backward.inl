@@ -38,7 +38,7 @@ static inline void open_backward(const FrameView &view, const Tile &tile, const 
 // nearest to the splat's axis u = 0: counted from anywhere else, a slanting needle's sums would cancel.
 template <bool LIMIT, bool ABSOLUTE, bool OPAQUE>
 static inline void sum_columns(const Splat &splat, const Footprint &f, const uint32_t *open, BackwardPixels<LIMIT> &p, Floats *sums) {
-  const float *rows_from_first = offsets_from(0), over_lean = -1 / splat.lean;
+  const float over_lean = -1 / splat.lean;
   for (size_t c = 0; c < COLUMNS; ++c) {
     const Floats along = columns_of(f, c) * splat.along, start = along + f.shift[0];
     const Floats nearest = larger(smaller(start * over_lean, all(TILE - 1)), Floats{});  // a row; finite whatever lean is
@@ -46,7 +46,7 @@ static inline void sum_columns(const Splat &splat, const Footprint &f, const uin
     Floats by_1 = {}, by_d = {}, by_dd = {};
     for (uint32_t rows = f.rows[c] & open[c]; rows; rows &= rows - 1) {
       const size_t row = lowest(rows), at = row * TILE + c * LANES;
-      const Floats d = rows_from_first[row] - nearest;
+      const Floats d = ramp[row] - nearest;
       const Floats u = along + f.shift[row], power = f.constant[row] - u * u;
       const Floats t = load(p.transmittance + at);
       Contribution part;

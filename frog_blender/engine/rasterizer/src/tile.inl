@@ -8,10 +8,7 @@ constexpr int TILE_PIXELS = TILE * TILE;
 
 constexpr int COLUMNS = TILE / LANES;  // of vectors
 
-// What lies between a row, or a column of pixels, and each other one of the tile.
-static const float offsets[2 * TILE - 1] = {-15, -14, -13, -12, -11, -10, -9, -8, -7, -6, -5, -4, -3, -2, -1, 0,
-                                            1,   2,   3,   4,   5,   6,   7,  8,  9,  10, 11, 12, 13, 14, 15};
-static inline const float *offsets_from(int first) { return offsets + TILE - 1 - first; }
+static const float ramp[TILE] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};  // of rows, or columns of pixels
 
 static inline size_t lowest(uint32_t rows) { return static_cast<uint32_t>(__builtin_ctz(rows)); }
 
@@ -30,7 +27,7 @@ static inline void make_footprint(const Splat &splat, const Tile &tile, Footprin
   f.left = -x;
   for (int c = 0; c < COLUMNS; ++c) f.rows[c] = 0;
   for (int i = 0; i < TILE; i += LANES) {
-    const Floats dy = load(offsets_from(0) + i) - y;
+    const Floats dy = load(ramp + i) - y;
     const Floats v = dy * splat.across, shift = dy * splat.lean, constant = splat.log2_opacity - v * v;
     store(f.v + i, v);
     store(f.shift + i, shift);
@@ -61,7 +58,7 @@ struct Footprints {
 };
 
 static inline Floats columns_of(const Footprint &f, int vector) {  // dx
-  return load(offsets_from(0) + vector * LANES) + f.left;
+  return load(ramp + vector * LANES) + f.left;
 }
 
 // What a splat does to one vector of pixels of transmittance t.
