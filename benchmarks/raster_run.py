@@ -48,10 +48,10 @@ def cpu_passes(scene: Scene) -> tuple[Pass, Pass]:
     frames: list[native.Frame] = []
 
     def forward() -> None:
-        frames.append(native.Frame(g, scene.camera, scene.background, RasterizeOptions(), image))
+        frames.append(native.Frame(g, scene.camera, scene.background, RasterizeOptions(), image, differentiable=True))
 
     def backward() -> None:
-        frames.pop().backward(image, scene.by_rgb, scene.by_alpha, gradients)
+        frames.pop().backward(scene.by_rgb, scene.by_alpha, gradients)
 
     return forward, backward
 

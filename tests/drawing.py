@@ -13,12 +13,10 @@ BACKGROUND = (0.3, 0.6, 0.1)
 EVERYTHING = RasterizeOptions(depth=True, weights=True)
 
 
-def tensors(gaussians: GaussianArrays, dtype: torch.dtype = torch.float32, exact: bool = False) -> GaussianArrays:
-    """The same as leaves that collect gradients; values pass through float32, so that both precisions agree, unless
-    they are wanted ``exact``."""
-    through = dtype if exact else torch.float32
+def tensors(gaussians: GaussianArrays, dtype: torch.dtype = torch.float32) -> GaussianArrays:
+    """The same as leaves that collect gradients; values pass through float32, so that both precisions agree."""
     return GaussianArrays(
-        *[torch.tensor(getattr(gaussians, name), dtype=through).to(dtype).requires_grad_() for name in ATTRIBUTES]
+        *[torch.tensor(getattr(gaussians, name), dtype=torch.float32).to(dtype).requires_grad_() for name in ATTRIBUTES]
     )
 
 
@@ -47,11 +45,10 @@ def draw_with_gradients(
     *,
     pose: np.ndarray | None = None,
     depth_limit: torch.Tensor | None = None,
-    exact: bool = False,
 ) -> tuple[Image, dict[str, np.ndarray]]:
     """The picture, and gradients of a random linear loss on rgb and alpha by attribute, and by ``screen``, ``pose`` and
     ``screen_absolute`` where there are any."""
-    leaves = tensors(gaussians, dtype, exact)
+    leaves = tensors(gaussians, dtype)
     moving = None if pose is None else torch.tensor(pose, dtype=torch.float32).to(dtype).requires_grad_()
     image = rasterize(
         leaves, camera, BACKGROUND, options, pose=moving, depth_limit=depth_limit, implementation=implementation

@@ -26,12 +26,12 @@ def draw(scene, camera, gaussians, options=RasterizeOptions(), limited=False):
     extras["max_weights"], extras["at_fault"] = np.empty(count, np.float32), np.zeros(1, np.int32)
     gaussians = gaussians.checked()
     limit = np.float32(random.uniform(1, 5, (height, width))) if limited else None
-    frame = native.Frame(gaussians, camera, (0.3, 0.6, 0.1), options, {**image, **extras}, limit)
+    frame = native.Frame(gaussians, camera, (0.3, 0.6, 0.1), options, {**image, **extras}, limit, True)
     gradients = {name: np.empty_like(value) for name, value in vars(gaussians).items()}
     gradients["screen"], gradients["screen_absolute"] = np.empty((2, count, 2), np.float32)
     gradients["pose"] = np.empty((3, 4), np.float32)
     by_rgb, by_alpha = (np.float32(random.normal(size=image[name].shape)) for name in ("rgb", "alpha"))
-    frame.backward(image, by_rgb, by_alpha, gradients)
+    frame.backward(by_rgb, by_alpha, gradients)
     for kind, arrays in (("image", {**image, **extras}), ("gradient", gradients)):
         found.update({f"{scene}/{kind}/{name}": array for name, array in arrays.items()})
 

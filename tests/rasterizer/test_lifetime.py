@@ -7,13 +7,14 @@ import os
 import weakref
 from collections.abc import Iterator
 
+import numpy as np
 import pytest
 import torch
 from drawing import BACKGROUND, EVERYTHING, draw_with_gradients, tensors
 from helpers import ATTRIBUTES, odd_camera, random_gaussians, run_python
 
 from frog_blender.engine.inference.draw import draw
-from frog_blender.engine.rasterizer import GaussianArrays, native, rasterize
+from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions, native, rasterize
 
 CAMERA = odd_camera()
 
@@ -73,6 +74,15 @@ def test_the_backward_pass_outlives_everything_else_that_named_its_input() -> No
     _ = [torch.full((200, 16, 3), 7.0) for _ in range(50)]  # would land in freed memory
     loss.backward()
     torch.testing.assert_close(means.grad, torch.from_numpy(expected))
+
+
+def test_a_frame_drawn_for_no_way_back_has_none() -> None:
+    gaussians = random_gaussians(CAMERA, 20).checked()
+    image = {"rgb": np.empty((CAMERA.height, CAMERA.width, 3), np.float32)}
+    image["alpha"] = np.empty((CAMERA.height, CAMERA.width), np.float32)
+    frame = native.Frame(gaussians, CAMERA, BACKGROUND, RasterizeOptions(), image)
+    with pytest.raises(ValueError, match="expected differentiable=True"):
+        frame.backward(image["rgb"], None, {})
 
 
 def test_gradients_of_a_strided_or_missing_loss() -> None:

@@ -35,8 +35,9 @@ class _Rasterize(torch.autograd.Function):
             drawing.options,
             {"rgb": rgb, "alpha": alpha, **drawing.extras},
             drawing.depth_limit,
+            drawing.differentiable,
         )
-        ctx.save_for_backward(rgb, alpha)
+        ctx.size = drawing.size
         ctx.shapes = [t.shape for t in (means, quaternions, scales, opacities, sh, screen)]
         ctx.pose_shape = None if pose is None else pose.shape
         ctx.screen_absolute = drawing.screen_absolute
@@ -48,11 +49,10 @@ class _Rasterize(torch.autograd.Function):
         gradients = [torch.empty(shape) for shape in ctx.shapes]
         pose = None if ctx.pose_shape is None else torch.zeros(ctx.pose_shape)
         names = ("means", "quaternions", "scales", "opacities", "sh", "screen")
-        rgb, alpha = ctx.saved_tensors
         by_rgb, by_alpha = (None if gradient is None else gradient.contiguous() for gradient in grad_outputs)
-        by_rgb = torch.zeros_like(rgb) if by_rgb is None else by_rgb
+        by_rgb = torch.zeros((*ctx.size, 3)) if by_rgb is None else by_rgb
         wanted = dict(zip(names, gradients, strict=True)) | {"screen_absolute": ctx.screen_absolute, "pose": pose}
-        ctx.frame.backward({"rgb": rgb, "alpha": alpha}, by_rgb, by_alpha, wanted)
+        ctx.frame.backward(by_rgb, by_alpha, wanted)
         return (*gradients, pose, None)
 
 
@@ -64,6 +64,7 @@ class _Drawing:
     background: tuple[float, float, float]
     options: RasterizeOptions
     size: tuple[int, int]
+    differentiable: bool
     depth_limit: torch.Tensor | None
     screen_absolute: torch.Tensor | None
     extras: dict[str, torch.Tensor]
@@ -94,7 +95,7 @@ def rasterize(
         extras["max_weights"] = torch.empty(count)
     if depth_limit is not None:
         depth_limit = depth_limit.detach().float().contiguous()
-    drawing = _Drawing(camera, background, options, size, depth_limit, screen_absolute, extras)
+    drawing = _Drawing(camera, background, options, size, torch.is_grad_enabled(), depth_limit, screen_absolute, extras)
     rgb, alpha = _Rasterize.apply(
         gaussians.means,
         gaussians.quaternions,

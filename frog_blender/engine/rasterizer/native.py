@@ -21,7 +21,7 @@ from . import structs
 from .arrays import GaussianArrays
 from .options import RasterizeOptions
 
-ABI_VERSION = 8
+ABI_VERSION = 9
 CELL = 16  # FROG_CELL: pixels a side of the cells of ``compare``, which are the rasterizer's tiles
 
 
@@ -56,12 +56,12 @@ def library() -> ctypes.CDLL:
         POINTER(structs.Camera),
         POINTER(structs.Options),
         POINTER(structs.Image),
+        c_int32,
     ]
     loaded.frog_draw.restype = c_void_p
     loaded.frog_backward.argtypes = [
         c_void_p,
         POINTER(structs.Gaussians),
-        POINTER(structs.Image),
         POINTER(structs.ImageGradient),
         POINTER(structs.Gradients),
     ]
@@ -151,6 +151,7 @@ class Frame:
             wanted, ``median_index`` (H, W) int32 with ``mean_depth`` (H, W), ``max_weights`` (N,), ``radii`` (N,),
             ``at_fault`` (1,) int32. They are written here.
         depth_limit: (H, W) planar depth beyond which nothing is drawn, or None.
+        differentiable: whether ``backward`` will be called.
     """
 
     def __init__(
@@ -161,6 +162,7 @@ class Frame:
         options: RasterizeOptions,
         image: dict[str, Any],
         depth_limit: Any = None,
+        differentiable: bool = False,
     ) -> None:
         self._handle = None
         self._free = library().frog_free
@@ -173,25 +175,27 @@ class Frame:
             byref(native_camera),
             byref(native_options),
             byref(structs.pointers(structs.Image, structs.IMAGE, image)),
+            differentiable,
         )
+        self._differentiable = differentiable
         if not self._handle:
             raise MemoryError(
                 f"drawing {len(gaussians)} Gaussians at {camera.width} x {camera.height} ran out of memory"
             )
 
-    def backward(self, image: dict[str, Any], rgb: Any, alpha: Any, gradients: dict[str, Any]) -> None:
+    def backward(self, rgb: Any, alpha: Any, gradients: dict[str, Any]) -> None:
         """Fills ``gradients`` from dL/d(rgb, alpha); ``alpha`` is None where the loss does not look at it.
 
-        ``image`` holds the drawn ``rgb`` and ``alpha`` (the frame does not keep them: as outputs of a torch operation
-        they would keep it alive in turn, for ever). ``gradients`` are arrays by name: those of the Gaussians,
-        ``screen`` (N, 2), and where wanted ``screen_absolute`` (N, 2) and ``pose`` (3, 4), see Image and rasterize.
+        ``gradients`` are arrays by name: those of the Gaussians, ``screen`` (N, 2), and where wanted
+        ``screen_absolute`` (N, 2) and ``pose`` (3, 4), see Image and rasterize.
         """
+        if not self._differentiable:
+            raise ValueError("this frame was drawn without what its backward pass needs: expected differentiable=True")
         image_gradient = structs.ImageGradient(structs.address(rgb), structs.address(alpha))
         native = structs.pointers(structs.Gradients, structs.GRADIENTS, gradients)
         if library().frog_backward(
             self._handle,
             byref(self._gaussians),
-            byref(structs.pointers(structs.Image, structs.IMAGE, image)),
             byref(image_gradient),
             byref(native),
         ):

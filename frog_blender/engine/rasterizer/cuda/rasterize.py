@@ -40,13 +40,17 @@ class _View:
 
 @dataclass
 class _Outputs:
-    """What the forward pass fills besides the picture; None where it is not wanted. See Image."""
+    """What the forward pass fills besides the picture, None where it is not wanted. See Image.
+
+    ``differentiable``: whether there may be a backward pass.
+    """
 
     radii: torch.Tensor
     median_index: torch.Tensor | None
     mean_depth: torch.Tensor | None
     max_weights: torch.Tensor | None
     screen_absolute: torch.Tensor | None
+    differentiable: bool
     at_fault: int = 0
 
 
@@ -77,8 +81,7 @@ class _Rasterize(torch.autograd.Function):
             *(structs.gaussians_struct(GaussianArrays(*attributes)), view.camera, view.options, pose),
             *(splats, depths, tile_counts, outputs.radii, at_fault),
         )
-        size = (view.width, view.height)
-        bins, outputs.at_fault = bin_splats(launcher, splats, depths, tile_counts, at_fault, size)
+        bins, outputs.at_fault = bin_splats(launcher, splats, depths, tile_counts, at_fault, (view.width, view.height))
         rgb = _floats(device, view.height, view.width, 3)
         alpha = _floats(device, view.height, view.width)
         constants = {
@@ -86,23 +89,28 @@ class _Rasterize(torch.autograd.Function):
             "WEIGHTS": outputs.max_weights is not None,
             "LIMIT": view.depth_limit is not None,
         }
+        size = (view.height, view.width)
+        left_behind = _floats(device, *size) if outputs.differentiable else None
+        reached = torch.empty(size, device=device, dtype=torch.int32) if outputs.differentiable else None
         launcher.launch(
             kernel("blend", **constants),
             view.tiles,
             *(splats, bins.tile_splats, bins.ranges, view.options, view.columns),
-            *(rgb, alpha, outputs.median_index, outputs.mean_depth, outputs.max_weights),
+            *(rgb, alpha, left_behind, reached, outputs.median_index, outputs.mean_depth, outputs.max_weights),
         )
         ctx.view, ctx.screen_absolute = view, outputs.screen_absolute
         drawn = (bins.tile_splats, bins.slots, bins.ranges, bins.first_slots, splats, tile_counts)
         # Outputs and large buffers alike: torch frees them after the backward pass, and no cycle keeps them alive.
-        ctx.save_for_backward(*attributes, pose, rgb, alpha, *drawn)
+        ctx.save_for_backward(*attributes, pose, left_behind, reached, *drawn)
         return rgb, alpha
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, *grad_outputs: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
         view, absolute = ctx.view, ctx.screen_absolute
-        *attributes, pose, rgb, alpha, tile_splats, slots, ranges, first_slots, splats, tile_counts = ctx.saved_tensors
+        *attributes, pose, left_behind, reached, tile_splats, slots, ranges, first_slots, splats, tile_counts = (
+            ctx.saved_tensors
+        )
         bins = Bins(tile_splats, slots, ranges, first_slots)
         by_rgb, by_alpha = (gradient.contiguous() for gradient in grad_outputs)
         count, device = len(splats), splats.device
@@ -110,10 +118,10 @@ class _Rasterize(torch.autograd.Function):
         values = _MOMENTS if absolute is None else _MOMENTS_AND_ABSOLUTE
         slot_gradients = _floats(device, len(bins.slots), values).zero_()
         launcher.launch(
-            kernel("blend_backward", ABSOLUTE=absolute is not None, LIMIT=view.depth_limit is not None),
+            kernel("blend_backward", ABSOLUTE=absolute is not None),
             view.tiles,
             *(splats, bins.tile_splats, bins.slots, bins.ranges, view.options, view.columns),
-            *(rgb, alpha, by_rgb, by_alpha, slot_gradients),
+            *(left_behind, reached, by_rgb, by_alpha, slot_gradients),
         )
         gradients = [_floats(device, *tensor.shape) for tensor in attributes]
         by_screen = _floats(device, count, 2)
@@ -177,6 +185,7 @@ def rasterize(
         mean_depth=_floats(device, *size) if options.depth else None,
         max_weights=_floats(device, count).zero_() if options.weights else None,
         screen_absolute=_floats(device, count, 2).zero_() if options.absolute else None,
+        differentiable=torch.is_grad_enabled(),
     )
     attributes = [getattr(gaussians, name) for name in structs.ATTRIBUTES]
     rgb, alpha = _Rasterize.apply(*attributes, screen, rows, view, outputs)

@@ -65,13 +65,13 @@ int32_t attempt(Work work) {
 
 extern "C" {
 
-int32_t frog_abi_version(void) { return 8; }
+int32_t frog_abi_version(void) { return 9; }
 const char *frog_instruction_set(void) { return kernels().name; }
 void frog_set_thread_count(int32_t count) { frog::set_thread_count(count); }
 int32_t frog_thread_count(void) { return frog::thread_count(); }
 
 FrogFrame *frog_draw(const FrogGaussians *gaussians, const FrogCamera *camera, const FrogOptions *options,
-                     FrogImage *image) {
+                     FrogImage *image, int32_t differentiable) {
   FrogFrame *frame = nullptr;
   try {
     frame = frog::take_frame();
@@ -80,6 +80,9 @@ FrogFrame *frog_draw(const FrogGaussians *gaussians, const FrogCamera *camera, c
     frame->view.count = gaussians->count;
     frame->view.tiles_x = (options->region[2] + TILE - 1) / TILE;
     frame->view.tiles_y = (options->region[3] + TILE - 1) / TILE;
+    const size_t pixels = static_cast<size_t>(options->region[2]) * options->region[3];
+    frame->view.transmittance = differentiable ? frame->transmittance.resize(pixels) : nullptr;
+    frame->view.reached = differentiable ? frame->reached.resize(pixels) : nullptr;
     draw(*frame, *gaussians, *image);
     return frame;
   } catch (const std::bad_alloc &) {
@@ -88,9 +91,9 @@ FrogFrame *frog_draw(const FrogGaussians *gaussians, const FrogCamera *camera, c
   }
 }
 
-int32_t frog_backward(FrogFrame *frame, const FrogGaussians *gaussians, const FrogImage *image,
-                      const FrogImageGradient *gradient, const FrogGradients *result) {
-  return attempt([&] { frog::go_backward(kernels(), *frame, *gaussians, *image, *gradient, *result); });
+int32_t frog_backward(FrogFrame *frame, const FrogGaussians *gaussians, const FrogImageGradient *gradient,
+                      const FrogGradients *result) {
+  return attempt([&] { frog::go_backward(kernels(), *frame, *gaussians, *gradient, *result); });
 }
 
 void frog_count_work(const FrogFrame *frame, int64_t work[3]) {

@@ -35,8 +35,8 @@ size_t place_slots(FrogFrame &frame, int first, int last, uint32_t *count, uint3
 
 }  // namespace
 
-void go_backward(const Kernels &kernels, FrogFrame &frame, const FrogGaussians &gaussians, const FrogImage &image,
-                 const FrogImageGradient &gradient, const FrogGradients &result) {
+void go_backward(const Kernels &kernels, FrogFrame &frame, const FrogGaussians &gaussians, const FrogImageGradient &gradient,
+                 const FrogGradients &result) {
   const FrameView &view = frame.view;
   const int count = view.count, width = result.screen_absolute ? SPLAT_GRADIENTS : BY_BLUE + 1;
   float *sums = frame.sums.resize(static_cast<size_t>(count) * SPLAT_GRADIENTS);
@@ -53,7 +53,7 @@ void go_backward(const Kernels &kernels, FrogFrame &frame, const FrogGaussians &
     parallel_for(static_cast<int>(frame.tiles.size()), 1, [&](int begin, int end) {
       for (int t = begin; t < end; ++t)
         if (frame.tiles[t].y >= first && frame.tiles[t].y < last)
-          kernels.blend_backward(view, slot_view, frame.tiles[t], image, gradient);
+          kernels.blend_backward(view, slot_view, frame.tiles[t], gradient);
     });
     parallel_for(count, CHUNK, [&](int begin, int end) {
       for (int i = begin; i < end; ++i) {

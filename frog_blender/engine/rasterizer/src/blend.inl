@@ -1,4 +1,45 @@
 // Front-to-back blending of one tile.
+//
+// A pixel is finished by the Gaussian that would take its transmittance below TRANSMITTANCE_MIN (that one is left out).
+// A finished pixel keeps its transmittance with a minus sign, which fails every later test by itself.
+
+// Pixels outside the picture start finished. `limit` may be null.
+static inline void open_tile(const FrameView &view, const Tile &tile, float *transmittance, float *limit) {
+  const TileSize size = size_of(view, tile);
+  for (int i = 0; i < TILE_PIXELS; ++i) {
+    transmittance[i] = inside(size, i) ? 1.0f : -1.0f;
+    if (limit) limit[i] = inside(size, i) ? view.options.depth_limit[picture_index(view, tile, i)] : 0.0f;
+  }
+}
+
+// What a splat does to one vector of pixels of transmittance t.
+struct Contribution {
+  Mask blended;
+  Floats weight;  // zero where not blended
+  Floats next;    // transmittance as it is stored
+};
+
+template <bool LIMIT>
+static inline void contribution_of(Floats power, Floats t, float depth, const float *limit, Contribution &c) {
+  const Mask touched = at_least(power, all(LOG2_ALPHA_MIN));
+  const Floats part = t * smaller(exp2(power), all(ALPHA_MAX)), behind = t - part;
+  c.blended = at_least(touched, behind, all(TRANSMITTANCE_MIN));
+  if (LIMIT) c.blended = at_least(c.blended, load(limit), all(depth));
+  c.weight = keep(c.blended, part);
+  c.next = choose(c.blended, behind, negative(touched, t));
+}
+
+// Rows of each column of vectors in which a pixel is open; false when there is none.
+static inline bool still_open(const float *transmittance, uint32_t *rows) {
+  uint32_t anywhere = 0;
+  for (int c = 0; c < COLUMNS; ++c) {
+    rows[c] = 0;
+    for (int row = 0; row < TILE; ++row)
+      rows[c] |= static_cast<uint32_t>(any(at_least(load(transmittance + row * TILE + c * LANES), Floats{}))) << row;
+    anywhere |= rows[c];
+  }
+  return anywhere;
+}
 
 static inline void raise_to(float *target, float value) {  // atomic maximum of non-negative floats: any order, same result
   int32_t old = __atomic_load_n(reinterpret_cast<int32_t *>(target), __ATOMIC_RELAXED), wanted;
@@ -9,17 +50,18 @@ static inline void raise_to(float *target, float value) {  // atomic maximum of 
 }
 
 // Bits of what a pass does besides colour.
-enum { WITH_DEPTH = 1, WITH_WEIGHTS = 2, WITH_LIMIT = 4, ONLY_COUNT = 8 };
+enum { WITH_DEPTH = 1, WITH_WEIGHTS = 2, WITH_LIMIT = 4, WITH_WAY_BACK = 8, ONLY_COUNT = 16 };
 
 // Returns the number of blended pairs where it only counts.
 template <int WITH>
 static int64_t blend_tile(const FrameView &view, const Tile &tile, const FrogImage &image) {
-  constexpr bool DEPTH = WITH & WITH_DEPTH, WEIGHTS = WITH & WITH_WEIGHTS, LIMIT = WITH & WITH_LIMIT, COUNT = WITH & ONLY_COUNT;
+  constexpr bool DEPTH = WITH & WITH_DEPTH, WEIGHTS = WITH & WITH_WEIGHTS, LIMIT = WITH & WITH_LIMIT;
+  constexpr bool WAY_BACK = WITH & WITH_WAY_BACK, COUNT = WITH & ONLY_COUNT;
   struct alignas(64) {  // together: one address for all of a vector's numbers
     float transmittance[TILE_PIXELS], red[TILE_PIXELS] = {}, green[TILE_PIXELS] = {}, blue[TILE_PIXELS] = {};
     float limit[LIMIT ? TILE_PIXELS : 1];
     float depth[DEPTH ? TILE_PIXELS : 1] = {};
-    int32_t median[DEPTH ? TILE_PIXELS : 1];
+    int32_t median[DEPTH ? TILE_PIXELS : 1], reached[WAY_BACK ? TILE_PIXELS : 1] = {};
   } p;
   open_tile(view, tile, p.transmittance, LIMIT ? p.limit : nullptr);
   if (DEPTH) for (int i = 0; i < TILE_PIXELS; ++i) p.median[i] = -1;
@@ -27,14 +69,15 @@ static int64_t blend_tile(const FrameView &view, const Tile &tile, const FrogIma
   uint32_t open[COLUMNS];
   still_open(p.transmittance, open);
   int64_t blended_pairs = 0;
-  Footprints footprints(view, tile);
+  Footprints footprints(view, tile, tile.begin);
 
   for (uint32_t n = tile.begin; n < tile.end; ++n) {
     if ((n - tile.begin) % CHECK_EVERY == CHECK_EVERY - 1 && !still_open(p.transmittance, open)) break;
     __builtin_prefetch(view.splats + view.instances[n + 6 < tile.end ? n + 6 : n].splat);
     const uint32_t index = view.instances[n].splat;
     const Splat &splat = view.splats[index];
-    const Footprint &f = footprints.at(n);
+    const Footprint &f = footprints.at(n, n + 1);
+    const Ints turn = all_ints(static_cast<int32_t>(n - tile.begin + 1));
     Floats heaviest = {};
     for (size_t v = 0; v < COLUMNS; ++v) {
       const Floats along = columns_of(f, v) * splat.along;
@@ -43,12 +86,13 @@ static int64_t blend_tile(const FrameView &view, const Tile &tile, const FrogIma
         const Floats u = along + f.shift[row], power = f.constant[row] - u * u;
         const Floats t = load(p.transmittance + at);
         Contribution c;
-        contribution_of<LIMIT, true>(power, t, splat.depth, p.limit + (LIMIT ? at : 0), c);
+        contribution_of<LIMIT>(power, t, splat.depth, p.limit + (LIMIT ? at : 0), c);
         store(p.transmittance + at, c.next);
         if (COUNT) {
           blended_pairs += count(c.blended);
           continue;
         }
+        if (WAY_BACK) store(c.blended, p.reached + at, turn);
         store(p.red + at, load(p.red + at) + c.weight * splat.red);
         store(p.green + at, load(p.green + at) + c.weight * splat.green);
         store(p.blue + at, load(p.blue + at) + c.weight * splat.blue);
@@ -67,27 +111,32 @@ static int64_t blend_tile(const FrameView &view, const Tile &tile, const FrogIma
   }
   if (COUNT) return blended_pairs;
 
-  for (int from = 0; from < TILE_PIXELS; ++from) {
-    if (!inside(size, from)) continue;
-    const long long to = picture_index(view, tile, from);
-    const float left = fabsf(p.transmittance[from]);
-    image.rgb[3 * to] = p.red[from] + left * view.options.background[0];
-    image.rgb[3 * to + 1] = p.green[from] + left * view.options.background[1];
-    image.rgb[3 * to + 2] = p.blue[from] + left * view.options.background[2];
-    image.alpha[to] = 1 - left;
-    if (DEPTH) {
-      image.median_index[to] = p.median[from];
-      image.mean_depth[to] = left < 1 ? p.depth[from] / (1 - left) : __builtin_nanf("");
+  for (int row = 0; row < size.rows; ++row) {
+    const int begin = row * TILE, end = begin + size.columns;
+    const long long to = picture_index(view, tile, begin) - begin;
+    for (int i = begin; i < end; ++i) {
+      const float left = fabsf(p.transmittance[i]);
+      float *rgb = image.rgb + 3 * (to + i);
+      rgb[0] = p.red[i] + left * view.options.background[0];
+      rgb[1] = p.green[i] + left * view.options.background[1];
+      rgb[2] = p.blue[i] + left * view.options.background[2];
+      image.alpha[to + i] = 1 - left;
+      if (WAY_BACK) view.transmittance[to + i] = left, view.reached[to + i] = p.reached[i];
+      if (DEPTH) {
+        image.median_index[to + i] = p.median[i];
+        image.mean_depth[to + i] = left < 1 ? p.depth[i] / (1 - left) : __builtin_nanf("");
+      }
     }
   }
   return 0;
 }
 
 static void blend(const FrameView &view, const Tile &tile, const FrogImage &image) {
-  constexpr int64_t (*passes[8])(const FrameView &, const Tile &, const FrogImage &) = {
-      blend_tile<0>, blend_tile<1>, blend_tile<2>, blend_tile<3>, blend_tile<4>, blend_tile<5>, blend_tile<6>, blend_tile<7>};
+  constexpr int64_t (*passes[16])(const FrameView &, const Tile &, const FrogImage &) = {
+      blend_tile<0>, blend_tile<1>, blend_tile<2>,  blend_tile<3>,  blend_tile<4>,  blend_tile<5>,  blend_tile<6>,  blend_tile<7>,
+      blend_tile<8>, blend_tile<9>, blend_tile<10>, blend_tile<11>, blend_tile<12>, blend_tile<13>, blend_tile<14>, blend_tile<15>};
   passes[(image.median_index ? WITH_DEPTH : 0) | (image.max_weights ? WITH_WEIGHTS : 0) |
-         (view.options.depth_limit ? WITH_LIMIT : 0)](view, tile, image);
+         (view.options.depth_limit ? WITH_LIMIT : 0) | (view.reached ? WITH_WAY_BACK : 0)](view, tile, image);
 }
 
 static int64_t count_blended(const FrameView &view, const Tile &tile) {

@@ -1,9 +1,10 @@
-// Gradients of one tile, by the same walk front to back.
+// Gradients of one tile, by the way back: the same splats, from the last to the first.
 //
 // Picture C = sum w_i c_i + T_end background, alpha A = 1 - T_end. With g = dL/dC and h = dL/dA, the part of the loss
-// that lies behind Gaussian i is rest_i = sum_{j > i} w_j g.c_j + T_end (g.background - h); it starts as
-// g.C - h T_end and loses w_i g.c_i at each step. Then dL/dalpha_i = T_i g.c_i - rest_i / (1 - alpha_i), and
-// dL/dlog(alpha_i) = w_i g.c_i - rest_i alpha_i / (1 - alpha_i).
+// that lies behind Gaussian i is rest_i = sum_{j > i} w_j g.c_j + T_end (g.background - h); on the way back it begins with
+// its last term and gains w_i g.c_i at each step, and T_i = T_{i+1} / (1 - alpha_i). Then dL/dalpha_i = T_i g.c_i - rest_i /
+// (1 - alpha_i), and dL/dlog(alpha_i) = w_i g.c_i - rest_i alpha_i / (1 - alpha_i). On the way out rest would begin as the
+// whole picture's, and behind opaque Gaussians what is left of it would be its rounding (docs/rasterizer.md).
 
 static inline float *slot_of(const SlotView &slots, const Instance &instance) {
   // The sum wraps on purpose, see place_slots.
@@ -12,32 +13,49 @@ static inline float *slot_of(const SlotView &slots, const Instance &instance) {
 }
 
 // What a tile's pixels hold in this walk.
-template <bool LIMIT>
 struct alignas(64) BackwardPixels {
-  float transmittance[TILE_PIXELS], rest[TILE_PIXELS] = {};
+  float transmittance[TILE_PIXELS];  // behind the splat whose turn it is
+  float rest[TILE_PIXELS] = {};
   float red[TILE_PIXELS] = {}, green[TILE_PIXELS] = {}, blue[TILE_PIXELS] = {};  // dL/dC
-  float limit[LIMIT ? TILE_PIXELS : 1];
+  int32_t reached[TILE_PIXELS] = {};
 };
 
-template <bool LIMIT>
-static inline void open_backward(const FrameView &view, const Tile &tile, const TileSize &size, const FrogImage &image,
-                                 const FrogImageGradient &gradient, BackwardPixels<LIMIT> &p) {
-  open_tile(view, tile, p.transmittance, LIMIT ? p.limit : nullptr);
+// Returns how many of the tile's instances have a pixel that went through them.
+static inline uint32_t open_backward(const FrameView &view, const Tile &tile, const FrogImageGradient &gradient, BackwardPixels &p) {
+  const TileSize size = size_of(view, tile);
+  const float *background = view.options.background;
+  int32_t furthest = 0;
+  for (int i = 0; i < TILE_PIXELS; ++i) p.transmittance[i] = 1;  // outside the picture, too
   for (int row = 0; row < size.rows; ++row) {
     long long at = picture_index(view, tile, row * TILE);
     for (int i = row * TILE; i < row * TILE + size.columns; ++i, ++at) {
       p.red[i] = gradient.rgb[3 * at], p.green[i] = gradient.rgb[3 * at + 1], p.blue[i] = gradient.rgb[3 * at + 2];
-      p.rest[i] = p.red[i] * image.rgb[3 * at] + p.green[i] * image.rgb[3 * at + 1] + p.blue[i] * image.rgb[3 * at + 2];
-      if (gradient.alpha) p.rest[i] -= gradient.alpha[at] * (1 - image.alpha[at]);
+      const float by_left = p.red[i] * background[0] + p.green[i] * background[1] + p.blue[i] * background[2];
+      p.transmittance[i] = view.transmittance[at];
+      p.rest[i] = (by_left - (gradient.alpha ? gradient.alpha[at] : 0)) * p.transmittance[i];
+      p.reached[i] = view.reached[at];
+      furthest = p.reached[i] > furthest ? p.reached[i] : furthest;
     }
+  }
+  return furthest;
+}
+
+// Rows of each column of vectors in which a pixel went through more than k of the tile's instances.
+static inline void gone_through(const int32_t *reached, int32_t k, uint32_t *rows) {
+  for (int c = 0; c < COLUMNS; ++c) {
+    rows[c] = 0;
+    for (int row = 0; row < TILE; ++row)
+      rows[c] |= static_cast<uint32_t>(any(above(load(reached + row * TILE + c * LANES), k))) << row;
   }
 }
 
 // Adds what the pixels send back, in the order of SplatGradient. In a column u and v depend on the row alone, so three
 // sums over its rows, of g = dL/dlog(alpha), g d and g d^2, give all five moments. d counts from where the column comes
 // nearest to the splat's axis u = 0: counted from anywhere else, a slanting needle's sums would cancel.
-template <bool LIMIT, bool ABSOLUTE, bool OPAQUE>
-static inline void sum_columns(const Splat &splat, const Footprint &f, const uint32_t *open, BackwardPixels<LIMIT> &p, Floats *sums) {
+// OPAQUE: whether the splat reaches the clamp of alpha at all, which few do.
+template <bool ABSOLUTE, bool OPAQUE>
+static inline void sum_columns(const Splat &splat, const Footprint &f, int32_t k, const uint32_t *open, BackwardPixels &p,
+                               Floats *sums) {
   const float over_lean = -1 / splat.lean;
   for (size_t c = 0; c < COLUMNS; ++c) {
     const Floats along = columns_of(f, c) * splat.along, start = along + f.shift[0];
@@ -48,20 +66,21 @@ static inline void sum_columns(const Splat &splat, const Footprint &f, const uin
       const size_t row = lowest(rows), at = row * TILE + c * LANES;
       const Floats d = ramp[row] - nearest;
       const Floats u = along + f.shift[row], power = f.constant[row] - u * u;
-      const Floats t = load(p.transmittance + at);
-      Contribution part;
-      contribution_of<LIMIT, OPAQUE>(power, t, splat.depth, p.limit + (LIMIT ? at : 0), part);
-      store(p.transmittance + at, part.next);
+      const Mask blended = above(at_least(power, all(LOG2_ALPHA_MIN)), load(p.reached + at), k);
+      const Floats raw = exp2(power), alpha = OPAQUE ? smaller(raw, all(ALPHA_MAX)) : raw;
+      const Floats inverse = 1 / (1 - alpha), behind = load(p.transmittance + at), before = behind * inverse;
+      const Floats weight = keep(blended, before * alpha);
+      store(p.transmittance + at, choose(blended, before, behind));
       const Floats g_red = load(p.red + at), g_green = load(p.green + at), g_blue = load(p.blue + at);
-      const Floats own = part.weight * (g_red * splat.red + g_green * splat.green + g_blue * splat.blue);
-      const Floats behind = load(p.rest + at) - own;
-      store(p.rest + at, behind);
-      sums[BY_RED] += part.weight * g_red;
-      sums[BY_GREEN] += part.weight * g_green;
-      sums[BY_BLUE] += part.weight * g_blue;
-      // alpha / (1 - alpha) = weight / transmittance behind. A clamped alpha passes nothing on.
-      const Mask passes = OPAQUE ? and_not(part.blended, at_least(part.raw, all(ALPHA_MAX))) : part.blended;
-      const Floats g = keep(passes, own - behind * (part.weight / part.behind)), times_d = g * d;
+      const Floats own = weight * (g_red * splat.red + g_green * splat.green + g_blue * splat.blue);
+      const Floats rest = load(p.rest + at);
+      store(p.rest + at, rest + own);
+      sums[BY_RED] += weight * g_red;
+      sums[BY_GREEN] += weight * g_green;
+      sums[BY_BLUE] += weight * g_blue;
+      // A clamped alpha passes nothing on.
+      const Mask passes = OPAQUE ? and_not(blended, at_least(raw, all(ALPHA_MAX))) : blended;
+      const Floats g = keep(passes, own - rest * (alpha * inverse)), times_d = g * d;
       by_1 += g;
       by_d += times_d;
       by_dd += times_d * d;
@@ -83,41 +102,35 @@ static inline void sum_columns(const Splat &splat, const Footprint &f, const uin
   }
 }
 
-template <bool LIMIT, bool ABSOLUTE>
-static void blend_tile_backward(const FrameView &view, const SlotView &slots, const Tile &tile, const FrogImage &image,
-                                const FrogImageGradient &gradient) {
-  const TileSize size = size_of(view, tile);
-  BackwardPixels<LIMIT> pixels;
-  open_backward(view, tile, size, image, gradient, pixels);
-  Footprints footprints(view, tile);
+template <bool ABSOLUTE>
+static void blend_tile_backward(const FrameView &view, const SlotView &slots, const Tile &tile, const FrogImageGradient &gradient) {
+  constexpr int WIDTH = ABSOLUTE ? SPLAT_GRADIENTS : BY_BLUE + 1;  // slots.width
+  BackwardPixels pixels;
+  const uint32_t end = tile.begin + open_backward(view, tile, gradient, pixels);
+  for (uint32_t n = end; n < tile.end; ++n) {
+    float *out = slot_of(slots, view.instances[n]);
+    for (int i = 0; i < WIDTH; ++i) out[i] = 0;
+  }
+  Footprints footprints(view, tile, end - 1);
   uint32_t open[COLUMNS];
-  bool over = !still_open(pixels.transmittance, open);
-
-  for (uint32_t n = tile.begin; n < tile.end; ++n) {
-    const Instance &instance = view.instances[n], &soon = view.instances[n + 6 < tile.end ? n + 6 : n];
+  for (uint32_t n = end; n-- > tile.begin;) {
+    const uint32_t k = n - tile.begin;
+    if (n == end - 1 || k % CHECK_EVERY == CHECK_EVERY - 1) gone_through(pixels.reached, k - k % CHECK_EVERY, open);
+    const Instance &instance = view.instances[n], &soon = view.instances[k >= 6 ? n - 6 : n];
     float *out = slot_of(slots, instance);
     __builtin_prefetch(slot_of(slots, soon), 1);
-    over = over || ((n - tile.begin) % CHECK_EVERY == CHECK_EVERY - 1 && !still_open(pixels.transmittance, open));
-    if (over) {
-      for (int k = 0; k < slots.width; ++k) out[k] = 0;
-      continue;
-    }
     __builtin_prefetch(view.splats + soon.splat);
     const Splat &splat = view.splats[instance.splat];
-    const Footprint &f = footprints.at(n);
+    const Footprint &f = footprints.at(n, n - 1);
     Floats sums[SPLAT_GRADIENTS] = {};
-    if (is_opaque(splat)) sum_columns<LIMIT, ABSOLUTE, true>(splat, f, open, pixels, sums);
-    else sum_columns<LIMIT, ABSOLUTE, false>(splat, f, open, pixels, sums);
+    if (splat.log2_opacity > LOG2_ALPHA_MAX) sum_columns<ABSOLUTE, true>(splat, f, k, open, pixels, sums);
+    else sum_columns<ABSOLUTE, false>(splat, f, k, open, pixels, sums);
     sums_of_8(sums, out);
-    for (int k = 8; k < (ABSOLUTE ? SPLAT_GRADIENTS : BY_BLUE + 1); ++k) out[k] = sum(sums[k]);
+    for (int i = 8; i < WIDTH; ++i) out[i] = sum(sums[i]);
   }
 }
 
-static void blend_backward(const FrameView &view, const SlotView &slots, const Tile &tile, const FrogImage &image,
-                           const FrogImageGradient &gradient) {
-  const bool limit = view.options.depth_limit, absolute = slots.width == SPLAT_GRADIENTS;
-  if (limit && absolute) blend_tile_backward<true, true>(view, slots, tile, image, gradient);
-  else if (limit) blend_tile_backward<true, false>(view, slots, tile, image, gradient);
-  else if (absolute) blend_tile_backward<false, true>(view, slots, tile, image, gradient);
-  else blend_tile_backward<false, false>(view, slots, tile, image, gradient);
+static void blend_backward(const FrameView &view, const SlotView &slots, const Tile &tile, const FrogImageGradient &gradient) {
+  if (slots.width == SPLAT_GRADIENTS) blend_tile_backward<true>(view, slots, tile, gradient);
+  else blend_tile_backward<false>(view, slots, tile, gradient);
 }

@@ -30,6 +30,8 @@ struct FrogFrame {
   std::vector<Tile> tiles;               // dearest first
   std::vector<uint64_t> row_instances;   // (tiles_y + 1,) first instance of each row
   frog::Buffer<uint32_t> slot_count;     // (N,) tiles of each Gaussian
+  frog::Buffer<float> transmittance;     // see FrameView
+  frog::Buffer<int32_t> reached;
   frog::Buffer<uint32_t> slot_base;      // (N,) where its slots begin, see Instance
   // Only used while drawing or going backward.
   frog::Buffer<frog::Keyed> order, spare_order;
@@ -38,7 +40,8 @@ struct FrogFrame {
 
   size_t bytes() const {
     return splats.bytes() + instances.bytes() + entries.bytes() + slot_count.bytes() + order.bytes() + spare_order.bytes() +
-           histogram.bytes() + slot_base.bytes() + slots_moved.bytes() + slots_seen.bytes() + slot_gradients.bytes() + sums.bytes() + poses.bytes();
+           histogram.bytes() + slot_base.bytes() + slots_moved.bytes() + slots_seen.bytes() + slot_gradients.bytes() + sums.bytes() +
+           poses.bytes() + transmittance.bytes() + reached.bytes();
   }
 };
 

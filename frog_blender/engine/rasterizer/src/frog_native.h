@@ -100,11 +100,12 @@ FROG_EXPORT const char *frog_instruction_set(void);
 FROG_EXPORT void frog_set_thread_count(int32_t count);  // 0: one for each core
 FROG_EXPORT int32_t frog_thread_count(void);
 
-// Draws, and keeps what the backward pass needs; null when memory ran out. Free the result with frog_free.
-FROG_EXPORT FrogFrame *frog_draw(const FrogGaussians *, const FrogCamera *, const FrogOptions *, FrogImage *);
-// Gradients of the picture that `frame` drew, with the same Gaussians. Returns 0, or 1 when memory ran out.
-FROG_EXPORT int32_t frog_backward(FrogFrame *, const FrogGaussians *, const FrogImage *, const FrogImageGradient *,
-                                  const FrogGradients *);
+// Draws, and keeps what the backward pass needs where there will be one; null when memory ran out. Free the result with
+// frog_free.
+FROG_EXPORT FrogFrame *frog_draw(const FrogGaussians *, const FrogCamera *, const FrogOptions *, FrogImage *,
+                                 int32_t differentiable);
+// Gradients of the picture that a differentiable `frame` drew, with the same Gaussians. Returns 0, or 1 when memory ran out.
+FROG_EXPORT int32_t frog_backward(FrogFrame *, const FrogGaussians *, const FrogImageGradient *, const FrogGradients *);
 // How much there was to draw: {Gaussians drawn, (Gaussian, tile) pairs, (Gaussian, pixel) pairs blended}.
 FROG_EXPORT void frog_count_work(const FrogFrame *, int64_t work[3]);
 FROG_EXPORT void frog_free(FrogFrame *);

@@ -21,6 +21,10 @@ struct FrameView {
   int32_t tiles_x, tiles_y;
   Splat *splats;              // (N,)
   const Instance *instances;  // tile by tile, each in depth order
+  // Where the way back begins, (H, W), or null where there is none: the transmittance behind all that a pixel blended,
+  // and how many of its tile's instances it went through until then.
+  float *transmittance;
+  int32_t *reached;
 };
 
 // Where the backward pass of some tile rows puts its numbers: those of slot s of Gaussian i at (s + moved[i]) * width.
@@ -37,7 +41,7 @@ struct Kernels {
   int (*project)(const FrameView &, const FrogGaussians &, int begin, int end);  // returns how many are at fault
   void (*blend)(const FrameView &, const Tile &, const FrogImage &);
   int64_t (*count_blended)(const FrameView &, const Tile &);
-  void (*blend_backward)(const FrameView &, const SlotView &, const Tile &, const FrogImage &, const FrogImageGradient &);
+  void (*blend_backward)(const FrameView &, const SlotView &, const Tile &, const FrogImageGradient &);
   // `sums` are (N, SPLAT_GRADIENTS); `pose` is (12,) or null, and is added to.
   void (*project_backward)(const FrameView &, const FrogGaussians &, const float *sums, const FrogGradients &, float *pose,
                            int begin, int end);

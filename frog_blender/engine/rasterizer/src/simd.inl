@@ -7,6 +7,7 @@ typedef int32_t Ints __attribute__((vector_size(FROG_VECTOR_BYTES)));
 typedef uint32_t Bits __attribute__((vector_size(FROG_VECTOR_BYTES)));
 
 static inline Floats all(float value) { return value - Floats{}; }
+static inline Ints all_ints(int32_t value) { return value - Ints{}; }
 static inline Floats load(const float *from) { Floats v; __builtin_memcpy(&v, from, sizeof v); return v; }
 static inline void store(float *to, Floats v) { __builtin_memcpy(to, &v, sizeof v); }
 static inline Ints load(const int32_t *from) { Ints v; __builtin_memcpy(&v, from, sizeof v); return v; }
@@ -25,6 +26,8 @@ static inline Floats exp2_fraction(Floats f) {
 typedef __mmask16 Mask;
 static inline Mask at_least(Floats a, Floats b) { return _mm512_cmp_ps_mask(a, b, _CMP_GE_OQ); }
 static inline Mask at_least(Mask mask, Floats a, Floats b) { return _mm512_mask_cmp_ps_mask(mask, a, b, _CMP_GE_OQ); }
+static inline Mask above(Ints a, int32_t b) { return _mm512_cmpgt_epi32_mask((__m512i)a, _mm512_set1_epi32(b)); }
+static inline Mask above(Mask mask, Ints a, int32_t b) { return _mm512_mask_cmpgt_epi32_mask(mask, (__m512i)a, _mm512_set1_epi32(b)); }
 static inline Mask and_not(Mask mask, Mask other) { return _kandn_mask16(other, mask); }
 static inline bool any(Mask mask) { return mask != 0; }
 static inline uint32_t bits(Mask mask) { return mask; }
@@ -34,6 +37,7 @@ static inline Floats choose(Mask mask, Floats yes, Floats no) { return _mm512_ma
 static inline Ints choose(Mask mask, int32_t yes, Ints no) {
   return (Ints)_mm512_mask_set1_epi32((__m512i)no, mask, yes);
 }
+static inline void store(Mask mask, int32_t *to, Ints v) { _mm512_mask_storeu_epi32(to, mask, (__m512i)v); }
 static inline Floats negative(Mask mask, Floats v) {
   return (Floats)_mm512_mask_or_epi32((__m512i)v, mask, (__m512i)v, _mm512_set1_epi32(INT32_MIN));
 }
@@ -64,6 +68,8 @@ static inline void sums_of_8(const Floats *v, float *out) {
 typedef Ints Mask;  // lanes are 0 or -1
 static inline Mask at_least(Floats a, Floats b) { return a >= b; }
 static inline Mask at_least(Mask mask, Floats a, Floats b) { return mask & (a >= b); }
+static inline Mask above(Ints a, int32_t b) { return a > b; }
+static inline Mask above(Mask mask, Ints a, int32_t b) { return mask & (a > b); }
 static inline Mask and_not(Mask mask, Mask other) { return mask & ~other; }
 static inline uint32_t bits(Mask mask) {
 #if FROG_VECTOR_BYTES == 32
@@ -81,6 +87,7 @@ static inline int count(Mask mask) { return __builtin_popcount(bits(mask)); }
 static inline Floats keep(Mask mask, Floats v) { return (Floats)(mask & (Ints)v); }
 static inline Floats choose(Mask mask, Floats yes, Floats no) { return mask ? yes : no; }
 static inline Ints choose(Mask mask, int32_t yes, Ints no) { return mask ? yes - Ints{} : no; }
+static inline void store(Mask mask, int32_t *to, Ints v) { store(to, mask ? v : load(to)); }
 static inline Floats negative(Mask mask, Floats v) { return (Floats)((Ints)v | (mask & INT32_MIN)); }
 #if FROG_VECTOR_BYTES == 32
 static inline Floats smaller(Floats a, Floats b) { return _mm256_min_ps(a, b); }

@@ -1,7 +1,4 @@
-// What blending and its gradient have in common: a tile's pixels in vectors, and one splat's part of it.
-//
-// A pixel is finished by the Gaussian that would take its transmittance below TRANSMITTANCE_MIN (that one is left out).
-// A finished pixel keeps its transmittance with a minus sign, which fails every later test by itself.
+// What blending and its gradient have in common: a tile's pixels in vectors, and where a splat touches them.
 
 static_assert(TILE % LANES == 0, "a tile row is a whole number of vectors");
 constexpr int TILE_PIXELS = TILE * TILE;
@@ -40,19 +37,19 @@ static inline void make_footprint(const Splat &splat, const Tile &tile, Footprin
   }
 }
 
-// The footprints of a tile's splats one after the other. Each is found while the pixels of the one before are worked on,
+// The footprints of a tile's splats, one after the other. Each is found while the pixels of the one before are worked on,
 // so that which rows come next is known long before their turn.
 struct Footprints {
   const FrameView &view;
   const Tile &tile;
   Footprint pair[2];
 
-  Footprints(const FrameView &view, const Tile &tile) : view(view), tile(tile) {
-    if (tile.begin < tile.end) find(tile.begin);
+  Footprints(const FrameView &view, const Tile &tile, uint32_t first) : view(view), tile(tile) { find(first); }
+  void find(uint32_t n) {  // nothing beyond either end
+    if (n - tile.begin < tile.end - tile.begin) make_footprint(view.splats[view.instances[n].splat], tile, pair[n & 1]);
   }
-  void find(uint32_t n) { make_footprint(view.splats[view.instances[n].splat], tile, pair[n & 1]); }
-  const Footprint &at(uint32_t n) {  // in order
-    if (n + 1 < tile.end) find(n + 1);
+  const Footprint &at(uint32_t n, uint32_t next) {  // `next` is a neighbour of n
+    find(next);
     return pair[n & 1];
   }
 };
@@ -61,43 +58,7 @@ static inline Floats columns_of(const Footprint &f, int vector) {  // dx
   return load(ramp + vector * LANES) + f.left;
 }
 
-// What a splat does to one vector of pixels of transmittance t.
-struct Contribution {
-  Mask blended;
-  Floats raw;     // alpha before the clamp
-  Floats behind;  // transmittance, rubbish where not blended
-  Floats weight;  // zero where not blended
-  Floats next;    // transmittance as it is stored
-};
-
-// OPAQUE: whether the splat reaches the clamp at all, which few do.
-template <bool LIMIT, bool OPAQUE>
-static inline void contribution_of(Floats power, Floats t, float depth, const float *limit, Contribution &c) {
-  const Mask touched = at_least(power, all(LOG2_ALPHA_MIN));
-  c.raw = exp2(power);
-  const Floats part = t * (OPAQUE ? smaller(c.raw, all(ALPHA_MAX)) : c.raw);
-  c.behind = t - part;
-  c.blended = at_least(touched, c.behind, all(TRANSMITTANCE_MIN));
-  if (LIMIT) c.blended = at_least(c.blended, load(limit), all(depth));
-  c.weight = keep(c.blended, part);
-  c.next = choose(c.blended, c.behind, negative(touched, t));
-}
-
-static inline bool is_opaque(const Splat &splat) { return splat.log2_opacity > LOG2_ALPHA_MAX; }
-
-// Rows of each column of vectors in which a pixel is open; false when there is none.
-static inline bool still_open(const float *transmittance, uint32_t *rows) {
-  uint32_t anywhere = 0;
-  for (int c = 0; c < COLUMNS; ++c) {
-    rows[c] = 0;
-    for (int row = 0; row < TILE; ++row)
-      rows[c] |= static_cast<uint32_t>(any(at_least(load(transmittance + row * TILE + c * LANES), Floats{}))) << row;
-    anywhere |= rows[c];
-  }
-  return anywhere;
-}
-
-// How often a tile is looked at for being finished, in splats.
+// How often it is asked which of a tile's pixels still take part, in splats.
 constexpr uint32_t CHECK_EVERY = 16;
 
 struct TileSize {
@@ -113,13 +74,4 @@ static inline bool inside(const TileSize &size, int pixel) { return pixel % TILE
 
 static inline long long picture_index(const FrameView &view, const Tile &tile, int pixel) {
   return static_cast<long long>(tile.y * TILE + pixel / TILE) * view.options.region[2] + tile.x * TILE + pixel % TILE;
-}
-
-// Pixels outside the picture start finished. `limit` may be null.
-static inline void open_tile(const FrameView &view, const Tile &tile, float *transmittance, float *limit) {
-  const TileSize size = size_of(view, tile);
-  for (int i = 0; i < TILE_PIXELS; ++i) {
-    transmittance[i] = inside(size, i) ? 1.0f : -1.0f;
-    if (limit) limit[i] = inside(size, i) ? view.options.depth_limit[picture_index(view, tile, i)] : 0.0f;
-  }
 }

@@ -137,6 +137,9 @@ static inline T __shfl_up_sync(unsigned mask, T value, int by) {
 }
 
 static inline int __ffs(unsigned bits) { return __builtin_ffs(int(bits)); }
+static inline int __clz(unsigned bits) { return bits ? __builtin_clz(bits) : 32; }
+static inline float __frcp_rn(float value) { return 1 / value; }
+static inline int max(int a, int b) { return a > b ? a : b; }
 static inline int __float_as_int(float value) { return emulator::unpack<int>(emulator::pack(value)); }
 static inline float __int_as_float(int value) { return emulator::unpack<float>(emulator::pack(value)); }
 static inline unsigned long long atomicAdd(unsigned long long *at, unsigned long long value) {

@@ -7,7 +7,7 @@ static_assert(BATCH % WARP == 0, "a ballot tests 32 splats");
 
 extern "C" __global__ void __launch_bounds__(THREADS)
     blend(const Splat *splats, const int *tile_splats, const int *ranges, FrogOptions options, int columns, float *rgb,
-          float *alpha, int *median_index, float *mean_depth, float *max_weights) {
+          float *alpha, float *left_behind, int *reached, int *median_index, float *mean_depth, float *max_weights) {
   __shared__ Staged staged[BATCH];
   const int width = options.region[2];
   const Pixel pixel = pixel_of(columns, width, options.region[3]);
@@ -18,7 +18,7 @@ extern "C" __global__ void __launch_bounds__(THREADS)
 
   bool open = pixel.inside;
   float transmittance = 1, red = 0, green = 0, blue = 0, depth = 0;
-  int median = -1;
+  int median = -1, last = 0;  // last: splats gone through until the last that was blended
   float limit = 0;
   if (LIMIT && open) limit = options.depth_limit[to];
 
@@ -33,21 +33,26 @@ extern "C" __global__ void __launch_bounds__(THREADS)
       if (!__any_sync(FULL, open)) break;
       const bool near = start + group + lane_index() < end && reaches(staged[group + lane_index()], pixel);
       for (unsigned left = __ballot_sync(FULL, near); left; left &= left - 1) {
-        const Staged &splat = staged[group + __ffs(left) - 1];
+        const int k = group + __ffs(left) - 1;
+        const Staged &splat = staged[k];
         if (LIMIT && !(splat.depth <= limit)) open = false;
-        const Step s = step(splat, x, y, transmittance, open);
-        if (s.blended) {
-          red = fmaf(s.weight, splat.red, red);
-          green = fmaf(s.weight, splat.green, green);
-          blue = fmaf(s.weight, splat.blue, blue);
+        const Touch t = touch(splat, x, y);
+        bool blended = open && t.touched;
+        const float weight = transmittance * t.alpha, next = fmaf(-transmittance, t.alpha, transmittance);
+        if (blended && next < TRANSMITTANCE_MIN) open = blended = false;
+        if (blended) {
+          red = fmaf(weight, splat.red, red);
+          green = fmaf(weight, splat.green, green);
+          blue = fmaf(weight, splat.blue, blue);
           if (DEPTH) {
-            depth = fmaf(s.weight, splat.depth, depth);
-            if (transmittance > 0.5f && s.next <= 0.5f) median = splat.index;
+            depth = fmaf(weight, splat.depth, depth);
+            if (transmittance > 0.5f && next <= 0.5f) median = splat.index;
           }
-          transmittance = s.next;
+          transmittance = next;
+          last = start - begin + k + 1;
         }
-        if (WEIGHTS && __any_sync(FULL, s.blended)) {
-          float heaviest = s.blended ? s.weight : 0;
+        if (WEIGHTS && __any_sync(FULL, blended)) {
+          float heaviest = blended ? weight : 0;
           for (int offset = WARP / 2; offset; offset /= 2)
             heaviest = fmaxf(heaviest, __shfl_xor_sync(FULL, heaviest, offset));
           // Weights are positive: their bits order like integers, and a maximum does not depend on the order.
@@ -62,6 +67,7 @@ extern "C" __global__ void __launch_bounds__(THREADS)
   rgb[3 * to + 1] = fmaf(transmittance, options.background[1], green);
   rgb[3 * to + 2] = fmaf(transmittance, options.background[2], blue);
   alpha[to] = 1 - transmittance;
+  if (reached) left_behind[to] = transmittance, reached[to] = last;
   if (DEPTH) {
     median_index[to] = median;
     mean_depth[to] = transmittance < 1 ? depth / (1 - transmittance) : __int_as_float(0x7fc00000);

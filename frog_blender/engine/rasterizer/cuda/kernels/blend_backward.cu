@@ -1,5 +1,5 @@
-// The same walk as blend.cu, front to back with the same decisions, and what each pixel sends back to each splat.
-// Compiled for ABSOLUTE and LIMIT = 0 or 1.
+// The way back: the same splats with the same decisions as in blend.cu, from the last to the first, and what each pixel
+// sends back to each of them. Compiled for ABSOLUTE = 0 or 1. The mathematics is that of src/blend_backward.inl.
 //
 // Each (tile, Gaussian) pair has a slot of its own for its sums, which project_backward.cu adds up in a fixed order:
 // no atomics, the same bits in every run, and less traffic than several atomics a pair. Within a tile the sums go
@@ -11,69 +11,81 @@ constexpr int VALUES = ABSOLUTE ? ABSOLUTE_Y + 1 : BY_BLUE + 1;
 
 extern "C" __global__ void __launch_bounds__(THREADS)
     blend_backward(const Splat *splats, const int *tile_splats, const long long *slots, const int *ranges,
-                   FrogOptions options, int columns, const float *rgb, const float *alpha, const float *by_rgb,
-                   const float *by_alpha, float *gradients) {
+                   FrogOptions options, int columns, const float *left_behind, const int *reached,
+                   const float *by_rgb, const float *by_alpha, float *gradients) {
   __shared__ Staged staged[BATCH];
   __shared__ long long slot_of[BATCH];
   __shared__ float sums[WARPS][BATCH][VALUES];
   __shared__ unsigned touched[WARPS];  // splats of the batch that a warp has sums for
+  __shared__ int furthest[WARPS];
   const int width = options.region[2];
   const Pixel pixel = pixel_of(columns, width, options.region[3]);
   const long long at = static_cast<long long>(pixel.y) * width + pixel.x;
   const float x = pixel.x + 0.5f, y = pixel.y + 0.5f;
-  const int begin = ranges[blockIdx.x], end = ranges[blockIdx.x + 1];
   const int slot = threadIdx.x / QUARTERS, quarter = threadIdx.x % QUARTERS;
   const int owned = folded_index<VALUES>(lane_index());
 
   // `behind`: the part of the loss that lies behind the current splat, background and alpha included.
-  bool open = pixel.inside;
-  float transmittance = 1, g_red = 0, g_green = 0, g_blue = 0, behind = 0, limit = 0;
-  if (open) {
+  float transmittance = 1, g_red = 0, g_green = 0, g_blue = 0, behind = 0;
+  int last = 0;
+  if (pixel.inside) {
     g_red = by_rgb[3 * at], g_green = by_rgb[3 * at + 1], g_blue = by_rgb[3 * at + 2];
-    behind = g_red * rgb[3 * at] + g_green * rgb[3 * at + 1] + g_blue * rgb[3 * at + 2];
-    behind -= by_alpha[at] * (1 - alpha[at]);
-    if (LIMIT) limit = options.depth_limit[at];
+    transmittance = left_behind[at], last = reached[at];
+    behind = g_red * options.background[0] + g_green * options.background[1] + g_blue * options.background[2];
+    behind = (behind - by_alpha[at]) * transmittance;
   }
+  int most = last;  // of the warp's pixels, then of the tile's
+  for (int offset = WARP / 2; offset; offset /= 2) most = max(most, __shfl_xor_sync(FULL, most, offset));
+  const int warp_most = most;
+  if (lane_index() == 0) furthest[warp_index()] = most;
+  __syncthreads();
+#pragma unroll
+  for (int warp = 0; warp < WARPS; ++warp) most = max(most, furthest[warp]);
 
+  const int begin = ranges[blockIdx.x], end = begin + most;  // the slots beyond were zeroed when allocated
+  int start = begin + (most - 1) / BATCH * BATCH;
   float4 coming = make_float4(0, 0, 0, 0);
-  if (slot < BATCH) coming = fetch(splats, tile_splats, begin + slot, end, quarter);
-  for (int start = begin; start < end; start += BATCH) {
-    if (!__syncthreads_or(open)) break;  // the slots of the rest were zeroed when allocated
+  if (slot < BATCH) coming = fetch(splats, tile_splats, start + slot, end, quarter);
+  for (; most > 0 && start >= begin; start -= BATCH) {
+    __syncthreads();  // everyone is done with the last batch
     if (slot < BATCH) {
       put(staged[slot], quarter, coming);
       if (quarter == 0) slot_of[slot] = start + slot < end ? slots[start + slot] : -1;
     }
     __syncthreads();
-    if (slot < BATCH) coming = fetch(splats, tile_splats, start + BATCH + slot, end, quarter);
+    if (slot < BATCH && start > begin) coming = fetch(splats, tile_splats, start - BATCH + slot, end, quarter);
 
     unsigned summed = 0;
-    if (__any_sync(FULL, open)) {
+    if (start - begin < warp_most) {
       const bool near = start + lane_index() < end && reaches(staged[lane_index()], pixel);
-      for (unsigned left = __ballot_sync(FULL, near); left; left &= left - 1) {
-        const int k = __ffs(left) - 1;
+      for (unsigned left = __ballot_sync(FULL, near); left;) {
+        const int k = WARP - 1 - __clz(left);
+        left &= ~(1u << k);
         const Staged &splat = staged[k];
-        if (LIMIT && !(splat.depth <= limit)) open = false;
-        const Step s = step(splat, x, y, transmittance, open);
-        if (!__any_sync(FULL, s.blended)) continue;
+        const Touch t = touch(splat, x, y);
+        const bool blended = t.touched && start - begin + k < last;
+        if (!__any_sync(FULL, blended)) continue;
         summed |= 1u << k;
         float v[VALUES];
 #pragma unroll
         for (int n = 0; n < VALUES; ++n) v[n] = 0;
-        if (s.blended) {
-          const float by_weight = g_red * splat.red + g_green * splat.green + g_blue * splat.blue;
-          behind = fmaf(-s.weight, by_weight, behind);
-          v[BY_RED] = s.weight * g_red, v[BY_GREEN] = s.weight * g_green, v[BY_BLUE] = s.weight * g_blue;
-          if (!s.clamped) {  // by the logarithm of alpha
-            const float by_log = (transmittance * by_weight - behind / (1 - s.alpha)) * s.alpha;
+        if (blended) {
+          const float inverse = __frcp_rn(1 - t.alpha);  // rounded well: the errors of all splats add up
+          transmittance *= inverse;
+          const float weight = transmittance * t.alpha;
+          const float own = weight * (g_red * splat.red + g_green * splat.green + g_blue * splat.blue);
+          v[BY_RED] = weight * g_red, v[BY_GREEN] = weight * g_green, v[BY_BLUE] = weight * g_blue;
+          if (!t.clamped) {  // by the logarithm of alpha
+            const float by_log = fmaf(-behind, t.alpha * inverse, own);
             v[SUM_1] = by_log;
-            v[SUM_U] = by_log * s.u, v[SUM_V] = by_log * s.v;
-            v[SUM_UU] = v[SUM_U] * s.u, v[SUM_UV] = v[SUM_U] * s.v, v[SUM_VV] = v[SUM_V] * s.v;
+            v[SUM_U] = by_log * t.u, v[SUM_V] = by_log * t.v;
+            v[SUM_UU] = v[SUM_U] * t.u, v[SUM_UV] = v[SUM_U] * t.v, v[SUM_VV] = v[SUM_V] * t.v;
             if constexpr (ABSOLUTE) {
               v[ABSOLUTE_X] = fabsf(2 / LOG2E * splat.along * v[SUM_U]);
               v[ABSOLUTE_Y] = fabsf(2 / LOG2E * (splat.lean * v[SUM_U] + splat.across * v[SUM_V]));
             }
           }
-          transmittance = s.next;
+          behind += own;
         }
         fold<VALUES>(v);
         if (owned >= 0) sums[warp_index()][k][owned] = v[0];

@@ -1,5 +1,5 @@
-// What the kernels share: threads of a tile, splats in shared memory, one pixel's step along its splats, and sums over
-// a warp. No system header. The constants THREADS and STRIPE are known to the Python side as well (binning.py).
+// What the kernels share: threads of a tile, splats in shared memory, what one of them is at one pixel, and sums over a
+// warp. No system header. The constants THREADS and STRIPE are known to the Python side as well (binning.py).
 #pragma once
 #include "types.h"
 
@@ -76,28 +76,24 @@ static __device__ __forceinline__ bool reaches(const Staged &splat, const Pixel 
 }
 
 // One splat at one pixel. Explicit fused operations: both directions must take the very same decisions.
-struct Step {
-  float u, v;                 // whitened offset from the centre, see Splat
-  float alpha, weight, next;  // next: transmittance behind it
-  bool blended, clamped;
+struct Touch {
+  float u, v;  // whitened offset from the centre, see Splat
+  float alpha;
+  bool touched, clamped;
 };
 
-// `open` goes down where the splat finishes the pixel. Where not `blended`, most of the result is undefined.
-static __device__ __forceinline__ Step step(const Staged &splat, float x, float y, float transmittance, bool &open) {
-  Step s;
+static __device__ __forceinline__ Touch touch(const Staged &splat, float x, float y) {
+  Touch t = {};
   const float dx = x - splat.x, dy = y - splat.y;
-  s.u = fmaf(splat.along, dx, splat.lean * dy);
-  s.v = splat.across * dy;
-  const float power = fmaf(-s.u, s.u, fmaf(-s.v, s.v, splat.log2_opacity));
-  s.blended = open && power >= LOG2_ALPHA_MIN;
-  if (!s.blended) return s;
+  t.u = fmaf(splat.along, dx, splat.lean * dy);
+  t.v = splat.across * dy;
+  const float power = fmaf(-t.u, t.u, fmaf(-t.v, t.v, splat.log2_opacity));
+  t.touched = power >= LOG2_ALPHA_MIN;
+  if (!t.touched) return t;
   const float raw = exp2f(power);
-  s.clamped = raw >= ALPHA_MAX;
-  s.alpha = s.clamped ? ALPHA_MAX : raw;
-  s.weight = transmittance * s.alpha;
-  s.next = fmaf(-transmittance, s.alpha, transmittance);
-  if (s.next < TRANSMITTANCE_MIN) open = s.blended = false;
-  return s;
+  t.clamped = raw >= ALPHA_MAX;
+  t.alpha = t.clamped ? ALPHA_MAX : raw;
+  return t;
 }
 
 // Sums COUNT numbers over the warp's lanes, each step halving how many numbers a lane still carries: about COUNT + 4

@@ -40,7 +40,9 @@ FROG_FUNCTION SplatState project_gaussian(const FrogGaussians &g, const FrogCame
                                           int i, Projection &p) {
   const float *m = g.means + 3ll * i, *q = g.quaternions + 4ll * i, *s = g.scales + 3ll * i, *w = camera.world_to_camera;
   const float square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
-  for (int r = 0; r < 3; ++r) p.local[r] = w[4 * r] * m[0] + w[4 * r + 1] * m[1] + w[4 * r + 2] * m[2] + w[4 * r + 3];
+  // In double: of a Gaussian close to a camera far from the origin, float would leave few digits.
+  for (int r = 0; r < 3; ++r)
+    p.local[r] = double(w[4 * r]) * m[0] + double(w[4 * r + 1]) * m[1] + double(w[4 * r + 2]) * m[2] + w[4 * r + 3];
   const float z = p.local[2];
   if (!(square > 1e-24f && square < 1e24f && finite(p.local[0]) && finite(p.local[1]) && finite(z) &&
         fabsf(s[0]) < 1e12f && fabsf(s[1]) < 1e12f && fabsf(s[2]) < 1e12f && finite(g.opacities[i])))
@@ -93,8 +95,7 @@ FROG_FUNCTION float view_direction(const FrogGaussians &g, const FrogCamera &cam
   const float *w = camera.world_to_camera, *m = g.means + 3ll * i;
   float square = 0;
   for (int k = 0; k < 3; ++k) {
-    const float center = -(w[k] * w[3] + w[4 + k] * w[7] + w[8 + k] * w[11]);
-    direction[k] = m[k] - center;
+    direction[k] = m[k] + (double(w[k]) * w[3] + double(w[4 + k]) * w[7] + double(w[8 + k]) * w[11]);
     square += direction[k] * direction[k];
   }
   const float distance = sqrtf(square);
