@@ -6,12 +6,12 @@ pixels in a row or column of a tile, nor a pair that is tried and not blended:
 
     power = constant[row] - (along dx [column] + shift[row])^2               3
     alpha = 2^power: reduction 1, polynomial of degree 5                     11
-    weight = T alpha, T = T - weight                                         2
+    weight = T alpha, T = T - T alpha                                        2
     red, green, blue += weight colour                                        6     forward: 22
 
-    power, alpha, weight, T again                                            16
-    own = weight (g.colour), rest -= own                                     7
-    dL/dlog alpha = own - rest alpha / (1 - alpha)                           5
+    power, alpha, T = T / (1 - alpha), weight = T alpha                      18
+    own = weight (g.colour), rest += own                                     7
+    dL/dlog alpha = own - rest alpha / (1 - alpha)                           3
     gradient of the colour += weight g                                       6
     moments down a column: dL/dlog alpha times 1, dy, dy^2                   5     backward: 39
 """
@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 FORWARD_FLOPS = 3 + 11 + 2 + 6
-BACKWARD_FLOPS = 16 + 7 + 5 + 6 + 5
+BACKWARD_FLOPS = 18 + 7 + 3 + 6 + 5
 QUIET = 0.97  # of a core: what one thread gets where nothing else wants it
 COLORS = {"avx512": "#1b6ca8", "avx2": "#2a9d8f", "baseline": "#8d99ae", "cuda": "#c44536", "gsplat": "#e9a23b"}
 _HEADINGS = (

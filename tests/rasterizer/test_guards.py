@@ -119,7 +119,7 @@ def test_giants_at_the_near_plane_are_finite(depth: float, size: float) -> None:
 @IMPLEMENTATIONS
 def test_light_is_conserved_forward_and_backward(implementation: str) -> None:
     """The gradient of a picture's brightness by a Gaussian's colour is the sum of its weights; over all Gaussians these
-    add up to the coverage. It holds only if the backward pass ends every pixel at the same Gaussian."""
+    add up to the coverage. It holds only if the backward pass begins every pixel where it ended."""
     camera = odd_camera(75, 51)
     gaussians = random_gaussians(camera, 400, 0, seed=5, opacity=(0.3, 1.0))
     gaussians.scales *= 3

@@ -17,6 +17,7 @@ EVERYTHING = RasterizeOptions(depth=True, weights=True, absolute=True)
 OUTPUTS = ("rgb", "alpha", "median_depth", "median_z", "mean_depth", "radii", "max_weights")
 # Where float32 decides a threshold the other way a whole contribution appears or goes, at the rim of a splat mostly.
 FLIPPED_SHARE = 3e-4
+GRADIENT_ERROR = 2e-5  # relative (L2), of any parameter's; CUDA's exponentials and divisions round a little less well
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,6 @@ class Scene:
         pose: the camera's own matrix is given as a tensor with gradients.
         limit: planar depths between 1.5 and 5 hide what lies behind, without end at a fifth of the pixels.
         tolerance: of pictures and depths.
-        gradient: largest relative error (L2) of any gradient.
     """
 
     camera: Camera
@@ -38,7 +38,6 @@ class Scene:
     pose: bool = False
     limit: bool = False
     tolerance: float = 2e-5
-    gradient: float = 1e-5
 
 
 def _shaped(change: Callable[[GaussianArrays], None], gaussians: GaussianArrays) -> GaussianArrays:
@@ -110,29 +109,25 @@ def scenes() -> dict[str, Scene]:
             odd, random_gaussians(odd, 200, 1, seed=10), replace(EVERYTHING, low_pass=2.0, near_plane=2.5)
         ),
         "whole tiles": Scene(whole, random_gaussians(whole, 200, 3, seed=11)),
-        "needles": Scene(odd, _shaped(_needles, random_gaussians(odd, 80, 0, seed=12)), tolerance=2e-4, gradient=2e-3),
-        "giants": Scene(odd, _shaped(_giants, random_gaussians(odd, 60, 1, seed=13)), gradient=1e-4),
+        "needles": Scene(odd, _shaped(_needles, random_gaussians(odd, 80, 0, seed=12)), tolerance=2e-4),
+        "giants": Scene(odd, _shaped(_giants, random_gaussians(odd, 60, 1, seed=13))),
         "giants over more tile rows than a warp has lanes": Scene(
-            tall, _shaped(_giants, random_gaussians(tall, 40, 1, seed=20)), gradient=1e-4
+            tall, _shaped(_giants, random_gaussians(tall, 40, 1, seed=20))
         ),
         "behind and near": Scene(
             plain_camera(97, 71),
             _shaped(_some_behind, random_gaussians(plain_camera(97, 71), 300, 1, seed=14)),
-            gradient=1e-4,
         ),
-        "clear and opaque": Scene(
-            small, _shaped(_clear_and_opaque, random_gaussians(small, 60, 0, seed=15)), gradient=1e-4
-        ),
+        "clear and opaque": Scene(small, _shaped(_clear_and_opaque, random_gaussians(small, 60, 0, seed=15))),
         "sheets that finish early": Scene(
             plain_camera(37, 21),
             _shaped(_sheets, random_gaussians(plain_camera(37, 21), 200, 0, seed=16, opacity=(0.02, 0.5))),
-            gradient=1e-3,
         ),
         "equal depths": Scene(
             plain_camera(45, 27), _shaped(_ties, random_gaussians(plain_camera(45, 27), 60, 0, seed=17))
         ),
-        "one pixel": Scene(plain_camera(1, 1), random_gaussians(plain_camera(1, 1), 30, 0, seed=18), gradient=1e-4),
-        "one row": Scene(plain_camera(40, 1), random_gaussians(plain_camera(40, 1), 30, 0, seed=19), gradient=1e-4),
+        "one pixel": Scene(plain_camera(1, 1), random_gaussians(plain_camera(1, 1), 30, 0, seed=18)),
+        "one row": Scene(plain_camera(40, 1), random_gaussians(plain_camera(40, 1), 30, 0, seed=19)),
         "nothing in view": Scene(small, join(one_gaussian((0.0, 0.0, -40.0)), one_gaussian((90.0, 0.0, -40.0)))),
         "no Gaussians": Scene(small, GaussianArrays(*[getattr(crowd, name)[:0] for name in ATTRIBUTES])),
     }
@@ -198,4 +193,4 @@ def assert_equal(scene: Scene, found: dict[str, np.ndarray], expected: dict[str,
             if not expected[name].any():
                 assert not found[name].any(), name
             else:
-                assert relative_error(found[name], expected[name]) < scene.gradient, name
+                assert relative_error(found[name], expected[name]) < GRADIENT_ERROR, name

@@ -21,13 +21,15 @@ _MOMENTS, _MOMENTS_AND_ABSOLUTE = 9, 11  # numbers in a gradient slot: BY_BLUE +
 
 @dataclass(frozen=True)
 class _View:
-    """What is drawn of which camera; ``depth_limit`` is kept here because ``options`` holds only its address."""
+    """What is drawn of which camera, and whether there may be a backward pass; ``depth_limit`` is kept here because
+    ``options`` holds only its address."""
 
     camera: structs.Camera
     options: structs.Options
     depth_limit: torch.Tensor | None
     width: int
     height: int
+    differentiable: bool
 
     @property
     def columns(self) -> int:
@@ -40,17 +42,13 @@ class _View:
 
 @dataclass
 class _Outputs:
-    """What the forward pass fills besides the picture, None where it is not wanted. See Image.
-
-    ``differentiable``: whether there may be a backward pass.
-    """
+    """What the forward pass fills besides the picture; None where it is not wanted. See Image."""
 
     radii: torch.Tensor
     median_index: torch.Tensor | None
     mean_depth: torch.Tensor | None
     max_weights: torch.Tensor | None
     screen_absolute: torch.Tensor | None
-    differentiable: bool
     at_fault: int = 0
 
 
@@ -90,25 +88,25 @@ class _Rasterize(torch.autograd.Function):
             "LIMIT": view.depth_limit is not None,
         }
         size = (view.height, view.width)
-        left_behind = _floats(device, *size) if outputs.differentiable else None
-        reached = torch.empty(size, device=device, dtype=torch.int32) if outputs.differentiable else None
+        final_transmittance = _floats(device, *size) if view.differentiable else None
+        reached = torch.empty(size, device=device, dtype=torch.int32) if view.differentiable else None
         launcher.launch(
             kernel("blend", **constants),
             view.tiles,
             *(splats, bins.tile_splats, bins.ranges, view.options, view.columns),
-            *(rgb, alpha, left_behind, reached, outputs.median_index, outputs.mean_depth, outputs.max_weights),
+            *(rgb, alpha, final_transmittance, reached, outputs.median_index, outputs.mean_depth, outputs.max_weights),
         )
         ctx.view, ctx.screen_absolute = view, outputs.screen_absolute
         drawn = (bins.tile_splats, bins.slots, bins.ranges, bins.first_slots, splats, tile_counts)
-        # Outputs and large buffers alike: torch frees them after the backward pass, and no cycle keeps them alive.
-        ctx.save_for_backward(*attributes, pose, left_behind, reached, *drawn)
+        # Large buffers: torch frees them after the backward pass.
+        ctx.save_for_backward(*attributes, pose, final_transmittance, reached, *drawn)
         return rgb, alpha
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, *grad_outputs: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
         view, absolute = ctx.view, ctx.screen_absolute
-        *attributes, pose, left_behind, reached, tile_splats, slots, ranges, first_slots, splats, tile_counts = (
+        *attributes, pose, final_transmittance, reached, tile_splats, slots, ranges, first_slots, splats, tile_counts = (
             ctx.saved_tensors
         )
         bins = Bins(tile_splats, slots, ranges, first_slots)
@@ -121,7 +119,7 @@ class _Rasterize(torch.autograd.Function):
             kernel("blend_backward", ABSOLUTE=absolute is not None),
             view.tiles,
             *(splats, bins.tile_splats, bins.slots, bins.ranges, view.options, view.columns),
-            *(left_behind, reached, by_rgb, by_alpha, slot_gradients),
+            *(final_transmittance, reached, by_rgb, by_alpha, slot_gradients),
         )
         gradients = [_floats(device, *tensor.shape) for tensor in attributes]
         by_screen = _floats(device, count, 2)
@@ -185,7 +183,6 @@ def rasterize(
         mean_depth=_floats(device, *size) if options.depth else None,
         max_weights=_floats(device, count).zero_() if options.weights else None,
         screen_absolute=_floats(device, count, 2).zero_() if options.absolute else None,
-        differentiable=torch.is_grad_enabled(),
     )
     attributes = [getattr(gaussians, name) for name in structs.ATTRIBUTES]
     rgb, alpha = _Rasterize.apply(*attributes, screen, rows, view, outputs)
@@ -219,7 +216,7 @@ def _view(
             raise ValueError(f"depth_limit: shape {tuple(depth_limit.shape)}, expected {(height, width)}")
         depth_limit = depth_limit.detach().to(device=device, dtype=torch.float32).contiguous()
     packed = structs.options_struct(options, background, (left, top, width, height), depth_limit)
-    return _View(structs.camera_struct(camera), packed, depth_limit, width, height)
+    return _View(structs.camera_struct(camera), packed, depth_limit, width, height, torch.is_grad_enabled())
 
 
 def _floats(device: torch.device, *shape: int) -> torch.Tensor:

@@ -3,6 +3,8 @@
 // A pixel is finished by the Gaussian that would take its transmittance below TRANSMITTANCE_MIN (that one is left out).
 // A finished pixel keeps its transmittance with a minus sign, which fails every later test by itself.
 
+static inline bool inside(const TileSize &size, int pixel) { return pixel % TILE < size.columns && pixel / TILE < size.rows; }
+
 // Pixels outside the picture start finished. `limit` may be null.
 static inline void open_tile(const FrameView &view, const Tile &tile, float *transmittance, float *limit) {
   const TileSize size = size_of(view, tile);
@@ -22,10 +24,11 @@ struct Contribution {
 template <bool LIMIT>
 static inline void contribution_of(Floats power, Floats t, float depth, const float *limit, Contribution &c) {
   const Mask touched = at_least(power, all(LOG2_ALPHA_MIN));
-  const Floats part = t * smaller(exp2(power), all(ALPHA_MAX)), behind = t - part;
+  // t (1 - alpha) to its last digit, for the way back divides by 1 - alpha: t - t alpha has lost digits where alpha is near 1.
+  const Floats alpha = smaller(exp2(power), all(ALPHA_MAX)), behind = without(t, alpha);
   c.blended = at_least(touched, behind, all(TRANSMITTANCE_MIN));
   if (LIMIT) c.blended = at_least(c.blended, load(limit), all(depth));
-  c.weight = keep(c.blended, part);
+  c.weight = keep(c.blended, t * alpha);
   c.next = choose(c.blended, behind, negative(touched, t));
 }
 

@@ -104,11 +104,13 @@ static inline void sum_columns(const Splat &splat, const Footprint &f, int32_t k
 
 template <bool ABSOLUTE>
 static void blend_tile_backward(const FrameView &view, const SlotView &slots, const Tile &tile, const FrogImageGradient &gradient) {
+  constexpr float ROUNDING = 1e-6f;  // of exp2: what the forward pass clamped is clamped here
   constexpr int WIDTH = ABSOLUTE ? SPLAT_GRADIENTS : BY_BLUE + 1;  // slots.width
   BackwardPixels pixels;
   const uint32_t end = tile.begin + open_backward(view, tile, gradient, pixels);
   for (uint32_t n = end; n < tile.end; ++n) {
     float *out = slot_of(slots, view.instances[n]);
+    __builtin_prefetch(slot_of(slots, view.instances[n + 6 < tile.end ? n + 6 : n]), 1);
     for (int i = 0; i < WIDTH; ++i) out[i] = 0;
   }
   Footprints footprints(view, tile, end - 1);
@@ -123,7 +125,7 @@ static void blend_tile_backward(const FrameView &view, const SlotView &slots, co
     const Splat &splat = view.splats[instance.splat];
     const Footprint &f = footprints.at(n, n - 1);
     Floats sums[SPLAT_GRADIENTS] = {};
-    if (splat.log2_opacity > LOG2_ALPHA_MAX) sum_columns<ABSOLUTE, true>(splat, f, k, open, pixels, sums);
+    if (splat.log2_opacity > LOG2_ALPHA_MAX - ROUNDING) sum_columns<ABSOLUTE, true>(splat, f, k, open, pixels, sums);
     else sum_columns<ABSOLUTE, false>(splat, f, k, open, pixels, sums);
     sums_of_8(sums, out);
     for (int i = 8; i < WIDTH; ++i) out[i] = sum(sums[i]);

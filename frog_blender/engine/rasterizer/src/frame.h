@@ -30,9 +30,9 @@ struct FrogFrame {
   std::vector<Tile> tiles;               // dearest first
   std::vector<uint64_t> row_instances;   // (tiles_y + 1,) first instance of each row
   frog::Buffer<uint32_t> slot_count;     // (N,) tiles of each Gaussian
+  frog::Buffer<uint32_t> slot_base;      // (N,) where its slots begin, see Instance
   frog::Buffer<float> transmittance;     // see FrameView
   frog::Buffer<int32_t> reached;
-  frog::Buffer<uint32_t> slot_base;      // (N,) where its slots begin, see Instance
   // Only used while drawing or going backward.
   frog::Buffer<frog::Keyed> order, spare_order;
   frog::Buffer<uint32_t> histogram, slots_moved, slots_seen;

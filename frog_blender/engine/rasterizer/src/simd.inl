@@ -41,6 +41,7 @@ static inline void store(Mask mask, int32_t *to, Ints v) { _mm512_mask_storeu_ep
 static inline Floats negative(Mask mask, Floats v) {
   return (Floats)_mm512_mask_or_epi32((__m512i)v, mask, (__m512i)v, _mm512_set1_epi32(INT32_MIN));
 }
+static inline Floats without(Floats v, Floats share) { return _mm512_fnmadd_ps(v, share, v); }
 static inline Floats smaller(Floats a, Floats b) { return _mm512_min_ps(a, b); }
 static inline Floats larger(Floats a, Floats b) { return _mm512_max_ps(a, b); }
 static inline Floats absolute(Floats v) { return _mm512_abs_ps(v); }
@@ -90,9 +91,11 @@ static inline Ints choose(Mask mask, int32_t yes, Ints no) { return mask ? yes -
 static inline void store(Mask mask, int32_t *to, Ints v) { store(to, mask ? v : load(to)); }
 static inline Floats negative(Mask mask, Floats v) { return (Floats)((Ints)v | (mask & INT32_MIN)); }
 #if FROG_VECTOR_BYTES == 32
+static inline Floats without(Floats v, Floats share) { return _mm256_fnmadd_ps(v, share, v); }
 static inline Floats smaller(Floats a, Floats b) { return _mm256_min_ps(a, b); }
 static inline Floats larger(Floats a, Floats b) { return _mm256_max_ps(a, b); }
 #else
+static inline Floats without(Floats v, Floats share) { return v * (1 - share); }
 static inline Floats smaller(Floats a, Floats b) { return a < b ? a : b; }
 static inline Floats larger(Floats a, Floats b) { return a > b ? a : b; }
 #endif

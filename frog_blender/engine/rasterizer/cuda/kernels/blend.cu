@@ -7,7 +7,7 @@ static_assert(BATCH % WARP == 0, "a ballot tests 32 splats");
 
 extern "C" __global__ void __launch_bounds__(THREADS)
     blend(const Splat *splats, const int *tile_splats, const int *ranges, FrogOptions options, int columns, float *rgb,
-          float *alpha, float *left_behind, int *reached, int *median_index, float *mean_depth, float *max_weights) {
+          float *alpha, float *final_transmittance, int *reached, int *median_index, float *mean_depth, float *max_weights) {
   __shared__ Staged staged[BATCH];
   const int width = options.region[2];
   const Pixel pixel = pixel_of(columns, width, options.region[3]);
@@ -67,7 +67,7 @@ extern "C" __global__ void __launch_bounds__(THREADS)
   rgb[3 * to + 1] = fmaf(transmittance, options.background[1], green);
   rgb[3 * to + 2] = fmaf(transmittance, options.background[2], blue);
   alpha[to] = 1 - transmittance;
-  if (reached) left_behind[to] = transmittance, reached[to] = last;
+  if (reached) final_transmittance[to] = transmittance, reached[to] = last;
   if (DEPTH) {
     median_index[to] = median;
     mean_depth[to] = transmittance < 1 ? depth / (1 - transmittance) : __int_as_float(0x7fc00000);

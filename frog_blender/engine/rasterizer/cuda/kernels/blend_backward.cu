@@ -11,12 +11,12 @@ constexpr int VALUES = ABSOLUTE ? ABSOLUTE_Y + 1 : BY_BLUE + 1;
 
 extern "C" __global__ void __launch_bounds__(THREADS)
     blend_backward(const Splat *splats, const int *tile_splats, const long long *slots, const int *ranges,
-                   FrogOptions options, int columns, const float *left_behind, const int *reached,
+                   FrogOptions options, int columns, const float *final_transmittance, const int *reached,
                    const float *by_rgb, const float *by_alpha, float *gradients) {
   __shared__ Staged staged[BATCH];
   __shared__ long long slot_of[BATCH];
   __shared__ float sums[WARPS][BATCH][VALUES];
-  __shared__ unsigned touched[WARPS];  // splats of the batch that a warp has sums for
+  __shared__ unsigned summed_by[WARPS];  // splats of the batch that a warp has sums for
   __shared__ int furthest[WARPS];
   const int width = options.region[2];
   const Pixel pixel = pixel_of(columns, width, options.region[3]);
@@ -25,14 +25,14 @@ extern "C" __global__ void __launch_bounds__(THREADS)
   const int slot = threadIdx.x / QUARTERS, quarter = threadIdx.x % QUARTERS;
   const int owned = folded_index<VALUES>(lane_index());
 
-  // `behind`: the part of the loss that lies behind the current splat, background and alpha included.
-  float transmittance = 1, g_red = 0, g_green = 0, g_blue = 0, behind = 0;
+  // `rest`: the part of the loss that lies behind the current splat, background and alpha included.
+  float transmittance = 1, g_red = 0, g_green = 0, g_blue = 0, rest = 0;
   int last = 0;
   if (pixel.inside) {
     g_red = by_rgb[3 * at], g_green = by_rgb[3 * at + 1], g_blue = by_rgb[3 * at + 2];
-    transmittance = left_behind[at], last = reached[at];
-    behind = g_red * options.background[0] + g_green * options.background[1] + g_blue * options.background[2];
-    behind = (behind - by_alpha[at]) * transmittance;
+    transmittance = final_transmittance[at], last = reached[at];
+    rest = g_red * options.background[0] + g_green * options.background[1] + g_blue * options.background[2];
+    rest = (rest - by_alpha[at]) * transmittance;
   }
   int most = last;  // of the warp's pixels, then of the tile's
   for (int offset = WARP / 2; offset; offset /= 2) most = max(most, __shfl_xor_sync(FULL, most, offset));
@@ -76,7 +76,7 @@ extern "C" __global__ void __launch_bounds__(THREADS)
           const float own = weight * (g_red * splat.red + g_green * splat.green + g_blue * splat.blue);
           v[BY_RED] = weight * g_red, v[BY_GREEN] = weight * g_green, v[BY_BLUE] = weight * g_blue;
           if (!t.clamped) {  // by the logarithm of alpha
-            const float by_log = fmaf(-behind, t.alpha * inverse, own);
+            const float by_log = fmaf(-rest, t.alpha * inverse, own);
             v[SUM_1] = by_log;
             v[SUM_U] = by_log * t.u, v[SUM_V] = by_log * t.v;
             v[SUM_UU] = v[SUM_U] * t.u, v[SUM_UV] = v[SUM_U] * t.v, v[SUM_VV] = v[SUM_V] * t.v;
@@ -85,13 +85,13 @@ extern "C" __global__ void __launch_bounds__(THREADS)
               v[ABSOLUTE_Y] = fabsf(2 / LOG2E * (splat.lean * v[SUM_U] + splat.across * v[SUM_V]));
             }
           }
-          behind += own;
+          rest += own;
         }
         fold<VALUES>(v);
         if (owned >= 0) sums[warp_index()][k][owned] = v[0];
       }
     }
-    if (lane_index() == 0) touched[warp_index()] = summed;
+    if (lane_index() == 0) summed_by[warp_index()] = summed;
     __syncthreads();
     for (int n = threadIdx.x; n < BATCH * VALUES; n += THREADS) {
       const int k = n / VALUES, value = n % VALUES;
@@ -99,7 +99,7 @@ extern "C" __global__ void __launch_bounds__(THREADS)
       bool any = false;
 #pragma unroll
       for (int warp = 0; warp < WARPS; ++warp)
-        if (touched[warp] >> k & 1) {
+        if (summed_by[warp] >> k & 1) {
           total += sums[warp][k][value];
           any = true;
         }

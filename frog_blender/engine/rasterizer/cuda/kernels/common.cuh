@@ -83,7 +83,7 @@ struct Touch {
 };
 
 static __device__ __forceinline__ Touch touch(const Staged &splat, float x, float y) {
-  Touch t = {};
+  Touch t = {};  // where not touched, alpha is zero
   const float dx = x - splat.x, dy = y - splat.y;
   t.u = fmaf(splat.along, dx, splat.lean * dy);
   t.v = splat.across * dy;
