@@ -74,6 +74,6 @@ def test_instruction_sets_agree(tmp_path: Path) -> None:
                 assert float(np.mean(found != expected, dtype=float)) <= 3e-4 if expected.size else True, where
             elif "/gradient/" in name:
                 assert relative_difference(found, expected) < 1e-5, where
-            else:  # a mean depth is divided by a coverage of 1/255 and more, of which 1 - transmittance keeps few digits
+            else:  # a mean depth is divided by 1 - transmittance, which keeps few digits of a coverage of 1/255
                 tolerance = 3e-5 if name.endswith("mean_depth") else 1e-5
                 np.testing.assert_allclose(found, expected, atol=1e-5, rtol=tolerance, err_msg=str(where))

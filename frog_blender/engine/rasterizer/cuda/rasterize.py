@@ -106,9 +106,8 @@ class _Rasterize(torch.autograd.Function):
     @once_differentiable
     def backward(ctx: Any, *grad_outputs: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
         view, absolute = ctx.view, ctx.screen_absolute
-        *attributes, pose, final_transmittance, reached, tile_splats, slots, ranges, first_slots, splats, tile_counts = (
-            ctx.saved_tensors
-        )
+        *attributes, pose, final_transmittance, reached = ctx.saved_tensors[:-6]
+        tile_splats, slots, ranges, first_slots, splats, tile_counts = ctx.saved_tensors[-6:]
         bins = Bins(tile_splats, slots, ranges, first_slots)
         by_rgb, by_alpha = (gradient.contiguous() for gradient in grad_outputs)
         count, device = len(splats), splats.device

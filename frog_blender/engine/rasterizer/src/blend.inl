@@ -62,9 +62,10 @@ static int64_t blend_tile(const FrameView &view, const Tile &tile, const FrogIma
   constexpr bool WAY_BACK = WITH & WITH_WAY_BACK, COUNT = WITH & ONLY_COUNT;
   struct alignas(64) {  // together: one address for all of a vector's numbers
     float transmittance[TILE_PIXELS], red[TILE_PIXELS] = {}, green[TILE_PIXELS] = {}, blue[TILE_PIXELS] = {};
-    float limit[LIMIT ? TILE_PIXELS : 1];
-    float depth[DEPTH ? TILE_PIXELS : 1] = {};
-    int32_t median[DEPTH ? TILE_PIXELS : 1], reached[WAY_BACK ? TILE_PIXELS : 1] = {};
+    alignas(64) int32_t reached[WAY_BACK ? TILE_PIXELS : 1] = {};
+    alignas(64) float limit[LIMIT ? TILE_PIXELS : 1];
+    alignas(64) float depth[DEPTH ? TILE_PIXELS : 1] = {};
+    alignas(64) int32_t median[DEPTH ? TILE_PIXELS : 1];
   } p;
   open_tile(view, tile, p.transmittance, LIMIT ? p.limit : nullptr);
   if (DEPTH) for (int i = 0; i < TILE_PIXELS; ++i) p.median[i] = -1;
