@@ -15,6 +15,7 @@ namespace {
 #include "shared/projection.h"
 
 constexpr size_t BLOCK = 8192;  // splats counted at a time
+constexpr size_t AHEAD = 12;    // places that are fetched before their turn, where one after the other is anywhere
 
 int blocks_of(size_t count) { return static_cast<int>((count + BLOCK - 1) / BLOCK); }
 
@@ -90,6 +91,7 @@ void list_rows(FrogFrame &frame, size_t drawn) {
     uint32_t *mine = counts + static_cast<size_t>(block) * rows;
     std::fill_n(mine, rows, 0);
     for (size_t k = begin; k < end; ++k) {
+      __builtin_prefetch(&frame.splats[order[std::min(k + AHEAD, end - 1)].splat]);
       const Splat &splat = frame.splats[order[k].splat];
       for (int row = splat.first_row; row <= splat.last_row; ++row) ++mine[row];
     }
@@ -99,6 +101,7 @@ void list_rows(FrogFrame &frame, size_t drawn) {
   each_block(drawn, [&](int block, size_t begin, size_t end) {
     uint32_t *mine = counts + static_cast<size_t>(block) * rows;
     for (size_t k = begin; k < end; ++k) {
+      __builtin_prefetch(&frame.splats[order[std::min(k + AHEAD, end - 1)].splat]);
       const uint32_t index = order[k].splat;
       const Splat &splat = frame.splats[index];
       uint32_t slots = 0;
@@ -159,6 +162,7 @@ void bin_splats(FrogFrame &frame) {
         frame.tiles[static_cast<size_t>(row) * columns + x] = {x, row, base + next[x], base + next[x + 1]};
       for (size_t e = frame.row_begin[row]; e < frame.row_begin[row + 1]; ++e) {
         const RowEntry &entry = frame.entries[e];
+        __builtin_prefetch(slot_base + frame.entries[std::min(e + AHEAD, frame.row_begin[row + 1] - 1)].splat);
         uint32_t slot = slot_base[entry.splat] + entry.slot;
         for (int x = entry.first; x <= entry.last; ++x) instances[base + next[x]++] = {entry.splat, slot++};
       }
