@@ -3,7 +3,7 @@
 
 // Shared by both directions: everything the backward pass needs is cheaper to compute again than to store.
 struct Projection {
-  float local[3];                 // camera space
+  double local[3];                // camera space; in float a Gaussian close to a camera far from the origin has few digits
   float u, v;                     // local x / z and y / z, clamped for the linearisation
   bool u_clamped, v_clamped;
   float quaternion[4], norm;      // unit, and the original length
@@ -40,10 +40,9 @@ FROG_FUNCTION SplatState project_gaussian(const FrogGaussians &g, const FrogCame
                                           int i, Projection &p) {
   const float *m = g.means + 3ll * i, *q = g.quaternions + 4ll * i, *s = g.scales + 3ll * i, *w = camera.world_to_camera;
   const float square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
-  // In double: of a Gaussian close to a camera far from the origin, float would leave few digits.
   for (int r = 0; r < 3; ++r)
     p.local[r] = double(w[4 * r]) * m[0] + double(w[4 * r + 1]) * m[1] + double(w[4 * r + 2]) * m[2] + w[4 * r + 3];
-  const float z = p.local[2];
+  const float z = static_cast<float>(p.local[2]);
   if (!(square > 1e-24f && square < 1e24f && finite(p.local[0]) && finite(p.local[1]) && finite(z) &&
         fabsf(s[0]) < 1e12f && fabsf(s[1]) < 1e12f && fabsf(s[2]) < 1e12f && finite(g.opacities[i])))
     return SPLAT_AT_FAULT;
@@ -51,7 +50,7 @@ FROG_FUNCTION SplatState project_gaussian(const FrogGaussians &g, const FrogCame
 
   // The linearisation is clamped a little outside the picture, whose centre need not be the principal point.
   const float margin_x = 0.15f * camera.width, margin_y = 0.15f * camera.height;
-  const float u = p.local[0] / z, v = p.local[1] / z;
+  const float u = static_cast<float>(p.local[0]) / z, v = static_cast<float>(p.local[1]) / z;
   p.u = clamped(u, (-margin_x - camera.cx) / camera.fx, (camera.width + margin_x - camera.cx) / camera.fx);
   p.v = clamped(v, (-margin_y - camera.cy) / camera.fy, (camera.height + margin_y - camera.cy) / camera.fy);
   p.u_clamped = p.u != u;
@@ -121,8 +120,9 @@ FROG_FUNCTION SplatState make_splat(const FrogGaussians &g, const FrogCamera &ca
   if (state != SPLAT_DRAWN) return state;
   const float opacity = (g.opacities[i] < 1.0f ? g.opacities[i] : 1.0f) * compensation_of(p, options);
   if (!(opacity > ALPHA_MIN)) return SPLAT_UNSEEN;
-  splat.x = camera.fx * p.local[0] / p.local[2] + camera.cx - options.region[0];
-  splat.y = camera.fy * p.local[1] / p.local[2] + camera.cy - options.region[1];
+  // Rounded before the region is taken off: the same bits in every region.
+  splat.x = static_cast<float>(camera.fx * p.local[0] / p.local[2] + camera.cx) - options.region[0];
+  splat.y = static_cast<float>(camera.fy * p.local[1] / p.local[2] + camera.cy) - options.region[1];
   splat.log2_opacity = log2f(opacity);
   const float reach = splat.log2_opacity - LOG2_ALPHA_MIN;  // what power may lose until alpha is ALPHA_MIN
   splat.extent_x = sqrtf(2 / LOG2E * reach * p.xx);
@@ -140,7 +140,7 @@ FROG_FUNCTION SplatState make_splat(const FrogGaussians &g, const FrogCamera &ca
   splat.red = colour[0] > 0 ? colour[0] : 0;
   splat.green = colour[1] > 0 ? colour[1] : 0;
   splat.blue = colour[2] > 0 ? colour[2] : 0;
-  splat.depth = p.local[2];
+  splat.depth = static_cast<float>(p.local[2]);
   // Inverse covariance (a, b; b, c) = (yy, -xy; -xy, xx) / det, completed: a (dx + b/a dy)^2 + dy^2 / yy.
   splat.along = sqrtf(0.5f * LOG2E * p.yy / p.determinant);
   splat.lean = -splat.along * p.xy / p.yy;

@@ -79,7 +79,7 @@ FROG_FUNCTION void splat_backward(const FrogGaussians &g, const FrogCamera &came
   rotation_gradient(p.quaternion, p.norm, by_rotation, out.quaternions + 4ll * i);
 
   // J W depends on the position through 1/z and the (unclamped) u and v.
-  const float z = p.local[2], jx = camera.fx / z, jy = camera.fy / z;
+  const float z = static_cast<float>(p.local[2]), jx = camera.fx / z, jy = camera.fy / z;
   float by_u = 0, by_v = 0, by_local[3] = {by_pixel_x * jx, by_pixel_y * jy, 0};
   for (int k = 0; k < 3; ++k) {
     by_u -= by_jw[0][k] * jx * w[8 + k];
