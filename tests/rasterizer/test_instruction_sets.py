@@ -26,7 +26,7 @@ def draw(scene, camera, gaussians, options=RasterizeOptions(), limited=False):
     extras["max_weights"], extras["at_fault"] = np.empty(count, np.float32), np.zeros(1, np.int32)
     gaussians = gaussians.checked()
     limit = np.float32(random.uniform(1, 5, (height, width))) if limited else None
-    frame = native.Frame(gaussians, camera, (0.3, 0.6, 0.1), options, {**image, **extras}, limit, True)
+    frame = native.Frame(gaussians, camera, (0.3, 0.6, 0.1), options, {**image, **extras}, limit, differentiable=True)
     gradients = {name: np.empty_like(value) for name, value in vars(gaussians).items()}
     gradients["screen"], gradients["screen_absolute"] = np.empty((2, count, 2), np.float32)
     gradients["pose"] = np.empty((3, 4), np.float32)
@@ -74,6 +74,5 @@ def test_instruction_sets_agree(tmp_path: Path) -> None:
                 assert float(np.mean(found != expected, dtype=float)) <= 3e-4 if expected.size else True, where
             elif "/gradient/" in name:
                 assert relative_difference(found, expected) < 1e-5, where
-            else:  # a mean depth is divided by 1 - transmittance, which keeps few digits of a coverage of 1/255
-                tolerance = 3e-5 if name.endswith("mean_depth") else 1e-5
-                np.testing.assert_allclose(found, expected, atol=1e-5, rtol=tolerance, err_msg=str(where))
+            else:
+                np.testing.assert_allclose(found, expected, atol=1e-5, rtol=1e-5, err_msg=str(where))

@@ -80,14 +80,13 @@ class _Rasterize(torch.autograd.Function):
             *(splats, depths, tile_counts, outputs.radii, at_fault),
         )
         bins, outputs.at_fault = bin_splats(launcher, splats, depths, tile_counts, at_fault, (view.width, view.height))
-        rgb = _floats(device, view.height, view.width, 3)
-        alpha = _floats(device, view.height, view.width)
+        size = (view.height, view.width)
+        rgb, alpha = _floats(device, *size, 3), _floats(device, *size)
         constants = {
             "DEPTH": outputs.median_index is not None,
             "WEIGHTS": outputs.max_weights is not None,
             "LIMIT": view.depth_limit is not None,
         }
-        size = (view.height, view.width)
         final_transmittance = _floats(device, *size) if view.differentiable else None
         reached = torch.empty(size, device=device, dtype=torch.int32) if view.differentiable else None
         launcher.launch(
@@ -106,8 +105,9 @@ class _Rasterize(torch.autograd.Function):
     @once_differentiable
     def backward(ctx: Any, *grad_outputs: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
         view, absolute = ctx.view, ctx.screen_absolute
-        *attributes, pose, final_transmittance, reached = ctx.saved_tensors[:-6]
-        tile_splats, slots, ranges, first_slots, splats, tile_counts = ctx.saved_tensors[-6:]
+        *attributes, pose, final_transmittance, reached, tile_splats, slots, ranges, first_slots, splats, counts = (
+            ctx.saved_tensors
+        )
         bins = Bins(tile_splats, slots, ranges, first_slots)
         by_rgb, by_alpha = (gradient.contiguous() for gradient in grad_outputs)
         count, device = len(splats), splats.device
@@ -134,7 +134,7 @@ class _Rasterize(torch.autograd.Function):
                 view.camera,
                 view.options,
                 pose,
-                tile_counts,
+                counts,
                 bins.first_slots,
             ),
             *(slot_gradients, values),

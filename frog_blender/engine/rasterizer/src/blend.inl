@@ -32,16 +32,8 @@ static inline void contribution_of(Floats power, Floats t, float depth, const fl
   c.next = choose(c.blended, behind, negative(touched, t));
 }
 
-// Rows of each column of vectors in which a pixel is open; false when there is none.
 static inline bool still_open(const float *transmittance, uint32_t *rows) {
-  uint32_t anywhere = 0;
-  for (int c = 0; c < COLUMNS; ++c) {
-    rows[c] = 0;
-    for (int row = 0; row < TILE; ++row)
-      rows[c] |= static_cast<uint32_t>(any(at_least(load(transmittance + row * TILE + c * LANES), Floats{}))) << row;
-    anywhere |= rows[c];
-  }
-  return anywhere;
+  return rows_where([&](int at) { return at_least(load(transmittance + at), Floats{}); }, rows);
 }
 
 static inline void raise_to(float *target, float value) {  // atomic maximum of non-negative floats: any order, same result
@@ -65,6 +57,7 @@ static int64_t blend_tile(const FrameView &view, const Tile &tile, const FrogIma
     alignas(64) int32_t reached[WAY_BACK ? TILE_PIXELS : 1] = {};
     alignas(64) float limit[LIMIT ? TILE_PIXELS : 1];
     alignas(64) float depth[DEPTH ? TILE_PIXELS : 1] = {};
+    alignas(64) float covered[DEPTH ? TILE_PIXELS : 1] = {};  // 1 - transmittance, which has few digits where that is faint
     alignas(64) int32_t median[DEPTH ? TILE_PIXELS : 1];
   } p;
   open_tile(view, tile, p.transmittance, LIMIT ? p.limit : nullptr);
@@ -102,6 +95,7 @@ static int64_t blend_tile(const FrameView &view, const Tile &tile, const FrogIma
         store(p.blue + at, load(p.blue + at) + c.weight * splat.blue);
         if (DEPTH) {
           store(p.depth + at, load(p.depth + at) + c.weight * splat.depth);
+          store(p.covered + at, load(p.covered + at) + c.weight);
           const Mask crossing = and_not(c.blended, at_least(c.next, all(0.50000006f)));  // the first float above 1/2
           store(p.median + at, choose(at_least(crossing, t, all(0.50000006f)), static_cast<int32_t>(index), load(p.median + at)));
         }
@@ -128,7 +122,7 @@ static int64_t blend_tile(const FrameView &view, const Tile &tile, const FrogIma
       if (WAY_BACK) view.transmittance[to + i] = left, view.reached[to + i] = p.reached[i];
       if (DEPTH) {
         image.median_index[to + i] = p.median[i];
-        image.mean_depth[to + i] = left < 1 ? p.depth[i] / (1 - left) : __builtin_nanf("");
+        image.mean_depth[to + i] = left < 1 ? p.depth[i] / p.covered[i] : __builtin_nanf("");
       }
     }
   }

@@ -42,11 +42,7 @@ static inline uint32_t open_backward(const FrameView &view, const Tile &tile, co
 
 // Rows of each column of vectors in which a pixel went through more than k of the tile's instances.
 static inline void gone_through(const int32_t *reached, int32_t k, uint32_t *rows) {
-  for (int c = 0; c < COLUMNS; ++c) {
-    rows[c] = 0;
-    for (int row = 0; row < TILE; ++row)
-      rows[c] |= static_cast<uint32_t>(any(above(load(reached + row * TILE + c * LANES), k))) << row;
-  }
+  rows_where([&](int at) { return above(load(reached + at), k); }, rows);
 }
 
 // Adds what the pixels send back, in the order of SplatGradient. In a column u and v depend on the row alone, so three

@@ -58,6 +58,18 @@ static inline Floats columns_of(const Footprint &f, int vector) {  // dx
   return load(ramp + vector * LANES) + f.left;
 }
 
+// Rows of each column of vectors in which a pixel passes `test`, which takes a vector's place; false when there is none.
+template <class Test>
+static inline bool rows_where(Test test, uint32_t *rows) {
+  uint32_t anywhere = 0;
+  for (int c = 0; c < COLUMNS; ++c) {
+    rows[c] = 0;
+    for (int row = 0; row < TILE; ++row) rows[c] |= static_cast<uint32_t>(any(test(row * TILE + c * LANES))) << row;
+    anywhere |= rows[c];
+  }
+  return anywhere;
+}
+
 // How often it is asked which of a tile's pixels still take part, in splats.
 constexpr uint32_t CHECK_EVERY = 16;
 

@@ -17,7 +17,7 @@ extern "C" __global__ void __launch_bounds__(THREADS)
   const int slot = threadIdx.x / QUARTERS, quarter = threadIdx.x % QUARTERS;
 
   bool open = pixel.inside;
-  float transmittance = 1, red = 0, green = 0, blue = 0, depth = 0;
+  float transmittance = 1, red = 0, green = 0, blue = 0, depth = 0, covered = 0;
   int median = -1, last = 0;  // last: splats gone through until the last that was blended
   float limit = 0;
   if (LIMIT && open) limit = options.depth_limit[to];
@@ -46,6 +46,7 @@ extern "C" __global__ void __launch_bounds__(THREADS)
           blue = fmaf(weight, splat.blue, blue);
           if (DEPTH) {
             depth = fmaf(weight, splat.depth, depth);
+            covered += weight;  // 1 - transmittance has few digits where it is faint
             if (transmittance > 0.5f && next <= 0.5f) median = splat.index;
           }
           transmittance = next;
@@ -70,6 +71,6 @@ extern "C" __global__ void __launch_bounds__(THREADS)
   if (reached) final_transmittance[to] = transmittance, reached[to] = last;
   if (DEPTH) {
     median_index[to] = median;
-    mean_depth[to] = transmittance < 1 ? depth / (1 - transmittance) : __int_as_float(0x7fc00000);
+    mean_depth[to] = transmittance < 1 ? depth / covered : __int_as_float(0x7fc00000);
   }
 }
