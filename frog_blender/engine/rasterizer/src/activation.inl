@@ -5,6 +5,11 @@
 typedef float Quad __attribute__((vector_size(16)));
 static inline Quad load_4(const float *from) { Quad v; __builtin_memcpy(&v, from, sizeof v); return v; }
 static inline void store_4(float *to, Quad v) { __builtin_memcpy(to, &v, sizeof v); }
+static inline Quad load_3(const float *from, bool last) { return last ? Quad{from[0], from[1], from[2]} : load_4(from); }
+static inline void store_3(float *to, Quad v, bool last) {
+  if (!last) return store_4(to, v);
+  for (int k = 0; k < 3; ++k) to[k] = v[k];
+}
 
 // Offsets of the outputs: means 3, log_scales 3, quaternions 4, opacity logit 1, then spherical harmonics.
 enum { OUT_MEANS = 0, OUT_SCALES = 3, OUT_QUATERNIONS = 6, OUT_OPACITY = 10, OUT_SH = 11 };
@@ -17,6 +22,7 @@ static inline void add(float *to, const float *a, const float *b, long long coun
 }
 static inline void copy(float *to, const float *a, long long count) {
   long long k = 0;
+  for (; k + LANES <= count; k += LANES) store(to + k, load(a + k));
   for (; k + 4 <= count; k += 4) store_4(to + k, load_4(a + k));
   for (; k < count; ++k) to[k] = a[k];
 }
@@ -32,12 +38,10 @@ static inline Floats reduction(const FrogDeformation &field, Floats e) {
   return (1 - field.opacity_share) + field.opacity_share * factor;
 }
 // Its derivative by the change.
-static inline float reduction_slope(const FrogDeformation &field, float e) {
-  if (!reduces(field)) return 0;
-  const float s = 1 / (1 + e);
-  const float by_change = field.opacity_sharpness * s * (1 - s);
-  if (field.opacity_form == FROG_OPACITY_PAPER) return field.opacity_share * by_change;
-  return 2 * s <= 1 ? field.opacity_share * 2 * by_change : 0;
+static inline Floats reduction_slope(const FrogDeformation &field, Floats e) {
+  const Floats s = 1.0f / (1.0f + e), by_change = field.opacity_share * field.opacity_sharpness * s * (1.0f - s);
+  if (field.opacity_form == FROG_OPACITY_PAPER) return by_change;
+  return keep(at_least(all(0.5f), s), 2.0f * by_change);
 }
 
 static inline void exponentials(float *values, long long count) {
@@ -51,10 +55,7 @@ static void activate(const FrogDeformation &field, const DeformationLayout &l, f
   const float *log_scales = field.log_scales + 3ll * begin, *logits = field.opacity_logits + begin;
   const float *y = scratch + l.result;
   for (int r = 0; r < rows; ++r, y += l.outputs) {
-    if (r < rows - 1)
-      store_4(scales + 3 * r, load_4(log_scales + 3 * r) + load_4(y + OUT_SCALES));
-    else
-      add(scales + 3 * r, log_scales + 3 * r, y + OUT_SCALES, 3);
+    store_4(scales + 3 * r, load_3(log_scales + 3 * r, r == rows - 1) + load_4(y + OUT_SCALES));
     opacities[r] = -(logits[r] + y[OUT_OPACITY]);
     reductions[r] = -field.opacity_sharpness * y[OUT_OPACITY];
   }
@@ -100,12 +101,13 @@ static void finish(const DeformationPlan &plan, const DeformationLayout &l, floa
   const FrogDeformation &field = *plan.field;
   const float *means = field.means + 3ll * begin, *y = scratch + l.result;
   float *means_out = out.means + 3ll * begin;
-  for (int r = 0; r < rows - 1; ++r, y += l.outputs)
-    store_4(means_out + 3 * r, load_4(means + 3 * r) + field.motion_unit * load_4(y + OUT_MEANS));
-  for (int k = 3 * (rows - 1), j = 0; j < 3; ++j) means_out[k + j] = means[k + j] + field.motion_unit * y[OUT_MEANS + j];
-  __builtin_memcpy(out.scales + 3ll * begin, scratch + l.scales, 3 * rows * sizeof(float));
+  for (int r = 0; r < rows; ++r, y += l.outputs) {
+    const bool last = r == rows - 1;
+    store_3(means_out + 3 * r, load_3(means + 3 * r, last) + field.motion_unit * load_4(y + OUT_MEANS), last);
+  }
+  copy(out.scales + 3ll * begin, scratch + l.scales, 3 * rows);
   finish_opacities(field, l, scratch, rows);
-  __builtin_memcpy(out.opacities + begin, scratch + l.opacities, rows * sizeof(float));
+  copy(out.opacities + begin, scratch + l.opacities, rows);
   finish_quaternions(field, l, scratch, out.quaternions + 4ll * begin, begin, rows);
   const int there = 3 * (field.sh_count < field.sh_active ? field.sh_count : field.sh_active);
   const int deformed = 3 * field.sh_deformed < there ? 3 * field.sh_deformed : there;
@@ -125,28 +127,41 @@ static void finish(const DeformationPlan &plan, const DeformationLayout &l, floa
   }
 }
 
+// Gradients of a block's opacities, in place: those of its logits come to `lengths`, of the network's outputs to `reductions`.
+static void opacities_backward(const FrogDeformation &field, const DeformationLayout &l, float *scratch, const float *by_opacities,
+                               int rows) {
+  float *by = scratch + l.lengths, *reductions = scratch + l.reductions;
+  copy(by, by_opacities, rows);
+  for (int r = 0; r < rows; r += LANES) {
+    const Floats e = load(reductions + r), opacity = 1.0f / (1.0f + load(scratch + l.opacities + r));
+    const Floats factor = reduces(field) ? reduction(field, e) : all(1.0f);
+    const Floats by_opacity = load(by + r) * opacity, by_logit = by_opacity * factor * (1.0f - opacity);
+    store(by + r, by_logit);
+    store(reductions + r, reduces(field) ? by_logit + by_opacity * reduction_slope(field, e) : by_logit);
+  }
+}
+
 // Gradients through the activations of a block: of its canonical attributes, and of the network's outputs.
 static void activations_backward(const DeformationPlan &plan, const DeformationLayout &l, float *scratch, const FrogDeformed &by,
                                  const FrogDeformationGradients &out, int begin, int rows) {
   const FrogDeformation &field = *plan.field;
   const int active = 3 * field.sh_active, stored = 3 * field.sh_count, deformed = 3 * field.sh_deformed;
   const int both = deformed < active ? deformed : active;
+  opacities_backward(field, l, scratch, by.opacities + begin, rows);
+  copy(out.opacity_logits + begin, scratch + l.lengths, rows);
   for (int r = 0; r < rows; ++r) {
     const long long i = begin + r;
+    const bool last = r == rows - 1;
     float *by_y = scratch + l.by_result + r * l.outputs;
-    for (int k = 0; k < 3; ++k) {
-      const float by_mean = by.means[3 * i + k];
-      out.means[3 * i + k] = by_mean;
-      by_y[OUT_MEANS + k] = field.motion_unit * by_mean;
-    }
-    for (int k = 0; k < 3; ++k)
-      out.log_scales[3 * i + k] = by_y[OUT_SCALES + k] = by.scales[3 * i + k] * scratch[l.scales + 3 * r + k];
-    for (int k = 0; k < 4; ++k) out.quaternions[4 * i + k] = by_y[OUT_QUATERNIONS + k] = by.quaternions[4 * i + k];
-    const float e = scratch[l.reductions + r], opacity = 1 / (1 + scratch[l.opacities + r]);
-    const float factor = reduces(field) ? reduction(field, all(e))[0] : 1;
-    const float by_logit = by.opacities[i] * factor * opacity * (1 - opacity);
-    out.opacity_logits[i] = by_logit;
-    by_y[OUT_OPACITY] = by_logit + by.opacities[i] * opacity * reduction_slope(field, e);
+    const Quad by_mean = load_3(by.means + 3 * i, last), by_quaternion = load_4(by.quaternions + 4 * i);
+    const Quad by_scale = load_3(by.scales + 3 * i, last) * load_4(scratch + l.scales + 3 * r);
+    store_3(out.means + 3 * i, by_mean, last);
+    store_3(out.log_scales + 3 * i, by_scale, last);
+    store_4(out.quaternions + 4 * i, by_quaternion);
+    store_4(by_y + OUT_MEANS, field.motion_unit * by_mean);
+    store_4(by_y + OUT_SCALES, by_scale);
+    store_4(by_y + OUT_QUATERNIONS, by_quaternion);
+    by_y[OUT_OPACITY] = scratch[l.reductions + r];
     const float *by_sh = by.sh + i * active;
     float *sh_out = out.sh + i * stored;
     copy(sh_out, by_sh, active);

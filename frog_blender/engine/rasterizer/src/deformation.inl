@@ -14,15 +14,30 @@ static inline void add_rows(const float *values, int rows, long long row_length,
     for (long long i = 0; i < row_length; i += LANES) store(sums + i, load(sums + i) + load(values + r * row_length + i));
 }
 
+static inline const float *embeddings_of(const DeformationPlan &plan, int begin) {
+  return plan.field->embeddings + static_cast<long long>(begin) * plan.embedding;
+}
+
 static void first_layer(const DeformationPlan &plan, const DeformationLayout &l, float *scratch, int begin, int rows) {
-  float *input = scratch + l.input, *first = scratch + l.first;
-  for (int r = 0; r < rows; ++r) {
-    __builtin_memcpy(input + r * l.embedding, plan.field->embeddings + static_cast<long long>(begin + r) * plan.embedding,
-                     plan.embedding * sizeof(float));
-    for (long long k = plan.embedding; k < l.embedding; ++k) input[r * l.embedding + k] = 0;
-  }
-  multiply<ROW, true>(rows, plan.embedding, static_cast<int>(l.first_row), {input, l.embedding, 1},
-                      packed(plan.embedding_forward, plan.embedding), first, l.first_row, plan.shared);
+  multiply<ROW, true>(rows, plan.embedding, static_cast<int>(l.first_row), {embeddings_of(plan, begin), plan.embedding, 1},
+                      packed(plan.embedding_forward, plan.embedding), scratch + l.first, l.first_row, plan.shared);
+}
+
+static inline void fetch(const float *from, long long count) {
+  for (long long k = 0; k < count; k += 16) __builtin_prefetch(from + k);
+}
+static inline void fetch_to_write(float *from, long long count) {
+  for (long long k = 0; k < count; k += 16) __builtin_prefetch(from + k, 1);
+}
+
+// What a block reads and writes after its network comes from memory meanwhile.
+static void fetch_block(const FrogDeformation &field, const FrogDeformed &out, long long begin, int rows) {
+  fetch(field.means + 3 * begin, 3 * rows), fetch(field.log_scales + 3 * begin, 3 * rows);
+  fetch(field.quaternions + 4 * begin, 4 * rows), fetch(field.opacity_logits + begin, rows);
+  fetch(field.sh + 3 * field.sh_count * begin, 3 * field.sh_count * rows);
+  fetch_to_write(out.means + 3 * begin, 3 * rows), fetch_to_write(out.scales + 3 * begin, 3 * rows);
+  fetch_to_write(out.quaternions + 4 * begin, 4 * rows), fetch_to_write(out.opacities + begin, rows);
+  fetch_to_write(out.sh + 3 * field.sh_active * begin, 3 * field.sh_active * rows);
 }
 
 // From the first layer on: fills second and result of a block.
@@ -66,6 +81,7 @@ static void deform(const DeformationPlan &plan, const FrogDeformed &out, int beg
   const DeformationLayout l = layout_of(plan);
   for (int start = begin; start < end; start += DEFORM_BLOCK) {
     const int rows = end - start < DEFORM_BLOCK ? end - start : DEFORM_BLOCK;
+    fetch_block(*plan.field, out, start, rows);
     if (at_rest(plan, start))
       no_change(l, scratch, rows);
     else
@@ -76,7 +92,8 @@ static void deform(const DeformationPlan &plan, const FrogDeformed &out, int beg
 }
 
 // Gradients through the network of one block; weight gradients are added to `partial`.
-static void network_backward(const DeformationPlan &plan, const DeformationLayout &l, float *scratch, int rows, float *partial) {
+static void network_backward(const DeformationPlan &plan, const DeformationLayout &l, float *scratch, int begin, int rows,
+                             float *partial) {
   float *input = scratch + l.input, *first = scratch + l.first, *second = scratch + l.second;
   float *by_first = scratch + l.by_first, *by_second = scratch + l.by_second, *by_result = scratch + l.by_result;
   const float *source = plan.heads ? second : first;
@@ -112,6 +129,11 @@ static void network_backward(const DeformationPlan &plan, const DeformationLayou
   }
   relu_backward(by_first, first, rows * l.first_row);
   add_rows(by_first, rows, l.first_row, partial + l.weight_shared);
+  for (int r = 0; r < rows; ++r) {  // as whole vectors
+    float *row = input + r * l.embedding;
+    copy(row, embeddings_of(plan, begin + r), plan.embedding);
+    for (long long k = plan.embedding; k < l.embedding; ++k) row[k] = 0;
+  }
   const int units = static_cast<int>(l.first_row), embedding = static_cast<int>(l.embedding);
   multiply<SUM>(units, rows, embedding, {by_first, 1, l.first_row}, plain(input, l.embedding), partial + l.weight_embedding,
                 l.embedding);
@@ -131,9 +153,8 @@ static void deform_backward(const DeformationPlan &plan, const FrogDeformed &by,
     activate(*plan.field, l, scratch, start, rows);
     activations_backward(plan, l, scratch, by, out, start, rows);
     if (at_rest(plan, start)) continue;
-    network_backward(plan, l, scratch, rows, partial);
+    network_backward(plan, l, scratch, start, rows, partial);
     for (int r = 0; r < rows; ++r)
-      __builtin_memcpy(out.embeddings + static_cast<long long>(start + r) * plan.embedding, scratch + l.by_input + r * l.embedding,
-                       plan.embedding * sizeof(float));
+      copy(out.embeddings + static_cast<long long>(start + r) * plan.embedding, scratch + l.by_input + r * l.embedding, plan.embedding);
   }
 }
