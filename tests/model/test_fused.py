@@ -265,7 +265,7 @@ DEFORM = """
 import sys
 import numpy as np
 from fields import field_arrays, output_arrays
-from frog_blender.engine.inference.kept_layer import kept_first_layer
+from frog_blender.engine.inference.groups import grouped
 from frog_blender.engine.rasterizer import native
 from frog_blender.engine.rasterizer.native_deformation import FieldShape, PlayedField, deform, deform_backward
 
@@ -283,10 +283,12 @@ for case, (hidden, embedding, head, form, networks) in enumerate(cases):
     found |= {f"{case}/{name}": array for name, array in result.items()}
     found |= {f"{case}/gradient/{name}": array for name, array in gradients.items()}
     if head == 0:
-        arrays["first_layer"] = kept_first_layer(arrays["embeddings"], arrays["embedding_weight"])
-        played = output_arrays(shape, 500)
-        PlayedField(shape, arrays).deform(arrays["shared"], arrays["embedding_weight"], played)
-        found |= {f"{case}/played/{name}": array for name, array in played.items()}
+        arrays["sh"] = np.ascontiguousarray(arrays["sh"][:, :4])
+        for kept in (False, True):
+            arrays["groups"] = grouped(arrays, kept)
+            played = output_arrays(shape, 500) | {"sh": np.zeros((500, 9, 3), "f")}
+            PlayedField(shape, arrays, kept).deform(arrays["shared"], arrays["embedding_weight"], played)
+            found |= {f"{case}/played/{kept}/{name}": array for name, array in played.items()}
 np.savez(sys.argv[1], **found)
 print(native.instruction_set())
 """

@@ -1,7 +1,7 @@
 """The deformation network at playback (FRoG's, and E-D3DGS's two): numpy and the native library.
 
-What does not depend on time is computed once: the first layer's product with the Gaussians' embeddings; Gaussians at
-rest and colours that do not deform lie in the frames' memory already.
+What does not depend on time is computed once: the first layer's product with the Gaussians' embeddings, where nothing
+modulates it; Gaussians at rest and colours that do not deform lie in the frames' memory already.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ..model.first_layer import first_layer
 from ..rasterizer.arrays import GaussianArrays
 from ..rasterizer.native_deformation import FieldShape, PlayedField
 from .frame_memory import FrameMemory
-from .kept_layer import kept_first_layer
+from .groups import grouped
 from .moving_part import MovingPart, taken_from
 from .rest import at_rest
 from .temporal import TemporalEmbedding, checked
@@ -109,15 +109,16 @@ class PlayableDeformation:
         for name in _CANONICAL:
             a[name] = a[name][: self.moving]
         a["sh"] = np.ascontiguousarray(a["sh"][: self.moving, :deformed])  # the others are in the frames' memory
-        self._modulation = a.pop("modulation_weight", None)
-        if not self._shape.head_width and self._modulation is None:
-            # With heads it is a twentieth of the arithmetic, and not worth its memory.
-            a["first_layer"] = kept_first_layer(a.pop("embeddings"), a["embedding_weight"])
+        self._modulation, self._embedding_weight = a.pop("modulation_weight", None), a["embedding_weight"]
+        kept = self._modulation is None  # the first layer's product with the embeddings is the same at all times
+        if not self._shape.head_width:  # heads are nearly all of the arithmetic: how Gaussians lie matters little
+            groups = grouped(a, kept)
+            a = {name: a[name] for name in ("means", "embedding_weight", "output_weight", "output_bias")}
+            a["groups"] = groups
         # Of frames, which have all colours, and of parts, which have those that deform.
         self._field, self._part_field = (
-            PlayedField(shape, a) for shape in (self._shape, replace(self._shape, sh_active=deformed))
+            PlayedField(shape, a, kept) for shape in (self._shape, replace(self._shape, sh_active=deformed))
         )
-        self._embedding_weight = a["embedding_weight"]
 
     def temporal(self, time: float) -> np.ndarray:
         """(networks, T) what each network is given at a time in [0, 1]."""

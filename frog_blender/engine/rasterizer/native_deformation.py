@@ -49,12 +49,11 @@ def deform(shape: FieldShape, arrays: dict[str, Any], result: dict[str, Any]) ->
         arrays: contiguous float32 by name: the canonical field's attributes, of which ``embeddings`` (M, E) may have
             fewer rows than there are Gaussians: those behind them are at rest; ``shared`` (networks * hidden,) (the
             first layer's temporal part and bias), and the network's ``embedding_weight``, ``output_weight``,
-            ``output_bias`` and, with heads, ``head_weight`` and ``head_bias``. With ``first_layer``, which only a
-            field without heads may have (see inference.kept_layer), no ``embeddings`` are needed.
+            ``output_bias`` and, with heads, ``head_weight`` and ``head_bias``.
         result: contiguous float32 by name: the attributes of GaussianArrays, with ``sh`` (N, sh_active, 3), and where
             wanted ``changes`` (M, outputs). Coefficients that ``arrays["sh"]`` does not have are left as they are.
     """
-    _deform(_field(shape, arrays, False), result)
+    _deform(_field(shape, arrays), result)
 
 
 class PlayedField:
@@ -63,11 +62,17 @@ class PlayedField:
 
     Args:
         shape: settings.
-        arrays: as for ``deform``, with any first layer; they are kept, and not to be replaced.
+        arrays: as for ``deform``, with any first layer; they are kept, and not to be replaced. Without heads ``groups``
+            (see inference.groups) may stand for the Gaussians' attributes but ``means``, whose length counts.
+        kept_products: what ``groups`` has instead of embeddings.
     """
 
-    def __init__(self, shape: FieldShape, arrays: dict[str, Any]) -> None:
-        self._arrays, self._field = arrays, _field(shape, arrays, True)
+    def __init__(self, shape: FieldShape, arrays: dict[str, Any], kept_products: bool = False) -> None:
+        if shape.head_width and "groups" in arrays:
+            raise ValueError("groups: found some beside heads, expected embeddings")
+        self._arrays, self._field = arrays, _field(shape, arrays)
+        self._field.unit_quaternions, self._field.kept_products = True, kept_products
+        self._field.groups = structs.address(arrays.get("groups"))
 
     def deform(self, shared: Any, embedding_weight: Any, result: dict[str, Any]) -> None:
         """Fills the first rows of ``result`` at the moment whose first layer these are."""
@@ -87,26 +92,21 @@ def deform_backward(shape: FieldShape, arrays: dict[str, Any], by: dict[str, Any
     The same bits for any number of threads.
     """
     if library().frog_deform_backward(
-        byref(_field(shape, arrays, False)),
+        byref(_field(shape, arrays)),
         byref(structs.pointers(structs.Deformed, structs.DEFORMED, by)),
         byref(structs.pointers(structs.FieldGradients, structs.FIELD_ARRAYS, result)),
     ):
         raise MemoryError("the deformation's backward pass ran out of memory")
 
 
-def _moving(arrays: dict[str, Any]) -> int:
-    """Gaussians that the network moves: all, where only its first layer's product is known."""
-    return len(arrays["embeddings"] if "embeddings" in arrays else arrays["means"])
-
-
-def _field(shape: FieldShape, arrays: dict[str, Any], unit_quaternions: bool) -> Any:
-    if shape.head_width and "first_layer" in arrays:
-        raise ValueError("first_layer: found one beside heads, expected embeddings")
-    weight, sh = arrays["embedding_weight"], arrays["sh"]
+def _field(shape: FieldShape, arrays: dict[str, Any]) -> Any:
+    weight, count = arrays["embedding_weight"], len(arrays["means"])
+    in_groups = "embeddings" not in arrays
     return structs.Field(
-        *(len(arrays["means"]), _moving(arrays)),
+        *(count, count if in_groups else len(arrays["embeddings"])),
         *(weight.shape[1], weight.shape[0] // shape.networks, shape.head_width, shape.networks),
-        *(sh.shape[1], shape.sh_active, shape.sh_deformed, structs.OPACITY_FORMS[shape.opacity_form]),
-        *(unit_quaternions, shape.opacity_sharpness, shape.opacity_share, shape.motion_unit),
-        *[structs.address(arrays.get(name)) for name in (*structs.FIELD_ARRAYS, "first_layer")],
+        *(shape.sh_deformed if in_groups else arrays["sh"].shape[1], shape.sh_active, shape.sh_deformed),
+        *(structs.OPACITY_FORMS[shape.opacity_form], False, False),
+        *(shape.opacity_sharpness, shape.opacity_share, shape.motion_unit),
+        *[structs.address(arrays.get(name)) for name in structs.FIELD_ARRAYS],
     )

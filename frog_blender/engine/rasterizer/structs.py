@@ -54,7 +54,7 @@ GRADIENTS = (*ATTRIBUTES, "screen", "screen_absolute", "pose")
 Gradients = _struct("FrogGradients", *[(name, c_void_p) for name in GRADIENTS])
 FIELD_SIZES = (
     *("count", "moving", "embedding_size", "hidden_width", "head_width", "networks"),
-    *("sh_count", "sh_active", "sh_deformed", "opacity_form", "unit_quaternions"),
+    *("sh_count", "sh_active", "sh_deformed", "opacity_form", "unit_quaternions", "kept_products"),
 )
 FIELD_ARRAYS = (
     *("means", "log_scales", "quaternions", "opacity_logits", "sh", "embeddings", "shared"),
@@ -64,7 +64,7 @@ Field = _struct(
     "FrogDeformation",
     *[(name, c_int32) for name in FIELD_SIZES],
     *[(name, c_float) for name in ("opacity_sharpness", "opacity_share", "motion_unit")],
-    *[(name, c_void_p) for name in (*FIELD_ARRAYS, "first_layer")],
+    *[(name, c_void_p) for name in (*FIELD_ARRAYS, "groups")],
 )
 DEFORMED = (*ATTRIBUTES, "changes")
 Deformed = _struct("FrogDeformed", *[(name, c_void_p) for name in DEFORMED])

@@ -44,9 +44,9 @@ static inline Floats reduction_slope(const FrogDeformation &field, Floats e) {
   return keep(at_least(all(0.5f), s), 2.0f * by_change);
 }
 
+static inline Floats exponential(Floats x) { return exp2(larger(smaller(x * LOG2E, all(120.0f)), all(-120.0f))); }
 static inline void exponentials(float *values, long long count) {
-  for (long long i = 0; i < count; i += LANES)
-    store(values + i, exp2(larger(smaller(load(values + i) * LOG2E, all(120.0f)), all(-120.0f))));
+  for (long long i = 0; i < count; i += LANES) store(values + i, exponential(load(values + i)));
 }
 
 // The block's exponentials: its scales (rows, 3), and those in the sigmoids of its opacities and of their reduction.

@@ -85,7 +85,7 @@ static void deform(const DeformationPlan &plan, const FrogDeformed &out, int beg
     if (at_rest(plan, start))
       no_change(l, scratch, rows);
     else
-      (plan.output_rows ? network_kept : network_forward)(plan, l, scratch, start, rows);
+      network_forward(plan, l, scratch, start, rows);
     activate(*plan.field, l, scratch, start, rows);
     finish(plan, l, scratch, out, start, rows);
   }

@@ -5,7 +5,7 @@
 constexpr int DEFORM_BLOCK = 96;   // Gaussians that go through the network together
 constexpr int DEFORM_CHUNK = 960;  // Gaussians whose weight gradients are added up together
 constexpr int DEFORM_PAD = 16;     // columns of a panel of the packed matrices: whole vectors of any instruction set
-static_assert(DEFORM_BLOCK % KEPT_GROUP == 0, "a block is whole groups");
+static_assert(DEFORM_BLOCK % PLAYED_GROUP == 0, "a block is whole groups");
 constexpr int MAX_BRANCHES = 10;
 
 static inline long long padded(long long length) { return (length + DEFORM_PAD - 1) / DEFORM_PAD * DEFORM_PAD; }
@@ -31,7 +31,8 @@ struct DeformationPlan {
   const float *head_forward[2];           // (hidden, heads) packed
   const float *head_backward[2];          // (heads, hidden) packed
   const float *output_bias;               // (padded(outputs) + DEFORM_PAD,)
-  const float *output_rows;               // (hidden, padded(outputs)), with the kept first layer only
+  const float *embedding_rows;            // (embedding, padded(hidden)), for playback in groups only
+  const float *output_rows;               // (hidden, padded(outputs)), as well
   int branch_count;
   Branch branches[MAX_BRANCHES];
 };
@@ -57,7 +58,7 @@ static inline DeformationLayout layout_of(const DeformationPlan &plan) {
   long long at = 0;
   auto room = [&](long long length) { const long long here = at; at += length * DEFORM_BLOCK; return here; };
   l.input = room(l.embedding), l.first = room(l.first_row), l.second = room(l.second_row), l.result = room(l.outputs);
-  l.columns = at, at += KEPT_GROUP * l.outputs;
+  l.columns = at, at += PLAYED_GROUP * l.outputs;
   l.scales = room(3), at += DEFORM_PAD;  // stored in fours
   l.opacities = room(1), l.reductions = room(1), l.lengths = room(1);
   l.forward = at;

@@ -29,7 +29,7 @@ typedef struct {
   const float *alpha;  // (H, W) (or null: the loss does not look at it)
 } FrogImageGradient;
 
-enum { KEPT_GROUP = 16 };
+enum { PLAYED_GROUP = 16 };
 
 enum { FROG_OPACITY_OFF = 0, FROG_OPACITY_PAPER = 1, FROG_OPACITY_UNIT = 2 };
 
@@ -43,6 +43,7 @@ typedef struct {
   int32_t sh_count, sh_active, sh_deformed;   // coefficients there are, that come out, and that the network changes
   int32_t opacity_form;
   int32_t unit_quaternions;                   // in the forward pass: they come out normalised
+  int32_t kept_products;                      // what `groups` has in place of embeddings
   float opacity_sharpness, opacity_share;     // see model/opacity.py
   float motion_unit;                          // world units that an output of one moves a Gaussian by
   const float *means, *log_scales, *quaternions, *opacity_logits, *sh;  // (N, 3), (N, 3), (N, 4), (N,), (N, sh_count, 3)
@@ -51,9 +52,10 @@ typedef struct {
   const float *embedding_weight;              // (networks * hidden_width, embedding_size)
   const float *head_weight, *head_bias;       // (networks * heads * head_width, hidden_width), as many, or null
   const float *output_weight, *output_bias;   // (outputs, networks * (head_width or hidden_width)), (outputs,)
-  // Without heads: the embeddings times embedding_weight, KEPT_GROUP Gaussians together, (moving / KEPT_GROUP, networks
-  // * hidden_width, KEPT_GROUP) with moving rounded up; or null. The forward pass then reads no embeddings.
-  const float *first_layer;
+  // Or null; then the forward pass reads nothing else of a Gaussian, of which all move, and tells no changes. Without heads:
+  // (N / PLAYED_GROUP rounded up, rows, PLAYED_GROUP), whose rows are means, log_scales, quaternions, opacity_logits,
+  // sh_deformed coefficients and embeddings, or with kept_products the embeddings times embedding_weight.
+  const float *groups;
 } FrogDeformation;
 
 // Deformed, activated Gaussians, or the gradients by them. Where sh_active is more than sh_count, the forward pass leaves

@@ -47,6 +47,7 @@ struct Kernels {
                            int begin, int end);
   // `scratch` has a block's layers; `partial` takes the weight gradients of a chunk, added to what is there.
   void (*deform)(const DeformationPlan &, const FrogDeformed &, int begin, int end, float *scratch);
+  void (*play)(const DeformationPlan &, const FrogDeformed &, int begin, int end, float *scratch);
   void (*deform_backward)(const DeformationPlan &, const FrogDeformed &gradients, const FrogDeformationGradients &, int begin,
                           int end, float *scratch, float *partial);
   // Structural similarity summed over the rows of a strip of one channel; `scratch` has similarity_scratch(width) floats.

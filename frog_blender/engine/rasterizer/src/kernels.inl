@@ -18,12 +18,12 @@ namespace FROG_ISA {
 #include "blend_backward.inl"
 #include "gemm.inl"
 #include "activation.inl"
-#include "kept_layer.inl"
+#include "played.inl"
 #include "deformation.inl"
 #include "similarity.inl"
 #include "adam.inl"
 #include "comparison.inl"
 
 const Kernels kernels = {FROG_ISA_NAME, project, blend, count_blended, blend_backward, project_backward,
-                         deform, deform_backward, similarity_scratch, similarity, adam, compare};
+                         deform, play, deform_backward, similarity_scratch, similarity, adam, compare};
 }  // namespace FROG_ISA

@@ -1,0 +1,38 @@
+"""A finished scene's moving Gaussians as playback reads them: side by side in groups, each in one piece of memory.
+
+The native library then works on whole vectors of Gaussians from the embeddings to the deformed attributes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+GROUP = 16
+"""PLAYED_GROUP of the native library: Gaussians that lie side by side."""
+_TOGETHER = GROUP * 4096  # Gaussians that are multiplied at once, so that what is in between stays small
+_ATTRIBUTES = ("means", "log_scales", "quaternions", "opacity_logits", "sh")
+
+
+def grouped(arrays: dict[str, np.ndarray], keep_products: bool) -> np.ndarray:
+    """(N / GROUP rounded up, rows, GROUP) float32: each Gaussian's attributes and its embedding, a group's Gaussians in
+    the last dimension, zero beyond the last one.
+
+    Args:
+        arrays: ``means`` (N, 3), ``log_scales`` (N, 3), ``quaternions`` (N, 4), ``opacity_logits`` (N,), ``sh``
+            (N, deformed coefficients, 3), ``embeddings`` (N, E) and ``embedding_weight`` (units, E).
+        keep_products: instead of the embeddings their products with the weights, where those are the same at all times.
+    """
+    count, weight = len(arrays["means"]), arrays["embedding_weight"]
+    columns = [arrays[name].reshape(count, -1) for name in _ATTRIBUTES]
+    width = sum(column.shape[1] for column in columns)
+    own = len(weight) if keep_products else weight.shape[1]
+    result = np.zeros((-(-count // GROUP), width + own, GROUP), np.float32)
+    for start in range(0, count, _TOGETHER):
+        some = slice(start, start + _TOGETHER)
+        embeddings = arrays["embeddings"][some]
+        values = [column[some] for column in columns] + [embeddings @ weight.T if keep_products else embeddings]
+        rows = np.concatenate(values, axis=1).T
+        rows = np.pad(rows, ((0, 0), (0, -rows.shape[1] % GROUP))).reshape(len(rows), -1, GROUP)
+        first = start // GROUP
+        result[first : first + rows.shape[1]] = rows.transpose(1, 0, 2)
+    return result
