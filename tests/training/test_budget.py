@@ -25,13 +25,15 @@ def trained(trainer: Trainer) -> Trainer:
     return trainer
 
 
-@pytest.mark.parametrize("capacity", ["auto", "fixed"])
-def test_a_budget_of_gaussians_is_never_exceeded(make_trainer: Make, capacity: str) -> None:
+@pytest.mark.parametrize(("capacity", "grown"), [("auto", 344), ("fixed", 320)])
+def test_the_most_gaussians_are_never_exceeded(make_trainer: Make, capacity: str, grown: int) -> None:
+    """A little more while it grows, where what pictures do not miss is left out later."""
     trainer, most = make_trainer(60, capacity=capacity, max_gaussians=320), 0
     while not trainer.finished:
         trainer.step()
         most = max(most, trainer.count)
-    assert 300 < most <= 320
+    assert 0.95 * grown < most <= grown == trainer.recipe.growth_limit
+    assert trainer.count <= 320
 
 
 def test_not_even_by_the_seeds(filmed: Path, tmp_path: Path, lively: Callable) -> None:

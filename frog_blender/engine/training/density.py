@@ -98,7 +98,7 @@ class DensityControl:
         candidates = ((pull > recipe.densify_threshold) & keep).nonzero().squeeze(1)
         wanted = min(recipe.newcomers(count, recipe.densify_growth, _GROWTH_WHILE_FEW), len(candidates))
         chosen = candidates[pull[candidates].topk(wanted).indices]
-        room = max(recipe.max_gaussians - int(keep.sum()), 0)
+        room = max(recipe.growth_limit - int(keep.sum()), 0)
         if wanted > room:
             replaced = self.least_needed(wanted - room, keep.index_fill(0, chosen, False))
             keep[replaced] = False

@@ -11,6 +11,8 @@ from ..model.choices import FORMS, FUSIONS
 
 SAMPLINGS = ("anchors", "inverse", "off")
 _MOST_COARSE_ROWS = 30
+_GROWN = 1.075
+"""Times as many Gaussians as a scene keeps, with automatic capacity, before what pictures do not miss is left out."""
 
 
 @dataclass(frozen=True)
@@ -21,7 +23,7 @@ class Recipe:
         name: "draft" or "standard"; "paper" (N3DV), "hypernerf" and "technicolor" follow the papers.
         steps: optimiser steps, each on one picture or part of it, at least.
         steps_per_moment: for each of the capture's moments; what is longer of the two is trained.
-        max_gaussians: growth stops here.
+        max_gaussians: of a scene at most, see ``growth_limit``.
         kept_gaussians: of them, those that a scene has in the end at most, with automatic capacity; 0 for as many as it
             needs (see training.budget).
         seed_gaussians: seed points at most.
@@ -161,6 +163,16 @@ class Recipe:
         """Rows of the coarse embedding, of a table of ``rows``."""
         share = self.coarse_share
         return max(2, min(rows, round(rows * share) if share else min(_MOST_COARSE_ROWS, rows // 2)))
+
+    @property
+    def growth_limit(self) -> int:
+        """Gaussians that a training grows to."""
+        return int(_GROWN * self.max_gaussians) if self.capacity == "auto" else self.max_gaussians
+
+    @property
+    def kept_at_most(self) -> int:
+        """Gaussians that a scene has in the end."""
+        return self.kept_gaussians or self.max_gaussians
 
     def newcomers(self, count: int, share: float, while_few: float) -> int:
         """New Gaussians of a round: a share of those there are; where seeds were few ``while_few`` of half the limit,

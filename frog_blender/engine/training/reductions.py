@@ -43,8 +43,8 @@ def prune(rounds: Parsimony, trainer: Trainer, judge: Judge, motion: Motion) -> 
     them together would.
     """
     count, canonical = trainer.count, trainer.model.canonical
-    forced = count - (trainer.recipe.kept_gaussians or count)
-    order = (motion.energy if forced > 0 else motion.contribution).argsort()
+    forced = count - trainer.recipe.kept_at_most
+    order = (motion.energy if forced > 0 and trainer.recipe.kept_gaussians else motion.contribution).argsort()
 
     def without(number: int) -> float:
         there = all_but(order[:number], count)

@@ -42,8 +42,8 @@ def fit_budget(job: TrainingJob, trainer: Trainer, scale: float) -> None:
 
     That of bytes holds for a finished training, since before its end much is not yet what it will be.
     """
-    if trainer.recipe.kept_gaussians and trainer.parsimony:
-        keep_within(trainer.parsimony, trainer, trainer.recipe.kept_gaussians)
+    if trainer.parsimony:
+        keep_within(trainer.parsimony, trainer, trainer.recipe.kept_at_most)
     if job.max_bytes and trainer.parsimony and trainer.finished:
         fit_within(trainer.parsimony, trainer, lambda: _size(_scene(job, trainer, scale, {}, True)), job.max_bytes)
 
