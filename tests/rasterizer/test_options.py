@@ -91,8 +91,9 @@ def test_gradients_of_a_region_are_those_of_a_loss_on_it(
     ((image.rgb * by_rgb * mask[..., None]).sum() + (image.alpha * by_alpha * mask).sum()).backward()
     expected = {name: getattr(leaves, name).grad for name in ATTRIBUTES}
     expected |= {"screen": image.screen.grad, "screen_absolute": image.screen_absolute, "pose": moving.grad}
+    most = 2e-6 if region in ANYWHERE else 1e-12  # positions round differently where tiles begin elsewhere
     for name, gradient in expected.items():
-        assert relative_error(found[name], gradient.double().numpy()) < 1e-6, name
+        assert relative_error(found[name], gradient.double().numpy()) <= most, name
 
 
 @pytest.mark.parametrize(
