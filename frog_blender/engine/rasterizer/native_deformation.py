@@ -70,7 +70,7 @@ class PlayedField:
     def __init__(self, shape: FieldShape, arrays: dict[str, Any], kept_products: bool = False) -> None:
         if shape.head_width and "groups" in arrays:
             raise ValueError("groups: found some beside heads, expected embeddings")
-        self._arrays, self._field = arrays, _field(shape, arrays)
+        self._arrays, self._field = arrays, _field(shape, arrays, in_groups="groups" in arrays)
         self._field.unit_quaternions, self._field.kept_products = True, kept_products
         self._field.groups = structs.address(arrays.get("groups"))
 
@@ -99,9 +99,8 @@ def deform_backward(shape: FieldShape, arrays: dict[str, Any], by: dict[str, Any
         raise MemoryError("the deformation's backward pass ran out of memory")
 
 
-def _field(shape: FieldShape, arrays: dict[str, Any]) -> Any:
+def _field(shape: FieldShape, arrays: dict[str, Any], in_groups: bool = False) -> Any:
     weight, count = arrays["embedding_weight"], len(arrays["means"])
-    in_groups = "embeddings" not in arrays
     return structs.Field(
         *(count, count if in_groups else len(arrays["embeddings"])),
         *(weight.shape[1], weight.shape[0] // shape.networks, shape.head_width, shape.networks),

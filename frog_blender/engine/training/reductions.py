@@ -36,7 +36,7 @@ _WAKING_CAMERAS, _WAKING_MOMENTS = 3, 8
 
 
 def prune(rounds: Parsimony, trainer: Trainer, judge: Judge, motion: Motion) -> Motion:
-    """Leaves out Gaussians that pictures do not need, or that a budget has no room for; returns the motion of those
+    """Leaves out Gaussians that pictures do not need, or that the limit has no room for; returns the motion of those
     that stay.
 
     What no picture may miss is judged by the picture that would miss it most; where a budget forces, by what all of

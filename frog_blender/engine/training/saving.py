@@ -38,7 +38,7 @@ def check_budget(job: TrainingJob, trainer: Trainer, scale: float) -> None:
 
 
 def fit_budget(job: TrainingJob, trainer: Trainer, scale: float) -> None:
-    """Leaves Gaussians out until the scene is within its budgets, if there are any; call it before the last evaluation.
+    """Leaves Gaussians out until the scene is within its limit and budgets; call it before the last evaluation.
 
     That of bytes holds for a finished training, since before its end much is not yet what it will be.
     """
