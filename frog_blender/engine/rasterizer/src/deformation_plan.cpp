@@ -80,8 +80,6 @@ struct Heads {
   }
 };
 
-;
-
 void plan_first(Packed &packed, bool backward) {
   DeformationPlan &plan = packed.plan;
   const FrogDeformation &field = *plan.field;
@@ -164,7 +162,7 @@ Packed plan_of(const FrogDeformation &field, bool backward) {
   if (field.groups) {
     plan.shared = pad(packed.memory, field.shared, 1, plan.hidden);
     plan.output_bias = pad(packed.memory, field.output_bias, 1, plan.outputs);
-    plan.embedding_rows = turned(packed.memory, field.embedding_weight, plan.hidden, plan.embedding);
+    if (!field.kept_products) plan.embedding_rows = turned(packed.memory, field.embedding_weight, plan.hidden, plan.embedding);
     plan.output_rows = turned(packed.memory, field.output_weight, plan.outputs, plan.hidden);
     return packed;
   }

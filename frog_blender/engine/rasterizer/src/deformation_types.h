@@ -31,8 +31,8 @@ struct DeformationPlan {
   const float *head_forward[2];           // (hidden, heads) packed
   const float *head_backward[2];          // (heads, hidden) packed
   const float *output_bias;               // (padded(outputs) + DEFORM_PAD,)
-  const float *embedding_rows;            // (embedding, padded(hidden)), for playback in groups only
-  const float *output_rows;               // (hidden, padded(outputs)), as well
+  const float *embedding_rows;            // (embedding, padded(hidden)), for playback in groups of embeddings only
+  const float *output_rows;               // (hidden, padded(outputs)), for playback in groups only
   int branch_count;
   Branch branches[MAX_BRANCHES];
 };
