@@ -25,6 +25,11 @@ def trained(trainer: Trainer) -> Trainer:
     return trainer
 
 
+def test_a_scene_is_grown_beyond_what_it_keeps_late() -> None:
+    found = [recipe("draft", max_gaussians=1000, capacity=each).growth_limit_at for each in ("auto", "fixed")]
+    assert [limit(0.39) for limit in found] == [1000, 1000] and [limit(0.4) for limit in found] == [1075, 1000]
+
+
 @pytest.mark.parametrize(("capacity", "grown"), [("auto", 344), ("fixed", 320)])
 def test_the_most_gaussians_are_never_exceeded(make_trainer: Make, capacity: str, grown: int) -> None:
     """A little more while it grows, where what pictures do not miss is left out later."""
@@ -32,7 +37,7 @@ def test_the_most_gaussians_are_never_exceeded(make_trainer: Make, capacity: str
     while not trainer.finished:
         trainer.step()
         most = max(most, trainer.count)
-    assert 0.95 * grown < most <= grown == trainer.recipe.growth_limit
+    assert 0.95 * grown < most <= grown == trainer.recipe.growth_limit_at(1.0)
     assert trainer.count <= 320
 
 

@@ -48,7 +48,8 @@ class Scene:
     def round(self, pulled: dict[int, float]) -> tuple[int, int]:
         for index, pull in pulled.items():
             self.density.gradient_sum[index], self.density.seen[index] = 2 * pull, 2
-        return self.density.round(self.canonical, self.optimizer, torch.Generator().manual_seed(1))
+        limit = self.density.recipe.growth_limit_at(0.5)
+        return self.density.round(self.canonical, self.optimizer, limit, torch.Generator().manual_seed(1))
 
     def memory(self) -> dict[str, list[float]]:
         """The first moment's first number of each row: 0.1 times what its gradient was."""

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from helpers import odd_camera
 
+from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.training import sampling
 from frog_blender.engine.training import trainer as trainer_module
-from frog_blender.engine.training.resolution import halved, halved_picture, is_halved
+from frog_blender.engine.training.resolution import halved, halved_capture, halved_picture, is_halved, sized
 from frog_blender.engine.training.trainer import Trainer
 
 
@@ -38,6 +40,19 @@ def test_small_pictures_stay_as_they_are() -> None:
     assert not is_halved(odd_camera(63, 80), 0.1, 0.4)
     assert not is_halved(odd_camera(64, 80), 0.4, 0.4)
     assert not is_halved(odd_camera(64, 80), 0.0, 0.0)
+
+
+def test_a_halved_capture_has_pictures_that_fit(filmed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    capture = open_capture(filmed)
+    width, height = capture.cameras[0].width, capture.cameras[0].height
+    pixels = np.random.default_rng(2).integers(0, 256, (height, width, 3)).astype(np.uint8)
+    monkeypatch.setattr("frog_blender.engine.training.resolution._LEAST", min(width, height) + 1)
+    (kept, *_) = halved_capture(capture).cameras
+    assert kept is capture.cameras[0] and sized(pixels, kept) is pixels
+    monkeypatch.setattr("frog_blender.engine.training.resolution._LEAST", min(width, height))
+    small = halved_capture(capture)
+    assert small.shots == capture.shots and small.cameras[0].width == width // 2
+    np.testing.assert_array_equal(sized(pixels, small.cameras[0]), halved_picture(pixels))
 
 
 def test_a_training_begins_at_half_size_and_ends_at_whole(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..model.temporal import temporal_shares
+from ..model.temporal import interpolated, resampled
 
 FUSIONS = ("product", "add", "concat", "attention", "coarse", "fine", "dual")
 """See ``model.fusion``; "dual" is E-D3DGS, whose second network is given the fine embedding."""
@@ -67,8 +67,8 @@ class TemporalEmbedding:
         self.form = str(model.get("fusion", "product"))
         if self.form not in FUSIONS:
             raise ValueError(f"there is no fusion {self.form!r}")
-        self._rows = coarse, fine
-        self._table = checked(arrays, "temporal_table", (rows, length))
+        table = checked(arrays, "temporal_table", (rows, length))
+        self._tables = resampled(table, coarse), resampled(table, fine)
         self._attention = None
         if self.form == "attention":
             query = arrays["attention_query"]
@@ -79,14 +79,8 @@ class TemporalEmbedding:
 
     def at(self, time: float) -> np.ndarray:
         """(networks, size) float32 at a time in [0, 1]."""
-        coarse, fine = (self._interpolated(time, rows) for rows in self._rows)
-        return fuse(self.form, coarse, fine, self._attention).astype(np.float32)
-
-    def _interpolated(self, time: float, rows: int) -> np.ndarray:
-        """(T,) from the few rows that count: for a product with all of them numpy starts threads, which take
-        milliseconds where other work keeps the cores busy."""
-        shares = temporal_shares(time, rows, len(self._table))
-        return np.array([*shares.values()], np.float32) @ self._table.take([*shares], axis=0)
+        coarse, fine = (interpolated(table, time) for table in self._tables)
+        return fuse(self.form, coarse, fine, self._attention).astype(np.float32, copy=False)
 
 
 def checked(arrays: dict[str, np.ndarray], name: str, shape: tuple[int, ...]) -> np.ndarray:

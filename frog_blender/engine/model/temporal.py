@@ -11,29 +11,25 @@ import functools
 import numpy as np
 
 
-def temporal_shares(time: float, rows: int, table_rows: int) -> dict[int, float]:
-    """What counts at ``time`` of a table when resampled to ``rows`` rows: at most four of its rows, and their weights.
+def interpolated(table: np.ndarray, time: float) -> np.ndarray:
+    """(T,) what a table (R, T) has at a time in [0, 1] (clamped): its first row at 0, its last at 1, linear between."""
+    return _between(table, min(max(time, 0.0), 1.0) * (len(table) - 1))
 
-    Both steps are linear with the ends aligned: row 0 is time 0, the last row time 1. Times outside are clamped.
-    """
-    shares: dict[int, float] = {}
-    for row, share in _neighbours(min(max(time, 0.0), 1.0) * (rows - 1), rows):
-        for table_row, part in _neighbours(row * (table_rows - 1) / max(rows - 1, 1), table_rows):
-            shares[table_row] = shares.get(table_row, 0.0) + share * part
-    return shares
+
+def resampled(table: np.ndarray, rows: int) -> np.ndarray:
+    """(rows, T) a table's values at as many times, evenly from 0 to 1."""
+    return np.stack([_between(table, row * (len(table) - 1) / max(rows - 1, 1)) for row in range(rows)])
+
+
+def _between(table: np.ndarray, position: float) -> np.ndarray:
+    row = min(int(position), max(len(table) - 2, 0))
+    share = position - row
+    return table[row] if share == 0.0 else (1.0 - share) * table[row] + share * table[row + 1]
 
 
 @functools.lru_cache(maxsize=4096)  # a training comes back to a few hundred moments in thousands of steps
 def temporal_weights(time: float, rows: int, table_rows: int) -> np.ndarray:
-    """(table_rows,) float32, read-only: ``temporal_shares`` as a vector."""
-    weights = np.zeros(table_rows, np.float32)
-    for row, share in temporal_shares(time, rows, table_rows).items():
-        weights[row] = share
+    """(table_rows,) float32, read-only: what each row counts at a time when the table is resampled to ``rows``."""
+    weights = interpolated(resampled(np.eye(table_rows), rows), time).astype(np.float32)
     weights.flags.writeable = False
     return weights
-
-
-def _neighbours(position: float, count: int) -> list[tuple[int, float]]:
-    low = min(int(position), max(count - 2, 0))
-    share = position - low
-    return [(low, 1.0 - share)] if share == 0.0 else [(low, 1.0 - share), (low + 1, share)]

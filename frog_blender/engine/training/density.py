@@ -87,9 +87,9 @@ class DensityControl:
 
     @torch.no_grad()
     def round(
-        self, canonical: CanonicalField, optimizer: SceneOptimizer, generator: torch.Generator
+        self, canonical: CanonicalField, optimizer: SceneOptimizer, limit: int, generator: torch.Generator
     ) -> tuple[int, int]:
-        """One round of growth and pruning; returns how many came and how many went."""
+        """One round of growth, to ``limit`` Gaussians at most, and pruning; returns how many came and how many went."""
         recipe, count = self.recipe, len(canonical)
         # What is seen at one moment only is nearly transparent in the canonical field, and must stay.
         keep = self.peak_opacity > recipe.prune_opacity
@@ -98,7 +98,7 @@ class DensityControl:
         candidates = ((pull > recipe.densify_threshold) & keep).nonzero().squeeze(1)
         wanted = min(recipe.newcomers(count, recipe.densify_growth, _GROWTH_WHILE_FEW), len(candidates))
         chosen = candidates[pull[candidates].topk(wanted).indices]
-        room = max(recipe.growth_limit - int(keep.sum()), 0)
+        room = max(limit - int(keep.sum()), 0)
         if wanted > room:
             replaced = self.least_needed(wanted - room, keep.index_fill(0, chosen, False))
             keep[replaced] = False

@@ -91,7 +91,7 @@ class Workload:
         r = self.recipe
         growing = np.clip(_MOMENTS, r.densify_from, r.densify_until) - r.densify_from
         grown = r.seed_gaussians * (1 + r.densify_growth) ** (growing / r.densify_every)
-        gaussians = np.minimum(grown, r.growth_limit)
+        gaussians = np.minimum(grown, [r.growth_limit_at(moment) for moment in _MOMENTS])
         whole = (1 - r.region_share) + r.region_share * r.region_size**2
         pixels = self.pixels * np.where(r.half_size_until > _MOMENTS, 0.25, whole)
         each = _GAUSSIANS + _WEIGHTS * _weights(r) / 1e3

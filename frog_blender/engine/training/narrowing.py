@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 ALLOWED_WIDTH_LOSS = 0.03
 """dB that a narrower network may cost on the withheld pictures; the rest of the training makes it up."""
 STEP = 16  # units that the native library computes at once
-_LOOKS, _GAUSSIANS = 8, 4096  # that units are measured on at most: they are few
+_LOOKS, _GAUSSIANS = 4, 2048  # that units are measured on at most: they are few
 _GROWTH = 4.0  # of what narrowing costs, for each STEP
 _DAMPING = 1e-6  # of the mean second moment: units that always have the same values
 

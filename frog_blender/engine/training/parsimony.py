@@ -31,10 +31,10 @@ from .validation import Judge, withheld_shots
 if TYPE_CHECKING:
     from .trainer import Trainer
 
-SETTLED = 0.85
+SETTLED = 0.8
 ROUNDS = {0.3: "wake", SETTLED: "settle", 0.93: "wake"}
 """What happens at which fraction of the training. Motion is learned until late: Gaussians that were put to rest at 0.45
-or 0.72 would have learned more (docs/parsimony.md); from the second round on rates cool down (recipe.cool_down)."""
+or 0.72 would have learned more (docs/parsimony.md). Soon after the second round rates cool down (recipe.cool_down)."""
 WITHHELD = (0.5, SETTLED)
 """Fractions of the training between which the withheld pictures are not learned from."""
 _LOOKS, _JUDGED = 24, 8  # views that Gaussians are measured on; pictures that judge where none was withheld
@@ -119,11 +119,14 @@ class Parsimony:
         new, self._told = self.reductions[self._told :], len(self.reductions)
         return new
 
-    def psnr_with(self, trainer: Trainer, change: Callable[[str, torch.Tensor], torch.Tensor]) -> float:
-        """On the withheld pictures, with ``change(name, value)`` in place of the model's tensors."""
+    def psnr_with(
+        self, trainer: Trainer, change: Callable[[str, torch.Tensor], torch.Tensor], most: int | None = None
+    ) -> float:
+        """On the withheld pictures, ``most`` of them at most, with ``change(name, value)`` in place of the model's
+        tensors."""
         kept = {name: value.clone() for name, value in trainer.model.state_dict().items()}
         trainer.model.load_state_dict({name: change(name, value) for name, value in kept.items()})
-        changed = self.judge(trainer).now
+        changed = self.judge(trainer, most).now
         trainer.model.load_state_dict(kept)
         return changed
 
@@ -165,14 +168,14 @@ class Parsimony:
         moving = trainer.model.canonical.moving
         return measure_motion(lambda moment: gaussians_at(trainer, moment), moving, trainer.capture, looks, generator)
 
-    def judge(self, trainer: Trainer) -> Judge:
-        """Of the Gaussians as they stand."""
+    def judge(self, trainer: Trainer, most: int | None = None) -> Judge:
+        """Of the Gaussians as they stand; by ``most`` pictures at most."""
         capture = trainer.capture
 
         def gaussians_of(shot: int) -> GaussianArrays:
             return gaussians_at(trainer, frame_to_time(capture.shots[shot].frame, capture.frame_count))
 
-        return Judge(capture, trainer.store, self.judged, gaussians_of)
+        return Judge(capture, trainer.store, self.judged[:most], gaussians_of)
 
     def note(self, what: str, trainer: Trainer, before: int, after: int, loss: float | None = None) -> None:
         """Adds a reduction that saves neither time nor bytes by itself."""

@@ -11,8 +11,9 @@ from ..model.choices import FORMS, FUSIONS
 
 SAMPLINGS = ("anchors", "inverse", "off")
 _MOST_COARSE_ROWS = 30
-_GROWN = 1.075
-"""Times as many Gaussians as a scene keeps, with automatic capacity, before what pictures do not miss is left out."""
+_GROWN, _GROWN_FROM = 1.075, 0.4
+"""Times as many Gaussians as a scene keeps, with automatic capacity, before what pictures do not miss is left out; and
+the fraction of the training before which there are no more than it keeps."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +24,7 @@ class Recipe:
         name: "draft" or "standard"; "paper" (N3DV), "hypernerf" and "technicolor" follow the papers.
         steps: optimiser steps, each on one picture or part of it, at least.
         steps_per_moment: for each of the capture's moments; what is longer of the two is trained.
-        max_gaussians: of a scene at most, see ``growth_limit``.
+        max_gaussians: of a scene at most, see ``growth_limit_at``.
         kept_gaussians: of them, those that a scene has in the end at most, with automatic capacity; 0 for as many as it
             needs (see training.budget).
         seed_gaussians: seed points at most.
@@ -164,10 +165,10 @@ class Recipe:
         share = self.coarse_share
         return max(2, min(rows, round(rows * share) if share else min(_MOST_COARSE_ROWS, rows // 2)))
 
-    @property
-    def growth_limit(self) -> int:
-        """Gaussians that a training grows to."""
-        return int(_GROWN * self.max_gaussians) if self.capacity == "auto" else self.max_gaussians
+    def growth_limit_at(self, progress: float) -> int:
+        """Gaussians that a training grows to at ``progress``."""
+        beyond = self.capacity == "auto" and progress >= _GROWN_FROM
+        return int(_GROWN * self.max_gaussians) if beyond else self.max_gaussians
 
     @property
     def kept_at_most(self) -> int:

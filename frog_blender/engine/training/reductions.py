@@ -17,6 +17,7 @@ from ..model.frog import Frog
 from ..rasterizer import GaussianArrays
 from .device import picture_on
 from .motion import Motion, unrest
+from .resolution import halved_capture, sized
 from .resting import all_but, arrange, gaussians_at, put_to_rest, wake
 from .validation import Judge, most_within
 
@@ -29,6 +30,7 @@ ALLOWED_LOSS = 0.05
 ALLOWED_PRUNING_LOSS, ALLOWED_COLOR_LOSS, ALLOWED_HEAD_LOSS = 0.03, 0.03, 0.01
 RESTS_BELOW, ALL_REST_BELOW = 4.0, 2.0
 """Score (see motion.Motion) below which a Gaussian may rest; and below which every one may, if none is above."""
+_GLANCE, _CLEARLY = 2, 5.0  # pictures that tell at once what costs clearly more than is allowed: so many times
 _MOST_PRUNED = 0.6  # of the Gaussians, in a round
 _WAKES_ABOVE = 0.1  # error that changes with time, of the pictures' mean brightness
 _MOST_WOKEN = 0.1  # of the Gaussians at rest
@@ -97,6 +99,7 @@ def silence_heads(rounds: Parsimony, trainer: Trainer, judge: Judge) -> None:
     model = trainer.model
     if not isinstance(model, Frog) or not model.canonical.moving:
         return
+    glance = rounds.judge(trainer, _GLANCE)
     for name in model.heads:
         rows = model.output_rows(name)
 
@@ -106,6 +109,8 @@ def silence_heads(rounds: Parsimony, trainer: Trainer, judge: Judge) -> None:
                 value[rows] = 0
             return value
 
+        if glance.now - rounds.psnr_with(trainer, silent, _GLANCE) > _CLEARLY * ALLOWED_HEAD_LOSS:
+            continue
         loss = judge.now - rounds.psnr_with(trainer, silent)
         if loss > ALLOWED_HEAD_LOSS:
             continue
@@ -156,13 +161,16 @@ def rest(rounds: Parsimony, trainer: Trainer, judge: Judge, motion: Motion) -> N
 
 
 def wake_some(rounds: Parsimony, trainer: Trainer, generator: torch.Generator) -> None:
-    """Lets those move again around which the error changes with time."""
-    canonical, capture = trainer.model.canonical, trainer.capture
+    """Lets those move again around which the error changes with time; half the pixels a side show that."""
+    canonical, capture = trainer.model.canonical, halved_capture(trainer.capture)
     moving = canonical.moving
     shots = _moments_of_cameras(trainer, rounds.looked_at, generator)
     if moving == trainer.count or not shots:
         return
-    truths = {index: picture_on(trainer.device, trainer.store.image(index)) for of in shots for index in of}
+    truths = {}
+    for index in (index for of_camera in shots for index in of_camera):
+        pixels = sized(trainer.store.image(index), capture.cameras[capture.shots[index].camera])
+        truths[index] = picture_on(trainer.device, pixels)
     found = unrest(lambda moment: gaussians_at(trainer, moment), truths.__getitem__, capture, shots)[moving:]
     brightness = float(np.mean([float(truth.mean()) for truth in truths.values()]))
     most = int(_MOST_WOKEN * len(found))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..capture.camera import Camera
+from ..capture.capture import Capture
 
 _LEAST = 64  # pixels a side; smaller pictures stay as they are
 
@@ -29,3 +30,13 @@ def halved_picture(pixels: np.ndarray) -> np.ndarray:
 
     height, width = pixels.shape[:2]
     return cv2.resize(pixels, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
+
+
+def halved_capture(capture: Capture) -> Capture:
+    """The same shots from cameras with half the pixels a side, but for those whose pictures stay as they are."""
+    return capture.with_cameras(halved(each) if is_halved(each, 0.0, 1.0) else each for each in capture.cameras)
+
+
+def sized(pixels: np.ndarray, camera: Camera) -> np.ndarray:
+    """(H, W, 3) uint8 a picture as its camera or the halved one sees it."""
+    return pixels if pixels.shape[:2] == (camera.height, camera.width) else halved_picture(pixels)

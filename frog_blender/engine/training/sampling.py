@@ -123,7 +123,7 @@ def inject_anchors(trainer: Trainer, progress: float, shot_index: int) -> None:
     they take the places of those that are least needed (see training.density)."""
     recipe, canonical = trainer.recipe, trainer.model.canonical
     newcomers = recipe.newcomers(trainer.count, recipe.sampling_share, _WHILE_FEW)
-    room = max(recipe.growth_limit - trainer.count, 0)
+    room = max(recipe.growth_limit_at(progress) - trainer.count, 0)
     replaced = trainer.density.least_needed(newcomers - room)
     newcomers = min(newcomers, room + len(replaced))
     if not newcomers:

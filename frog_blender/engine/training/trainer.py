@@ -27,7 +27,7 @@ from .parsimony import Parsimony
 from .poses import PoseRefinement
 from .recipe import Recipe
 from .regions import RegionPicker
-from .resolution import halved, halved_picture, is_halved
+from .resolution import halved, is_halved, sized
 from .running_loss import RunningLoss, Unstable
 from .sampling import inject_anchors
 from .schedule import Every, ShotPicker, ramp
@@ -217,9 +217,7 @@ class Trainer:
         """A picture (H, W, 3) uint8, its drawing, and the Gaussians and changes that were drawn."""
         shot = self.capture.shots[shot_index]
         camera = self.camera_at(shot.camera, progress)
-        pixels = self.store.image(shot_index)
-        if camera is not self.capture.cameras[shot.camera]:
-            pixels = halved_picture(pixels)
+        pixels = sized(self.store.image(shot_index), camera)
         left, top, width, height = options.region_of(camera)
         gaussians, changes = self.gaussians_at(frame_to_time(shot.frame, self.capture.frame_count), progress)
         image = rasterize(gaussians, camera, self.capture.background, options, pose=pose)
@@ -255,7 +253,8 @@ class Trainer:
         grows = not (self.parsimony and self.parsimony.settled(now))
         densified = grows and self._densify.due(before, now)
         if densified:
-            self.density.round(self.model.canonical, self.optimizer, self.generator)
+            limit = self.recipe.growth_limit_at(now)
+            self.density.round(self.model.canonical, self.optimizer, limit, self.generator)
         if grows and self.recipe.sampling != "off" and self._sample.due(before, now):
             inject_anchors(self, now, shot)
         if densified and self.recipe.smoothness_weight:
