@@ -30,6 +30,12 @@ def _between(table: np.ndarray, position: float) -> np.ndarray:
 @functools.lru_cache(maxsize=4096)  # a training comes back to a few hundred moments in thousands of steps
 def temporal_weights(time: float, rows: int, table_rows: int) -> np.ndarray:
     """(table_rows,) float32, read-only: what each row counts at a time when the table is resampled to ``rows``."""
-    weights = interpolated(resampled(np.eye(table_rows), rows), time).astype(np.float32)
+    weights = interpolated(_resampling(rows, table_rows), time).astype(np.float32)
     weights.flags.writeable = False
     return weights
+
+
+@functools.lru_cache(maxsize=8)
+def _resampling(rows: int, table_rows: int) -> np.ndarray:
+    """(rows, table_rows) what makes the one of the other."""
+    return resampled(np.eye(table_rows), rows)
