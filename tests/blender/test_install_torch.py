@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import threading
 import time
@@ -36,6 +37,8 @@ def index(tmp_path, monkeypatch):
     """Packages that pip finds in place of the real ones, and no network."""
     for name in PACKAGES:
         wheel(tmp_path / "wheels", name, "answer = 42\n")
+    monkeypatch.setenv("PIP_CONFIG_FILE", os.devnull)  # this computer's may hold torch to a version
+    monkeypatch.delenv("PIP_CONSTRAINT", raising=False)
     monkeypatch.setenv("PIP_NO_INDEX", "1")
     monkeypatch.setenv("PIP_FIND_LINKS", str(tmp_path / "wheels"))
     return tmp_path / "wheels"
