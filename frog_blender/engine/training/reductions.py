@@ -162,15 +162,18 @@ def rest(rounds: Parsimony, trainer: Trainer, judge: Judge, motion: Motion) -> N
 
 def wake_some(rounds: Parsimony, trainer: Trainer, generator: torch.Generator) -> None:
     """Lets those move again around which the error changes with time; half the pixels a side show that."""
-    canonical, capture = trainer.model.canonical, halved_capture(trainer.capture)
+    canonical = trainer.model.canonical
     moving = canonical.moving
     shots = _moments_of_cameras(trainer, rounds.looked_at, generator)
     if moving == trainer.count or not shots:
         return
-    truths = {}
-    for index in (index for of_camera in shots for index in of_camera):
-        pixels = sized(trainer.store.image(index), capture.cameras[capture.shots[index].camera])
-        truths[index] = picture_on(trainer.device, pixels)
+    capture = halved_capture(trainer.capture)
+
+    def truth_of(index: int) -> torch.Tensor:
+        camera = capture.cameras[capture.shots[index].camera]
+        return picture_on(trainer.device, sized(trainer.store.image(index), camera))
+
+    truths = {index: truth_of(index) for of in shots for index in of}
     found = unrest(lambda moment: gaussians_at(trainer, moment), truths.__getitem__, capture, shots)[moving:]
     brightness = float(np.mean([float(truth.mean()) for truth in truths.values()]))
     most = int(_MOST_WOKEN * len(found))

@@ -16,7 +16,11 @@ _LEAST = 64  # pixels a side; smaller pictures stay as they are
 
 def is_halved(camera: Camera, progress: float, until: float) -> bool:
     """True where ``camera`` is drawn at half its size at ``progress``, both fractions of the training."""
-    return progress < until and min(camera.width, camera.height) >= _LEAST
+    return progress < until and _is_large(camera)
+
+
+def _is_large(camera: Camera) -> bool:
+    return min(camera.width, camera.height) >= _LEAST
 
 
 def halved(camera: Camera) -> Camera:
@@ -34,7 +38,7 @@ def halved_picture(pixels: np.ndarray) -> np.ndarray:
 
 def halved_capture(capture: Capture) -> Capture:
     """The same shots from cameras with half the pixels a side, but for those whose pictures stay as they are."""
-    return capture.with_cameras(halved(each) if is_halved(each, 0.0, 1.0) else each for each in capture.cameras)
+    return capture.with_cameras(halved(each) if _is_large(each) else each for each in capture.cameras)
 
 
 def sized(pixels: np.ndarray, camera: Camera) -> np.ndarray:
