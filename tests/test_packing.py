@@ -18,7 +18,7 @@ from safetensors.numpy import save
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.files import read_scene, scene_bytes, write_scene
 from frog_blender.engine.inference.scene import PlayableScene
-from frog_blender.engine.packing import BITS, BLOCK, ordered, pack, unpack, unpack_scene
+from frog_blender.engine.packing import BITS, BLOCK, pack, unpack, unpack_scene
 
 
 @pytest.mark.parametrize("count", [1, 2, BLOCK - 1, BLOCK, BLOCK + 1, 3000])
@@ -53,15 +53,6 @@ def test_empty_and_single_numbers(shape: tuple[int, ...]) -> None:
 def test_numbers_that_cannot_be_packed(name: str, value: float) -> None:
     with pytest.raises(ValueError, match=name):
         pack(name, np.full((5, 3), value, np.float32))
-
-
-def test_neighbours_come_together() -> None:
-    random = np.random.default_rng(3)
-    means = np.float32(random.uniform(-1, 1, (4000, 3)))
-    order = ordered(means)
-    assert sorted(order) == list(range(4000))
-    apart = np.linalg.norm(np.diff(means[order], axis=0), axis=1).mean()
-    assert apart < 0.2 * np.linalg.norm(np.diff(means, axis=0), axis=1).mean()
 
 
 @pytest.mark.parametrize("moving", [40, 13])

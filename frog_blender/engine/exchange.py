@@ -9,8 +9,8 @@ from pathlib import Path
 from .errors import FrogError
 from .files import SceneFile, SceneHeader, read_scene, write_scene
 from .inference.scene import CANONICAL, PlayableScene
-from .packing import ordered
 from .ply import read_splats, write_splats
+from .spatial_order import along_curve
 
 FROM_PLY = "ply"
 """``capture_format`` of a scene that is a ``.ply`` of another program."""
@@ -40,7 +40,7 @@ def import_splats(source: Path, target: Path, *, compact: bool = False) -> Impor
     splats = read_splats(source)
     arrays = splats.arrays
     if compact:  # neighbours in the file are packed well if they are neighbours in the scene
-        order = ordered(arrays["means"])
+        order = along_curve(arrays["means"])
         arrays = {name: array[order] for name, array in arrays.items()}
     assert arrays.keys() == CANONICAL
     header = SceneHeader(

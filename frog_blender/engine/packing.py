@@ -1,8 +1,8 @@
 """Arrays of a scene as few bytes: quantised in blocks, laid out by significance, compressed by zlib. No torch.
 
 A block is 256 rows in which each column is stored as whole numbers between its least and largest value. Gaussians that
-lie side by side in the file lie side by side in the scene (``ordered``), so a block spans little and neighbours have
-bytes in common.
+lie side by side in the file lie side by side in the scene (see spatial_order), so a block spans little and neighbours
+have bytes in common.
 """
 
 from __future__ import annotations
@@ -109,19 +109,6 @@ def unpack_scene(arrays: dict[str, np.ndarray], descriptions: dict[str, Any]) ->
         for name, description in descriptions.items()
         if name != "means"
     }
-
-
-def ordered(means: np.ndarray) -> np.ndarray:
-    """(N,) an order in which Gaussians that follow each other lie near each other (Morton's curve through means)."""
-    if not len(means):
-        return np.empty(0, np.int64)
-    least, largest = np.percentile(means, [1, 99], axis=0)  # a Gaussian far away must not put all others in one cell
-    cells = ((means.clip(least, largest) - least) / np.maximum(largest - least, 1e-12) * (2**16 - 1)).astype(np.uint64)
-    code = np.zeros(len(means), np.uint64)
-    for bit in range(16):
-        for axis in range(3):
-            code |= ((cells[:, axis] >> np.uint64(bit)) & np.uint64(1)) << np.uint64(3 * bit + axis)
-    return np.argsort(code, kind="stable")
 
 
 def _ranges(rows: np.ndarray, bits: int) -> tuple[np.ndarray, np.ndarray]:

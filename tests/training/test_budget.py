@@ -82,7 +82,7 @@ def test_recipes_with_a_budget() -> None:
 
 def test_a_budget_of_bytes_holds_exactly(filmed: Path, tmp_path: Path, lively: Callable) -> None:
     sizes, counts, limits = {}, {}, {}
-    for name, share in (("a", 0.0), ("b", 0.94), ("c", 0.86), ("again", 0.86)):
+    for name, share in (("a", 0.0), ("b", 0.96), ("c", 0.92), ("again", 0.92)):
         most = limits[name] = int(share * sizes.get("a", 0)) or None
         path = tmp_path / f"{name}.frog"
         finished = list(run_training(TrainingJob(filmed, path, recipe=lively(60, capacity="auto"), max_bytes=most)))[-1]

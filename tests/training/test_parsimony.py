@@ -16,7 +16,7 @@ from frog_blender.engine.training import parsimony, reductions
 from frog_blender.engine.training.checkpoint import load_checkpoint, save_checkpoint
 from frog_blender.engine.training.job import TrainingJob, run_training
 from frog_blender.engine.training.motion import Motion
-from frog_blender.engine.training.resting import put_to_rest, wake
+from frog_blender.engine.training.resting import arrange
 from frog_blender.engine.training.trainer import Trainer
 
 pytestmark = pytest.mark.usefixtures("seeds_at_no_cost")
@@ -41,56 +41,6 @@ def test_rounds_make_the_scene_smaller_and_training_goes_on(make_trainer: Make) 
     assert all((reduction.loss or 0.0) <= worst for reduction in auto.parsimony.reductions)
 
 
-def rest_of(trainer: Trainer, who: torch.Tensor) -> dict[str, torch.Tensor]:
-    """A state that tells every Gaussian apart, for put_to_rest."""
-    canonical = trainer.model.canonical
-    names = ("means", "quaternions", "log_scales", "opacity_logits", "sh")
-    return {name: getattr(canonical, name).detach()[: canonical.moving] + 0.01 for name in names}
-
-
-def test_rest_is_the_same_at_all_times_and_moves_no_one_else(make_trainer: Make) -> None:
-    trainer = make_trainer(100)
-    while trainer.step_count < 50:
-        trainer.step()
-    count, who = trainer.count, torch.tensor([3, 10, 11, 200])
-    before, state = trainer.gaussians_at(0.3, 1.0)[0], rest_of(trainer, who)
-    memory = trainer.optimizer.adam.state[trainer.model.canonical.means]["exp_avg"].clone()
-    put_to_rest(trainer, who, state)
-    canonical = trainer.model.canonical
-    assert (trainer.count, canonical.moving) == (count, count - 4)
-    others = torch.tensor([i for i in range(count) if i not in who.tolist()])
-    for time in (0.3, 0.9):
-        after = trainer.gaussians_at(time, 1.0)[0]
-        torch.testing.assert_close(after.means[count - 4 :], state["means"][who])
-        torch.testing.assert_close(after.scales[count - 4 :], state["log_scales"][who].exp())
-    after = trainer.gaussians_at(0.3, 1.0)[0]
-    torch.testing.assert_close(after.means[: count - 4], before.means[others])
-    torch.testing.assert_close(after.opacities[: count - 4], before.opacities[others])
-    now = trainer.optimizer.adam.state[canonical.means]["exp_avg"]
-    torch.testing.assert_close(now, memory[torch.cat([others, who])])
-    assert trainer.neighbourhood is None or int(trainer.neighbourhood.neighbours.max()) < canonical.moving
-    trained(trainer)
-    assert torch.isfinite(trainer.model.canonical.means).all()
-
-
-def test_waking_gives_an_embedding_and_keeps_the_state(make_trainer: Make) -> None:
-    trainer = make_trainer(60)
-    while trainer.step_count < 20:
-        trainer.step()
-    everyone = torch.arange(trainer.count)
-    put_to_rest(trainer, everyone, rest_of(trainer, everyone))
-    assert trainer.model.canonical.moving == 0
-    assert trainer.gaussians_at(0.5, 1.0)[1] == {}
-    trainer.step()
-    still = trainer.gaussians_at(0.0, 1.0)[0].means
-    wake(trainer, torch.tensor([7, 100]))
-    canonical = trainer.model.canonical
-    assert canonical.moving == 2 and canonical.embeddings.shape == (2, 32)
-    torch.testing.assert_close(canonical.means[:2], still[[7, 100]])
-    trained(trainer)
-    assert canonical.embeddings.abs().sum() > 0  # the optimiser knows them
-
-
 def test_a_scene_that_was_frozen_too_early_wakes(make_trainer: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(parsimony, "nothing_moves", lambda *_: True)
     trainer = trained(make_trainer(300, capacity="auto"))
@@ -111,7 +61,7 @@ def test_looking_leaves_no_gradient_behind(make_trainer: Make) -> None:
         reductions.wake_some(trainer.parsimony, trainer, torch.Generator().manual_seed(0))
         assert all(parameter.grad is None for parameter in trainer.model.parameters())
         everyone = torch.arange(trainer.model.canonical.moving)
-        put_to_rest(trainer, everyone, rest_of(trainer, everyone))
+        arrange(trainer, everyone, everyone[:0])
 
 
 def test_a_silenced_head_stays_silent(make_trainer: Make) -> None:

@@ -1,4 +1,5 @@
-"""Putting Gaussians to rest and waking them: everything in a trainer that knows Gaussians by their places follows."""
+"""Where Gaussians stand in their arrays: neighbours together, those at rest behind those that move. Everything in a
+trainer that knows Gaussians by their places follows."""
 
 from __future__ import annotations
 
@@ -8,6 +9,7 @@ import torch
 
 from ..model.frog import total_deformation
 from ..rasterizer import GaussianArrays
+from ..spatial_order import neighbours_together
 
 if TYPE_CHECKING:
     from .trainer import Trainer
@@ -35,6 +37,18 @@ def arrange(
     trainer.density.arrange(who)
     if trainer.neighbourhood is not None:
         trainer.find_neighbours()
+
+
+def put_neighbours_together(trainer: Trainer) -> None:
+    """Steps are faster then, those on rectangles most: what they draw lies together (docs/design.md)."""
+    canonical = trainer.model.canonical
+    order = neighbours_together(canonical.means.detach().cpu().numpy(), canonical.moving)
+    who = torch.from_numpy(order).to(trainer.device)
+    movers = who[: canonical.moving]
+    trainer.optimizer.arrange(who, movers, {})
+    trainer.density.arrange(who)
+    if trainer.neighbourhood is not None:
+        trainer.neighbourhood = trainer.neighbourhood.arranged(movers)
 
 
 def put_to_rest(trainer: Trainer, who: torch.Tensor, state: dict[str, torch.Tensor]) -> None:

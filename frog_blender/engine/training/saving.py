@@ -14,7 +14,8 @@ from ..errors import FrogError
 from ..files import SceneFile, SceneHeader, scene_bytes, settings_json, write_atomically
 from ..inference.scene import BY_GAUSSIAN, CANONICAL
 from ..model.canonical import ATTRIBUTES
-from ..packing import ordered, pack, unpack
+from ..packing import pack, unpack
+from ..spatial_order import neighbours_together
 from .budget import fit_within, keep_within
 from .parsimony import Reduction, heads_of
 from .resting import arrange
@@ -134,9 +135,7 @@ def _arrays(trainer: Trainer) -> dict[str, np.ndarray]:
 
 
 def _order(arrays: dict[str, np.ndarray]) -> np.ndarray:
-    """(N,) neighbours together: those that move among themselves, then those at rest."""
-    means, moving = arrays["means"], len(arrays.get("embeddings", ()))
-    return np.concatenate([ordered(means[:moving]), moving + ordered(means[moving:])])
+    return neighbours_together(arrays["means"], moving=len(arrays.get("embeddings", ())))
 
 
 def _sorted(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -28,11 +28,14 @@ from .poses import PoseRefinement
 from .recipe import Recipe
 from .regions import RegionPicker
 from .resolution import halved, is_halved, sized
+from .resting import put_neighbours_together
 from .running_loss import RunningLoss, Unstable
 from .sampling import inject_anchors
 from .schedule import Every, ShotPicker, ramp
 from .smoothness import SMOOTHED_EVERY, Neighbourhood
 from .start import first_model, scale_of
+
+_SORTED_EVERY = 0.1  # of the training, while it grows
 
 
 @dataclass(frozen=True)
@@ -86,6 +89,7 @@ class Trainer:
         self.picker = ShotPicker(capture, recipe.frame_choice)
         self.regions = RegionPicker(capture.cameras, recipe.region_share, recipe.region_size)
         self._densify = Every(recipe.densify_from, recipe.densify_until, recipe.densify_every)
+        self._sort = Every(recipe.densify_from, recipe.densify_until, _SORTED_EVERY)
         self._sample = Every(recipe.sampling_from, recipe.sampling_until, recipe.sampling_every)
         if self.parsimony:
             self.parsimony.begin(self)
@@ -259,6 +263,8 @@ class Trainer:
             inject_anchors(self, now, shot)
         if densified and self.recipe.smoothness_weight:
             self.find_neighbours()
+        if grows and self._sort.due(before, now):
+            put_neighbours_together(self)
         if self.parsimony:
             self.parsimony.after_step(self, before, now)
             self.picker.withhold(self.parsimony.withheld_at(now))
