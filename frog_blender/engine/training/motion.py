@@ -168,8 +168,8 @@ def _look(
 def backward_by_signs(image: Image, generator: torch.Generator) -> None:
     """One backward pass with random signs at the pixels: the square of each gradient that it gives is, in the mean, the
     squared norm of the picture's derivative (Hutchinson's estimator)."""
-    ones = torch.randint(2, image.rgb.shape, generator=generator, dtype=torch.float32, device="cpu")
-    signs = ones.mul_(2).sub_(1)
+    signs = torch.randint(2, image.rgb.shape, generator=generator, dtype=torch.float32, device="cpu")
+    signs.mul_(2).sub_(1)
     image.rgb.backward(signs.to(image.rgb.device))
 
 
