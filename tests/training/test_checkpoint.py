@@ -11,6 +11,7 @@ import mutating
 import numpy as np
 import pytest
 from helpers import scene_file
+from stepping import train
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.files import write_scene
@@ -26,12 +27,6 @@ from frog_blender.engine.training.trainer import Trainer
 
 Make = Callable[..., Trainer]
 Bits = Callable[[Trainer], dict[str, bytes]]
-
-
-def train(trainer: Trainer, until: int | None = None) -> Trainer:
-    while not trainer.finished and trainer.step_count != until:
-        trainer.step()
-    return trainer
 
 
 @pytest.mark.parametrize("method", ["frog", "static", "auto"])

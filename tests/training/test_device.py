@@ -13,6 +13,7 @@ import filmed as film
 import numpy as np
 import pytest
 import torch
+from stepping import train
 from torch.optim import Adam
 
 from frog_blender.cli import main
@@ -100,12 +101,6 @@ def make(capture: Capture, store: FrameStore, lively: Any) -> Make:
         return Trainer(capture, store, film.seeds(80), recipe, method, Limits(STEPS), seed, device)
 
     return make
-
-
-def train(trainer: Trainer, until: int | None = None) -> Trainer:
-    while not trainer.finished and trainer.step_count != until:
-        trainer.step()
-    return trainer
 
 
 def state(trainer: Trainer) -> dict[str, torch.Tensor]:

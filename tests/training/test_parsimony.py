@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from stepping import train
 
 from frog_blender.engine.inference.scene import PlayableScene
 from frog_blender.engine.training import parsimony, reductions
@@ -23,14 +24,8 @@ pytestmark = pytest.mark.usefixtures("seeds_at_no_cost")
 Make = Callable[..., Trainer]
 
 
-def trained(trainer: Trainer) -> Trainer:
-    while not trainer.finished:
-        trainer.step()
-    return trainer
-
-
 def test_rounds_make_the_scene_smaller_and_training_goes_on(make_trainer: Make) -> None:
-    fixed, auto = trained(make_trainer(400)), trained(make_trainer(400, capacity="auto"))
+    fixed, auto = train(make_trainer(400)), train(make_trainer(400, capacity="auto"))
     assert auto.parsimony
     whats = [reduction.what for reduction in auto.parsimony.reductions]
     assert "pruned" in whats and "put to rest" in whats
@@ -43,7 +38,7 @@ def test_rounds_make_the_scene_smaller_and_training_goes_on(make_trainer: Make) 
 
 def test_a_scene_that_was_frozen_too_early_wakes(make_trainer: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(parsimony, "nothing_moves", lambda *_: True)
-    trainer = trained(make_trainer(300, capacity="auto"))
+    trainer = train(make_trainer(300, capacity="auto"))
     assert trainer.parsimony
     first, *_ = [each for each in trainer.parsimony.reductions if each.what == "woken"]
     assert first.before == 0 and 0 < first.after < trainer.count
@@ -75,7 +70,7 @@ def test_a_silenced_head_stays_silent(make_trainer: Make) -> None:
     model.silence("log_scales")
     trainer.optimizer.stop(model.deformation.output_weight, rows)
     trainer.optimizer.stop(model.deformation.output_bias, rows)
-    trained(trainer)
+    train(trainer)
     assert model.heads == ["means", "quaternions", "opacity_logits", "sh"]
     assert not model.deformation.output_weight[rows].any() and not model.deformation.output_bias[rows].any()
     assert model.deformation.output_weight[:3].abs().sum() > 0
@@ -100,7 +95,7 @@ def test_colours_are_cut_where_nobody_misses_them(make_trainer: Make, monkeypatc
     hold(reductions.cut_colors, trainer)
     assert trainer.model.canonical.sh.shape[1] == 4
     assert [each.what for each in trainer.parsimony.reductions] == ["SH degree"]
-    trained(trainer)
+    train(trainer)
 
 
 def test_degrees_that_nobody_misses_go_one_after_the_other(make_trainer: Make) -> None:
@@ -196,7 +191,7 @@ def test_nothing_is_added_after_the_scene_has_settled(make_trainer: Make) -> Non
         trainer.step()
     count = trainer.count
     assert trainer.parsimony and "pruned" in [each.what for each in trainer.parsimony.reductions] and count < 600
-    trained(trainer)
+    train(trainer)
     assert trainer.count == count
 
 
@@ -207,7 +202,7 @@ def test_rounds_that_a_resume_would_jump_over_are_held(make_trainer: Make, tmp_p
     save_checkpoint(tmp_path / "c", trainer)
     shorter = make_trainer(130, capacity="auto")
     load_checkpoint(tmp_path / "c", shorter)
-    trained(shorter)
+    train(shorter)
     assert shorter.parsimony and "put to rest" in [each.what for each in shorter.parsimony.reductions]
 
 

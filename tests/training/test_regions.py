@@ -11,6 +11,7 @@ import torch
 from drawing import cut
 from filmed import rig
 from helpers import plain_camera
+from stepping import train
 
 from frog_blender.engine.rasterizer import RasterizeOptions
 from frog_blender.engine.training import trainer as trainer_module
@@ -135,12 +136,6 @@ class Stubborn(RegionPicker):
 
     def pick(self, camera: int, generator: torch.Generator) -> Region | None:
         return REGION
-
-
-def train(trainer: Trainer, until: int | None = None) -> Trainer:
-    while not trainer.finished and trainer.step_count != until:
-        trainer.step()
-    return trainer
 
 
 def regional(trainer: Trainer, least: int, monkeypatch: pytest.MonkeyPatch) -> Trainer:

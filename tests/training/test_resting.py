@@ -6,18 +6,13 @@ from collections.abc import Callable
 
 import pytest
 import torch
+from stepping import train
 
 from frog_blender.engine.training.resting import arrange, put_neighbours_together, put_to_rest, wake
 from frog_blender.engine.training.trainer import Trainer
 
 pytestmark = pytest.mark.usefixtures("seeds_at_no_cost")
 Make = Callable[..., Trainer]
-
-
-def trained(trainer: Trainer) -> Trainer:
-    while not trainer.finished:
-        trainer.step()
-    return trainer
 
 
 def rest_of(trainer: Trainer, who: torch.Tensor) -> dict[str, torch.Tensor]:
@@ -28,9 +23,7 @@ def rest_of(trainer: Trainer, who: torch.Tensor) -> dict[str, torch.Tensor]:
 
 
 def test_rest_is_the_same_at_all_times_and_moves_no_one_else(make_trainer: Make) -> None:
-    trainer = make_trainer(100)
-    while trainer.step_count < 50:
-        trainer.step()
+    trainer = train(make_trainer(100), until=50)
     count, who = trainer.count, torch.tensor([3, 10, 11, 200])
     before, state = trainer.gaussians_at(0.3, 1.0)[0], rest_of(trainer, who)
     memory = trainer.optimizer.adam.state[trainer.model.canonical.means]["exp_avg"].clone()
@@ -48,14 +41,12 @@ def test_rest_is_the_same_at_all_times_and_moves_no_one_else(make_trainer: Make)
     now = trainer.optimizer.adam.state[canonical.means]["exp_avg"]
     torch.testing.assert_close(now, memory[torch.cat([others, who])])
     assert trainer.neighbourhood is None or int(trainer.neighbourhood.neighbours.max()) < canonical.moving
-    trained(trainer)
+    train(trainer)
     assert torch.isfinite(trainer.model.canonical.means).all()
 
 
 def test_waking_gives_an_embedding_and_keeps_the_state(make_trainer: Make) -> None:
-    trainer = make_trainer(60)
-    while trainer.step_count < 20:
-        trainer.step()
+    trainer = train(make_trainer(60), until=20)
     everyone = torch.arange(trainer.count)
     put_to_rest(trainer, everyone, rest_of(trainer, everyone))
     assert trainer.model.canonical.moving == 0
@@ -66,7 +57,7 @@ def test_waking_gives_an_embedding_and_keeps_the_state(make_trainer: Make) -> No
     canonical = trainer.model.canonical
     assert canonical.moving == 2 and canonical.embeddings.shape == (2, 32)
     torch.testing.assert_close(canonical.means[:2], still[[7, 100]])
-    trained(trainer)
+    train(trainer)
     assert canonical.embeddings.abs().sum() > 0  # the optimiser knows them
 
 
@@ -76,9 +67,7 @@ def steps_between(means: torch.Tensor) -> float:
 
 
 def test_neighbours_come_together_and_everything_follows(make_trainer: Make) -> None:
-    trainer = make_trainer(100)
-    while trainer.step_count < 50:
-        trainer.step()
+    trainer = train(make_trainer(100), until=50)
     put_to_rest(trainer, torch.arange(20, 90), rest_of(trainer, torch.arange(20, 90)))
     canonical, adam = trainer.model.canonical, trainer.optimizer.adam
     shuffled = torch.randperm(canonical.moving, generator=torch.Generator().manual_seed(1))
@@ -107,7 +96,7 @@ def test_neighbours_come_together_and_everything_follows(make_trainer: Make) -> 
 
 @pytest.mark.parametrize("capacity", ["fixed", "auto"])
 def test_a_training_leaves_neighbours_together(make_trainer: Make, capacity: str) -> None:
-    canonical = trained(make_trainer(100, capacity=capacity)).model.canonical
+    canonical = train(make_trainer(100, capacity=capacity)).model.canonical
     means = canonical.means.detach()[: canonical.moving]
     order = torch.randperm(len(means), generator=torch.Generator().manual_seed(1))
     assert steps_between(means) < 0.7 * steps_between(means[order])

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from stepping import train
 
 from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.training.checkpoint import load_checkpoint, save_checkpoint
@@ -13,12 +14,6 @@ from frog_blender.engine.training.trainer import Trainer
 
 RIVALS = ("d3dgs", "hexplane", "curves")
 STEPS = 480  # 4DGaussians has found the ball by then, whatever the seed
-
-
-def train(trainer: Trainer, until: int | None = None) -> Trainer:
-    while not trainer.finished and trainer.step_count != until:
-        trainer.step()
-    return trainer
 
 
 def moving_psnr(trainer: Trainer, store: FrameStore, camera: int) -> float:

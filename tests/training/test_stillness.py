@@ -21,12 +21,6 @@ pytestmark = pytest.mark.usefixtures("seeds_at_no_cost")
 Make = Callable[..., Trainer]
 
 
-def trained(trainer: Trainer) -> Trainer:
-    while not trainer.finished:
-        trainer.step()
-    return trainer
-
-
 class Repeated:
     """A store whose pictures are a camera's first, with noise; ``moved`` pixels of one moment differ."""
 

@@ -11,6 +11,7 @@ import filmed as film
 import numpy as np
 import pytest
 import torch
+from stepping import train
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.frames import FrameStore
@@ -21,12 +22,6 @@ from frog_blender.engine.training.density import DensityControl
 from frog_blender.engine.training.trainer import Limits, Trainer
 
 STEPS = 600
-
-
-def train(trainer: Trainer, until: int | None = None) -> Trainer:
-    while not trainer.finished and trainer.step_count != until:
-        trainer.step()
-    return trainer
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from stepping import train
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.training.schedule import ShotPicker
@@ -17,12 +18,6 @@ from frog_blender.engine.training.trainer import Trainer
 from frog_blender.engine.training.validation import most_within, withheld_shots
 
 Make = Callable[..., Trainer]
-
-
-def trained(trainer: Trainer) -> Trainer:
-    while not trainer.finished:
-        trainer.step()
-    return trainer
 
 
 def test_withheld_pictures_are_training_pictures_spread_over_time(capture: Capture) -> None:
@@ -54,7 +49,7 @@ def test_withheld_pictures_are_not_drawn(capture: Capture) -> None:
 
 def test_no_test_picture_is_ever_looked_at(make_trainer: Make, watched: Callable, capture: Capture) -> None:
     store = watched()
-    trainer = trained(make_trainer(60, capacity="auto", watched=store))
+    trainer = train(make_trainer(60, capacity="auto", watched=store))
     assert trainer.parsimony and trainer.parsimony.reductions
     assert store.read and not any(capture.is_test(capture.shots[index]) for index in store.read)
 
