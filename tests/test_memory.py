@@ -1,11 +1,15 @@
-"""Freed memory goes back to the system."""
+"""Freed memory goes back to the system, and old objects are not looked through again and again."""
 
 from __future__ import annotations
 
+import gc
 import sys
+import weakref
 
 import pytest
 from helpers import run_python
+
+from frog_blender.engine.memory import old_objects_left_alone
 
 FREE_BUT_THE_LAST = """
 import ctypes
@@ -39,3 +43,27 @@ def test_what_is_free_goes_back() -> None:
     assert done.returncode == 0, done.stderr
     before, after = (4096 * int(pages) for pages in done.stdout.split())
     assert before > 200e6 and after < before - 150e6
+
+
+class Cycle:
+    """Garbage that only the collector finds."""
+
+    def __init__(self) -> None:
+        self.me = self
+
+
+def test_old_objects_are_left_alone_until_the_block_ends_however_it_does() -> None:
+    gc.collect()
+    gc.disable()
+    try:
+        old = weakref.ref(Cycle())
+        with pytest.raises(ZeroDivisionError), old_objects_left_alone():
+            new = weakref.ref(Cycle())
+            gc.collect()
+            assert old() is not None and new() is None
+            1 // 0  # noqa: B018
+        assert gc.get_freeze_count() == 0
+        gc.collect()
+        assert old() is None
+    finally:
+        gc.enable()

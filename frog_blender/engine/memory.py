@@ -1,9 +1,26 @@
-"""Giving memory back to the system."""
+"""Giving memory back to the system, and not looking through all of it again and again."""
 
 from __future__ import annotations
 
 import ctypes
+import gc
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+@contextmanager
+def old_objects_left_alone() -> Iterator[None]:
+    """Inside the block Python's garbage collector passes over every object that was there before it.
+
+    A training's steps make so many objects that it looks through all of them again and again: torch's, numpy's and
+    Blender's are hundreds of thousands, and took 4 % of a step.
+    """
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
 
 
 def give_back() -> None:

@@ -52,7 +52,7 @@ def test_waking_gives_an_embedding_and_keeps_the_state(make_trainer: Make) -> No
     assert trainer.model.canonical.moving == 0
     assert trainer.gaussians_at(0.5, 1.0)[1] == {}
     trainer.step()
-    still = trainer.gaussians_at(0.0, 1.0)[0].means
+    still = trainer.gaussians_at(0.0, 1.0)[0].means.clone()
     wake(trainer, torch.tensor([7, 100]))
     canonical = trainer.model.canonical
     assert canonical.moving == 2 and canonical.embeddings.shape == (2, 32)

@@ -184,12 +184,15 @@ def test_at_the_limit_anchors_take_the_places_of_those_least_needed(make_trainer
     trainer.density.peak_weight[[2, 5]] = 0.01
     before = means.detach().clone()
     trainer.find_neighbours()
-    pairs = trainer.neighbourhood.neighbours
+    pairs = trainer.neighbourhood
     sampling.inject_anchors(trainer, 0.5, 0)
     assert trainer.count == count
-    assert trainer.neighbourhood.neighbours is not pairs and int(trainer.neighbourhood.neighbours.max()) < count - 2
+    sample = trainer.neighbourhood
+    assert {2, 5} <= set(pairs.neighbours[pairs.weights > 0].tolist())
+    assert not {2, 5} & {*sample.anchors.tolist(), *sample.neighbours[sample.weights > 0].tolist()}
     kept = [i for i in range(count) if i not in (2, 5)]
-    torch.testing.assert_close(trainer.model.canonical.means[: count - 2].detach(), before[kept])
+    torch.testing.assert_close(trainer.model.canonical.means[kept].detach(), before[kept])
+    assert not (trainer.model.canonical.means[[2, 5]].detach() == before[[2, 5]]).any()
     assert trainer.density.peak_weight.tolist() == [1.0] * count
 
 

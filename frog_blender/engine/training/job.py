@@ -17,6 +17,7 @@ from ..capture.seed_store import stored_seeds
 from ..capture.seeds import Seeds
 from ..errors import FrogError, found_instead
 from ..files import remove_unfinished
+from ..memory import old_objects_left_alone
 from . import events
 from .checkpoint import checkpoint_path, checkpoint_settings, load_checkpoint
 from .control import Control
@@ -147,7 +148,8 @@ def run_training(job: TrainingJob, cancelled: Callable[[], bool] = lambda: False
     counts = (len(capture.cameras), capture.frame_count, trainer.count)
     pixels = round(pixels_of(capture.cameras))
     yield events.Started(job.method, limits.steps, *counts, device.type, pixels)
-    yield from train(job, trainer, scale, control)
+    with old_objects_left_alone():
+        yield from train(job, trainer, scale, control)
 
 
 def _seeds(job: TrainingJob, capture: Capture, store: FrameStore, report: Callable[[int, int], None]) -> Seeds:

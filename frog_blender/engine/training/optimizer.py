@@ -17,6 +17,8 @@ from .adam import NativeAdam, adam_on
 from .fitting import fitting
 from .recipe import Recipe
 
+_MOMENTS = ("exp_avg", "exp_avg_sq")  # what Adam remembers of each number
+
 
 class SceneOptimizer:
     """One parameter group for each canonical attribute, and one for each of the model's own (``rate_groups``).
@@ -70,7 +72,7 @@ class SceneOptimizer:
 
     def replace_gaussians(self, keep: torch.Tensor, new: dict[str, torch.Tensor]) -> torch.Tensor:
         """Keeps the Gaussians named by ``keep`` (indices, ascending) and adds ``new`` (values by attribute), those that
-        move before those at rest.
+        move before those at rest: in the places of those that leave, as far as there are any.
 
         Args:
             new: (n, ...) of each attribute; ``embeddings`` (m, E) of the first m of them, which move.
@@ -80,9 +82,11 @@ class SceneOptimizer:
         """
         count, moving = len(self._canonical), self._canonical.moving
         arrivals = torch.arange(len(new["means"]), device=keep.device) + count
-        m, still = len(new["embeddings"]), keep >= moving
-        who = torch.cat([keep[~still], arrivals[:m], keep[still], arrivals[m:]])
-        self.arrange(who, torch.cat([keep[~still], arrivals[:m] - count + moving]), new)
+        places = torch.full((count,), -1, device=keep.device)
+        places[keep] = keep
+        movers = _filled(places[:moving], arrivals[: len(new["embeddings"])])
+        who = torch.cat([movers, _filled(places[moving:], arrivals[len(new["embeddings"]) :])])
+        self.arrange(who, torch.where(movers < count, movers, movers - count + moving), new)
         return who
 
     def arrange(self, who: torch.Tensor, movers: torch.Tensor, new: dict[str, torch.Tensor]) -> None:
@@ -98,7 +102,9 @@ class SceneOptimizer:
 
     def cut_colors(self, count: int) -> None:
         """Keeps the first ``count`` SH coefficients."""
-        self._replace("sh", (slice(None), slice(count)), None)
+        old = self._canonical.sh
+        self._canonical.sh = nn.Parameter(old.detach()[:, :count].contiguous())
+        self._exchange(old, self._canonical.sh, lambda moment: moment[:, :count].contiguous())
 
     def keep_units(self, model: Frog, units: torch.Tensor) -> None:
         """Keeps the units ``units`` (indices, ascending) of the deformation field's first layer."""
@@ -114,15 +120,22 @@ class SceneOptimizer:
         if state:
             state["exp_avg"][rows] = 0
 
-    def _replace(self, name: str, kept: Any, new: torch.Tensor | None) -> None:
-        """An attribute becomes what ``kept`` indexes of its rows with the ``new`` ones after them, which Adam has never
-        seen."""
+    def _replace(self, name: str, kept: torch.Tensor, new: torch.Tensor | None) -> None:
+        """An attribute becomes the rows ``kept`` of its own with the ``new`` ones after them, which Adam has never
+        seen. Where few change, they alone are written."""
         old = getattr(self._canonical, name)
         fresh = old.detach()[:0] if new is None else new
-        parameter = nn.Parameter(torch.cat([old.detach(), fresh])[kept].contiguous())
-        setattr(self._canonical, name, parameter)
         unseen = torch.zeros_like(fresh)
-        self._exchange(old, parameter, lambda moment: torch.cat([moment, unseen])[kept].contiguous())
+        if len(kept) == len(old):
+            changed = (kept != torch.arange(len(old), device=kept.device)).nonzero().squeeze(1)
+            if len(changed) <= len(old) // 4:
+                state = self.adam.state.get(old, {})
+                for array, added in ((old.detach(), fresh), *((state[key], unseen) for key in _MOMENTS if state)):
+                    array[changed] = _rows(array, added, kept[changed])
+                return
+        parameter = nn.Parameter(_rows(old.detach(), fresh, kept))
+        setattr(self._canonical, name, parameter)
+        self._exchange(old, parameter, lambda moment: _rows(moment, unseen, kept))
 
     def _exchange(
         self, old: nn.Parameter, new: nn.Parameter, rearranged: Callable[[torch.Tensor], torch.Tensor]
@@ -132,7 +145,7 @@ class SceneOptimizer:
             group["params"] = [new if parameter is old else parameter for parameter in group["params"]]
         state = self.adam.state.pop(old, None)
         if state:
-            moments = {key: rearranged(state[key]) for key in ("exp_avg", "exp_avg_sq")}
+            moments = {key: rearranged(state[key]) for key in _MOMENTS}
             self.adam.state[new] = {"step": state["step"], **moments}
 
     def state_arrays(self) -> dict[str, torch.Tensor]:
@@ -158,9 +171,29 @@ class SceneOptimizer:
                     self.adam.state[parameter] = self._memory(arrays, prefix, parameter)
 
     def _memory(self, arrays: dict[str, torch.Tensor], prefix: str, parameter: nn.Parameter) -> dict[str, Any]:
-        names, device = ("exp_avg", "exp_avg_sq"), parameter.device
-        moments = {name: fitting(prefix + name, arrays[prefix + name], parameter.shape).to(device) for name in names}
+        device = parameter.device
+        moments = {name: fitting(prefix + name, arrays[prefix + name], parameter.shape).to(device) for name in _MOMENTS}
         step = fitting(f"{prefix}step", arrays[f"{prefix}step"], ())
         if not (step >= 0 and float(step).is_integer()):
             raise ValueError(f"{prefix}step is {float(step)}")
         return {"step": int(step) if isinstance(self.adam, NativeAdam) else step.to(device), **moments}
+
+
+def _filled(places: torch.Tensor, arrivals: torch.Tensor) -> torch.Tensor:
+    """Who stands where when ``arrivals`` take the free ``places`` (-1); behind those who stay where they are more than
+    that, and without what is free where they are fewer."""
+    free = (places < 0).nonzero().squeeze(1)[: len(arrivals)]
+    places = places.index_copy(0, free, arrivals[: len(free)])
+    return torch.cat([places[places >= 0], arrivals[len(free) :]])
+
+
+def _rows(old: torch.Tensor, new: torch.Tensor, which: torch.Tensor) -> torch.Tensor:
+    """Rows ``which`` of the old ones with the new ones after them."""
+    if not len(new):
+        return old[which]
+    if not len(old):
+        return new[which]
+    rows = old[which.clamp(max=len(old) - 1)]
+    added = which >= len(old)
+    rows[added] = new[which[added] - len(old)]
+    return rows
