@@ -102,9 +102,9 @@ class SceneOptimizer:
 
     def cut_colors(self, count: int) -> None:
         """Keeps the first ``count`` SH coefficients."""
-        old = self._canonical.sh
-        self._canonical.sh = nn.Parameter(old.detach()[:, :count].contiguous())
-        self._exchange(old, self._canonical.sh, lambda moment: moment[:, :count].contiguous())
+        old: Any = self._canonical.sh
+        parameter = self._canonical.sh = nn.Parameter(old.detach()[:, :count].contiguous())
+        self._exchange(old, parameter, lambda moment: moment[:, :count].contiguous())
 
     def keep_units(self, model: Frog, units: torch.Tensor) -> None:
         """Keeps the units ``units`` (indices, ascending) of the deformation field's first layer."""
