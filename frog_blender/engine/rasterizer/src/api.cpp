@@ -32,6 +32,23 @@ const Kernels &kernels() {
   return *chosen;
 }
 
+// Threads write the weights of slots, which are theirs alone; each Gaussian's largest comes of its own afterwards.
+void begin_weights(FrogFrame &frame) {
+  const size_t slots = frame.instances.size();
+  frame.view.slot_weights = frame.slot_weights.resize(slots);
+  std::fill_n(frame.view.slot_weights, slots, 0.0f);
+}
+
+void end_weights(const FrogFrame &frame, float *max_weights) {
+  frog::parallel_for(frame.view.count, 4096, [&](int begin, int end) {
+    for (int i = begin; i < end; ++i) {
+      const float *slot = frame.view.slot_weights + frame.slot_base[i];
+      max_weights[i] = 0;
+      for (uint32_t s = 0; s < frame.slot_count[i]; ++s) max_weights[i] = std::max(max_weights[i], slot[s]);
+    }
+  });
+}
+
 void draw(FrogFrame &frame, const FrogGaussians &gaussians, const FrogImage &image) {
   const int count = gaussians.count;
   frame.view.splats = frame.splats.resize(count);
@@ -40,7 +57,7 @@ void draw(FrogFrame &frame, const FrogGaussians &gaussians, const FrogImage &ima
                      [&](int begin, int end) { at_fault += kernels().project(frame.view, gaussians, begin, end); });
   if (image.at_fault) *image.at_fault = at_fault;
   frog::bin_splats(frame);
-  if (image.max_weights) std::fill_n(image.max_weights, count, 0.0f);
+  if (image.max_weights) begin_weights(frame);
   if (image.radii)
     frog::parallel_for(count, 4096, [&](int begin, int end) {
       for (int i = begin; i < end; ++i) image.radii[i] = frame.splats[i].radius;
@@ -48,6 +65,7 @@ void draw(FrogFrame &frame, const FrogGaussians &gaussians, const FrogImage &ima
   frog::parallel_for(static_cast<int>(frame.tiles.size()), 1, [&](int begin, int end) {
     for (int t = begin; t < end; ++t) kernels().blend(frame.view, frame.tiles[t], image);
   });
+  if (image.max_weights) end_weights(frame, image.max_weights);
 }
 
 // 0, or 1 when memory ran out: exceptions stay on this side of the interface.
@@ -83,6 +101,7 @@ FrogFrame *frog_draw(const FrogGaussians *gaussians, const FrogCamera *camera, c
     const size_t pixels = static_cast<size_t>(options->region[2]) * options->region[3];
     frame->view.transmittance = differentiable ? frame->transmittance.resize(pixels) : nullptr;
     frame->view.reached = differentiable ? frame->reached.resize(pixels) : nullptr;
+    frame->view.slot_weights = nullptr;
     draw(*frame, *gaussians, *image);
     return frame;
   } catch (const std::bad_alloc &) {

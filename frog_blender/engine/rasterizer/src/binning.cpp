@@ -14,17 +14,23 @@ namespace {
 #include "shared/mathematics.h"
 #include "shared/projection.h"
 
-constexpr size_t BLOCK = 8192;  // splats counted at a time
+constexpr size_t BLOCK = 8192;        // splats that are sorted at a time, each block with a histogram
+constexpr size_t ONE_THREAD = 32768;  // so few are sorted sooner than shared
+constexpr size_t ROW_BLOCK = 1024;    // splats whose rows are listed at a time
 constexpr size_t AHEAD = 12;    // places that are fetched before their turn, where one after the other is anywhere
 
-int blocks_of(size_t count) { return static_cast<int>((count + BLOCK - 1) / BLOCK); }
+// Pieces of `count` splats.
+struct Blocks {
+  size_t count, size;
 
-template <class Use>
-void each_block(size_t count, Use use) {  // use(block, begin, end)
-  parallel_for(blocks_of(count), 1, [&](int first, int last) {
-    for (int block = first; block < last; ++block) use(block, block * BLOCK, std::min(count, (block + 1) * BLOCK));
-  });
-}
+  int number() const { return static_cast<int>((count + size - 1) / size); }
+  template <class Use>
+  void each(Use use) const {  // use(block, begin, end)
+    parallel_for(number(), 1, [&](int first, int last) {
+      for (int block = first; block < last; ++block) use(block, block * size, std::min(count, (block + 1) * size));
+    });
+  }
+};
 
 // Turns counts [block][bucket] into where each block writes each bucket's first element; returns the buckets' beginnings.
 std::vector<size_t> places(uint32_t *counts, int blocks, int buckets) {
@@ -48,15 +54,17 @@ std::vector<size_t> places(uint32_t *counts, int blocks, int buckets) {
 // depths keep index order. Leaves the result in frame.order.
 size_t sort_by_depth(FrogFrame &frame) {
   const size_t count = frame.view.count;
+  const Blocks all{count, BLOCK};
   constexpr int BITS = 11, BUCKETS = 1 << BITS;
-  uint32_t *counts = frame.histogram.resize(static_cast<size_t>(blocks_of(count)) * BUCKETS);
-  each_block(count, [&](int block, size_t begin, size_t end) {
+  uint32_t *counts = frame.histogram.resize(static_cast<size_t>(all.number()) * BUCKETS);
+  all.each([&](int block, size_t begin, size_t end) {
     counts[block] = 0;
     for (size_t i = begin; i < end; ++i) counts[block] += frame.splats[i].radius > 0;
   });
-  const size_t drawn = places(counts, blocks_of(count), 1).back();
+  const size_t drawn = places(counts, all.number(), 1).back();
+  const Blocks blocks{drawn, drawn <= ONE_THREAD ? ONE_THREAD : BLOCK};
   Keyed *from = frame.order.resize(drawn), *to = frame.spare_order.resize(drawn);
-  each_block(count, [&](int block, size_t begin, size_t end) {
+  all.each([&](int block, size_t begin, size_t end) {
     uint32_t at = counts[block];
     for (size_t i = begin; i < end; ++i)
       if (frame.splats[i].radius > 0) {
@@ -65,13 +73,13 @@ size_t sort_by_depth(FrogFrame &frame) {
       }
   });
   for (int shift = 0; shift < 32; shift += BITS) {
-    each_block(drawn, [&](int block, size_t begin, size_t end) {
+    blocks.each([&](int block, size_t begin, size_t end) {
       uint32_t *mine = counts + static_cast<size_t>(block) * BUCKETS;
       std::fill_n(mine, BUCKETS, 0);
       for (size_t i = begin; i < end; ++i) ++mine[(from[i].key >> shift) & (BUCKETS - 1)];
     });
-    places(counts, blocks_of(drawn), BUCKETS);
-    each_block(drawn, [&](int block, size_t begin, size_t end) {
+    places(counts, blocks.number(), BUCKETS);
+    blocks.each([&](int block, size_t begin, size_t end) {
       uint32_t *mine = counts + static_cast<size_t>(block) * BUCKETS;
       for (size_t i = begin; i < end; ++i) to[mine[(from[i].key >> shift) & (BUCKETS - 1)]++] = from[i];
     });
@@ -84,10 +92,11 @@ size_t sort_by_depth(FrogFrame &frame) {
 // What each splat covers in each of its tile rows, row by row in depth order.
 void list_rows(FrogFrame &frame, size_t drawn) {
   const FrameView &view = frame.view;
+  const Blocks blocks{drawn, ROW_BLOCK};
   const Keyed *order = frame.order.data();
   const int rows = view.tiles_y, width = view.options.region[2];
-  uint32_t *counts = frame.histogram.resize(static_cast<size_t>(blocks_of(drawn)) * rows);
-  each_block(drawn, [&](int block, size_t begin, size_t end) {
+  uint32_t *counts = frame.histogram.resize(static_cast<size_t>(blocks.number()) * rows);
+  blocks.each([&](int block, size_t begin, size_t end) {
     uint32_t *mine = counts + static_cast<size_t>(block) * rows;
     std::fill_n(mine, rows, 0);
     for (size_t k = begin; k < end; ++k) {
@@ -96,9 +105,9 @@ void list_rows(FrogFrame &frame, size_t drawn) {
       for (int row = splat.first_row; row <= splat.last_row; ++row) ++mine[row];
     }
   });
-  frame.row_begin = places(counts, blocks_of(drawn), rows);
+  frame.row_begin = places(counts, blocks.number(), rows);
   RowEntry *entries = frame.entries.resize(frame.row_begin.back());
-  each_block(drawn, [&](int block, size_t begin, size_t end) {
+  blocks.each([&](int block, size_t begin, size_t end) {
     uint32_t *mine = counts + static_cast<size_t>(block) * rows;
     for (size_t k = begin; k < end; ++k) {
       __builtin_prefetch(&frame.splats[order[std::min(k + AHEAD, end - 1)].splat]);

@@ -36,14 +36,6 @@ static inline bool still_open(const float *transmittance, uint32_t *rows) {
   return rows_where([&](int at) { return at_least(load(transmittance + at), Floats{}); }, rows);
 }
 
-static inline void raise_to(float *target, float value) {  // atomic maximum of non-negative floats: any order, same result
-  int32_t old = __atomic_load_n(reinterpret_cast<int32_t *>(target), __ATOMIC_RELAXED), wanted;
-  __builtin_memcpy(&wanted, &value, 4);
-  while (old < wanted && !__atomic_compare_exchange_n(reinterpret_cast<int32_t *>(target), &old, wanted, true,
-                                                      __ATOMIC_RELAXED, __ATOMIC_RELAXED)) {
-  }
-}
-
 // Bits of what a pass does besides colour.
 enum { WITH_DEPTH = 1, WITH_WEIGHTS = 2, WITH_LIMIT = 4, WITH_WAY_BACK = 8, ONLY_COUNT = 16 };
 
@@ -102,10 +94,7 @@ static int64_t blend_tile(const FrameView &view, const Tile &tile, const FrogIma
         if (WEIGHTS) heaviest = larger(c.weight, heaviest);
       }
     }
-    if (WEIGHTS) {
-      const float weight = largest(heaviest);
-      if (weight > 0) raise_to(image.max_weights + index, weight);
-    }
+    if (WEIGHTS) view.slot_weights[view.instances[n].slot] = largest(heaviest);
   }
   if (COUNT) return blended_pairs;
 
@@ -133,7 +122,7 @@ static void blend(const FrameView &view, const Tile &tile, const FrogImage &imag
   constexpr int64_t (*passes[16])(const FrameView &, const Tile &, const FrogImage &) = {
       blend_tile<0>, blend_tile<1>, blend_tile<2>,  blend_tile<3>,  blend_tile<4>,  blend_tile<5>,  blend_tile<6>,  blend_tile<7>,
       blend_tile<8>, blend_tile<9>, blend_tile<10>, blend_tile<11>, blend_tile<12>, blend_tile<13>, blend_tile<14>, blend_tile<15>};
-  passes[(image.median_index ? WITH_DEPTH : 0) | (image.max_weights ? WITH_WEIGHTS : 0) |
+  passes[(image.median_index ? WITH_DEPTH : 0) | (view.slot_weights ? WITH_WEIGHTS : 0) |
          (view.options.depth_limit ? WITH_LIMIT : 0) | (view.reached ? WITH_WAY_BACK : 0)](view, tile, image);
 }
 

@@ -36,12 +36,12 @@ struct FrogFrame {
   // Only used while drawing or going backward.
   frog::Buffer<frog::Keyed> order, spare_order;
   frog::Buffer<uint32_t> histogram, slots_moved, slots_seen;
-  frog::Buffer<float> slot_gradients, sums, poses;
+  frog::Buffer<float> slot_weights, slot_gradients, sums, poses;
 
   size_t bytes() const {
     return splats.bytes() + instances.bytes() + entries.bytes() + slot_count.bytes() + order.bytes() + spare_order.bytes() +
-           histogram.bytes() + slot_base.bytes() + slots_moved.bytes() + slots_seen.bytes() + slot_gradients.bytes() + sums.bytes() +
-           poses.bytes() + transmittance.bytes() + reached.bytes();
+           histogram.bytes() + slot_base.bytes() + slots_moved.bytes() + slots_seen.bytes() + slot_weights.bytes() + slot_gradients.bytes() +
+           sums.bytes() + poses.bytes() + transmittance.bytes() + reached.bytes();
   }
 };
 

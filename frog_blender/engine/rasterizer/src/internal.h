@@ -25,6 +25,7 @@ struct FrameView {
   // and how many of its tile's instances it went through until then.
   float *transmittance;
   int32_t *reached;
+  float *slot_weights;  // the largest blending weight of each slot, zero before; or null where nobody asks
 };
 
 // Where the backward pass of some tile rows puts its numbers: those of slot s of Gaussian i at (s + moved[i]) * width.
