@@ -17,7 +17,7 @@ namespace {
 constexpr size_t BLOCK = 8192;        // splats that are sorted at a time, each block with a histogram
 constexpr size_t ONE_THREAD = 32768;  // so few are sorted sooner than shared
 constexpr size_t ROW_BLOCK = 1024;    // splats whose rows are listed at a time
-constexpr size_t AHEAD = 12;    // places that are fetched before their turn, where one after the other is anywhere
+constexpr size_t AHEAD = 12;          // places that are fetched before their turn, where one after the other is anywhere
 
 // Pieces of `count` splats.
 struct Blocks {
