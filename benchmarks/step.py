@@ -22,6 +22,7 @@ import torch
 
 from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.seeds import find_seeds
+from frog_blender.engine.memory import old_objects_left_alone
 from frog_blender.engine.model import fused
 from frog_blender.engine.rasterizer import native
 from frog_blender.engine.training.job import prepare_capture
@@ -80,18 +81,20 @@ def main() -> None:
     watch(spent, trainer, "_rounds", "rounds")
     about = {"recipe": options.recipe, "isa": native.instruction_set()}
     total, all_seconds, all_steps = Counter[str](), 0.0, 0
-    while trainer.step_count < WARM_UP:
-        trainer.step()
-    for tenth in range(10):
-        end = options.steps * (tenth + 1) // 10
-        spent.clear()
-        steps, started = end - trainer.step_count, time.perf_counter()
-        while trainer.step_count < end:
+    with old_objects_left_alone():  # as in a training
+        while trainer.step_count < WARM_UP:
             trainer.step()
-        seconds = time.perf_counter() - started
-        print(json.dumps({**about, "tenth": tenth + 1, "gaussians": trainer.count, **figures(spent, seconds, steps)}))
-        total, all_seconds, all_steps = total + spent, all_seconds + seconds, all_steps + steps
-    print(json.dumps({**about, "tenth": "all", "gaussians": trainer.count, **figures(total, all_seconds, all_steps)}))
+        for tenth in range(10):
+            end = options.steps * (tenth + 1) // 10
+            spent.clear()
+            steps, started = end - trainer.step_count, time.perf_counter()
+            while trainer.step_count < end:
+                trainer.step()
+            seconds = time.perf_counter() - started
+            about |= {"tenth": tenth + 1, "gaussians": trainer.count}
+            print(json.dumps({**about, **figures(spent, seconds, steps)}))
+            total, all_seconds, all_steps = total + spent, all_seconds + seconds, all_steps + steps
+    print(json.dumps({**about, "tenth": "all", **figures(total, all_seconds, all_steps)}))
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ import numpy as np
 from ..capture.camera import Camera
 from ..inference.draw import draw
 from ..inference.scene import PlayableScene
+from ..memory import old_objects_left_alone
 
 MOMENTS, WARM_UP = 40, 5
 _GOLDEN = 0.6180339887498949
@@ -135,14 +136,15 @@ def time_steps(trainer: Any) -> StepTimes:
     """Takes a ``Trainer`` to its end. A short training passes through every schedule, growth included, so its mean step
     is a long one's."""
     times = StepTimes()
-    while not trainer.finished:
-        count, neighbourhood = trainer.count, trainer.neighbourhood
-        before = trainer.seconds
-        trainer.step()
-        seconds = trainer.seconds - before
-        if trainer.step_count <= WARM_UP:
-            continue
-        changed = trainer.count != count or trainer.neighbourhood is not neighbourhood
-        (times.rounds if changed else times.plain).append(seconds)
+    with old_objects_left_alone():  # as in a training
+        while not trainer.finished:
+            count, neighbourhood = trainer.count, trainer.neighbourhood
+            before = trainer.seconds
+            trainer.step()
+            seconds = trainer.seconds - before
+            if trainer.step_count <= WARM_UP:
+                continue
+            changed = trainer.count != count or trainer.neighbourhood is not neighbourhood
+            (times.rounds if changed else times.plain).append(seconds)
     trainer.check()
     return times
