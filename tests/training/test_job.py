@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 from collections.abc import Callable
@@ -58,6 +59,15 @@ def stopping_after(steps: int, monkeypatch: pytest.MonkeyPatch) -> Callable[[], 
 
     monkeypatch.setattr(Trainer, "step", counted)
     return lambda: taken[0] >= steps
+
+
+def test_old_objects_are_left_alone_while_it_trains_and_when_nobody_listens_any_more(task: TrainingJob) -> None:
+    stream = run_training(task)
+    while not isinstance(next(stream), events.Progress):
+        pass
+    assert gc.get_freeze_count() > 0
+    stream.close()
+    assert gc.get_freeze_count() == 0
 
 
 def test_events_come_in_order_and_are_plain(task: TrainingJob) -> None:
