@@ -40,6 +40,11 @@ def odd_camera(width: int = 45, height: int = 27) -> Camera:
     return Camera("odd", width, height, intrinsics, world_to_camera)
 
 
+def steps_between(points: np.ndarray) -> float:
+    """Mean distance from one to the next."""
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).mean())
+
+
 def random_gaussians(
     camera: Camera, count: int, degree: int = 3, seed: int = 0, opacity: tuple[float, float] = (0.05, 0.95)
 ) -> GaussianArrays:

@@ -1,8 +1,18 @@
-"""Trainings taken step by step."""
+"""Trainings taken step by step, and the least that an optimiser can be tried on."""
 
 from __future__ import annotations
 
+from frog_blender.engine.model.canonical import CanonicalField
+from frog_blender.engine.model.interface import SceneModel
 from frog_blender.engine.training.trainer import Trainer
+
+
+class OnlyGaussians(SceneModel):
+    """A method that adds nothing to them."""
+
+    def __init__(self, canonical: CanonicalField) -> None:
+        super().__init__()
+        self.canonical = canonical
 
 
 def train(trainer: Trainer, until: int | None = None) -> Trainer:

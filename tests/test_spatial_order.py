@@ -4,13 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers import steps_between
 
 from frog_blender.engine.spatial_order import along_curve, neighbours_together
-
-
-def steps_between(means: np.ndarray) -> float:
-    """Mean distance from one to the next."""
-    return float(np.linalg.norm(np.diff(means, axis=0), axis=1).mean())
 
 
 def test_neighbours_come_together() -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from stepping import train
 
 from frog_blender.engine.capacity_report import lines, reduction_line, summary
 from frog_blender.engine.training.capacity_picture import capacity_picture
@@ -48,8 +49,7 @@ def test_the_report_in_words() -> None:
 
 def test_the_picture_tells_what_moves_from_what_rests(make_trainer: Callable[..., Trainer]) -> None:
     trainer = make_trainer(60, capacity="auto")
-    while trainer.step_count < 40:
-        trainer.step()
+    train(trainer, until=40)
     canonical = trainer.model.canonical
 
     def redness() -> float:

@@ -8,9 +8,9 @@ import pytest
 import torch
 from drawing import BACKGROUND
 from helpers import plain_camera
+from stepping import OnlyGaussians
 
 from frog_blender.engine.model.canonical import ATTRIBUTES, CanonicalField, new_gaussians
-from frog_blender.engine.model.interface import SceneModel
 from frog_blender.engine.rasterizer import rasterize
 from frog_blender.engine.training.density import DensityControl
 from frog_blender.engine.training.optimizer import SceneOptimizer
@@ -19,12 +19,6 @@ from frog_blender.engine.training.recipe import RECIPES
 COUNT = 10
 RECIPE = replace(RECIPES["draft"], densify_growth=1.0, max_gaussians=1000, split_scale=0.1)
 SMALL, LARGE = 0.01, 0.5  # below and above the size at which a Gaussian is split, at scene scale 1
-
-
-class Model(SceneModel):
-    def __init__(self, canonical: CanonicalField) -> None:
-        super().__init__()
-        self.canonical = canonical
 
 
 class Scene:
@@ -36,7 +30,7 @@ class Scene:
         spacings = torch.tensor([SMALL] * 5 + [LARGE] * 5)
         values = new_gaussians(points, torch.rand(COUNT, 3, generator=generator), spacings, 4, 3, opacity=0.5)
         self.canonical = CanonicalField(values)
-        self.optimizer = SceneOptimizer(Model(self.canonical), recipe, 1.0)
+        self.optimizer = SceneOptimizer(OnlyGaussians(self.canonical), recipe, 1.0)
         self.density = DensityControl(recipe, 1.0, COUNT)
         for name in ATTRIBUTES:
             parameter = getattr(self.canonical, name)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from stepping import train
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.inference.scene import PlayableScene
@@ -141,8 +142,7 @@ def test_a_narrower_network_trains_saves_and_plays(
     last = trainer.parsimony.reductions[-1]
     assert (last.what, last.before, last.after) == ("network width", 64, 16) and last.bytes > 0
     before = field.bias.detach().clone()
-    while not trainer.finished:
-        trainer.step()
+    train(trainer)
     assert (field.bias != before).any() and not field.output_weight[silent].any()
     save_scene(TrainingJob(filmed, tmp_path / "a.frog", lossless=True), trainer, 1.0, {})
     played = PlayableScene.load(tmp_path / "a.frog")

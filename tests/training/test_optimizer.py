@@ -4,19 +4,13 @@ from __future__ import annotations
 
 import pytest
 import torch
+from stepping import OnlyGaussians
 
 from frog_blender.engine.model.canonical import ATTRIBUTES, CanonicalField, new_gaussians
-from frog_blender.engine.model.interface import SceneModel
 from frog_blender.engine.training.optimizer import SceneOptimizer
 from frog_blender.engine.training.recipe import RECIPES
 
 COUNT, MOVING = 12, 8
-
-
-class Model(SceneModel):
-    def __init__(self, canonical: CanonicalField) -> None:
-        super().__init__()
-        self.canonical = canonical
 
 
 def values_of(count: int, first: float) -> dict[str, torch.Tensor]:
@@ -30,7 +24,7 @@ def scene() -> SceneOptimizer:
     """Twelve Gaussians, of which eight move, whose Adam remembers of each which one it is."""
     values = values_of(COUNT, 1.0)
     canonical = CanonicalField(values | {"embeddings": values["embeddings"][:MOVING]})
-    optimizer = SceneOptimizer(Model(canonical), RECIPES["draft"], 1.0)
+    optimizer = SceneOptimizer(OnlyGaussians(canonical), RECIPES["draft"], 1.0)
     for name in ATTRIBUTES:
         parameter = getattr(optimizer._canonical, name)
         parameter.grad = parameter.detach().clone()

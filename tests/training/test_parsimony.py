@@ -47,8 +47,7 @@ def test_a_scene_that_was_frozen_too_early_wakes(make_trainer: Make, monkeypatch
 def test_looking_leaves_no_gradient_behind(make_trainer: Make) -> None:
     """A model at rest hands out its own parameters."""
     trainer = make_trainer(60, capacity="auto")
-    while trainer.step_count < 17:
-        trainer.step()
+    train(trainer, until=17)
     assert trainer.parsimony
     for _ in range(2):
         motion = measured(trainer)
@@ -61,8 +60,7 @@ def test_looking_leaves_no_gradient_behind(make_trainer: Make) -> None:
 
 def test_a_silenced_head_stays_silent(make_trainer: Make) -> None:
     trainer = make_trainer(60)
-    while trainer.step_count < 30:
-        trainer.step()
+    train(trainer, until=30)
     model = trainer.model
     assert model.heads == ["means", "log_scales", "quaternions", "opacity_logits", "sh"]
     rows = model.output_rows("log_scales")
@@ -85,8 +83,7 @@ def hold(reduction: Callable[..., object], trainer: Trainer, *about: object) -> 
 
 def test_colours_are_cut_where_nobody_misses_them(make_trainer: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     trainer = make_trainer(40, sh_degree=2, capacity="auto")
-    while trainer.step_count < 15:
-        trainer.step()
+    train(trainer, until=15)
     assert trainer.parsimony
     trainer.model.canonical.sh.data[:, 4:] = 0
     hold(reductions.cut_colors, trainer)
@@ -100,8 +97,7 @@ def test_colours_are_cut_where_nobody_misses_them(make_trainer: Make, monkeypatc
 
 def test_degrees_that_nobody_misses_go_one_after_the_other(make_trainer: Make) -> None:
     trainer = make_trainer(40, sh_degree=3, capacity="auto", sh_growth=(0.0, 0.0, 0.0))
-    while trainer.step_count < 15:
-        trainer.step()
+    train(trainer, until=15)
     assert trainer.parsimony and trainer.model.canonical.sh.shape[1] == 16
     trainer.model.canonical.sh.data[:, 4:] = 0
     hold(reductions.cut_colors, trainer)
@@ -187,8 +183,7 @@ def test_heads_that_nobody_misses_are_silenced(
 
 def test_nothing_is_added_after_the_scene_has_settled(make_trainer: Make) -> None:
     trainer = make_trainer(100, capacity="auto", densify_until=1.0, sampling_until=1.0, densify_threshold=0.0)
-    while trainer.step_count < 85:
-        trainer.step()
+    train(trainer, until=85)
     count = trainer.count
     assert trainer.parsimony and "pruned" in [each.what for each in trainer.parsimony.reductions] and count < 600
     train(trainer)
@@ -197,8 +192,7 @@ def test_nothing_is_added_after_the_scene_has_settled(make_trainer: Make) -> Non
 
 def test_rounds_that_a_resume_would_jump_over_are_held(make_trainer: Make, tmp_path: Path) -> None:
     trainer = make_trainer(200, capacity="auto")
-    while trainer.step_count < 120:
-        trainer.step()
+    train(trainer, until=120)
     save_checkpoint(tmp_path / "c", trainer)
     shorter = make_trainer(130, capacity="auto")
     load_checkpoint(tmp_path / "c", shorter)

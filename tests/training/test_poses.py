@@ -10,6 +10,7 @@ import filmed as film
 import numpy as np
 import pytest
 import torch
+from stepping import train
 
 from frog_blender.commands import open_evaluated
 from frog_blender.engine.capture.camera import Camera
@@ -120,8 +121,7 @@ def test_a_resume_has_the_same_poses(make_trainer: Callable[..., Trainer], captu
         one.step()
         if one.step_count == 25:
             restore(other, state_of(one))
-    while other.step_count < 40:
-        other.step()
+    train(other, until=40)
     moved = 0
     for first, second, begun in zip(one.capture.cameras, other.capture.cameras, capture.cameras, strict=True):
         np.testing.assert_array_equal(first.world_to_camera, second.world_to_camera)
@@ -134,8 +134,7 @@ def test_a_finished_training_that_is_extended_goes_on_downhill(
 ) -> None:
     """Every change of a pose is against its gradients' mean, and as long as the training that went by."""
     done, longer = make_trainer(40, pose_reach=0.05), make_trainer(80, pose_reach=0.05)
-    while not done.finished:
-        done.step()
+    train(done)
     restore(longer, state_of(done))
     poses = longer.poses
     assert longer.progress == 0.5 and poses is not None and (poses.moved[:, 1] <= 0.5).all()
@@ -147,15 +146,13 @@ def test_a_finished_training_that_is_extended_goes_on_downhill(
         return bare(self, changes)
 
     monkeypatch.setattr(PoseRefinement, "_without_common", watched)
-    while not longer.finished:
-        longer.step()
+    train(longer)
     assert len(uphill) > 5 and max(uphill) <= 0 and max(largest) > 1e-5
 
 
 def test_a_shorter_limit_makes_no_step_long(make_trainer: Callable[..., Trainer]) -> None:
     begun, shorter = make_trainer(200, pose_reach=0.05), make_trainer(60, pose_reach=0.05)
-    while begun.step_count < 50:
-        begun.step()
+    train(begun, until=50)
     restore(shorter, state_of(begun))
     restore(shorter, state_of(shorter))  # as a training does that goes back
     poses, spans = shorter.poses, []

@@ -10,6 +10,7 @@ import filmed as film
 import numpy as np
 import pytest
 import torch
+from stepping import train
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.files import read_scene, read_tensors
@@ -67,11 +68,9 @@ def test_what_never_gets_better_ends_in_a_sentence(task: TrainingJob, monkeypatc
 
 def test_going_back_restores_every_bit(make_trainer: Make, bits: Callable, tmp_path: Path) -> None:
     trainer = make_trainer(60)
-    while trainer.step_count < 20:
-        trainer.step()
+    train(trainer, until=20)
     recovery, before = Recovery(trainer), bits(trainer)
-    while trainer.step_count < 33:  # past a round that brings Gaussians
-        trainer.step()
+    train(trainer, until=33)  # past a round that brings Gaussians
     assert bits(trainer) != before
     assert "step 20" in recovery.go_back(trainer, Unstable("Training became unstable."))
     assert bits(trainer) == before and trainer.step_count == 20
@@ -159,8 +158,7 @@ def test_a_state_that_is_not_finite_is_never_what_is_gone_back_to(make_trainer: 
 
 def test_what_a_bad_picture_said_of_its_regions_is_forgotten(make_trainer: Make) -> None:
     trainer = make_trainer(60)
-    while trainer.step_count < 12:
-        trainer.step()
+    train(trainer, until=12)
     recovery = Recovery(trainer)
     camera, shape = trainer.capture.cameras[1], trainer.regions.errors[1].shape
     trainer.regions.observe(1, (0, 0, camera.width, camera.height), torch.full(shape, torch.nan))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import odd_camera
+from stepping import train
 
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.training import sampling
@@ -75,8 +76,7 @@ def test_a_training_begins_at_half_size_and_ends_at_whole(
 
     monkeypatch.setattr(trainer_module, "rasterize", watched)
     monkeypatch.setattr(sampling, "worst_points", placed)
-    while not trainer.finished:
-        trainer.step()
+    train(trainer)
     whole = (trainer.capture.cameras[0].width, trainer.capture.cameras[0].height)
     half = (whole[0] // 2, whole[1] // 2)
     assert {size for progress, size in sizes if progress < 0.5} == {half}

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import pytest
 import torch
+from helpers import steps_between
 from stepping import train
 
 from frog_blender.engine.training.resting import arrange, put_neighbours_together, put_to_rest, wake
@@ -61,11 +62,6 @@ def test_waking_gives_an_embedding_and_keeps_the_state(make_trainer: Make) -> No
     assert canonical.embeddings.abs().sum() > 0  # the optimiser knows them
 
 
-def steps_between(means: torch.Tensor) -> float:
-    """Mean distance from one Gaussian to the next in the array."""
-    return float(means.detach().diff(dim=0).norm(dim=1).mean())
-
-
 def test_neighbours_come_together_and_everything_follows(make_trainer: Make) -> None:
     trainer = train(make_trainer(100), until=50)
     put_to_rest(trainer, torch.arange(20, 90), rest_of(trainer, torch.arange(20, 90)))
@@ -83,7 +79,7 @@ def test_neighbours_come_together_and_everything_follows(make_trainer: Make) -> 
     who = trainer.density.peak_weight.long()
     assert canonical.moving == moving and sorted(who.tolist()) == list(range(trainer.count))
     assert (who[:moving] < moving).all() and (who[moving:] >= moving).all()
-    assert steps_between(canonical.means[:moving]) < 0.5 * steps_between(before[:moving])
+    assert steps_between(canonical.means[:moving].detach().numpy()) < 0.5 * steps_between(before[:moving].numpy())
     torch.testing.assert_close(canonical.means.detach(), before[who])
     torch.testing.assert_close(canonical.embeddings.detach(), embeddings[who[:moving]])
     torch.testing.assert_close(adam.state[canonical.embeddings]["exp_avg"], memory[who[:moving]])
@@ -97,6 +93,6 @@ def test_neighbours_come_together_and_everything_follows(make_trainer: Make) -> 
 @pytest.mark.parametrize("capacity", ["fixed", "auto"])
 def test_a_training_leaves_neighbours_together(make_trainer: Make, capacity: str) -> None:
     canonical = train(make_trainer(100, capacity=capacity)).model.canonical
-    means = canonical.means.detach()[: canonical.moving]
-    order = torch.randperm(len(means), generator=torch.Generator().manual_seed(1))
+    means = canonical.means.detach()[: canonical.moving].numpy()
+    order = torch.randperm(len(means), generator=torch.Generator().manual_seed(1)).numpy()
     assert steps_between(means) < 0.7 * steps_between(means[order])

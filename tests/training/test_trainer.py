@@ -175,8 +175,7 @@ def test_a_short_training_passes_through_every_schedule(
 
 def test_at_the_limit_anchors_take_the_places_of_those_least_needed(make_trainer: Callable[..., Trainer]) -> None:
     trainer = make_trainer(60, densify_until=0.0, max_gaussians=1, sampling_share=0.1)  # more are there already
-    while trainer.step_count < 20:
-        trainer.step()
+    train(trainer, until=20)
     count = trainer.count
     means = trainer.model.canonical.means
     sampling.inject_anchors(trainer, 0.5, 0)  # all were needed of late

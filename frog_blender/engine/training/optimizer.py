@@ -82,10 +82,10 @@ class SceneOptimizer:
         """
         count, moving = len(self._canonical), self._canonical.moving
         arrivals = torch.arange(len(new["means"]), device=keep.device) + count
-        places = torch.full((count,), -1, device=keep.device)
+        m, places = len(new["embeddings"]), torch.full((count,), -1, device=keep.device)
         places[keep] = keep
-        movers = _filled(places[:moving], arrivals[: len(new["embeddings"])])
-        who = torch.cat([movers, _filled(places[moving:], arrivals[len(new["embeddings"]) :])])
+        movers = _filled(places[:moving], arrivals[:m])
+        who = torch.cat([movers, _filled(places[moving:], arrivals[m:])])
         self.arrange(who, torch.where(movers < count, movers, movers - count + moving), new)
         return who
 

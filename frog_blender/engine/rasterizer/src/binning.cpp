@@ -1,5 +1,5 @@
-// From projected splats to a depth-ordered list for every tile. Every step counts in blocks of fixed size and then
-// writes to places known in advance, so that threads never meet and the result does not depend on their number.
+// From projected splats to a depth-ordered list for every tile. Every step counts in blocks and then writes to places
+// known in advance, so that threads never meet and the result does not depend on their number.
 #include <algorithm>
 #include <cmath>
 #include <cstring>
