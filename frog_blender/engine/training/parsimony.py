@@ -32,11 +32,13 @@ if TYPE_CHECKING:
     from .trainer import Trainer
 
 SETTLED = 0.8
-ROUNDS = {0.3: "wake", SETTLED: "settle", 0.93: "wake"}
+ROUNDS = {0.3: "wake", SETTLED: "settle", 0.86: "wake"}
 """What happens at which fraction of the training. Motion is learned until late: Gaussians that were put to rest at 0.45
-or 0.72 would have learned more (docs/parsimony.md). Soon after the second round rates cool down (recipe.cool_down)."""
-WITHHELD = (0.5, SETTLED)
-"""Fractions of the training between which the withheld pictures are not learned from."""
+or 0.72 would have learned more (docs/parsimony.md). Soon after the second round rates cool down (recipe.cool_down), and
+what wakes later than at the third learns little."""
+WITHHELD = (0.75, SETTLED)
+"""Fractions of the training between which the withheld pictures are not learned from: long enough that they lose what
+test pictures lose in a round, and no longer, since what is at rest after it cannot learn them any more."""
 _LOOKS, _JUDGED = 24, 8  # views that Gaussians are measured on; pictures that judge where none was withheld
 LOOKS_OF_A_BUDGET = 72
 """Where what pictures need has to be weighed, few moments and sides must be overlooked."""
