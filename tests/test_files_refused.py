@@ -12,6 +12,7 @@ import pytest
 from helpers import MODEL, scene_file
 
 from frog_blender.engine import files
+from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.files import FORMAT_VERSION, read_scene, write_scene
 from frog_blender.engine.inference.scene import PlayableScene
@@ -92,6 +93,7 @@ def test_a_newer_version_says_so(path: Path) -> None:
         {"cameras": None},
         {"cameras": [{"name": "a"}]},
         {"cameras": "abc"},
+        {"cameras": [{**Camera("a", 8, 6, np.eye(3), np.eye(4)).to_json(), "exposure": [1, 0, 1]}]},
         {"frame_count": 0},
         {"frame_count": "many"},
         {"camera_shots": [[0]]},

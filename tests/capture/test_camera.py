@@ -1,8 +1,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
-from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.capture.camera import NEUTRAL, Camera
 from frog_blender.engine.capture.time import frame_to_time, time_to_frame
 
 
@@ -43,6 +44,15 @@ def test_a_camera_survives_json() -> None:
     np.testing.assert_array_equal(again.world_to_camera, camera.world_to_camera)
     np.testing.assert_array_equal(again.intrinsics, camera.intrinsics)
     assert (again.name, again.width, again.height) == ("a", 320, 240)
+    assert again.exposure == NEUTRAL and "exposure" not in camera.to_json()
+    brighter = camera.with_exposure((1.2, 1.1, 0.9))
+    assert Camera.from_json(brighter.to_json()).resized(8, 8).exposure == (1.2, 1.1, 0.9)
+
+
+@pytest.mark.parametrize("exposure", [(1.0, 1.0), (1.0, 0.0, 1.0), (1.0, -1.0, 1.0), (1.0, float("nan"), 1.0)])
+def test_an_exposure_is_three_positive_numbers(exposure: tuple[float, ...]) -> None:
+    with pytest.raises(ValueError):
+        off_centre_camera().with_exposure(exposure)
 
 
 def test_frames_and_times_invert_each_other_even_between_frames_and_for_one_frame() -> None:

@@ -122,6 +122,8 @@ DAMAGE: list[tuple[str, Callable[[np.ndarray], np.ndarray]]] = [
     *[("regions.1", change) for change in (cut, whole, negative)],
     *[("poses", change) for change in (cut, broken, lambda array: array.astype(np.float32))],
     *[("poses.moved", change) for change in (cut, broken)],
+    *[("exposures", change) for change in (cut, broken, negative)],
+    *[("exposures.sums", change) for change in (cut, whole, broken)],
     *[("removed", change) for change in (whole, lambda array: array.reshape(-1))],
     *[("neighbourhood.anchors", change) for change in (cut, whole, negative, lambda array: array + 10_000)],
     *[("neighbourhood.neighbours", change) for change in (cut, negative, lambda array: array + 10_000)],

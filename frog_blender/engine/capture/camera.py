@@ -7,10 +7,14 @@ Readers convert to this at the border; nothing else knows another convention.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+
+NEUTRAL = (1.0, 1.0, 1.0)
+"""The exposure of a camera whose pictures are as bright as the scene is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,6 +26,8 @@ class Camera:
         width, height: pixels.
         intrinsics: (3, 3) float64 matrix K, pixels.
         world_to_camera: (4, 4) float64, rigid; ``x_camera = world_to_camera @ x_world``, world units.
+        exposure: positive factors by which what it sees is brighter in its pictures: red, green and blue,
+            display-referred (see training.exposures).
     """
 
     name: str
@@ -29,6 +35,7 @@ class Camera:
     height: int
     intrinsics: np.ndarray
     world_to_camera: np.ndarray
+    exposure: tuple[float, float, float] = NEUTRAL
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "intrinsics", np.asarray(self.intrinsics, dtype=np.float64).reshape(3, 3))
@@ -57,6 +64,13 @@ class Camera:
     def with_pose(self, world_to_camera: np.ndarray) -> Camera:
         """The same camera elsewhere; ``world_to_camera`` is (3, 4) or (4, 4)."""
         return replace(self, world_to_camera=np.vstack([world_to_camera[:3], [[0.0, 0.0, 0.0, 1.0]]]))
+
+    def with_exposure(self, exposure: Iterable[float]) -> Camera:
+        """The same camera, exposed otherwise; ValueError unless ``exposure`` is three positive numbers."""
+        red, green, blue = (float(factor) for factor in exposure)
+        if not all(0 < factor < math.inf for factor in (red, green, blue)):
+            raise ValueError(f"an exposure of {red:g}, {green:g}, {blue:g}")
+        return replace(self, exposure=(red, green, blue))
 
     def moved(self, turn: np.ndarray, shift: np.ndarray) -> Camera:
         """The camera turned about its centre, then shifted, both along its own axes.
@@ -94,23 +108,25 @@ class Camera:
 
     def to_json(self) -> dict[str, Any]:
         """A plain dictionary for headers; ``from_json`` reads it back."""
-        return {
+        plain = {
             "name": self.name,
             "width": self.width,
             "height": self.height,
             "intrinsics": self.intrinsics.tolist(),
             "world_to_camera": self.world_to_camera.tolist(),
         }
+        return plain if self.exposure == NEUTRAL else plain | {"exposure": list(self.exposure)}
 
     @classmethod
     def from_json(cls, data: dict[str, Any]) -> Camera:
-        return cls(
+        camera = cls(
             str(data["name"]),
             int(data["width"]),
             int(data["height"]),
             np.array(data["intrinsics"], dtype=np.float64),
             np.array(data["world_to_camera"], dtype=np.float64),
         )
+        return camera.with_exposure(data.get("exposure", NEUTRAL))
 
 
 def rotation_about(vector: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..capture.camera import Camera
+from ..capture.camera import NEUTRAL, Camera
 from ..rasterizer.arrays import GaussianArrays
 from ..rasterizer.native import Frame
 from ..rasterizer.options import RasterizeOptions
@@ -56,6 +56,8 @@ def draw(
         "mean_depth": np.empty(size, np.float32),
     }
     Frame(gaussians, camera, background, options, image, depth_limit)
+    if camera.exposure != NEUTRAL:
+        np.multiply(image["rgb"], np.asarray(camera.exposure, np.float32), out=image["rgb"])
     offsets = gaussians.means - camera.center.astype(np.float32)
     missing = np.full(1, np.nan, np.float32)  # index -1 picks it
     distances = np.concatenate([np.linalg.norm(offsets, axis=1), missing]).astype(np.float32)

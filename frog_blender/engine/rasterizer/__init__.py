@@ -9,13 +9,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from ..capture.camera import NEUTRAL, Camera
 from .arrays import GaussianArrays
 from .options import RasterizeOptions
 
 if TYPE_CHECKING:
     import torch
-
-    from ..capture.camera import Camera
 
 __all__ = ["GaussianArrays", "Image", "RasterizeOptions", "rasterize", "rasterize_batch"]
 
@@ -61,7 +60,7 @@ def rasterize(
     depth_limit: torch.Tensor | None = None,
     implementation: str = "auto",
 ) -> Image:
-    """Draws Gaussians (torch tensors) as ``camera`` sees them, differentiably in every Gaussian attribute.
+    """Draws Gaussians (torch tensors) as ``camera`` sees and exposes them, differentiably in every Gaussian attribute.
 
     Args:
         gaussians: see GaussianArrays; scales and opacities activated.
@@ -79,7 +78,10 @@ def rasterize(
     if depth_limit is not None and depth_limit.shape != size:
         raise ValueError(f"depth_limit: shape {tuple(depth_limit.shape)}, expected {size}")
     draw = _implementation(implementation, gaussians.means)
-    return draw(gaussians, camera, (red, green, blue), options, pose, depth_limit)
+    image = draw(gaussians, camera, (red, green, blue), options, pose, depth_limit)
+    if camera.exposure != NEUTRAL:
+        image.rgb = image.rgb * image.rgb.new_tensor(camera.exposure)
+    return image
 
 
 def rasterize_batch(gaussians: GaussianArrays, cameras: Sequence[Camera], *args: Any, **keywords: Any) -> list[Image]:

@@ -25,7 +25,7 @@ from .smoothness import Neighbourhood
 from .trainer import Trainer
 
 _KEY = "frog-checkpoint"
-_VERSION = 10
+_VERSION = 11
 # Attributes of the trainer's parts, each an array under the part's name.
 _POSES = ("moments", "moved", "gathered")
 _NEIGHBOURHOOD = ("anchors", "neighbours", "weights")
@@ -56,6 +56,10 @@ def state_of(trainer: Trainer, settings: dict[str, Any] | None = None) -> State:
         poses = [camera.world_to_camera for camera in trainer.capture.cameras]
         tensors["poses"] = torch.from_numpy(np.stack(poses))
         tensors |= {f"poses.{name}": torch.from_numpy(getattr(trainer.poses, name)) for name in _POSES}
+    if trainer.exposures:
+        exposures = [camera.exposure for camera in trainer.capture.cameras]
+        tensors["exposures"] = torch.tensor(exposures, dtype=torch.float64, device="cpu")
+        tensors["exposures.sums"] = trainer.exposures.sums
     if trainer.parsimony:
         tensors["removed"] = torch.from_numpy(trainer.parsimony.removed)
     if trainer.neighbourhood is not None:
@@ -210,6 +214,9 @@ def restore(trainer: Trainer, state: State) -> None:
     if trainer.poses:
         trainer.poses.resume(tensors["poses"], *(tensors[f"poses.{name}"] for name in _POSES))
         trainer.capture = trainer.poses.capture
+    if trainer.exposures:
+        found = tensors["exposures.sums"], tensors["exposures"]
+        trainer.see_through(trainer.exposures.resume(*found, trainer.capture))
     trainer.neighbourhood = _neighbourhood(tensors, trainer)
     if trainer.parsimony:
         rounds = values["parsimony"]

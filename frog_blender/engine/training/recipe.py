@@ -53,6 +53,8 @@ class Recipe:
             large as they were leave the scene a few tenths of a dB beside where they lead.
         pose_reach, pose_from: how far a training camera's pose may go in a training, as a share of its picture's width,
             and the fraction of training at which it begins (see training.poses); the papers take poses as they are.
+        exposure_from: fraction of training from which on training cameras' exposures are compared (see
+            training.exposures); 1 for never, as in the papers.
         dssim_weight: of (1 - SSIM) / 2, for ``dssim_burst`` of every ``dssim_period`` steps after ``dssim_from``
             (FRoG, section on optimisation: 5 of 50 after an eighth of the training).
         smoothness_weight, smoothness_neighbours, smoothness_falloff: embedding smoothness; the falloff (the paper's
@@ -121,6 +123,7 @@ class Recipe:
     cool_down: float = 0.15
     pose_reach: float = 0.01
     pose_from: float = 0.05
+    exposure_from: float = 0.2
     dssim_weight: float = 0.2
     dssim_from: float = 0.125
     dssim_burst: int = 5
@@ -234,6 +237,7 @@ _PAPER = Recipe(
     mean_rate=4e-5,
     scale_rate=5e-3,
     pose_reach=0.0,
+    exposure_from=1.0,
     dssim_weight=1.0,
     densify_from=0.0625,
     densify_until=0.95,

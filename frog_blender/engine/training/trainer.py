@@ -20,6 +20,7 @@ from ..model.interface import Progressing, SceneModel
 from ..rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
 from .density import DensityControl
 from .device import torch_threads
+from .exposures import Exposures
 from .losses import picture_loss
 from .methods import method_named
 from .optimizer import SceneOptimizer
@@ -80,6 +81,8 @@ class Trainer:
         center = np.median(seeds.points, axis=0)
         refined = PoseRefinement.wanted(capture, recipe)
         self.poses = PoseRefinement(capture, recipe, center, self.scene_scale) if refined else None
+        compared = Exposures.wanted(capture, recipe)
+        self.exposures = Exposures(capture, recipe, self.device) if compared else None
         self.density = DensityControl(recipe, self.scene_scale, self.count, self.device)
         self.neighbourhood: Neighbourhood | None = None
         self.step_count, self.seconds, self.progress = 0, 0.0, 0.0
@@ -189,6 +192,8 @@ class Trainer:
         self.optimizer.step()
         if self.poses and pose is not None and pose.grad is not None:
             self.poses.observe(camera_index, pose.grad, before)
+        if self.exposures and self.exposures.listens(camera_index, self.step_count, before):
+            self.exposures.observe(camera_index, camera, image.rgb, pixels)
         self.step_count += 1
         self.seconds += time.perf_counter() - started
         self.progress = self._progress_now()
@@ -254,6 +259,8 @@ class Trainer:
         return self.model.canonical.gaussians(sh_count), {}
 
     def _rounds(self, before: float, now: float, shot: int) -> None:
+        if self.exposures and (exposed := self.exposures.found(self.capture, before, now)):
+            self.see_through(exposed)
         grows = not (self.parsimony and self.parsimony.settled(now))
         densified = grows and self._densify.due(before, now)
         if densified:
@@ -268,6 +275,12 @@ class Trainer:
         if self.parsimony:
             self.parsimony.after_step(self, before, now)
             self.picker.withhold(self.parsimony.withheld_at(now))
+
+    def see_through(self, capture: Capture) -> None:
+        """The same capture, whose cameras are known better."""
+        self.capture = capture
+        if self.poses:
+            self.poses.capture = capture
 
     def find_neighbours(self) -> None:
         """Draws the embedding smoothness's sample anew, among the Gaussians that move."""
