@@ -18,7 +18,7 @@ NVRTC := $(if $(filter Darwin,$(shell uname)),,nvidia-cuda-nvrtc-cu12)
 setup: $(VENV)/.ready
 
 $(VENV)/.packages: constraints.txt pyproject.toml
-	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip --version > /dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
 	$(INSTALL) scikit-build-core cmake ninja
 	$(INSTALL) torch numpy safetensors opencv-contrib-python-headless tqdm imageio-ffmpeg matplotlib flip-evaluator bpy pytest hypothesis plyfile ruff mypy $(NVRTC)
 	touch $@
@@ -86,7 +86,7 @@ test-sanitizers: setup
 BPY45 := .venv-bpy45
 
 $(BPY45)/.ready: constraints.txt
-	test -x $(BPY45)/bin/python || $(PYTHON) -m venv $(BPY45)
+	$(BPY45)/bin/python -m pip --version > /dev/null 2>&1 || $(PYTHON) -m venv --clear $(BPY45)
 	sed 's/^bpy==.*/bpy==4.5.15/' constraints.txt > $(BPY45)/constraints.txt
 	$(BPY45)/bin/python -m pip install --disable-pip-version-check -q -c $(BPY45)/constraints.txt $(PIP_FLAGS) \
 		bpy torch numpy safetensors opencv-contrib-python-headless tqdm pytest plyfile

@@ -99,6 +99,7 @@ class TrainingTask:
         self.state = TrainingState()
         self._source = source
         self._on_finished = on_finished
+        self.waiting: Path | None = None  # a finished file that is to be handed over
         self._events: queue.Queue[Any] = queue.Queue()
         self.control = Control()
         # A daemon, because Python waits for other threads before it runs atexit, where this one is asked to end.
@@ -188,9 +189,14 @@ class TrainingTask:
                 state.error = state.error or event.error
                 state.running = False
                 if state.result and not state.error and not state.cancelled:
-                    self._hand_over(state.result)
+                    self.waiting = state.result
+                    self.hand_over()
 
-    def _hand_over(self, result: Path) -> None:
+    def hand_over(self) -> None:
+        """Gives a finished training's file to who asked for it, once no render looks at the scene that it changes."""
+        if self.waiting is None or bpy.app.is_job_running("RENDER"):
+            return
+        result, self.waiting = self.waiting, None
         try:
             if self._on_finished is not None:
                 self._on_finished(result)
@@ -245,7 +251,8 @@ def _tick() -> float | None:
     if applied:
         preview_picture.show(current.state.preview)
         _redraw()
-    return TIMER_SECONDS if current.state.running else None
+    current.hand_over()
+    return TIMER_SECONDS if current.state.running or current.waiting else None
 
 
 def _redraw() -> None:

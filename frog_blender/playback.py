@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 from bpy.app.handlers import persistent
 
-from . import app_handlers, carrier
+from . import app_handlers, carrier, saved_elsewhere
 from .engine.errors import FrogError
 from .playing import density, playback_cache
 from .playing.playback_cache import Moment
@@ -257,7 +257,9 @@ def _on_update(_scene: Any, depsgraph: Any) -> None:
 def _on_save_pre(*_: Any) -> None:
     """Gaussians are in the .frog file; a .blend that repeats them grows by 60 bytes a Gaussian for nothing."""
     for obj in captures(bpy.data.objects):
-        if obj.library is None and _stamp(file_of(obj)) is not None and not problem(file_of(obj)):
+        if obj.library is not None or getattr(obj.data, "is_editmode", False):
+            continue  # Blender refuses to change what is being edited
+        if _stamp(file_of(obj)) is not None and not problem(file_of(obj)):
             carrier.clear(obj)
 
 
@@ -270,7 +272,10 @@ def _handlers() -> app_handlers.Handlers:
         (on.undo_post, _refresh_all),
         (on.redo_post, _refresh_all),
         (on.save_pre, _on_save_pre),
+        (on.save_pre, saved_elsewhere.on_save_pre),  # after it, which looks for the files
+        (on.save_post, saved_elsewhere.on_save_post),
         (on.save_post, _refresh_all),
+        (on.save_post_fail, saved_elsewhere.on_save_post),
         (on.save_post_fail, _refresh_all),
     ]
 

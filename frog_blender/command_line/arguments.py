@@ -20,6 +20,14 @@ def positive(kind: Callable[[str], float]) -> Callable[[str], float]:
     return parse
 
 
+def seed(text: str) -> int:
+    """An argument type: a number that everything random can begin with."""
+    value = int(text)
+    if not 0 <= value < 2**32:
+        raise argparse.ArgumentTypeError(f"{text} is not between 0 and {2**32 - 1}")
+    return value
+
+
 def add_offset_argument(parser: argparse.ArgumentParser) -> None:
     """See ``offsets_of``."""
     parser.add_argument(

@@ -13,6 +13,7 @@ from .. import background, playback
 from ..engine.errors import FrogError, found_instead
 from ..engine.training.outputs import free_output, is_of_another
 from ..ui import capture_summary, preferences
+from .imported import known_by
 from .materialize import materialize
 
 
@@ -35,7 +36,7 @@ class FROG_OT_train(bpy.types.Operator):
         try:
             request = request_of(settings, self.resume)
             preferences.make_torch_importable()
-            after = _importer(context.scene.name) if settings.import_when_done else None
+            after = _importer(context.scene.session_uid) if settings.import_when_done else None
             background.begin(request.events, after)
         except FrogError as error:
             self.report({"ERROR"}, str(error))
@@ -152,11 +153,11 @@ def can_resume(settings: Any) -> bool:
     return not is_of_another(output_of(settings), Path(bpy.path.abspath(settings.capture_folder)))
 
 
-def _importer(scene_name: str) -> Any:
+def _importer(scene_uid: int) -> Any:
     """What to do with a finished file: show it in the scene that asked for it, once.  May raise FrogError."""
 
     def show(path: Path) -> None:
-        scene = bpy.data.scenes.get(scene_name)
+        scene = known_by(bpy.data.scenes, scene_uid)  # whatever it is called by now
         if scene is None:
             return  # the user deleted it meanwhile; the file is on disk
         if any(playback.file_of(obj) == path for obj in playback.captures(scene.objects)):

@@ -16,7 +16,7 @@ from bpy.props import (
     StringProperty,
 )
 
-from .. import carrier, playback
+from .. import carrier, playback, saved_elsewhere
 from ..nodes import ellipsoid_nodes
 from .path_options import PATH_OPTIONS
 
@@ -44,7 +44,8 @@ def _on_display(settings: Any, context: Any) -> None:
 
 
 def _on_play_setting(_settings: Any, context: Any) -> None:
-    playback.refresh(context.scene)
+    if not saved_elsewhere.moving:
+        playback.refresh(context.scene)
 
 
 class FrogPlaybackSettings(bpy.types.PropertyGroup):

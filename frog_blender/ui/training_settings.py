@@ -9,6 +9,7 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
+from .. import saved_elsewhere
 from ..engine.training.outputs import free_output
 from .path_options import PATH_OPTIONS
 
@@ -37,6 +38,8 @@ CAPACITIES = (
 
 
 def _on_capture_folder(settings: Any, _context: Any) -> None:
+    if saved_elsewhere.moving:
+        return
     from . import capture_summary, preferences  # imports the readers, so not before someone names a folder
 
     preferences.add_environment()  # OpenCV, which reads videos, may be there

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import threading
+from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
 import pytest
 
-from frog_blender import background
+from frog_blender import background, playback
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.training import events
+from frog_blender.operators import train
 
 
 def finish(task):
@@ -103,6 +106,29 @@ def test_an_import_that_fails_at_the_end_is_an_error_in_the_state(addon):
     said = [events.Finished("x.frog", 1, 1.0, 20.0, 5)]
     state = finish(background.TrainingTask(lambda cancelled: iter(said), refuse).start())
     assert state.error == "x.frog: found a directory, expected a file." and not state.running
+
+
+def test_nothing_is_imported_while_a_render_looks_at_the_scene(addon, monkeypatch):
+    renders, imported = ["RENDER"], []
+    app = SimpleNamespace(is_job_running=lambda kind: kind in renders)
+    monkeypatch.setattr(background, "bpy", SimpleNamespace(app=app))
+    said = [events.Finished("x.frog", 1, 1.0, 20.0, 5)]
+    task = background.TrainingTask(lambda cancelled: iter(said), imported.append)
+    assert not finish(task.start()).running
+    task.hand_over()
+    assert task.waiting is not None and not imported
+    renders.clear()
+    for _ in range(2):
+        task.hand_over()
+    assert task.waiting is None and imported == [Path("x.frog")]
+
+
+def test_a_scene_that_was_renamed_meanwhile_gets_the_import(empty, static_rig):
+    show = train._importer(empty.session_uid)
+    empty.name = "Another"
+    bpy.data.scenes.new("Scene")
+    show(static_rig)
+    assert [playback.file_of(obj) for obj in playback.captures(empty.objects)] == [static_rig]
 
 
 def test_only_one_training_at_a_time_and_loading_a_file_ends_it(addon):

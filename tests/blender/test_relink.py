@@ -80,3 +80,61 @@ def test_relative_paths_stay_relative(empty, lost, tmp_path):
         paths.use_relative_paths = before
     assert first.frog.filepath.replace("\\", "/") == "//there/a.frog" and second.frog.filepath.startswith("//")
     shows(first, there / "a.frog", 2.0)
+
+
+@pytest.fixture
+def beside(empty, tmp_path):
+    """A saved .blend with a capture and training settings whose paths begin at its folder; their file."""
+    home = tmp_path / "home"
+    home.mkdir()
+    path = write_scene(home / "a.frog", rig_of_three())
+    bpy.ops.wm.save_as_mainfile(filepath=str(home / "x.blend"))
+    bpy.ops.import_scene.frog(filepath=str(path))
+    capture = next(playback.captures(bpy.context.scene.objects))
+    capture.frog.filepath, bpy.context.scene.frog.output_path = "//a.frog", "//b.frog"
+    bpy.context.scene.frame_set(3)
+    shows(capture, path, 2.0)
+    return path
+
+
+def test_saving_elsewhere_loses_nothing(beside, tmp_path):
+    other = tmp_path / "p" / "q"
+    other.mkdir(parents=True)
+    bpy.ops.wm.save_as_mainfile(filepath=str(other / "y.blend"))
+    for _ in range(2):  # in the open .blend, and in what was written
+        capture = next(playback.captures(bpy.context.scene.objects))
+        assert capture.frog.filepath.startswith("//") and playback.file_of(capture).resolve() == beside
+        assert bpy.context.scene.frog.output_path.startswith("//..")
+        bpy.context.scene.frame_set(5)
+        shows(capture, beside, 4.0)
+        bpy.ops.wm.open_mainfile(filepath=str(other / "y.blend"))
+
+
+def test_a_copy_saved_elsewhere_plays_and_so_does_the_open_one(beside, tmp_path):
+    other = tmp_path / "copies"
+    other.mkdir()
+    bpy.ops.wm.save_as_mainfile(filepath=str(other / "y.blend"), copy=True)
+    capture = next(playback.captures(bpy.context.scene.objects))
+    assert capture.frog.filepath == "//a.frog" and bpy.context.scene.frog.output_path == "//b.frog"
+    shows(capture, beside, 2.0)
+    bpy.ops.wm.open_mainfile(filepath=str(other / "y.blend"))
+    capture = next(playback.captures(bpy.context.scene.objects))
+    bpy.context.scene.frame_set(5)
+    shows(capture, beside, 4.0)
+
+
+def test_saving_where_nothing_can_be_saved_changes_no_path(beside, tmp_path):
+    with pytest.raises(RuntimeError):
+        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "none" / "y.blend"))
+    capture = next(playback.captures(bpy.context.scene.objects))
+    assert capture.frog.filepath == "//a.frog"
+    shows(capture, beside, 2.0)
+
+
+def test_saving_in_edit_mode(beside):
+    capture = next(playback.captures(bpy.context.scene.objects))
+    bpy.context.view_layer.objects.active = capture
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.wm.save_mainfile()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    shows(capture, beside, 2.0)

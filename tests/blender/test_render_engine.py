@@ -324,6 +324,16 @@ def test_camera_projects_as_blender_does(empty, fit, size, aspect):
         assert z == pytest.approx(distance, rel=1e-5)
 
 
+@pytest.mark.parametrize("share", [k / 100 for k in (7, 29, 35, 57, 58, 70, 95)])
+def test_a_render_region_has_the_size_that_blender_expects(empty, static_rig, rendered, share):
+    import_scene(static_rig)
+    empty.render.resolution_x, empty.render.resolution_y = 100, 60
+    empty.render.border_min_x, empty.render.border_max_x = share, 1.0
+    empty.render.border_min_y, empty.render.border_max_y = 0.0, share
+    whole, part = rendered(empty), rendered(empty, use_border=True, use_crop_to_border=True)
+    np.testing.assert_array_equal(part, whole[-part.shape[0] :, -part.shape[1] :])
+
+
 @pytest.mark.parametrize("crop", [True, False])
 def test_a_render_region_is_that_part_of_the_picture(empty, static_rig, rendered, crop):
     import_scene(static_rig)

@@ -127,6 +127,16 @@ def test_a_video_shorter_than_its_header_says_is_named(n3dv: Path) -> None:
         FrameStore.open(capture, cache_folder=n3dv.parent / "cache")
 
 
+def test_where_a_video_lacks_its_last_frame_the_one_before_stays(n3dv: Path, tmp_path: Path) -> None:
+    """As edit lists make it, in videos too large for their frames to be counted beforehand."""
+    capture = open_capture(n3dv)
+    write_video(n3dv / "cam03.mp4", 4)  # of the five that were there when it was opened
+    store = FrameStore.open(capture, cache_folder=tmp_path / "cache")
+    camera = next(i for i, each in enumerate(capture.cameras) if each.name == "cam03")
+    before, last = (store.image(i) for i, shot in enumerate(capture.shots) if shot.camera == camera and shot.frame > 2)
+    np.testing.assert_array_equal(before, last)
+
+
 def test_a_video_that_vanished_is_named(n3dv: Path) -> None:
     capture = open_capture(n3dv)
     (n3dv / "cam03.mp4").unlink()

@@ -210,3 +210,22 @@ def test_a_wide_gaussian_is_not_compensated(implementation: str) -> None:
             for on in (False, True)
         )
     torch.testing.assert_close(plain.rgb, compensated.rgb, atol=1e-4, rtol=0)
+
+
+def test_torchs_defaults_decide_nothing() -> None:
+    """The library is given addresses: what lies there has to be what it expects."""
+
+    def drawn() -> list[torch.Tensor]:
+        scene = tensors(crowd())
+        image = rasterize(scene, CAMERA, BACKGROUND, EVERYTHING)
+        image.rgb.square().sum().backward()
+        return [image.rgb.detach(), image.alpha.detach(), image.mean_depth, image.max_weights, scene.means.grad]
+
+    expected = drawn()
+    torch.set_default_dtype(torch.float64)
+    try:
+        found = drawn()
+    finally:
+        torch.set_default_dtype(torch.float32)
+    for one, other in zip(found, expected, strict=True):
+        torch.testing.assert_close(one, other, rtol=0, atol=0, equal_nan=True)

@@ -65,6 +65,11 @@ def truncated(path: Path, decoded: int, expected: int) -> FrogError:
     )
 
 
+def _may_miss(frames: int) -> int:
+    """Edit lists and codecs that swallow the last frame make headers lie by so many frames."""
+    return max(2, frames // 50)
+
+
 def read_facts(path: Path) -> VideoFacts:
     """Facts about a video; the first frame is really decoded, small videos are decoded whole.
 
@@ -86,8 +91,7 @@ def read_facts(path: Path) -> VideoFacts:
             count = 1
             while video.grab():
                 count += 1
-            # Edit lists and codecs that swallow the last frame make headers lie by a frame or two.
-            if not is_estimate and count < declared - max(2, declared // 50):
+            if not is_estimate and count < declared - _may_miss(declared):
                 raise truncated(path, count, declared)
     finally:
         video.release()
@@ -99,6 +103,8 @@ def read_facts(path: Path) -> VideoFacts:
 def decode(path: Path, indices: Iterable[int]) -> Iterator[np.ndarray]:
     """The frames of a video with the given ascending indices, each (H, W, 3) uint8 RGB.
 
+    Where a large video, whose frames nobody counted, ends a frame before its header says (or 1 %), the last one stays.
+
     Raises:
         FrogError: if the file cannot be decoded or ends too early.
     """
@@ -106,17 +112,17 @@ def decode(path: Path, indices: Iterable[int]) -> Iterator[np.ndarray]:
     wanted = list(indices)
     video = _open(path)
     try:
-        position = 0
+        position, last = 0, None
         for index in wanted:
-            while position < index:
-                if not video.grab():
-                    raise truncated(path, position, wanted[-1] + 1)
+            while position < index and video.grab():
                 position += 1
-            is_read, picture = video.read()
-            if not is_read or picture is None:
+            is_read, picture = video.read() if position == index else (False, None)
+            if is_read and picture is not None:
+                position += 1
+                last = cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
+            elif last is None or wanted[-1] + 1 - position > _may_miss(wanted[-1] + 1) // 2:
                 raise truncated(path, position, wanted[-1] + 1)
-            position += 1
-            yield cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
+            yield last
     finally:
         video.release()
 

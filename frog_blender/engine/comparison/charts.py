@@ -139,7 +139,7 @@ def training_chart(section: Section) -> Any:
 def _seconds_and_psnr(row: Row, record: dict[str, Any]) -> tuple[list[float], list[float]]:
     """A run's curve; its seconds stretched to those of the dedicated pass, if there is one."""
     factor = 1.0
-    if row.timing is not None and record["train_seconds"]:
+    if row.timing is not None and row.timing["training"]["seconds"] and record["train_seconds"]:
         factor = row.timing["training"]["seconds"] / record["train_seconds"]
     return [point[0] * factor for point in record["curve"]], [point[2] for point in record["curve"]]
 

@@ -45,9 +45,9 @@ def time_grid(
         told(done, len(chosen))
         if cancelled():
             break
-        if run.scene not in prepared:
-            prepared = {run.scene: _prepare(run, conditions)}  # one at a time: frames are large
         try:
+            if run.scene not in prepared:
+                prepared = {run.scene: _prepare(run, conditions)}  # one at a time: frames are large
             record = _time(run, conditions, steps, *prepared[run.scene])
         except FrogError as error:
             record = {"kind": "failed", **identity(run), "error": str(error).replace(run.capture, run.scene)}

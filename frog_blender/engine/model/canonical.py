@@ -71,7 +71,8 @@ def new_gaussians(
     """
     count, device = len(points), points.device
     sh = torch.zeros(count, sh_count, 3, device=device)
-    sh[:, 0] = (colors - 0.5) / SH_DC
+    # Colours end at 0, and what ends there learns nothing: half a grey level is as black, and learns.
+    sh[:, 0] = (colors.clamp(min=1 / 510) - 0.5) / SH_DC
     quaternions = torch.zeros(count, 4, device=device)
     quaternions[:, 0] = 1
     return {

@@ -34,8 +34,8 @@ class _Deform(torch.autograd.Function):
         arrays |= ctx.layer
         count = len(tensors[0])
         sizes = {"means": (3,), "quaternions": (4,), "scales": (3,), "opacities": (), "sh": (shape.sh_active, 3)}
-        result = {name: torch.empty((count, *sizes[name]), device="cpu") for name in _OUTPUTS}
-        result["changes"] = torch.empty((len(arrays["embeddings"]), shape.outputs), device="cpu")
+        result = {name: torch.empty((count, *sizes[name]), dtype=torch.float32, device="cpu") for name in _OUTPUTS}
+        result["changes"] = arrays["embeddings"].new_empty((len(arrays["embeddings"]), shape.outputs))
         deform(shape, arrays, result)
         ctx.shape, ctx.names, ctx.sizes = shape, names, {name: result[name].shape for name in _OUTPUTS}
         ctx.save_for_backward(*tensors)
@@ -49,8 +49,9 @@ class _Deform(torch.autograd.Function):
         inputs = {name: arrays.pop(name).numpy() for name in _LAYER_INPUTS if name in arrays}
         arrays |= ctx.layer
         gradients = {name: torch.empty_like(array) for name, array in arrays.items()}
+        some = ctx.saved_tensors[0]
         by_outputs = {
-            name: torch.zeros(ctx.sizes[name]) if gradient is None else gradient.contiguous()
+            name: some.new_zeros(ctx.sizes[name]) if gradient is None else gradient.contiguous()
             for name, gradient in zip(_OUTPUTS, by, strict=False)
         }
         deform_backward(ctx.shape, arrays, by_outputs, gradients)

@@ -12,6 +12,10 @@ from . import Image, native
 from .arrays import GaussianArrays
 from .options import RasterizeOptions
 
+# The library is given addresses alone: torch's defaults, which anybody may set, must not decide what lies there.
+_FLOATS: dict[str, Any] = {"dtype": torch.float32, "device": "cpu"}
+_INTEGERS: dict[str, Any] = {"dtype": torch.int32, "device": "cpu"}
+
 
 class _Rasterize(torch.autograd.Function):
     @staticmethod
@@ -27,7 +31,7 @@ class _Rasterize(torch.autograd.Function):
         drawing: _Drawing,
     ) -> tuple[torch.Tensor, torch.Tensor]:
         gaussians = GaussianArrays(*[t.contiguous() for t in (means, quaternions, scales, opacities, sh)])
-        rgb, alpha = torch.empty((*drawing.size, 3)), torch.empty(drawing.size)
+        rgb, alpha = torch.empty((*drawing.size, 3), **_FLOATS), torch.empty(drawing.size, **_FLOATS)
         ctx.frame = native.Frame(
             gaussians,
             drawing.camera,
@@ -46,11 +50,11 @@ class _Rasterize(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *grad_outputs: torch.Tensor | None) -> tuple[torch.Tensor | None, ...]:
-        gradients = [torch.empty(shape) for shape in ctx.shapes]
-        pose = None if ctx.pose_shape is None else torch.zeros(ctx.pose_shape)
+        gradients = [torch.empty(shape, **_FLOATS) for shape in ctx.shapes]
+        pose = None if ctx.pose_shape is None else torch.zeros(ctx.pose_shape, **_FLOATS)
         names = ("means", "quaternions", "scales", "opacities", "sh", "screen")
         by_rgb, by_alpha = (None if gradient is None else gradient.contiguous() for gradient in grad_outputs)
-        by_rgb = torch.zeros((*ctx.size, 3)) if by_rgb is None else by_rgb
+        by_rgb = torch.zeros((*ctx.size, 3), **_FLOATS) if by_rgb is None else by_rgb
         wanted = dict(zip(names, gradients, strict=True)) | {"screen_absolute": ctx.screen_absolute, "pose": pose}
         ctx.frame.backward(by_rgb, by_alpha, wanted)
         return (*gradients, pose, None)
@@ -85,16 +89,16 @@ def rasterize(
     count = len(gaussians)
     _, _, width, height = options.region_of(camera)
     size = (height, width)
-    screen = torch.zeros((count, 2), requires_grad=True)
-    screen_absolute = torch.zeros((count, 2)) if options.absolute else None
-    extras: dict[str, torch.Tensor] = {"radii": torch.empty(count), "at_fault": torch.zeros(1, dtype=torch.int32)}
+    screen = torch.zeros((count, 2), requires_grad=True, **_FLOATS)
+    screen_absolute = torch.zeros((count, 2), **_FLOATS) if options.absolute else None
+    extras = {"radii": torch.empty(count, **_FLOATS), "at_fault": torch.zeros(1, **_INTEGERS)}
     if options.depth:
-        extras["median_index"] = torch.empty(size, dtype=torch.int32)
-        extras["mean_depth"] = torch.empty(size)
+        extras["median_index"] = torch.empty(size, **_INTEGERS)
+        extras["mean_depth"] = torch.empty(size, **_FLOATS)
     if options.weights:
-        extras["max_weights"] = torch.empty(count)
+        extras["max_weights"] = torch.empty(count, **_FLOATS)
     if depth_limit is not None:
-        depth_limit = depth_limit.detach().float().contiguous()
+        depth_limit = depth_limit.detach().to("cpu", torch.float32).contiguous()
     drawing = _Drawing(camera, background, options, size, torch.is_grad_enabled(), depth_limit, screen_absolute, extras)
     rgb, alpha = _Rasterize.apply(
         gaussians.means,

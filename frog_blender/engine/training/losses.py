@@ -43,7 +43,7 @@ def picture_loss(
         pixels: (H, W, 3) uint8 what it should be; its rows may be part of a larger picture's.
     """
     if image.dtype == torch.float32 and image.device.type == "cpu":
-        cells = torch.empty([-(-length // CELL) for length in pixels.shape[:2]], device="cpu")
+        cells = image.new_empty([-(-length // CELL) for length in pixels.shape[:2]])
         loss, error = _NativeLoss.apply(image.contiguous(), pixels, dssim_weight, weight, cells)
         return PictureLoss(loss, error, cells)
     return picture_loss_plainly(image, picture_on(image.device, pixels), dssim_weight, weight)

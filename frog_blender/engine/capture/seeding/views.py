@@ -83,7 +83,9 @@ def scene_depth(cameras: Sequence[Camera]) -> float:
     forwards = np.array([camera.forward for camera in cameras])
     across = np.eye(3)[None] - forwards[:, :, None] * forwards[:, None, :]  # projections off each axis
     matrix = across.sum(axis=0)
-    extent = float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).max(initial=0.0)) or 1.0
+    # Where all stand in one place their mean may be off by a rounding, which is no extent.
+    stands = not np.ptp(centers, axis=0).any()
+    extent = 1.0 if stands else float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).max())
     if np.linalg.eigvalsh(matrix)[0] > 1e-3 * len(cameras):
         meeting = np.linalg.solve(matrix, np.einsum("nij,nj->i", across, centers))
         depth = float(np.median(np.einsum("nj,nj->n", meeting - centers, forwards)))
