@@ -93,7 +93,21 @@ def _splat_scene(scene: Any, composed: Any) -> Any:
     for setting in _TAKEN_OVER:
         setattr(splats.render, setting, getattr(scene.render, setting))
     splats.render.engine, splats.render.film_transparent, splats.frog.hold_out = "FROG", True, True
+    splats.timeline_markers.clear()
+    for marker in scene.timeline_markers:
+        if marker.camera is not None:  # the timeline switches to it
+            splats.timeline_markers.new(marker.name, frame=marker.frame).camera = marker.camera
+    _take_over_collections(splats.view_layers[0].layer_collection, scene.view_layers[0].layer_collection)
     return splats
+
+
+def _take_over_collections(mine: Any, theirs: Any) -> None:
+    """What is excluded or holds out in the user's first view layer does so here."""
+    for child in mine.children:
+        like = theirs.children.get(child.name)
+        if like is not None:
+            child.exclude, child.holdout, child.indirect_only = like.exclude, like.holdout, like.indirect_only
+            _take_over_collections(child, like)
 
 
 def _splat_layers(scene: Any) -> Any:

@@ -159,3 +159,21 @@ def test_what_the_compositor_did_before_stays(empty, static_rig):
 
 def test_it_needs_a_capture(empty):
     assert not bpy.ops.frog.compose.poll()
+
+
+def test_the_splats_scene_switches_cameras_and_leaves_out_what_the_users_does(empty, static_rig):
+    import_scene(static_rig)
+    hidden = bpy.data.collections.new("hidden")
+    empty.collection.children.link(hidden)
+    layer = empty.view_layers[0].layer_collection
+    cameras = [obj for obj in empty.objects if obj.type == "CAMERA"][:2]
+    for frame, camera in zip((1, 5), cameras, strict=True):
+        empty.timeline_markers.new(camera.name, frame=frame).camera = camera
+    empty.timeline_markers.new("a note", frame=3)
+    for excluded in (True, False):
+        layer.children["hidden"].exclude = excluded
+        assert bpy.ops.frog.compose(engine="CYCLES") == {"FINISHED"}
+        splats = bpy.data.scenes[f"{empty.name} FRoG"]
+        found = [(marker.frame, marker.camera) for marker in splats.timeline_markers]
+        assert found == list(zip((1, 5), cameras, strict=True))
+        assert splats.view_layers[0].layer_collection.children["hidden"].exclude == excluded

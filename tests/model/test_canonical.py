@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import pytest
 import torch
+from helpers import plain_camera
 
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
+from frog_blender.engine.rasterizer import rasterize
 from frog_blender.engine.training.neighbours import nearest, spacings
 from frog_blender.engine.training.recipe import RECIPES
 from frog_blender.engine.training.smoothness import add_embedding_smoothness, neighbour_weights
@@ -89,3 +91,12 @@ def test_nearest_against_all_distances() -> None:
 def test_spacings_of_few_points(count: int) -> None:
     found = spacings(torch.arange(count * 3.0).reshape(count, 3))
     assert found.shape == (count,) and (found > 0).all() and torch.isfinite(found).all()
+
+
+def test_black_seeds_learn_colours() -> None:
+    """A colour that is clipped at 0 gets no gradient; a seed's must not be."""
+    camera = plain_camera()
+    attributes = new_gaussians(torch.tensor([[0.0, 0, 2]]), torch.tensor([[0.9, 0.0, 1.0]]), torch.ones(1), 4, 8)
+    field = CanonicalField(attributes)
+    rasterize(field.gaussians(4), camera).rgb.sum().backward()
+    assert field.sh.grad is not None and (field.sh.grad[0, 0] > 0).all()
