@@ -26,6 +26,7 @@ from frog_blender.engine.rasterizer import rasterize
 from frog_blender.engine.training import (
     capacity_picture,
     events,
+    exposures,
     job,
     motion,
     neighbours,
@@ -176,8 +177,21 @@ def test_the_watch_notices_what_is_made_without_saying_where() -> None:
         assert float(remote.sum()) == 3 and sum(machine.waits.values()) == 1
 
 
-def test_a_step_waits_for_nothing(machine: Machine, make: Make) -> None:
+def test_exposures_are_learned_through_elsewhere_as_here(machine: Machine, make: Make) -> None:
+    losses = []
+    for device in (CPU, ELSEWHERE):
+        trainer = make(device)
+        cameras = [camera.with_exposure((1.2, 1.0, 0.8)) for camera in trainer.capture.cameras]
+        trainer.see_through(trainer.capture.with_cameras(cameras))
+        train(trainer)
+        assert trainer.exposures is not None and bool((trainer.exposures.sums.cpu() > 0).any())
+        losses.append(trainer.loss)
+    assert losses[1] == pytest.approx(losses[0], rel=1e-5)
+
+
+def test_a_step_waits_for_nothing(machine: Machine, make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two small copies come back by themselves; the loss is looked at every twenty steps."""
+    monkeypatch.setattr(exposures, "_EVERY", 1.0)  # without a round
     trainer = train(make(ELSEWHERE, densify_from=2.0, sampling="off", dssim_from=0.0, warm_up=0.0), until=2)
     trainer.find_neighbours()
     machine.waits.clear()

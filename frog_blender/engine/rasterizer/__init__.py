@@ -80,7 +80,9 @@ def rasterize(
     draw = _implementation(implementation, gaussians.means)
     image = draw(gaussians, camera, (red, green, blue), options, pose, depth_limit)
     if camera.exposure != NEUTRAL:
-        image.rgb = image.rgb * image.rgb.new_tensor(camera.exposure)
+        import torch
+
+        image.rgb = image.rgb * torch.tensor(camera.exposure, dtype=image.rgb.dtype, device=image.rgb.device)
     return image
 
 

@@ -66,14 +66,14 @@ class Exposures:
         drawn = rgb.detach()[::_EVERY_PIXEL, ::_EVERY_PIXEL]
         both = torch.stack([(counts * truth).sum((0, 1)), (counts * drawn).sum((0, 1))])
         if camera.exposure != NEUTRAL:
-            both[1] /= both.new_tensor(camera.exposure)
+            both[1] /= torch.tensor(camera.exposure, device=both.device)
         self.sums[index] += both
 
     def found(self, capture: Capture, before: float, now: float) -> Capture | None:
         """The capture with exposures as what was observed says, where that is due in (before, now]; else None."""
         if not self._due.due(before, now):
             return None
-        truth, drawn = self.sums[self._learned].cpu().double().numpy().transpose(1, 0, 2)
+        truth, drawn = self.sums.cpu()[self._learned].double().numpy().transpose(1, 0, 2)
         self.sums *= _REMEMBERED
         if not ((truth > 0) & (drawn > 0) & np.isfinite(drawn)).all():
             return None  # a camera that was not drawn yet, all black, or not finite, as the loss's own check says
