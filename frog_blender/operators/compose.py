@@ -97,7 +97,9 @@ def _splat_scene(scene: Any, composed: Any) -> Any:
     for marker in scene.timeline_markers:
         if marker.camera is not None:  # the timeline switches to it
             splats.timeline_markers.new(marker.name, frame=marker.frame).camera = marker.camera
-    _take_over_collections(splats.view_layers[0].layer_collection, scene.view_layers[0].layer_collection)
+    layer = splats.view_layers[0]
+    layer.update()  # a new scene's has no collections before (Blender 5.2)
+    _take_over_collections(layer.layer_collection, scene.view_layers[0].layer_collection)
     return splats
 
 
