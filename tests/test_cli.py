@@ -268,6 +268,8 @@ def test_another_capture_is_noticed(run: Run, filmed: Path, tmp_path: Path) -> N
         ["train", "x", "--out", "y", "--steps", "2.5"],
         ["train", "x", "--out", "y", "--seconds", "nan"],
         ["train", "x", "--out", "y", "--scale", "-1"],
+        ["train", "x", "--out", "y", "--seed", "-1"],
+        ["train", "x", "--out", "y", "--seed", "9999999999999999999"],
         ["train", "x", "--out", "y", "--recipe", "fast"],
         ["render", "x", "--out", "y"],
     ],

@@ -102,3 +102,10 @@ def test_a_method_that_cannot_be_timed_does_not_stop_the_others(filmed: Path, tm
         patch.setattr(timing_pass, "time_playback", sometimes)
         records = time_grid(runs, Conditions(tmp_path), 8)
     assert [record["kind"] for record in records] == ["failed", "timing"]
+
+
+def test_a_capture_that_cannot_be_opened_does_not_stop_the_others(filmed: Path, tmp_path: Path, quick: None) -> None:
+    captures = {"tiny": filmed, "gone": tmp_path / "gone"}
+    runs = chart_grid(captures, methods=["static"], seeds=1, steps=2)
+    records = time_grid(runs, Conditions(tmp_path), 8)
+    assert sorted(record["kind"] for record in records) == ["failed", "timing"]
