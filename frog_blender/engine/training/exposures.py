@@ -67,7 +67,7 @@ class Exposures:
         both = torch.stack([(counts * truth).sum((0, 1)), (counts * drawn).sum((0, 1))])
         if camera.exposure != NEUTRAL:
             both[1] /= torch.tensor(camera.exposure, device=both.device)
-        self.sums[index] += both
+        self.sums[index] += both.nan_to_num(0.0, 0.0, 0.0)  # of a loss that is none its own check tells
 
     def found(self, capture: Capture, before: float, now: float) -> Capture | None:
         """The capture with exposures as what was observed says, where that is due in (before, now]; else None."""
@@ -75,8 +75,8 @@ class Exposures:
             return None
         truth, drawn = self.sums.cpu()[self._learned].double().numpy().transpose(1, 0, 2)
         self.sums *= _REMEMBERED
-        if not ((truth > 0) & (drawn > 0) & np.isfinite(drawn)).all():
-            return None  # a camera that was not drawn yet, all black, or not finite, as the loss's own check says
+        if not ((truth > 0) & (drawn > 0)).all():
+            return None  # a camera that was not drawn yet, or all black
         logs = np.log(truth) - np.log(drawn)
         logs -= logs.mean(axis=0)
         alike = np.sqrt((logs**2).mean()) < _NOTICED
