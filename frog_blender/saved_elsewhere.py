@@ -41,12 +41,12 @@ def _write(block: Any, name: str, value: str) -> None:
         moving = False
 
 
-def _seen_from(folder: Path, value: str) -> str:
-    absolute = bpy.path.abspath(value)
+def seen_from(folder: Path, path: str) -> str:
+    """An absolute path as a .blend in ``folder`` keeps it, which begins with ``//`` unless it is on another drive."""
     try:
-        return str(bpy.path.relpath(absolute, start=str(folder)))
-    except ValueError:  # on another drive
-        return str(absolute)
+        return str(bpy.path.relpath(path, start=str(folder)))
+    except ValueError:
+        return path
 
 
 @persistent
@@ -60,7 +60,7 @@ def on_save_pre(path: str = "", *_: Any) -> None:
     _target = there
     for blocks, block, name, value in list(_relative()):
         _before.append((blocks, block.session_uid, name, value))
-        _write(block, name, _seen_from(there, value))
+        _write(block, name, seen_from(there, bpy.path.abspath(value)))
 
 
 @persistent

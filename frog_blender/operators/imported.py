@@ -9,6 +9,7 @@ import bpy
 
 from .. import playback
 from ..engine.errors import FrogError
+from ..saved_elsewhere import seen_from
 
 
 def chosen(context: Any) -> Any:
@@ -61,7 +62,4 @@ def stored_path(path: Path) -> str:
     """The path as a .blend keeps it: from its own folder, if that is what the user's other paths do."""
     if not (bpy.data.filepath and bpy.context.preferences.filepaths.use_relative_paths):
         return str(path)
-    try:
-        return bpy.path.relpath(str(path))
-    except ValueError:  # on another drive
-        return str(path)
+    return seen_from(Path(bpy.data.filepath).parent, str(path))

@@ -131,10 +131,11 @@ def test_saving_where_nothing_can_be_saved_changes_no_path(beside, tmp_path):
     shows(capture, beside, 2.0)
 
 
-def test_saving_in_edit_mode(beside):
+def test_saving_in_edit_mode(beside, capfd):
     capture = next(playback.captures(bpy.context.scene.objects))
     bpy.context.view_layer.objects.active = capture
     bpy.ops.object.mode_set(mode="EDIT")
     bpy.ops.wm.save_mainfile()
     bpy.ops.object.mode_set(mode="OBJECT")
     shows(capture, beside, 2.0)
+    assert "Traceback" not in capfd.readouterr().err

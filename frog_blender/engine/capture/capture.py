@@ -142,6 +142,11 @@ class Capture:
         return tuple(shot for shot in self.shots if not self.is_test(shot))
 
     @property
+    def train_cameras(self) -> list[int]:
+        """The cameras that took them, ascending; none that judges is among them."""
+        return sorted({shot.camera for shot in self.train_shots})
+
+    @property
     def train_indices(self) -> list[int]:
         """Where the pictures that training may see stand among ``shots``."""
         return [index for index, shot in enumerate(self.shots) if not self.is_test(shot)]

@@ -43,8 +43,7 @@ class Exposures:
     """
 
     def __init__(self, capture: Capture, recipe: Recipe, device: torch.device) -> None:
-        trained = {shot.camera for shot in capture.train_shots}
-        self._learned = sorted(i for i in trained if capture.cameras[i].name not in capture.test_cameras)
+        self._learned = capture.train_cameras
         self._from = recipe.exposure_from
         self._due = Every(self._from + _EVERY, _UNTIL, _EVERY)
         self.sums = torch.zeros(len(capture.cameras), 2, 3, device=device)
@@ -52,8 +51,7 @@ class Exposures:
     @staticmethod
     def wanted(capture: Capture, recipe: Recipe) -> bool:
         """Whether there are cameras to compare."""
-        cameras = {shot.camera for shot in capture.train_shots}
-        return recipe.exposure_from < _UNTIL and not capture.is_moving and len(cameras) > 1
+        return recipe.exposure_from < _UNTIL and not capture.is_moving and len(capture.train_cameras) > 1
 
     def listens(self, index: int, step: int, progress: float) -> bool:
         """Whether a step that draws this camera at ``progress`` is to be observed."""

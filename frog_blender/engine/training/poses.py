@@ -41,8 +41,7 @@ class PoseRefinement:
     def __init__(self, capture: Capture, recipe: Recipe, center: np.ndarray, distance: float) -> None:
         self.capture, self._recipe = capture, recipe
         self._center, self._distance = center.astype(np.float64), distance
-        trained = {shot.camera for shot in capture.train_shots}
-        self._learned = np.array(sorted(i for i in trained if capture.cameras[i].name not in capture.test_cameras))
+        self._learned = np.array(capture.train_cameras)
         count = len(capture.cameras)
         self.moments, self.gathered = np.zeros((2, count, 6)), np.zeros((count, 13))
         self.moved = np.tile([0.0, recipe.pose_from], (count, 1))
@@ -51,7 +50,7 @@ class PoseRefinement:
     @staticmethod
     def wanted(capture: Capture, recipe: Recipe) -> bool:
         """Whether there is a rig to refine."""
-        return recipe.pose_reach > 0 and not capture.is_moving and len({s.camera for s in capture.train_shots}) > 1
+        return recipe.pose_reach > 0 and not capture.is_moving and len(capture.train_cameras) > 1
 
     def learns(self, camera: int, progress: float) -> bool:
         """Whether a step that draws this camera at ``progress`` needs the gradient of its pose."""
