@@ -125,7 +125,7 @@ def test_bands_have_the_bits_of_the_whole(crowd: GaussianArrays, slots: int, mon
     one or two. Each Gaussian's tiles are still added up in the same order."""
     native.set_thread_count(1)
     whole = with_everything(crowd)
-    monkeypatch.setenv("FROG_BACKWARD_SLOTS", str(slots))
+    monkeypatch.setattr(native, "SLOT_LIMIT", slots)
     for threads in (1, 2, 7):
         native.set_thread_count(threads)
         assert_same_bits(with_everything(crowd), whole)

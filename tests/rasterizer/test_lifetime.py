@@ -6,6 +6,7 @@ import gc
 import os
 import weakref
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -54,6 +55,16 @@ def test_nothing_is_kept_without_gradients(frames: weakref.WeakSet) -> None:
     drawing = draw(random_gaussians(CAMERA, 20), CAMERA)
     assert len(frames) == 0
     assert image.rgb.shape == drawing.rgb.shape
+
+
+def test_gaussians_changed_before_the_backward_pass_are_refused() -> None:
+    """The frame would read the new numbers: gradients of a picture that was never drawn."""
+    gaussians = tensors(random_gaussians(CAMERA, 20))
+    scales = gaussians.scales * 1.0
+    image = rasterize(replace(gaussians, scales=scales), CAMERA, BACKGROUND)
+    scales.detach().mul_(2)
+    with pytest.raises(RuntimeError, match="modified by an inplace operation"):
+        image.rgb.sum().backward()
 
 
 def test_the_backward_pass_outlives_everything_else_that_named_its_input() -> None:

@@ -8,10 +8,12 @@ from pathlib import Path
 
 import pytest
 
+from frog_blender.engine.errors import FrogError
 from frog_blender.engine.inference.scene import PlayableScene
-from frog_blender.engine.training.budget import with_budget
-from frog_blender.engine.training.events import Cancelled, Started
+from frog_blender.engine.training.budget import fit_within, with_budget
+from frog_blender.engine.training.events import Cancelled, Finished, Started, Warned
 from frog_blender.engine.training.job import TrainingJob, run_training
+from frog_blender.engine.training.parsimony import Parsimony
 from frog_blender.engine.training.recipe import recipe
 from frog_blender.engine.training.trainer import Trainer
 
@@ -86,3 +88,30 @@ def test_a_budget_of_bytes_holds_exactly(filmed: Path, tmp_path: Path, lively: C
     for name in ("b", "c", "again"):
         assert limits[name] - 5_000 < sizes[name] <= limits[name]
     assert counts["a"] > counts["b"] > counts["c"] == counts["again"]
+
+
+def test_a_budget_that_one_gaussian_meets_is_met(make_trainer: Make) -> None:
+    """The first guess of what each takes may be far off: all bytes but a few are common to all of them."""
+    trainer = make_trainer(10, capacity="auto")
+    fit_within(trainer.parsimony, trainer, lambda: 90_000 + trainer.count, 90_001)
+    assert trainer.count == 1
+    with pytest.raises(FrogError, match="a single Gaussian takes 90001"):
+        fit_within(trainer.parsimony, trainer, lambda: 90_000 + trainer.count, 90_000)
+
+
+def test_a_budget_that_was_too_small_can_be_raised(
+    filmed: Path, tmp_path: Path, lively: Callable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A doubtful one is named before the training, which is not lost when it proves too small."""
+    monkeypatch.setattr(Parsimony, "_round", lambda *_: None)  # the whole network stays
+    task = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(30, capacity="auto"))
+    with pytest.raises(FrogError, match="expected at least") as refused:
+        list(run_training(replace(task, max_bytes=100)))
+    least = int(str(refused.value).split()[-1].rstrip("."))
+    told = []
+    with pytest.raises(FrogError, match="resume it"):
+        for event in run_training(replace(task, max_bytes=least + 300)):
+            told += [event.message] if isinstance(event, Warned) else []
+    assert any("may be too small" in message for message in told) and not task.output.exists()
+    finished = list(run_training(replace(task, resume=True, max_bytes=2 * least)))[-1]
+    assert isinstance(finished, Finished) and task.output.stat().st_size <= 2 * least

@@ -41,6 +41,7 @@ class _Rasterize(torch.autograd.Function):
             drawing.depth_limit,
             drawing.differentiable,
         )
+        ctx.save_for_backward(*vars(gaussians).values())  # torch refuses tensors changed since; the frame reads them
         ctx.size = drawing.size
         ctx.shapes = [t.shape for t in (means, quaternions, scales, opacities, sh, screen)]
         ctx.pose_shape = None if pose is None else pose.shape
@@ -50,6 +51,7 @@ class _Rasterize(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *grad_outputs: torch.Tensor | None) -> tuple[torch.Tensor | None, ...]:
+        _ = ctx.saved_tensors
         gradients = [torch.empty(shape, **_FLOATS) for shape in ctx.shapes]
         pose = None if ctx.pose_shape is None else torch.zeros(ctx.pose_shape, **_FLOATS)
         names = ("means", "quaternions", "scales", "opacities", "sh", "screen")

@@ -21,8 +21,9 @@ from . import structs
 from .arrays import GaussianArrays
 from .options import RasterizeOptions
 
-ABI_VERSION = 10
+ABI_VERSION = 11
 CELL = 16  # FROG_CELL: pixels a side of the cells of ``compare``, which are the rasterizer's tiles
+SLOT_LIMIT = 6_000_000  # (Gaussian, tile) pairs that a backward pass keeps gradients of at a time, 36 bytes each
 
 
 def library_path() -> Path:
@@ -67,7 +68,7 @@ def library() -> ctypes.CDLL:
     ]
     loaded.frog_backward.restype = c_int32
     loaded.frog_count_work.argtypes = [c_void_p, POINTER(c_int64 * 3)]
-    loaded.frog_count_work.restype = None
+    loaded.frog_count_work.restype = c_int32
     loaded.frog_free.argtypes = [c_void_p]
     loaded.frog_free.restype = None
     loaded.frog_similarity.argtypes = [c_int32, c_int32, *[c_void_p] * 4]
@@ -191,7 +192,7 @@ class Frame:
         """
         if not self._differentiable:
             raise ValueError("this frame was drawn without what its backward pass needs: expected differentiable=True")
-        image_gradient = structs.ImageGradient(structs.address(rgb), structs.address(alpha))
+        image_gradient = structs.ImageGradient(structs.address(rgb), structs.address(alpha), SLOT_LIMIT)
         native = structs.pointers(structs.Gradients, structs.GRADIENTS, gradients)
         if library().frog_backward(
             self._handle,
@@ -204,7 +205,8 @@ class Frame:
     def work(self) -> dict[str, int]:
         """How much was drawn: ``gaussians``, ``instances`` (Gaussian, tile) and blended ``pairs`` (Gaussian, pixel)."""
         counts = (c_int64 * 3)()
-        library().frog_count_work(self._handle, byref(counts))
+        if library().frog_count_work(self._handle, byref(counts)):
+            raise MemoryError("counting a frame's work ran out of memory")
         return dict(zip(("gaussians", "instances", "pairs"), counts, strict=True))
 
     def __del__(self) -> None:

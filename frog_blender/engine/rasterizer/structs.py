@@ -49,7 +49,7 @@ class Options(Structure):
 
 IMAGE = ("rgb", "alpha", "median_index", "mean_depth", "max_weights", "radii", "at_fault")
 Image = _struct("FrogImage", *[(name, c_void_p) for name in IMAGE])
-ImageGradient = _struct("FrogImageGradient", ("rgb", c_void_p), ("alpha", c_void_p))
+ImageGradient = _struct("FrogImageGradient", ("rgb", c_void_p), ("alpha", c_void_p), ("slot_limit", c_int64))
 GRADIENTS = (*ATTRIBUTES, "screen", "screen_absolute", "pose")
 Gradients = _struct("FrogGradients", *[(name, c_void_p) for name in GRADIENTS])
 FIELD_SIZES = (

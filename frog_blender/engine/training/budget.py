@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 _MOVING_SHARE = 0.35  # of the Gaussians; what a training really puts to rest is known only at its end
 _BYTES_AT_LEAST = 60.0  # of a Gaussian in a file, more than it takes: the first guess
+_LEAST_GROWN = 1000  # Gaussians, whatever the budget: too many are left out by what they add
 _REST_OF_FILE = 50_000  # bytes of header, network and temporal table, in the usual recipes
 
 
@@ -39,7 +40,7 @@ def gaussians_within(size: int, recipe: Recipe) -> int:
     still = 3 * (BITS["means"] + BITS["log_scales"]) + 4 * BITS["quaternions"] + BITS["opacity_logits"]
     still += 3 * (recipe.sh_degree + 1) ** 2 * BITS["sh"]
     of_each = (still + _MOVING_SHARE * recipe.embedding_size * BITS["embeddings"]) / 8
-    return max(100, int((size - _REST_OF_FILE) / of_each))
+    return max(_LEAST_GROWN, int((size - _REST_OF_FILE) / of_each))
 
 
 def keep_within(rounds: Parsimony, trainer: Trainer, most: int) -> None:
@@ -59,9 +60,12 @@ def fit_within(rounds: Parsimony, trainer: Trainer, size_of: Callable[[], int], 
         saved, gone = sizes[0] - sizes[-1], before - trainer.count
         of_each = max(1.0, saved / gone) if saved > 0 else _BYTES_AT_LEAST
         number = math.ceil((sizes[-1] - most) / of_each)
-        if number >= trainer.count:
-            raise FrogError(f"The budget of {most} bytes is too small: the scene takes {sizes[-1]} bytes.")
-        return number
+        if number > 0 and trainer.count == 1:
+            raise FrogError(
+                f"The budget of {most} bytes is too small: a single Gaussian takes {sizes[-1]}. The training is kept: "
+                "resume it with a larger budget."
+            )
+        return min(number, (trainer.count + 1) // 2)  # what many have in common is not saved by each of them
 
     _leave_out(rounds, trainer, too_many, lambda: sizes[0] - sizes[-1])
 

@@ -47,7 +47,7 @@ class TrainingJob:
         scale: picture size factor; None shrinks to at most 1600 pixels a side.
         holdout_frames: withhold every n-th moment; None keeps what the format says.
         resume: go on from the checkpoint beside ``output``, with the method, recipe and other settings that it began
-            with; only ``steps`` and ``seconds`` can be set anew.
+            with; only ``steps``, ``seconds`` and ``max_bytes`` can be set anew.
         pixel_offsets: see ``open_capture``.
         lossless: write every number as it is, instead of packed where that shows nowhere.
         max_bytes: of the file, at most; only with the recipe's capacity "auto".
@@ -144,7 +144,8 @@ def run_training(job: TrainingJob, cancelled: Callable[[], bool] = lambda: False
     trainer = Trainer(capture, store, seeds, job.recipe, job.method, limits, job.seed, device)
     if job.resume:
         load_checkpoint(checkpoint_path(job.output), trainer)
-    check_budget(job, trainer, scale)
+    if doubt := check_budget(job, trainer, scale):
+        yield events.Warned(doubt)
     counts = (len(capture.cameras), capture.frame_count, trainer.count)
     pixels = round(pixels_of(capture.cameras))
     yield events.Started(job.method, limits.steps, *counts, device.type, pixels)
@@ -172,6 +173,8 @@ def _as_it_began(job: TrainingJob) -> TrainingJob:
             kept["pixel_offsets"] = {name: (float(x), float(y)) for name, (x, y) in kept["pixel_offsets"].items()}
         if job.steps or job.seconds:
             kept |= {"steps": job.steps, "seconds": job.seconds}
+        if job.max_bytes:
+            kept["max_bytes"] = job.max_bytes
         return replace(job, **kept, recipe=stored_recipe(before["recipe"]))
     except (KeyError, ValueError, TypeError, AttributeError, FrogError) as error:
         raise found_instead(path, f"settings that do not fit ({error})", "a training checkpoint") from error

@@ -28,14 +28,22 @@ if TYPE_CHECKING:
     from .trainer import Trainer
 
 
-def check_budget(job: TrainingJob, trainer: Trainer, scale: float) -> None:
-    """FrogError, before a training begins, for a budget of bytes that not even one Gaussian meets."""
-    if job.max_bytes:
-        scene = _scene(job, trainer, scale, {}, False)
-        one = {name: array[:1] if name in BY_GAUSSIAN else array for name, array in scene.arrays.items()}
-        least = _size(SceneFile(scene.header, one))
-        if least > job.max_bytes:
-            raise FrogError(f"The budget of {job.max_bytes} bytes is too small: expected at least {least}.")
+def check_budget(job: TrainingJob, trainer: Trainer, scale: float) -> str | None:
+    """What is to be said, before a training begins, of a budget of bytes that may hold nothing; FrogError for one that
+    not even a single Gaussian with an empty network meets."""
+    if not job.max_bytes:
+        return None
+    scene, draw = _scene(job, trainer, scale, {}, False), np.random.default_rng(0)
+    one = {name: array[:1] if name in BY_GAUSSIAN else array for name, array in scene.arrays.items()}
+    least = _size(SceneFile(scene.header, one))
+    if least > job.max_bytes:
+        raise FrogError(f"The budget of {job.max_bytes} bytes is too small: expected at least {least}.")
+    # What is learned takes more than the zeros of before; how much of the network is needed shows late.
+    learned = {name: draw.standard_normal(array.shape, np.float32) for name, array in one.items()}
+    usual = _size(SceneFile(scene.header, learned))
+    if usual <= job.max_bytes:
+        return None
+    return f"The budget of {job.max_bytes} bytes may be too small: the whole network takes {usual}."
 
 
 def fit_budget(job: TrainingJob, trainer: Trainer, scale: float) -> None:

@@ -83,7 +83,7 @@ int32_t attempt(Work work) {
 
 extern "C" {
 
-int32_t frog_abi_version(void) { return 10; }
+int32_t frog_abi_version(void) { return 11; }
 const char *frog_instruction_set(void) { return kernels().name; }
 void frog_set_thread_count(int32_t count) { frog::set_thread_count(count); }
 int32_t frog_thread_count(void) { return frog::thread_count(); }
@@ -115,14 +115,16 @@ int32_t frog_backward(FrogFrame *frame, const FrogGaussians *gaussians, const Fr
   return attempt([&] { frog::go_backward(kernels(), *frame, *gaussians, *gradient, *result); });
 }
 
-void frog_count_work(const FrogFrame *frame, int64_t work[3]) {
-  std::atomic<int64_t> pairs{0};
-  frog::parallel_for(static_cast<int>(frame->tiles.size()), 1, [&](int begin, int end) {
-    for (int t = begin; t < end; ++t) pairs += kernels().count_blended(frame->view, frame->tiles[t]);
+int32_t frog_count_work(const FrogFrame *frame, int64_t work[3]) {
+  return attempt([&] {
+    std::atomic<int64_t> pairs{0};
+    frog::parallel_for(static_cast<int>(frame->tiles.size()), 1, [&](int begin, int end) {
+      for (int t = begin; t < end; ++t) pairs += kernels().count_blended(frame->view, frame->tiles[t]);
+    });
+    work[0] = frame->drawn;
+    work[1] = static_cast<int64_t>(frame->instances.size());
+    work[2] = pairs;
   });
-  work[0] = frame->drawn;
-  work[1] = static_cast<int64_t>(frame->instances.size());
-  work[2] = pairs;
 }
 
 void frog_free(FrogFrame *frame) { frog::recycle(frame); }

@@ -1,8 +1,7 @@
 // The backward pass over a whole frame. Each (Gaussian, tile) pair writes to a slot of its own and slots are summed in a
 // fixed order, so the result does not depend on the threads. Frames of very many pairs are taken in bands of tile rows,
-// so that the slots never need more than MAX_SLOTS.
+// so that the slots never need more than the caller allows.
 #include <algorithm>
-#include <cstdlib>
 
 #include "backward.h"
 #include "thread_pool.h"
@@ -10,13 +9,7 @@
 namespace frog {
 namespace {
 
-constexpr uint64_t MAX_SLOTS = 6'000'000;  // of 36 bytes
-constexpr int CHUNK = 1024;                // Gaussians whose pose gradients are added up together
-
-uint64_t slot_limit() {
-  const char *wanted = std::getenv("FROG_BACKWARD_SLOTS");  // for tests: bands on small frames
-  return wanted && *wanted ? std::max(1ull, std::strtoull(wanted, nullptr, 10)) : MAX_SLOTS;
-}
+constexpr int CHUNK = 1024;  // Gaussians whose pose gradients are added up together
 
 // Gathers the slots of tile rows [first, last): how many each Gaussian has there, and by how much they move in memory.
 // Returns how many there are.
@@ -41,7 +34,7 @@ void go_backward(const Kernels &kernels, FrogFrame &frame, const FrogGaussians &
   const int count = view.count, width = result.screen_absolute ? SPLAT_GRADIENTS : BY_BLUE + 1;
   float *sums = frame.sums.resize(static_cast<size_t>(count) * SPLAT_GRADIENTS);
   std::fill_n(frame.slots_seen.resize(count), count, 0u);
-  const uint64_t limit = slot_limit();
+  const uint64_t limit = static_cast<uint64_t>(gradient.slot_limit);
   for (int first = 0; first < view.tiles_y;) {
     int last = first + 1;
     while (last < view.tiles_y && frame.row_instances[last + 1] - frame.row_instances[first] <= limit) ++last;

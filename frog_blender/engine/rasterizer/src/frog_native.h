@@ -27,6 +27,7 @@ typedef struct {
 typedef struct {
   const float *rgb;    // (H, W, 3) gradient of the loss
   const float *alpha;  // (H, W) (or null: the loss does not look at it)
+  int64_t slot_limit;  // (Gaussian, tile) pairs whose gradients may be in memory at a time, 36 bytes each
 } FrogImageGradient;
 
 enum { PLAYED_GROUP = 16 };
@@ -109,7 +110,7 @@ FROG_EXPORT FrogFrame *frog_draw(const FrogGaussians *, const FrogCamera *, cons
 // Gradients of the picture that a differentiable `frame` drew, with the same Gaussians. Returns 0, or 1 when memory ran out.
 FROG_EXPORT int32_t frog_backward(FrogFrame *, const FrogGaussians *, const FrogImageGradient *, const FrogGradients *);
 // How much there was to draw: {Gaussians drawn, (Gaussian, tile) pairs, (Gaussian, pixel) pairs blended}.
-FROG_EXPORT void frog_count_work(const FrogFrame *, int64_t work[3]);
+FROG_EXPORT int32_t frog_count_work(const FrogFrame *, int64_t work[3]);
 FROG_EXPORT void frog_free(FrogFrame *);
 
 // Planar depth of a mesh: vertices (V, 3) in world units, triangles (T, 3) of indices. Fills `depth` (region height, width)
