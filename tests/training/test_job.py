@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import itertools
 import json
 import os
 from collections.abc import Callable
@@ -22,7 +23,7 @@ from frog_blender.engine.evaluation.metrics import psnr
 from frog_blender.engine.files import read_scene, read_tensors
 from frog_blender.engine.inference.draw import draw
 from frog_blender.engine.inference.scene import PlayableScene
-from frog_blender.engine.training import events, job, loop, rescue
+from frog_blender.engine.training import events, job, loop, rescue, trainer
 from frog_blender.engine.training.checkpoint import checkpoint_path
 from frog_blender.engine.training.job import TrainingJob, run_training
 from frog_blender.engine.training.trainer import Trainer
@@ -211,6 +212,16 @@ def test_what_the_user_can_mend_is_one_sentence(task: TrainingJob, changes: dict
         list(run_training(replace(task, **changes)))
     assert "\n" not in str(caught.value)
     assert not task.output.exists()
+
+
+@pytest.mark.parametrize(("scene_scale", "told"), [(0.03, ["The scene is 0.03 units away"]), (0.32, [])])
+def test_a_scene_before_the_near_plane_is_named(
+    task: TrainingJob, monkeypatch: pytest.MonkeyPatch, scene_scale: float, told: list[str]
+) -> None:
+    monkeypatch.setattr(trainer, "scale_of", lambda *_: scene_scale)
+    stream = itertools.takewhile(lambda event: not isinstance(event, events.Started), run_training(task))
+    messages = [event.message for event in stream if isinstance(event, events.Warned)]
+    assert [message[:28] for message in messages] == told
 
 
 def test_an_output_that_cannot_be_written_is_said_before_training(task: TrainingJob, tmp_path: Path) -> None:

@@ -28,6 +28,7 @@ from .loop import KEPT, train
 from .methods import method_named
 from .recipe import Recipe, recipe, stored_recipe
 from .saving import check_budget
+from .start import doubt_of_scale
 from .trainer import Limits, Trainer
 
 Result = TypeVar("Result")
@@ -144,8 +145,9 @@ def run_training(job: TrainingJob, cancelled: Callable[[], bool] = lambda: False
     trainer = Trainer(capture, store, seeds, job.recipe, job.method, limits, job.seed, device)
     if job.resume:
         load_checkpoint(checkpoint_path(job.output), trainer)
-    if doubt := check_budget(job, trainer, scale):
-        yield events.Warned(doubt)
+    for doubt in (doubt_of_scale(trainer.scene_scale), check_budget(job, trainer, scale)):
+        if doubt:
+            yield events.Warned(doubt)
     counts = (len(capture.cameras), capture.frame_count, trainer.count)
     pixels = round(pixels_of(capture.cameras))
     yield events.Started(job.method, limits.steps, *counts, device.type, pixels)

@@ -9,6 +9,7 @@ from ..capture.capture import Capture
 from ..capture.seeds import Seeds
 from ..model.canonical import CanonicalField, new_gaussians
 from ..model.interface import SceneModel
+from ..rasterizer import RasterizeOptions
 from .methods import Beginning, method_named
 from .neighbours import spacings
 from .recipe import Recipe
@@ -20,6 +21,17 @@ def scale_of(capture: Capture, points: np.ndarray) -> float:
     some = points[:: max(1, len(points) // 2000)]
     distances = np.linalg.norm(some[:, None] - centers[None, :: max(1, len(centers) // 20)], axis=2)
     return float(np.median(distances))
+
+
+def doubt_of_scale(scene_scale: float) -> str | None:
+    """What is to be said of a scene that is small beside the near plane, in front of which nothing is drawn."""
+    near = RasterizeOptions.near_plane
+    if scene_scale >= 10 * near:
+        return None
+    return (
+        f"The scene is {scene_scale:.2g} units away from its cameras, and nothing nearer than {near} is drawn: "
+        "expected camera poses in larger units, such as metres."
+    )
 
 
 def first_model(
