@@ -19,7 +19,7 @@ from . import app_handlers, carrier, saved_elsewhere
 from .engine.errors import FrogError
 from .playing import density, playback_cache
 from .playing.playback_cache import Moment
-from .playing.retiming import capture_frame
+from .playing.retiming import capture_frame, is_known_late
 
 if TYPE_CHECKING:
     from .engine.inference.bake import Bake
@@ -53,13 +53,13 @@ _bakes: dict[tuple[Path, Path], _Kept] = {}  # by bake and scene file
 
 def file_of(obj: Any) -> Path:
     """The .frog file an object plays."""
-    return Path(bpy.path.abspath(obj.frog.filepath, library=obj.library))
+    return Path(bpy.path.abspath(obj.frog.filepath, library=saved_elsewhere.library_of(obj)))
 
 
 def bake_path(obj: Any) -> Path:
     """Where an object's baked playback is, or would be: beside its .frog file, or in the folder chosen for it."""
-    file, folder = file_of(obj), obj.frog.bake_folder
-    return (Path(bpy.path.abspath(folder, library=obj.library)) if folder else file.parent) / f"{file.stem}.frogbake"
+    file, folder, library = file_of(obj), obj.frog.bake_folder, saved_elsewhere.library_of(obj)
+    return (Path(bpy.path.abspath(folder, library=library)) if folder else file.parent) / f"{file.stem}.frogbake"
 
 
 def open_scene(path: Path) -> PlayableScene:
@@ -155,31 +155,35 @@ def captures(objects: Any) -> Iterator[Any]:
     return (obj for obj in objects if obj.type in carrier.TYPES and obj.frog.filepath)
 
 
-def gaussians_at(obj: Any, scene_frame: float) -> GaussianArrays:
+def gaussians_at(obj: Any, scene_frame: float, evaluated: Any = None) -> GaussianArrays:
     """The Gaussians an object shows at a frame of the timeline (fractions are legal), in the object's own space."""
-    return moment(obj, scene_frame).gaussians()
+    return moment(obj, scene_frame, evaluated).gaussians()
 
 
-def moment(obj: Any, scene_frame: float) -> Moment:
-    """What an object shows at a frame of the timeline; FrogError for an unusable file."""
+def moment(obj: Any, scene_frame: float, evaluated: Any = None) -> Moment:
+    """What an object shows at a frame of the timeline; FrogError for an unusable file.
+
+    Args:
+        evaluated: see ``capture_frame``.
+    """
     scene = open_scene(file_of(obj))
-    time = scene.time_of(capture_frame(obj, scene_frame, scene.header.frame_count))
+    time = scene.time_of(capture_frame(obj, scene_frame, scene.header.frame_count, evaluated))
     return Moment(scene, time, open_bake(obj, scene))
 
 
-def displayed(obj: Any, scene_frame: float) -> Moment:
+def displayed(obj: Any, scene_frame: float, evaluated: Any = None) -> Moment:
     """What an object's points show of ``moment``: see density. FrogError for an unusable file."""
-    whole = moment(obj, scene_frame)
+    whole = moment(obj, scene_frame, evaluated)
     fewer = density.thinned(obj, whole.scene)
     return whole if fewer is None else Moment(fewer[0], whole.time, whole.bake, fewer[1])
 
 
-def shown_frame(obj: Any, scene_frame: float) -> float:
+def shown_frame(obj: Any, scene_frame: float, evaluated: Any = None) -> float:
     """Which of its capture's frames an object shows at a frame of the timeline; FrogError for an unusable file."""
-    return capture_frame(obj, scene_frame, open_scene(file_of(obj)).header.frame_count)
+    return capture_frame(obj, scene_frame, open_scene(file_of(obj)).header.frame_count, evaluated)
 
 
-def show(obj: Any, scene_frame: float) -> None:
+def show(obj: Any, scene_frame: float, evaluated: Any = None) -> None:
     """Put the Gaussians of a frame of the timeline into an object; a file that cannot be read leaves it as it is.
 
     Geometry that is linked from another .blend cannot be written: such captures are drawn by the FROG engine alone.
@@ -187,7 +191,7 @@ def show(obj: Any, scene_frame: float) -> None:
     if obj.data.library is not None or obj.data.override_library is not None:
         return
     try:
-        shown = displayed(obj, scene_frame)
+        shown = displayed(obj, scene_frame, evaluated)
     except FrogError:
         return  # said once by open_scene, shown by the panel
     carrier.show(obj, shown.scene, shown.time, shown.part)
@@ -230,7 +234,18 @@ def _read_bake(path: Path, file: Path, scene: PlayableScene) -> Bake | str:
 
 @persistent
 def _on_frame(scene: Any, *_: Any) -> None:
-    refresh(scene)
+    for obj in captures(scene.objects):
+        if not is_known_late(obj):
+            show(obj, scene.frame_current_final)
+
+
+@persistent
+def _on_frame_evaluated(scene: Any, depsgraph: Any) -> None:
+    if depsgraph.mode == "RENDER" and scene.render.engine == "FROG":
+        return  # it draws no points, and writing them makes Blender evaluate again, without the NLA
+    for obj in captures(scene.objects):
+        if is_known_late(obj):
+            show(obj, scene.frame_current_final, obj.evaluated_get(depsgraph))
 
 
 @persistent
@@ -267,8 +282,11 @@ def _handlers() -> app_handlers.Handlers:
     on = bpy.app.handlers
     return [
         (on.frame_change_pre, _on_frame),
+        (on.frame_change_post, _on_frame_evaluated),
         (on.depsgraph_update_post, _on_update),
         (on.load_post, _on_load),
+        (on.blend_import_post, saved_elsewhere.on_import_post),
+        (on.blend_import_post, _refresh_all),
         (on.undo_post, _refresh_all),
         (on.redo_post, _refresh_all),
         (on.save_pre, _on_save_pre),

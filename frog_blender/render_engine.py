@@ -9,21 +9,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import bpy
 import numpy as np
 
-from . import carrier, playback
 from .blender_camera import distance_added, engine_camera
 from .colors import to_display
 from .engine.errors import FrogError
 from .rendering import index_pass, vector_pass
+from .rendering.gathering import gather, pass_indices
 from .rendering.holdout import draw_before, limits_of_objects
 from .rendering.pixel_passes import combined_pass, depth_pass, pass_pixels
-
-if TYPE_CHECKING:
-    from .engine.rasterizer.arrays import GaussianArrays
 
 SHUTTER_SAMPLES = 16  # moments that motion blur averages
 
@@ -153,9 +150,7 @@ def render_moment(engine: Any, depsgraph: Any) -> Passes:
     scene = depsgraph.scene
     width, height = engine.resolution_x, engine.resolution_y
     options = RasterizeOptions(region=rendered_part(scene.render, width, height))
-    if scene.camera is None:
-        raise FrogError(f"Scene {scene.name}: found no active camera, expected one to render through.")
-    eye = scene.camera.evaluated_get(depsgraph)
+    eye = _eye(engine, depsgraph)
     camera = engine_camera(eye, eye.matrix_world, scene.render, width, height)
     engine.update_stats("", "Deforming Gaussians")
     gaussians, captured_background = gather(depsgraph)
@@ -171,6 +166,14 @@ def render_moment(engine: Any, depsgraph: Any) -> Passes:
     return combined, depth, drawing.median_index if drawing is not None else None
 
 
+def _eye(engine: Any, depsgraph: Any) -> Any:
+    """The evaluated camera that is rendered through: the scene's, or that of a strip of the sequencer."""
+    camera = engine.camera_override or depsgraph.scene.camera
+    if camera is None:
+        raise FrogError(f"Scene {depsgraph.scene.name}: found no active camera, expected one to render through.")
+    return camera.evaluated_get(depsgraph)
+
+
 def render_vectors(engine: Any, depsgraph: Any) -> np.ndarray:
     """The Vector pass of the Render Region, (H, W, 4), rows from the top; see vector_pass."""
     from .engine.rasterizer.options import RasterizeOptions
@@ -180,68 +183,12 @@ def render_vectors(engine: Any, depsgraph: Any) -> np.ndarray:
     def moment_at(offset: int) -> vector_pass.Moment:
         moment = frame + offset
         engine.frame_set(math.floor(moment), moment % 1.0)
-        eye = depsgraph.scene.camera.evaluated_get(depsgraph)
+        eye = _eye(engine, depsgraph)
         return gather(depsgraph)[0], engine_camera(eye, eye.matrix_world, depsgraph.scene.render, width, height)
 
     options = RasterizeOptions(region=rendered_part(depsgraph.scene.render, width, height))
     with _frame_kept(engine, depsgraph):
         return vector_pass.vectors(moment_at, options)
-
-
-def gather(depsgraph: Any) -> tuple[GaussianArrays | None, np.ndarray]:
-    """All visible captures at the frame being evaluated, in world space, and the first one's display background (3,).
-
-    None stands for no capture at all.  A capture that cannot be played raises FrogError: a render must not lie.
-    """
-    frame = depsgraph.scene.frame_current_final
-    parts: list[GaussianArrays] = []
-    background = np.zeros(3, dtype=np.float32)
-    for obj, matrix in visible_captures(depsgraph):
-        if not parts:
-            background = np.asarray(playback.open_scene(playback.file_of(obj)).header.background, dtype=np.float32)
-        parts.append(placed(playback.gaussians_at(obj, frame), matrix, obj.name))
-    return (joined(parts) if parts else None), background
-
-
-def visible_captures(depsgraph: Any) -> list[tuple[Any, np.ndarray]]:
-    """Every visible capture's object and its (4, 4) matrix, duplicates and instances included."""
-    found = []
-    for instance in depsgraph.object_instances:
-        shown, own = instance.object, instance.object.original
-        if shown.type in carrier.TYPES and own.frog.filepath and carrier.is_itself(shown, own):
-            found.append((own, np.array(instance.matrix_world, dtype=np.float64)))
-    return found
-
-
-def pass_indices(depsgraph: Any) -> list[tuple[int, int]]:
-    """How many Gaussians each visible capture has, in ``gather``'s order, and its object's Pass Index."""
-    found = [obj for obj, _ in visible_captures(depsgraph)]
-    return [(playback.open_scene(playback.file_of(obj)).count, obj.pass_index) for obj in found]
-
-
-def placed(gaussians: GaussianArrays, matrix: np.ndarray, name: str) -> GaussianArrays:
-    """The Gaussians moved by a (4, 4) object matrix of rotation, uniform scale and translation; FrogError otherwise."""
-    from .engine.inference.transform import transform
-
-    if np.array_equal(matrix, np.eye(4)):
-        return gaussians  # the usual case, and bit for bit what the engine draws
-    try:
-        return transform(gaussians, matrix)
-    except FrogError as error:
-        raise FrogError(f"{name}: {error}") from error
-
-
-def joined(parts: list[GaussianArrays]) -> GaussianArrays:
-    """One set of Gaussians out of several; SH coefficients that some lack are zero."""
-    if len(parts) == 1:
-        return parts[0]
-    from .engine.rasterizer.arrays import GaussianArrays
-
-    most = max(part.sh.shape[1] for part in parts)
-    sh = [np.pad(part.sh, ((0, 0), (0, most - part.sh.shape[1]), (0, 0))) for part in parts]
-    plain = ("means", "quaternions", "scales", "opacities")
-    together = {name: np.concatenate([getattr(part, name) for part in parts]) for name in plain}
-    return GaussianArrays(**together, sh=np.ascontiguousarray(np.concatenate(sh)))
 
 
 def background_of(scene: Any, captured: np.ndarray) -> np.ndarray | None:

@@ -1,4 +1,4 @@
-"""Paths that begin with ``//``, at the .blend's folder, when it is saved into another one: they go on meaning the same.
+"""Paths that begin with ``//``, at the .blend's folder, when that becomes another one: they go on meaning the same.
 
 Blender does so with its own paths, but not with those that add-ons keep.
 """
@@ -22,14 +22,24 @@ _target: Path | None = None  # the folder that is saved into, if it is another o
 _before: list[tuple[Any, int, str, str]] = []  # blocks, session_uid, property, value
 
 
+def library_of(block: Any) -> Any:
+    """The .blend whose folder a data-block's paths begin at, where that is not this one: what is overridden here has
+    the paths of what is linked."""
+    override = block.override_library
+    return block.library if override is None or override.reference is None else override.reference.library
+
+
 def _relative() -> Iterator[tuple[Any, Any, str, str]]:
     """Blocks, block, property and value of all such paths of this .blend."""
     for blocks, names in ((bpy.data.objects, _OF_OBJECTS), (bpy.data.scenes, _OF_SCENES)):
         for block in blocks:
-            for name in names if block.library is None else ():
-                value = getattr(block.frog, name)
-                if value.startswith("//"):
-                    yield blocks, block, name, value
+            if library_of(block) is None:
+                yield from ((blocks, block, name, value) for name, value in _relative_of(block, names))
+
+
+def _relative_of(block: Any, names: tuple[str, ...]) -> list[tuple[str, str]]:
+    values = [(name, getattr(block.frog, name)) for name in names]
+    return [(name, value) for name, value in values if value.startswith("//")]
 
 
 def _write(block: Any, name: str, value: str) -> None:
@@ -72,3 +82,17 @@ def on_save_post(*_: Any) -> None:
             if block is not None:
                 _write(block, name, value)
     _before.clear()
+
+
+@persistent
+def on_import_post(context: Any, *_: Any) -> None:
+    """What was appended has its paths from the .blend where it was."""
+    here = Path(bpy.data.filepath).parent if bpy.data.filepath else None
+    for item in context.import_items:
+        names = {"OBJECT": _OF_OBJECTS, "SCENE": _OF_SCENES}.get(item.id_type)
+        if not names or item.append_action not in {"MAKE_LOCAL", "COPY_LOCAL"} or item.source_library is None:
+            continue
+        there = Path(bpy.path.abspath(item.source_library.filepath)).parent
+        for name, value in _relative_of(item.id, names):
+            path = bpy.path.abspath(value, start=str(there))
+            _write(item.id, name, seen_from(here, path) if here else path)

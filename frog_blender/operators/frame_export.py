@@ -12,6 +12,7 @@ import numpy as np
 
 from .. import playback
 from ..engine.errors import FrogError
+from ..playing.retiming import is_known_late
 from .imported import known_by
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ class FrameExport:
         shown: frame and subframe that the scene shows before.
         frames: of the timeline; ``paths`` their files.
         turn: (4, 4) from Blender's axes to those of the files, if the Gaussians are written where the capture has been
-            placed; None to leave them in the capture's own space, which needs no other frame to be shown.
+            placed; None to leave them in the capture's own space, which mostly needs no other frame to be shown.
     """
 
     capture: int
@@ -59,7 +60,7 @@ class FrameExport:
     def restore(self) -> None:
         """Shows the frame again that the scene had before, if there still is the scene."""
         scene = known_by(bpy.data.scenes, self.scene)
-        if self.turn is not None and scene is not None and (scene.frame_current, scene.frame_subframe) != self.shown:
+        if scene is not None and (scene.frame_current, scene.frame_subframe) != self.shown:
             scene.frame_set(self.shown[0], subframe=self.shown[1])
 
     def _gaussians(self, frame: float) -> GaussianArrays:
@@ -68,7 +69,7 @@ class FrameExport:
         obj = known_by(bpy.data.objects, self.capture)
         if obj is None or next(playback.captures([obj]), None) is None:
             raise FrogError(f"{self.name}: found no such capture in this file any more.")
-        if self.turn is None:
+        if self.turn is None and not is_known_late(obj):
             return playback.gaussians_at(obj, frame)
         scene = known_by(bpy.data.scenes, self.scene)
         if scene is None:
@@ -77,8 +78,11 @@ class FrameExport:
             scene.frame_set(int(frame))  # the empty may be animated
         layer = scene.view_layers.get(self.layer) or scene.view_layers[0]
         layer.update()
-        matrix = np.array(obj.evaluated_get(layer.depsgraph).matrix_world)
+        evaluated = obj.evaluated_get(layer.depsgraph)
+        gaussians = playback.gaussians_at(obj, frame, evaluated)
+        if self.turn is None:
+            return gaussians
         try:
-            return transform(playback.gaussians_at(obj, frame), self.turn @ matrix)
+            return transform(gaussians, self.turn @ np.array(evaluated.matrix_world))
         except FrogError as error:
             raise FrogError(f"{obj.name}: {error}") from error

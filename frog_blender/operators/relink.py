@@ -13,19 +13,23 @@ from bpy_extras.io_utils import ImportHelper
 
 from .. import playback
 from ..engine.errors import FrogError
+from ..saved_elsewhere import library_of
 from .imported import named_or_chosen, stored_path
 
 
 def relink(obj: Any, path: Path, *, also_others: bool) -> list[Any]:
-    """Makes an object play ``path``, and gives all objects that found their file again.
+    """Makes an object of this .blend play ``path``, and gives all objects that found their file again.
 
     With ``also_others`` every capture of this .blend whose file is missing plays the file of the same name in the
     same folder, if there is one; it does so in all objects that play the missing file.  Raises FrogError, and changes
     nothing, if ``path`` cannot be played.
     """
+    library = library_of(obj)
+    if library is not None:
+        raise FrogError(f"{obj.name}: it is linked from {bpy.path.abspath(library.filepath)}; find its file there.")
     playback.open_scene(path)
     lost, found = playback.file_of(obj), [obj]
-    others = [other for other in playback.captures(bpy.data.objects) if other != obj and other.library is None]
+    others = [other for other in playback.captures(bpy.data.objects) if other != obj and library_of(other) is None]
     changes = {obj: path}
     for other in others if also_others else ():
         file = playback.file_of(other)

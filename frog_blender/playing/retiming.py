@@ -9,17 +9,18 @@ REMAPPED = "frog.shown_frame"
 """The property whose curve is read directly: frame handlers run before Blender evaluates animation."""
 
 
-def capture_frame(obj: Any, scene_frame: float, frame_count: int) -> float:
+def capture_frame(obj: Any, scene_frame: float, frame_count: int, evaluated: Any = None) -> float:
     """The capture's frame, counted from 0 (fractions are legal; outside of 0 and the last one it is held).
 
     Args:
         obj: what plays the capture; its ``frog`` settings decide.
         scene_frame: of the timeline, may be fractional.
         frame_count: of the capture.
+        evaluated: the object as a depsgraph has it at that frame, where one was evaluated.
     """
-    settings = obj.frog
+    settings = obj.frog if evaluated is None else evaluated.frog
     if settings.use_remap:
-        curve = _curve(obj)
+        curve = _curve(obj) if evaluated is None else None
         return curve.evaluate(scene_frame) if curve is not None else settings.shown_frame
     return repeated((scene_frame - settings.start_frame) * settings.speed, settings.repeat, frame_count)
 
@@ -38,10 +39,19 @@ def repeated(position: float, repeat: str, frame_count: int) -> float:
     return turn if turn <= last else 2 * last - turn
 
 
-def _curve(obj: Any) -> Any:
-    """The curve that animates ``REMAPPED``, or None."""
+def is_known_late(obj: Any) -> bool:
+    """Whether a driver or the NLA decides what is shown: nobody knows before Blender has evaluated the frame."""
     animation = obj.animation_data
-    if animation is None or animation.action is None:
+    if animation is None or not obj.frog.use_remap:
+        return False
+    driven = any(driver.data_path == REMAPPED for driver in animation.drivers)
+    return driven or (animation.use_nla and len(animation.nla_tracks) > 0)
+
+
+def _curve(obj: Any) -> Any:
+    """The curve that alone animates ``REMAPPED``, or None."""
+    animation = obj.animation_data
+    if animation is None or animation.action is None or is_known_late(obj):
         return None
     for curve in _curves(animation):
         if curve.data_path == REMAPPED:

@@ -11,7 +11,8 @@ import numpy as np
 from .. import playback
 from ..blender_camera import view_camera
 from ..engine.errors import FrogError
-from ..render_engine import background_of, gather, sentence_of, visible_captures
+from ..render_engine import background_of, sentence_of
+from .gathering import gather, visible_captures
 from .viewport import STILL_AFTER, Picture, Viewport, draw_view
 
 _said: set[str] = set()
@@ -68,10 +69,11 @@ def picture_of(viewport: Viewport, depsgraph: Any, view: Any, size: tuple[int, i
 def _seen(depsgraph: Any) -> tuple[Any, ...]:
     """What decides the Gaussians: the captures, their moments and where they are."""
     frame = depsgraph.scene.frame_current_final
-    return tuple(
-        (str(file), playback.version(file), playback.shown_frame(obj, frame), matrix.tobytes())
-        for file, obj, matrix in ((playback.file_of(obj), obj, matrix) for obj, matrix in visible_captures(depsgraph))
-    )
+    seen = []
+    for obj, shown, matrix in visible_captures(depsgraph):
+        file = playback.file_of(obj)
+        seen.append((str(file), playback.version(file), playback.shown_frame(obj, frame, shown), matrix.tobytes()))
+    return tuple(seen)
 
 
 def _redraw_later() -> None:

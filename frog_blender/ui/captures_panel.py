@@ -9,6 +9,7 @@ import bpy
 from .. import carrier, playback
 from ..nodes import ellipsoid_nodes
 from ..playing import playback_cache
+from ..saved_elsewhere import library_of
 from .text import sentence
 
 
@@ -33,7 +34,7 @@ class FROG_PT_captures(bpy.types.Panel):
             error = playback.problem(playback.file_of(obj))
             if error:
                 sentence(box, error, context, icon="ERROR")
-                if playback.is_missing(playback.file_of(obj)) and obj.library is None:
+                if playback.is_missing(playback.file_of(obj)) and library_of(obj) is None:
                     box.operator("frog.relink", icon="FILE_FOLDER").object_name = obj.name
             else:
                 box.label(text=f"{carrier.count(obj):,} Gaussians")

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from scenes import rig_of_three, write_scene
 
-from frog_blender import carrier, playback, render_engine
+from frog_blender import carrier, playback
 from frog_blender.engine.inference.importance import most_important, ranking
 from frog_blender.engine.inference.scene import PlayableScene
 from frog_blender.nodes import ellipsoid_nodes
 from frog_blender.playing import density
+from frog_blender.rendering.gathering import gather
 
 
 @pytest.fixture
@@ -82,7 +83,7 @@ def test_frog_draws_all_of_them(empty, capture, rendered):
     before = rendered(empty)
     capture.frog.density = capture.frog.render_density = 5
     np.testing.assert_array_equal(rendered(empty), before)
-    gaussians, _ = render_engine.gather(bpy.context.evaluated_depsgraph_get())
+    gaussians, _ = gather(bpy.context.evaluated_depsgraph_get())
     assert len(gaussians.means) == 400
 
 

@@ -94,11 +94,11 @@ def test_ellipsoids_have_the_gaussians_colours(empty, rendered):
 
 
 def test_frog_draws_the_capture_and_not_its_ellipsoids(empty, static_rig, rendered):
-    from frog_blender import render_engine
+    from frog_blender.rendering import gathering
 
     obj = import_scene(static_rig)
     before = rendered(empty)
     obj.frog.display = "ELLIPSOIDS"
-    found = render_engine.visible_captures(bpy.context.evaluated_depsgraph_get())
-    assert [capture for capture, _ in found] == [obj]
+    found = gathering.visible_captures(bpy.context.evaluated_depsgraph_get())
+    assert [capture for capture, *_ in found] == [obj]
     np.testing.assert_array_equal(rendered(empty), before)

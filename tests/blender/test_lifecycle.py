@@ -125,7 +125,7 @@ def test_a_deleted_capture_is_gone_and_comes_back_by_undo(empty, static_rig):
 
 def test_appended_and_linked_captures_play(empty, static_rig, tmp_path):
     """Blender lets nobody write linked geometry; FROG draws such a capture from its file."""
-    from frog_blender.render_engine import gather
+    from frog_blender.rendering.gathering import gather
 
     name = imported(static_rig).name
     blend = tmp_path / "library.blend"

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from scenes import rig_of_three, write_scene
 
-from frog_blender import carrier, render_engine
+from frog_blender import carrier
 from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender.rendering import gathering
 
 NATIVE = carrier.draws_splats()
 can_hold_them = pytest.mark.skipif(bpy.app.version < (5, 2, 0), reason="point clouds cannot be resized")
@@ -49,7 +50,7 @@ def test_frog_draws_it_once_however_it_is_shown(empty, capture, rendered):
     assert before.std() > 10
     for kind in ("ELLIPSOIDS", "POINTS"):
         capture.frog.display = kind
-        found = render_engine.visible_captures(bpy.context.evaluated_depsgraph_get())
+        found = gathering.visible_captures(bpy.context.evaluated_depsgraph_get())
         assert [obj for obj, _ in found] == [capture]
         np.testing.assert_array_equal(rendered(empty), before)
     carrier.draw_in_renders(capture, False)

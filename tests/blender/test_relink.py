@@ -139,3 +139,48 @@ def test_saving_in_edit_mode(beside, capfd):
     bpy.ops.object.mode_set(mode="OBJECT")
     shows(capture, beside, 2.0)
     assert "Traceback" not in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("saved", [False, True], ids=["unsaved", "saved"])
+def test_what_is_appended_from_elsewhere_plays(beside, tmp_path, saved):
+    """Its scene as well, whose training wrote beside it."""
+    name = next(playback.captures(bpy.context.scene.objects)).name
+    bpy.context.scene.name = "Filmed"
+    bpy.ops.wm.save_mainfile()
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    if saved:
+        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "mine.blend"))
+    with bpy.data.libraries.load(str(beside.parent / "x.blend"), link=False) as (_, wanted):
+        wanted.objects, wanted.scenes = [name], ["Filmed"]
+    (obj,), (scene,) = wanted.objects, wanted.scenes
+    assert playback.file_of(obj).resolve() == beside and obj.frog.filepath.startswith("//") == saved
+    assert bpy.path.abspath(scene.frog.output_path) == str(beside.parent / "b.frog")
+    scene.frame_set(5)
+    shows(obj, beside, 4.0)
+
+
+def test_an_override_plays_what_its_library_does(beside, tmp_path):
+    """And saving what overrides it elsewhere does not touch that."""
+    from frog_blender.rendering.gathering import gather
+
+    name = next(playback.captures(bpy.context.scene.objects)).name
+    bpy.ops.wm.save_mainfile()
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "mine.blend"))
+    with bpy.data.libraries.load(str(beside.parent / "x.blend"), link=True) as (_, wanted):
+        wanted.objects = [name]
+    (linked,) = wanted.objects
+    obj = linked.override_create()
+    bpy.context.scene.collection.objects.link(obj)
+    (tmp_path / "other").mkdir()
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "other" / "mine.blend"))
+    for _ in range(2):  # in the open .blend, and in what was written
+        (obj,) = playback.captures(bpy.context.scene.objects)
+        assert obj.library is None and obj.frog.filepath == "//a.frog" and playback.file_of(obj).resolve() == beside
+        bpy.context.scene.frame_set(5)
+        drawn, _ = gather(bpy.context.evaluated_depsgraph_get())
+        np.testing.assert_allclose(drawn.means, PlayableScene.load(beside).at_frame(4.0).means, atol=1e-6)
+        bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "other" / "mine.blend"))
+    (obj,) = playback.captures(bpy.context.scene.objects)
+    with pytest.raises(RuntimeError, match="linked from"):
+        bpy.ops.frog.relink(object_name=obj.name, filepath=str(beside))

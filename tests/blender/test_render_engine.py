@@ -6,7 +6,7 @@ import bpy
 import mathutils
 import numpy as np
 import pytest
-from scenes import expected_png, moving_camera, passes_of, rig_of_three, write_scene
+from scenes import expected_png, moving_camera, passes_of, read_png, rig_of_three, write_scene
 
 
 def import_scene(path, **options):
@@ -213,7 +213,7 @@ def test_animation_is_frame_exact(empty, static_rig, tmp_path):
 def test_two_captures_are_drawn_together(empty, static_rig, tmp_path, rendered):
     from frog_blender.engine.inference.draw import draw
     from frog_blender.engine.inference.scene import PlayableScene
-    from frog_blender.render_engine import joined
+    from frog_blender.rendering.gathering import joined
 
     other = write_scene(tmp_path / "other.frog", rig_of_three(), seed=1, sh_count=1)
     import_scene(static_rig)
@@ -348,3 +348,21 @@ def test_a_render_region_is_that_part_of_the_picture(empty, static_rig, rendered
         assert not part[height - height // 2 :].any(), "outside the region nothing is drawn"
         part = part[: expected.shape[0], width // 4 : int(0.75 * width)]
     np.testing.assert_array_equal(part, expected)
+
+
+def test_a_strip_of_the_sequencer_has_a_camera_of_its_own(empty, static_rig, tmp_path, rendered):
+    import_scene(static_rig)
+    look_through(empty, "cam00")
+    cut = bpy.data.scenes.new("Cut")
+    cut.render.resolution_x, cut.render.resolution_y = empty.render.resolution_x, empty.render.resolution_y
+    cut.view_settings.view_transform = empty.view_settings.view_transform
+    editor = cut.sequence_editor_create()
+    strips = editor.strips if hasattr(editor, "strips") else editor.sequences
+    strip = strips.new_scene("shot", empty, channel=1, frame_start=1)
+    strip.scene_camera = bpy.data.objects["cam02"]
+    cut.render.filepath = str(tmp_path / "cut.png")
+    bpy.ops.render.render(write_still=True, scene=cut.name)
+    found = read_png(tmp_path / "cut.png")
+    assert np.abs(rendered(empty)[..., :3].astype(float) - found[..., :3]).max() > 50
+    empty.camera = bpy.data.objects["cam02"]
+    np.testing.assert_allclose(rendered(empty)[..., :3].astype(float), found[..., :3], atol=1.0)

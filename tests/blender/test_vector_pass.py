@@ -9,6 +9,7 @@ from scenes import rig_of_three
 
 from frog_blender import render_engine
 from frog_blender.engine.rasterizer.options import RasterizeOptions
+from frog_blender.rendering.gathering import gather
 from frog_blender.rendering.vector_pass import vectors
 
 SIZE = (64, 48)
@@ -88,7 +89,7 @@ def test_a_still_scene_before_a_moving_camera(empty, static_rig, monkeypatch):
     obj.frog.use_remap, obj.frog.shown_frame = True, 0.0
     moving_eye(empty)
     found = spied(empty, monkeypatch)
-    gaussians = render_engine.gather(bpy.context.evaluated_depsgraph_get())[0]
+    gaussians = gather(bpy.context.evaluated_depsgraph_get())[0]
     depths = 5.0 + gaussians.means[:, 1]
     unit = 50.0 / 36.0 * SIZE[0]
     seen = np.abs(found).sum(2) > 0.05

@@ -12,8 +12,8 @@ from scenes import expected_png, rig_of_three
 from frog_blender import playback
 from frog_blender.blender_camera import engine_camera, view_camera
 from frog_blender.engine.errors import FrogError
-from frog_blender.render_engine import gather, visible_captures
 from frog_blender.rendering import viewport, viewport_drawing
+from frog_blender.rendering.gathering import gather, visible_captures
 
 SIZE = (120, 70)
 

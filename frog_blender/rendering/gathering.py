@@ -1,0 +1,69 @@
+"""What there is to draw: the Gaussians of all visible captures at the frame being evaluated, in world space."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .. import carrier, playback
+from ..engine.errors import FrogError
+
+if TYPE_CHECKING:
+    from ..engine.rasterizer.arrays import GaussianArrays
+
+
+def gather(depsgraph: Any) -> tuple[GaussianArrays | None, np.ndarray]:
+    """All visible captures at the frame being evaluated, in world space, and the first one's display background (3,).
+
+    None stands for no capture at all.  A capture that cannot be played raises FrogError: a render must not lie.
+    """
+    frame = depsgraph.scene.frame_current_final
+    parts: list[GaussianArrays] = []
+    background = np.zeros(3, dtype=np.float32)
+    for obj, shown, matrix in visible_captures(depsgraph):
+        if not parts:
+            background = np.asarray(playback.open_scene(playback.file_of(obj)).header.background, dtype=np.float32)
+        parts.append(placed(playback.gaussians_at(obj, frame, shown), matrix, obj.name))
+    return (joined(parts) if parts else None), background
+
+
+def visible_captures(depsgraph: Any) -> list[tuple[Any, Any, np.ndarray]]:
+    """Every visible capture's object, the same evaluated and its (4, 4) matrix, duplicates and instances included."""
+    found = []
+    for instance in depsgraph.object_instances:
+        shown, own = instance.object, instance.object.original
+        if shown.type in carrier.TYPES and own.frog.filepath and carrier.is_itself(shown, own):
+            found.append((own, shown, np.array(instance.matrix_world, dtype=np.float64)))
+    return found
+
+
+def pass_indices(depsgraph: Any) -> list[tuple[int, int]]:
+    """How many Gaussians each visible capture has, in ``gather``'s order, and its object's Pass Index."""
+    found = [obj for obj, *_ in visible_captures(depsgraph)]
+    return [(playback.open_scene(playback.file_of(obj)).count, obj.pass_index) for obj in found]
+
+
+def placed(gaussians: GaussianArrays, matrix: np.ndarray, name: str) -> GaussianArrays:
+    """The Gaussians moved by a (4, 4) object matrix of rotation, uniform scale and translation; FrogError otherwise."""
+    from ..engine.inference.transform import transform
+
+    if np.array_equal(matrix, np.eye(4)):
+        return gaussians  # the usual case, and bit for bit what the engine draws
+    try:
+        return transform(gaussians, matrix)
+    except FrogError as error:
+        raise FrogError(f"{name}: {error}") from error
+
+
+def joined(parts: list[GaussianArrays]) -> GaussianArrays:
+    """One set of Gaussians out of several; SH coefficients that some lack are zero."""
+    if len(parts) == 1:
+        return parts[0]
+    from ..engine.rasterizer.arrays import GaussianArrays
+
+    most = max(part.sh.shape[1] for part in parts)
+    sh = [np.pad(part.sh, ((0, 0), (0, most - part.sh.shape[1]), (0, 0))) for part in parts]
+    plain = ("means", "quaternions", "scales", "opacities")
+    together = {name: np.concatenate([getattr(part, name) for part in parts]) for name in plain}
+    return GaussianArrays(**together, sh=np.ascontiguousarray(np.concatenate(sh)))
