@@ -219,6 +219,8 @@ def begin(source: EventSource, on_finished: Callable[[Path], None] | None = None
     global current
     if is_running():
         raise FrogError("A training is running already; wait for it or cancel it first.")
+    if current is not None and current.waiting:
+        raise FrogError("The last training's scene comes in when the render ends; wait for it.")
     current = TrainingTask(source, on_finished).start()
     if not bpy.app.timers.is_registered(_tick):
         bpy.app.timers.register(_tick, first_interval=TIMER_SECONDS, persistent=True)

@@ -59,7 +59,10 @@ def _chart(options: argparse.Namespace) -> int:
     failed = 0
     if not options.only_report:
         from ..engine.comparison.runs import Conditions
+        from ..engine.comparison.timing import WARM_UP
 
+        if options.timing_steps <= WARM_UP:
+            raise FrogError(f"--timing-steps {options.timing_steps}: expected more than the {WARM_UP} that warm up.")
         runs = _grid(options)
         conditions = Conditions(options.out, options.device)
         say_plan(runs, conditions, options.jobs)

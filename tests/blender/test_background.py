@@ -117,6 +117,9 @@ def test_nothing_is_imported_while_a_render_looks_at_the_scene(addon, monkeypatc
     assert not finish(task.start()).running
     task.hand_over()
     assert task.waiting is not None and not imported
+    monkeypatch.setattr(background, "current", task)
+    with pytest.raises(FrogError, match="wait for it"):  # another training would take its place
+        background.begin(lambda cancelled: iter([]))
     renders.clear()
     for _ in range(2):
         task.hand_over()

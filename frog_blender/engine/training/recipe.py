@@ -292,19 +292,29 @@ RECIPES = {
 def stored_recipe(values: dict[str, Any]) -> Recipe:
     """The recipe that ``settings_json`` made plain values of; TypeError, ValueError or FrogError for other values."""
     settings: dict[str, Any] = {key: tuple(each) if isinstance(each, list) else each for key, each in values.items()}
-    for field in fields(Recipe):
-        kinds = (int, float) if isinstance(field.default, float) else type(field.default)
-        if not isinstance(settings.get(field.name, field.default), kinds):
-            raise ValueError(f"{field.name} is {settings[field.name]!r}")
+    _check_kinds(settings)
     return Recipe(**settings)
 
 
+def _check_kinds(settings: dict[str, Any]) -> None:
+    """ValueError for a value of another kind than the setting's."""
+    for field in fields(Recipe):
+        kind = type(field.default)
+        if not isinstance(settings.get(field.name, field.default), (int, float) if kind is float else kind):
+            raise ValueError(f"{field.name} is {settings[field.name]!r}, expected {kind.__name__}")
+
+
 def recipe(name: str, **overrides: Any) -> Recipe:
-    """A named recipe with some settings changed; FrogError for a name that does not exist."""
+    """A named recipe with some settings changed; FrogError for a name that does not exist, or a value that is none."""
     if name not in RECIPES:
         raise FrogError(f"There is no recipe {name!r}; there are {', '.join(RECIPES)}.")
     known = {field.name for field in fields(Recipe)}
     for key in overrides:
         if key not in known:
             raise FrogError(f"A recipe has no setting {key!r}.")
-    return replace(RECIPES[name], **{key: value for key, value in overrides.items() if value is not None})
+    changes = {key: value for key, value in overrides.items() if value is not None}
+    try:
+        _check_kinds(changes)
+    except ValueError as error:
+        raise FrogError(f"A recipe's {error}.") from error
+    return replace(RECIPES[name], **changes)
