@@ -6,9 +6,8 @@ A capture is an object whose ``frog.filepath`` is set; between frames only its p
 
 from __future__ import annotations
 
-import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +16,7 @@ from bpy.app.handlers import persistent
 
 from . import app_handlers, carrier, saved_elsewhere
 from .engine.errors import FrogError
-from .playing import density, playback_cache
+from .playing import density, opened
 from .playing.playback_cache import Moment
 from .playing.retiming import capture_frame, is_known_late
 
@@ -25,30 +24,6 @@ if TYPE_CHECKING:
     from .engine.inference.bake import Bake
     from .engine.inference.scene import PlayableScene
     from .engine.rasterizer.arrays import GaussianArrays
-
-_Stamp = tuple[int, int] | None  # modification time and size of a file; None where there is no file
-
-
-class _Kept:
-    """What was read from one file: read once for each version of it, while other files can be read as well."""
-
-    def __init__(self) -> None:
-        self.lock = threading.Lock()  # a render evaluates frames in its own thread
-        self.version: Any = ()
-        self.content: Any = None  # or the sentence that says why there is none
-
-    def take(self, version: Any, read: Callable[[], Any]) -> Any:
-        with self.lock:
-            if self.version != version:
-                self.content = read()
-                self.version = version
-                if isinstance(self.content, str):
-                    print(f"FRoG: {self.content}", file=sys.stderr)  # once for each version, not once a frame
-            return self.content
-
-
-_scenes: dict[Path, _Kept] = {}
-_bakes: dict[tuple[Path, Path], _Kept] = {}  # by bake and scene file
 
 
 def file_of(obj: Any) -> Path:
@@ -64,90 +39,20 @@ def bake_path(obj: Any) -> Path:
 
 def open_scene(path: Path) -> PlayableScene:
     """The scene in a file, read once for each version of the file; FrogError with one sentence if it is unusable."""
-    if path not in _scenes:
-        _let_go_of_unplayed()
-    kept = _scenes.setdefault(path, _Kept())
-    before = kept.content
-    content = kept.take(_stamp(path), lambda: _read(path))
-    if before is not content:
-        _forget_frames(before)
-    if isinstance(content, str):
-        raise FrogError(content)
-    return content
-
-
-def open_bake(obj: Any, scene: PlayableScene) -> Bake | None:
-    """What was baked of an object's file; None where nothing usable was, which ``bake_problem`` explains."""
-    path, file = bake_path(obj), file_of(obj)
-    stamp = _stamp(path)
-    if stamp is None:
-        let_go_of_bake(path)
-        return None
-    kept = _bakes.setdefault((path, file), _Kept())
-    content = kept.take((stamp, scene.token), lambda: _read_bake(path, file, scene))
-    return None if isinstance(content, str) else content
-
-
-def version(path: Path) -> object:
-    """Changes when the file does."""
-    return _stamp(path)
-
-
-def problem(path: Path) -> str:
-    """Why a file could not be played when it was last needed, or an empty string."""
-    content = _scenes[path].content if path in _scenes else None
-    return content if isinstance(content, str) else ""
-
-
-def is_missing(path: Path) -> bool:
-    """True if there was no file when it was last needed."""
-    return path in _scenes and _scenes[path].version is None
+    # A render's thread must not look at bpy.data.
+    if not opened.is_known(path) and threading.current_thread() is threading.main_thread():
+        opened.forget_all_but({file_of(obj) for obj in captures(bpy.data.objects)})
+    return opened.scene(path)
 
 
 def baked(obj: Any) -> Bake | None:
     """The bake that was used when the object was last shown."""
-    kept = _bakes.get((bake_path(obj), file_of(obj)))
-    return kept.content if kept is not None and not isinstance(kept.content, str) else None
+    return opened.used_bake(bake_path(obj), file_of(obj))
 
 
 def bake_problem(obj: Any) -> str:
     """Why an object's baked playback is not used, or an empty string."""
-    kept = _bakes.get((bake_path(obj), file_of(obj)))
-    content = kept.content if kept is not None else None
-    return content if isinstance(content, str) else getattr(content, "problem", "")
-
-
-def let_go_of_bake(path: Path) -> None:
-    """Closes a bake, so that it can be replaced or deleted; it is opened again when it is needed."""
-    for key in [key for key in _bakes if key[0] == path]:
-        content = _bakes.pop(key).content
-        if content is not None and not isinstance(content, str):
-            content.close()
-
-
-def forget() -> None:
-    """Drop every scene and bake that was read."""
-    _scenes.clear()
-    for path, _ in list(_bakes):
-        let_go_of_bake(path)
-    playback_cache.clear()
-
-
-def _forget_frames(content: PlayableScene | str | None) -> None:
-    """Drops the cached frames of what was kept of a file, if that was a scene."""
-    if content is not None and not isinstance(content, str):
-        playback_cache.frames.forget(content.token)
-
-
-def _let_go_of_unplayed() -> None:
-    """Drops scenes and bakes that no object plays any more, so that a day of trainings does not gather them."""
-    if threading.current_thread() is not threading.main_thread():  # a render's, which must not look at bpy.data
-        return
-    played = {file_of(obj) for obj in captures(bpy.data.objects)}
-    for path in [path for path in list(_scenes) if path not in played]:
-        _forget_frames(_scenes.pop(path).content)
-    for path in {path for path, file in list(_bakes) if file not in played}:
-        let_go_of_bake(path)
+    return opened.bake_problem(bake_path(obj), file_of(obj))
 
 
 def captures(objects: Any) -> Iterator[Any]:
@@ -168,7 +73,7 @@ def moment(obj: Any, scene_frame: float, evaluated: Any = None) -> Moment:
     """
     scene = open_scene(file_of(obj))
     time = scene.time_of(capture_frame(obj, scene_frame, scene.header.frame_count, evaluated))
-    return Moment(scene, time, open_bake(obj, scene))
+    return Moment(scene, time, opened.bake(bake_path(obj), file_of(obj), scene))
 
 
 def displayed(obj: Any, scene_frame: float, evaluated: Any = None) -> Moment:
@@ -203,35 +108,6 @@ def refresh(scene: Any) -> None:
         show(obj, scene.frame_current_final)
 
 
-def _stamp(path: Path) -> _Stamp:
-    try:
-        status = path.stat()
-    except OSError:
-        return None
-    return status.st_mtime_ns, status.st_size
-
-
-def _read(path: Path) -> PlayableScene | str:
-    try:
-        from .engine.inference.scene import PlayableScene
-
-        return PlayableScene.load(path)
-    except FrogError as error:
-        return str(error)
-    except Exception as error:
-        # Whatever is wrong with one file, the timeline must go on; the cause is told once.
-        return f"{path}: this scene cannot be played ({type(error).__name__}: {error})."
-
-
-def _read_bake(path: Path, file: Path, scene: PlayableScene) -> Bake | str:
-    from .engine.inference.bake import Bake
-
-    try:
-        return Bake(path, file, scene)
-    except FrogError as error:
-        return str(error)
-
-
 @persistent
 def _on_frame(scene: Any, *_: Any) -> None:
     for obj in captures(scene.objects):
@@ -250,7 +126,7 @@ def _on_frame_evaluated(scene: Any, depsgraph: Any) -> None:
 
 @persistent
 def _on_load(*_: Any) -> None:
-    forget()
+    opened.forget()
     _refresh_all()
 
 
@@ -274,7 +150,7 @@ def _on_save_pre(*_: Any) -> None:
     for obj in captures(bpy.data.objects):
         if obj.library is not None or getattr(obj.data, "is_editmode", False):
             continue  # Blender refuses to change what is being edited
-        if _stamp(file_of(obj)) is not None and not problem(file_of(obj)):
+        if opened.version(file_of(obj)) is not None and not opened.problem(file_of(obj)):
             carrier.clear(obj)
 
 
@@ -304,4 +180,4 @@ def register() -> None:
 
 def unregister() -> None:
     app_handlers.remove(_handlers())
-    forget()
+    opened.forget()

@@ -14,7 +14,7 @@ from bpy.props import StringProperty
 
 from .. import carrier, playback
 from ..engine.errors import FrogError
-from ..playing import playback_cache
+from ..playing import opened, playback_cache
 from .imported import named_or_chosen
 from .stepwise import Stepwise, has_window
 
@@ -48,7 +48,7 @@ def begin(obj: Any, scene: Any) -> Baking:
         needs = f"{len(times):,} frames need {needed / playback_cache.MEGABYTE:,.0f} MB, allowed are {megabytes:,} MB"
         raise FrogError(f"{path.name}: {needs}; allow more, or shorten the scene's frame range.")
     # On Windows a file that is open cannot be replaced; playback opens it again when it is needed.
-    playback.let_go_of_bake(path)
+    opened.let_go_of_bake(path)
     return Baking(path, len(times), write_bake(path, file, playable, times))
 
 
@@ -116,7 +116,7 @@ class FROG_OT_clear_bake(_OnCapture, bpy.types.Operator):
     def execute(self, context: Any) -> set[str]:
         try:
             path = playback.bake_path(self.capture(context))
-            playback.let_go_of_bake(path)
+            opened.let_go_of_bake(path)
             path.unlink()
         except FrogError as error:
             self.report({"ERROR"}, str(error))

@@ -11,6 +11,7 @@ import numpy as np
 from .. import playback
 from ..blender_camera import view_camera
 from ..engine.errors import FrogError
+from ..playing import opened
 from ..render_engine import background_of, sentence_of
 from .gathering import gather, visible_captures
 from .viewport import STILL_AFTER, Picture, Viewport, draw_view
@@ -72,7 +73,7 @@ def _seen(depsgraph: Any) -> tuple[Any, ...]:
     seen = []
     for obj, shown, matrix in visible_captures(depsgraph):
         file = playback.file_of(obj)
-        seen.append((str(file), playback.version(file), playback.shown_frame(obj, frame, shown), matrix.tobytes()))
+        seen.append((str(file), opened.version(file), playback.shown_frame(obj, frame, shown), matrix.tobytes()))
     return tuple(seen)
 
 

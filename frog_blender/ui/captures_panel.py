@@ -8,7 +8,7 @@ import bpy
 
 from .. import carrier, playback
 from ..nodes import ellipsoid_nodes
-from ..playing import playback_cache
+from ..playing import opened, playback_cache
 from ..saved_elsewhere import library_of
 from .text import sentence
 
@@ -31,10 +31,10 @@ class FROG_PT_captures(bpy.types.Panel):
             box.label(text=obj.name, icon="OUTLINER_OB_POINTCLOUD")
             box.prop(obj.frog, "filepath", text="")
             _draw_timing(box, obj.frog)
-            error = playback.problem(playback.file_of(obj))
+            error = opened.problem(playback.file_of(obj))
             if error:
                 sentence(box, error, context, icon="ERROR")
-                if playback.is_missing(playback.file_of(obj)) and library_of(obj) is None:
+                if opened.is_missing(playback.file_of(obj)) and library_of(obj) is None:
                     box.operator("frog.relink", icon="FILE_FOLDER").object_name = obj.name
             else:
                 box.label(text=f"{carrier.count(obj):,} Gaussians")

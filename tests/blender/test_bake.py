@@ -18,7 +18,7 @@ from frog_blender.engine.inference.bake import Bake, write_bake
 from frog_blender.engine.inference.importance import most_important, ranking
 from frog_blender.engine.inference.scene import PlayableScene
 from frog_blender.operators import bake
-from frog_blender.playing import playback_cache
+from frog_blender.playing import opened, playback_cache
 
 
 @pytest.fixture
@@ -26,7 +26,7 @@ def capture(empty, static_rig):
     """Ten frames, shown at 1 to 10."""
     bpy.ops.import_scene.frog(filepath=str(static_rig))
     yield next(playback.captures(bpy.context.scene.objects))
-    playback.forget()
+    opened.forget()
 
 
 def shows(obj, path, frame):
@@ -127,7 +127,7 @@ def test_a_damaged_bake_is_one_sentence_and_frames_are_computed(empty, capture, 
     bpy.ops.frog.bake()
     path = static_rig.with_suffix(".frogbake")
     content = path.read_bytes()
-    playback.let_go_of_bake(path)
+    opened.let_go_of_bake(path)
     playback_cache.clear()
     path.write_bytes(damaged(content)[how])
     assert path.read_bytes() != content

@@ -11,7 +11,7 @@ from frog_blender import carrier, playback
 from frog_blender.engine.inference.importance import most_important, ranking
 from frog_blender.engine.inference.scene import PlayableScene
 from frog_blender.nodes import ellipsoid_nodes
-from frog_blender.playing import density
+from frog_blender.playing import density, opened
 from frog_blender.rendering.gathering import gather
 
 
@@ -136,4 +136,4 @@ def test_saved_and_opened_again(empty, capture, tmp_path):
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "x.blend"))
     again = bpy.data.objects[name]
     assert (again.frog.density, carrier.count(again)) == (30, 120)
-    assert not playback.problem(playback.file_of(again))
+    assert not opened.problem(playback.file_of(again))

@@ -13,6 +13,7 @@ from scenes import rig_of_three, write_scene
 from frog_blender import carrier, playback
 from frog_blender.engine.inference.scene import PlayableScene
 from frog_blender.engine.ply import read_splats, write_splats
+from frog_blender.playing import opened
 
 
 @pytest.fixture
@@ -144,7 +145,7 @@ def test_the_scene_file_elsewhere(empty, capture, static_rig, tmp_path):
     assert playback.file_of(capture) == tmp_path / "second.frog"
     static_rig.unlink()
     empty.frame_set(7)
-    assert not playback.problem(playback.file_of(capture))
+    assert not opened.problem(playback.file_of(capture))
     with pytest.raises(RuntimeError, match="plays already"):
         bpy.ops.export_scene.frog(filepath=str(tmp_path / "second.frog"))
     (tmp_path / "second.frog").write_bytes(b"nonsense")

@@ -8,6 +8,7 @@ import pytest
 from scenes import rig_of_three, write_scene
 
 from frog_blender import carrier, playback
+from frog_blender.playing import opened
 from frog_blender.playing.retiming import repeated
 
 
@@ -89,7 +90,7 @@ def test_a_missing_file_is_told_once(empty, capture, static_rig, capfd):
     for frame in (3, 4, 5):
         empty.frame_set(frame)
     assert capfd.readouterr().err.count("found no file") == 1
-    assert "found no file" in playback.problem(static_rig)
+    assert "found no file" in opened.problem(static_rig)
     assert carrier.count(capture) == before
 
 
@@ -100,7 +101,7 @@ def test_a_damaged_file_is_told_once_and_mended_by_a_good_one(empty, capture, st
     assert capfd.readouterr().err.count(str(static_rig)) == 1
     write_scene(static_rig, rig_of_three(), count=33, seed=5, sh_count=9)
     empty.frame_set(5)
-    assert playback.problem(static_rig) == ""
+    assert opened.problem(static_rig) == ""
     assert_shows(capture, engine_at(static_rig, 4.0))
 
 
@@ -147,10 +148,10 @@ def test_what_nobody_plays_is_let_go(empty, tmp_path):
         next(obj for obj in playback.captures(empty.objects) if playback.file_of(obj) == p) for p in paths[:2]
     )
     bpy.data.objects.remove(first)
-    assert set(playback._scenes) == set(paths[:2])
+    assert set(opened._scenes) == set(paths[:2])
     kept = playback.open_scene(paths[1])
     assert bpy.ops.import_scene.frog(filepath=str(paths[2])) == {"FINISHED"}
-    assert set(playback._scenes) == set(paths[1:]) and playback.open_scene(paths[1]) is kept
+    assert set(opened._scenes) == set(paths[1:]) and playback.open_scene(paths[1]) is kept
     empty.frame_set(4)
     assert_shows(second, engine_at(paths[1], 3.0))
 

@@ -9,6 +9,7 @@ from scenes import rig_of_three, write_scene
 
 from frog_blender import carrier, playback
 from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender.playing import opened
 
 
 def shows(obj, path, frame):
@@ -28,7 +29,7 @@ def lost(empty, tmp_path):
     empty.collection.objects.link(twin)
     here.rename(there)
     empty.frame_set(3)
-    assert all(playback.is_missing(playback.file_of(obj)) for obj in (first, second, twin))
+    assert all(opened.is_missing(playback.file_of(obj)) for obj in (first, second, twin))
     return first, second, twin, there
 
 
@@ -38,7 +39,7 @@ def test_one_choice_mends_all(empty, lost):
     assert [obj.frog.filepath for obj in (first, twin)] == [str(there / "a.frog")] * 2
     assert second.frog.filepath == str(there / "b.frog")
     for obj, name in ((first, "a"), (second, "b"), (twin, "a")):
-        assert playback.problem(playback.file_of(obj)) == ""
+        assert opened.problem(playback.file_of(obj)) == ""
         shows(obj, there / f"{name}.frog", 2.0)
 
 
@@ -46,7 +47,7 @@ def test_or_only_the_one(empty, lost):
     first, second, twin, there = lost
     bpy.ops.frog.relink(object_name=second.name, filepath=str(there / "b.frog"), all_missing=False)
     assert second.frog.filepath == str(there / "b.frog")
-    assert playback.is_missing(playback.file_of(first)) and playback.is_missing(playback.file_of(twin))
+    assert opened.is_missing(playback.file_of(first)) and opened.is_missing(playback.file_of(twin))
 
 
 def test_a_renamed_file_is_found_for_all_who_played_it(empty, lost):

@@ -12,6 +12,7 @@ from scenes import expected_png, rig_of_three
 from frog_blender import playback
 from frog_blender.blender_camera import engine_camera, view_camera
 from frog_blender.engine.errors import FrogError
+from frog_blender.playing import opened
 from frog_blender.rendering import viewport, viewport_drawing
 from frog_blender.rendering.gathering import gather, visible_captures
 
@@ -165,7 +166,7 @@ def test_the_captures_that_are_seen(empty, static_rig):
     capture = bpy.context.object
     (found,) = visible_captures(bpy.context.evaluated_depsgraph_get())
     assert found[0] == capture
-    before = playback.version(playback.file_of(capture))
-    assert before == playback.version(playback.file_of(capture)) is not None
+    before = opened.version(playback.file_of(capture))
+    assert before == opened.version(playback.file_of(capture)) is not None
     capture.hide_set(True)
     assert visible_captures(bpy.context.evaluated_depsgraph_get()) == []
