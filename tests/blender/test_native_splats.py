@@ -51,7 +51,7 @@ def test_frog_draws_it_once_however_it_is_shown(empty, capture, rendered):
     for kind in ("ELLIPSOIDS", "POINTS"):
         capture.frog.display = kind
         found = gathering.visible_captures(bpy.context.evaluated_depsgraph_get())
-        assert [obj for obj, _ in found] == [capture]
+        assert [obj for obj, *_ in found] == [capture]
         np.testing.assert_array_equal(rendered(empty), before)
     carrier.draw_in_renders(capture, False)
     np.testing.assert_array_equal(rendered(empty), before)
