@@ -91,7 +91,7 @@ def distance_added(data: Any) -> float:
     return _FAR * data.ortho_scale if data.type == "ORTHO" else 0.0
 
 
-def view_camera(view_matrix: Any, window_matrix: Any, width: int, height: int) -> Camera:
+def view_camera(view_matrix: Any, window_matrix: Any, width: int, height: int, focal_ratio: float = 1.0) -> Camera:
     """The engine camera of a 3D viewport, from its region's matrices, at a size in pixels.
 
     An orthographic view is one from very far away, as for ``engine_camera``.
@@ -99,7 +99,7 @@ def view_camera(view_matrix: Any, window_matrix: Any, width: int, height: int) -
     view, window = np.array(view_matrix, np.float64), np.array(window_matrix, np.float64)
     pose = np.linalg.inv(view)
     pose[:3, :3] = nearest_rotation(pose[:3, :3], "The viewport")
-    focal = np.array([window[0, 0] * width, window[1, 1] * height]) / 2
+    focal = np.array([window[0, 0] * width, window[1, 1] * height * focal_ratio]) / 2
     if window[3, 3] == 0.0:  # perspective: clip w is the depth
         centre = np.array([(1 - window[0, 2]) * width, (1 + window[1, 2]) * height]) / 2
     else:

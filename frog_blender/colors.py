@@ -1,4 +1,5 @@
-"""The border between the video's display-referred sRGB and Blender's scene-linear colour (Rec. 709 primaries)."""
+"""The border between the video's display-referred sRGB and Blender's scene-linear colour: Rec. 709 primaries, unless a
+.blend of Blender 5 works in others."""
 
 from __future__ import annotations
 
@@ -7,6 +8,11 @@ import functools
 import numpy as np
 
 _STEPS = 65535  # of the table for pictures
+_WORKING_SPACES = {
+    "Linear Rec.2020": ((0.627404, 0.329283, 0.043313), (0.069097, 0.919540, 0.011362), (0.016391, 0.088013, 0.895595)),
+    "ACEScg": ((0.613097, 0.339523, 0.047379), (0.070194, 0.916354, 0.013452), (0.020616, 0.109570, 0.869815)),
+}
+"""Rows of matrices from linear Rec. 709, by Blender's names (ITU-R BT.2087; ACES with Bradford's adaptation)."""
 
 
 def picture_to_linear(display: np.ndarray) -> np.ndarray:
@@ -31,3 +37,24 @@ def to_display(linear: np.ndarray) -> np.ndarray:
     """Display-referred sRGB float32 of scene-linear colour, any shape: the inverse of ``to_linear``."""
     linear = np.maximum(np.asarray(linear, dtype=np.float32), 0.0)
     return np.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear ** (1 / 2.4) - 0.055).astype(np.float32)
+
+
+def into_working_space(linear: np.ndarray) -> np.ndarray:
+    """Changes the first three of (..., 3 or 4) channels, linear Rec. 709, to the working space of the open .blend."""
+    matrix = _working_space()
+    if matrix is not None:
+        linear[..., :3] = linear[..., :3] @ matrix.T
+    return linear
+
+
+def out_of_working_space(linear: np.ndarray) -> np.ndarray:
+    """(..., 3) of linear Rec. 709, from the working space of the open .blend."""
+    matrix = _working_space()
+    return linear if matrix is None else (linear @ np.linalg.inv(matrix).T).astype(linear.dtype)
+
+
+def _working_space() -> np.ndarray | None:
+    import bpy
+
+    rows = _WORKING_SPACES.get(bpy.data.colorspace.working_space) if bpy.app.version >= (5, 0, 0) else None
+    return None if rows is None else np.array(rows)

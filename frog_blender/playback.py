@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 
 def file_of(obj: Any) -> Path:
     """The .frog file an object plays."""
-    return Path(bpy.path.abspath(obj.frog.filepath, library=saved_elsewhere.library_of(obj)))
+    return saved_elsewhere.absolute(obj, obj.frog.filepath)
 
 
 def bake_path(obj: Any) -> Path:
     """Where an object's baked playback is, or would be: beside its .frog file, or in the folder chosen for it."""
-    file, folder, library = file_of(obj), obj.frog.bake_folder, saved_elsewhere.library_of(obj)
-    return (Path(bpy.path.abspath(folder, library=library)) if folder else file.parent) / f"{file.stem}.frogbake"
+    file, folder = file_of(obj), obj.frog.bake_folder
+    return (saved_elsewhere.absolute(obj, folder) if folder else file.parent) / f"{file.stem}.frogbake"
 
 
 def open_scene(path: Path) -> PlayableScene:
@@ -102,15 +102,37 @@ def show(obj: Any, scene_frame: float, evaluated: Any = None) -> None:
     carrier.show(obj, shown.scene, shown.time, shown.part)
 
 
+def captures_in(scene: Any) -> list[Any]:
+    """The captures that a scene shows, in collections that it instances as well."""
+    found: dict[Any, None] = {}
+    groups, collections = [scene.objects], []
+    for objects in groups:
+        found |= dict.fromkeys(captures(objects))
+        for obj in objects:
+            collection = obj.instance_collection if obj.instance_type == "COLLECTION" else None
+            if collection is not None and collection not in collections:
+                collections.append(collection)
+                groups.append(collection.all_objects)
+    return list(found)
+
+
+def scenes_of_captures() -> dict[Any, Any]:
+    """Every capture that a scene shows, and whose frame it is to show: that of the scene that a window looks at, where
+    several scenes have it."""
+    looked_at = {window.scene for window in bpy.context.window_manager.windows} | {bpy.context.scene}
+    scenes = sorted(bpy.data.scenes, key=lambda scene: scene in looked_at)
+    return {obj: scene for scene in scenes for obj in captures_in(scene)}
+
+
 def refresh(scene: Any) -> None:
     """Make every capture of a scene show its current frame."""
-    for obj in captures(scene.objects):
+    for obj in captures_in(scene):
         show(obj, scene.frame_current_final)
 
 
 @persistent
 def _on_frame(scene: Any, *_: Any) -> None:
-    for obj in captures(scene.objects):
+    for obj in captures_in(scene):
         if not is_known_late(obj):
             show(obj, scene.frame_current_final)
 
@@ -119,7 +141,7 @@ def _on_frame(scene: Any, *_: Any) -> None:
 def _on_frame_evaluated(scene: Any, depsgraph: Any) -> None:
     if depsgraph.mode == "RENDER" and scene.render.engine == "FROG":
         return  # it draws no points, and writing them makes Blender evaluate again, without the NLA
-    for obj in captures(scene.objects):
+    for obj in captures_in(scene):
         if is_known_late(obj):
             show(obj, scene.frame_current_final, obj.evaluated_get(depsgraph))
 
@@ -132,8 +154,8 @@ def _on_load(*_: Any) -> None:
 
 @persistent
 def _refresh_all(*_: Any) -> None:
-    for scene in bpy.data.scenes:
-        refresh(scene)
+    for obj, scene in scenes_of_captures().items():
+        show(obj, scene.frame_current_final)
 
 
 @persistent
@@ -176,8 +198,11 @@ def _handlers() -> app_handlers.Handlers:
 
 def register() -> None:
     app_handlers.add(_handlers())
+    bpy.app.timers.register(_refresh_all, first_interval=0.0)  # for a .blend that was opened without the add-on
 
 
 def unregister() -> None:
+    if bpy.app.timers.is_registered(_refresh_all):
+        bpy.app.timers.unregister(_refresh_all)
     app_handlers.remove(_handlers())
     opened.forget()

@@ -9,18 +9,22 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bpy
 import numpy as np
 
 from .blender_camera import distance_added, engine_camera
-from .colors import to_display
+from .colors import into_working_space, out_of_working_space, to_display
 from .engine.errors import FrogError
+from .playing.retiming import raw_frame
 from .rendering import index_pass, vector_pass
 from .rendering.gathering import gather, pass_indices
 from .rendering.holdout import draw_before, limits_of_objects
 from .rendering.pixel_passes import combined_pass, depth_pass, pass_pixels
+
+if TYPE_CHECKING:
+    from .engine.rasterizer.options import RasterizeOptions
 
 SHUTTER_SAMPLES = 16  # moments that motion blur averages
 
@@ -110,7 +114,7 @@ def render_frame(engine: Any, depsgraph: Any) -> Passes:
     With motion blur the light of moments spread over the shutter's time is averaged; all else is the frame's own.
     """
     combined, depth, surface = render_moment(engine, depsgraph)
-    render, frame = depsgraph.scene.render, depsgraph.scene.frame_current_final
+    render, frame = depsgraph.scene.render, raw_frame(depsgraph.scene)
     if not render.use_motion_blur or render.motion_blur_shutter <= 0:
         return combined, depth, surface
     moments = shutter_moments(frame, render.motion_blur_shutter, render.motion_blur_position)
@@ -128,11 +132,11 @@ def render_frame(engine: Any, depsgraph: Any) -> Passes:
 @contextmanager
 def _frame_kept(engine: Any, depsgraph: Any) -> Iterator[None]:
     """Whatever happens within, the scene then stands at the frame again where it stood."""
-    frame = depsgraph.scene.frame_current_final
+    frame = raw_frame(depsgraph.scene)
     try:
         yield
     finally:
-        if depsgraph.scene.frame_current_final != frame:
+        if raw_frame(depsgraph.scene) != frame:
             engine.frame_set(math.floor(frame), frame % 1.0)
 
 
@@ -145,12 +149,10 @@ def shutter_moments(frame: float, shutter: float, position: str) -> list[float]:
 
 def render_moment(engine: Any, depsgraph: Any) -> Passes:
     """``render_frame`` of the moment at which the scene stands, without blur."""
-    from .engine.rasterizer.options import RasterizeOptions
-
     scene = depsgraph.scene
     width, height = engine.resolution_x, engine.resolution_y
-    options = RasterizeOptions(region=rendered_part(scene.render, width, height))
     eye = _eye(engine, depsgraph)
+    options = _options(depsgraph, eye, width, height)
     camera = engine_camera(eye, eye.matrix_world, scene.render, width, height)
     engine.update_stats("", "Deforming Gaussians")
     gaussians, captured_background = gather(depsgraph)
@@ -162,8 +164,16 @@ def render_moment(engine: Any, depsgraph: Any) -> Passes:
         drawing = draw_before(limits, gaussians, camera, options)
     size = options.region_of(camera)[2:]
     depth = depth_pass(drawing, *size, distance_added(eye.data))
-    combined = combined_pass(drawing, background_of(scene, captured_background), *size)
+    combined = into_working_space(combined_pass(drawing, background_of(scene, captured_background), *size))
     return combined, depth, drawing.median_index if drawing is not None else None
+
+
+def _options(depsgraph: Any, eye: Any, width: int, height: int) -> RasterizeOptions:
+    """The Render Region, and nothing that is behind the camera, which may stand further back than Blender's."""
+    from .engine.rasterizer.options import RasterizeOptions
+
+    region = rendered_part(depsgraph.scene.render, width, height)
+    return RasterizeOptions(region=region, near_plane=RasterizeOptions.near_plane + distance_added(eye.data))
 
 
 def _eye(engine: Any, depsgraph: Any) -> Any:
@@ -176,9 +186,7 @@ def _eye(engine: Any, depsgraph: Any) -> Any:
 
 def render_vectors(engine: Any, depsgraph: Any) -> np.ndarray:
     """The Vector pass of the Render Region, (H, W, 4), rows from the top; see vector_pass."""
-    from .engine.rasterizer.options import RasterizeOptions
-
-    frame, width, height = depsgraph.scene.frame_current_final, engine.resolution_x, engine.resolution_y
+    frame, width, height = raw_frame(depsgraph.scene), engine.resolution_x, engine.resolution_y
 
     def moment_at(offset: int) -> vector_pass.Moment:
         moment = frame + offset
@@ -186,7 +194,7 @@ def render_vectors(engine: Any, depsgraph: Any) -> np.ndarray:
         eye = _eye(engine, depsgraph)
         return gather(depsgraph)[0], engine_camera(eye, eye.matrix_world, depsgraph.scene.render, width, height)
 
-    options = RasterizeOptions(region=rendered_part(depsgraph.scene.render, width, height))
+    options = _options(depsgraph, _eye(engine, depsgraph), width, height)
     with _frame_kept(engine, depsgraph):
         return vector_pass.vectors(moment_at, options)
 
@@ -211,7 +219,7 @@ def world_color(scene: Any) -> np.ndarray | None:
     shader = next((node for node in nodes if node.type == "BACKGROUND"), None)
     if shader is not None and not shader.inputs["Color"].is_linked and not shader.inputs["Strength"].is_linked:
         linear = np.array(shader.inputs["Color"].default_value[:3]) * shader.inputs["Strength"].default_value
-    return to_display(linear)
+    return to_display(out_of_working_space(linear))
 
 
 # Panels that other engines' settings fill with what FROG does not have.

@@ -5,6 +5,7 @@ Blender does so with its own paths, but not with those that add-ons keep.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,34 @@ def library_of(block: Any) -> Any:
     the paths of what is linked."""
     override = block.override_library
     return block.library if override is None or override.reference is None else override.reference.library
+
+
+def absolute(block: Any, path: str) -> Path:
+    """What a data-block's path leads to. What was linked and made local still has its library's."""
+    library = library_of(block)
+    found = os.path.normpath(bpy.path.abspath(path, library=library))
+    if library is None and path.startswith("//") and bpy.data.libraries and not Path(found).exists():
+        beside = (os.path.normpath(bpy.path.abspath(path, library=each)) for each in bpy.data.libraries)
+        found = next((each for each in beside if Path(each).exists()), found)
+    return Path(found)
+
+
+def _settle() -> None:
+    """Writes the paths of what was made local as seen from this .blend."""
+    here = Path(bpy.data.filepath).parent if bpy.data.filepath else None
+    for _, block, name, value in list(_relative()):
+        path = str(absolute(block, value))
+        if path != os.path.normpath(bpy.path.abspath(value)):
+            _write(block, name, seen_from(here, path) if here else path)
+
+
+def _rewrite(block: Any, names: tuple[str, ...], folder: str, here: Path | None) -> None:
+    """Paths that begin at ``folder`` as a .blend in ``here`` keeps them; left where only as they are they lead to a
+    file."""
+    for name, value in _relative_of(block, names):
+        path = bpy.path.abspath(value, start=folder)
+        if Path(path).exists() or not Path(bpy.path.abspath(value)).exists():
+            _write(block, name, seen_from(here, path) if here else path)
 
 
 def _relative() -> Iterator[tuple[Any, Any, str, str]]:
@@ -63,6 +92,7 @@ def seen_from(folder: Path, path: str) -> str:
 def on_save_pre(path: str = "", *_: Any) -> None:
     """Rewrites the paths, where the .blend goes into another folder."""
     global _target
+    _settle()
     _target, here, there = None, bpy.data.filepath, Path(path).parent
     _before.clear()
     if not path or not here or Path(here).parent == there:
@@ -92,7 +122,4 @@ def on_import_post(context: Any, *_: Any) -> None:
         names = {"OBJECT": _OF_OBJECTS, "SCENE": _OF_SCENES}.get(item.id_type)
         if not names or item.append_action not in {"MAKE_LOCAL", "COPY_LOCAL"} or item.source_library is None:
             continue
-        there = Path(bpy.path.abspath(item.source_library.filepath)).parent
-        for name, value in _relative_of(item.id, names):
-            path = bpy.path.abspath(value, start=str(there))
-            _write(item.id, name, seen_from(here, path) if here else path)
+        _rewrite(item.id, names, str(Path(bpy.path.abspath(item.source_library.filepath)).parent), here)

@@ -15,6 +15,7 @@ from bpy.props import StringProperty
 from .. import carrier, playback
 from ..engine.errors import FrogError
 from ..playing import opened, playback_cache
+from ..playing.retiming import is_known_late, stretched
 from .imported import named_or_chosen
 from .stepwise import Stepwise, has_window
 
@@ -41,8 +42,7 @@ def begin(obj: Any, scene: Any) -> Baking:
         raise FrogError(f"{file.name}: nothing moves in this capture, so there is nothing to bake.")
     same = [other for other in playback.captures(scene.objects) if playback.bake_path(other) == path]
     same = [other for other in same if playback.file_of(other) == file]
-    frames = range(scene.frame_start, scene.frame_end + 1)
-    times = sorted({playback.moment(other, float(frame)).time for other in same for frame in frames})
+    times = sorted(_times(scene, same))
     needed, megabytes = bytes_needed(playable, len(times)), obj.frog.bake_megabytes
     if needed > megabytes * playback_cache.MEGABYTE:
         needs = f"{len(times):,} frames need {needed / playback_cache.MEGABYTE:,.0f} MB, allowed are {megabytes:,} MB"
@@ -50,6 +50,22 @@ def begin(obj: Any, scene: Any) -> Baking:
     # On Windows a file that is open cannot be replaced; playback opens it again when it is needed.
     opened.let_go_of_bake(path)
     return Baking(path, len(times), write_bake(path, file, playable, times))
+
+
+def _times(scene: Any, objects: list[Any]) -> set[float]:
+    """The times in [0, 1] that objects show over a scene's frame range."""
+    frames = range(scene.frame_start, scene.frame_end + 1)
+    if not any(is_known_late(obj) for obj in objects):
+        return {playback.moment(obj, stretched(scene, frame)).time for obj in objects for frame in frames}
+    stood, layer, found = (scene.frame_current, scene.frame_subframe), scene.view_layers[0], set()
+    for frame in frames:
+        scene.frame_set(frame)
+        layer.update()
+        evaluated = [obj.evaluated_get(layer.depsgraph) for obj in objects]
+        shown = zip(objects, evaluated, strict=True)
+        found |= {playback.moment(obj, scene.frame_current_final, each).time for obj, each in shown}
+    scene.frame_set(stood[0], subframe=stood[1])
+    return found
 
 
 class _OnCapture:

@@ -18,7 +18,7 @@ _LABEL = "FRoG"  # of the nodes that this file makes
 _TAKEN_OVER = (
     *("resolution_x", "resolution_y", "resolution_percentage", "pixel_aspect_x", "pixel_aspect_y", "fps", "fps_base"),
     *("use_border", "use_crop_to_border", "border_min_x", "border_max_x", "border_min_y", "border_max_y"),
-    *("use_motion_blur", "motion_blur_shutter", "motion_blur_position"),
+    *("frame_map_old", "frame_map_new", "use_motion_blur", "motion_blur_shutter", "motion_blur_position"),
 )
 
 
@@ -78,8 +78,10 @@ def _splat_scene(scene: Any, composed: Any) -> Any:
         composed: the scene that the compositor reads now, which is the one if it is of captures, whatever its name.
     """
     name = f"{scene.name} FRoG"
-    known = (found for found in (composed, bpy.data.scenes.get(name)) if found is not None and _is_splats(found))
+    named = composed, bpy.data.scenes.get(name)
+    known = (found for found in named if found is not None and _is_splats(found) and _is_of(found, scene))
     splats = next(known, None) or bpy.data.scenes.new(name)
+    splats.frog.composed_with = scene
     for mine, theirs in (
         (splats.collection.children, scene.collection.children),
         (splats.collection.objects, scene.collection.objects),
@@ -101,6 +103,11 @@ def _splat_scene(scene: Any, composed: Any) -> Any:
     layer.update()  # a new scene's has no collections before (Blender 5.2)
     _take_over_collections(layer.layer_collection, scene.view_layers[0].layer_collection)
     return splats
+
+
+def _is_of(splats: Any, scene: Any) -> bool:
+    """Whether a scene of captures is this scene's: the compositor of a copy still reads the original's."""
+    return splats.frog.composed_with in (None, scene)
 
 
 def _take_over_collections(mine: Any, theirs: Any) -> None:

@@ -14,6 +14,7 @@ from bpy_extras.io_utils import ExportHelper
 
 from .. import playback
 from ..engine.errors import FrogError
+from ..playing.retiming import raw_frame
 from .frame_export import FrameExport
 from .imported import chosen, stored_path
 from .stepwise import Stepwise, has_window
@@ -124,7 +125,7 @@ right mouse button stops it"""
 
     def _frames(self, scene: Any) -> list[float]:
         if self.frames == "CURRENT":
-            return [scene.frame_current_final]
+            return [raw_frame(scene)]
         first, last = (self.first, self.last) if self.frames == "CUSTOM" else (scene.frame_start, scene.frame_end)
         return [float(frame) for frame in range(first, last + 1)]
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from .. import playback
 from ..engine.errors import FrogError
-from ..playing.retiming import is_known_late
+from ..playing.retiming import is_known_late, raw_frame, stretched
 from .imported import known_by
 
 if TYPE_CHECKING:
@@ -69,17 +69,17 @@ class FrameExport:
         obj = known_by(bpy.data.objects, self.capture)
         if obj is None or next(playback.captures([obj]), None) is None:
             raise FrogError(f"{self.name}: found no such capture in this file any more.")
-        if self.turn is None and not is_known_late(obj):
-            return playback.gaussians_at(obj, frame)
         scene = known_by(bpy.data.scenes, self.scene)
         if scene is None:
             raise FrogError(f"{self.name}: found its scene deleted, expected it to go through its frames.")
-        if frame != scene.frame_current_final:
+        if self.turn is None and not is_known_late(obj):
+            return playback.gaussians_at(obj, stretched(scene, frame))
+        if frame != raw_frame(scene):
             scene.frame_set(int(frame))  # the empty may be animated
         layer = scene.view_layers.get(self.layer) or scene.view_layers[0]
         layer.update()
         evaluated = obj.evaluated_get(layer.depsgraph)
-        gaussians = playback.gaussians_at(obj, frame, evaluated)
+        gaussians = playback.gaussians_at(obj, scene.frame_current_final, evaluated)
         if self.turn is None:
             return gaussians
         try:

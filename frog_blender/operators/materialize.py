@@ -11,7 +11,7 @@ from mathutils import Matrix
 
 from .. import carrier, playback
 from ..blender_camera import apply_lens, lens_of, pose_of
-from ..colors import to_linear
+from ..colors import into_working_space, to_linear
 from ..engine.clips import camera_path, moves_alone
 from .camera_clips import add_clips
 from .imported import stored_path
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ..engine.files import SceneHeader
 
 _BACKGROUND_WORLD = "FRoG Background"
+_LAYERS = 1024  # of splats that rays of Cycles go through: as many as it allows
 
 
 def materialize(
@@ -125,8 +126,10 @@ def _set_up(scene: Any, header: SceneHeader, start_frame: float, cameras: list[A
         scene.render.fps, scene.render.fps_base = whole, whole / max(header.frames_per_second, 0.01)
     if cameras:
         look_through(scene, cameras[0])
-    world = bpy.data.worlds.get(_BACKGROUND_WORLD) or bpy.data.worlds.new(_BACKGROUND_WORLD)
-    background = to_linear(np.array(header.background))
+    # Another scene's is of another capture.
+    has_one = scene.world is not None and scene.world.name.startswith(_BACKGROUND_WORLD)
+    world = scene.world if has_one else bpy.data.worlds.new(_BACKGROUND_WORLD)
+    background = into_working_space(to_linear(np.array(header.background)))
     world.color = background
     if world.node_tree is not None:
         for node in world.node_tree.nodes:
@@ -137,6 +140,8 @@ def _set_up(scene: Any, header: SceneHeader, start_frame: float, cameras: list[A
     scene.view_settings.view_transform = "Standard"
     scene.view_settings.look = "None"
     scene.render.dither_intensity = 0.0
+    if hasattr(scene, "cycles"):  # rays that end at the usual 8 layers see a third of the light
+        scene.cycles.transparent_max_bounces = max(scene.cycles.transparent_max_bounces, _LAYERS)
     # A window draws while a render evaluates frames in its own thread; locked, they do not share the Gaussians.
     scene.render.use_lock_interface = True
 

@@ -3,6 +3,7 @@
 # Blender reads properties from annotations, which to a type checker are not types.
 # mypy: disable-error-code="valid-type"
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -143,14 +144,20 @@ def request_of(settings: Any, resume: bool = False) -> background.TrainingReques
 def output_of(settings: Any) -> Path:
     """The .frog file that the panel's settings name."""
     output = Path(bpy.path.abspath(settings.output_path))
+    if not output.name:
+        raise found_instead(output, "a folder", "the name of a .frog file to write")
     return output if output.suffix == ".frog" else output.with_name(output.name + ".frog")
 
 
 def can_resume(settings: Any) -> bool:
     """True when a training of that output left something to go on from, and not another capture's."""
-    if not settings.output_path or not Path(f"{output_of(settings)}.checkpoint").is_file():
+    try:
+        output = output_of(settings)
+    except FrogError:
         return False
-    return not is_of_another(output_of(settings), Path(bpy.path.abspath(settings.capture_folder)))
+    if not Path(f"{output}.checkpoint").is_file():
+        return False
+    return not is_of_another(output, Path(bpy.path.abspath(settings.capture_folder)))
 
 
 def _importer(scene_uid: int) -> Any:
@@ -160,7 +167,7 @@ def _importer(scene_uid: int) -> Any:
         scene = known_by(bpy.data.scenes, scene_uid)  # whatever it is called by now
         if scene is None:
             return  # the user deleted it meanwhile; the file is on disk
-        if any(playback.file_of(obj) == path for obj in playback.captures(scene.objects)):
+        if any(playback.file_of(obj) == Path(os.path.normpath(path)) for obj in playback.captures(scene.objects)):
             playback.refresh(scene)
             return
         materialize(path, scene)

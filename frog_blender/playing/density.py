@@ -75,10 +75,9 @@ def _set_rendering(rendering: bool) -> None:
     if rendering == _is_rendering:
         return
     _is_rendering = rendering
-    for scene in bpy.data.scenes:
-        for obj in playback.captures(scene.objects):
-            if obj.frog.density != obj.frog.render_density:
-                playback.show(obj, scene.frame_current_final)
+    for obj, scene in playback.scenes_of_captures().items():
+        if obj.frog.density != obj.frog.render_density:
+            playback.show(obj, scene.frame_current_final)
 
 
 @persistent

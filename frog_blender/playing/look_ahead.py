@@ -13,6 +13,7 @@ from .. import app_handlers, background, playback
 from ..engine.errors import FrogError
 from . import playback_cache
 from .playback_cache import Moment
+from .retiming import raw_frame, stretched
 
 AHEAD = 24  # frames
 AHEAD_WHILE_TRAINING = 2
@@ -49,9 +50,9 @@ def moments_after(scene: Any, frame: float, step: float) -> list[Moment]:
     """What the scene's captures show next, as much as half of the cache holds."""
     found: dict[Any, Moment] = {}
     room = playback_cache.frames.limit // 2
-    objects = list(playback.captures(scene.objects))
+    objects = playback.captures_in(scene)
     for following in islice(frames_after(scene, frame, step), _frames_ahead()):
-        for moment in _shown(scene, objects, following):
+        for moment in _shown(scene, objects, stretched(scene, following)):
             if moment.key in found or not moment.scene.changing:
                 continue
             room -= moment.scene.part_bytes
@@ -79,7 +80,7 @@ def _shown(scene: Any, objects: list[Any], frame: float) -> Iterator[Moment]:
 
 def look_ahead(scene: Any) -> None:
     """Has the thread compute what comes after the scene's present frame."""
-    frame = scene.frame_current_final
+    frame = raw_frame(scene)
     playback_cache.worker.ask(moments_after(scene, frame, step_to(scene, frame)))
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 REMAPPED = "frog.shown_frame"
 """The property whose curve is read directly: frame handlers run before Blender evaluates animation."""
+_TIMING = {REMAPPED, "frog.use_remap", "frog.start_frame", "frog.speed", "frog.repeat"}
 
 
 def capture_frame(obj: Any, scene_frame: float, frame_count: int, evaluated: Any = None) -> float:
@@ -39,33 +41,54 @@ def repeated(position: float, repeat: str, frame_count: int) -> float:
     return turn if turn <= last else 2 * last - turn
 
 
+def raw_frame(scene: Any) -> float:
+    """The frame of the timeline where a scene stands, as ``frame_set`` takes it."""
+    return scene.frame_current + scene.frame_subframe
+
+
+def stretched(scene: Any, frame: float) -> float:
+    """What Blender's Time Stretching makes of a frame: ``frame_current_final`` where a scene stands there."""
+    return frame * scene.render.frame_map_old / scene.render.frame_map_new
+
+
 def is_known_late(obj: Any) -> bool:
-    """Whether a driver or the NLA decides what is shown: nobody knows before Blender has evaluated the frame."""
+    """Whether drivers, the NLA or curves of other settings decide what is shown: nobody knows before Blender has
+    evaluated the frame."""
     animation = obj.animation_data
-    if animation is None or not obj.frog.use_remap:
+    if animation is None:
         return False
-    driven = any(driver.data_path == REMAPPED for driver in animation.drivers)
-    return driven or (animation.use_nla and len(animation.nla_tracks) > 0)
+    if any(driver.data_path in _TIMING for driver in animation.drivers):
+        return True
+    if any(curve.data_path in _TIMING and curve.data_path != REMAPPED for curve in _curves(animation)):
+        return True
+    strips = [strip for track in animation.nla_tracks for strip in track.strips] if animation.use_nla else []
+    return any(
+        curve.data_path in _TIMING
+        for strip in strips
+        if strip.action is not None
+        for curve in _curves_of(strip.action, strip.action_slot)
+    )
 
 
 def _curve(obj: Any) -> Any:
     """The curve that alone animates ``REMAPPED``, or None."""
     animation = obj.animation_data
-    if animation is None or animation.action is None or is_known_late(obj):
+    if animation is None or is_known_late(obj):
         return None
-    for curve in _curves(animation):
-        if curve.data_path == REMAPPED:
-            return curve
-    return None
+    return next((curve for curve in _curves(animation) if curve.data_path == REMAPPED), None)
 
 
-def _curves(animation: Any) -> Any:
-    action = animation.action
-    if hasattr(action, "fcurves"):  # before Blender 5
-        return action.fcurves
-    for layer in action.layers:
-        for strip in layer.strips:
-            bag = strip.channelbag(animation.action_slot) if animation.action_slot is not None else None
-            if bag is not None:
-                return bag.fcurves
-    return ()
+def _curves(animation: Any) -> Iterator[Any]:
+    """Those of the action that is not in the NLA."""
+    return _curves_of(animation.action, animation.action_slot) if animation.action is not None else iter(())
+
+
+def _curves_of(action: Any, slot: Any) -> Iterator[Any]:
+    """An action's curves that Blender obeys."""
+    bags = [action] if hasattr(action, "fcurves") else []  # before Blender 5
+    if not bags and slot is not None:
+        bags = [strip.channelbag(slot) for layer in action.layers for strip in layer.strips]
+    for bag in bags:
+        for curve in bag.fcurves if bag is not None else ():
+            if not curve.mute and not (curve.group is not None and curve.group.mute):
+                yield curve

@@ -13,29 +13,46 @@ if TYPE_CHECKING:
     from ..engine.rasterizer.arrays import GaussianArrays
 
 
-def gather(depsgraph: Any) -> tuple[GaussianArrays | None, np.ndarray]:
+def gather(depsgraph: Any, space: Any = None) -> tuple[GaussianArrays | None, np.ndarray]:
     """All visible captures at the frame being evaluated, in world space, and the first one's display background (3,).
 
     None stands for no capture at all.  A capture that cannot be played raises FrogError: a render must not lie.
+
+    Args:
+        space: the 3D viewport that is drawn; None for a render.
     """
     frame = depsgraph.scene.frame_current_final
     parts: list[GaussianArrays] = []
     background = np.zeros(3, dtype=np.float32)
-    for obj, shown, matrix in visible_captures(depsgraph):
+    for obj, shown, matrix in visible_captures(depsgraph, space):
         if not parts:
             background = np.asarray(playback.open_scene(playback.file_of(obj)).header.background, dtype=np.float32)
         parts.append(placed(playback.gaussians_at(obj, frame, shown), matrix, obj.name))
     return (joined(parts) if parts else None), background
 
 
-def visible_captures(depsgraph: Any) -> list[tuple[Any, Any, np.ndarray]]:
-    """Every visible capture's object, the same evaluated and its (4, 4) matrix, duplicates and instances included."""
+def visible_captures(depsgraph: Any, space: Any = None) -> list[tuple[Any, Any, np.ndarray]]:
+    """Every visible capture's object, the same evaluated and its (4, 4) matrix, duplicates and instances included; what
+    is scaled to nothing is not there."""
     found = []
     for instance in depsgraph.object_instances:
         shown, own = instance.object, instance.object.original
-        if shown.type in carrier.TYPES and own.frog.filepath and carrier.is_itself(shown, own):
-            found.append((own, shown, np.array(instance.matrix_world, dtype=np.float64)))
+        if shown.type not in carrier.TYPES or not own.frog.filepath or not is_seen(instance, depsgraph.view_layer):
+            continue
+        if not carrier.is_itself(shown, own) and (own.mode != "EDIT" or instance.is_instance):
+            continue
+        if space is not None and not instance.is_instance and not own.visible_in_viewport_get(space):
+            continue  # Local View, or a kind of object that the viewport hides
+        matrix = np.array(instance.matrix_world, dtype=np.float64)
+        if matrix[:3, :3].any():
+            found.append((own, shown, matrix))
     return found
+
+
+def is_seen(instance: Any, layer: Any) -> bool:
+    """Whether cameras see an object of a depsgraph, as Cycles has it."""
+    shown = instance.object
+    return instance.show_self and shown.visible_camera and not shown.original.indirect_only_get(view_layer=layer)
 
 
 def pass_indices(depsgraph: Any) -> list[tuple[int, int]]:

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .gathering import is_seen
+
 if TYPE_CHECKING:
     from ..engine.capture.camera import Camera
     from ..engine.inference.draw import Drawing
@@ -122,7 +124,9 @@ def _surfaces(depsgraph: Any) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """World-space vertices (V, 3) and triangles (T, 3) of everything that the camera can see, instances included."""
     for instance in depsgraph.object_instances:
         obj = instance.object
-        if obj.type not in _SURFACES or obj.original.frog.filepath or not obj.visible_camera or not instance.show_self:
+        if obj.type not in _SURFACES or obj.original.frog.filepath or obj.is_shadow_catcher:
+            continue
+        if not is_seen(instance, depsgraph.view_layer):
             continue
         mesh = obj.to_mesh()
         if mesh is None:

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..colors import into_working_space
+
 if TYPE_CHECKING:
     from ..engine.capture.camera import Camera
     from ..engine.rasterizer.arrays import GaussianArrays
@@ -98,6 +100,6 @@ def draw_view(
         return viewport.picture
     width, height = (max(1, -(-length // step)) for length in size)
     drawing = draw(gaussians, camera_of(width, height)) if gaussians is not None else None
-    combined = combined_pass(drawing, background, width, height)
+    combined = into_working_space(combined_pass(drawing, background, width, height))
     pixels = np.ascontiguousarray(combined[::-1], np.float32)
     return viewport.take(key, step, pixels, time.perf_counter() - started)

@@ -27,7 +27,7 @@ def draw(engine: Any, context: Any, depsgraph: Any) -> None:
     size = (context.region.width, context.region.height)
     viewport = engine.viewport = engine.viewport or Viewport()
     try:
-        picture = picture_of(viewport, depsgraph, context.region_data, size)
+        picture = picture_of(viewport, depsgraph, context.region_data, size, context.space_data)
     except (FrogError, MemoryError) as error:
         said = sentence_of(error)
         engine.update_stats("FRoG", said)
@@ -49,29 +49,39 @@ def draw(engine: Any, context: Any, depsgraph: Any) -> None:
         _redraw_later()
 
 
-def picture_of(viewport: Viewport, depsgraph: Any, view: Any, size: tuple[int, int]) -> Picture:
-    """What a region of that size with the matrices of ``view`` shows; drawn anew when what decides it has changed.
+def picture_of(viewport: Viewport, depsgraph: Any, view: Any, size: tuple[int, int], space: Any = None) -> Picture:
+    """What a region of that size with the matrices of ``view`` shows, in the viewport ``space``; drawn anew when what
+    decides it has changed.
 
     Raises:
         FrogError: for what cannot be drawn.
         MemoryError: when memory runs out.
     """
-    seen = _seen(depsgraph)
+    seen = _seen(depsgraph, space)
     if viewport.gathered[0] != seen:
-        viewport.gathered = (seen, gather(depsgraph))
+        viewport.gathered = (seen, gather(depsgraph, space))
     gaussians, captured = viewport.gathered[1]
     background = background_of(depsgraph.scene, captured)
     matrices = view.view_matrix, view.window_matrix
     behind = None if background is None else background.tobytes()
-    key = (*(np.array(matrix).tobytes() for matrix in matrices), size, seen, behind)
-    return draw_view(viewport, key, gaussians, lambda w, h: view_camera(*matrices, w, h), size, background)
+    ratio = _focal_ratio(depsgraph, view, space)
+    key = (*(np.array(matrix).tobytes() for matrix in matrices), size, seen, behind, ratio)
+    return draw_view(viewport, key, gaussians, lambda w, h: view_camera(*matrices, w, h, ratio), size, background)
 
 
-def _seen(depsgraph: Any) -> tuple[Any, ...]:
+def _focal_ratio(depsgraph: Any, view: Any, space: Any) -> float:
+    """Of the camera that a view looks through, which Blender's matrices know nothing of; one for other views."""
+    if space is None or view.view_perspective != "CAMERA":
+        return 1.0
+    camera = space.camera if space.use_local_camera else depsgraph.scene.camera
+    return camera.data.frog.focal_ratio if camera is not None and camera.type == "CAMERA" else 1.0
+
+
+def _seen(depsgraph: Any, space: Any) -> tuple[Any, ...]:
     """What decides the Gaussians: the captures, their moments and where they are."""
     frame = depsgraph.scene.frame_current_final
     seen = []
-    for obj, shown, matrix in visible_captures(depsgraph):
+    for obj, shown, matrix in visible_captures(depsgraph, space):
         file = playback.file_of(obj)
         seen.append((str(file), opened.version(file), playback.shown_frame(obj, frame, shown), matrix.tobytes()))
     return tuple(seen)

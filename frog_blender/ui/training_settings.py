@@ -72,6 +72,12 @@ class FrogTrainingSettings(bpy.types.PropertyGroup):
         description="Splats end where an object of this scene hides them; the objects themselves are not drawn",
         default=False,
     )
+    composed_with: PointerProperty(
+        name="Composed With",
+        description="The scene of the user's objects that this one of captures was made for",
+        type=bpy.types.Scene,
+        options={"HIDDEN"},
+    )
 
     capture_folder: StringProperty(
         name="Capture",

@@ -177,3 +177,44 @@ def test_the_splats_scene_switches_cameras_and_leaves_out_what_the_users_does(em
         found = [(marker.frame, marker.camera) for marker in splats.timeline_markers]
         assert found == list(zip((1, 5), cameras, strict=True))
         assert splats.view_layers[0].layer_collection.children["hidden"].exclude == excluded
+
+
+@pytest.mark.parametrize("how", ["shadow catcher", "indirect only", "not for cameras"])
+def test_what_cameras_do_not_see_hides_no_splats(empty, static_rig, tmp_path, how):
+    import_scene(static_rig)
+    empty.frog.hold_out = empty.render.film_transparent = True
+    whole, _ = passes_of(empty, tmp_path)
+    place = card(empty, (0.0, 0.0, 0.0))
+    hidden, _ = passes_of(empty, tmp_path)
+    assert np.abs(whole - hidden).max() > 0.3
+    if how == "shadow catcher":
+        place.is_shadow_catcher = True
+    elif how == "not for cameras":
+        place.visible_camera = False
+    else:
+        collection = bpy.data.collections.new("light")
+        empty.collection.children.link(collection)
+        empty.collection.objects.unlink(place)
+        collection.objects.link(place)
+        bpy.context.view_layer.layer_collection.children["light"].indirect_only = True
+    np.testing.assert_array_equal(passes_of(empty, tmp_path)[0], whole)
+
+
+@pytest.mark.parametrize("how", ["indirect only", "not for cameras", "scaled to nothing"])
+def test_captures_that_cameras_do_not_see(empty, static_rig, tmp_path, how):
+    obj = import_scene(static_rig)
+    other = obj.copy()
+    empty.collection.objects.link(other)  # which is no reason to lose the whole picture
+    other.parent = None
+    empty.render.film_transparent = True
+    assert passes_of(empty, tmp_path)[0][..., 3].max() > 0.5
+    for each in (obj, other):
+        if how == "not for cameras":
+            each.visible_camera = False
+        elif how == "scaled to nothing":
+            each.scale = (0.0, 0.0, 0.0)
+    if how == "indirect only":
+        layer = bpy.context.view_layer.layer_collection
+        layer.children[0].indirect_only = True
+        other.hide_render = True
+    assert not passes_of(empty, tmp_path)[0].any()

@@ -12,6 +12,7 @@ from safetensors.numpy import save_file
 from scenes import rig_of_three, write_scene
 
 from frog_blender import background
+from frog_blender.engine.errors import FrogError
 from frog_blender.engine.files import SceneFile, read_scene
 from frog_blender.engine.files import write_scene as write_file
 from frog_blender.operators import train
@@ -51,6 +52,14 @@ def test_a_name_of_ones_own_stays(empty, captures, tmp_path):
     settings.output_path = mine = str(tmp_path / "mine.frog")
     settings.capture_folder = str(second)
     assert settings.output_path == mine
+
+
+@pytest.mark.parametrize("path", ["/", ".", "//"])
+def test_an_output_without_a_name_is_one_sentence(empty, captures, path):
+    empty.frog.capture_folder, empty.frog.output_path = str(captures[0]), path
+    assert not can_resume(empty.frog)
+    with pytest.raises(FrogError, match="expected the name of a"):
+        request_of(empty.frog)
 
 
 def test_what_lies_where_the_name_leads_is_not_written_over(empty, captures, tmp_path):

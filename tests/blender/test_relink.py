@@ -185,3 +185,59 @@ def test_an_override_plays_what_its_library_does(beside, tmp_path):
     (obj,) = playback.captures(bpy.context.scene.objects)
     with pytest.raises(RuntimeError, match="linked from"):
         bpy.ops.frog.relink(object_name=obj.name, filepath=str(beside))
+
+
+@pytest.mark.parametrize("overridden", [False, True], ids=["linked", "overridden"])
+def test_what_is_made_local_keeps_its_file(beside, tmp_path, overridden):
+    """Until it is saved by what the link was, from then on by what its own .blend says."""
+    name = next(playback.captures(bpy.context.scene.objects)).name
+    bpy.ops.wm.save_mainfile()
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    other = tmp_path / "other"
+    other.mkdir()
+    bpy.ops.wm.save_as_mainfile(filepath=str(other / "mine.blend"))
+    with bpy.data.libraries.load(str(beside.parent / "x.blend"), link=True) as (_, wanted):
+        wanted.objects = [name]
+    obj = wanted.objects[0].override_create(remap_local_usages=True) if overridden else wanted.objects[0]
+    bpy.context.scene.collection.objects.link(obj)
+    assert playback.file_of(obj).resolve() == beside
+    obj = obj.make_local() or obj
+    obj.data.make_local()
+    assert obj.library is None and obj.override_library is None and obj.frog.filepath == "//a.frog"
+    bpy.context.scene.frame_set(5)
+    shows(obj, beside, 4.0)
+    bpy.ops.wm.save_mainfile()
+    assert obj.frog.filepath.replace("\\", "/") == "//../home/a.frog"
+    bpy.ops.wm.open_mainfile(filepath=str(other / "mine.blend"))
+    (obj,) = playback.captures(bpy.context.scene.objects)
+    bpy.context.scene.frame_set(3)
+    shows(obj, beside, 2.0)
+
+
+def test_a_pasted_capture_plays(beside):
+    """Blender keeps what is copied in a .blend in a folder of its own."""
+    capture = next(playback.captures(bpy.context.scene.objects))
+    window = bpy.context.window_manager.windows[0]
+    area = next(area for area in window.screen.areas if area.type == "VIEW_3D")
+    region = next(region for region in area.regions if region.type == "WINDOW")
+    for obj in bpy.context.view_layer.objects:
+        obj.select_set(obj == capture)
+    with bpy.context.temp_override(window=window, area=area, region=region):
+        bpy.ops.view3d.copybuffer()
+        bpy.ops.view3d.pastebuffer()
+    pasted = next(obj for obj in playback.captures(bpy.context.scene.objects) if obj != capture)
+    bpy.context.scene.frame_set(5)
+    shows(pasted, beside, 4.0)
+
+
+def test_another_training_of_the_same_file_is_not_imported_again(beside, tmp_path):
+    from frog_blender.operators.train import _importer
+
+    other = tmp_path / "other"
+    other.mkdir()
+    bpy.ops.wm.save_as_mainfile(filepath=str(other / "x.blend"))
+    scene = bpy.context.scene
+    assert "//../" in next(playback.captures(scene.objects)).frog.filepath.replace("\\", "/")
+    scene.render.resolution_x = 777
+    _importer(scene.session_uid)(beside)
+    assert len(list(playback.captures(scene.objects))) == 1 and scene.render.resolution_x == 777

@@ -1,4 +1,5 @@
-"""What drivers and the NLA say which frame to show is known when Blender has evaluated it: seen, drawn and rendered."""
+"""Which frame to show may be known only when Blender has evaluated it (drivers, the NLA, curves of other settings), and
+Time Stretching makes another frame of it: seen, drawn, exported and baked all the same."""
 
 from __future__ import annotations
 
@@ -10,6 +11,7 @@ from scenes import expected_png, read_png, rig_of_three
 from frog_blender import carrier, playback
 from frog_blender.engine.inference.scene import PlayableScene
 from frog_blender.engine.ply import read_splats
+from frog_blender.playing import retiming
 
 
 def driven(obj):
@@ -24,27 +26,39 @@ def by_strip(obj):
         obj.frog.shown_frame = frame / 2
         obj.keyframe_insert("frog.shown_frame", frame=frame)
     animation = obj.animation_data
-    for curve in curves_of(animation):
-        for key in curve.keyframe_points:
-            key.interpolation = "LINEAR"
+    linear(animation)
     action, slot = animation.action, animation.action_slot
     animation.action = None
     strip = animation.nla_tracks.new().strips.new("half", 0, action)
     strip.action_slot = slot
 
 
-def curves_of(animation):
-    action = animation.action
-    return action.layers[0].strips[0].channelbag(animation.action_slot).fcurves
+def linear(animation):
+    for curve in retiming._curves(animation):
+        for key in curve.keyframe_points:
+            key.interpolation = "LINEAR"
 
 
-@pytest.fixture(params=[driven, by_strip], ids=["driver", "NLA"])
-def capture(request, empty, static_rig):
+def from_a_start_that_moves(obj):
+    """The same: the curve of another setting."""
+    obj.frog.use_remap = False
+    for frame in (0, 20):
+        obj.frog.start_frame = frame / 2
+        obj.keyframe_insert("frog.start_frame", frame=frame)
+    linear(obj.animation_data)
+
+
+@pytest.fixture(params=[driven, by_strip, from_a_start_that_moves], ids=["driver", "NLA", "start"])
+def capture(request, plain):
+    plain.frog.use_remap = True
+    request.param(plain)
+    return plain
+
+
+@pytest.fixture
+def plain(empty, static_rig):
     bpy.ops.import_scene.frog(filepath=str(static_rig))
-    obj = next(playback.captures(empty.objects))
-    obj.frog.use_remap = True
-    request.param(obj)
-    return obj
+    return next(playback.captures(empty.objects))
 
 
 def test_the_timeline_shows_it(empty, capture, static_rig):
@@ -91,6 +105,65 @@ def test_other_engines_draw_it(empty, capture, static_rig, tmp_path, rendered):
     films = [read_png(tmp_path / f"film_{frame:04}.png") for frame in (4, 5, 6)]
     assert np.abs(films[0].astype(float) - films[2]).max() > 10
     capture.animation_data_clear()
+    capture.frog.use_remap = True
     for frame, film in zip((4, 5, 6), films, strict=True):
         capture.frog.shown_frame = frame / 2
         np.testing.assert_array_equal(rendered(empty), film)
+
+
+def test_all_of_it_is_baked(empty, capture):
+    empty.frame_start, empty.frame_end = 1, 8
+    empty.frame_set(3)
+    bpy.context.view_layer.objects.active = capture
+    assert bpy.ops.frog.bake() == {"FINISHED"}
+    assert len(playback.baked(capture)) == 8 and empty.frame_current == 3
+
+
+def test_a_muted_curve_says_nothing(empty, plain, static_rig):
+    plain.frog.use_remap = True
+    for frame in (1, 11):
+        plain.frog.shown_frame = float(frame - 1)
+        plain.keyframe_insert("frog.shown_frame", frame=frame)
+    (curve,) = retiming._curves(plain.animation_data)
+    curve.mute, plain.frog.shown_frame = True, 7.0
+    empty.frame_set(4)
+    np.testing.assert_array_equal(carrier.read(plain)["position"], PlayableScene.load(static_rig).at_frame(7.0).means)
+
+
+@pytest.fixture
+def slow(empty, plain):
+    """Time Stretching to twice the length."""
+    empty.render.frame_map_new = 200
+    empty.frame_set(5)
+    assert empty.frame_current_final == 2.5
+    return plain
+
+
+def test_stretched_time_is_rendered_and_left_where_it_was(empty, slow, static_rig, tmp_path, rendered):
+    """With an open shutter and vectors, for which other frames are looked at."""
+    sharp = rendered(empty)[..., :3].astype(float)
+    np.testing.assert_allclose(sharp, expected_png(static_rig, rig_of_three()[0], 1.5), atol=1.0)
+    empty.render.use_motion_blur, empty.render.motion_blur_shutter = True, 0.02
+    bpy.context.view_layer.use_pass_vector = True
+    np.testing.assert_allclose(rendered(empty)[..., :3].astype(float), sharp, atol=2.0)
+    assert (empty.frame_current, empty.frame_subframe) == (5, 0.0)
+
+
+def test_stretched_time_is_exported_and_baked(empty, slow, static_rig, tmp_path):
+    empty.frame_start, empty.frame_end = 3, 6
+    bpy.context.view_layer.objects.active = slow
+    bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "x.ply"), frames="SCENE")
+    for frame, path in zip((3, 4, 5, 6), sorted(tmp_path.glob("x*.ply")), strict=True):
+        expected = PlayableScene.load(static_rig).at_frame(frame / 2 - 1).means
+        np.testing.assert_allclose(read_splats(path).arrays["means"], expected, atol=1e-6)
+    assert bpy.ops.frog.bake() == {"FINISHED"}
+    empty.frame_set(4)
+    scene, bake = PlayableScene.load(static_rig), playback.baked(slow)
+    assert len(bake) == 4 and all(bake.find(scene.time_of(frame / 2 - 1)) is not None for frame in (3, 4, 5, 6))
+
+
+def test_stretched_time_is_composed(empty, slow):
+    bpy.ops.frog.compose()
+    splats = bpy.data.scenes["Scene FRoG"]
+    splats.frame_set(empty.frame_current)
+    assert splats.frame_current_final == empty.frame_current_final == 2.5

@@ -366,3 +366,51 @@ def test_a_strip_of_the_sequencer_has_a_camera_of_its_own(empty, static_rig, tmp
     assert np.abs(rendered(empty)[..., :3].astype(float) - found[..., :3]).max() > 50
     empty.camera = bpy.data.objects["cam02"]
     np.testing.assert_allclose(rendered(empty)[..., :3].astype(float), found[..., :3], atol=1.0)
+
+
+def test_nothing_behind_an_orthographic_camera_is_drawn(empty, static_rig, tmp_path):
+    from mathutils import Matrix
+
+    import_scene(static_rig)
+    empty.render.film_transparent = True
+    empty.camera.data.type, empty.camera.data.ortho_scale = "ORTHO", 4.0
+    empty.camera.matrix_world = Matrix.Translation((0.0, 0.0, 50.0))
+    combined, _ = passes_of(empty, tmp_path)
+    assert combined[..., 3].max() > 0.3
+    empty.camera.matrix_world = Matrix.Translation((0.0, 0.0, -50.0))
+    assert not passes_of(empty, tmp_path)[0].any()
+
+
+@pytest.mark.skipif(bpy.app.version < (5, 0, 0), reason="Blender 5 has other working spaces")
+@pytest.mark.parametrize("space", ["Linear Rec.2020", "ACEScg"])
+def test_colours_are_the_same_in_any_working_space(empty, static_rig, rendered, space):
+    import_scene(static_rig)
+    expected = rendered(empty).astype(float)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    bpy.ops.wm.set_working_color_space(working_space=space, convert_colors=False)
+    try:
+        import_scene(static_rig)
+        scene = bpy.context.scene
+        found = rendered(scene)
+        scene.world = None  # then the capture's own background
+        without_world = rendered(scene)
+    finally:
+        bpy.ops.wm.set_working_color_space(working_space="Linear Rec.709", convert_colors=False)
+    np.testing.assert_allclose(found, expected, atol=1.0)
+    np.testing.assert_allclose(without_world, expected, atol=1.0)
+
+
+def test_a_capture_in_edit_mode_is_drawn(empty, static_rig, rendered):
+    obj = import_scene(static_rig)
+    before = rendered(empty)
+    bpy.context.view_layer.objects.active = obj
+    bpy.ops.object.mode_set(mode="EDIT")
+    try:
+        np.testing.assert_array_equal(rendered(empty), before)
+    finally:
+        bpy.ops.object.mode_set(mode="OBJECT")
+
+
+def test_cycles_sees_through_all_layers(empty, static_rig):
+    import_scene(static_rig)
+    assert empty.cycles.transparent_max_bounces == 1024

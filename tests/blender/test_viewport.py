@@ -148,7 +148,7 @@ def test_without_memory_it_is_a_sentence_in_the_header(empty, static_rig, monkey
     )
     said = []
     engine = SimpleNamespace(viewport=None, update_stats=lambda *texts: said.append(texts[1]))
-    context = SimpleNamespace(region=region, region_data=data)
+    context = SimpleNamespace(region=region, region_data=data, space_data=None)
     for _ in range(2):
         viewport_drawing.draw(engine, context, bpy.context.evaluated_depsgraph_get())
     assert len(said) == 2 and said[0] == said[1] and said[0].startswith("Out of memory (drawing 60 Gaussians")
@@ -170,3 +170,34 @@ def test_the_captures_that_are_seen(empty, static_rig):
     assert before == opened.version(playback.file_of(capture)) is not None
     capture.hide_set(True)
     assert visible_captures(bpy.context.evaluated_depsgraph_get()) == []
+
+
+def test_pixels_that_are_not_square_through_the_camera(empty, static_rig, monkeypatch):
+    """As F12 has them, though Blender's matrices do not."""
+    monkeypatch.setattr(viewport, "MOVING_SECONDS", 1e6)
+    bpy.ops.import_scene.frog(filepath=str(static_rig))
+    camera = empty.camera = bpy.data.objects["cam02"]
+    assert camera.data.frog.focal_ratio < 0.96
+    view, window = matrices(camera, 80, 64)
+    region = SimpleNamespace(view_matrix=view, window_matrix=window, view_perspective="CAMERA")
+    space = next(area for area in bpy.context.window_manager.windows[0].screen.areas if area.type == "VIEW_3D")
+    space = space.spaces.active
+    empty.frame_set(4)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    pixels = viewport_drawing.picture_of(viewport.Viewport(), depsgraph, region, (80, 64), space).pixels[::-1]
+    display = np.where(pixels <= 0.0031308, 12.92 * pixels, 1.055 * np.maximum(pixels, 1e-9) ** (1 / 2.4) - 0.055)
+    np.testing.assert_allclose(255 * display[..., :3], expected_png(static_rig, rig_of_three()[2], 3.0), atol=1.5)
+
+
+def test_local_view(empty, static_rig):
+    bpy.ops.import_scene.frog(filepath=str(static_rig))
+    window = bpy.context.window_manager.windows[0]
+    area = next(area for area in window.screen.areas if area.type == "VIEW_3D")
+    space, region = area.spaces.active, next(region for region in area.regions if region.type == "WINDOW")
+    bpy.ops.mesh.primitive_cube_add()
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    assert len(visible_captures(depsgraph, space)) == 1
+    with bpy.context.temp_override(window=window, area=area, region=region, space_data=space):
+        bpy.ops.view3d.localview()
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    assert not visible_captures(depsgraph, space) and len(visible_captures(depsgraph)) == 1

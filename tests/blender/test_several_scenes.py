@@ -1,0 +1,92 @@
+"""Captures that several scenes show, or that a scene shows only through an instance: whose frame they play."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+import pytest
+from scenes import rig_of_three, write_scene
+
+from frog_blender import carrier, playback
+from frog_blender.engine.inference.scene import PlayableScene
+
+
+@pytest.fixture
+def capture(empty, static_rig):
+    bpy.ops.import_scene.frog(filepath=str(static_rig))
+    return next(playback.captures(empty.objects))
+
+
+def shows(obj, path, frame):
+    np.testing.assert_array_equal(carrier.read(obj)["position"], PlayableScene.load(path).at_frame(frame).means)
+
+
+def the_capture():
+    return next(playback.captures(bpy.data.objects))
+
+
+def test_it_plays_the_frame_of_the_scene_that_is_looked_at(empty, capture, static_rig, tmp_path):
+    """Not that of the scene which composing made of the same objects, and which stands at its first frame."""
+    bpy.ops.frog.compose()
+    empty.frame_set(6)
+    shows(capture, static_rig, 5.0)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "x.blend"))
+    shows(capture, static_rig, 5.0)
+    bpy.ops.ed.undo_push(message="one")
+    bpy.ops.ed.undo_push(message="two")
+    bpy.ops.ed.undo()
+    shows(the_capture(), static_rig, 5.0)
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "x.blend"))
+    shows(the_capture(), static_rig, 5.0)
+
+
+def test_an_instanced_collection_plays_and_is_saved(empty, capture, static_rig, tmp_path):
+    """The capture itself is in no scene: an empty shows its collection, from within another one."""
+    collection, around = capture.users_collection[0], bpy.data.collections.new("around")
+    empty.collection.children.unlink(collection)
+    for holder, held in ((around, collection), (empty.collection, around)):
+        instance = bpy.data.objects.new("instance", None)
+        instance.instance_type, instance.instance_collection = "COLLECTION", held
+        holder.objects.link(instance)
+    for frame in (6, 3):
+        empty.frame_set(frame)
+        shows(capture, static_rig, frame - 1.0)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "x.blend"))
+    shows(capture, static_rig, 2.0)
+
+
+def test_what_was_opened_without_the_add_on_plays_when_it_comes(addon, empty, capture, static_rig):
+    empty.frame_set(4)
+    carrier.clear(capture)
+    addon.unregister()
+    addon.register()
+    assert bpy.app.timers.is_registered(playback._refresh_all)
+    playback._refresh_all()  # no timer runs without a window
+    shows(the_capture(), static_rig, 3.0)
+
+
+@pytest.mark.parametrize("kind", ["LINK_COPY", "FULL_COPY"])
+def test_each_scene_is_composed_with_one_of_its_own(empty, capture, kind):
+    bpy.ops.frog.compose()
+    first = bpy.data.scenes["Scene FRoG"]
+    bpy.ops.scene.new(type=kind)
+    copy = bpy.context.scene
+    copy.camera = next(obj for obj in copy.objects if obj.type == "CAMERA" and obj != empty.camera)
+    bpy.ops.frog.compose()
+    bpy.ops.frog.compose()  # again brings the same up to date
+    (second,) = (scene for scene in bpy.data.scenes if scene not in (empty, copy, first))
+    assert (first.camera, second.camera) == (empty.camera, copy.camera) and first.camera != second.camera
+    for scene, own, foreign in ((empty, first, second), (copy, second, first)):
+        tree = scene.compositing_node_group if hasattr(scene, "compositing_node_group") else scene.node_tree
+        read = {node.scene for node in tree.nodes if node.bl_idname == "CompositorNodeRLayers"}
+        assert own in read and foreign not in read
+
+
+def test_each_scene_has_the_background_of_its_own_capture(empty, capture, tmp_path, rendered):
+    before = rendered(empty)[0, 0]
+    other = bpy.data.scenes.new("Other")
+    with bpy.context.temp_override(scene=other):
+        path = write_scene(tmp_path / "other.frog", rig_of_three(), background=(0.9, 0.1, 0.1))
+        bpy.ops.import_scene.frog(filepath=str(path))
+    assert other.world != empty.world
+    np.testing.assert_array_equal(rendered(empty)[0, 0], before)
