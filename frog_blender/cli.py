@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import io
 import sys
 from collections.abc import Sequence
 
@@ -18,6 +19,7 @@ from .engine.errors import FrogError
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command; errors go to standard error in one sentence."""
+    _print_anything()
     options = _parser().parse_args(arguments)
     try:
         return options.run(options)
@@ -31,7 +33,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"frog: {missing(error)}", file=sys.stderr)
     except BrokenPipeError:
         return 1
+    except OSError as error:
+        where = f"{error.filename}: the file or folder" if error.filename else "A file or folder"
+        print(f"frog: {where} could not be used ({error.strerror or error}).", file=sys.stderr)
     return 1
+
+
+def _print_anything() -> None:
+    """Names of files may hold characters that a console's encoding lacks; they are printed as escapes."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _parser() -> argparse.ArgumentParser:

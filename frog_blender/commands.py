@@ -13,6 +13,7 @@ from .engine.capture.camera import Camera
 from .engine.capture.capture import Capture
 from .engine.capture.frames import FrameStore
 from .engine.capture.readers import open_capture
+from .engine.clips import camera_path
 from .engine.errors import FrogError
 from .engine.evaluation.evaluate import Measure, evaluate
 from .engine.files import SceneFile, read_scene
@@ -177,7 +178,7 @@ def render_frames(
         known = ", ".join([*names[:12], "..."] if len(names) > 12 else names) or "none"
         raise FrogError(f"{scene_path}: there is no camera {camera_name!r}; there are {known}.")
     chosen = parse_frames(frames, header.frame_count)
-    by_frame = {shots[0]: camera for camera, shots in zip(header.cameras, header.camera_shots, strict=True) if shots}
+    by_frame = dict(camera_path(header))
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +26,12 @@ _KEY_INTERVAL = 4  # frames between keys of the moving camera
 def run_demo(name: str, out: Path, recipe_name: str, seconds: float | None) -> None:
     """Leaves ``scene.frog``, ``scene.blend``, ``video.mp4`` and ``comparison.png`` in ``out``."""
     from .command_line.progress import show
+    from .command_line.stopping import stopping
+    from .engine.training.checkpoint import checkpoint_path
     from .engine.training.job import TrainingJob, run_training
     from .engine.training.recipe import recipe
 
+    _check_modules()
     started = time.monotonic()
     capture = demo_capture(name)
     scene_path = out / "scene.frog"
@@ -39,8 +43,12 @@ def run_demo(name: str, out: Path, recipe_name: str, seconds: float | None) -> N
         scale=capture.scale,
         pixel_offsets=capture.pixel_offsets or None,
     )
-    if not show(run_training(job)):
-        raise FrogError("The demo was cancelled.")
+    with stopping() as asked:  # what was learned is saved
+        finished = show(run_training(job, asked))
+    if not finished:
+        goes_on = f"frog train {capture.path} --out {scene_path} --resume"
+        kept = f"; {goes_on} goes on with its training" if checkpoint_path(scene_path).is_file() else ""
+        raise FrogError(f"The demo was cancelled{kept}.")
     comparison = out / "comparison.png"
     write_comparison(scene_path, capture.path, comparison)
     result = evaluate_file(scene_path, capture.path)
@@ -48,6 +56,13 @@ def run_demo(name: str, out: Path, recipe_name: str, seconds: float | None) -> N
     blend, video = out / "scene.blend", out / "video.mp4"
     render_video(scene_path, blend, video)
     print(f"Done in {time.monotonic() - started:.0f} s: {scene_path}, {blend}, {video}, {comparison}", flush=True)
+
+
+def _check_modules() -> None:
+    """ModuleNotFoundError before minutes of training for what is needed only after them."""
+    for name in ("matplotlib", "bpy"):
+        if find_spec(name) is None:
+            raise ModuleNotFoundError(name=name)
 
 
 def write_comparison(scene_path: Path, capture_path: Path, out: Path, frame: int | None = None) -> None:

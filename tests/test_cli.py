@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import json
+import shutil
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -15,7 +18,7 @@ import pytest
 from helpers import scene_file
 
 from frog_blender.cli import main
-from frog_blender.command_line import progress
+from frog_blender.command_line import progress, view_commands
 from frog_blender.commands import parse_frames
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.files import read_scene, write_scene
@@ -122,6 +125,30 @@ def test_train_says_how_it_went_and_resumes(run: Run, filmed: Path, tmp_path: Pa
     assert read_scene(tmp_path / "y.frog").header.method == "static"
 
 
+def test_a_resume_says_which_options_it_leaves_aside(run: Run, filmed: Path, tmp_path: Path, free_seeds: None) -> None:
+    options = ("train", filmed, "--out", tmp_path / "y.frog")
+    began = ("--recipe", "draft", "--seed", "5", "--max-gaussians", "310", "--pixel-offset", "cam01=1,0")
+    assert run(*options, *began, "--steps", "4")[0] == 0
+    status, _, err = run(*options, *began, "--steps", "5", "--resume", "--device", "cpu", "--save-every", "9")
+    assert status == 0 and "left aside" not in err and "as it began" not in err
+    other = {
+        "--seed": ["0"],  # which it would be by itself
+        "--scale": ["0.5"],
+        "--holdout-frames": ["3"],
+        "--max-gaussians": ["200"],
+        "--capacity": ["fixed"],
+        "--lossless": [],
+        "--pixel-offset": ["cam01=2,0"],
+    }
+    asked = [word for option, values in other.items() for word in (option, *values)]
+    status, _, err = run(*options, "--recipe", "draft", *asked, "--steps", "6", "--resume")
+    (said,) = [line for line in err.splitlines() if "left aside" in line]
+    assert status == 0 and "The training goes on as it began: method frog, recipe draft, capacity auto; left" in said
+    assert set(said.split("left aside: ")[1].rstrip(".").split(", ")) == set(other)
+    header = read_scene(tmp_path / "y.frog").header
+    assert (header.scale, header.test_frames, header.steps) == (1.0, (), 6)
+
+
 def test_one_bar_for_each_kind_of_work(
     run: Run, filmed: Path, tmp_path: Path, free_seeds: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -211,6 +238,18 @@ def test_render_follows_a_moving_camera(run: Run, tmp_path: Path) -> None:
     assert shapes == [(camera.height, camera.width) for camera in header.cameras]
 
 
+def test_the_path_of_a_moving_camera_is_that_of_its_training_pictures(run: Run, tmp_path: Path) -> None:
+    """Of two cameras that film one moment the other one judges."""
+    scene = scene_file()
+    header = replace(scene.header, camera_shots=((0,), (1,), (0,)), frame_count=2)
+    header = replace(header, cameras=(*header.cameras[:2], replace(header.cameras[2], name="other")))
+    for held_out, shown in (("other", header.cameras[0]), ("odd", header.cameras[2])):
+        write_scene(tmp_path / "m.frog", replace(scene, header=replace(header, test_cameras=(held_out,))))
+        assert run("render", tmp_path / "m.frog", "--camera", "moving", "--out", tmp_path / held_out)[0] == 0
+        picture = cv2.imread(str(tmp_path / held_out / "moving_0000.png"))
+        assert picture.shape[:2] == (shown.height, shown.width)
+
+
 def test_frames() -> None:
     assert parse_frames(None, 10) == range(10)
     assert parse_frames("2:5", 10) == range(2, 5)
@@ -235,6 +274,34 @@ def test_missing_files(run: Run, trained: Path, filmed: Path, tmp_path: Path) ->
     refused(run("render", filmed / "cam01.mp4", "--camera", "cam01", "--out", tmp_path), "cam01.mp4")
 
 
+def test_what_the_system_refuses(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    refused(run("info", tmp_path / ("x" * 300)), "could not be read", "too long")
+    refused(run("info", tmp_path / ("x" * 300 + ".frog")), "too long")
+
+    def refuse(_: object) -> int:
+        raise PermissionError(13, "Permission denied", "secret")
+
+    monkeypatch.setattr(view_commands, "_info", refuse)
+    refused(run("info", tmp_path), "secret: the file or folder could not be used (Permission denied)")
+
+
+def test_a_console_that_lacks_a_character_shows_its_number(
+    filmed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    streams = {name: io.TextIOWrapper(io.BytesIO(), encoding="cp1252") for name in ("stdout", "stderr")}
+    for name, stream in streams.items():
+        monkeypatch.setattr(sys, name, stream)
+    (tmp_path / "日本").mkdir()
+    shutil.copytree(filmed, tmp_path / "日")
+    for video in sorted((tmp_path / "日").glob("*.mp4")):
+        video.rename(video.with_stem(f"{video.stem}日"))
+    assert main(["info", str(tmp_path / "日本")]) == 1
+    assert main(["info", str(tmp_path / "日")]) == 0
+    for name, said in (("stdout", r"cam00\u65e5"), ("stderr", r"\u65e5\u672c: found an empty folder")):
+        streams[name].flush()
+        assert said in streams[name].buffer.getvalue().decode("cp1252")  # type: ignore[attr-defined]
+
+
 def test_mistaken_options(run: Run, trained: Path, filmed: Path, tmp_path: Path) -> None:
     out = ("--out", tmp_path / "o")
     refused(run("render", trained, "--camera", "cam77", *out), "cam77", "cam00, cam01")
@@ -246,6 +313,8 @@ def test_mistaken_options(run: Run, trained: Path, filmed: Path, tmp_path: Path)
     refused(run("info", filmed, "--pixel-offset", "cam77=1,2"), "cam77")
     refused(run("info", filmed, "--pixel-offset", "cam01=nan,2"), "cam01")
     refused(run("train", filmed, "--out", tmp_path), "found a folder")
+    for name in ("x", "x.ply"):
+        refused(run("train", filmed, "--out", tmp_path / name), name, "expected a file that ends in .frog")
     refused(run("train", filmed, "--out", tmp_path / "x.frog", "--holdout-frames", "1"), "held out")
     refused(run("train", filmed, "--out", tmp_path / "x.frog", "--resume"), "checkpoint")
     (tmp_path / "file").write_text("")

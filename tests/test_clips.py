@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import unicodedata
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,13 @@ def empty_files(folder, *names):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(b"")
     return folder
+
+
+@pytest.mark.parametrize(("named", "written"), [("NFC", "NFD"), ("NFD", "NFC")])
+def test_accents_are_the_same_however_they_are_composed(tmp_path, named, written):
+    name, file = unicodedata.normalize(named, "caméra"), f"{unicodedata.normalize(written, 'caméra')}.mp4"
+    found = find_clips(header([name]), empty_files(tmp_path, file))
+    assert found == {name: Clip(tmp_path / file, "VIDEO", count=8)}
 
 
 @pytest.mark.parametrize("layout", ["n3dv", "calibrated_videos"])

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
+import sys
 import types
 import zipfile
 
+import filmed as film
 import numpy as np
 import pytest
 
-from frog_blender import demo_captures
-from frog_blender.demo import flight
+from frog_blender import demo, demo_captures
+from frog_blender.cli import main
+from frog_blender.demo import flight, run_demo
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender.engine.training import job
+from frog_blender.engine.training.trainer import Trainer
 
 
 def looking_at_origin(name: str, center: tuple[float, float, float]) -> Camera:
@@ -51,6 +58,40 @@ def test_the_flight_moves_among_the_cameras_and_keeps_its_subject_in_the_middle(
         assert np.linalg.norm(camera.center - header.cameras[0].center) < reach
         centers.append(camera.center)
     assert np.ptp(centers, axis=0).max() > 0.3 * reach
+
+
+def test_a_demo_that_is_cancelled_keeps_what_was_learned(filmed, own_cache, tmp_path, monkeypatch):
+    steps, step = [], Trainer.step
+
+    def interrupted(trainer):
+        step(trainer)
+        steps.append(trainer.step_count)
+        if len(steps) == 5:
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(Trainer, "step", interrupted)
+    monkeypatch.setattr(job, "stored_seeds", lambda *_, **__: film.seeds())
+    monkeypatch.setattr(demo, "demo_capture", lambda name: demo_captures.DemoCapture(filmed, seconds=600.0))
+    scene = tmp_path / "scene.frog"
+    with pytest.raises(FrogError, match=r"frog train .* --resume goes on with its training\.$") as caught:
+        run_demo("room", tmp_path, "draft", None)
+    left = PlayableScene.load(scene).header.steps
+    assert left == steps[-1] < 20
+    monkeypatch.undo()
+    monkeypatch.setenv("FROG_CACHE", str(own_cache))
+    monkeypatch.setattr(job, "stored_seeds", lambda *_, **__: film.seeds())
+    command = str(caught.value).split("; frog ")[1].split(" goes on")[0].split()
+    assert main([*command, "--steps", str(left + 3)]) == 0
+    assert PlayableScene.load(scene).header.steps == left + 3
+
+
+@pytest.mark.parametrize("module", ["matplotlib", "bpy"])
+def test_what_the_demo_needs_last_is_looked_for_first(module, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, module, None)
+    monkeypatch.setattr(demo, "demo_capture", lambda name: pytest.fail("it began"))
+    with pytest.raises(ModuleNotFoundError) as caught:
+        run_demo("room", tmp_path, "draft", None)
+    assert caught.value.name == module
 
 
 @pytest.mark.parametrize("name", demo_captures.SHIPPED)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 def add_train_parser(commands: Any) -> None:
     """Adds the command."""
     train = commands.add_parser("train", help="train a scene from a capture")
+    train.register("action", None, _Give)  # of every option that takes a value
     train.add_argument("capture", type=Path)
     train.add_argument("--out", type=Path, required=True, metavar="X.frog")
     train.add_argument("--method", choices=METHODS, default="frog")
@@ -51,7 +52,23 @@ def add_train_parser(commands: Any) -> None:
         "with (others are left aside, and it says so); only --steps, --seconds and --max-bytes may be others",
     )
     add_offset_argument(train)
-    train.set_defaults(run=_train)
+    train.set_defaults(run=_train, given=frozenset())
+
+
+class _Give(argparse.Action):
+    """Stores a value, and that it was given: by itself it may be what it is when it is not."""
+
+    def __call__(self, parser: Any, options: argparse.Namespace, values: Any, name: str | None = None) -> None:
+        setattr(options, self.dest, values)
+        options.given |= {self.dest}
+
+
+def _chosen(options: argparse.Namespace) -> dict[str, str]:
+    """Of the settings that a training keeps from its beginning those that were given, and how they were."""
+    names = ("method", "recipe", "capacity", "max_gaussians", "seed", "scale", "holdout_frames")
+    chosen = {name: f"--{name.replace('_', '-')}" for name in names if name in options.given}
+    chosen |= {"lossless": "--lossless"} if options.lossless else {}
+    return chosen | ({"pixel_offsets": "--pixel-offset"} if options.pixel_offset else {})
 
 
 def _train(options: argparse.Namespace) -> int:
@@ -70,6 +87,7 @@ def _train(options: argparse.Namespace) -> int:
         scale=options.scale,
         holdout_frames=options.holdout_frames,
         resume=options.resume,
+        chosen=_chosen(options),
         pixel_offsets=offsets_of(options),
         device=options.device,
         lossless=options.lossless,

@@ -12,7 +12,7 @@ from pathlib import Path, PureWindowsPath
 from typing import TYPE_CHECKING
 
 from .capture.readers import transforms_json
-from .capture.video import PICTURE_SUFFIXES, VIDEO_SUFFIXES, find_videos
+from .capture.video import VIDEO_SUFFIXES, composed, find_pictures, find_videos
 from .errors import FrogError
 
 if TYPE_CHECKING:
@@ -59,16 +59,19 @@ def find_clips(header: SceneHeader, folder: Path) -> dict[str, Clip]:
     The path of one moving camera has the name of its first picture's camera (see ``camera_path``).
     """
     try:
-        files = _files(header, folder) if folder.is_dir() else {}
+        found = _files(header, folder) if folder.is_dir() else {}
     except (FrogError, OSError):
         return {}
+    composed_files = {composed(name): file for name, file in found.items()}
+    files = {each.name: composed_files.get(composed(each.name)) for each in header.cameras}
     if moves_alone(header):
         path = [(frame, camera.name) for frame, camera in camera_path(header)]
-        clip = _sequence([(frame, files[name]) for frame, name in path if name in files], header.frame_count)
-        return {path[0][1]: clip} if clip is not None and len(files) else {}
+        shown = [(frame, file) for frame, name in path if (file := files[name]) is not None]
+        clip = _sequence(shown, header.frame_count)
+        return {path[0][1]: clip} if clip is not None else {}
     clips = {}
     for camera in header.cameras:
-        file = files.get(camera.name)
+        file = files[camera.name]
         if file is not None:
             is_video = file.suffix.lower() in VIDEO_SUFFIXES
             clips[camera.name] = Clip(file, "VIDEO", count=header.frame_count) if is_video else Clip(file, "PICTURE")
@@ -107,7 +110,7 @@ def _files(header: SceneHeader, folder: Path) -> dict[str, Path]:
 def _by_stem(folder: Path) -> dict[str, Path]:
     if not folder.is_dir():
         return {}
-    return {p.stem: p for p in sorted(folder.iterdir()) if p.suffix.lower() in PICTURE_SUFFIXES}
+    return {picture.stem: picture for picture in find_pictures(folder)}
 
 
 def _sequence(files: list[tuple[int, Path]], count: int) -> Clip | None:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import unicodedata
 from pathlib import Path
 from typing import Any
 
@@ -160,3 +161,41 @@ def test_a_narrower_video_is_a_crop_and_a_smaller_one_is_resized(tmp_path: Path)
     assert "resized" in capture.warnings[1]
     moved = open_capture(tmp_path, pixel_offsets={"a": (2, 0)}).cameras[0]
     assert moved.intrinsics[0, 2] == 28
+
+
+@pytest.mark.parametrize(
+    ("calibrated", "resized"),
+    [
+        *[((66, 50), True), ((65, 49), True), ((64 * 3, 48 * 3), True), ((62, 46), True), ((127, 97), True)],
+        *[((64, 50), False), ((66, 48), False), ((68, 49), False), ((72, 49), False)],
+    ],
+)
+def test_the_same_proportions_are_the_same_picture(tmp_path: Path, calibrated: tuple[int, int], resized: bool) -> None:
+    """Videos of 64 x 48 pixels, whose sides an encoder may have rounded."""
+    width, height = calibrated
+    capture = open_capture(write(tmp_path, opencv("a", width=width, height=height)))
+    factors = (64 / width, 48 / height) if resized else (1, 1)
+    assert capture.cameras[0].intrinsics[0, 0] == pytest.approx(50 * factors[0])
+    assert capture.cameras[0].intrinsics[1, 1] == pytest.approx(51 * factors[1])
+    assert ("resized" in capture.warnings[0]) == resized
+
+
+def test_a_number_is_a_name_zero_too(tmp_path: Path) -> None:
+    capture = open_capture(write(tmp_path, opencv(0), opencv(1)))  # type: ignore[arg-type]
+    assert [camera.name for camera in capture.cameras] == ["0", "1"]
+
+
+@pytest.mark.parametrize(("written", "named"), [("NFC", "NFD"), ("NFD", "NFC")])
+def test_accents_are_the_same_however_they_are_composed(tmp_path: Path, written: str, named: str) -> None:
+    name = "caméra"
+    write_video(tmp_path / f"{unicodedata.normalize(named, name)}.mp4", 3)
+    camera = opencv(unicodedata.normalize(written, name))
+    (tmp_path / "cameras_opencv.json").write_text(json.dumps({"cameras": [camera]}))
+    assert [camera.name for camera in open_capture(tmp_path).cameras] == [name]
+
+
+def test_what_macos_writes_beside_a_calibration_is_none(tmp_path: Path) -> None:
+    (tmp_path / "Calib.qca.txt").write_text(qca())
+    (tmp_path / "._Calib.qca.txt").write_bytes(b"Mac OS X")
+    write_video(tmp_path / "a.mp4", 3)
+    assert len(open_capture(tmp_path).cameras) == 1

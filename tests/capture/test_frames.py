@@ -102,6 +102,19 @@ def test_what_a_killed_decode_leaves_is_not_taken_as_whole(n3dv: Path, monkeypat
     assert stores(n3dv) == [name]  # and the old remains are swept away
 
 
+def test_a_store_that_another_process_finished_first_is_used(n3dv: Path) -> None:
+    """It may be in use already."""
+    others: list[int] = []
+
+    def finish_another(done: int, total: int) -> None:
+        if done == total:
+            others.append((open_store(n3dv).folder / "frames.raw").stat().st_ino)
+
+    store = open_store(n3dv, progress=finish_another)
+    assert [(store.folder / "frames.raw").stat().st_ino] == others
+    assert stores(n3dv) == [store.folder.name]
+
+
 def test_a_full_disk_is_noticed_before_decoding(n3dv: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr(shutil, "disk_usage", lambda path: usage(10**9, 10**9 - 1000, 1000))

@@ -174,6 +174,13 @@ def test_skew_and_lens_decide_the_decoded_bytes(rig: Rig, tmp_path: Path) -> Non
     assert FrameStore.open(open_capture(rig.path), cache_folder=tmp_path / "cache").folder != first
 
 
+def test_endings_in_capitals_are_found(rig: Rig) -> None:
+    (first, *_) = sorted((rig.path / "rgb/2x").iterdir())
+    first.rename(first.with_suffix(".PNG"))
+    capture = open_capture(rig.path)
+    assert len(capture.shots) == 12 and not capture.warnings
+
+
 def test_intrinsics_follow_the_stored_pictures(rig: Rig) -> None:
     camera = open_capture(rig.path).cameras[0]
     assert (camera.width, camera.height) == (96, 64)

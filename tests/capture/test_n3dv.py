@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -65,6 +66,15 @@ def test_rows_that_make_no_sense_are_refused(n3dv: Path, rows: np.ndarray, sente
     np.save(n3dv / "poses_bounds.npy", rows)
     with pytest.raises(FrogError, match=sentence):
         open_capture(n3dv)
+
+
+def test_what_macos_writes_beside_a_picture_is_none(n3dv: Path) -> None:
+    (n3dv / "images").mkdir()
+    for video in sorted(n3dv.glob("*.mp4")):
+        cv2.imwrite(str(n3dv / "images" / f"{video.stem}.png"), np.zeros((48, 64, 3), np.uint8))
+        (n3dv / "images" / f"._{video.stem}.png").write_bytes(b"Mac OS X")
+        video.unlink()
+    assert [camera.name for camera in open_capture(n3dv).cameras] == ["cam00", "cam01", "cam03"]
 
 
 def test_a_pickle_is_never_loaded(n3dv: Path) -> None:

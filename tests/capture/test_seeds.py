@@ -9,7 +9,8 @@ import pytest
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Capture, Shot
-from frog_blender.engine.capture.seeding.views import scene_depth
+from frog_blender.engine.capture.seeding import moving
+from frog_blender.engine.capture.seeding.views import scene_depth, spread
 from frog_blender.engine.capture.seeding.volume import fill_volume
 from frog_blender.engine.capture.seeds import Seeds, find_seeds
 from frog_blender.engine.errors import FrogError
@@ -189,6 +190,17 @@ def test_cameras_too_far_apart_get_points_in_their_common_volume_and_more_where_
     where_it_would = (np.abs(still.points[:, [0, 2]]) < 0.75).all(axis=1)
     assert where_it_moves.sum() > 2 * where_it_would.sum()
     assert where_it_moves.mean() > 0.2
+
+
+def test_a_camera_with_few_pictures_costs_no_seeds() -> None:
+    """It has none at the moments whose median is what stands still."""
+    capture, pictures = wide_scene(moving_ball=True)
+    moments = list(range(24))
+    (rare, *_) = sorted(set(spread(moments, moving._MOMENTS)) - set(spread(moments, moving._BACKGROUND_MOMENTS)))
+    shots = [Shot(c, f, Path("x"), f) for f in moments for c in range(4) if c < 3 or f == rare]
+    few = replace(capture, shots=tuple(shots), frame_count=len(moments))
+    shown = [pictures[4 * (shot.frame % 5) + shot.camera] for shot in few.shots]
+    assert len(find_seeds(few, Store(few, shown), count_limit=500).points) == 500
 
 
 def _still() -> tuple[Capture, Store]:

@@ -139,6 +139,22 @@ def test_a_picture_that_is_cut_off_is_replaced_by_the_frame_before(scene: Path, 
     assert sum("left out" in warning for warning in capture.warnings) == 2
 
 
+@pytest.mark.parametrize("left", [0, 11])
+def test_a_first_picture_without_its_size_is_left_out(scene: Path, left: int) -> None:
+    first = scene / "Birthday_undist_00151_04.png"
+    first.write_bytes(first.read_bytes()[:left])
+    capture = open_capture(scene)
+    assert (capture.cameras[4].width, capture.cameras[4].height) == (WIDTH, HEIGHT)
+    assert capture.shot_index(4, 0) is None and len(capture.shots) == 63
+    assert [f"{first}: the picture is cut off and left out."] == list(capture.warnings)
+
+
+def test_what_macos_writes_beside_a_picture_is_none(scene: Path) -> None:
+    for picture in list(scene.glob("*.png")):
+        picture.with_name(f"._{picture.name}").write_bytes(b"Mac OS X")
+    assert len(open_capture(scene).shots) == 64
+
+
 def test_missing_pictures_and_cameras_are_told(scene: Path) -> None:
     (scene / "Birthday_undist_00152_03.png").unlink()
     for picture in scene.glob("*_10.png"):

@@ -131,3 +131,62 @@ def test_blender_layout_holds_out_its_test_pictures_and_lies_over_white(tmp_path
     picture = store.image(capture.shot_index(0, 0))
     assert picture[5, 5].tolist() == [255, 255, 255]
     assert picture[5, 30].tolist() == [200, 0, 0]
+
+
+def test_a_missing_picture_moves_no_other_one_in_time(tmp_path: Path) -> None:
+    """Of lists without times; here the third of the first list is gone."""
+    write(tmp_path, 5, "transforms_train.json")
+    write(tmp_path, 5, "transforms_val.json")
+    (tmp_path / "transforms_train_002.png").unlink()
+    capture = open_capture(tmp_path)
+    moments = {capture.cameras[shot.camera].name[-9:]: shot.frame for shot in capture.shots}
+    assert capture.frame_count == 5
+    assert moments["train_001"] == 1 and moments["train_003"] == moments["s_val_003"] == 3
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_every_picture_has_its_own_size(tmp_path: Path, stated: bool) -> None:
+    data = write(tmp_path, 4)
+    sizes = [(40, 30), (80, 60), (30, 40), (60, 30)]
+    if not stated:
+        del data["w"], data["h"]
+    for index, (frame, (width, height)) in enumerate(zip(data["frames"], sizes, strict=True)):
+        cv2.imwrite(str(tmp_path / f"transforms_{index:03d}.png"), np.full((height, width, 3), 90, np.uint8))
+        frame.update({"w": width, "h": height, "fl_x": 1.5 * width} if stated else {"fl_x": 1.5 * width})
+    rewrite(tmp_path, data)
+    capture = open_capture(tmp_path)
+    store = FrameStore.open(capture, cache_folder=tmp_path / "cache")
+    for index, (camera, (width, height)) in enumerate(zip(capture.cameras, sizes, strict=True)):
+        assert (camera.width, camera.height) == (width, height)
+        np.testing.assert_allclose(
+            camera.intrinsics, [[1.5 * width, 0, width / 2], [0, 1.5 * width, height / 2], [0, 0, 1]]
+        )
+        assert store.image(index).shape == (height, width, 3)
+
+
+def test_a_picture_of_other_proportions_than_its_own_size_is_named(tmp_path: Path) -> None:
+    data = write(tmp_path, 3)
+    data["frames"][2].update({"w": 30, "h": 40})
+    rewrite(tmp_path, data)
+    with pytest.raises(FrogError, match=r"w x h = 30 x 40 for transforms_002\.png of 40 x 30 pixels"):
+        open_capture(tmp_path)
+
+
+def test_a_whole_path_inside_the_folder_is_taken_wherever_one_stands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data = write(tmp_path / "filmed", 2)
+    for index, frame in enumerate(data["frames"]):
+        frame["file_path"] = str(tmp_path / "filmed" / f"transforms_{index:03d}.png")
+    rewrite(tmp_path / "filmed", data)
+    monkeypatch.chdir(tmp_path)
+    assert len(open_capture(Path("filmed")).shots) == 2
+    monkeypatch.chdir(tmp_path / "filmed")
+    assert len(open_capture(Path(".")).shots) == 2
+
+
+def test_endings_in_capitals_are_found(tmp_path: Path) -> None:
+    write(tmp_path, 3)
+    (tmp_path / "transforms_001.png").rename(tmp_path / "transforms_001.PNG")
+    capture = open_capture(tmp_path)
+    assert len(capture.shots) == 3 and not capture.warnings

@@ -148,9 +148,29 @@ def test_mask_files_that_do_not_fit(capture: Capture, tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "small.png"), np.zeros((10, 10), np.uint8))
     np.savez(tmp_path / "small.npz", cam01=np.zeros((10, 10)))
     np.savez(tmp_path / "objects.npz", cam01=np.array([{}], dtype=object))
+    np.savez(tmp_path / "whole.npz", cam01=np.ones((film.HEIGHT, film.WIDTH)))
+    whole = (tmp_path / "whole.npz").read_bytes()
+    (tmp_path / "cut.npz").write_bytes(whole[: len(whole) // 2])
+    (tmp_path / "empty.png").write_bytes(b"")
     (tmp_path / "text.png").write_text("no picture")
     (tmp_path / "text.npz").write_text("no archive")
-    for name in ("small.png", "small.npz", "objects.npz", "text.png", "text.npz", "missing.png"):
+    for name in (
+        "small.png",
+        "small.npz",
+        "objects.npz",
+        "text.png",
+        "text.npz",
+        "missing.png",
+        "cut.npz",
+        "empty.png",
+    ):
         with pytest.raises(FrogError) as caught:
             load_masks(tmp_path / name, capture)
         assert str(tmp_path / name) in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_masks_of_no_camera_are_refused(capture: Capture, tmp_path: Path) -> None:
+    mask = np.ones((film.HEIGHT, film.WIDTH))
+    np.savez(tmp_path / "x.npz", cam01=mask, Cam00=mask)
+    with pytest.raises(FrogError, match="a mask named 'Cam00', expected names of cameras: cam00, cam01, cam02, cam03"):
+        load_masks(tmp_path / "x.npz", capture)

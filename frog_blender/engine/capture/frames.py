@@ -244,11 +244,17 @@ def _build(
             os.fsync(file.fileno())
         facts = {"capture": str(capture.path.resolve()), "sources": sources, "shots": len(capture.shots)}
         (partial / _INDEX).write_text(json.dumps(facts), encoding="utf-8")
-        shutil.rmtree(folder, ignore_errors=True)  # a store that lost bytes
-        try:
-            partial.rename(folder)
-        except OSError:
-            if not _is_whole(folder, capture):  # otherwise another process finished the same store first
-                raise
+        _put(partial, folder, capture)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
+
+
+def _put(partial: Path, folder: Path, capture: Capture) -> None:
+    """Renames a finished store, unless another process put the same one there first, which may be in use by now."""
+    try:
+        partial.rename(folder)
+    except OSError:
+        if _is_whole(folder, capture):
+            return
+        shutil.rmtree(folder, ignore_errors=True)  # a store that lost bytes
+        partial.rename(folder)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+import unicodedata
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -51,7 +52,14 @@ def _open(path: Path) -> Any:
         raise found_instead(path, "no such file", "a video")
     if path.stat().st_size == 0:
         raise found_instead(path, "an empty file", "a video")
-    video = load_opencv().VideoCapture(str(path))
+    # From the root, or FFmpeg takes what stands before a colon in a name for a protocol.
+    whole = os.path.abspath(path)
+    try:
+        whole.encode()
+    except UnicodeEncodeError as error:  # OpenCV would end the program
+        shown = whole.encode(errors="backslashreplace").decode()
+        raise found_instead(shown, "a name that is not UTF-8", "one that is: rename the file or its folder") from error
+    video = load_opencv().VideoCapture(whole)
     if not video.isOpened():
         raise found_instead(path, "a file that cannot be decoded", "a complete video (is it damaged or cut off?)")
     return video
@@ -137,7 +145,10 @@ def read_picture(path: Path, background: tuple[float, float, float] = (0.0, 0.0,
     if not path.is_file():
         raise found_instead(path, "no such file", "a picture")
     # Through memory: OpenCV cannot open paths outside the system's code page on Windows.
-    data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
+    try:
+        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
+    except OSError as error:
+        raise found_instead(path, f"a file that cannot be read ({error.strerror})", "a picture") from error
     picture = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
     if picture is None:
         raise found_instead(path, "an empty file" if data.size == 0 else "a file that cannot be decoded", "a picture")
@@ -157,7 +168,28 @@ def read_picture(path: Path, background: tuple[float, float, float] = (0.0, 0.0,
 
 def find_videos(folder: Path) -> list[Path]:
     """Video files of a folder, sorted by name; hidden files do not count."""
+    return _files(folder, VIDEO_SUFFIXES)
+
+
+def find_pictures(folder: Path) -> list[Path]:
+    """Picture files of a folder, sorted by name; hidden files (macOS writes ``._NAME.png``) do not count."""
+    return _files(folder, PICTURE_SUFFIXES)
+
+
+def _files(folder: Path, suffixes: Collection[str]) -> list[Path]:
     return sorted(
-        (p for p in folder.iterdir() if p.suffix.lower() in VIDEO_SUFFIXES and not p.name.startswith(".")),
+        (p for p in folder.iterdir() if p.suffix.lower() in suffixes and not p.name.startswith(".")),
         key=lambda p: p.name,
     )
+
+
+def with_ending(path: Path) -> Path | None:
+    """The picture file whose path without its ending is ``path``; None where there is none."""
+    endings = (ending for suffix in PICTURE_SUFFIXES for ending in (suffix, suffix.upper()))
+    candidates = (Path(f"{path}{ending}") for ending in endings)
+    return next((candidate for candidate in candidates if candidate.is_file()), None)
+
+
+def composed(name: str) -> str:
+    """A name in the form in which most programs write it; macOS keeps the accents of file names apart."""
+    return unicodedata.normalize("NFC", name)

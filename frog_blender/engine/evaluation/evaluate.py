@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -51,7 +53,7 @@ def moving_mask(store: FrameStore, shot_indices: list[int]) -> np.ndarray:
 
 def load_masks(path: Path, capture: Capture) -> dict[str, np.ndarray]:
     """Masks by camera name: a picture (white counts) for all cameras, or an ``.npz`` with an array for each camera,
-    (H, W) or (frames, H, W). FrogError when a size does not fit."""
+    (H, W) or (frames, H, W). FrogError when a name or a size does not fit."""
     if not path.is_file():
         raise found_instead(path, "no file", "a picture or an .npz of masks")
     try:
@@ -61,12 +63,18 @@ def load_masks(path: Path, capture: Capture) -> dict[str, np.ndarray]:
         else:
             import cv2
 
-            picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+            # Through memory, as every picture: OpenCV cannot open every path.
+            content = np.frombuffer(path.read_bytes(), dtype=np.uint8)
+            picture = cv2.imdecode(content, cv2.IMREAD_GRAYSCALE) if content.size else None
             if picture is None:
                 raise ValueError("not a picture")
             masks = {camera.name: picture > 127 for camera in capture.cameras}
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, EOFError, BadZipFile, zlib.error) as error:  # the last three: an .npz that is cut off
         raise found_instead(path, f"a file that cannot be read ({error})", "a picture or an .npz of masks") from error
+    names = [camera.name for camera in capture.cameras]
+    if unknown := [name for name in masks if name not in names]:
+        expected = ", ".join([*names[:12], "..."] if len(names) > 12 else names)
+        raise found_instead(path, f"a mask named {unknown[0]!r}", f"names of cameras: {expected}")
     for camera in capture.cameras:
         mask = masks.get(camera.name)
         if mask is not None and mask.shape[-2:] != (camera.height, camera.width):

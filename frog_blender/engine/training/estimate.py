@@ -39,6 +39,7 @@ _MOMENTS = np.linspace(0.0, 1.0, 401)  # of a training, between which its cost i
 _KEPT = 40  # trainings that are remembered
 _FADING = 0.6  # what a training counts beside the one after it
 _OTHER_RECIPE = 0.2  # what one of another recipe counts
+_SHORT = 15.0  # modelled seconds below which a training says little of how long others take
 
 # Seconds of a step, from the quiet measurements in docs/design.md, on two cores with AVX2 at 3.2 GHz: fixed, for a
 # thousand Gaussians, for a thousand of them and a thousand weights of the network, and for a million pixels drawn.
@@ -199,8 +200,8 @@ def about(seconds: float) -> str:
 def remembering(stream: Iterator[Event], job: TrainingJob) -> Iterator[Event]:
     """A job's events as they are; when it has finished, how long it took is remembered for later estimates.
 
-    A training limited by time, one that goes on from a checkpoint (which another device may have begun) and one of
-    another method teach nothing.
+    A training limited by time, one that goes on from a checkpoint (which another device may have begun), one of
+    another method and a short trial, which mostly waits for what comes once, teach nothing.
     """
     started: events.Started | None = None
     for event in stream:
@@ -208,7 +209,8 @@ def remembering(stream: Iterator[Event], job: TrainingJob) -> Iterator[Event]:
             started = event
         elif isinstance(event, events.Finished) and started and started.steps and event.seconds > 0:
             work = Workload(job.recipe, started.steps, started.pixels)
-            remember(Measured(started.device, job.recipe.name, work.seconds, event.seconds))
+            if work.seconds >= _SHORT:
+                remember(Measured(started.device, job.recipe.name, work.seconds, event.seconds))
         yield event
 
 

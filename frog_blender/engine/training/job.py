@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
 import queue
 import threading
-from collections.abc import Callable, Generator, Iterator
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Generator, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -15,18 +14,19 @@ from ..capture.frames import FrameStore
 from ..capture.readers import open_capture
 from ..capture.seed_store import stored_seeds
 from ..capture.seeds import Seeds
-from ..errors import FrogError, found_instead
+from ..errors import FrogError
 from ..files import remove_unfinished
 from ..memory import old_objects_left_alone
 from . import events
-from .checkpoint import checkpoint_path, checkpoint_settings, load_checkpoint
+from .checkpoint import checkpoint_path, load_checkpoint
 from .control import Control
 from .device import choose_device
 from .estimate import pixels_of, usual_scale
 from .events import Event
-from .loop import KEPT, train
+from .loop import train
 from .methods import method_named
-from .recipe import Recipe, recipe, stored_recipe
+from .recipe import Recipe, recipe
+from .resuming import as_it_began
 from .saving import check_budget
 from .start import doubt_of_scale
 from .trainer import Limits, Trainer
@@ -49,6 +49,8 @@ class TrainingJob:
         holdout_frames: withhold every n-th moment; None keeps what the format says.
         resume: go on from the checkpoint beside ``output``, with the method, recipe and other settings that it began
             with; only ``steps``, ``seconds`` and ``max_bytes`` can be set anew.
+        chosen: of the settings those that somebody chose, and how they call them (``--seed``): a resume says which of
+            them it leaves aside.
         pixel_offsets: see ``open_capture``.
         lossless: write every number as it is, instead of packed where that shows nowhere.
         max_bytes: of the file, at most; only with the recipe's capacity "auto".
@@ -71,6 +73,7 @@ class TrainingJob:
     scale: float | None = None
     holdout_frames: int | None = None
     resume: bool = False
+    chosen: Mapping[str, str] = field(default_factory=dict)
     pixel_offsets: dict[str, tuple[float, float]] | None = None
     device: str = "auto"
     lossless: bool = False
@@ -114,12 +117,10 @@ def run_training(job: TrainingJob, cancelled: Callable[[], bool] = lambda: False
     """
     control = Control.of(cancelled)
     _check_output(job.output)
-    if job.resume and not checkpoint_path(job.output).is_file():  # said before minutes of decoding
-        raise found_instead(checkpoint_path(job.output), "no file", "a training checkpoint to go on from")
-    if job.resume:
-        asked, job = _described(job), _as_it_began(job)
-        if _described(job) != asked:
-            yield events.Warned(f"The training goes on as it began: {_described(job)}.")
+    if job.resume:  # what does not fit is said before minutes of decoding
+        job, said = as_it_began(job)
+        if said:
+            yield events.Warned(said)
     adapted = method_named(job.method).adapt(job.recipe)
     if job.max_bytes and (adapted.capacity != "auto" or job.lossless):
         raise FrogError("A budget of bytes needs FRoG with automatic capacity, and a file that may be packed.")
@@ -160,36 +161,12 @@ def _seeds(job: TrainingJob, capture: Capture, store: FrameStore, report: Callab
     return stored_seeds(capture, store, count_limit=limit, seed=job.seed, share=job.recipe.seed_share, progress=report)
 
 
-def _as_it_began(job: TrainingJob) -> TrainingJob:
-    """A resumed job with what it was started with; only the limits can be set anew."""
-    path = checkpoint_path(job.output)
-    before = checkpoint_settings(path)
-    try:
-        kept = {name: before[name] for name in KEPT}
-        for name, value in kept.items():
-            if not isinstance(value, KEPT[name]):
-                raise ValueError(f"{name} is {value!r}")
-        if not all(kept[name] is None or 0 < kept[name] < math.inf for name in ("steps", "seconds")):
-            raise ValueError(f"{kept['steps']} steps, {kept['seconds']} seconds")
-        if kept["pixel_offsets"]:
-            kept["pixel_offsets"] = {name: (float(x), float(y)) for name, (x, y) in kept["pixel_offsets"].items()}
-        if job.steps or job.seconds:
-            kept |= {"steps": job.steps, "seconds": job.seconds}
-        if job.max_bytes:
-            kept["max_bytes"] = job.max_bytes
-        return replace(job, **kept, recipe=stored_recipe(before["recipe"]))
-    except (KeyError, ValueError, TypeError, AttributeError, FrogError) as error:
-        raise found_instead(path, f"settings that do not fit ({error})", "a training checkpoint") from error
-
-
-def _described(job: TrainingJob) -> str:
-    return f"method {job.method}, recipe {job.recipe.name}, capacity {job.recipe.capacity}"
-
-
 def _check_output(output: Path) -> None:
     """FrogError where no file can lie; unfinished ones of a killed training are removed."""
     if output.is_dir():
         raise FrogError(f"{output}: found a folder, expected the name of a .frog file to write.")
+    if output.suffix != ".frog":
+        raise FrogError(f"{output}: found the ending {output.suffix!r}, expected a file that ends in .frog.")
     try:
         output.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:

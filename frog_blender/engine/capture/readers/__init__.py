@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 from ...errors import FrogError
@@ -29,9 +30,14 @@ def detect(path: Path) -> str:
     ``"calibrated_videos"``.
 
     Raises:
-        FrogError: if the folder does not exist or fits no known layout.
+        FrogError: if the folder does not exist, cannot be read or fits no known layout.
     """
     path = Path(path)
+    with _readable(path):
+        return _detect(path)
+
+
+def _detect(path: Path) -> str:
     if not path.exists():
         raise FrogError(f"{path}: there is no such folder, expected a capture: {KNOWN_LAYOUTS}.")
     if not path.is_dir():
@@ -54,8 +60,19 @@ def open_capture(path: Path, *, pixel_offsets: Mapping[str, tuple[float, float]]
         FrogError: with one sentence, if the folder cannot be used.
     """
     path = Path(path)
-    capture = _READERS[detect(path)].read(path)
+    with _readable(path):
+        capture = _READERS[detect(path)].read(path)
     return capture.with_pixel_offsets(pixel_offsets) if pixel_offsets else capture
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """What the disk refuses is a FrogError: folders without permission, names that are too long."""
+    try:
+        yield
+    except OSError as error:
+        where, reason = error.filename or path, error.strerror or error
+        raise FrogError(f"{where}: could not be read ({reason}), expected a part of a capture.") from error
 
 
 def _contents(folder: Path) -> str:

@@ -13,16 +13,17 @@ import numpy as np
 from ...errors import FrogError, found_instead
 from ..camera import Camera
 from ..capture import Capture, Distortion
-from ..video import VideoFacts, find_videos, read_facts
+from ..video import VideoFacts, composed, find_videos, read_facts
 from . import qualisys
 from .checks import numbers, read_json, rotation, shared_moments, size, video_shots
 
 _OPENCV = "cameras_opencv.json"
+_ROUNDING = 1.0  # pixels by which either side of a resized video may be off: encoders want even numbers
 
 
 def matches(path: Path) -> bool:
     """True if the folder holds one of the calibrations."""
-    return (path / _OPENCV).is_file() or any(path.glob("*.qca.txt"))
+    return (path / _OPENCV).is_file() or bool(_qualisys_files(path))
 
 
 def read(path: Path) -> Capture:
@@ -35,16 +36,17 @@ def read(path: Path) -> Capture:
         calibration = path / _OPENCV
         calibrated = _read_opencv(calibration)
     else:
-        calibration = sorted(path.glob("*.qca.txt"))[0]
+        calibration = _qualisys_files(path)[0]
         calibrated = qualisys.read_cameras(calibration)
+    calibrated = [(replace(camera, name=composed(camera.name)), distortion) for camera, distortion in calibrated]
     names = [camera.name for camera, _ in calibrated]
     if len(set(names)) != len(names):
         raise found_instead(calibration, f"several cameras named {max(names, key=names.count)}", "one of each name")
     files = find_videos(path)
-    videos = {video.stem: video for video in files}
+    stems = [composed(video.stem) for video in files]
+    videos = dict(zip(stems, files, strict=True))
     if len(videos) != len(files):
-        doubled = max(videos, key=lambda stem: sum(video.stem == stem for video in files))
-        raise found_instead(path, f"several videos named {doubled}", "one video for each camera")
+        raise found_instead(path, f"several videos named {max(stems, key=stems.count)}", "one video for each camera")
     _match_names(path, calibration, set(names), set(videos))
     calibrated.sort(key=lambda entry: entry[0].name)
     paths = [videos[camera.name] for camera, _ in calibrated]
@@ -67,6 +69,11 @@ def read(path: Path) -> Capture:
     )
 
 
+def _qualisys_files(path: Path) -> list[Path]:
+    """Calibrations by Qualisys; hidden files do not count."""
+    return sorted(file for file in path.glob("*.qca.txt") if not file.name.startswith("."))
+
+
 def _match_names(path: Path, calibration: Path, cameras: set[str], videos: set[str]) -> None:
     """Raise unless every camera has its video and every video its camera."""
     if not videos:
@@ -87,7 +94,9 @@ def _fit_to_video(camera: Camera, video: Path, facts: VideoFacts) -> tuple[Camer
         return camera, None
     sizes = f"{video}: {facts.width} x {facts.height} pixels, calibrated at {camera.width} x {camera.height}"
     wide, high = facts.width / camera.width, facts.height / camera.height
-    if abs(wide / high - 1) < 0.01 and abs(wide - 1) > 0.05:
+    much = abs(wide / high - 1) < 0.01 and abs(wide - 1) > 0.05
+    little = wide != 1 and high != 1 and abs(wide - high) <= _ROUNDING / camera.width + _ROUNDING / camera.height
+    if much or little:
         return camera.resized(facts.width, facts.height), f"{sizes}; taken as the same picture, resized."
     return (
         replace(camera, width=facts.width, height=facts.height),
@@ -102,7 +111,7 @@ def _read_opencv(path: Path) -> list[tuple[Camera, Distortion | None]]:
         raise found_instead(path, "no list of cameras", '"cameras": [{"name": ..., "K": ..., "R": ..., "t": ...}, ...]')
     cameras: list[tuple[Camera, Distortion | None]] = []
     for position, entry in enumerate(entries):
-        name = str(entry.get("name") or "")
+        name = "" if entry.get("name") is None else str(entry["name"])  # which may be the number 0
         if not name:
             raise found_instead(path, f"camera {position} without a name", "the name of its video")
         intrinsics = numbers(entry.get("K"), (3, 3), path, f"K of camera {name}")

@@ -19,7 +19,7 @@ import numpy as np
 from ...errors import FrogError, found_instead
 from ..camera import Camera
 from ..capture import Capture, Distortion, Shot
-from ..video import PICTURE_SUFFIXES, read_picture
+from ..video import read_picture, with_ending
 from .checks import number, numbers, pose, read_json, rotation, size
 
 _DATASET, _METADATA, _SCENE, _POINTS = "dataset.json", "metadata.json", "scene.json", "points.npy"
@@ -107,7 +107,7 @@ def _names(value: Any, path: Path, key: str) -> list[str]:
 def _pictures(path: Path, names: list[str], warnings: list[str]) -> dict[str, Path]:
     """The picture files by name, of those that have one and a camera."""
     folder = _picture_folder(path, names, warnings)
-    files = {name: _picture(folder, name) for name in names}
+    files = {name: with_ending(folder / name) for name in names}
     found = {
         name: file for name, file in files.items() if file is not None and (path / "camera" / f"{name}.json").is_file()
     }
@@ -119,16 +119,11 @@ def _pictures(path: Path, names: list[str], warnings: list[str]) -> dict[str, Pa
     return found
 
 
-def _picture(folder: Path, name: str) -> Path | None:
-    candidates = (folder / f"{name}{suffix}" for suffix in PICTURE_SUFFIXES)
-    return next((file for file in candidates if file.is_file()), None)
-
-
 def _picture_folder(path: Path, names: list[str], warnings: list[str]) -> Path:
     """``rgb/2x``, or the folder beside it whose pictures fit best."""
     examples: dict[Path, Path] = {}
     for folder in sorted(path.glob("rgb/*x")):
-        example = next((file for name in names if (file := _picture(folder, name)) is not None), None)
+        example = next((file for name in names if (file := with_ending(folder / name)) is not None), None)
         if example is not None:
             examples[folder] = example
     usual = path / "rgb" / _USUAL

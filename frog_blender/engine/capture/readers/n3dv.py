@@ -14,7 +14,7 @@ import numpy as np
 from ...errors import FrogError, found_instead
 from ..camera import Camera
 from ..capture import Capture, Shot
-from ..video import PICTURE_SUFFIXES, find_videos, read_facts, read_picture
+from ..video import find_pictures, find_videos, read_facts, read_picture
 from .checks import pose, rotation, shared_moments, video_shots
 
 _POSES = "poses_bounds.npy"
@@ -33,7 +33,8 @@ def read(path: Path) -> Capture:
     """
     rows = _read_rows(path / _POSES)
     videos = [video for video in find_videos(path) if video.stem.lower().startswith("cam")] or find_videos(path)
-    pictures = [] if videos else _find_pictures(path / "images")
+    images = path / "images"
+    pictures = find_pictures(images) if not videos and images.is_dir() else []
     if not videos and not pictures:
         raise found_instead(path, f"{len(rows)} poses and no video", f"{len(rows)} videos cam00.mp4, cam01.mp4, ...")
     sources = videos or pictures
@@ -108,9 +109,3 @@ def _camera(row: np.ndarray, source: Path, size: tuple[int, int]) -> Camera:
     focal_x, focal_y = focal * width / stored_width, focal * height / stored_height
     intrinsics = np.array([[focal_x, 0.0, width / 2], [0.0, focal_y, height / 2], [0.0, 0.0, 1.0]])
     return Camera(source.stem, width, height, intrinsics, pose(camera_to_world.T, matrix[:, 3]))
-
-
-def _find_pictures(folder: Path) -> list[Path]:
-    if not folder.is_dir():
-        return []
-    return sorted((p for p in folder.iterdir() if p.suffix.lower() in PICTURE_SUFFIXES), key=lambda p: p.name)

@@ -11,7 +11,6 @@ The test view is row 2, column 2 of the grid, counted from 0: camera 10.
 from __future__ import annotations
 
 import re
-import struct
 from collections import Counter
 from pathlib import Path
 
@@ -20,14 +19,15 @@ import numpy as np
 from ...errors import FrogError, found_instead
 from ..camera import Camera
 from ..capture import Capture, Distortion, Shot
+from ..picture_size import PNG_HEADER, png_size
 from .checks import numbers, pose
 
 _PARAMETERS = "cameras_parameters.txt"
-_PICTURE = re.compile(r"(?P<scene>.+)_undist_(?P<frame>\d{1,9})_(?P<camera>\d{1,4})\.png", re.IGNORECASE)
+_PICTURE = re.compile(r"(?P<scene>[^.].*)_undist_(?P<frame>\d{1,9})_(?P<camera>\d{1,4})\.png", re.IGNORECASE)
 _CALIBRATED = (2048, 1088)  # pixels that the parameters belong to
 _COLUMNS = 12
 _TEST_CAMERA = "cam10"
-_PNG_START, _PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB\x60\x82"
+_PNG_END = b"IEND\xaeB\x60\x82"
 
 
 def matches(path: Path) -> bool:
@@ -60,7 +60,9 @@ def read(path: Path, frames: range | None = None) -> Capture:
     place = {camera: index for index, camera in enumerate(used)}
     cameras, distortions = [], []
     for index in used:
-        example = next(file for (camera, _), file in sorted(files.items()) if camera == index)
+        own = [file for (camera, _), file in sorted(files.items()) if camera == index]
+        # One that is cut off before its size is among those that are replaced or left out.
+        example = next((file for file in own if file.stat().st_size >= PNG_HEADER), own[0])
         camera, distortion = _camera(f"cam{index:02d}", rows[index], path / _PARAMETERS)
         cameras.append(camera.resized(*_picture_size(example)))
         distortions.append(distortion)
@@ -155,10 +157,10 @@ def _camera(name: str, row: np.ndarray, path: Path) -> tuple[Camera, Distortion 
 def _picture_size(picture: Path) -> tuple[int, int]:
     """(width, height) from a PNG's header, checked against the proportions of the calibration."""
     with picture.open("rb") as file:
-        start = file.read(24)
-    if len(start) < 24 or not start.startswith(_PNG_START):
+        size = png_size(file.read(PNG_HEADER))
+    if size is None:
         raise found_instead(picture, "a file that is not a PNG", "a picture")
-    width, height = struct.unpack(">II", start[16:24])
+    width, height = size
     if not height or abs(width * _CALIBRATED[1] / (height * _CALIBRATED[0]) - 1) > 0.02:
         expected = f"the proportions of {_CALIBRATED[0]} x {_CALIBRATED[1]}"
         raise found_instead(picture, f"a picture of {width} x {height} pixels", expected)

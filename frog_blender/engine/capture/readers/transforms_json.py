@@ -8,6 +8,7 @@ pictures follow one another in the order of the list.
 from __future__ import annotations
 
 import os
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +17,32 @@ import numpy as np
 from ...errors import FrogError, found_instead
 from ..camera import Camera
 from ..capture import Capture, Distortion, Shot
-from ..video import PICTURE_SUFFIXES, read_picture
+from ..picture_size import picture_size
+from ..video import with_ending
 from .checks import number, numbers, pose, read_json, rotation, size
 
 _SINGLE = "transforms.json"
 _TRAIN = "transforms_train.json"
 _HELD_OUT = ("transforms_val.json", "transforms_test.json")
 _HOLDOUT_EVERY = 8
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """A listed picture that exists.
+
+    Attributes:
+        file: the list.
+        top, own: what it says of all its pictures, and of this one.
+        picture: the file.
+        place: in the list, missing pictures counted.
+    """
+
+    file: Path
+    top: dict[str, Any]
+    own: dict[str, Any]
+    picture: Path
+    place: int
 
 
 def matches(path: Path) -> bool:
@@ -42,7 +62,7 @@ def read(path: Path) -> Capture:
     files = [path / _SINGLE]
     if has_splits:
         files = [path / _TRAIN, *(path / name for name in _HELD_OUT if (path / name).is_file())]
-    entries: list[tuple[Path, dict[str, Any], dict[str, Any], Path]] = []
+    entries: list[_Entry] = []
     warnings: list[str] = []
     for file in files:
         found, listed = _find_pictures(path, file)
@@ -53,18 +73,14 @@ def read(path: Path) -> Capture:
         entries += found
     times = _times(entries)
     order = {time: rank for rank, time in enumerate(sorted(set(times)))}
-    names = _names(path, [picture for *_, picture in entries])
+    names = _names(path, [entry.picture for entry in entries])
     cameras, distortions, shots = [], [], []
-    picture_sizes: dict[Path, tuple[int, int]] = {}
-    for index, ((file, top, own, picture), time) in enumerate(zip(entries, times, strict=True)):
-        if file not in picture_sizes:  # the pictures of one list share a size; decoding the first is enough
-            height, width = read_picture(picture).shape[:2]
-            picture_sizes[file] = (width, height)
-        camera, distortion = _camera(names[index], file, top, own, picture_sizes[file])
+    for index, (entry, time) in enumerate(zip(entries, times, strict=True)):
+        camera, distortion = _camera(names[index], entry, picture_size(entry.picture))
         cameras.append(camera)
         distortions.append(distortion)
-        shots.append(Shot(index, order[time], picture, 0))
-    rate = entries[0][1].get("fps", 30.0)
+        shots.append(Shot(index, order[time], entry.picture, 0))
+    rate = entries[0].top.get("fps", 30.0)
     capture = Capture(
         path=path,
         format="transforms",
@@ -73,7 +89,7 @@ def read(path: Path) -> Capture:
         shots=tuple(shots),
         frame_count=len(order),
         frames_per_second=number(rate, files[0], "fps", positive=True),
-        test_cameras=frozenset(names[i] for i, entry in enumerate(entries) if entry[0] != files[0]),
+        test_cameras=frozenset(names[i] for i, entry in enumerate(entries) if entry.file != files[0]),
         # Pictures with splits are rendered over white, as everyone who publishes numbers on them does.
         background=(1.0, 1.0, 1.0) if has_splits else (0.0, 0.0, 0.0),
         warnings=tuple(warnings),
@@ -90,42 +106,36 @@ def pictures_by_camera(path: Path) -> dict[str, Path]:
     """
     files = [path / name for name in (_TRAIN, *_HELD_OUT) if (path / name).is_file()]
     files = [path / _SINGLE] if (path / _SINGLE).is_file() else files
-    pictures = [picture for file in files for *_, picture in _find_pictures(path, file)[0]]
+    pictures = [entry.picture for file in files for entry in _find_pictures(path, file)[0]]
     return dict(zip(_names(path, pictures), pictures, strict=True))
 
 
-def _find_pictures(folder: Path, file: Path) -> tuple[list[tuple[Path, dict[str, Any], dict[str, Any], Path]], int]:
-    """(file, its top level, the picture's own entry, the picture) of those that exist, and how many are listed."""
+def _find_pictures(folder: Path, file: Path) -> tuple[list[_Entry], int]:
+    """The entries whose pictures exist, and how many are listed."""
     top = read_json(file)
     frames = top.get("frames")
     if not isinstance(frames, list) or not frames or not all(isinstance(frame, dict) for frame in frames):
         raise found_instead(file, "no list of frames", '"frames": [{"file_path": ..., "transform_matrix": ...}, ...]')
     found = []
-    for frame in frames:
+    for place, frame in enumerate(frames):
         name = frame.get("file_path")
         if not isinstance(name, str) or not name or "\0" in name:
             raise found_instead(file, "a frame without a file_path", "a file_path for each frame")
         inside = os.path.normpath(os.path.join(folder, name.replace("\\", "/")))
-        if not Path(inside).is_relative_to(os.path.normpath(folder)):
+        if not Path(os.path.abspath(inside)).is_relative_to(os.path.abspath(folder)):
             raise FrogError(f"{file}: the picture {name!r} lies outside the capture's folder, expected one inside.")
-        candidates = [Path(inside), *(Path(inside + suffix) for suffix in PICTURE_SUFFIXES)]
-        picture = next((candidate for candidate in candidates if candidate.is_file()), None)
+        picture = Path(inside) if os.path.isfile(inside) else with_ending(Path(inside))
         if picture is not None:
-            found.append((file, top, frame, picture))
+            found.append(_Entry(file, top, frame, picture, place))
     return found, len(frames)
 
 
-def _times(entries: list[tuple[Path, dict[str, Any], dict[str, Any], Path]]) -> list[float]:
+def _times(entries: list[_Entry]) -> list[float]:
     """A time for each picture: its own where all have one, else its place in its list."""
-    if all(own.get("time") is not None for _, _, own, _ in entries):
+    if all(entry.own.get("time") is not None for entry in entries):
         # Rounded, so that 1/3 written with 6 digits by one list and 16 by another is one moment.
-        return [round(number(own["time"], file, "time"), 6) for file, _, own, _ in entries]
-    counts: dict[Path, int] = {}
-    times = []
-    for file, *_ in entries:
-        times.append(float(counts.get(file, 0)))
-        counts[file] = counts.get(file, 0) + 1
-    return times
+        return [round(number(entry.own["time"], entry.file, "time"), 6) for entry in entries]
+    return [float(entry.place) for entry in entries]
 
 
 def _names(folder: Path, pictures: list[Path]) -> list[str]:
@@ -137,18 +147,17 @@ def _names(folder: Path, pictures: list[Path]) -> list[str]:
     return names if len(set(names)) == len(names) else [f"{name}#{index}" for index, name in enumerate(names)]
 
 
-def _camera(
-    name: str, file: Path, top: dict[str, Any], own: dict[str, Any], picture_size: tuple[int, int]
-) -> tuple[Camera, Distortion | None]:
-    """The OpenCV camera of one picture, at the picture's real size."""
+def _camera(name: str, entry: _Entry, real: tuple[int, int]) -> tuple[Camera, Distortion | None]:
+    """The OpenCV camera of one picture, at the picture's real (width, height)."""
+    file, top, own = entry.file, entry.top, entry.own
     both = {**top, **own}
     model = str(both.get("camera_model", "OPENCV")).upper()
     if "FISHEYE" in model or model in ("EQUIRECTANGULAR", "ORTHOPHOTO") or both.get("is_fisheye"):
         raise found_instead(file, f"the camera model {model}", "a perspective camera (PINHOLE or OPENCV)")
-    width = size(both.get("w", picture_size[0]), file, "w")
-    height = size(both.get("h", picture_size[1]), file, "h")
-    if abs(width * picture_size[1] / (height * picture_size[0]) - 1) > 0.02:
-        found = f"w x h = {width} x {height} for pictures of {picture_size[0]} x {picture_size[1]}"
+    width = size(both.get("w", real[0]), file, "w")
+    height = size(both.get("h", real[1]), file, "h")
+    if abs(width * real[1] / (height * real[0]) - 1) > 0.02:
+        found = f"w x h = {width} x {height} for {entry.picture.name} of {real[0]} x {real[1]} pixels"
         raise found_instead(file, found, "the same proportions")
     focal_x = _focal(file, top, own, "x", width)
     if focal_x is None:
@@ -161,8 +170,8 @@ def _camera(
     camera_to_world = rotation(matrix[:3, :3], file, f"the transform_matrix of {name}") @ np.diag([1.0, -1.0, -1.0])
     coefficients = np.array([number(both.get(key, 0.0), file, key) for key in ("k1", "k2", "p1", "p2", "k3")])
     camera = Camera(name, width, height, intrinsics, pose(camera_to_world.T, matrix[:3, 3]))
-    if (width, height) != picture_size:
-        camera = camera.resized(*picture_size)
+    if (width, height) != real:
+        camera = camera.resized(*real)
     return camera, Distortion(coefficients) if np.any(coefficients) else None
 
 

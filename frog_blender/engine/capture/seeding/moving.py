@@ -39,7 +39,9 @@ def moving_points(
     frames = spread(sorted(by_frame), _MOMENTS)
     points, colors = [np.zeros((0, 3))], [np.zeros((0, 3))]
     for frame in frames:
-        views = [load_view(capture, store, shot, _LONGEST_SIDE) for shot in by_frame[frame]]
+        # A camera whose pictures are missing at the background's moments cannot say what moves.
+        known = [shot for shot in by_frame[frame] if capture.shots[shot].camera in medians]
+        views = [load_view(capture, store, shot, _LONGEST_SIDE) for shot in known]
         masks = [_moving_mask(view, medians[capture.shots[view.shot].camera]) for view in views]
         inside, _, _ = _in_hull(views, masks, samples)
         if inside.any():

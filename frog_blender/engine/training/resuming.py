@@ -1,0 +1,85 @@
+"""What a training that goes on takes over from the one that began, and what it says of what it leaves aside."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..capture.readers import detect
+from ..errors import FrogError, found_instead
+from .checkpoint import checkpoint_path, checkpoint_settings
+from .loop import KEPT
+from .recipe import stored_recipe
+
+if TYPE_CHECKING:
+    from .job import TrainingJob
+
+_OF_RECIPE = {"recipe": "name", "capacity": "capacity"}
+
+
+def as_it_began(job: TrainingJob) -> tuple[TrainingJob, str | None]:
+    """A resumed job with what it was started with, and what is to be said of that; only the limits can be set anew.
+
+    FrogError when the checkpoint cannot be used, or is another capture's.
+    """
+    path = checkpoint_path(job.output)
+    if not path.is_file():
+        raise found_instead(path, "no file", "a training checkpoint to go on from")
+    before = checkpoint_settings(path)
+    _check_capture(path, before, job.capture)
+    began = _began(job, path, before)
+    left_aside = _left_aside(job, began)
+    if _described(began) == _described(job) and not left_aside:
+        return began, None
+    aside = f"; left aside: {', '.join(left_aside)}" if left_aside else ""
+    return began, f"The training goes on as it began: {_described(began)}{aside}."
+
+
+def _check_capture(path: Path, before: dict[str, Any], capture: Path) -> None:
+    """FrogError when the checkpoint is of another folder that is still a capture: one that is gone was moved."""
+    stored = before.get("capture")
+    if not isinstance(stored, str) or not stored:
+        return
+    try:
+        if Path(stored).resolve() == Path(capture).resolve():
+            return
+        detect(Path(stored))
+    except (FrogError, OSError, ValueError):
+        return
+    raise found_instead(path, f"a training of another capture, {stored}", f"one of {capture}")
+
+
+def _began(job: TrainingJob, path: Path, before: dict[str, Any]) -> TrainingJob:
+    try:
+        kept = {name: before[name] for name in KEPT}
+        for name, value in kept.items():
+            if not isinstance(value, KEPT[name]):
+                raise ValueError(f"{name} is {value!r}")
+        if not all(kept[name] is None or 0 < kept[name] < math.inf for name in ("steps", "seconds")):
+            raise ValueError(f"{kept['steps']} steps, {kept['seconds']} seconds")
+        if kept["pixel_offsets"]:
+            kept["pixel_offsets"] = {name: (float(x), float(y)) for name, (x, y) in kept["pixel_offsets"].items()}
+        if job.steps or job.seconds:
+            kept |= {"steps": job.steps, "seconds": job.seconds}
+        if job.max_bytes:
+            kept["max_bytes"] = job.max_bytes
+        return replace(job, **kept, recipe=stored_recipe(before["recipe"]))
+    except (KeyError, ValueError, TypeError, AttributeError, FrogError) as error:
+        raise found_instead(path, f"settings that do not fit ({error})", "a training checkpoint") from error
+
+
+def _described(job: TrainingJob) -> str:
+    return f"method {job.method}, recipe {job.recipe.name}, capacity {job.recipe.capacity}"
+
+
+def _left_aside(asked: TrainingJob, began: TrainingJob) -> list[str]:
+    """The settings that somebody chose for a training that began with others, as they know them."""
+    return [known for name, known in asked.chosen.items() if _setting(asked, name) != _setting(began, name)]
+
+
+def _setting(job: TrainingJob, name: str) -> Any:
+    if name == "max_gaussians":  # with automatic capacity what is kept in the end
+        return job.recipe.kept_at_most
+    return getattr(job.recipe, _OF_RECIPE[name]) if name in _OF_RECIPE else getattr(job, name)
