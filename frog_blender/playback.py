@@ -109,7 +109,8 @@ def captures_in(scene: Any) -> list[Any]:
     for objects in groups:
         found |= dict.fromkeys(captures(objects))
         for obj in objects:
-            collection = obj.instance_collection if obj.instance_type == "COLLECTION" else None
+            shows_one = obj.type == "EMPTY" and obj.instance_type == "COLLECTION"
+            collection = obj.instance_collection if shows_one else None
             if collection is not None and collection not in collections:
                 collections.append(collection)
                 groups.append(collection.all_objects)
