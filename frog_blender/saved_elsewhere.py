@@ -43,9 +43,10 @@ def absolute(block: Any, path: str) -> Path:
 def _settle() -> None:
     """Writes the paths of what was made local as seen from this .blend."""
     here = Path(bpy.data.filepath).parent if bpy.data.filepath else None
-    for _, block, name, value in list(_relative()):
+    for blocks, block, name, value in list(_relative()):
         path = str(absolute(block, value))
-        if path != os.path.normpath(bpy.path.abspath(value)):
+        # Not a scene's: what is to be written need not be there yet.
+        if blocks == bpy.data.objects and path != os.path.normpath(bpy.path.abspath(value)):
             _write(block, name, seen_from(here, path) if here else path)
 
 

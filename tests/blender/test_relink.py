@@ -241,3 +241,17 @@ def test_another_training_of_the_same_file_is_not_imported_again(beside, tmp_pat
     scene.render.resolution_x = 777
     _importer(scene.session_uid)(beside)
     assert len(list(playback.captures(scene.objects))) == 1 and scene.render.resolution_x == 777
+
+
+def test_an_output_that_is_not_there_yet_stays_beside_its_blend(beside, tmp_path):
+    """Though a library's folder holds a file of that name."""
+    name = next(playback.captures(bpy.context.scene.objects)).name
+    bpy.ops.wm.save_mainfile()
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "mine.blend"))
+    with bpy.data.libraries.load(str(beside.parent / "x.blend"), link=True) as (_, wanted):
+        wanted.objects = [name]
+    bpy.context.scene.collection.objects.link(wanted.objects[0])
+    bpy.context.scene.frog.output_path = "//a.frog"
+    bpy.ops.wm.save_mainfile()
+    assert bpy.context.scene.frog.output_path == "//a.frog"
