@@ -41,22 +41,12 @@ def absolute(block: Any, path: str) -> Path:
 
 
 def _settle() -> None:
-    """Writes the paths of what was made local as seen from this .blend."""
-    here = Path(bpy.data.filepath).parent if bpy.data.filepath else None
-    for blocks, block, name, value in list(_relative()):
-        path = str(absolute(block, value))
-        # Not a scene's: what is to be written need not be there yet.
-        if blocks == bpy.data.objects and path != os.path.normpath(bpy.path.abspath(value)):
-            _write(block, name, seen_from(here, path) if here else path)
-
-
-def _rewrite(block: Any, names: tuple[str, ...], folder: str, here: Path | None) -> None:
-    """Paths that begin at ``folder`` as a .blend in ``here`` keeps them; left where only as they are they lead to a
-    file."""
-    for name, value in _relative_of(block, names):
-        path = bpy.path.abspath(value, start=folder)
-        if Path(path).exists() or not Path(bpy.path.abspath(value)).exists():
-            _write(block, name, seen_from(here, path) if here else path)
+    """Writes the paths of objects that were made local; what a scene is to write need not be there yet."""
+    for obj in bpy.data.objects:
+        for name, value in _relative_of(obj, _OF_OBJECTS) if library_of(obj) is None else ():
+            path = str(absolute(obj, value))
+            if path != os.path.normpath(bpy.path.abspath(value)):
+                _write(obj, name, _seen_from_here(path))
 
 
 def _relative() -> Iterator[tuple[Any, Any, str, str]]:
@@ -89,6 +79,11 @@ def seen_from(folder: Path, path: str) -> str:
         return path
 
 
+def _seen_from_here(path: str) -> str:
+    """The same as the open .blend keeps it: as it is while that is in no folder."""
+    return seen_from(Path(bpy.data.filepath).parent, path) if bpy.data.filepath else path
+
+
 @persistent
 def on_save_pre(path: str = "", *_: Any) -> None:
     """Rewrites the paths, where the .blend goes into another folder."""
@@ -117,10 +112,12 @@ def on_save_post(*_: Any) -> None:
 
 @persistent
 def on_import_post(context: Any, *_: Any) -> None:
-    """What was appended has its paths from the .blend where it was."""
-    here = Path(bpy.data.filepath).parent if bpy.data.filepath else None
+    """What was appended has its paths from the .blend where it was; what was pasted may have them from here."""
     for item in context.import_items:
         names = {"OBJECT": _OF_OBJECTS, "SCENE": _OF_SCENES}.get(item.id_type)
         if not names or item.append_action not in {"MAKE_LOCAL", "COPY_LOCAL"} or item.source_library is None:
             continue
-        _rewrite(item.id, names, str(Path(bpy.path.abspath(item.source_library.filepath)).parent), here)
+        for name, value in _relative_of(item.id, names):
+            path = bpy.path.abspath(value, library=item.source_library)
+            if Path(path).exists() or not Path(bpy.path.abspath(value)).exists():
+                _write(item.id, name, _seen_from_here(path))

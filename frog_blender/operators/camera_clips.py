@@ -17,6 +17,7 @@ from .. import playback
 from ..engine.clips import Clip, capture_folders, find_clips
 from ..engine.errors import FrogError
 from ..engine.straight_clips import Straightening, straight_clips, straightening
+from ..playing.retiming import TIMING
 from .imported import cameras_of, stored_path
 
 if TYPE_CHECKING:
@@ -24,13 +25,7 @@ if TYPE_CHECKING:
 
 OPACITY = 0.5
 _MARK = "frog_clip"  # of the images that this file loads
-_TIMING = {
-    "s": "frog.start_frame",
-    "v": "frog.speed",
-    "r": "frog.repeat",
-    "m": "frog.use_remap",
-    "w": "frog.shown_frame",
-}
+_TIMING = dict(zip("svrmw", TIMING, strict=True))  # variables of drivers
 
 
 def add_clips(
@@ -163,5 +158,5 @@ def revive() -> None:
     """Blender gives drivers up whose properties go, as ours do when the add-on is switched off; told anew, they run."""
     for data in getattr(bpy.data, "cameras", ()):  # no data can be reached while Blender starts
         for curve in data.animation_data.drivers if data.animation_data is not None and data.library is None else ():
-            if any(variable.targets[0].data_path in _TIMING.values() for variable in curve.driver.variables):
+            if any(variable.targets[0].data_path in TIMING for variable in curve.driver.variables):
                 curve.driver.expression = str(curve.driver.expression)

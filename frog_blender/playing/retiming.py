@@ -8,7 +8,8 @@ from typing import Any
 
 REMAPPED = "frog.shown_frame"
 """The property whose curve is read directly: frame handlers run before Blender evaluates animation."""
-_TIMING = {REMAPPED, "frog.use_remap", "frog.start_frame", "frog.speed", "frog.repeat"}
+TIMING = ("frog.start_frame", "frog.speed", "frog.repeat", "frog.use_remap", REMAPPED)
+"""All properties that decide what is shown."""
 
 
 def capture_frame(obj: Any, scene_frame: float, frame_count: int, evaluated: Any = None) -> float:
@@ -57,13 +58,13 @@ def is_known_late(obj: Any) -> bool:
     animation = obj.animation_data
     if animation is None:
         return False
-    if any(driver.data_path in _TIMING for driver in animation.drivers):
+    if any(driver.data_path in TIMING for driver in animation.drivers):
         return True
-    if any(curve.data_path in _TIMING and curve.data_path != REMAPPED for curve in _curves(animation)):
+    if any(curve.data_path in TIMING and curve.data_path != REMAPPED for curve in _curves(animation)):
         return True
     strips = [strip for track in animation.nla_tracks for strip in track.strips] if animation.use_nla else []
     return any(
-        curve.data_path in _TIMING
+        curve.data_path in TIMING
         for strip in strips
         if strip.action is not None
         for curve in _curves_of(strip.action, strip.action_slot)

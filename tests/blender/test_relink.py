@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 import pytest
 from scenes import rig_of_three, write_scene
+from windows import viewport
 
 from frog_blender import carrier, playback
 from frog_blender.engine.inference.scene import PlayableScene
@@ -98,6 +99,17 @@ def beside(empty, tmp_path):
     return path
 
 
+def linked_into(blend, beside):
+    """The capture of ``beside``, linked into a new .blend."""
+    name = next(playback.captures(bpy.context.scene.objects)).name
+    bpy.ops.wm.save_mainfile()
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend))
+    with bpy.data.libraries.load(str(beside.parent / "x.blend"), link=True) as (_, wanted):
+        wanted.objects = [name]
+    return wanted.objects[0]
+
+
 def test_saving_elsewhere_loses_nothing(beside, tmp_path):
     other = tmp_path / "p" / "q"
     other.mkdir(parents=True)
@@ -164,14 +176,7 @@ def test_an_override_plays_what_its_library_does(beside, tmp_path):
     """And saving what overrides it elsewhere does not touch that."""
     from frog_blender.rendering.gathering import gather
 
-    name = next(playback.captures(bpy.context.scene.objects)).name
-    bpy.ops.wm.save_mainfile()
-    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "mine.blend"))
-    with bpy.data.libraries.load(str(beside.parent / "x.blend"), link=True) as (_, wanted):
-        wanted.objects = [name]
-    (linked,) = wanted.objects
-    obj = linked.override_create()
+    obj = linked_into(tmp_path / "mine.blend", beside).override_create()
     bpy.context.scene.collection.objects.link(obj)
     (tmp_path / "other").mkdir()
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "other" / "mine.blend"))
@@ -190,15 +195,11 @@ def test_an_override_plays_what_its_library_does(beside, tmp_path):
 @pytest.mark.parametrize("overridden", [False, True], ids=["linked", "overridden"])
 def test_what_is_made_local_keeps_its_file(beside, tmp_path, overridden):
     """Until it is saved by what the link was, from then on by what its own .blend says."""
-    name = next(playback.captures(bpy.context.scene.objects)).name
-    bpy.ops.wm.save_mainfile()
-    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     other = tmp_path / "other"
     other.mkdir()
-    bpy.ops.wm.save_as_mainfile(filepath=str(other / "mine.blend"))
-    with bpy.data.libraries.load(str(beside.parent / "x.blend"), link=True) as (_, wanted):
-        wanted.objects = [name]
-    obj = wanted.objects[0].override_create(remap_local_usages=True) if overridden else wanted.objects[0]
+    obj = linked_into(other / "mine.blend", beside)
+    if overridden:
+        obj = obj.override_create(remap_local_usages=True)
     bpy.context.scene.collection.objects.link(obj)
     assert playback.file_of(obj).resolve() == beside
     obj = obj.make_local() or obj
@@ -217,12 +218,9 @@ def test_what_is_made_local_keeps_its_file(beside, tmp_path, overridden):
 def test_a_pasted_capture_plays(beside):
     """Blender keeps what is copied in a .blend in a folder of its own."""
     capture = next(playback.captures(bpy.context.scene.objects))
-    window = bpy.context.window_manager.windows[0]
-    area = next(area for area in window.screen.areas if area.type == "VIEW_3D")
-    region = next(region for region in area.regions if region.type == "WINDOW")
     for obj in bpy.context.view_layer.objects:
         obj.select_set(obj == capture)
-    with bpy.context.temp_override(window=window, area=area, region=region):
+    with bpy.context.temp_override(**viewport()):
         bpy.ops.view3d.copybuffer()
         bpy.ops.view3d.pastebuffer()
     pasted = next(obj for obj in playback.captures(bpy.context.scene.objects) if obj != capture)
@@ -245,13 +243,8 @@ def test_another_training_of_the_same_file_is_not_imported_again(beside, tmp_pat
 
 def test_an_output_that_is_not_there_yet_stays_beside_its_blend(beside, tmp_path):
     """Though a library's folder holds a file of that name."""
-    name = next(playback.captures(bpy.context.scene.objects)).name
-    bpy.ops.wm.save_mainfile()
-    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "mine.blend"))
-    with bpy.data.libraries.load(str(beside.parent / "x.blend"), link=True) as (_, wanted):
-        wanted.objects = [name]
-    bpy.context.scene.collection.objects.link(wanted.objects[0])
+    obj = linked_into(tmp_path / "mine.blend", beside)
+    bpy.context.scene.collection.objects.link(obj)
     bpy.context.scene.frog.output_path = "//a.frog"
     bpy.ops.wm.save_mainfile()
     assert bpy.context.scene.frog.output_path == "//a.frog"

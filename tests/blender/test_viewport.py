@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
+import windows
 from scenes import expected_png, rig_of_three
 
 from frog_blender import playback
@@ -95,11 +96,16 @@ def test_coarse_while_things_move_and_sharp_when_still(empty, static_rig, monkey
     assert memory.seconds_per_pixel > 1e-12
 
 
+def srgb(pixels):
+    """Written out once more, so that the pictures do not depend on the code that made them."""
+    return np.where(pixels <= 0.0031308, 12.92 * pixels, 1.055 * np.maximum(pixels, 1e-9) ** (1 / 2.4) - 0.055)
+
+
 def test_the_sharp_picture_is_the_rendered_one(empty, static_rig):
     gaussians, background, camera_of = seen_through(static_rig, "cam00")
     memory = viewport.Viewport(seconds_per_pixel=1e-12)
     pixels = viewport.draw_view(memory, 1, gaussians, camera_of, (96, 64), background).pixels[::-1]
-    display = np.where(pixels <= 0.0031308, 12.92 * pixels, 1.055 * np.maximum(pixels, 1e-9) ** (1 / 2.4) - 0.055)
+    display = srgb(pixels)
     expected = expected_png(static_rig, rig_of_three()[0], 3.0)
     np.testing.assert_allclose(255 * display[..., :3], expected, atol=1.5)
     assert pixels[..., 3].min() == 1.0 and pixels.dtype == np.float32
@@ -180,24 +186,22 @@ def test_pixels_that_are_not_square_through_the_camera(empty, static_rig, monkey
     assert camera.data.frog.focal_ratio < 0.96
     view, window = matrices(camera, 80, 64)
     region = SimpleNamespace(view_matrix=view, window_matrix=window, view_perspective="CAMERA")
-    space = next(area for area in bpy.context.window_manager.windows[0].screen.areas if area.type == "VIEW_3D")
-    space = space.spaces.active
+    space = windows.viewport()["space_data"]
     empty.frame_set(4)
     depsgraph = bpy.context.evaluated_depsgraph_get()
     pixels = viewport_drawing.picture_of(viewport.Viewport(), depsgraph, region, (80, 64), space).pixels[::-1]
-    display = np.where(pixels <= 0.0031308, 12.92 * pixels, 1.055 * np.maximum(pixels, 1e-9) ** (1 / 2.4) - 0.055)
+    display = srgb(pixels)
     np.testing.assert_allclose(255 * display[..., :3], expected_png(static_rig, rig_of_three()[2], 3.0), atol=1.5)
 
 
 def test_local_view(empty, static_rig):
     bpy.ops.import_scene.frog(filepath=str(static_rig))
-    window = bpy.context.window_manager.windows[0]
-    area = next(area for area in window.screen.areas if area.type == "VIEW_3D")
-    space, region = area.spaces.active, next(region for region in area.regions if region.type == "WINDOW")
+    there = windows.viewport()
+    space = there["space_data"]
     bpy.ops.mesh.primitive_cube_add()
     depsgraph = bpy.context.evaluated_depsgraph_get()
     assert len(visible_captures(depsgraph, space)) == 1
-    with bpy.context.temp_override(window=window, area=area, region=region, space_data=space):
+    with bpy.context.temp_override(**there):
         bpy.ops.view3d.localview()
     depsgraph = bpy.context.evaluated_depsgraph_get()
     assert not visible_captures(depsgraph, space) and len(visible_captures(depsgraph)) == 1

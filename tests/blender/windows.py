@@ -38,6 +38,14 @@ def drop_operators() -> None:
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
 
 
+def viewport() -> dict[str, Any]:
+    """A 3D viewport, as ``temp_override`` takes it."""
+    window = bpy.context.window_manager.windows[0]
+    area = next(area for area in window.screen.areas if area.type == "VIEW_3D")
+    region = next(region for region in area.regions if region.type == "WINDOW")
+    return {"window": window, "area": area, "region": region, "space_data": area.spaces.active}
+
+
 def event(kind: str = "TIMER", value: str = "NOTHING") -> SimpleNamespace:
     return SimpleNamespace(type=kind, value=value)
 
