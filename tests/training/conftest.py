@@ -15,7 +15,7 @@ from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.seeds import Seeds
-from frog_blender.engine.training import job
+from frog_blender.engine.training import job, parsimony
 from frog_blender.engine.training.recipe import Recipe, recipe
 from frog_blender.engine.training.trainer import Limits, Trainer
 
@@ -78,12 +78,14 @@ def make_trainer(capture: Capture, store: FrameStore, lively: Callable[..., Reci
 
 @pytest.fixture(scope="session")
 def halfway(make_trainer: Callable[..., Trainer]) -> Callable[..., Trainer]:
-    """``halfway(**recipe changes)``: 90 of 120 steps with automatic capacity, just before the scene settles."""
+    """``halfway(**recipe changes)``: 90 of 120 steps with automatic capacity, just before it settles; all move."""
 
     def make(**changes: Any) -> Trainer:
         trainer = make_trainer(120, capacity="auto", **changes)
-        while trainer.step_count < 90:
-            trainer.step()
+        with pytest.MonkeyPatch.context() as patched:
+            patched.setattr(parsimony, "rest_unchanged", lambda *_: None)
+            while trainer.step_count < 90:
+                trainer.step()
         return trainer
 
     return make

@@ -20,8 +20,8 @@ from frog_blender.engine.training.motion import (
     _look,
     draw_looks,
     measure_motion,
-    unrest,
 )
+from frog_blender.engine.training.unrest import unrest
 
 STATIC = len(film.gaussians_at(0)) - 12  # the wall; the ball's Gaussians come after it
 

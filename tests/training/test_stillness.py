@@ -14,7 +14,7 @@ from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.inference.scene import PlayableScene
 from frog_blender.engine.training.job import TrainingJob, run_training
-from frog_blender.engine.training.stillness import nothing_moves
+from frog_blender.engine.training.stillness import measure_changes, nothing_moves
 from frog_blender.engine.training.trainer import Trainer
 
 pytestmark = pytest.mark.usefixtures("seeds_at_no_cost")
@@ -74,6 +74,69 @@ def test_motion_is_no_stillness_nor_is_a_single_moment(capture: Capture, store: 
     assert not nothing_moves(capture, store)
     one = replace(capture, shots=tuple(shot for shot in capture.shots if shot.frame == 0))
     assert not nothing_moves(one, store)
+
+
+class Painted:
+    """A store of random textures, each camera's at rest but for what ``change(picture, frame)`` does in place."""
+
+    def __init__(self, capture: Capture, change: Callable[[np.ndarray, int], None], noise: float = 0.0) -> None:
+        self._capture, self._change, self._noise = capture, change, noise
+
+    def image(self, index: int) -> np.ndarray:
+        shot = self._capture.shots[index]
+        of_camera, of_picture = np.random.default_rng(shot.camera), np.random.default_rng([7, index])
+        picture = of_camera.uniform(40, 200, (film.HEIGHT, film.WIDTH, 3))
+        self._change(picture, shot.frame)
+        picture += of_picture.normal(0, self._noise, picture.shape)
+        return picture.round().clip(0, 255).astype(np.uint8)
+
+
+def brightens(picture: np.ndarray, frame: int) -> None:
+    picture[8:16, 16:24] += 2.0 * frame
+
+
+def slides_by_a_pixel(picture: np.ndarray, frame: int) -> None:
+    picture[8:16, 16:24] = np.roll(picture[8:16, 16:24], frame % 2, axis=1)
+
+
+@pytest.mark.parametrize("change", [brightens, slides_by_a_pixel])
+@pytest.mark.parametrize("noise", [0.0, 2.0])
+def test_changes_are_found_where_they_are(
+    capture: Capture, change: Callable[[np.ndarray, int], None], noise: float
+) -> None:
+    """Of a cell's brightness, and of a texture finer than a cell, whose mean stays what it is."""
+    changes = measure_changes(capture, Painted(capture, change, noise))
+    assert changes is not None and sorted(changes.variance) == [1, 2, 3]  # not the held-out camera's
+    for camera, variance in changes.variance.items():
+        assert np.unravel_index(variance.argmax(), variance.shape) == (1, 2)
+        others = variance.copy()
+        others[1, 2] = 0
+        assert others.max() < 0.25 * variance[1, 2]  # the pictures' 4.5 cells are 4
+        of_pixels = changes.map_of(camera, 2 * film.HEIGHT, 2 * film.WIDTH)
+        assert of_pixels.shape == (2 * film.HEIGHT, 2 * film.WIDTH)
+        assert (of_pixels[20:30, 36:46] == variance[1, 2]).all()
+
+
+def test_what_all_of_a_picture_does_is_a_change(capture: Capture) -> None:
+    """A lamp that fades is no noise: every cell changes by as much as it does."""
+
+    def fade(picture: np.ndarray, frame: int) -> None:
+        picture += 6.0 * frame
+
+    changes = measure_changes(capture, Painted(capture, fade))
+    assert changes is not None
+    true = np.var(6.0 * np.arange(film.FRAMES) / 255)
+    for variance in changes.variance.values():
+        assert variance.min() > 0.8 * true and variance.max() < 1.1 * true
+
+
+def test_moving_cameras_and_single_moments_tell_nothing(capture: Capture, store: object) -> None:
+    shots = tuple(replace(capture.shots[0], camera=0, frame=frame) for frame in range(4))
+    cameras = tuple(capture.cameras[0] for _ in shots)
+    moving = tuple(replace(shot, camera=shot.frame) for shot in shots)
+    assert measure_changes(replace(capture, cameras=cameras, shots=moving, test_cameras=frozenset()), store) is None
+    one = replace(capture, shots=tuple(shot for shot in capture.shots if shot.frame == 0))
+    assert measure_changes(one, store) is None
 
 
 def test_a_still_scene_has_no_network_and_plays(

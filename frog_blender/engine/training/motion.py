@@ -124,15 +124,29 @@ def measure_motion(
         rest_energy.add(torch.stack(by_name).sum(0).square())
         weight.add(image.max_weights[:moving])
         reach.add((image.max_weights * _pixels_per_unit(gaussians, image, camera))[:moving])
-    state = {
-        "means": mean["means"],
-        "quaternions": mean["quaternions"],
-        "log_scales": mean["scales"].clamp(min=1e-12).log(),
-        "opacity_logits": mean["opacities"].clamp(1e-6, 1 - 1e-6).logit(),
-        "sh": mean["sh"],  # of the degrees that have begun
-    }
     score = _score(ranges, weight.largest, reach.largest)
-    return Motion(score, rest_energy.mean, contribution.largest, energy.mean, state)
+    return Motion(score, rest_energy.mean, contribution.largest, energy.mean, canonical_state(mean))
+
+
+def mean_state(gaussians_at: Callable[[float], GaussianArrays], looks: Sequence[Look]) -> dict[str, torch.Tensor]:
+    """How Gaussians look on average over the looks, see Motion.state."""
+    ranges = {name: _Range() for name in _SHAPES}
+    for look in looks:
+        gaussians = gaussians_at(look.time)
+        for name, values in ranges.items():
+            values.add(getattr(gaussians, name))
+    return canonical_state({name: values.mean for name, values in ranges.items()})
+
+
+def canonical_state(drawn: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+    """The canonical field's attributes but embeddings, of Gaussians as they are drawn (GaussianArrays, by name)."""
+    return {
+        "means": drawn["means"],
+        "quaternions": drawn["quaternions"],
+        "log_scales": drawn["scales"].clamp(min=1e-12).log(),
+        "opacity_logits": drawn["opacities"].clamp(1e-6, 1 - 1e-6).logit(),
+        "sh": drawn["sh"],  # of the degrees that have begun
+    }
 
 
 def _score(ranges: dict[str, _Range], weight: torch.Tensor, reach: torch.Tensor) -> torch.Tensor:
@@ -178,55 +192,3 @@ def _pixels_per_unit(gaussians: GaussianArrays, image: Image, camera: Camera) ->
     row = torch.from_numpy(camera.world_to_camera[2]).to(gaussians.means)
     depth = gaussians.means @ row[:3] + row[3]
     return torch.where(image.radii > 0, float(camera.intrinsics[0, 0]) / depth.clamp(min=1e-6), 0.0)
-
-
-def unrest(
-    gaussians_at: Callable[[float], GaussianArrays],
-    truth_of: Callable[[int], torch.Tensor],
-    capture: Capture,
-    shots: Sequence[Sequence[int]],
-) -> torch.Tensor:
-    """(N,) how much the error at each Gaussian changes over time: standard deviation of the mean difference (of the
-    display range) of its pixels, weighted by blending weight, over the moments of a camera; what nothing but motion
-    explains. 0 where a Gaussian was not seen twice.
-
-    Args:
-        truth_of: (H, W, 3) picture of a shot.
-        shots: some shots of each of some cameras, at several moments.
-    """
-    variance = looks = torch.zeros(0, device="cpu")
-    for of_camera in shots:
-        count = total = square = torch.zeros(0, device="cpu")
-        for index in of_camera:
-            shot = capture.shots[index]
-            seen, error = _error_of_each(
-                gaussians_at(frame_to_time(shot.frame, capture.frame_count)),
-                *(capture.cameras[shot.camera], capture.background, truth_of(index)),
-            )
-            error = torch.where(seen, error, 0.0)
-            if not len(count):
-                count, total, square = (torch.zeros_like(error) for _ in range(3))
-            count, total, square = count + seen, total + error, square + error.square()
-        n = count.clamp(min=2)
-        of_all = torch.where(count >= 2, (square - total.square() / n).clamp(min=0), 0.0)
-        variance = variance + of_all if len(variance) else of_all
-        looks = looks + (count - 1).clamp(min=0) if len(looks) else (count - 1).clamp(min=0)
-    return (variance / looks.clamp(min=1)).sqrt()
-
-
-def _error_of_each(
-    gaussians: GaussianArrays, camera: Camera, background: tuple[float, float, float], truth: torch.Tensor
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """(N,) whether each Gaussian covers a pixel in all, and the mean error of the pixels that it colours.
-
-    A Gaussian's red is in the picture's red by its blending weights: the backward pass sums what it is given in their
-    proportion. It is given the error in red and ones in green, which counts the weights.
-    """
-    colors = gaussians.sh.detach().clone().requires_grad_()
-    g = gaussians
-    image = rasterize(GaussianArrays(g.means, g.quaternions, g.scales, g.opacities, colors), camera, background)
-    error = (truth - image.rgb.detach()).mean(2)
-    image.rgb.backward(torch.stack([error, torch.ones_like(error), torch.zeros_like(error)], dim=2))
-    assert colors.grad is not None
-    sums = colors.grad[:, 0] / SH_DC
-    return sums[:, 1] >= 1.0, sums[:, 0] / sums[:, 1].clamp(min=1.0)

@@ -23,7 +23,7 @@ from ..model.interface import SceneModel
 from ..rasterizer import GaussianArrays
 from .motion import Look, Motion, draw_looks, measure_motion
 from .narrowing import narrow
-from .reductions import cut_colors, prune, rest, silence_heads, wake_some
+from .reductions import cut_colors, prune, rest, rest_unchanged, silence_heads, wake_some
 from .resting import arrange, gaussians_at
 from .stillness import nothing_moves
 from .validation import Judge, withheld_shots
@@ -32,10 +32,11 @@ if TYPE_CHECKING:
     from .trainer import Trainer
 
 SETTLED = 0.8
-ROUNDS = {0.3: "wake", SETTLED: "settle", 0.86: "wake"}
-"""What happens at which fraction of the training. Motion is learned until late: Gaussians that were put to rest at 0.45
-or 0.72 would have learned more (docs/parsimony.md). Soon after the second round rates cool down (recipe.cool_down), and
-what wakes later than at the third learns little."""
+ROUNDS = {0.1: "rest", 0.3: "wake", SETTLED: "settle", 0.86: "wake"}
+"""What happens at which fraction of the training. What lies where pictures do not change rests early, and costs no step
+any more. Other motion is learned until late: Gaussians that were put to rest at 0.45 or 0.72 because they moved little
+would have learned more (docs/parsimony.md). Soon after the third round rates cool down (recipe.cool_down), and
+what wakes later than at the fourth learns little."""
 WITHHELD = (0.75, SETTLED)
 """Fractions of the training between which the withheld pictures are not learned from: long enough that they lose what
 test pictures lose in a round, and no longer, since what is at rest after it cannot learn them any more."""
@@ -150,8 +151,8 @@ class Parsimony:
         return torch.Generator("cpu").manual_seed(1000 * self.seed + number)
 
     def _round(self, trainer: Trainer, kind: str, generator: torch.Generator) -> None:
-        if kind == "wake":
-            wake_some(self, trainer, generator)
+        if kind != "settle":
+            (wake_some if kind == "wake" else rest_unchanged)(self, trainer, generator)
             return
         looks = self.draw_looks(generator, LOOKS_OF_A_BUDGET if trainer.recipe.kept_gaussians else _LOOKS)
         judge = self.judge(trainer)

@@ -16,9 +16,11 @@ import torch
 from ..model.frog import Frog
 from ..rasterizer import GaussianArrays
 from .device import picture_on
-from .motion import Motion, unrest
+from .motion import Motion, mean_state
 from .resolution import halved_capture, sized
 from .resting import all_but, arrange, gaussians_at, put_to_rest, wake
+from .stillness import measure_changes
+from .unrest import change, unrest
 from .validation import Judge, most_within
 
 if TYPE_CHECKING:
@@ -30,6 +32,7 @@ ALLOWED_LOSS = 0.05
 ALLOWED_PRUNING_LOSS, ALLOWED_COLOR_LOSS, ALLOWED_HEAD_LOSS = 0.03, 0.03, 0.01
 RESTS_BELOW, ALL_REST_BELOW = 4.0, 2.0
 """Score (see motion.Motion) below which a Gaussian may rest; and below which every one may, if none is above."""
+_UNCHANGED, _LEAST_CHANGE = 0.002, 2 / 255  # of the pictures' squared error; standard deviation that may be seen
 _GLANCE, _CLEARLY = 2, 5.0  # pictures that tell at once what costs clearly more than is allowed: so many times
 _MOST_PRUNED = 0.6  # of the Gaussians, in a round
 _WAKES_ABOVE = 0.1  # error that changes with time, of the pictures' mean brightness
@@ -132,21 +135,9 @@ def rest(rounds: Parsimony, trainer: Trainer, judge: Judge, motion: Motion) -> N
     candidates = int(may.sum())
     by_energy = motion.rest_energy.argsort()
     order = torch.cat([by_energy[may[by_energy]], by_energy[~may[by_energy]]])
-    state = {
-        **motion.state,
-        "scales": motion.state["log_scales"].exp(),
-        "opacities": motion.state["opacity_logits"].sigmoid(),
-        "sh": motion.state["sh"][:, : canonical.sh.shape[1]],
-    }
 
     def at_rest(number: int) -> float:
-        moves = all_but(order[:number], canonical.moving)
-
-        def change(name: str, value: torch.Tensor) -> torch.Tensor:
-            of_movers = moves.view(-1, *[1] * (value.dim() - 1))
-            return torch.cat([torch.where(of_movers, value[: len(moves)], state[name]), value[len(moves) :]])
-
-        return judge.loss(lambda gaussians: GaussianArrays(**{k: change(k, v) for k, v in vars(gaussians).items()}))
+        return _loss_at_rest(trainer, judge, order[:number], motion.state)
 
     number, loss = most_within(at_rest, judge.expected(motion.rest_energy[order[:candidates]]), ALLOWED_LOSS)
     share = trainer.recipe.dynamic_share
@@ -158,6 +149,48 @@ def rest(rounds: Parsimony, trainer: Trainer, judge: Judge, motion: Motion) -> N
     with rounds.noted("put to rest", trainer, lambda: canonical.moving, lambda: gaussians_at(trainer, 0.5), loss):
         put_to_rest(trainer, order[:number].sort().values, motion.state)
     judge.accept(loss)
+
+
+def rest_unchanged(rounds: Parsimony, trainer: Trainer, generator: torch.Generator) -> None:
+    """Puts to rest, while motion is still being learned, what lies where the pictures hardly change: those whose pixels
+    change least, none that anybody would see, as many as cost no more than a small part of the pictures' error now."""
+    canonical = trainer.model.canonical
+    changes = measure_changes(trainer.capture, trainer.store) if canonical.moving else None
+    looks = [look for look in rounds.draw_looks(generator) if changes and look.camera in changes.variance]
+    if not changes or not looks:
+        return
+    judge = rounds.judge(trainer)
+    cameras = [trainer.capture.cameras[look.camera] for look in looks]
+    allowed = _UNCHANGED * 10 ** (-judge.now / 10) * sum(camera.width * camera.height for camera in cameras)
+    found = change(lambda moment: gaussians_at(trainer, moment), trainer.capture, looks, changes)
+    pixels, lost = (values[: canonical.moving] for values in found)
+    each = torch.where(pixels >= 1, lost / pixels, torch.inf)
+    order = each.argsort()
+    number = int(((lost[order].cumsum(0) <= allowed) & (each[order] < _LEAST_CHANGE**2)).sum())
+    state = {k: v[: canonical.moving] for k, v in mean_state(lambda t: gaussians_at(trainer, t), looks).items()}
+    loss = _loss_at_rest(trainer, judge, order[:number], state) if number else math.inf
+    if loss > ALLOWED_LOSS:
+        return
+    with rounds.noted("put to rest", trainer, lambda: canonical.moving, lambda: gaussians_at(trainer, 0.5), loss):
+        put_to_rest(trainer, order[:number].sort().values, state)
+
+
+def _loss_at_rest(trainer: Trainer, judge: Judge, who: torch.Tensor, state: dict[str, torch.Tensor]) -> float:
+    """dB that it costs when Gaussians that move, ``who``, are as in ``state`` (of all that move, see Motion)."""
+    canonical = trainer.model.canonical
+    moves = all_but(who, canonical.moving)
+    drawn = {
+        **state,
+        "scales": state["log_scales"].exp(),
+        "opacities": state["opacity_logits"].sigmoid(),
+        "sh": state["sh"][:, : canonical.sh.shape[1]],
+    }
+
+    def at_rest(name: str, value: torch.Tensor) -> torch.Tensor:
+        of_movers = moves.view(-1, *[1] * (value.dim() - 1))
+        return torch.cat([torch.where(of_movers, value[: len(moves)], drawn[name]), value[len(moves) :]])
+
+    return judge.loss(lambda gaussians: GaussianArrays(**{k: at_rest(k, v) for k, v in vars(gaussians).items()}))
 
 
 def wake_some(rounds: Parsimony, trainer: Trainer, generator: torch.Generator) -> None:
