@@ -91,11 +91,25 @@ def test_a_rig_that_takes_turns_is_no_sequence(tmp_path):
 def test_listed_pictures(tmp_path):
     names = [f"images/f{i}" for i in range(3)]
     empty_files(tmp_path, *(f"{name}.png" for name in names))
-    (tmp_path / "transforms.json").write_text(json.dumps({"frames": [{"file_path": name} for name in names]}))
+    frames = [{"file_path": name, "transform_matrix": [[i]]} for i, name in enumerate(names)]
+    (tmp_path / "transforms.json").write_text(json.dumps({"frames": frames}))
     scene = moving([Path(name).name for name in names], layout="transforms")
     assert find_clips(scene, tmp_path) == {"f0": Clip(tmp_path / "images/f0.png", "SEQUENCE", 0, 1, 3)}
     (tmp_path / "transforms.json").write_text("{")
     assert not find_clips(scene, tmp_path)
+
+
+def test_listed_pictures_of_standing_cameras(tmp_path):
+    """Each is a sequence of its own; where a picture's number is missing, its first picture stands for it."""
+    names = ["a_10", "b_20", "a_11", "b_21", "a_12", "b_23"]
+    empty_files(tmp_path, *(f"{name}.png" for name in names))
+    frames = [{"file_path": name, "time": i // 2, "transform_matrix": [[name[0]]]} for i, name in enumerate(names)]
+    (tmp_path / "transforms.json").write_text(json.dumps({"frames": frames}))
+    scene = header(["a", "b"], layout="transforms", shots=[(0, 1, 2), (0, 1, 2)], frames=3)
+    assert find_clips(scene, tmp_path) == {
+        "a": Clip(tmp_path / "a_10.png", "SEQUENCE", 10, 1, 3),
+        "b": Clip(tmp_path / "b_20.png", "PICTURE"),
+    }
 
 
 def test_nothing_there_is_nothing_found(tmp_path):

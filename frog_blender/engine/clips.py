@@ -63,18 +63,23 @@ def find_clips(header: SceneHeader, folder: Path) -> dict[str, Clip]:
     except (FrogError, OSError):
         return {}
     composed_files = {composed(name): file for name, file in found.items()}
-    files = {each.name: composed_files.get(composed(each.name)) for each in header.cameras}
+    files = {each.name: composed_files.get(composed(each.name), []) for each in header.cameras}
     if moves_alone(header):
         path = [(frame, camera.name) for frame, camera in camera_path(header)]
-        shown = [(frame, file) for frame, name in path if (file := files[name]) is not None]
+        shown = [(frame, of[0]) for frame, name in path if (of := files[name])]
         clip = _sequence(shown, header.frame_count)
         return {path[0][1]: clip} if clip is not None else {}
     clips = {}
-    for camera in header.cameras:
-        file = files[camera.name]
-        if file is not None:
-            is_video = file.suffix.lower() in VIDEO_SUFFIXES
-            clips[camera.name] = Clip(file, "VIDEO", count=header.frame_count) if is_video else Clip(file, "PICTURE")
+    for camera, frames in zip(header.cameras, header.camera_shots, strict=True):
+        of = files[camera.name]
+        if not of:
+            continue
+        sequence = None
+        if len(of) == len(frames):  # a standing camera's
+            sequence = _sequence(list(zip(sorted(frames), of, strict=True)), header.frame_count)
+        is_video = of[0].suffix.lower() in VIDEO_SUFFIXES
+        alone = Clip(of[0], "VIDEO", count=header.frame_count) if is_video else Clip(of[0], "PICTURE")
+        clips[camera.name] = sequence or alone
     return clips
 
 
@@ -93,11 +98,12 @@ def camera_path(header: SceneHeader) -> list[tuple[int, Camera]]:
     return sorted(by_frame.items(), key=lambda moment: moment[0])
 
 
-def _files(header: SceneHeader, folder: Path) -> dict[str, Path]:
-    """The file of each camera by its name, as the reader of that format named them."""
+def _files(header: SceneHeader, folder: Path) -> dict[str, list[Path]]:
+    """The video, or the pictures in order of time, of each camera by its name, as the reader of that format named
+    them."""
     match header.capture_format:
         case "n3dv" | "calibrated_videos":
-            videos = {video.stem: video for video in find_videos(folder)}
+            videos = {video.stem: [video] for video in find_videos(folder)}
             return videos or _by_stem(folder / "images")
         case "transforms":
             return transforms_json.pictures_by_camera(folder) if transforms_json.matches(folder) else {}
@@ -107,10 +113,10 @@ def _files(header: SceneHeader, folder: Path) -> dict[str, Path]:
     return {}  # names of Technicolor's pictures end with the camera's number: no program takes them for a sequence
 
 
-def _by_stem(folder: Path) -> dict[str, Path]:
+def _by_stem(folder: Path) -> dict[str, list[Path]]:
     if not folder.is_dir():
         return {}
-    return {picture.stem: picture for picture in find_pictures(folder)}
+    return {picture.stem: [picture] for picture in find_pictures(folder)}
 
 
 def _sequence(files: list[tuple[int, Path]], count: int) -> Clip | None:

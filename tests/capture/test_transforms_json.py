@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -12,26 +11,7 @@ from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
 
-OPENGL_AHEAD = np.diag([1.0, -1.0, -1.0, 1.0])  # an OpenGL camera-to-world that looks along the world's +z, y down
-
-
-def write(folder: Path, count: int = 10, name: str = "transforms.json", **top: Any) -> dict[str, Any]:
-    """Pictures 40 x 30 and their list; the camera moves along x."""
-    folder.mkdir(parents=True, exist_ok=True)
-    frames = []
-    for index in range(count):
-        file = f"{name[:-5]}_{index:03d}"
-        cv2.imwrite(str(folder / f"{file}.png"), np.full((30, 40, 3), 10 * index, np.uint8))
-        pose = OPENGL_AHEAD.copy()
-        pose[0, 3] = index
-        frames.append({"file_path": f"./{file}", "transform_matrix": pose.tolist()})
-    data = {"fl_x": 50.0, "w": 40, "h": 30, "frames": frames, **top}
-    (folder / name).write_text(json.dumps(data))
-    return data
-
-
-def rewrite(folder: Path, data: dict[str, Any]) -> None:
-    (folder / "transforms.json").write_text(json.dumps(data))
+from .posed_pictures import rewrite, write
 
 
 def test_opengl_becomes_opencv_and_every_eighth_frame_is_held_out(tmp_path: Path) -> None:

@@ -2,11 +2,12 @@
 
 Each listed picture has its own pose: camera-to-world in OpenGL's axes (x right, y up, looking along -z). Intrinsics
 and distortion stand at the top level or with a picture, whose own values win. ``time`` is optional: without it the
-pictures follow one another in the order of the list.
+pictures follow one another in the order of the list. Pictures of one standing camera are found by their equal poses.
 """
 
 from __future__ import annotations
 
+import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,11 +21,14 @@ from ..capture import Capture, Distortion, Shot
 from ..picture_size import picture_size
 from ..video import with_ending
 from .checks import number, numbers, pose, read_json, rotation, size
+from .standing import camera_names, first_pictures
 
 _SINGLE = "transforms.json"
 _TRAIN = "transforms_train.json"
 _HELD_OUT = ("transforms_val.json", "transforms_test.json")
 _HOLDOUT_EVERY = 8
+_LENS = ("camera_model", "is_fisheye", "w", "h", "fl_x", "fl_y", "camera_angle_x", "camera_angle_y", "cx", "cy")
+_VIEW = ("transform_matrix", *_LENS, "k1", "k2", "k3", "p1", "p2")  # what tells a picture's camera from another's
 
 
 @dataclass(frozen=True)
@@ -58,38 +62,28 @@ def read(path: Path) -> Capture:
     Raises:
         FrogError: if no listed picture exists, a path leads outside the folder, or a value cannot be used.
     """
-    has_splits = not (path / _SINGLE).is_file()
-    files = [path / _SINGLE]
-    if has_splits:
-        files = [path / _TRAIN, *(path / name for name in _HELD_OUT if (path / name).is_file())]
-    entries: list[_Entry] = []
-    warnings: list[str] = []
-    for file in files:
-        found, listed = _find_pictures(path, file)
-        if not found and file == files[0]:
-            raise found_instead(file, f"{listed} listed pictures of which none exists", "the pictures beside it")
-        if len(found) < listed:
-            warnings.append(f"{file}: {listed - len(found)} of {listed} listed pictures are missing and left out.")
-        entries += found
+    entries, warnings = _entries(path)
+    training = entries[0].file
+    has_splits = training.name != _SINGLE
     times = _times(entries)
     order = {time: rank for rank, time in enumerate(sorted(set(times)))}
-    names = _names(path, [entry.picture for entry in entries])
-    cameras, distortions, shots = [], [], []
-    for index, (entry, time) in enumerate(zip(entries, times, strict=True)):
-        camera, distortion = _camera(names[index], entry, picture_size(entry.picture))
-        cameras.append(camera)
-        distortions.append(distortion)
-        shots.append(Shot(index, order[time], entry.picture, 0))
+    names = _camera_names(path, entries, times)
+    first: dict[str, _Entry] = {}  # picture of each camera
+    for name, entry in zip(names, entries, strict=True):
+        first.setdefault(name, entry)
+    place = {name: index for index, name in enumerate(first)}
+    views = [_camera(name, entry, picture_size(entry.picture)) for name, entry in first.items()]
+    shots = [Shot(place[name], order[time], e.picture, 0) for name, time, e in zip(names, times, entries, strict=True)]
     rate = entries[0].top.get("fps", 30.0)
     capture = Capture(
         path=path,
         format="transforms",
-        cameras=tuple(cameras),
-        distortions=tuple(distortions),
+        cameras=tuple(camera for camera, _ in views),
+        distortions=tuple(distortion for _, distortion in views),
         shots=tuple(shots),
         frame_count=len(order),
-        frames_per_second=number(rate, files[0], "fps", positive=True),
-        test_cameras=frozenset(names[i] for i, entry in enumerate(entries) if entry.file != files[0]),
+        frames_per_second=number(rate, training, "fps", positive=True),
+        test_cameras=frozenset(name for name, entry in first.items() if entry.file != training),
         # Pictures with splits are rendered over white, as everyone who publishes numbers on them does.
         background=(1.0, 1.0, 1.0) if has_splits else (0.0, 0.0, 0.0),
         warnings=tuple(warnings),
@@ -98,16 +92,36 @@ def read(path: Path) -> Capture:
     return capture.with_holdout(_HOLDOUT_EVERY) if is_one_camera and not has_splits else capture
 
 
-def pictures_by_camera(path: Path) -> dict[str, Path]:
-    """The picture of each camera by its name, of those that exist; nothing is decoded.
+def pictures_by_camera(path: Path) -> dict[str, list[Path]]:
+    """The pictures of each camera by its name, in order of time, of those that exist; nothing is decoded.
 
     Raises:
         FrogError: for a list that cannot be used.
     """
-    files = [path / name for name in (_TRAIN, *_HELD_OUT) if (path / name).is_file()]
-    files = [path / _SINGLE] if (path / _SINGLE).is_file() else files
-    pictures = [entry.picture for file in files for entry in _find_pictures(path, file)[0]]
-    return dict(zip(_names(path, pictures), pictures, strict=True))
+    entries, _ = _entries(path)
+    times = _times(entries)
+    names = _camera_names(path, entries, times)
+    pictures: dict[str, list[Path]] = {}
+    for _, name, entry in sorted(zip(times, names, entries, strict=True), key=lambda found: found[0]):
+        pictures.setdefault(name, []).append(entry.picture)
+    return pictures
+
+
+def _entries(folder: Path) -> tuple[list[_Entry], list[str]]:
+    """Of all lists, those to train on first, and warnings; FrogError where none of these exists."""
+    files = [folder / _SINGLE]
+    if not files[0].is_file():
+        files = [folder / _TRAIN, *(folder / name for name in _HELD_OUT if (folder / name).is_file())]
+    entries: list[_Entry] = []
+    warnings: list[str] = []
+    for file in files:
+        found, listed = _find_pictures(folder, file)
+        if not found and file == files[0]:
+            raise found_instead(file, f"{listed} listed pictures of which none exists", "the pictures beside it")
+        if len(found) < listed:
+            warnings.append(f"{file}: {listed - len(found)} of {listed} listed pictures are missing and left out.")
+        entries += found
+    return entries, warnings
 
 
 def _find_pictures(folder: Path, file: Path) -> tuple[list[_Entry], int]:
@@ -138,8 +152,18 @@ def _times(entries: list[_Entry]) -> list[float]:
     return [float(entry.place) for entry in entries]
 
 
-def _names(folder: Path, pictures: list[Path]) -> list[str]:
-    """A unique camera name for each picture: the file's name, with its folders where that is not unique."""
+def _camera_names(folder: Path, entries: list[_Entry], times: list[float]) -> list[str]:
+    """The name of each picture's camera; the lists to train on and to judge have cameras of their own."""
+    first: list[int] = []
+    for file in dict.fromkeys(entry.file for entry in entries):
+        of = [index for index, entry in enumerate(entries) if entry.file == file]
+        views = [json.dumps([entries[index].own.get(key) for key in _VIEW]) for index in of]
+        first += [of[index] for index in first_pictures(views, [times[index] for index in of])]
+    return camera_names(first, _picture_names(folder, [entry.picture for entry in entries]))
+
+
+def _picture_names(folder: Path, pictures: list[Path]) -> list[str]:
+    """A unique name for each picture: the file's name, with its folders where that is not unique."""
     stems = [picture.stem for picture in pictures]
     if len(set(stems)) == len(stems):
         return stems
