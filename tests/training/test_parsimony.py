@@ -56,7 +56,7 @@ def test_what_lies_where_pictures_hardly_change_rests_early(make_trainer: Make, 
     (found,) = trainer.parsimony.reductions
     moving = trainer.model.canonical.moving
     assert found.what == "put to rest" and found.before == trainer.count and found.after == moving
-    assert 3 < trainer.count - moving  # of a wall of broad, overlapping Gaussians few are clear of the ball
+    assert trainer.count - moving > 3  # of a wall of broad, overlapping Gaussians few are clear of the ball
     height = trainer.model.canonical.means[:, 1].detach().abs()  # the ball's path is at most 0.4 from the middle
     assert float(height[moving:].min()) > 0.45
     crossed = height < 0.45
