@@ -21,7 +21,9 @@ from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.files import read_scene
+from frog_blender.engine.model import interface as interface_module
 from frog_blender.engine.model.frog import FINISHED, Frog
+from frog_blender.engine.model.interface import SceneModel
 from frog_blender.engine.rasterizer import rasterize
 from frog_blender.engine.training import (
     capacity_picture,
@@ -84,9 +86,11 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Iterator[Machine]:
         temporal = self.temporal_embedding(time, progressing)
         return self.deform_plainly(temporal, progressing, sh_count or self.canonical.sh.shape[1])
 
-    monkeypatch.setattr(trainer_module, "rasterize", slowly)
+    for module in (trainer_module, interface_module):
+        monkeypatch.setattr(module, "rasterize", slowly)
     monkeypatch.setattr(trainer_module, "picture_loss", picture_loss_on_any_device)
     monkeypatch.setattr(Frog, "deform", deform)
+    monkeypatch.setattr(Frog, "draw", SceneModel.draw)
     monkeypatch.setattr(neighbours, "_by_tree", neighbours._by_distances)
     adam = import_module("torch.optim.adam")  # its list of devices that have fused kernels
     monkeypatch.setattr(adam, "_device_dtype_check_for_fused", lambda *_, **__: None)

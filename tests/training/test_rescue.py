@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import filmed as film
 import pytest
@@ -19,7 +20,6 @@ from frog_blender.engine.errors import FrogError
 from frog_blender.engine.files import read_scene
 from frog_blender.engine.inference.scene import PlayableScene
 from frog_blender.engine.training import checkpoint, events, job
-from frog_blender.engine.training import trainer as trainer_module
 from frog_blender.engine.training.checkpoint import checkpoint_path
 from frog_blender.engine.training.job import TrainingJob, run_training
 from frog_blender.engine.training.recovery import Recovery
@@ -110,15 +110,15 @@ def test_rescued_scenes_do_not_overwrite_each_other(
 
 
 def short_of_memory(monkeypatch: pytest.MonkeyPatch, most: int, error: Exception) -> None:
-    """A rasterizer whose memory ends at so many Gaussians."""
-    real = trainer_module.rasterize
+    """Steps whose memory ends at so many Gaussians."""
+    real = Trainer.draw
 
-    def limited(gaussians, *rest, **keywords):  # type: ignore[no-untyped-def]
-        if len(gaussians.means) > most:
+    def limited(self: Trainer, *view: Any) -> Any:
+        if self.count > most:
             raise error
-        return real(gaussians, *rest, **keywords)
+        return real(self, *view)
 
-    monkeypatch.setattr(trainer_module, "rasterize", limited)
+    monkeypatch.setattr(Trainer, "draw", limited)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,6 @@ from stepping import train
 
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.training import sampling
-from frog_blender.engine.training import trainer as trainer_module
 from frog_blender.engine.training.resolution import halved, halved_capture, halved_picture, is_halved, sized
 from frog_blender.engine.training.trainer import Trainer
 
@@ -62,19 +61,19 @@ def test_a_training_begins_at_half_size_and_ends_at_whole(
     monkeypatch.setattr("frog_blender.engine.training.resolution._LEAST", 16)
     trainer = make_trainer(60, half_size_until=0.5, sampling_until=0.95, densify_until=0.0, max_gaussians=5000)
     sizes: list[tuple[float, tuple[int, int]]] = []
-    draw, place = trainer_module.rasterize, sampling.worst_points
+    draw, place = trainer.model.draw, sampling.worst_points
     anchored: list[tuple[int, int]] = []
 
-    def watched(gaussians: Any, camera: Any, *others: Any, **named: Any) -> Any:
+    def watched(time: float, camera: Any, *others: Any) -> Any:
         sizes.append((trainer.progress, (camera.width, camera.height)))
-        return draw(gaussians, camera, *others, **named)
+        return draw(time, camera, *others)
 
     def placed(image: Any, truth: Any, camera: Any, *others: Any) -> Any:
         assert truth.shape == image.rgb.shape == (camera.height, camera.width, 3)
         anchored.append((camera.width, camera.height))
         return place(image, truth, camera, *others)
 
-    monkeypatch.setattr(trainer_module, "rasterize", watched)
+    monkeypatch.setattr(trainer.model, "draw", watched)
     monkeypatch.setattr(sampling, "worst_points", placed)
     train(trainer)
     whole = (trainer.capture.cameras[0].width, trainer.capture.cameras[0].height)

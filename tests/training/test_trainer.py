@@ -17,7 +17,6 @@ from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.training import losses, sampling, smoothness
-from frog_blender.engine.training import trainer as trainer_module
 from frog_blender.engine.training.density import DensityControl
 from frog_blender.engine.training.trainer import Limits, Trainer
 
@@ -130,7 +129,7 @@ def test_a_short_training_passes_through_every_schedule(
     trainer = make_trainer(120, sh_degree=3, deformed_sh=4, densify_threshold=1e-5)
     for module, name in ((losses, "similarity"), (smoothness, "add_embedding_smoothness")):
         monkeypatch.setattr(module, name, counted(name, getattr(module, name)))
-    anchors, density_round, deform = sampling.new_anchors, DensityControl.round, trainer.model.deform
+    anchors, density_round, draw = sampling.new_anchors, DensityControl.round, trainer.model.draw
 
     def watch_anchors(*arguments: Any) -> Any:
         new = anchors(*arguments)
@@ -141,21 +140,17 @@ def test_a_short_training_passes_through_every_schedule(
         rounds.append(density_round(*arguments))
         return rounds[-1]
 
-    def watch_deform(time: float, progressing: Any, sh_count: int) -> Any:
+    def watch_draw(time: float, *view: Any) -> Any:
+        progressing = view[3]
         fine.append(progressing.fine_rows)
         opacity.append(progressing.opacity)
-        return deform(time, progressing, sh_count)
-
-    rasterize = trainer_module.rasterize
-
-    def watch_rasterize(gaussians: Any, *arguments: Any, **keywords: Any) -> Any:
-        degrees.add(gaussians.sh_degree)
-        return rasterize(gaussians, *arguments, **keywords)
+        drawn = draw(time, *view)
+        degrees.add(drawn.gaussians.sh_degree)
+        return drawn
 
     monkeypatch.setattr(sampling, "new_anchors", watch_anchors)
     monkeypatch.setattr(DensityControl, "round", watch_round)
-    monkeypatch.setattr(trainer.model, "deform", watch_deform)
-    monkeypatch.setattr(trainer_module, "rasterize", watch_rasterize)
+    monkeypatch.setattr(trainer.model, "draw", watch_draw)
     start = trainer.count
     train(trainer)
     r = trainer.recipe

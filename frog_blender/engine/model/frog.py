@@ -11,13 +11,15 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from ..rasterizer import GaussianArrays
+from ..capture.camera import Camera
+from ..rasterizer import GaussianArrays, RasterizeOptions
 from ..rasterizer.native_deformation import FieldShape
 from .canonical import CanonicalField
 from .deformation import DeformationField
-from .fused import deform_fused
+from .fused import deform_fused, field_arrays
+from .fused_drawing import draw_fused
 from .fusion import fuse, fused_size, network_count
-from .interface import FINISHED, Progressing, SceneModel
+from .interface import FINISHED, Drawn, Progressing, SceneModel
 from .opacity import reduction_factor
 from .temporal import temporal_weights
 
@@ -162,23 +164,49 @@ class Frog(SceneModel):
         if not self.canonical.moving:
             return self.canonical.gaussians(sh_count), {}
         temporal = self.temporal_embedding(time, progressing)
+        if not self._is_fused:
+            return self.deform_plainly(temporal, progressing, sh_count)
+        shape = self._field_shape(progressing, sh_count)
+        gaussians, changes = deform_fused(self.canonical, self.deformation, temporal, shape)
+        sizes = self.deformation.sizes
+        return gaussians, dict(zip(sizes, changes.split(list(sizes.values()), dim=1), strict=True))
+
+    def draw(
+        self,
+        time: float,
+        camera: Camera,
+        background: tuple[float, float, float],
+        options: RasterizeOptions,
+        progressing: Progressing = FINISHED,
+        sh_count: int | None = None,
+        pose: torch.Tensor | None = None,
+    ) -> Drawn:
+        """See SceneModel."""
+        if not (self._is_fused and self.canonical.moving and torch.is_grad_enabled()) or options.absolute:
+            return super().draw(time, camera, background, options, progressing, sh_count, pose)
+        shape = self._field_shape(progressing, sh_count or self.canonical.sh.shape[1])
+        arrays = field_arrays(self.canonical, self.deformation, self.temporal_embedding(time, progressing))
+        silent = [self.output_rows(name) for name in self._silent]
+        return draw_fused(shape, arrays, camera, background, options, pose, silent, self.deformation.sizes)
+
+    @property
+    def _is_fused(self) -> bool:
+        """Whether the library computes the field."""
         means = self.canonical.means
-        if means.dtype == torch.float32 and means.device.type == "cpu":
-            s = self.settings
-            shape = FieldShape(
-                s.head_width,
-                sh_count,
-                s.deformed_sh,
-                self.opacity_form,
-                s.opacity_sharpness,
-                progressing.opacity,
-                s.motion_unit,
-                self.deformation.networks,
-            )
-            gaussians, changes = deform_fused(self.canonical, self.deformation, temporal, shape)
-            sizes = self.deformation.sizes
-            return gaussians, dict(zip(sizes, changes.split(list(sizes.values()), dim=1), strict=True))
-        return self.deform_plainly(temporal, progressing, sh_count)
+        return means.dtype == torch.float32 and means.device.type == "cpu"
+
+    def _field_shape(self, progressing: Progressing, sh_count: int) -> FieldShape:
+        s = self.settings
+        return FieldShape(
+            s.head_width,
+            sh_count,
+            s.deformed_sh,
+            self.opacity_form,
+            s.opacity_sharpness,
+            progressing.opacity,
+            s.motion_unit,
+            self.deformation.networks,
+        )
 
     def deform_plainly(
         self, temporal: torch.Tensor, progressing: Progressing, sh_count: int

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import torch
 
 from ..rasterizer import GaussianArrays
@@ -20,6 +22,52 @@ _MODULATION = ("modulation_weight",)
 _LAYER_INPUTS, _LAYER_OUTPUTS = ("temporal", *_FIRST_LAYER, *_MODULATION), ("shared", "embedding_weight")
 
 
+@dataclass(frozen=True)
+class FieldPass:
+    """What a pass through the fused field needs for its way back; without automatic differentiation.
+
+    It does not hold what came out: outputs that know their way back and are known there would never be freed.
+
+    Attributes:
+        shape: settings.
+        inputs: of the first layer.
+        arrays: as the library was given them.
+    """
+
+    shape: FieldShape
+    inputs: dict[str, np.ndarray]
+    arrays: dict[str, torch.Tensor]
+
+    def backward(self, by_outputs: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+        """Gradients by name of what ``pass_field`` was given, from contiguous ones by the Gaussians' attributes."""
+        gradients = {name: torch.empty_like(array) for name, array in self.arrays.items()}
+        deform_backward(self.shape, self.arrays, by_outputs, gradients)
+        by_layer = [gradients.pop(name).numpy() for name in _LAYER_OUTPUTS]
+        others = [self.inputs.get(name) for name in ("temporal", "temporal_weight", *_MODULATION)]
+        found = first_layer_gradients(*by_layer, *others)
+        return gradients | {name: torch.from_numpy(gradient) for name, gradient in found.items()}
+
+
+def pass_field(shape: FieldShape, arrays: dict[str, torch.Tensor]) -> tuple[FieldPass, GaussianArrays, torch.Tensor]:
+    """A pass, the deformed, activated Gaussians with ``shape.sh_active`` coefficients, and the changes (M, outputs) of
+    those that move, means in world units.
+
+    Args:
+        shape: settings.
+        arrays: float32 tensors on the CPU by name: the canonical field's attributes, ``temporal``
+            (networks, T), the fused temporal embedding of the moment, and the network's layers.
+    """
+    arrays = {name: array.detach().contiguous() for name, array in arrays.items()}
+    inputs = {name: arrays.pop(name).numpy() for name in _LAYER_INPUTS if name in arrays}
+    arrays |= dict(zip(_LAYER_OUTPUTS, map(torch.from_numpy, first_layer(**inputs)), strict=True))
+    count, embeddings = len(arrays["means"]), arrays["embeddings"]
+    sizes = {"means": (3,), "quaternions": (4,), "scales": (3,), "opacities": (), "sh": (shape.sh_active, 3)}
+    result = {name: torch.empty((count, *sizes[name]), dtype=torch.float32, device="cpu") for name in _OUTPUTS}
+    changes = embeddings.new_empty((len(embeddings), shape.outputs))
+    deform(shape, arrays, {**result, "changes": changes})
+    return FieldPass(shape, inputs, arrays), GaussianArrays(**result), changes
+
+
 class _Deform(torch.autograd.Function):
     """Inputs in the order of ``names`` after ``shape`` and ``names``; outputs _OUTPUTS and the changes."""
 
@@ -27,40 +75,33 @@ class _Deform(torch.autograd.Function):
     def forward(
         ctx: Any, shape: FieldShape, names: tuple[str, ...], *tensors: torch.Tensor
     ) -> tuple[torch.Tensor, ...]:
-        tensors = tuple(tensor.contiguous() for tensor in tensors)
-        arrays = dict(zip(names, tensors, strict=True))
-        layer = first_layer(**{name: arrays.pop(name).numpy() for name in _LAYER_INPUTS if name in arrays})
-        ctx.layer = dict(zip(_LAYER_OUTPUTS, map(torch.from_numpy, layer), strict=True))
-        arrays |= ctx.layer
-        count = len(tensors[0])
-        sizes = {"means": (3,), "quaternions": (4,), "scales": (3,), "opacities": (), "sh": (shape.sh_active, 3)}
-        result = {name: torch.empty((count, *sizes[name]), dtype=torch.float32, device="cpu") for name in _OUTPUTS}
-        result["changes"] = arrays["embeddings"].new_empty((len(arrays["embeddings"]), shape.outputs))
-        deform(shape, arrays, result)
-        ctx.shape, ctx.names, ctx.sizes = shape, names, {name: result[name].shape for name in _OUTPUTS}
-        ctx.save_for_backward(*tensors)
-        ctx.mark_non_differentiable(result["changes"])
+        ctx.field, gaussians, changes = pass_field(shape, dict(zip(names, tensors, strict=True)))
+        result = [getattr(gaussians, name) for name in _OUTPUTS]
+        ctx.names, ctx.sizes = names, [array.shape for array in result]
+        ctx.save_for_backward(*tensors)  # torch refuses tensors changed since
+        ctx.mark_non_differentiable(changes)
         ctx.set_materialize_grads(False)  # of the changes: zeros that nobody reads
-        return tuple(result.values())
+        return *result, changes
 
     @staticmethod
     def backward(ctx: Any, *by: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
-        arrays = dict(zip(ctx.names, ctx.saved_tensors, strict=True))
-        inputs = {name: arrays.pop(name).numpy() for name in _LAYER_INPUTS if name in arrays}
-        arrays |= ctx.layer
-        gradients = {name: torch.empty_like(array) for name, array in arrays.items()}
         some = ctx.saved_tensors[0]
         by_outputs = {
-            name: some.new_zeros(ctx.sizes[name]) if gradient is None else gradient.contiguous()
-            for name, gradient in zip(_OUTPUTS, by, strict=False)
+            name: some.new_zeros(size) if gradient is None else gradient.contiguous()
+            for name, size, gradient in zip(_OUTPUTS, ctx.sizes, by, strict=False)
         }
-        deform_backward(ctx.shape, arrays, by_outputs, gradients)
-        by_shared, by_weights = (gradients.pop(name).numpy() for name in _LAYER_OUTPUTS)
-        found = first_layer_gradients(
-            by_shared, by_weights, inputs["temporal"], inputs["temporal_weight"], inputs.get("modulation_weight")
-        )
-        gradients |= {name: torch.from_numpy(gradient) for name, gradient in found.items()}
-        return (None, None, *(gradients[name] for name in ctx.names))
+        found = ctx.field.backward(by_outputs)
+        return None, None, *(found[name] for name in ctx.names)
+
+
+def field_arrays(
+    canonical: CanonicalField, network: DeformationField, temporal: torch.Tensor
+) -> dict[str, torch.Tensor]:
+    """What ``pass_field`` is given."""
+    arrays = {name: getattr(canonical, name) for name in ATTRIBUTES}
+    names = (*_FIRST_LAYER, *(_MODULATION if network.modulated else ()))
+    names += (*_NETWORK, *(_HEADS if network.head_width else ()))
+    return arrays | {"temporal": temporal} | {name: getattr(network, name) for name in names}
 
 
 def deform_fused(
@@ -72,9 +113,6 @@ def deform_fused(
     Args:
         temporal: (networks, T) fused temporal embedding of the moment.
     """
-    arrays = {name: getattr(canonical, name) for name in ATTRIBUTES}
-    names = (*_FIRST_LAYER, *(_MODULATION if network.modulated else ()))
-    names += (*_NETWORK, *(_HEADS if network.head_width else ()))
-    arrays |= {"temporal": temporal} | {name: getattr(network, name) for name in names}
+    arrays = field_arrays(canonical, network, temporal)
     *outputs, changes = _Deform.apply(shape, tuple(arrays), *arrays.values())
     return GaussianArrays(**dict(zip(_OUTPUTS, outputs, strict=True))), changes

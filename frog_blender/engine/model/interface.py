@@ -8,7 +8,8 @@ from typing import Any
 import torch
 from torch import nn
 
-from ..rasterizer import GaussianArrays
+from ..capture.camera import Camera
+from ..rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
 from .canonical import CanonicalField
 
 
@@ -26,6 +27,24 @@ class Progressing:
 
 
 FINISHED = Progressing()
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A picture of a moment.
+
+    Attributes:
+        image: what was drawn.
+        gaussians, changes: as they were drawn, see ``SceneModel.deform``.
+    """
+
+    image: Image
+    gaussians: GaussianArrays
+    changes: dict[str, torch.Tensor]
+
+    def backward(self, by_rgb: torch.Tensor) -> None:
+        """Adds the gradients that (H, W, 3) by the picture's colours bring to those of everything it was drawn from."""
+        self.image.rgb.backward(by_rgb)
 
 
 class SceneModel(nn.Module):
@@ -47,6 +66,21 @@ class SceneModel(nn.Module):
             sh_count: coefficients that come out, from the first; None for all.
         """
         raise NotImplementedError
+
+    def draw(
+        self,
+        time: float,
+        camera: Camera,
+        background: tuple[float, float, float],
+        options: RasterizeOptions,
+        progressing: Progressing = FINISHED,
+        sh_count: int | None = None,
+        pose: torch.Tensor | None = None,
+    ) -> Drawn:
+        """A picture of ``time`` that knows its way back, to the model's parameters and to ``pose``; for the arguments
+        see ``deform`` and ``rasterizer.rasterize``."""
+        gaussians, changes = self.deform(time, progressing, sh_count)
+        return Drawn(rasterize(gaussians, camera, background, options, pose=pose), gaussians, changes)
 
     def forward(self, time: float, progressing: Progressing = FINISHED) -> GaussianArrays:
         return self.deform(time, progressing)[0]

@@ -78,7 +78,11 @@ def rasterize(
     if depth_limit is not None and depth_limit.shape != size:
         raise ValueError(f"depth_limit: shape {tuple(depth_limit.shape)}, expected {size}")
     draw = _implementation(implementation, gaussians.means)
-    image = draw(gaussians, camera, (red, green, blue), options, pose, depth_limit)
+    return exposed(draw(gaussians, camera, (red, green, blue), options, pose, depth_limit), camera)
+
+
+def exposed(image: Image, camera: Camera) -> Image:
+    """The image as bright as ``camera`` takes it."""
     if camera.exposure != NEUTRAL:
         import torch
 

@@ -2,19 +2,101 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import torch
 
 from ..capture.camera import Camera
-from . import Image, native
+from . import Image, native, structs
 from .arrays import GaussianArrays
 from .options import RasterizeOptions
 
 # The library is given addresses alone: torch's defaults, which anybody may set, must not decide what lies there.
 _FLOATS: dict[str, Any] = {"dtype": torch.float32, "device": "cpu"}
 _INTEGERS: dict[str, Any] = {"dtype": torch.int32, "device": "cpu"}
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """What a drawing's way back needs, and what it gave besides the picture. Without automatic differentiation.
+
+    It does not hold the picture: one that knows its way back and is known there would never be freed.
+
+    Attributes:
+        gaussians, camera: what was drawn.
+        size: (H, W).
+        extras: outputs by name, see native.Frame.
+        frame: the library's.
+    """
+
+    gaussians: GaussianArrays
+    camera: Camera
+    size: tuple[int, int]
+    extras: dict[str, torch.Tensor]
+    frame: native.Frame
+
+    def backward(
+        self, by_rgb: torch.Tensor, by_alpha: torch.Tensor | None, pose: tuple[int, ...] | None, absolute: Any = None
+    ) -> dict[str, torch.Tensor]:
+        """Gradients by attribute, ``screen`` (N, 2) and, where it has a shape, ``pose``; fills ``absolute`` (N, 2)."""
+        gradients = {name: torch.empty(array.shape, **_FLOATS) for name, array in vars(self.gaussians).items()}
+        gradients["screen"] = torch.empty((len(self.gaussians), 2), **_FLOATS)
+        if pose is not None:
+            gradients["pose"] = torch.zeros(pose, **_FLOATS)
+        by_alpha = None if by_alpha is None else by_alpha.contiguous()
+        self.frame.backward(by_rgb.contiguous(), by_alpha, {**gradients, "screen_absolute": absolute})
+        return gradients
+
+    def image(self, rgb: torch.Tensor, alpha: torch.Tensor, screen: torch.Tensor, absolute: Any = None) -> Image:
+        """What there is to see, of ``rgb`` and ``alpha`` with gradients."""
+        extras = self.extras
+        image = Image(rgb, alpha, extras["radii"], screen, absolute, max_weights=extras.get("max_weights"))
+        image.at_fault = int(extras["at_fault"])
+        if "median_index" in extras:
+            image.mean_depth = extras["mean_depth"]
+            means = self.gaussians.means.detach()
+            image.median_depth, image.median_z = median_depths(extras["median_index"], means, self.camera)
+        return image
+
+
+def draw(
+    gaussians: GaussianArrays,
+    camera: Camera,
+    background: tuple[float, float, float],
+    options: RasterizeOptions,
+    depth_limit: torch.Tensor | None = None,
+    differentiable: bool = True,
+) -> tuple[Drawing, torch.Tensor, torch.Tensor]:
+    """A drawing, its picture (H, W, 3) and the picture's alpha (H, W), without automatic differentiation.
+
+    Args:
+        gaussians: contiguous float32 tensors on the CPU.
+        camera, background, options, depth_limit: see ``rasterizer.rasterize``.
+        differentiable: whether ``Drawing.backward`` will be called.
+    """
+    count, (_, _, width, height) = len(gaussians), options.region_of(camera)
+    size = (height, width)
+    rgb, alpha = torch.empty((*size, 3), **_FLOATS), torch.empty(size, **_FLOATS)
+    extras = {"radii": torch.empty(count, **_FLOATS), "at_fault": torch.zeros(1, **_INTEGERS)}
+    if options.depth:
+        extras["median_index"] = torch.empty(size, **_INTEGERS)
+        extras["mean_depth"] = torch.empty(size, **_FLOATS)
+    if options.weights:
+        extras["max_weights"] = torch.empty(count, **_FLOATS)
+    outputs = {"rgb": rgb, "alpha": alpha, **extras}
+    frame = native.Frame(gaussians, camera, background, options, outputs, depth_limit, differentiable)
+    return Drawing(gaussians, camera, size, extras, frame), rgb, alpha
+
+
+@dataclass
+class _Order:
+    """What ``_Rasterize`` needs besides tensors with gradients, and what comes of it."""
+
+    draw: Callable[[GaussianArrays], tuple[Drawing, torch.Tensor, torch.Tensor]]
+    screen_absolute: torch.Tensor | None
+    drawing: Drawing | None = None
 
 
 class _Rasterize(torch.autograd.Function):
@@ -28,52 +110,25 @@ class _Rasterize(torch.autograd.Function):
         sh: torch.Tensor,
         screen: torch.Tensor,
         pose: torch.Tensor | None,
-        drawing: _Drawing,
+        order: _Order,
     ) -> tuple[torch.Tensor, torch.Tensor]:
         gaussians = GaussianArrays(*[t.contiguous() for t in (means, quaternions, scales, opacities, sh)])
-        rgb, alpha = torch.empty((*drawing.size, 3), **_FLOATS), torch.empty(drawing.size, **_FLOATS)
-        ctx.frame = native.Frame(
-            gaussians,
-            drawing.camera,
-            drawing.background,
-            drawing.options,
-            {"rgb": rgb, "alpha": alpha, **drawing.extras},
-            drawing.depth_limit,
-            drawing.differentiable,
-        )
+        ctx.drawing, rgb, alpha = order.draw(gaussians)
+        order.drawing = ctx.drawing
         ctx.save_for_backward(*vars(gaussians).values())  # torch refuses tensors changed since; the frame reads them
-        ctx.size = drawing.size
-        ctx.shapes = [t.shape for t in (means, quaternions, scales, opacities, sh, screen)]
         ctx.pose_shape = None if pose is None else pose.shape
-        ctx.screen_absolute = drawing.screen_absolute
+        ctx.screen_absolute = order.screen_absolute
         ctx.set_materialize_grads(False)  # of alpha: zeros of the size of the picture
         return rgb, alpha
 
     @staticmethod
     def backward(ctx: Any, *grad_outputs: torch.Tensor | None) -> tuple[torch.Tensor | None, ...]:
         _ = ctx.saved_tensors
-        gradients = [torch.empty(shape, **_FLOATS) for shape in ctx.shapes]
-        pose = None if ctx.pose_shape is None else torch.zeros(ctx.pose_shape, **_FLOATS)
-        names = ("means", "quaternions", "scales", "opacities", "sh", "screen")
-        by_rgb, by_alpha = (None if gradient is None else gradient.contiguous() for gradient in grad_outputs)
-        by_rgb = torch.zeros((*ctx.size, 3), **_FLOATS) if by_rgb is None else by_rgb
-        wanted = dict(zip(names, gradients, strict=True)) | {"screen_absolute": ctx.screen_absolute, "pose": pose}
-        ctx.frame.backward(by_rgb, by_alpha, wanted)
-        return (*gradients, pose, None)
-
-
-@dataclass
-class _Drawing:
-    """What ``_Rasterize`` needs besides tensors with gradients. ``extras`` are further outputs by name."""
-
-    camera: Camera
-    background: tuple[float, float, float]
-    options: RasterizeOptions
-    size: tuple[int, int]
-    differentiable: bool
-    depth_limit: torch.Tensor | None
-    screen_absolute: torch.Tensor | None
-    extras: dict[str, torch.Tensor]
+        by_rgb, by_alpha = grad_outputs
+        if by_rgb is None:
+            by_rgb = torch.zeros((*ctx.drawing.size, 3), **_FLOATS)
+        found = ctx.drawing.backward(by_rgb, by_alpha, ctx.pose_shape, ctx.screen_absolute)
+        return *(found[name] for name in (*structs.ATTRIBUTES, "screen")), found.get("pose"), None
 
 
 def rasterize(
@@ -89,35 +144,15 @@ def rasterize(
     if pose is not None:
         camera = camera.with_pose(pose.detach().numpy())
     count = len(gaussians)
-    _, _, width, height = options.region_of(camera)
-    size = (height, width)
     screen = torch.zeros((count, 2), requires_grad=True, **_FLOATS)
     screen_absolute = torch.zeros((count, 2), **_FLOATS) if options.absolute else None
-    extras = {"radii": torch.empty(count, **_FLOATS), "at_fault": torch.zeros(1, **_INTEGERS)}
-    if options.depth:
-        extras["median_index"] = torch.empty(size, **_INTEGERS)
-        extras["mean_depth"] = torch.empty(size, **_FLOATS)
-    if options.weights:
-        extras["max_weights"] = torch.empty(count, **_FLOATS)
     if depth_limit is not None:
         depth_limit = depth_limit.detach().to("cpu", torch.float32).contiguous()
-    drawing = _Drawing(camera, background, options, size, torch.is_grad_enabled(), depth_limit, screen_absolute, extras)
-    rgb, alpha = _Rasterize.apply(
-        gaussians.means,
-        gaussians.quaternions,
-        gaussians.scales,
-        gaussians.opacities,
-        gaussians.sh,
-        screen,
-        pose,
-        drawing,
-    )
-    image = Image(rgb, alpha, extras["radii"], screen, screen_absolute, max_weights=extras.get("max_weights"))
-    image.at_fault = int(extras["at_fault"])
-    if options.depth:
-        image.mean_depth = extras["mean_depth"]
-        image.median_depth, image.median_z = median_depths(extras["median_index"], gaussians.means.detach(), camera)
-    return image
+    differentiable = torch.is_grad_enabled()
+    order = _Order(lambda found: draw(found, camera, background, options, depth_limit, differentiable), screen_absolute)
+    rgb, alpha = _Rasterize.apply(*vars(gaussians).values(), screen, pose, order)
+    assert order.drawing is not None
+    return order.drawing.image(rgb, alpha, screen, screen_absolute)
 
 
 def median_depths(index: torch.Tensor, means: torch.Tensor, camera: Camera) -> tuple[torch.Tensor, torch.Tensor]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
@@ -18,17 +17,19 @@ _WINDOW, _SIGMA = 11, 1.5
 
 @dataclass(frozen=True)
 class PictureLoss:
-    """How far a drawing is from its picture.
+    """How far a drawing is from its picture; nothing of it has gradients.
 
     Attributes:
-        loss: () with a gradient by the drawing.
-        error: () mean absolute difference, without one.
+        loss: ().
+        error: () mean absolute difference.
         cell_errors: (rows, columns) mean squared difference in cells of CELL x CELL pixels; the border cuts the last.
+        gradient: (H, W, 3) of the loss by the drawing.
     """
 
     loss: torch.Tensor
     error: torch.Tensor
     cell_errors: torch.Tensor
+    gradient: torch.Tensor
 
 
 def picture_loss(
@@ -42,47 +43,32 @@ def picture_loss(
         image: (H, W, 3) a drawing.
         pixels: (H, W, 3) uint8 what it should be; its rows may be part of a larger picture's.
     """
-    if image.dtype == torch.float32 and image.device.type == "cpu":
-        cells = image.new_empty([-(-length // CELL) for length in pixels.shape[:2]])
-        loss, error = _NativeLoss.apply(image.contiguous(), pixels, dssim_weight, weight, cells)
-        return PictureLoss(loss, error, cells)
-    return picture_loss_plainly(image, picture_on(image.device, pixels), dssim_weight, weight)
-
-
-class _NativeLoss(torch.autograd.Function):
-    @staticmethod
-    def forward(
-        ctx: Any, image: torch.Tensor, pixels: np.ndarray, dssim_weight: float, weight: float, cells: torch.Tensor
-    ) -> tuple[torch.Tensor, torch.Tensor]:
-        gradient = torch.empty_like(image)
-        truth = torch.empty_like(image) if dssim_weight else None
-        loss = error = compare(image, pixels, weight, gradient, cells, truth)
-        if dssim_weight:
-            slope = torch.empty_like(image)
-            loss += dssim_weight * (1 - similarity(image, truth, slope)) / 2
-            gradient.sub_(slope, alpha=weight * dssim_weight / 2)
-        ctx.save_for_backward(gradient)
-        mean = torch.tensor(error, device="cpu")
-        ctx.mark_non_differentiable(mean)
-        return torch.tensor(weight * loss, device="cpu"), mean
-
-    @staticmethod
-    def backward(ctx: Any, *by: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
-        (gradient,) = ctx.saved_tensors
-        # Nearly always one: a pass over the picture less.
-        return gradient if by[0] == 1 else by[0] * gradient, None, None, None, None
+    if image.dtype != torch.float32 or image.device.type != "cpu":
+        return picture_loss_plainly(image, picture_on(image.device, pixels), dssim_weight, weight)
+    image = image.detach().contiguous()
+    gradient, cells = torch.empty_like(image), image.new_empty([-(-length // CELL) for length in pixels.shape[:2]])
+    truth = torch.empty_like(image) if dssim_weight else None
+    loss = error = compare(image, pixels, weight, gradient, cells, truth)
+    if dssim_weight:
+        slope = torch.empty_like(image)
+        loss += dssim_weight * (1 - similarity(image, truth, slope)) / 2
+        gradient.sub_(slope, alpha=weight * dssim_weight / 2)
+    return PictureLoss(torch.tensor(weight * loss, device="cpu"), torch.tensor(error, device="cpu"), cells, gradient)
 
 
 def picture_loss_plainly(
     image: torch.Tensor, truth: torch.Tensor, dssim_weight: float = 0.0, weight: float = 1.0
 ) -> PictureLoss:
     """``picture_loss`` in plain torch, on any device and in any floating-point type; ``truth`` in [0, 1]."""
-    difference = image - truth
-    error = difference.abs().mean()
-    loss = error + dssim_weight * (1 - ssim(image, truth)) / 2 if dssim_weight else error
+    with torch.enable_grad():
+        image = image.detach().requires_grad_()
+        difference = image - truth
+        error = difference.abs().mean()
+        loss = weight * (error + dssim_weight * (1 - ssim(image, truth)) / 2 if dssim_weight else error)
+        (gradient,) = torch.autograd.grad(loss, image)
     square = difference.detach().square().permute(2, 0, 1)
     cells = functional.avg_pool2d(square, CELL, ceil_mode=True, count_include_pad=False).mean(0)
-    return PictureLoss(weight * loss, error.detach(), cells)
+    return PictureLoss(loss.detach(), error.detach(), cells, gradient)
 
 
 @functools.cache

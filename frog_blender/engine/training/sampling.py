@@ -128,14 +128,15 @@ def inject_anchors(trainer: Trainer, progress: float, shot_index: int) -> None:
     newcomers = min(newcomers, room + len(replaced))
     if not newcomers:
         return
-    pixels, image, gaussians, changes = trainer.draw(shot_index, progress, RasterizeOptions(depth=True))
+    pixels, drawn = trainer.draw(shot_index, progress, RasterizeOptions(depth=True))
+    changes = drawn.changes
     if not changes:
         return
     camera = trainer.camera_at(trainer.capture.shots[shot_index].camera, progress)
     truth = picture_on(trainer.device, pixels)
-    points, colors = worst_points(image, truth, camera, newcomers, recipe.sampling_depth, trainer.generator)
+    points, colors = worst_points(drawn.image, truth, camera, newcomers, recipe.sampling_depth, trainer.generator)
     if recipe.sampling == "inverse":
-        moved = gaussians.means[: canonical.moving]
+        moved = drawn.gaussians.means[: canonical.moving]
         points, embeddings = undeformed(points, moved, changes["means"], canonical.embeddings)
     else:
         calmest = canonical.embeddings[int(total_deformation(changes).argmin())]

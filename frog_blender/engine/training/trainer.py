@@ -16,8 +16,8 @@ from ..capture.frames import FrameStore
 from ..capture.seeds import Seeds
 from ..capture.time import frame_to_time
 from ..evaluation.metrics import psnr_of
-from ..model.interface import Progressing, SceneModel
-from ..rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
+from ..model.interface import Drawn, Progressing, SceneModel
+from ..rasterizer import GaussianArrays, RasterizeOptions, rasterize
 from .density import DensityControl
 from .device import torch_threads
 from .exposures import Exposures
@@ -172,7 +172,8 @@ class Trainer:
         grows = before < self.recipe.densify_until
         options = RasterizeOptions(region=region, weights=grows and self.recipe.replaced_below > 0)
         pose = self._learned_pose(camera_index, before)
-        pixels, image, gaussians, changes = self.draw(shot, before, options, pose)
+        pixels, drawn = self.draw(shot, before, options, pose)
+        image = drawn.image
         share = 1.0 if region is None else region[2] * region[3] / (camera.width * camera.height)
         dssim_weight = self.recipe.dssim_weight if self._in_burst(before) else 0.0
         weight = share ** (1 - self.recipe.region_emphasis)
@@ -181,14 +182,11 @@ class Trainer:
             self.regions.observe(camera_index, options.region_of(camera), found.cell_errors)
         self.picker.observe(shot, found.error)
         self._loss.add(found.loss, self.step_count)
-        smoothed = bool(changes) and self.step_count % SMOOTHED_EVERY == 0
-        extra = self.model.regularization() if smoothed else None
-        (found.loss if extra is None else found.loss + SMOOTHED_EVERY * extra).backward()
-        if smoothed and self.neighbourhood is not None and self.recipe.smoothness_weight:
-            embeddings = self.model.canonical.embeddings
-            self.neighbourhood.add_gradient(embeddings, self.step_count, self.recipe.smoothness_weight)
+        drawn.backward(found.gradient)
+        if drawn.changes and self.step_count % SMOOTHED_EVERY == 0:
+            self._regularize()
         if grows:
-            self.density.observe(image, gaussians.opacities.detach(), camera)
+            self.density.observe(image, drawn.gaussians.opacities.detach(), camera)
         self.optimizer.step()
         if self.poses and pose is not None and pose.grad is not None:
             self.poses.observe(camera_index, pose.grad, before)
@@ -200,6 +198,14 @@ class Trainer:
         started = time.perf_counter()
         self._rounds(before, self.progress, shot)
         self.seconds += time.perf_counter() - started
+
+    def _regularize(self) -> None:
+        """Adds the gradients of what keeps the model smooth, of SMOOTHED_EVERY steps at once."""
+        extra, weight = self.model.regularization(), self.recipe.smoothness_weight
+        if extra is not None:
+            (SMOOTHED_EVERY * extra).backward()
+        if self.neighbourhood is not None and weight:
+            self.neighbourhood.add_gradient(self.model.canonical.embeddings, self.step_count, weight)
 
     def _progress_now(self) -> float:
         shares = [0.0]
@@ -222,15 +228,19 @@ class Trainer:
 
     def draw(
         self, shot_index: int, progress: float, options: RasterizeOptions, pose: torch.Tensor | None = None
-    ) -> tuple[np.ndarray, Image, GaussianArrays, dict[str, torch.Tensor]]:
-        """A picture (H, W, 3) uint8, its drawing, and the Gaussians and changes that were drawn."""
+    ) -> tuple[np.ndarray, Drawn]:
+        """A picture (H, W, 3) uint8 and its drawing."""
         shot = self.capture.shots[shot_index]
         camera = self.camera_at(shot.camera, progress)
         pixels = sized(self.store.image(shot_index), camera)
         left, top, width, height = options.region_of(camera)
-        gaussians, changes = self.gaussians_at(frame_to_time(shot.frame, self.capture.frame_count), progress)
-        image = rasterize(gaussians, camera, self.capture.background, options, pose=pose)
-        return pixels[top : top + height, left : left + width], image, gaussians, changes
+        pixels = pixels[top : top + height, left : left + width]
+        background, sh_count = self.capture.background, self.sh_count_at(progress)
+        if progress < self.recipe.warm_up:
+            gaussians = self.model.canonical.gaussians(sh_count)
+            return pixels, Drawn(rasterize(gaussians, camera, background, options, pose=pose), gaussians, {})
+        time_, schedules = frame_to_time(shot.frame, self.capture.frame_count), self.progressing(progress)
+        return pixels, self.model.draw(time_, camera, background, options, schedules, sh_count, pose)
 
     def _learned_pose(self, camera: int, progress: float) -> torch.Tensor | None:
         """(3, 4) the pose of a camera, to receive its gradient in this step; None where it is not learned."""
@@ -249,12 +259,15 @@ class Trainer:
         r = self.recipe
         return Progressing(ramp(progress, 0.0, r.fine_rows_until), ramp(progress, *r.opacity_ramp))
 
+    def sh_count_at(self, progress: float) -> int:
+        """Coefficients of the degrees that have begun."""
+        degree = sum(progress >= start for start in self.recipe.sh_growth[: self.recipe.sh_degree])
+        return min((degree + 1) ** 2, self.model.canonical.sh.shape[1])
+
     def gaussians_at(self, time_: float, progress: float) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
         """Gaussians and changes at a time, with the schedules as they stand at ``progress``."""
-        r = self.recipe
-        degree = sum(progress >= start for start in r.sh_growth[: r.sh_degree])
-        sh_count = min((degree + 1) ** 2, self.model.canonical.sh.shape[1])
-        if progress >= r.warm_up:
+        sh_count = self.sh_count_at(progress)
+        if progress >= self.recipe.warm_up:
             return self.model.deform(time_, self.progressing(progress), sh_count)
         return self.model.canonical.gaussians(sh_count), {}
 
