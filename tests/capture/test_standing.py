@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from frog_blender.engine.capture.frames import FrameStore
-from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.capture.readers import open_capture, transforms_json
 
 from .posed_pictures import OPENGL_AHEAD, rewrite, write
 
@@ -64,6 +64,15 @@ def test_pictures_of_a_camera_that_moves_stay_apart(tmp_path: Path, what: str) -
     rewrite(tmp_path, data)
     capture = open_capture(tmp_path)
     assert len(capture.cameras) == len(capture.shots) == 6
+
+
+def test_pictures_whose_poses_are_not_known_stay_apart(tmp_path: Path) -> None:
+    """Nothing can be trained on them, but their clips are found."""
+    write_standing(tmp_path)
+    data = json.loads((tmp_path / "transforms.json").read_text())
+    rewrite(tmp_path, {**data, "frames": [{"file_path": frame["file_path"]} for frame in data["frames"]]})
+    found = transforms_json.pictures_by_camera(tmp_path)
+    assert len(found) == 6 and all(len(pictures) == 1 for pictures in found.values())
 
 
 def test_cameras_whose_names_tell_nothing_have_their_first_pictures(tmp_path: Path) -> None:

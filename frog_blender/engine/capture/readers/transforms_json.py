@@ -157,9 +157,15 @@ def _camera_names(folder: Path, entries: list[_Entry], times: list[float]) -> li
     first: list[int] = []
     for file in dict.fromkeys(entry.file for entry in entries):
         of = [index for index, entry in enumerate(entries) if entry.file == file]
-        views = [json.dumps([entries[index].own.get(key) for key in _VIEW]) for index in of]
+        views = [_view(entries[index]) for index in of]
         first += [of[index] for index in first_pictures(views, [times[index] for index in of])]
     return camera_names(first, _picture_names(folder, [entry.picture for entry in entries]))
+
+
+def _view(entry: _Entry) -> str:
+    """Pose and lens: equal to another picture's where both are known to be the same."""
+    known = entry.own.get("transform_matrix") is not None
+    return json.dumps([entry.own.get(key) for key in _VIEW] if known else entry.place)
 
 
 def _picture_names(folder: Path, pictures: list[Path]) -> list[str]:
