@@ -106,12 +106,12 @@ def test_gradients_add_up() -> None:
         torch.testing.assert_close(parameter.grad, 2 * once[name], rtol=1e-6, atol=0)
 
 
-@pytest.mark.parametrize("name", ["means", "embeddings"])
+@pytest.mark.parametrize("name", ["means", "embeddings", "what was drawn"])
 def test_arrays_that_were_changed_since_are_refused(name: str) -> None:
     model = model_of(SETTINGS)
     drawn = model.draw(0.37, view(), BACKGROUND, RasterizeOptions())
     with torch.no_grad():
-        getattr(model.canonical, name).add_(1.0)
+        getattr(model.canonical, name, drawn.gaussians.scales).add_(1.0)
     with pytest.raises(RuntimeError, match="has been changed"):
         drawn.backward(torch.ones_like(drawn.image.rgb))
     assert all(parameter.grad is None for parameter in model.parameters())

@@ -96,13 +96,16 @@ class DeformationField(nn.Module):
         weights = self.modulation_weight.reshape(self.networks, -1, size)
         return self.embedding_weight + (weights * (temporal[:, None, :size] - 1)).flatten(0, 1)
 
+    def by_attribute(self, changes: torch.Tensor) -> dict[str, torch.Tensor]:
+        """The network's outputs (N, outputs) by what they change."""
+        return dict(zip(self.sizes, changes.split(list(self.sizes.values()), dim=1), strict=True))
+
     def forward(self, temporal: torch.Tensor, embeddings: torch.Tensor) -> dict[str, torch.Tensor]:
         """Changes by attribute, (N, size) each, of embeddings (N, E) at the fused temporal embedding (networks, T)."""
         sizes = list(self.sizes.values())
         hidden = self.hidden(temporal, embeddings)
         if not self.head_width:
-            output = torch.addmm(self.output_bias, hidden, self.output_weight.T)
-            return dict(zip(self.sizes, output.split(sizes, dim=1), strict=True))
+            return self.by_attribute(torch.addmm(self.output_bias, hidden, self.output_weight.T))
         layers = zip(
             *(hidden.chunk(self.networks, dim=1), self.head_weight.chunk(self.networks)),
             *(self.head_bias.chunk(self.networks), self.output_weight.chunk(self.networks, dim=1)),

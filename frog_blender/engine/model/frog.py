@@ -168,8 +168,7 @@ class Frog(SceneModel):
             return self.deform_plainly(temporal, progressing, sh_count)
         shape = self._field_shape(progressing, sh_count)
         gaussians, changes = deform_fused(self.canonical, self.deformation, temporal, shape)
-        sizes = self.deformation.sizes
-        return gaussians, dict(zip(sizes, changes.split(list(sizes.values()), dim=1), strict=True))
+        return gaussians, self.deformation.by_attribute(changes)
 
     def draw(
         self,
@@ -187,7 +186,7 @@ class Frog(SceneModel):
         shape = self._field_shape(progressing, sh_count or self.canonical.sh.shape[1])
         arrays = field_arrays(self.canonical, self.deformation, self.temporal_embedding(time, progressing))
         silent = [self.output_rows(name) for name in self._silent]
-        return draw_fused(shape, arrays, camera, background, options, pose, silent, self.deformation.sizes)
+        return draw_fused(shape, arrays, camera, background, options, pose, silent, self.deformation.by_attribute)
 
     @property
     def _is_fused(self) -> bool:

@@ -6,12 +6,13 @@ arrays between them: that takes a tenth of a training's step.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
 
 from ..capture.camera import NEUTRAL, Camera
-from ..rasterizer import RasterizeOptions, exposed
+from ..rasterizer import GaussianArrays, RasterizeOptions, exposed
 from ..rasterizer.cpu import Drawing, draw
 from ..rasterizer.native_deformation import FieldShape
 from .fused import FieldPass, pass_field
@@ -27,7 +28,7 @@ class FusedDrawn(Drawn):
         pose: the camera's, to receive its gradient, or None.
         field, drawing: for the way back.
         silent: rows of the network's outputs that no gradient passes.
-        versions: of the arrays, when they were drawn.
+        versions: of arrays and Gaussians, when they were drawn.
     """
 
     arrays: dict[str, torch.Tensor]
@@ -39,7 +40,7 @@ class FusedDrawn(Drawn):
 
     def backward(self, by_rgb: torch.Tensor) -> None:
         """See Drawn; RuntimeError when an array has been changed in place since."""
-        if _versions(self.arrays) != self.versions:
+        if _versions(self.arrays, self.gaussians) != self.versions:
             raise RuntimeError("one of the scene's arrays has been changed since the picture was drawn")
         if self.drawing.camera.exposure != NEUTRAL:
             by_rgb = by_rgb * by_rgb.new_tensor(self.drawing.camera.exposure)
@@ -65,7 +66,7 @@ def draw_fused(
     options: RasterizeOptions,
     pose: torch.Tensor | None,
     silent: list[slice],
-    sizes: dict[str, int],
+    by_attribute: Callable[[torch.Tensor], dict[str, torch.Tensor]],
 ) -> FusedDrawn:
     """A picture whose colours, alpha and Gaussians are without gradients of their own.
 
@@ -73,7 +74,7 @@ def draw_fused(
         shape, arrays: see ``pass_field``; parameters but for ``temporal``.
         camera, background, options, pose: see ``rasterizer.rasterize``; without ``options.absolute``.
         silent: see FusedDrawn.
-        sizes: of the changes by attribute.
+        by_attribute: see DeformationField.
     """
     if pose is not None:
         camera = camera.with_pose(pose.detach().numpy())
@@ -81,10 +82,10 @@ def draw_fused(
     drawing, rgb, alpha = draw(gaussians, camera, background, options)
     screen = torch.empty((len(gaussians), 2), dtype=torch.float32, device="cpu")  # for its gradient alone
     image = exposed(drawing.image(rgb, alpha, screen), camera)
-    by_attribute = dict(zip(sizes, changes.split(list(sizes.values()), dim=1), strict=True))
-    return FusedDrawn(image, gaussians, by_attribute, arrays, pose, field, drawing, silent, _versions(arrays))
+    versions = _versions(arrays, gaussians)
+    return FusedDrawn(image, gaussians, by_attribute(changes), arrays, pose, field, drawing, silent, versions)
 
 
-def _versions(arrays: dict[str, torch.Tensor]) -> list[int]:
-    """How often each array has been changed in place."""
-    return [array._version for array in arrays.values()]
+def _versions(arrays: dict[str, torch.Tensor], gaussians: GaussianArrays) -> list[int]:
+    """How often each array, and each of what was drawn from them, has been changed in place."""
+    return [array._version for array in (*arrays.values(), *vars(gaussians).values())]
