@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from frog_blender.engine.inference.groups import grouped
 from frog_blender.engine.rasterizer.native_deformation import FieldShape
 
 
@@ -33,3 +34,10 @@ def output_arrays(shape: FieldShape, count: int, changes: bool = False) -> dict[
     sizes |= {"opacities": (count,), "sh": (count, shape.sh_active, 3)}
     sizes |= {"changes": (count, shape.outputs)} if changes else {}
     return {name: np.full(size, np.nan, np.float32) for name, size in sizes.items()}
+
+
+def in_groups(shape: FieldShape, arrays: dict[str, np.ndarray], kept: bool) -> dict[str, np.ndarray]:
+    """The same field with all that is of a Gaussian in groups."""
+    colors = np.ascontiguousarray(arrays["sh"][:, : shape.sh_deformed])
+    weights = {name: arrays[name] for name in ("means", "embedding_weight", "output_weight", "output_bias")}
+    return weights | {"groups": grouped(arrays | {"sh": colors}, kept)}

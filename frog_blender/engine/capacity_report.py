@@ -43,4 +43,5 @@ _UNITS = {
     "woken": "moving Gaussians",
     "network width": "hidden units",
     "packed": "bytes",
+    "unseen left out": "Gaussians deformed a frame",
 }

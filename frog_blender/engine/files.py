@@ -1,8 +1,8 @@
 """The ``.frog`` scene file: one safetensors file with a JSON header. No pickle, no torch.
 
 Tensors of a FRoG scene: ``means, log_scales, quaternions, opacity_logits, sh`` by Gaussian,
-``embeddings`` of those that move, which come first, ``temporal_table`` and ``network.*``. The header holds what
-playback and evaluation need besides.
+``embeddings`` of those that move, which come first, ``temporal_table`` and ``network.*``, and where that saves time at
+playback ``lifetimes`` (see inference.lifetimes). The header holds what playback and evaluation need besides.
 """
 
 from __future__ import annotations
@@ -153,10 +153,11 @@ def scene_bytes(scene: SceneFile, *, compact: bool = False) -> bytes:
     arrays = scene.arrays
     if compact:
         try:
-            packed = {name: pack(name, array) for name, array in arrays.items()}
+            numbers = {name: array for name, array in arrays.items() if array.dtype != np.uint8}
+            packed = {name: pack(name, array) for name, array in numbers.items()}
         except ValueError as error:
             raise FrogError(f"The scene cannot be packed: {error}.") from error
-        arrays = {name: each.content for name, each in packed.items()}
+        arrays = arrays | {name: each.content for name, each in packed.items()}
         metadata[_PACKING_KEY] = json.dumps({name: each.description for name, each in packed.items()})
     return serialize(_contiguous(arrays), metadata=metadata)
 

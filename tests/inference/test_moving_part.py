@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import ATTRIBUTES, scene_file
+from helpers import scene_file
+from playing import assert_same_bits
 
 from frog_blender.engine.files import SceneFile
 from frog_blender.engine.inference.frame_cache import FrameCache
-from frog_blender.engine.inference.moving_part import MovingPart, column_of, width_of
+from frog_blender.engine.inference.moving_part import MovingPart
 from frog_blender.engine.inference.scene import PlayableScene
 
-TIMES = (0.0, 0.31, 0.5, 1.0)
 MODELS = [
     {},
     {"moving": 17},
@@ -33,22 +33,6 @@ def silenced(scene: SceneFile, rows: slice) -> SceneFile:
     arrays["network.output_weight"][rows] = 0
     arrays["network.output_bias"][rows] = 0
     return SceneFile(scene.header, arrays)
-
-
-def assert_same_bits(scene: SceneFile, times: tuple[float, ...] = TIMES) -> PlayableScene:
-    """Joined parts and columns are what another player of the scene computes as a whole."""
-    playable, other = PlayableScene(scene), PlayableScene(scene)
-    parts = {time: playable.part_at(time) for time in times}
-    for time, part in parts.items():
-        assert tuple(part.columns) == playable.changing
-        expected, found = other.at(time), playable.at(time, part)
-        for name in ATTRIBUTES:
-            np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
-        for name in playable.columns:
-            column = playable.column(name, part)
-            assert column.shape == (playable.count, width_of(name)) and column.flags.c_contiguous
-            np.testing.assert_array_equal(column, column_of(expected, name), err_msg=name)
-    return playable
 
 
 @pytest.mark.parametrize("model", MODELS, ids=str)

@@ -4,19 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from fields import field_arrays, output_arrays
+from fields import field_arrays, in_groups, output_arrays
 
 from frog_blender.engine.inference import groups
 from frog_blender.engine.inference.groups import GROUP, grouped
 from frog_blender.engine.rasterizer import native
 from frog_blender.engine.rasterizer.native_deformation import FieldShape, PlayedField, deform
-
-
-def in_groups(shape: FieldShape, arrays: dict[str, np.ndarray], kept: bool) -> dict[str, np.ndarray]:
-    """The same field with all that is of a Gaussian in groups."""
-    colors = np.ascontiguousarray(arrays["sh"][:, : shape.sh_deformed])
-    weights = {name: arrays[name] for name in ("means", "embedding_weight", "output_weight", "output_bias")}
-    return weights | {"groups": grouped(arrays | {"sh": colors}, kept)}
 
 
 def play(

@@ -1,7 +1,8 @@
 """The deformation network at playback (FRoG's, and E-D3DGS's two): numpy and the native library.
 
 What does not depend on time is computed once: the first layer's product with the Gaussians' embeddings, where nothing
-modulates it; Gaussians at rest and colours that do not deform lie in the frames' memory already.
+modulates it; Gaussians at rest and colours that do not deform lie in the frames' memory already. What cannot be seen at
+a moment is not deformed.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ from ..model.first_layer import first_layer
 from ..rasterizer.arrays import GaussianArrays
 from ..rasterizer.native_deformation import FieldShape, PlayedField
 from .frame_memory import FrameMemory
-from .groups import grouped
+from .groups import GROUP, grouped
+from .lifetimes import GroupLifetimes
 from .moving_part import MovingPart, taken_from
 from .rest import at_rest
 from .temporal import TemporalEmbedding, checked
@@ -87,6 +89,7 @@ class PlayableDeformation:
         moving: Gaussians that are deformed; they come first.
         changing: their columns (see moving_part) that are not the same at all times; a head that was silenced
             changes nothing.
+        lifetimes: when groups of them can be seen, where the file says so.
     """
 
     gives_checked = True  # ``at`` gives unit quaternions, contiguous and float32 as all the others
@@ -96,16 +99,19 @@ class PlayableDeformation:
             self._temporal = TemporalEmbedding(arrays, model)
             a = _checked_arrays(arrays, model, self._temporal)
             self._shape = _shape(model, a["sh"].shape[1], self._temporal.networks)
+            moving = len(a["embeddings"])
+            self.lifetimes = GroupLifetimes(arrays["lifetimes"], moving) if "lifetimes" in arrays else None
         except (KeyError, ValueError, TypeError, AttributeError, IndexError, OverflowError) as error:
             raise FrogError(
                 f"The scene's deformation network cannot be used ({brief(error)}); train it again."
             ) from error
         self._temporal_weight, self._bias = a.pop("temporal_weight"), a.pop("bias")
-        self.moving, deformed = len(a["embeddings"]), self._shape.sh_deformed
+        self.moving, deformed = moving, self._shape.sh_deformed
         self.changing = _changing(a, deformed) if self.moving else frozenset()
         still = vars(at_rest(a))
         self._sh = still["sh"]
-        self._memory = FrameMemory({name: still[name] for name in still if name != "sh" or deformed})
+        stirred = {"stirred": np.ones(-(-self.moving // GROUP), np.float32)} if self.lifetimes else {}
+        self._memory = FrameMemory({k: v for k, v in still.items() if k != "sh" or deformed} | stirred)
         for name in _CANONICAL:
             a[name] = a[name][: self.moving]
         a["sh"] = np.ascontiguousarray(a["sh"][: self.moving, :deformed])  # the others are in the frames' memory
@@ -130,10 +136,15 @@ class PlayableDeformation:
         network = self._temporal_weight, self._bias, self._embedding_weight, self._modulation
         return first_layer(self.temporal(time), *network)
 
+    def _deform(self, field: PlayedField, time: float, result: dict[str, np.ndarray]) -> None:
+        active = self.lifetimes.at(time) if self.lifetimes else None
+        field.deform(*self._first_layer_at(time), result, active)
+
     def at(self, time: float) -> GaussianArrays:
         """The Gaussians at a time in [0, 1], activated, with unit quaternions; the arrays are not to be changed."""
         result = {"sh": self._sh, **self._memory.take()}
-        self._field.deform(*self._first_layer_at(time), result)  # the first of them: those that move
+        self._deform(self._field, time, result)  # the first of them: those that move
+        result.pop("stirred", None)
         return GaussianArrays(**result)
 
     def part_at(self, time: float, names: Collection[str]) -> MovingPart:
@@ -141,7 +152,7 @@ class PlayableDeformation:
         count, deformed = self.moving, self._shape.sh_deformed
         sizes = {"means": (3,), "quaternions": (4,), "scales": (3,), "opacities": (), "sh": (deformed, 3)}
         moved = {name: np.empty((count, *size), np.float32) for name, size in sizes.items()}
-        self._part_field.deform(*self._first_layer_at(time), moved)
+        self._deform(self._part_field, time, moved)
         if not deformed:
             moved["sh"] = self._sh[:count]
         return taken_from(GaussianArrays(**moved), names)

@@ -78,6 +78,7 @@ class PlayableScene:
             kept: (M,) their indices, ascending, at least one.
         """
         arrays, header = dict(self._arrays), self.header
+        arrays.pop("lifetimes", None)  # of groups that are others then; what they say is seen in no picture
         for name in BY_GAUSSIAN & arrays.keys():
             arrays[name] = arrays[name][kept[kept < len(arrays[name])]]
         if "embeddings" in arrays and not len(arrays["embeddings"]):  # none of those that move

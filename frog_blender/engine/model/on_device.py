@@ -90,7 +90,8 @@ def _gaussians(model: Frog, time: float) -> GaussianArrays:
 
 def model_of(scene: SceneFile) -> Frog:
     """The model as training had it, on the CPU and without gradients; FrogError when the file does not hold one."""
-    values = {name: torch.from_numpy(np.array(array, np.float32)) for name, array in scene.arrays.items()}
+    learned = {name: array for name, array in scene.arrays.items() if name != "lifetimes"}
+    values = {name: torch.from_numpy(np.array(array, np.float32)) for name, array in learned.items()}
     state = {
         f"canonical.{name}" if name in ATTRIBUTES else name.replace("network.", "deformation."): value
         for name, value in values.items()

@@ -74,10 +74,18 @@ class PlayedField:
         self._field.unit_quaternions, self._field.kept_products = True, kept_products
         self._field.groups = structs.address(arrays.get("groups"))
 
-    def deform(self, shared: Any, embedding_weight: Any, result: dict[str, Any]) -> None:
-        """Fills the first rows of ``result`` at the moment whose first layer these are."""
+    def deform(self, shared: Any, embedding_weight: Any, result: dict[str, Any], active: Any = None) -> None:
+        """Fills the first rows of ``result`` at the moment whose first layer these are.
+
+        Args:
+            result: beside the attributes it may have ``stirred`` (groups,), as its arrays were left by the last call,
+                or ones: what cannot be seen and was not seen then is not written again.
+            active: (groups,) uint8, or None for all: where it is zero, Gaussians cannot be seen. They come out as they
+                are canonically, but for an opacity of zero, and the network is not asked.
+        """
         field = structs.Field.from_buffer_copy(self._field)  # others may be at another moment
         field.shared, field.embedding_weight = structs.address(shared), structs.address(embedding_weight)
+        field.active = structs.address(active)
         _deform(field, result)
 
 

@@ -64,9 +64,9 @@ Field = _struct(
     "FrogDeformation",
     *[(name, c_int32) for name in FIELD_SIZES],
     *[(name, c_float) for name in ("opacity_sharpness", "opacity_share", "motion_unit")],
-    *[(name, c_void_p) for name in (*FIELD_ARRAYS, "groups")],
+    *[(name, c_void_p) for name in (*FIELD_ARRAYS, "groups", "active")],
 )
-DEFORMED = (*ATTRIBUTES, "changes")
+DEFORMED = (*ATTRIBUTES, "changes", "stirred")
 Deformed = _struct("FrogDeformed", *[(name, c_void_p) for name in DEFORMED])
 FieldGradients = _struct("FrogDeformationGradients", *[(name, c_void_p) for name in FIELD_ARRAYS])
 Adam = _struct(

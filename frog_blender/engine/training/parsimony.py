@@ -50,10 +50,11 @@ class Reduction:
     """What one round did in one respect.
 
     Attributes:
-        what: "pruned", "put to rest", "woken", "SH degree", "network width", "head ..." or "packed".
+        what: "pruned", "put to rest", "woken", "SH degree", "network width", "head ...", "packed" or
+            "unseen left out".
         progress: of the training, 0 to 1.
-        before, after: Gaussians, those that move (of "put to rest" and "woken"), the degree, hidden units, heads, or
-            bytes.
+        before, after: Gaussians, those that move (of "put to rest" and "woken"), the degree, hidden units, heads,
+            bytes, or Gaussians that are deformed for a frame.
         loss: dB that it cost on the withheld pictures before training went on; None where nothing was measured.
         milliseconds: that it saves a frame: of drawing, or of deformation.
         bytes: that it saves, of numbers as training has them.
@@ -171,12 +172,18 @@ class Parsimony:
         moving = trainer.model.canonical.moving
         return measure_motion(lambda moment: gaussians_at(trainer, moment), moving, trainer.capture, looks, generator)
 
-    def judge(self, trainer: Trainer, most: int | None = None) -> Judge:
-        """Of the Gaussians as they stand; by ``most`` pictures at most."""
+    def judge(
+        self,
+        trainer: Trainer,
+        most: int | None = None,
+        played: Callable[[float], GaussianArrays] | None = None,
+    ) -> Judge:
+        """Of the Gaussians as they stand, or as they are ``played`` at a time; by ``most`` pictures at most."""
         capture = trainer.capture
 
         def gaussians_of(shot: int) -> GaussianArrays:
-            return gaussians_at(trainer, frame_to_time(capture.shots[shot].frame, capture.frame_count))
+            moment = frame_to_time(capture.shots[shot].frame, capture.frame_count)
+            return played(moment) if played else gaussians_at(trainer, moment)
 
         return Judge(capture, trainer.store, self.judged[:most], gaussians_of)
 

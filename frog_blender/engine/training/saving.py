@@ -14,9 +14,8 @@ from ..errors import FrogError
 from ..files import SceneFile, SceneHeader, scene_bytes, settings_json, write_atomically
 from ..inference.scene import BY_GAUSSIAN, CANONICAL
 from ..model.canonical import ATTRIBUTES
-from ..packing import pack, unpack
-from ..spatial_order import neighbours_together
 from .budget import fit_within, keep_within
+from .compacting import arranged, compactions
 from .parsimony import Reduction, heads_of
 from .resting import arrange
 
@@ -33,7 +32,7 @@ def check_budget(job: TrainingJob, trainer: Trainer, scale: float) -> str | None
     not even a single Gaussian with an empty network meets."""
     if not job.max_bytes:
         return None
-    scene, draw = _scene(job, trainer, scale, {}, False), np.random.default_rng(0)
+    scene, draw = _scene(job, trainer, scale, {}), np.random.default_rng(0)
     one = {name: array[:1] if name in BY_GAUSSIAN else array for name, array in scene.arrays.items()}
     least = _size(SceneFile(scene.header, one))
     if least > job.max_bytes:
@@ -54,7 +53,7 @@ def fit_budget(job: TrainingJob, trainer: Trainer, scale: float) -> None:
     if trainer.parsimony:
         keep_within(trainer.parsimony, trainer, trainer.recipe.kept_at_most)
     if job.max_bytes and trainer.parsimony and trainer.finished:
-        fit_within(trainer.parsimony, trainer, lambda: _size(_scene(job, trainer, scale, {}, True)), job.max_bytes)
+        fit_within(trainer.parsimony, trainer, lambda: _size(arranged(_scene(job, trainer, scale, {}))), job.max_bytes)
 
 
 def _size(scene: SceneFile) -> int:
@@ -68,18 +67,17 @@ def save_scene(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[s
     shows."""
     _drop_broken(trainer)
     compact = trainer.parsimony is not None and not job.lossless
-    scene = _scene(job, trainer, scale, metrics, compact)
+    scene = _scene(job, trainer, scale, metrics)
+    if compact:
+        scene = arranged(scene)
     content = scene_bytes(scene, compact=compact)
     if compact and trainer.parsimony and trainer.finished:
-        plain = sum(array.nbytes for array in scene.arrays.values())
-        order = torch.from_numpy(_order(_arrays(trainer)))
-        after = trainer.parsimony.psnr_with(trainer, lambda name, value: _unpacked(name, value, order))
-        loss = trainer.parsimony.judge(trainer).now - after
-        if loss > _PACKING_LOSS and not job.max_bytes:
-            compact = False
+        packed, *others = compactions(trainer.parsimony, trainer, scene, len(content))
+        if packed.loss is not None and packed.loss > _PACKING_LOSS and not job.max_bytes:
+            compact, found = False, others
         else:
-            packed = Reduction("packed", 1.0, plain, len(content), loss, bytes=plain - len(content))
-            scene.header.capacity["reductions"].append(asdict(packed))
+            found = [packed, *others]
+        scene.header.capacity["reductions"] += [asdict(reduction) for reduction in found]
         content = scene_bytes(scene, compact=compact)
     write_atomically(job.output, content)
     return scene
@@ -99,8 +97,7 @@ def _drop_broken(trainer: Trainer) -> None:
         arrange(trainer, kept, movers)
 
 
-def _scene(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[str, Any], compact: bool) -> SceneFile:
-    arrays = _sorted(_arrays(trainer)) if compact else _arrays(trainer)
+def _scene(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[str, Any]) -> SceneFile:
     capture = trainer.capture
     shots: list[list[int]] = [[] for _ in capture.cameras]
     for shot in capture.shots:
@@ -126,7 +123,7 @@ def _scene(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[str, 
         train_seconds=trainer.seconds,
         capacity=_capacity(trainer, trainer.parsimony.reductions) if trainer.parsimony else {},
     )
-    return SceneFile(header, arrays)
+    return SceneFile(header, _arrays(trainer))
 
 
 def _arrays(trainer: Trainer) -> dict[str, np.ndarray]:
@@ -140,25 +137,6 @@ def _arrays(trainer: Trainer) -> dict[str, np.ndarray]:
     elif not arrays["embeddings"].size:
         del arrays["embeddings"]
     return arrays
-
-
-def _order(arrays: dict[str, np.ndarray]) -> np.ndarray:
-    return neighbours_together(arrays["means"], moving=len(arrays.get("embeddings", ())))
-
-
-def _sorted(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    order = _order(arrays)
-    return {n: array[order[: len(array)]] if n in BY_GAUSSIAN else array for n, array in arrays.items()}
-
-
-def _unpacked(name: str, value: torch.Tensor, order: torch.Tensor) -> torch.Tensor:
-    """A model's tensor as it comes back from a packed file, whose Gaussians lie in ``order``."""
-    name = name.removeprefix("canonical.")
-    rows = order[: len(value)] if name in BY_GAUSSIAN else torch.arange(len(value))
-    packed = pack(name, value.detach().cpu()[rows].numpy())
-    back = torch.empty_like(value, device="cpu")
-    back[rows] = torch.from_numpy(unpack(packed.content, packed.description))
-    return back.to(value)
 
 
 def _capacity(trainer: Trainer, reductions: list[Reduction]) -> dict[str, Any]:

@@ -57,6 +57,9 @@ typedef struct {
   // (N / PLAYED_GROUP rounded up, rows, PLAYED_GROUP), whose rows are means, log_scales, quaternions, opacity_logits,
   // sh_deformed coefficients and embeddings, or with kept_products the embeddings times embedding_weight.
   const float *groups;
+  // (groups,) or null. Groups with a zero here cannot be seen: they come out as their canonical attributes say, but for an
+  // opacity of zero.
+  const uint8_t *active;
 } FrogDeformation;
 
 // Deformed, activated Gaussians, or the gradients by them. Where sh_active is more than sh_count, the forward pass leaves
@@ -64,6 +67,7 @@ typedef struct {
 typedef struct {
   float *means, *quaternions, *scales, *opacities, *sh;  // sh is (N, sh_active, 3)
   float *changes;  // (moving, outputs) what the network added: means, log_scales, quaternions, opacity logit, sh (or null)
+  float *stirred;  // (groups,) zero where the output holds a group as one that cannot be seen; read and written (or null)
 } FrogDeformed;
 
 typedef struct {  // shapes as in FrogDeformation

@@ -100,6 +100,18 @@ static inline void give(const float *columns, int width, float *turned, float *t
   for (int r = 0; r < count; ++r) copy(to + r * row, turned + r * width, width);
 }
 
+static void group_network(const DeformationPlan &plan, const float *own, float *hidden, float *outputs) {
+  if (plan.field->kept_products)
+    kept_layer(plan.hidden, own, plan.shared, hidden);
+  else
+    group_layer<true>(plan.hidden, plan.embedding, own, plan.embedding_rows, plan.shared, hidden);
+  group_layer<false>(plan.outputs, plan.hidden, hidden, plan.output_rows, plan.output_bias, outputs);
+}
+
+static inline void put_zeros(float *values, int count) {
+  for (int k = 0; k < count; ++k) values[k] = 0;
+}
+
 static void play(const DeformationPlan &plan, const FrogDeformed &out, int begin, int end, float *scratch) {
   const FrogDeformation &field = *plan.field;
   const DeformationLayout l = layout_of(plan);
@@ -107,13 +119,17 @@ static void play(const DeformationPlan &plan, const FrogDeformed &out, int begin
   float *hidden = scratch + l.first, *outputs = scratch + l.columns, *turned = scratch + l.result;
   for (long long start = begin; start < end; start += PLAYED_GROUP) {
     const int count = static_cast<int>(end - start < PLAYED_GROUP ? end - start : PLAYED_GROUP);
-    const float *canonical = field.groups + start * (plan.outputs + inner), *own = canonical + plan.outputs * PLAYED_GROUP;
-    if (field.kept_products)
-      kept_layer(plan.hidden, own, plan.shared, hidden);
+    const long long group = start / PLAYED_GROUP;
+    const float *canonical = field.groups + start * (plan.outputs + inner);
+    const bool seen = !field.active || field.active[group];
+    if (!seen && out.stirred && out.stirred[group] == 0) continue;
+    if (out.stirred) out.stirred[group] = seen;
+    if (seen)
+      group_network(plan, canonical + plan.outputs * PLAYED_GROUP, hidden, outputs);
     else
-      group_layer<true>(plan.hidden, plan.embedding, own, plan.embedding_rows, plan.shared, hidden);
-    group_layer<false>(plan.outputs, plan.hidden, hidden, plan.output_rows, plan.output_bias, outputs);
+      put_zeros(outputs, plan.outputs * PLAYED_GROUP);
     activate_group(field, canonical, outputs);
+    if (!seen) put_zeros(outputs + OUT_OPACITY * PLAYED_GROUP, PLAYED_GROUP);
     const auto column = [&](int output) { return outputs + output * PLAYED_GROUP; };
     give(column(OUT_MEANS), 3, turned, out.means + 3 * start, 3, count);
     give(column(OUT_SCALES), 3, turned, out.scales + 3 * start, 3, count);

@@ -1,0 +1,41 @@
+"""Played scenes that tests share: what is the same bits, and scenes whose Gaussians come and go."""
+
+from __future__ import annotations
+
+import numpy as np
+from helpers import ATTRIBUTES, scene_file
+
+from frog_blender.engine.files import SceneFile
+from frog_blender.engine.inference.moving_part import column_of, width_of
+from frog_blender.engine.inference.scene import PlayableScene
+
+TIMES = (0.0, 0.31, 0.5, 1.0)
+
+
+def assert_same_bits(scene: SceneFile, times: tuple[float, ...] = TIMES) -> PlayableScene:
+    """Joined parts and columns are what another player of the scene computes as a whole."""
+    playable, other = PlayableScene(scene), PlayableScene(scene)
+    parts = {time: playable.part_at(time) for time in times}
+    for time, part in parts.items():
+        assert tuple(part.columns) == playable.changing
+        expected, found = other.at(time), playable.at(time, part)
+        for name in ATTRIBUTES:
+            np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
+        for name in playable.columns:
+            column = playable.column(name, part)
+            assert column.shape == (playable.count, width_of(name)) and column.flags.c_contiguous
+            np.testing.assert_array_equal(column, column_of(expected, name), err_msg=name)
+    return playable
+
+
+def flickering(count: int = 300, **model: object) -> SceneFile:
+    """Each Gaussian is transparent at most of its moments."""
+    scene = scene_file(count, modulation=True, **model)
+    arrays = {name: array.copy() for name, array in scene.arrays.items()}
+    arrays["network.output_weight"][10] *= 60
+    arrays["network.output_bias"][10] = -4.0
+    return SceneFile(scene.header, arrays)
+
+
+def without_lifetimes(scene: SceneFile) -> SceneFile:
+    return SceneFile(scene.header, {name: array for name, array in scene.arrays.items() if name != "lifetimes"})
