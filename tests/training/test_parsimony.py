@@ -49,24 +49,33 @@ class Exact:
         return film.picture(self._capture.cameras[shot.camera], shot.frame)
 
 
-def test_what_lies_where_pictures_hardly_change_rests_early(make_trainer: Make, capture: Capture) -> None:
+def test_what_lies_where_pictures_hardly_change_rests_early(
+    make_trainer: Make, capture: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        reductions, "_WORTH_IT", 0.0
+    )  # of a wall of broad, overlapping Gaussians few are clear of the ball
     trainer = make_trainer(100, watched=Exact(capture), capacity="auto")
     train(trainer, until=10)
     assert trainer.parsimony
     (found,) = trainer.parsimony.reductions
     moving = trainer.model.canonical.moving
     assert found.what == "put to rest" and found.before == trainer.count and found.after == moving
-    assert trainer.count - moving > 3  # of a wall of broad, overlapping Gaussians few are clear of the ball
+    assert 3 < trainer.count - moving < trainer.count / 10
     height = trainer.model.canonical.means[:, 1].detach().abs()  # the ball's path is at most 0.4 from the middle
     assert float(height[moving:].min()) > 0.45
     crossed = height < 0.45
     assert int(crossed.sum()) > 50 and int(crossed[:moving].sum()) == int(crossed.sum())
 
 
-@pytest.mark.parametrize(("what", "value"), [("ALLOWED_LOSS", -100.0), ("_UNCHANGED", -1.0), ("_LEAST_CHANGE", 0.0)])
-def test_what_the_pictures_would_miss_does_not_rest_early(
+@pytest.mark.parametrize(
+    ("what", "value"),
+    [("ALLOWED_LOSS", -100.0), ("_UNCHANGED", -1.0), ("_LEAST_CHANGE", 0.0), ("_WORTH_IT", 0.1)],
+)
+def test_what_the_pictures_would_miss_does_not_rest_early_and_neither_do_few(
     make_trainer: Make, capture: Capture, monkeypatch: pytest.MonkeyPatch, what: str, value: float
 ) -> None:
+    monkeypatch.setattr(reductions, "_WORTH_IT", 0.0)
     monkeypatch.setattr(reductions, what, value)
     trainer = make_trainer(100, watched=Exact(capture), capacity="auto")
     train(trainer, until=20)
@@ -223,7 +232,8 @@ def test_nothing_is_added_after_the_scene_has_settled(make_trainer: Make) -> Non
     trainer = make_trainer(100, capacity="auto", densify_until=1.0, sampling_until=1.0, densify_threshold=0.0)
     train(trainer, until=85)
     count = trainer.count
-    assert trainer.parsimony and "pruned" in [each.what for each in trainer.parsimony.reductions] and count < 600
+    assert trainer.parsimony and "pruned" in [each.what for each in trainer.parsimony.reductions]
+    assert count < trainer.recipe.growth_limit_at(0.85)
     train(trainer)
     assert trainer.count == count
 

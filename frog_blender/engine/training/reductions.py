@@ -33,6 +33,7 @@ ALLOWED_PRUNING_LOSS, ALLOWED_COLOR_LOSS, ALLOWED_HEAD_LOSS = 0.03, 0.03, 0.01
 RESTS_BELOW, ALL_REST_BELOW = 4.0, 2.0
 """Score (see motion.Motion) below which a Gaussian may rest; and below which every one may, if none is above."""
 _UNCHANGED, _LEAST_CHANGE = 0.002, 2 / 255  # of the pictures' squared error; standard deviation that may be seen
+_WORTH_IT = 0.25  # of those that move: where fewer may rest early, that saves less time than it takes
 _GLANCE, _CLEARLY = 2, 5.0  # pictures that tell at once what costs clearly more than is allowed: so many times
 _MOST_PRUNED = 0.6  # of the Gaussians, in a round
 _WAKES_ABOVE = 0.1  # error that changes with time, of the pictures' mean brightness
@@ -153,7 +154,8 @@ def rest(rounds: Parsimony, trainer: Trainer, judge: Judge, motion: Motion) -> N
 
 def rest_unchanged(rounds: Parsimony, trainer: Trainer, generator: torch.Generator) -> None:
     """Puts to rest, while motion is still being learned, what lies where the pictures hardly change: those whose pixels
-    change least, none that anybody would see, as many as cost no more than a small part of the pictures' error now."""
+    change least, none that anybody would see, as many as cost no more than a small part of the pictures' error now. Few
+    are not worth the change of a training that is still finding its motion."""
     canonical = trainer.model.canonical
     changes = measure_changes(trainer.capture, trainer.store) if canonical.moving else None
     looks = [look for look in rounds.draw_looks(generator) if changes and look.camera in changes.variance]
@@ -167,8 +169,10 @@ def rest_unchanged(rounds: Parsimony, trainer: Trainer, generator: torch.Generat
     each = torch.where(pixels >= 1, lost / pixels, torch.inf)
     order = each.argsort()
     number = int(((lost[order].cumsum(0) <= allowed) & (each[order] < _LEAST_CHANGE**2)).sum())
+    if number < max(1, _WORTH_IT * canonical.moving):
+        return
     state = {k: v[: canonical.moving] for k, v in mean_state(lambda t: gaussians_at(trainer, t), looks).items()}
-    loss = _loss_at_rest(trainer, judge, order[:number], state) if number else math.inf
+    loss = _loss_at_rest(trainer, judge, order[:number], state)
     if loss > ALLOWED_LOSS:
         return
     with rounds.noted("put to rest", trainer, lambda: canonical.moving, lambda: gaussians_at(trainer, 0.5), loss):
