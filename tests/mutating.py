@@ -95,7 +95,8 @@ MUTATIONS: list[Callable[[bytes, random.Random], bytes]] = [flipped, in_the_head
 def play(path: Path) -> bool:
     """True if the file was played, False if it was refused in one sentence."""
     try:
-        PlayableScene.load(path).at(0.3)
+        scene = PlayableScene.load(path)
+        scene.at(0.3), scene.part_at(0.7)
     except FrogError as error:
         sentence = str(error)
         assert "\n" not in sentence and len(sentence) < 1000, sentence

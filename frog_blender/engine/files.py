@@ -2,7 +2,7 @@
 
 Tensors of a FRoG scene: ``means, log_scales, quaternions, opacity_logits, sh`` by Gaussian,
 ``embeddings`` of those that move, which come first, ``temporal_table`` and ``network.*``, and where that saves time at
-playback ``lifetimes`` (see inference.lifetimes). The header holds what playback and evaluation need besides.
+playback LIFETIMES (see inference.lifetimes). The header holds what playback and evaluation need besides.
 """
 
 from __future__ import annotations
@@ -25,9 +25,11 @@ from .capture.camera import Camera
 from .errors import FrogError, found_instead
 from .packing import pack, unpack_scene
 
-FORMAT_VERSION = 2
-"""1 had every array as it is; 2 may have them packed."""
+FORMAT_VERSION = 3
+"""1 had every array as it is; 2 may have them packed; 3 may have lifetimes."""
 METHODS = ("frog", "ed3dgs", "static", "d3dgs", "hexplane", "curves")
+LIFETIMES = "lifetimes"
+"""Name of the array in which bits say when groups of Gaussians can be seen."""
 _HEADER_KEY = "frog"
 _PACKING_KEY = "packing"
 
@@ -153,11 +155,10 @@ def scene_bytes(scene: SceneFile, *, compact: bool = False) -> bytes:
     arrays = scene.arrays
     if compact:
         try:
-            numbers = {name: array for name, array in arrays.items() if array.dtype != np.uint8}
-            packed = {name: pack(name, array) for name, array in numbers.items()}
+            packed = {name: pack(name, array) for name, array in arrays.items()}
         except ValueError as error:
             raise FrogError(f"The scene cannot be packed: {error}.") from error
-        arrays = arrays | {name: each.content for name, each in packed.items()}
+        arrays = {name: each.content for name, each in packed.items()}
         metadata[_PACKING_KEY] = json.dumps({name: each.description for name, each in packed.items()})
     return serialize(_contiguous(arrays), metadata=metadata)
 

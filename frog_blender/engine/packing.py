@@ -1,8 +1,8 @@
 """Arrays of a scene as few bytes: quantised in blocks, laid out by significance, compressed by zlib. No torch.
 
 A block is 256 rows in which each column is stored as whole numbers between its least and largest value. Gaussians that
-lie side by side in the file lie side by side in the scene (see spatial_order), so a block spans little and neighbours
-have bytes in common.
+lie side by side in the file lie side by side in the scene (see spatial_order), or are there at the same moments (see
+inference.lifetimes), so a block spans little and neighbours have bytes in common.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 BLOCK = 256
 _LARGEST = 2**27  # numbers of an unpacked array
 _LEVEL = 9
+_AS_IT_IS = 1  # bits of a number: bytes that are eight of them
 _LARGEST_HALF = 65_504
 # What a scene can need, so that a small file cannot ask for much memory: places of Gaussians hardly compress.
 _MEANS_OF_BYTES, _NUMBERS_OF_GAUSSIAN, _LARGEST_NETWORK = 20, 256, 2**22
@@ -28,8 +29,9 @@ BITS = {
     "opacity_logits": 8,
     "sh": 8,
     "embeddings": 8,
+    "lifetimes": 1,
 }
-"""Of a number of each Gaussian's attributes; what is not here is stored in half precision.
+"""Of a number of each Gaussian's attributes; what is not here is stored in half precision, and bits as they are.
 
 Means have 16: a block's extent in 65,536 parts is a hundredth of a pixel, in 256 parts several pixels. The others
 were measured to cost nothing that shows (docs/parsimony.md)."""
@@ -47,11 +49,13 @@ class Packed:
 
 
 def pack(name: str, array: np.ndarray) -> Packed:
-    """A float32 array of any shape; ValueError for numbers that are not finite."""
-    if not np.isfinite(array).all():
-        raise ValueError(f"{name} holds numbers that are not finite")
+    """A float32 array of any shape, or bits in bytes (uint8); ValueError for numbers that are not finite."""
     bits = BITS.get(name, 0)
-    if not bits:
+    if bits == _AS_IT_IS:
+        stored = array.astype(np.uint8).tobytes()
+    elif not np.isfinite(array).all():
+        raise ValueError(f"{name} holds numbers that are not finite")
+    elif not bits:
         if np.abs(array).max(initial=0) > _LARGEST_HALF:
             raise ValueError(f"{name} holds numbers too large for half precision")
         stored = _by_significance(array.astype(np.float16).reshape(-1).view(np.uint8), 2)
@@ -68,7 +72,7 @@ def pack(name: str, array: np.ndarray) -> Packed:
 
 
 def unpack(content: np.ndarray, description: dict[str, Any], most: int = _LARGEST) -> np.ndarray:
-    """The float32 array; KeyError, TypeError or ValueError for what ``pack`` does not write.
+    """The array as it was, about; KeyError, TypeError or ValueError for what ``pack`` does not write.
 
     Sizes are checked before anything is allocated.
 
@@ -76,14 +80,19 @@ def unpack(content: np.ndarray, description: dict[str, Any], most: int = _LARGES
         most: numbers that the array may have.
     """
     shape, bits = tuple(description["shape"]), description["bits"]
-    if bits not in (0, 8, 16) or any(type(length) is not int or length < 0 for length in shape) or (bits and not shape):
+    if (
+        bits not in (0, _AS_IT_IS, 8, 16)
+        or any(type(length) is not int or length < 0 for length in shape)
+        or (bits and not shape)
+    ):
         raise ValueError(f"an array of shape {shape} in {bits} bits")
     count = math.prod(shape)
     if count > most or (not count and max(shape, default=0) > most):
         raise ValueError(f"an array of shape {shape}, expected at most {most} numbers")
-    columns = count // shape[0] if bits and shape[0] else 0
-    blocks = -(-shape[0] // BLOCK) if bits else 0
-    width = bits // 8 or 2
+    in_blocks = bits in (8, 16)
+    columns = count // shape[0] if in_blocks and shape[0] else 0
+    blocks = -(-shape[0] // BLOCK) if in_blocks else 0
+    width = 1 if bits == _AS_IT_IS else bits // 8 or 2
     size = 8 * blocks * columns + width * count
     unpacker = zlib.decompressobj()
     try:
@@ -92,6 +101,8 @@ def unpack(content: np.ndarray, description: dict[str, Any], most: int = _LARGES
         raise ValueError(f"damaged bytes ({error})") from error
     if len(stored) != size or not unpacker.eof:
         raise ValueError(f"an array of shape {shape} from other than {size} bytes")
+    if bits == _AS_IT_IS:
+        return np.frombuffer(stored, np.uint8).reshape(shape)
     if not bits:
         return _from_significance(stored, 2).view(np.float16).astype(np.float32).reshape(shape)
     ranges = np.frombuffer(stored, np.float32, 2 * blocks * columns).reshape(2, blocks, columns)

@@ -1,7 +1,7 @@
 """Gaussians as solid ellipsoids: one instance each, for a look at what a scene is made of, and for Geometry Nodes.
 
 An instance's location, rotation and scale are the Gaussian's own; the sphere that is instanced has a radius of
-``RADIUS`` standard deviations.
+``RADIUS`` standard deviations. Gaussians that are too transparent to be drawn as splats have none.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from typing import Any
 
 import bpy
 
+from ..engine.rasterizer.options import ALPHA_MIN
 from .node_builder import Builder, new_geometry_group, new_material
 from .splat_nodes import display_color
 
@@ -35,6 +36,13 @@ def ellipsoids_group() -> Any:
     instances = build.node("GeometryNodeInstanceOnPoints")
     build.link(source.outputs[0], instances.inputs["Points"])
     build.link(set_material.outputs[0], instances.inputs["Instance"])
+    base = build.node("FunctionNodeSeparateColor")
+    build.link(build.named("radiance:base", "FLOAT_COLOR"), base.inputs["Color"])
+    seen = build.node("FunctionNodeCompare")
+    seen.data_type, seen.operation = "FLOAT", "GREATER_EQUAL"
+    build.link(base.outputs["Alpha"], seen.inputs["A"])
+    seen.inputs["B"].default_value = ALPHA_MIN
+    build.link(seen.outputs["Result"], instances.inputs["Selection"])
     build.link(build.named("rotation", "QUATERNION"), instances.inputs["Rotation"])
     build.link(build.named("scale", "FLOAT_VECTOR"), instances.inputs["Scale"])
     build.link(instances.outputs[0], result.inputs[0])

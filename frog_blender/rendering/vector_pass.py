@@ -35,11 +35,16 @@ def vectors(moment_at: Callable[[int], Moment], options: RasterizeOptions) -> np
     if gaussians is None:
         return result
     here = _places(gaussians, camera)
-    for columns, moment, sign in ((slice(0, 2), before, 1.0), (slice(2, 4), after, -1.0)):
+    ways = {}
+    for first, moment, sign in ((0, before, 1.0), (2, after, -1.0)):
         other, its_camera = moment
         if other is not None and len(other.means) == len(gaussians.means):
             way = sign * (_places(other, its_camera) - here) * (1.0, -1.0)
-            result[..., columns] = _drawn(gaussians, np.nan_to_num(way), camera, options)
+            way[other.opacities == 0] = np.nan  # who cannot be seen there is not where its way leads (see lifetimes)
+            ways[first] = way
+    for first, way in ways.items():
+        known = np.where(np.isnan(way), ways.get(2 - first, way), way)  # as if it went on as it came
+        result[..., first : first + 2] = _drawn(gaussians, np.nan_to_num(known), camera, options)
     return result
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender.engine.rasterizer.options import ALPHA_MIN
 
 
 def import_scene(path):
@@ -43,17 +44,32 @@ def test_every_instance_is_its_gaussian(empty, static_rig, frames):
         expected = np.tile(np.eye(4), (len(gaussians), 1, 1))
         expected[:, :3, :3] = turns * gaussians.scales[:, None, :]
         expected[:, :3, 3] = gaussians.means
+        expected = expected[gaussians.opacities >= ALPHA_MIN]
         found = instances(obj)
         assert found.shape == expected.shape
         np.testing.assert_allclose(found, np.array(obj.matrix_world) @ expected, atol=2e-5)
 
 
+def test_nobody_sees_what_is_transparent(empty):
+    from frog_blender import carrier
+    from frog_blender.engine.rasterizer.arrays import GaussianArrays
+
+    opacities = np.array([0.9, 0.0, 0.5, 0.003, 0.004], np.float32)
+    means = np.arange(15, dtype=np.float32).reshape(5, 3)
+    turns = np.tile(np.array([1, 0, 0, 0], np.float32), (5, 1))
+    obj = carrier.create("five", GaussianArrays(means, turns, np.ones_like(means), opacities, means[:, None]))
+    carrier.display(obj, "ELLIPSOIDS")
+    empty.collection.objects.link(obj)
+    np.testing.assert_array_equal(instances(obj)[:, :3, 3], means[[0, 2, 4]])
+
+
 def test_splats_again(empty, static_rig):
     obj = import_scene(static_rig)
     obj.frog.display = "ELLIPSOIDS"
-    assert len(instances(obj)) == 60
+    seen = int((PlayableScene.load(static_rig).at_frame(empty.frame_current - 1).opacities >= ALPHA_MIN).sum())
+    assert 30 < len(instances(obj)) == seen
     obj.frog.display = "POINTS"
-    assert not len(instances(obj)) or instances(obj).shape[0] < 60
+    assert not len(instances(obj)) or instances(obj).shape[0] < seen
 
 
 def test_too_many_stay_splats(empty, static_rig, monkeypatch):

@@ -102,6 +102,32 @@ def test_a_still_scene_before_a_moving_camera(empty, static_rig, monkeypatch):
         assert np.median(ways[:, 1] / ways[:, 0]) == pytest.approx(0.5, abs=0.02)
 
 
+def test_who_cannot_be_seen_a_frame_away_goes_on_as_it_came(empty):
+    """It is not where its way leads then (see inference.lifetimes)."""
+    from frog_blender.engine.rasterizer.arrays import GaussianArrays
+
+    camera = rig_of_three()[0]
+    ahead = camera.rotation.T @ (np.array([0, 0, 4.0]) - camera.world_to_camera[:3, 3])
+    aside = camera.rotation.T @ np.array([0.05, 0, 0])
+
+    def moment(offset, opacity):
+        place = np.float32([ahead + offset * aside])
+        turn, size = np.float32([[1, 0, 0, 0]]), np.full((1, 3), 0.5, np.float32)
+        return GaussianArrays(place, turn, size, np.full(1, opacity, np.float32), np.zeros((1, 1, 3), "f")), camera
+
+    def middle(before, after):
+        moments = {-1: before, 1: after, 0: moment(0, 0.9)}
+        pixels, _ = camera.project(np.float64([ahead]))
+        column, row = pixels[0].astype(int)
+        return vectors(moments.__getitem__, RasterizeOptions())[row, column]
+
+    seen = middle(moment(-1, 0.9), moment(1, 0.9))
+    assert seen[0] < -0.1 and seen[2] < -0.1 and abs(seen[0] - seen[2]) < 0.1
+    for before, after in ((moment(40, 0.0), moment(1, 0.9)), (moment(-1, 0.9), moment(40, 0.0))):
+        np.testing.assert_allclose(middle(before, after), seen, atol=0.1)
+    np.testing.assert_allclose(middle(moment(40, 0.0), moment(40, 0.0)), 0, atol=1e-3)
+
+
 def test_nothing_is_still(empty):
     camera = rig_of_three()[0]
     assert not vectors(lambda _: (None, camera), RasterizeOptions()).any()

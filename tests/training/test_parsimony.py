@@ -83,6 +83,16 @@ def test_what_the_pictures_would_miss_does_not_rest_early_and_neither_do_few(
     assert trainer.model.canonical.moving == trainer.count
 
 
+def test_many_rest_early_as_they_are(make_trainer: Make, capture: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    for what, value in (("ALLOWED_LOSS", 100.0), ("_UNCHANGED", 1e9), ("_LEAST_CHANGE", 0.2)):
+        monkeypatch.setattr(reductions, what, value)
+    trainer = make_trainer(100, watched=Exact(capture), capacity="auto")
+    train(trainer, until=10)
+    assert trainer.parsimony
+    (found,) = trainer.parsimony.reductions
+    assert found.what == "put to rest" and found.after < 0.75 * found.before
+
+
 def test_a_scene_that_was_frozen_too_early_wakes(make_trainer: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(parsimony, "nothing_moves", lambda *_: True)
     trainer = train(make_trainer(300, capacity="auto"))

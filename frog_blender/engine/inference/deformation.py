@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import FrogError, brief
+from ..files import LIFETIMES
 from ..model.first_layer import first_layer
 from ..rasterizer.arrays import GaussianArrays
 from ..rasterizer.native_deformation import FieldShape, PlayedField
@@ -100,7 +101,7 @@ class PlayableDeformation:
             a = _checked_arrays(arrays, model, self._temporal)
             self._shape = _shape(model, a["sh"].shape[1], self._temporal.networks)
             moving = len(a["embeddings"])
-            self.lifetimes = GroupLifetimes(arrays["lifetimes"], moving) if "lifetimes" in arrays else None
+            self.lifetimes = GroupLifetimes(arrays[LIFETIMES], moving) if LIFETIMES in arrays else None
         except (KeyError, ValueError, TypeError, AttributeError, IndexError, OverflowError) as error:
             raise FrogError(
                 f"The scene's deformation network cannot be used ({brief(error)}); train it again."
@@ -108,6 +109,8 @@ class PlayableDeformation:
         self._temporal_weight, self._bias = a.pop("temporal_weight"), a.pop("bias")
         self.moving, deformed = moving, self._shape.sh_deformed
         self.changing = _changing(a, deformed) if self.moving else frozenset()
+        if self.lifetimes:
+            self.changing |= {"base"}  # in which opacities are
         still = vars(at_rest(a))
         self._sh = still["sh"]
         stirred = {"stirred": np.ones(-(-self.moving // GROUP), np.float32)} if self.lifetimes else {}

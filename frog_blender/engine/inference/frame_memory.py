@@ -15,7 +15,7 @@ class FrameMemory:
 
     Args:
         first: float32 arrays of a frame by name, as they are before anybody writes; who overwrites parts of them does
-            so in every frame.
+            so in every frame, or keeps among them what was written last.
         kept: frames to remember; what is handed out beyond them is forgotten, oldest first.
     """
 

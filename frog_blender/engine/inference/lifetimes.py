@@ -2,8 +2,8 @@
 
 What moves fast is made of Gaussians that are there for a few moments each, and FRoG's opacity reduction makes those
 transparent at all others. Masks of what is active between key frames are 4DGS-1K's (Yuan et al., arXiv 2503.16422);
-here a mask is of a group, which is what the native library works on, and of the time between two frames,
-so that no picture changes at all.
+here a mask is of a group, which is what the native library works on, and of the time between two frames, and takes only
+what no picture of a frame shows anyway.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ..rasterizer.options import ALPHA_MIN
 from .groups import GROUP
 
 _MOMENTS = 4  # looked at from a frame to the next
-_SEEN = 0.9 * ALPHA_MIN  # a packed file's opacities are a few per cent off
+_SEEN = 0.9 * ALPHA_MIN  # leaves some for moments in between
 
 
 def lifetimes(opacities_at: Callable[[float], np.ndarray], frame_count: int) -> np.ndarray:
@@ -27,9 +27,18 @@ def lifetimes(opacities_at: Callable[[float], np.ndarray], frame_count: int) -> 
         opacities_at: (M,) activated, at a time in [0, 1].
         frame_count: at least two.
     """
-    moments = np.arange(_MOMENTS * (frame_count - 1) + 1) / _MOMENTS
-    seen = np.stack([opacities_at(frame_to_time(frame, frame_count)) >= _SEEN for frame in moments])
-    return np.stack([seen[k : k + _MOMENTS + 1].any(0) for k in range(0, len(seen) - 1, _MOMENTS)])
+
+    def seen_at(frame: float) -> np.ndarray:
+        return opacities_at(frame_to_time(frame, frame_count)) >= _SEEN
+
+    at_frame, lives = seen_at(0), []
+    for frame in range(1, frame_count):
+        seen = at_frame
+        for k in range(1, _MOMENTS):
+            seen = seen | seen_at(frame - 1 + k / _MOMENTS)
+        at_frame = seen_at(frame)
+        lives.append(seen | at_frame)
+    return np.stack(lives)
 
 
 def together(lives: np.ndarray) -> np.ndarray:
@@ -65,6 +74,11 @@ class GroupLifetimes:
         if bits.dtype != np.uint8 or bits.ndim != 2 or not len(bits) or bits.shape[1] != -(-groups // 8):
             raise ValueError(f"lifetimes of {groups} groups are {bits.dtype} of shape {bits.shape}")
         self._bits, self._groups = bits, groups
+
+    def of(self, kept: np.ndarray) -> np.ndarray:
+        """``of_groups`` for some of the Gaussians alone; (n,) their indices, ascending."""
+        lives = np.unpackbits(self._bits, axis=1, count=self._groups).astype(bool)
+        return of_groups(lives[:, kept // GROUP])
 
     def at(self, time: float) -> np.ndarray:
         """(groups,) uint8, zero for those that nobody can see at a time in [0, 1]."""

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..capture.time import frame_to_time
-from ..files import SceneFile, SceneHeader, read_scene
+from ..files import LIFETIMES, SceneFile, SceneHeader, read_scene
 from ..rasterizer.arrays import GaussianArrays
 from .deformation import PlayableDeformation
 from .frame_memory import FrameMemory
@@ -78,7 +78,9 @@ class PlayableScene:
             kept: (M,) their indices, ascending, at least one.
         """
         arrays, header = dict(self._arrays), self.header
-        arrays.pop("lifetimes", None)  # of groups that are others then; what they say is seen in no picture
+        movers = kept[kept < self.moving]
+        if lifetimes := getattr(self._deformation, "lifetimes", None):
+            arrays[LIFETIMES] = lifetimes.of(movers)
         for name in BY_GAUSSIAN & arrays.keys():
             arrays[name] = arrays[name][kept[kept < len(arrays[name])]]
         if "embeddings" in arrays and not len(arrays["embeddings"]):  # none of those that move

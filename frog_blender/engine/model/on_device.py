@@ -14,7 +14,7 @@ import torch
 from ..capture.camera import Camera
 from ..capture.time import frame_to_time
 from ..errors import FrogError
-from ..files import SceneFile
+from ..files import LIFETIMES, SceneFile
 from ..rasterizer import GaussianArrays, rasterize
 from .canonical import ATTRIBUTES, CanonicalField
 from .frog import Frog, FrogSettings
@@ -90,7 +90,7 @@ def _gaussians(model: Frog, time: float) -> GaussianArrays:
 
 def model_of(scene: SceneFile) -> Frog:
     """The model as training had it, on the CPU and without gradients; FrogError when the file does not hold one."""
-    learned = {name: array for name, array in scene.arrays.items() if name != "lifetimes"}
+    learned = {name: array for name, array in scene.arrays.items() if name != LIFETIMES}
     values = {name: torch.from_numpy(np.array(array, np.float32)) for name, array in learned.items()}
     state = {
         f"canonical.{name}" if name in ATTRIBUTES else name.replace("network.", "deformation."): value

@@ -80,8 +80,8 @@ class PlayedField:
         Args:
             result: beside the attributes it may have ``stirred`` (groups,), as its arrays were left by the last call,
                 or ones: what cannot be seen and was not seen then is not written again.
-            active: (groups,) uint8, or None for all: where it is zero, Gaussians cannot be seen. They come out as they
-                are canonically, but for an opacity of zero, and the network is not asked.
+            active: with ``groups``, (groups,) uint8, or None for all: where it is zero, Gaussians cannot be seen. They
+                come out as they are canonically, but for an opacity of zero, and the network is not asked.
         """
         field = structs.Field.from_buffer_copy(self._field)  # others may be at another moment
         field.shared, field.embedding_weight = structs.address(shared), structs.address(embedding_weight)

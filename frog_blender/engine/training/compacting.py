@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 
-from ..files import SceneFile
+from ..files import LIFETIMES, SceneFile
 from ..inference.deformation import PlayableDeformation
 from ..inference.lifetimes import lifetimes, of_groups, share_deformed, together
 from ..inference.scene import BY_GAUSSIAN, PlayableScene
@@ -23,58 +22,58 @@ if TYPE_CHECKING:
     from .trainer import Trainer
 
 _WORTH_IT = 0.9  # of the groups that move: where more are deformed at a moment, lifetimes save nothing to speak of
-_TIMED = 9  # moments
+_TIMED = 15  # moments
 
 
-def arranged(scene: SceneFile) -> SceneFile:
-    """Neighbours together; and of those that move those that live at the same times, where that spares playback some of
-    them, which the array ``lifetimes`` then says (see inference.lifetimes)."""
-    arrays, header = scene.arrays, scene.header
-    moving = len(arrays.get("embeddings", ()))
-    arrays = _in_order(arrays, neighbours_together(arrays["means"], moving))
-    if not moving or header.frame_count < 2 or header.method != "frog" or header.model["head_width"]:
-        return SceneFile(header, arrays)
-    field = PlayableDeformation(arrays, header.model)
-    lives = lifetimes(lambda moment: field.at(moment).opacities[:moving], header.frame_count)
+def arranged(scene: SceneFile, finished: bool = True) -> SceneFile:
+    """Neighbours together; and when training is ``finished``, of those that move, those that live at the same times,
+    where that spares playback some of them, which the array ``lifetimes`` then says (see inference.lifetimes)."""
+    header, moving = scene.header, len(scene.arrays.get("embeddings", ()))
+    near = _in_order(scene, neighbours_together(scene.arrays["means"], moving))
+    in_groups = moving and header.method == "frog" and not header.model["head_width"]
+    if not finished or not in_groups or header.frame_count < 2:
+        return near
+    lives = _lives(near)
     order = together(lives)
-    groups = of_groups(lives[:, order])
-    if share_deformed(groups, moving) < _WORTH_IT:
-        arrays = _in_order(arrays, np.concatenate([order, np.arange(moving, len(arrays["means"]))]))
-        arrays["lifetimes"] = groups
-    return SceneFile(header, arrays)
+    if share_deformed(of_groups(lives[:, order]), moving) > _WORTH_IT:
+        return near
+    rest = np.arange(moving, len(scene.arrays["means"]))
+    found = _in_order(near, np.concatenate([order, rest]))
+    lives = lives[:, order] | _lives(as_packed(found))  # whose opacities are others, by a little
+    return SceneFile(header, found.arrays | {LIFETIMES: of_groups(lives)})
 
 
 def as_packed(scene: SceneFile) -> SceneFile:
     """The scene with numbers as they come back from a packed file."""
-    arrays = dict(scene.arrays)
-    for name, array in scene.arrays.items():
-        if array.dtype != np.uint8:
-            packed = pack(name, array)
-            arrays[name] = unpack(packed.content, packed.description)
-    return SceneFile(scene.header, arrays)
+    packed = {name: pack(name, array) for name, array in scene.arrays.items()}
+    return SceneFile(scene.header, {name: unpack(each.content, each.description) for name, each in packed.items()})
 
 
-def compactions(rounds: Parsimony, trainer: Trainer, scene: SceneFile, size: int) -> list[Reduction]:
-    """What packing an ``arranged`` scene into ``size`` bytes, and its lifetimes, save and cost."""
+def compactions(rounds: Parsimony, trainer: Trainer, scene: SceneFile, size: int) -> tuple[Reduction, Reduction | None]:
+    """What packing an ``arranged`` scene into ``size`` bytes saves and costs, and what its lifetimes do, if any."""
     packed = as_packed(scene)
-    without = {name: array for name, array in packed.arrays.items() if name != "lifetimes"}
-    plain, found = sum(array.nbytes for array in scene.arrays.values()), []
-    always = PlayableScene(SceneFile(scene.header, without))
-    psnr = _psnr(rounds, trainer, always)
+    playable = PlayableScene(packed)
+    always = PlayableScene(SceneFile(packed.header, {k: v for k, v in packed.arrays.items() if k != LIFETIMES}))
+    plain, psnr = sum(array.nbytes for array in scene.arrays.values()), _psnr(rounds, trainer, always)
     loss = rounds.judge(trainer).now - psnr
-    found.append(Reduction("packed", 1.0, plain, size, loss, bytes=plain - size))
-    if "lifetimes" in packed.arrays:
-        playable = PlayableScene(packed)
-        loss = psnr - _psnr(rounds, trainer, playable)
-        deformed = round(playable.moving * share_deformed(packed.arrays["lifetimes"], playable.moving))
-        saved = _milliseconds(always) - _milliseconds(playable)
-        found.append(Reduction("unseen left out", 1.0, playable.moving, deformed, loss, saved))
-    return found
+    packing = Reduction("packed", 1.0, plain, size, loss, bytes=plain - size)
+    if LIFETIMES not in packed.arrays:
+        return packing, None
+    deformed = round(playable.moving * share_deformed(packed.arrays[LIFETIMES], playable.moving))
+    loss, saved = psnr - _psnr(rounds, trainer, playable), _milliseconds_between(always, playable)
+    return packing, Reduction("unseen left out", 1.0, playable.moving, deformed, loss, saved)
 
 
-def _in_order(arrays: dict[str, np.ndarray], order: np.ndarray) -> dict[str, np.ndarray]:
-    """Those of each Gaussian in ``order``, of which the movers are the first."""
-    return {n: array[order[: len(array)]] if n in BY_GAUSSIAN else array for n, array in arrays.items()}
+def _lives(scene: SceneFile) -> np.ndarray:
+    """(frames - 1, M) see inference.lifetimes."""
+    field = PlayableDeformation(scene.arrays, scene.header.model)
+    return lifetimes(lambda moment: field.at(moment).opacities[: field.moving], scene.header.frame_count)
+
+
+def _in_order(scene: SceneFile, order: np.ndarray) -> SceneFile:
+    """Its Gaussians in ``order``, of which the movers are the first."""
+    arrays = {n: array[order[: len(array)]] if n in BY_GAUSSIAN else array for n, array in scene.arrays.items()}
+    return SceneFile(scene.header, arrays)
 
 
 def _psnr(rounds: Parsimony, trainer: Trainer, scene: PlayableScene) -> float:
@@ -87,13 +86,13 @@ def _psnr(rounds: Parsimony, trainer: Trainer, scene: PlayableScene) -> float:
     return rounds.judge(trainer, played=gaussians_at).now
 
 
-def _milliseconds(scene: PlayableScene) -> float:
-    """The median of a frame's deformation."""
-    return 1e3 * statistics.median(_seconds(scene))
-
-
-def _seconds(scene: PlayableScene) -> Iterator[float]:
+def _milliseconds_between(slow: PlayableScene, fast: PlayableScene) -> float:
+    """By which a frame of the one takes longer, in the median of some moments at which they take turns."""
+    longer = []
     for moment in np.linspace(0, 1, _TIMED):
         started = time.perf_counter()
-        scene.part_at(moment)
-        yield time.perf_counter() - started
+        slow.at(moment)
+        between = time.perf_counter()
+        fast.at(moment)
+        longer.append(2 * between - started - time.perf_counter())
+    return 1e3 * statistics.median(longer)

@@ -33,10 +33,10 @@ if TYPE_CHECKING:
 
 SETTLED = 0.8
 ROUNDS = {0.1: "rest", 0.3: "wake", SETTLED: "settle", 0.86: "wake"}
-"""What happens at which fraction of the training. What lies where pictures do not change rests early, and costs no step
-any more. Other motion is learned until late: Gaussians that were put to rest at 0.45 or 0.72 because they moved little
-would have learned more (docs/parsimony.md). Soon after the third round rates cool down (recipe.cool_down), and
-what wakes later than at the fourth learns little."""
+"""What happens at which fraction of the training. What lies where pictures do not change rests early, if it is much,
+and costs no step any more. Other motion is learned until late: Gaussians that were put to rest at 0.45 or 0.72 because
+they moved little would have learned more (docs/parsimony.md). Soon after the third round rates cool down
+(recipe.cool_down), and what wakes later than at the fourth learns little."""
 WITHHELD = (0.75, SETTLED)
 """Fractions of the training between which the withheld pictures are not learned from: long enough that they lose what
 test pictures lose in a round, and no longer, since what is at rest after it cannot learn them any more."""

@@ -33,7 +33,7 @@ ALLOWED_PRUNING_LOSS, ALLOWED_COLOR_LOSS, ALLOWED_HEAD_LOSS = 0.03, 0.03, 0.01
 RESTS_BELOW, ALL_REST_BELOW = 4.0, 2.0
 """Score (see motion.Motion) below which a Gaussian may rest; and below which every one may, if none is above."""
 _UNCHANGED, _LEAST_CHANGE = 0.002, 2 / 255  # of the pictures' squared error; standard deviation that may be seen
-_WORTH_IT = 0.25  # of those that move: where fewer may rest early, that saves less time than it takes
+_WORTH_IT = 0.25  # of those that move: where fewer may rest early, that saves no time, and dim lost 0.24 dB by it
 _GLANCE, _CLEARLY = 2, 5.0  # pictures that tell at once what costs clearly more than is allowed: so many times
 _MOST_PRUNED = 0.6  # of the Gaussians, in a round
 _WAKES_ABOVE = 0.1  # error that changes with time, of the pictures' mean brightness

@@ -69,14 +69,12 @@ def save_scene(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[s
     compact = trainer.parsimony is not None and not job.lossless
     scene = _scene(job, trainer, scale, metrics)
     if compact:
-        scene = arranged(scene)
+        scene = arranged(scene, trainer.finished)
     content = scene_bytes(scene, compact=compact)
     if compact and trainer.parsimony and trainer.finished:
-        packed, *others = compactions(trainer.parsimony, trainer, scene, len(content))
-        if packed.loss is not None and packed.loss > _PACKING_LOSS and not job.max_bytes:
-            compact, found = False, others
-        else:
-            found = [packed, *others]
+        packed, unseen = compactions(trainer.parsimony, trainer, scene, len(content))
+        compact = packed.loss is None or packed.loss <= _PACKING_LOSS or bool(job.max_bytes)
+        found = [each for each in (packed if compact else None, unseen) if each]
         scene.header.capacity["reductions"] += [asdict(reduction) for reduction in found]
         content = scene_bytes(scene, compact=compact)
     write_atomically(job.output, content)

@@ -57,8 +57,8 @@ typedef struct {
   // (N / PLAYED_GROUP rounded up, rows, PLAYED_GROUP), whose rows are means, log_scales, quaternions, opacity_logits,
   // sh_deformed coefficients and embeddings, or with kept_products the embeddings times embedding_weight.
   const float *groups;
-  // (groups,) or null. Groups with a zero here cannot be seen: they come out as their canonical attributes say, but for an
-  // opacity of zero.
+  // (groups,) or null, with `groups` only. Those with a zero here cannot be seen: they come out as their canonical attributes
+  // say, but for an opacity of zero.
   const uint8_t *active;
 } FrogDeformation;
 
