@@ -121,6 +121,7 @@ def test_ellipsoids_respect_it_and_never_are_too_many(empty, capture, monkeypatc
         depsgraph = bpy.context.evaluated_depsgraph_get()
         return sum(i.is_instance and i.parent.original == capture for i in depsgraph.object_instances)
 
+    monkeypatch.setattr(ellipsoid_nodes, "ALPHA_MIN", 0.0)  # all can be seen
     capture.frog.density, capture.frog.display = 10, "ELLIPSOIDS"
     assert instances() == 40
     monkeypatch.setattr(ellipsoid_nodes, "MOST", 70)
