@@ -52,9 +52,8 @@ class Exact:
 def test_what_lies_where_pictures_hardly_change_rests_early(
     make_trainer: Make, capture: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(
-        reductions, "_WORTH_IT", 0.0
-    )  # of a wall of broad, overlapping Gaussians few are clear of the ball
+    for bound in ("_WORTH_IT", "_MOSTLY_STILL"):  # of a wall of broad Gaussians few are clear of the ball
+        monkeypatch.setattr(reductions, bound, 0.0)
     trainer = make_trainer(100, watched=Exact(capture), capacity="auto")
     train(trainer, until=10)
     assert trainer.parsimony
@@ -70,12 +69,19 @@ def test_what_lies_where_pictures_hardly_change_rests_early(
 
 @pytest.mark.parametrize(
     ("what", "value"),
-    [("ALLOWED_LOSS", -100.0), ("_UNCHANGED", -1.0), ("_LEAST_CHANGE", 0.0), ("_WORTH_IT", 0.1)],
+    [
+        ("ALLOWED_LOSS", -100.0),
+        ("_UNCHANGED", -1.0),
+        ("_LEAST_CHANGE", 0.0),
+        ("_WORTH_IT", 0.1),
+        ("_MOSTLY_STILL", 1.1),
+    ],
 )
 def test_what_the_pictures_would_miss_does_not_rest_early_and_neither_do_few(
     make_trainer: Make, capture: Capture, monkeypatch: pytest.MonkeyPatch, what: str, value: float
 ) -> None:
-    monkeypatch.setattr(reductions, "_WORTH_IT", 0.0)
+    for bound in ("_WORTH_IT", "_MOSTLY_STILL"):
+        monkeypatch.setattr(reductions, bound, 0.0)
     monkeypatch.setattr(reductions, what, value)
     trainer = make_trainer(100, watched=Exact(capture), capacity="auto")
     train(trainer, until=20)
@@ -84,7 +90,7 @@ def test_what_the_pictures_would_miss_does_not_rest_early_and_neither_do_few(
 
 
 def test_many_rest_early_as_they_are(make_trainer: Make, capture: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
-    for what, value in (("ALLOWED_LOSS", 100.0), ("_UNCHANGED", 1e9), ("_LEAST_CHANGE", 0.2)):
+    for what, value in (("ALLOWED_LOSS", 100.0), ("_UNCHANGED", 1e9), ("_LEAST_CHANGE", 0.2)):  # of the display range
         monkeypatch.setattr(reductions, what, value)
     trainer = make_trainer(100, watched=Exact(capture), capacity="auto")
     train(trainer, until=10)

@@ -34,6 +34,7 @@ RESTS_BELOW, ALL_REST_BELOW = 4.0, 2.0
 """Score (see motion.Motion) below which a Gaussian may rest; and below which every one may, if none is above."""
 _UNCHANGED, _LEAST_CHANGE = 0.002, 2 / 255  # of the pictures' squared error; standard deviation that may be seen
 _WORTH_IT = 0.25  # of those that move: where fewer may rest early, that saves no time, and dim lost 0.24 dB by it
+_MOSTLY_STILL = 0.5  # of the pictures: Gaussians are fewer where nothing moves, so with less it cannot be worth it
 _GLANCE, _CLEARLY = 2, 5.0  # pictures that tell at once what costs clearly more than is allowed: so many times
 _MOST_PRUNED = 0.6  # of the Gaussians, in a round
 _WAKES_ABOVE = 0.1  # error that changes with time, of the pictures' mean brightness
@@ -158,8 +159,10 @@ def rest_unchanged(rounds: Parsimony, trainer: Trainer, generator: torch.Generat
     are not worth the change of a training that is still finding its motion."""
     canonical = trainer.model.canonical
     changes = measure_changes(trainer.capture, trainer.store) if canonical.moving else None
-    looks = [look for look in rounds.draw_looks(generator) if changes and look.camera in changes.variance]
-    if not changes or not looks:
+    if not changes or changes.still(_LEAST_CHANGE) < _MOSTLY_STILL:
+        return
+    looks = [look for look in rounds.draw_looks(generator) if look.camera in changes.variance]
+    if not looks:
         return
     judge = rounds.judge(trainer)
     cameras = [trainer.capture.cameras[look.camera] for look in looks]

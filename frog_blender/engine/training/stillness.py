@@ -45,6 +45,11 @@ class Changes:
 
     variance: dict[int, np.ndarray]
 
+    def still(self, deviation: float) -> float:
+        """The share of all cells that change by less than ``deviation`` (of the display range)."""
+        cells = np.concatenate([variance.ravel() for variance in self.variance.values()])
+        return float((cells < deviation**2).mean())
+
     def map_of(self, camera: int, height: int, width: int) -> np.ndarray:
         """(height, width) float32, each pixel with its cell's."""
         import cv2
