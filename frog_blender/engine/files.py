@@ -23,7 +23,7 @@ from safetensors.numpy import save as serialize
 from .capacity_report import lines, summary
 from .capture.camera import Camera
 from .errors import FrogError, found_instead
-from .packing import pack, unpack_scene
+from .packing import Packed, pack, unpack_scene
 
 FORMAT_VERSION = 3
 """1 had every array as it is; 2 may have them packed; 3 may have lifetimes."""
@@ -154,13 +154,18 @@ def scene_bytes(scene: SceneFile, *, compact: bool = False) -> bytes:
     metadata = {_HEADER_KEY: scene.header.to_json()}
     arrays = scene.arrays
     if compact:
-        try:
-            packed = {name: pack(name, array) for name, array in arrays.items()}
-        except ValueError as error:
-            raise FrogError(f"The scene cannot be packed: {error}.") from error
+        packed = packed_arrays(arrays)
         arrays = {name: each.content for name, each in packed.items()}
         metadata[_PACKING_KEY] = json.dumps({name: each.description for name, each in packed.items()})
     return serialize(_contiguous(arrays), metadata=metadata)
+
+
+def packed_arrays(arrays: dict[str, np.ndarray]) -> dict[str, Packed]:
+    """FrogError for numbers that no packed file can hold."""
+    try:
+        return {name: pack(name, array) for name, array in arrays.items()}
+    except ValueError as error:
+        raise FrogError(f"The scene cannot be packed: {error}.") from error
 
 
 def read_scene(path: str | Path) -> SceneFile:

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 
-from ..files import LIFETIMES, SceneFile
+from ..files import LIFETIMES, SceneFile, packed_arrays
 from ..inference.deformation import PlayableDeformation
 from ..inference.lifetimes import lifetimes, of_groups, share_deformed, together
 from ..inference.scene import BY_GAUSSIAN, PlayableScene
-from ..packing import pack, unpack
+from ..packing import unpack
 from ..rasterizer import GaussianArrays
 from ..spatial_order import neighbours_together
 from .parsimony import Parsimony, Reduction
@@ -44,8 +44,8 @@ def arranged(scene: SceneFile, finished: bool = True) -> SceneFile:
 
 
 def as_packed(scene: SceneFile) -> SceneFile:
-    """The scene with numbers as they come back from a packed file."""
-    packed = {name: pack(name, array) for name, array in scene.arrays.items()}
+    """The scene with numbers as they come back from a packed file; FrogError where none can hold them."""
+    packed = packed_arrays(scene.arrays)
     return SceneFile(scene.header, {name: unpack(each.content, each.description) for name, each in packed.items()})
 
 
