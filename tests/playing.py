@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Callable
+
 import numpy as np
 from helpers import ATTRIBUTES, scene_file
 
@@ -26,6 +29,15 @@ def assert_same_bits(scene: SceneFile, times: tuple[float, ...] = TIMES) -> Play
             assert column.shape == (playable.count, width_of(name)) and column.flags.c_contiguous
             np.testing.assert_array_equal(column, column_of(expected, name), err_msg=name)
     return playable
+
+
+def in_four_threads(work: Callable[[int], None]) -> None:
+    """``work(seed)`` in each at once, until all are done."""
+    threads = [threading.Thread(target=work, args=(seed,)) for seed in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
 
 
 def flickering(count: int = 300, **model: object) -> SceneFile:

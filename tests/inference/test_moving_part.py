@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import threading
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from helpers import scene_file
-from playing import assert_same_bits
+from playing import assert_same_bits, in_four_threads
 
 from frog_blender.engine.files import SceneFile
 from frog_blender.engine.inference.frame_cache import FrameCache
@@ -96,9 +95,5 @@ def test_the_cache_of_many_threads_adds_up() -> None:
             if random.random() < 0.02:
                 cache.forget(key[0])
 
-    threads = [threading.Thread(target=work, args=(seed,)) for seed in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    in_four_threads(work)
     assert cache.bytes == sum(found.bytes for found in cache._parts.values()) <= 1000

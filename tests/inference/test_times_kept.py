@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import threading
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from helpers import ATTRIBUTES, scene_file
+from playing import in_four_threads
 
 from frog_blender.engine.files import SceneFile
 from frog_blender.engine.inference.frame_memory import FrameMemory
@@ -96,11 +96,7 @@ def test_threads_see_what_one_alone_sees() -> None:
             if not np.array_equal(gaussians.sh, expected[time]):
                 wrong.append(time)
 
-    threads = [threading.Thread(target=play, args=(seed,)) for seed in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    in_four_threads(play)
     assert not wrong
 
 

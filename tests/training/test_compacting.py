@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import ATTRIBUTES, odd_camera, scene_file
-from playing import assert_same_bits, flickering, without_lifetimes
+from playing import assert_same_bits, flickering, in_four_threads, without_lifetimes
 
 from frog_blender.engine.capacity_report import reduction_line
 from frog_blender.engine.files import SceneFile, read_scene, write_scene
@@ -78,11 +77,7 @@ def test_threads_see_what_one_alone_sees() -> None:
             if not np.array_equal(found, expected[time]):
                 wrong.append(time)
 
-    threads = [threading.Thread(target=play, args=(seed,)) for seed in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    in_four_threads(play)
     assert not wrong
 
 

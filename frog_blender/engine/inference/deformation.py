@@ -18,7 +18,7 @@ from ..model.first_layer import first_layer
 from ..rasterizer.arrays import GaussianArrays
 from ..rasterizer.native_deformation import FieldShape, PlayedField
 from .frame_memory import FrameMemory
-from .groups import GROUP, grouped
+from .groups import group_count, grouped
 from .lifetimes import GroupLifetimes
 from .moving_part import MovingPart, taken_from
 from .rest import at_rest
@@ -113,7 +113,7 @@ class PlayableDeformation:
             self.changing |= {"base"}  # in which opacities are
         still = vars(at_rest(a))
         self._sh = still["sh"]
-        stirred = {"stirred": np.ones(-(-self.moving // GROUP), np.float32)} if self.lifetimes else {}
+        stirred = {"stirred": np.ones(group_count(self.moving), np.float32)} if self.lifetimes else {}
         self._memory = FrameMemory({k: v for k, v in still.items() if k != "sh" or deformed} | stirred)
         for name in _CANONICAL:
             a[name] = a[name][: self.moving]

@@ -13,6 +13,11 @@ _TOGETHER = GROUP * 4096  # Gaussians that are multiplied at once, so that what 
 _ATTRIBUTES = ("means", "log_scales", "quaternions", "opacity_logits", "sh")
 
 
+def group_count(count: int) -> int:
+    """Groups that ``count`` Gaussians fill, the last of them perhaps not whole."""
+    return -(-count // GROUP)
+
+
 def grouped(arrays: dict[str, np.ndarray], keep_products: bool) -> np.ndarray:
     """(N / GROUP rounded up, rows, GROUP) float32: each Gaussian's attributes and its embedding, a group's Gaussians in
     the last dimension, zero beyond the last one.
@@ -26,7 +31,7 @@ def grouped(arrays: dict[str, np.ndarray], keep_products: bool) -> np.ndarray:
     columns = [arrays[name].reshape(count, -1) for name in _ATTRIBUTES]
     width = sum(column.shape[1] for column in columns)
     own = len(weight) if keep_products else weight.shape[1]
-    result = np.zeros((-(-count // GROUP), width + own, GROUP), np.float32)
+    result = np.zeros((group_count(count), width + own, GROUP), np.float32)
     for start in range(0, count, _TOGETHER):
         some = slice(start, start + _TOGETHER)
         embeddings = arrays["embeddings"][some]

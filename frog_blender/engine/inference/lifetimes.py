@@ -14,7 +14,7 @@ import numpy as np
 
 from ..capture.time import frame_to_time, time_to_frame
 from ..rasterizer.options import ALPHA_MIN
-from .groups import GROUP
+from .groups import GROUP, group_count
 
 _MOMENTS = 4  # looked at from a frame to the next
 _SEEN = 0.9 * ALPHA_MIN  # leaves some for moments in between
@@ -54,8 +54,7 @@ def of_groups(lives: np.ndarray) -> np.ndarray:
 
 def share_deformed(bits: np.ndarray, count: int) -> float:
     """Of ``count`` Gaussians in the groups of ``of_groups``, how many are deformed at a moment, in the mean."""
-    groups = -(-count // GROUP)
-    return float(np.unpackbits(bits, axis=1, count=groups).mean())
+    return float(np.unpackbits(bits, axis=1, count=group_count(count)).mean())
 
 
 class GroupLifetimes:
@@ -70,7 +69,7 @@ class GroupLifetimes:
     """
 
     def __init__(self, bits: np.ndarray, count: int) -> None:
-        groups = -(-count // GROUP)
+        groups = group_count(count)
         if bits.dtype != np.uint8 or bits.ndim != 2 or not len(bits) or bits.shape[1] != -(-groups // 8):
             raise ValueError(f"lifetimes of {groups} groups are {bits.dtype} of shape {bits.shape}")
         self._bits, self._groups = bits, groups
