@@ -149,8 +149,9 @@ def test_rounds_of_parsimony_are_the_same_elsewhere(
     monkeypatch.setattr(parsimony, "_JUDGED", 2)
     monkeypatch.setattr(reductions, "_WAKING_CAMERAS", 1)
     monkeypatch.setattr(reductions, "_WAKING_MOMENTS", 3)
-    monkeypatch.setattr(reductions, "RESTS_BELOW", 1e9)
-    monkeypatch.setattr(reductions, "ALLOWED_LOSS", 100.0)
+    for name in ("RESTS_BELOW", "ALLOWED_LOSS", "_UNCHANGED"):
+        monkeypatch.setattr(reductions, name, 1e9)
+    monkeypatch.setattr(reductions, "_LEAST_CHANGE", 0.2)  # so that many rest early
     monkeypatch.setattr(reductions, "_WAKES_ABOVE", 0.0)
     there, here = (train(make(device, capacity="auto")) for device in (ELSEWHERE, CPU))
     assert there.parsimony and here.parsimony

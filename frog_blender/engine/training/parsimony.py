@@ -23,7 +23,7 @@ from ..model.interface import SceneModel
 from ..rasterizer import GaussianArrays
 from .motion import Look, Motion, draw_looks, measure_motion
 from .narrowing import narrow
-from .reductions import cut_colors, prune, rest, rest_unchanged, silence_heads, wake_some
+from .reductions import ALLOWED_LOSS, cut_colors, prune, rest, rest_unchanged, silence_heads, wake_some
 from .resting import arrange, gaussians_at
 from .stillness import nothing_moves
 from .validation import Judge, withheld_shots
@@ -32,14 +32,14 @@ if TYPE_CHECKING:
     from .trainer import Trainer
 
 SETTLED = 0.8
-ROUNDS = {0.1: "rest", 0.3: "wake", SETTLED: "settle", 0.86: "wake"}
+ROUNDS = {0.1: "rest", 0.3: "wake", 0.6: "wake", SETTLED: "prune", 1.0: "finish"}
 """What happens at which fraction of the training. What lies where pictures do not change rests early, if it is much,
-and costs no step any more. Other motion is learned until late: Gaussians that were put to rest at 0.45 or 0.72 because
-they moved little would have learned more (docs/parsimony.md). Soon after the third round rates cool down
-(recipe.cool_down), and what wakes later than at the fourth learns little."""
+and costs no step any more; then the rest of what hardly moves does so at the fourth. Elsewhere motion is learned to the
+end: what was put to rest before it, however little it moved, cost others 0.1 dB (docs/parsimony.md)."""
 WITHHELD = (0.75, SETTLED)
 """Fractions of the training between which the withheld pictures are not learned from: long enough that they lose what
-test pictures lose in a round, and no longer, since what is at rest after it cannot learn them any more."""
+test pictures lose when Gaussians are left out, and no longer, since what is at rest then cannot learn them any more. By
+what the last round takes, pictures that were learned from lose no less."""
 _LOOKS, _JUDGED = 24, 8  # views that Gaussians are measured on; pictures that judge where none was withheld
 LOOKS_OF_A_BUDGET = 72
 """Where what pictures need has to be weighed, few moments and sides must be overlooked."""
@@ -152,16 +152,35 @@ class Parsimony:
         return torch.Generator("cpu").manual_seed(1000 * self.seed + number)
 
     def _round(self, trainer: Trainer, kind: str, generator: torch.Generator) -> None:
-        if kind != "settle":
-            (wake_some if kind == "wake" else rest_unchanged)(self, trainer, generator)
-            return
+        match kind:
+            case "rest":
+                rest_unchanged(self, trainer, generator)
+            case "wake":
+                wake_some(self, trainer, generator)
+            case "prune":
+                self._leave_out(trainer, generator)
+            case "finish" if trainer.model.canonical.moving:
+                self._finish(trainer, generator)
+
+    def _leave_out(self, trainer: Trainer, generator: torch.Generator) -> None:
         looks = self.draw_looks(generator, LOOKS_OF_A_BUDGET if trainer.recipe.kept_gaussians else _LOOKS)
         judge = self.judge(trainer)
         motion = prune(self, trainer, judge, self.measure(trainer, looks, generator))
         cut_colors(self, trainer, judge)
-        rest(self, trainer, judge, motion)
+        if self._rests_before_the_end(trainer):
+            rest(self, trainer, judge, motion, ALLOWED_LOSS)
+
+    def _finish(self, trainer: Trainer, generator: torch.Generator) -> None:
+        looks, judge = self.draw_looks(generator), self.judge(trainer)
+        if not self._rests_before_the_end(trainer):
+            rest(self, trainer, judge, self.measure(trainer, looks, generator))
         narrow(self, trainer, judge, looks, generator)
         silence_heads(self, trainer, judge)
+
+    @staticmethod
+    def _rests_before_the_end(trainer: Trainer) -> bool:
+        """Where some rest already; and where a share is forced, for which steps have to make up."""
+        return trainer.model.canonical.moving < trainer.count or trainer.recipe.dynamic_share > 0
 
     def draw_looks(self, generator: torch.Generator, count: int = _LOOKS) -> list[Look]:
         """At the pictures that are learned from."""

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from .parsimony import Parsimony
     from .trainer import Trainer
 
-ALLOWED_LOSS = 0.05
-"""dB that putting Gaussians to rest may cost on the withheld pictures; the rest of the training makes it up."""
+ALLOWED_LOSS, ALLOWED_LOSS_AT_END = 0.05, 0.03
+"""dB that putting Gaussians to rest may cost on the withheld pictures, where steps make it up and where none does."""
 ALLOWED_PRUNING_LOSS, ALLOWED_COLOR_LOSS, ALLOWED_HEAD_LOSS = 0.03, 0.03, 0.01
 RESTS_BELOW, ALL_REST_BELOW = 4.0, 2.0
 """Score (see motion.Motion) below which a Gaussian may rest; and below which every one may, if none is above."""
@@ -127,9 +127,11 @@ def silence_heads(rounds: Parsimony, trainer: Trainer, judge: Judge) -> None:
         judge.accept(loss)
 
 
-def rest(rounds: Parsimony, trainer: Trainer, judge: Judge, motion: Motion) -> None:
-    """Puts Gaussians to rest whose motion pictures miss least, none whose motion anybody would see but for what
-    ``dynamic_share`` forces."""
+def rest(
+    rounds: Parsimony, trainer: Trainer, judge: Judge, motion: Motion, allowed: float = ALLOWED_LOSS_AT_END
+) -> None:
+    """Puts Gaussians to rest whose motion pictures miss least, for ``allowed`` dB at most, none whose motion anybody
+    would see but for what ``dynamic_share`` forces."""
     canonical = trainer.model.canonical
     if not canonical.moving:
         return
@@ -141,7 +143,7 @@ def rest(rounds: Parsimony, trainer: Trainer, judge: Judge, motion: Motion) -> N
     def at_rest(number: int) -> float:
         return _loss_at_rest(trainer, judge, order[:number], motion.state)
 
-    number, loss = most_within(at_rest, judge.expected(motion.rest_energy[order[:candidates]]), ALLOWED_LOSS)
+    number, loss = most_within(at_rest, judge.expected(motion.rest_energy[order[:candidates]]), allowed)
     share = trainer.recipe.dynamic_share
     forced = canonical.moving - int(share * trainer.count) if share else 0
     if forced > number:
