@@ -18,8 +18,8 @@ from frog_blender.engine.inference.scene import PlayableScene
 from frog_blender.engine.training import parsimony, reductions
 from frog_blender.engine.training.checkpoint import load_checkpoint, save_checkpoint
 from frog_blender.engine.training.job import TrainingJob, run_training
-from frog_blender.engine.training.motion import Motion
-from frog_blender.engine.training.resting import arrange
+from frog_blender.engine.training.motion import Motion, mean_state
+from frog_blender.engine.training.resting import arrange, gaussians_at, put_to_rest
 from frog_blender.engine.training.trainer import Trainer
 
 pytestmark = pytest.mark.usefixtures("seeds_at_no_cost")
@@ -36,6 +36,26 @@ def test_rounds_make_the_scene_smaller_and_training_goes_on(make_trainer: Make) 
     assert auto.evaluate(6)[0] > fixed.evaluate(6)[0] - 1.0
     worst = max(reductions.ALLOWED_LOSS, reductions.ALLOWED_PRUNING_LOSS)
     assert all((reduction.loss or 0.0) <= worst for reduction in auto.parsimony.reductions)
+
+
+@pytest.mark.parametrize(("some_rest", "share", "at"), [(False, 0.0, 1.0), (True, 0.0, 0.8), (False, 0.2, 0.8)])
+def test_motion_is_learned_to_the_end_unless_some_rest_already(
+    make_trainer: Make, monkeypatch: pytest.MonkeyPatch, some_rest: bool, share: float, at: float
+) -> None:
+    def rest_unchanged(rounds: parsimony.Parsimony, trainer: Trainer, generator: torch.Generator) -> None:
+        if some_rest:
+            state = mean_state(lambda moment: gaussians_at(trainer, moment), rounds.draw_looks(generator))
+            put_to_rest(trainer, torch.arange(5), state)
+
+    monkeypatch.setattr(parsimony, "rest_unchanged", rest_unchanged)
+    trainer = make_trainer(100, capacity="auto", dynamic_share=share)
+    train(trainer, until=79)
+    assert (trainer.model.canonical.moving < trainer.count) == some_rest  # copies of those at rest are at rest
+    train(trainer)
+    assert trainer.parsimony
+    rests = [each for each in trainer.parsimony.reductions if each.what == "put to rest"]
+    assert [each.progress for each in rests] == [at] and rests[0].after < rests[0].before
+    assert all(each.progress == 1.0 for each in trainer.parsimony.reductions if each.what.startswith(("head", "net")))
 
 
 class Exact:
