@@ -5,7 +5,7 @@ The library takes them by address, the CUDA kernels by value; a test compares th
 
 from __future__ import annotations
 
-from ctypes import Structure, c_float, c_int32, c_int64, c_void_p
+from ctypes import Structure, addressof, c_char, c_float, c_int32, c_int64, c_void_p
 from typing import Any
 
 import numpy as np
@@ -88,9 +88,12 @@ def address(array: Any) -> int | None:
     """Where an array's numbers lie; None for None."""
     if array is None:
         return None
-    if isinstance(array, np.ndarray):
-        return array.__array_interface__["data"][0]  # array.ctypes.data, in a third of the time
-    return array.data_ptr()
+    if not isinstance(array, np.ndarray):
+        return array.data_ptr()
+    try:
+        return addressof(c_char.from_buffer(array))  # a third of the time, for a dozen arrays a frame
+    except (TypeError, ValueError):  # read-only, or empty
+        return array.__array_interface__["data"][0]
 
 
 def pointers(struct: type[Structure], names: tuple[str, ...], arrays: dict[str, Any]) -> Structure:

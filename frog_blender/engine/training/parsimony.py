@@ -2,7 +2,8 @@
 
 With ``capacity="auto"`` a training withholds a few of its pictures for a while (training.validation). Rounds measure
 what each Gaussian adds to pictures and how much of its motion can be seen (training.motion), and take away as much as
-those pictures allow (training.reductions, training.narrowing); what follows is trained without it.
+those pictures allow (training.reductions, training.narrowing): Gaussians while steps can make up for them, motion and
+the network's units mostly at the end.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Training pictures that nothing is learned from while the model's capacity is being settled: reductions' judges.
+"""Training pictures that judge what may be taken from a model; nothing is learned from them for a while before that.
 
 Never a test picture: those are for people to look at afterwards.
 """
