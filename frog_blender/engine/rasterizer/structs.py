@@ -91,7 +91,7 @@ def address(array: Any) -> int | None:
     if not isinstance(array, np.ndarray):
         return array.data_ptr()
     try:
-        return addressof(c_char.from_buffer(array))  # a third of the time, for a dozen arrays a frame
+        return addressof(c_char.from_buffer(array.data))  # a third of the time, for a dozen arrays a frame
     except (TypeError, ValueError):  # read-only, or empty
         return array.__array_interface__["data"][0]
 
