@@ -84,8 +84,8 @@ def _leave_out(
         return
     psnr = rounds.judge(trainer).now
     while number > 0:
-        motion = rounds.measure(trainer, rounds.draw_looks(generator, LOOKS_OF_A_BUDGET), generator)
-        keep = all_but(motion.energy.argsort()[:number], trainer.count).nonzero().squeeze(1)
+        measured = rounds.measure(trainer, rounds.draw_looks(generator, LOOKS_OF_A_BUDGET), generator)
+        keep = all_but(measured.energy.argsort()[:number], trainer.count).nonzero().squeeze(1)
         arrange(trainer, keep, keep[keep < trainer.model.canonical.moving])
         number = too_many()
     loss = psnr - rounds.judge(trainer).now

@@ -19,6 +19,7 @@ from ..model.deformation import UNITS
 from ..model.frog import Frog
 from .density import COLLECTED
 from .fitting import fitting
+from .motion import Motion
 from .parsimony import Reduction, heads_of
 from .running_loss import Unstable
 from .smoothness import Neighbourhood
@@ -28,6 +29,7 @@ _KEY = "frog-checkpoint"
 _VERSION = 11
 # Attributes of the trainer's parts, each an array under the part's name.
 _POSES = ("moments", "moved", "gathered")
+_MOTION = ("score", "rest_energy")
 _NEIGHBOURHOOD = ("anchors", "neighbours", "weights")
 # RuntimeError: what torch says to shapes, and a RecursionError.
 _DO_NOT_FIT = (KeyError, ValueError, TypeError, AttributeError, IndexError, OverflowError, RuntimeError)
@@ -62,6 +64,8 @@ def state_of(trainer: Trainer, settings: dict[str, Any] | None = None) -> State:
         tensors["exposures.sums"] = trainer.exposures.sums
     if trainer.parsimony:
         tensors["removed"] = torch.from_numpy(trainer.parsimony.removed)
+        if trainer.parsimony.motion:
+            tensors |= {f"motion.{name}": getattr(trainer.parsimony.motion, name) for name in _MOTION}
     if trainer.neighbourhood is not None:
         tensors |= {f"neighbourhood.{name}": getattr(trainer.neighbourhood, name) for name in _NEIGHBOURHOOD}
     values = {
@@ -144,6 +148,14 @@ def _neighbourhood(tensors: dict[str, torch.Tensor], trainer: Trainer) -> Neighb
     return Neighbourhood(*(part.to(trainer.device) for part in (anchors, neighbours, weights)))
 
 
+def _motion(tensors: dict[str, torch.Tensor], trainer: Trainer) -> Motion | None:
+    """What was measured of those that move, if anything; ValueError for another number of Gaussians."""
+    if "motion.score" not in tensors:
+        return None
+    moving = trainer.model.canonical.moving
+    return Motion(*(fitting(name, tensors[f"motion.{name}"], (moving,)).to(trainer.device) for name in _MOTION))
+
+
 def _parsimony_state(trainer: Trainer) -> dict[str, Any]:
     if not trainer.parsimony:
         return {}
@@ -221,7 +233,7 @@ def restore(trainer: Trainer, state: State) -> None:
     if trainer.parsimony:
         rounds = values["parsimony"]
         reductions = [Reduction(**each) for each in rounds["reductions"]]
-        trainer.parsimony.resume(rounds["seed"], reductions, arrays["removed"])
+        trainer.parsimony.resume(rounds["seed"], reductions, arrays["removed"], _motion(tensors, trainer))
     trainer.resume_at(values)
     trainer.check()
     if isinstance(trainer.model, Frog):  # last: nothing gives a head its voice back

@@ -47,19 +47,36 @@ def draw_looks(capture: Capture, shots: Sequence[int], count: int, generator: to
 
 @dataclass(frozen=True)
 class Motion:
-    """Attributes:
-    score: (M,) of those that move: pixels that they move, grow or turn by at most, and PIXELS_OF_A_CHANGE times their
-        change of colour and opacity, each times their blending weight in the look where that is most.
-    rest_energy: (M,) the mean over the looks of the sum of squares over pixels and channels by which a picture would
-        change, to first order, if this Gaussian alone were as in ``state``.
-    contribution: (N,) by how much a look's picture would change if this Gaussian alone were left out: root of the sum
-        of squares over its pixels and channels, of the display range, in the look where that is most.
-    energy: (N,) the mean of that sum of squares over the looks: what all pictures together would lose.
-    state: how those that move look on average over the looks, as the canonical field's attributes but embeddings.
+    """Of those that move.
+
+    Attributes:
+        score: (M,) pixels that they move, grow or turn by at most, and PIXELS_OF_A_CHANGE times their change of colour
+            and opacity, each times their blending weight in the look where that is most.
+        rest_energy: (M,) the mean over the looks of the sum of squares over pixels and channels by which a picture
+            would change, to first order, if this Gaussian alone were in its mean state.
     """
 
     score: torch.Tensor
     rest_energy: torch.Tensor
+
+    def of(self, who: torch.Tensor) -> Motion:
+        """Of the movers ``who`` (indices) alone."""
+        return Motion(self.score[who], self.rest_energy[who])
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What looks show of Gaussians.
+
+    Attributes:
+        motion: of those that move.
+        contribution: (N,) by how much a look's picture would change if this Gaussian alone were left out: root of the
+            sum of squares over its pixels and channels, of the display range, in the look where that is most.
+        energy: (N,) the mean of that sum of squares over the looks: what all pictures together would lose.
+        state: how those that move look on average over the looks, as the canonical field's attributes but embeddings.
+    """
+
+    motion: Motion
     contribution: torch.Tensor
     energy: torch.Tensor
     state: dict[str, torch.Tensor]
@@ -89,13 +106,13 @@ class _Range:
         return (self.largest - self.least) / 2
 
 
-def measure_motion(
+def measure(
     gaussians_at: Callable[[float], GaussianArrays],
     moving: int,
     capture: Capture,
     looks: Sequence[Look],
     generator: torch.Generator,
-) -> Motion:
+) -> Measured:
     """Draws every look, at least one.
 
     Args:
@@ -125,11 +142,11 @@ def measure_motion(
         weight.add(image.max_weights[:moving])
         reach.add((image.max_weights * _pixels_per_unit(gaussians, image, camera))[:moving])
     score = _score(ranges, weight.largest, reach.largest)
-    return Motion(score, rest_energy.mean, contribution.largest, energy.mean, canonical_state(mean))
+    return Measured(Motion(score, rest_energy.mean), contribution.largest, energy.mean, canonical_state(mean))
 
 
 def mean_state(gaussians_at: Callable[[float], GaussianArrays], looks: Sequence[Look]) -> dict[str, torch.Tensor]:
-    """How Gaussians look on average over the looks, see Motion.state."""
+    """How Gaussians look on average over the looks, see Measured.state."""
     ranges = {name: _Range() for name in _SHAPES}
     for look in looks:
         gaussians = gaussians_at(look.time)

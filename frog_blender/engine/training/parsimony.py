@@ -22,10 +22,10 @@ from ..capture.time import frame_to_time
 from ..model.frog import Frog
 from ..model.interface import SceneModel
 from ..rasterizer import GaussianArrays
-from .motion import Look, Motion, draw_looks, measure_motion
+from .motion import Look, Measured, Motion, draw_looks, measure
 from .narrowing import narrow
-from .reductions import ALLOWED_LOSS, cut_colors, prune, rest, rest_unchanged, silence_heads, wake_some
-from .resting import arrange, gaussians_at
+from .reductions import ALLOWED_LOSS_AT_END, cut_colors, prune, rest, rest_unchanged, silence_heads, wake_some
+from .resting import arrange, gaussians_at, state_of_movers
 from .stillness import nothing_moves
 from .validation import Judge, withheld_shots
 
@@ -82,6 +82,9 @@ class Parsimony:
         judged, looked_at: shots that reductions are judged on, and that Gaussians are measured on.
         reductions: so far.
         removed: (n, 3) canonical means of what was pruned.
+        motion: of those that move, as of the round that leaves out, where they rest at the end only: what moves least
+            then does so at the end, too, and measuring takes as long as everything else of a round. None where it has
+            to be measured then.
     """
 
     def __init__(self, trainer: Trainer, seed: int) -> None:
@@ -90,6 +93,7 @@ class Parsimony:
         self.reductions: list[Reduction] = []
         self._told = 0
         self.removed = np.empty((0, 3), np.float32)
+        self.motion: Motion | None = None
 
     def withheld_at(self, progress: float) -> tuple[int, ...]:
         """The shots that are not to be learned from at ``progress``."""
@@ -108,7 +112,7 @@ class Parsimony:
         self.judged = self.withheld or tuple(training[:: max(1, len(training) // _JUDGED)])
         self.looked_at = [i for i in training if i not in self.withheld]
 
-    def resume(self, seed: int, reductions: list[Reduction], removed: np.ndarray) -> None:
+    def resume(self, seed: int, reductions: list[Reduction], removed: np.ndarray, motion: Motion | None) -> None:
         """Takes over a checkpoint's training; TypeError or ValueError for what does not fit."""
         for reduction in reductions:
             reduction_line(asdict(reduction))  # said to people at the end
@@ -116,7 +120,7 @@ class Parsimony:
             raise ValueError(f"removed is {removed.dtype} of {removed.shape} instead of float32 of (n, 3)")
         torch.Generator("cpu").manual_seed(1000 * seed)  # as every round will
         self._seed_with(seed)
-        self.removed = removed
+        self.removed, self.motion = removed, motion
         self.reductions, self._told = reductions, len(reductions)
 
     def news(self) -> list[Reduction]:
@@ -144,6 +148,8 @@ class Parsimony:
 
     def after_step(self, trainer: Trainer, before: float, now: float) -> None:
         """Holds the rounds that lie in (before, now]."""
+        if not self.settled(now):
+            self.motion = None  # of a training that was resumed for more steps: Gaussians come and go again
         for number, (at, kind) in enumerate(ROUNDS.items()):
             if before < at <= now:
                 self._round(trainer, kind, self.generator(number))
@@ -166,15 +172,18 @@ class Parsimony:
     def _leave_out(self, trainer: Trainer, generator: torch.Generator) -> None:
         looks = self.draw_looks(generator, LOOKS_OF_A_BUDGET if trainer.recipe.kept_gaussians else _LOOKS)
         judge = self.judge(trainer)
-        motion = prune(self, trainer, judge, self.measure(trainer, looks, generator))
+        measured = prune(self, trainer, judge, self.measure(trainer, looks, generator))
         cut_colors(self, trainer, judge)
-        if self._rests_before_the_end(trainer):
-            rest(self, trainer, judge, motion, ALLOWED_LOSS)
+        self.motion = None if self._rests_before_the_end(trainer) else measured.motion
+        if not self.motion:
+            rest(self, trainer, judge, measured.motion, measured.state)
 
     def _finish(self, trainer: Trainer, generator: torch.Generator) -> None:
         looks, judge = self.draw_looks(generator), self.judge(trainer)
         if not self._rests_before_the_end(trainer):
-            rest(self, trainer, judge, self.measure(trainer, looks, generator))
+            motion = self.motion or self.measure(trainer, looks, generator).motion
+            rest(self, trainer, judge, motion, state_of_movers(trainer, looks), ALLOWED_LOSS_AT_END)
+            self.motion = None
         narrow(self, trainer, judge, looks, generator)
         silence_heads(self, trainer, judge)
 
@@ -187,10 +196,10 @@ class Parsimony:
         """At the pictures that are learned from."""
         return draw_looks(self._capture, self.looked_at, count, generator)
 
-    def measure(self, trainer: Trainer, looks: list[Look], generator: torch.Generator) -> Motion:
+    def measure(self, trainer: Trainer, looks: list[Look], generator: torch.Generator) -> Measured:
         """Of the Gaussians as they stand."""
         moving = trainer.model.canonical.moving
-        return measure_motion(lambda moment: gaussians_at(trainer, moment), moving, trainer.capture, looks, generator)
+        return measure(lambda moment: gaussians_at(trainer, moment), moving, trainer.capture, looks, generator)
 
     def judge(
         self,

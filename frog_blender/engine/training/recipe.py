@@ -11,7 +11,7 @@ from ..model.choices import FORMS, FUSIONS
 
 SAMPLINGS = ("anchors", "inverse", "off")
 _MOST_COARSE_ROWS = 30
-_GROWN, _GROWN_FROM = 1.075, 0.4
+_GROWN, _GROWN_FROM = 1.075, 0.5
 """Times as many Gaussians as a scene keeps, with automatic capacity, before what pictures do not miss is left out; and
 the fraction of the training before which there are no more than it keeps."""
 

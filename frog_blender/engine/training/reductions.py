@@ -16,9 +16,9 @@ import torch
 from ..model.frog import Frog
 from ..rasterizer import GaussianArrays
 from .device import picture_on
-from .motion import Motion, mean_state
+from .motion import Measured, Motion
 from .resolution import halved_capture, sized
-from .resting import all_but, arrange, gaussians_at, put_to_rest, wake
+from .resting import all_but, arrange, gaussians_at, put_to_rest, state_of_movers, wake
 from .stillness import measure_changes
 from .unrest import change, unrest
 from .validation import Judge, most_within
@@ -42,27 +42,27 @@ _MOST_WOKEN = 0.1  # of the Gaussians at rest
 _WAKING_CAMERAS, _WAKING_MOMENTS = 3, 8
 
 
-def prune(rounds: Parsimony, trainer: Trainer, judge: Judge, motion: Motion) -> Motion:
-    """Leaves out Gaussians that pictures do not need, or that the limit has no room for; returns the motion of those
-    that stay.
+def prune(rounds: Parsimony, trainer: Trainer, judge: Judge, measured: Measured) -> Measured:
+    """Leaves out Gaussians that pictures do not need, or that the limit has no room for; returns what was measured of
+    those that stay.
 
     What no picture may miss is judged by the picture that would miss it most; where a budget forces, by what all of
     them together would.
     """
     count, canonical = trainer.count, trainer.model.canonical
     forced = count - trainer.recipe.kept_at_most
-    order = (motion.energy if forced > 0 and trainer.recipe.kept_gaussians else motion.contribution).argsort()
+    order = (measured.energy if forced > 0 and trainer.recipe.kept_gaussians else measured.contribution).argsort()
 
     def without(number: int) -> float:
         there = all_but(order[:number], count)
         return judge.loss(lambda gaussians: replace(gaussians, opacities=gaussians.opacities * there))
 
-    expected = judge.expected(motion.energy[order[: int(_MOST_PRUNED * count)]])
+    expected = judge.expected(measured.energy[order[: int(_MOST_PRUNED * count)]])
     number, loss = most_within(without, expected, ALLOWED_PRUNING_LOSS)
     if forced > number:
         number, loss = forced, without(forced)
     if not number:
-        return motion
+        return measured
     keep = all_but(order[:number], count)
     rounds.removed = np.concatenate([rounds.removed, canonical.means.detach()[~keep].cpu().numpy()])
     kept = keep.nonzero().squeeze(1)
@@ -70,9 +70,8 @@ def prune(rounds: Parsimony, trainer: Trainer, judge: Judge, motion: Motion) -> 
     with rounds.noted("pruned", trainer, lambda: trainer.count, lambda: trainer.picture(rounds.judged[0]), loss):
         arrange(trainer, kept, movers)
     judge.accept(loss)
-    state = {name: values[movers] for name, values in motion.state.items()}
-    of_movers = motion.score[movers], motion.rest_energy[movers]
-    return Motion(*of_movers, motion.contribution[kept], motion.energy[kept], state)
+    state = {name: values[movers] for name, values in measured.state.items()}
+    return Measured(measured.motion.of(movers), measured.contribution[kept], measured.energy[kept], state)
 
 
 def cut_colors(rounds: Parsimony, trainer: Trainer, judge: Judge) -> None:
@@ -128,10 +127,15 @@ def silence_heads(rounds: Parsimony, trainer: Trainer, judge: Judge) -> None:
 
 
 def rest(
-    rounds: Parsimony, trainer: Trainer, judge: Judge, motion: Motion, allowed: float = ALLOWED_LOSS_AT_END
+    rounds: Parsimony,
+    trainer: Trainer,
+    judge: Judge,
+    motion: Motion,
+    state: dict[str, torch.Tensor],
+    allowed: float = ALLOWED_LOSS,
 ) -> None:
-    """Puts Gaussians to rest whose motion pictures miss least, for ``allowed`` dB at most, none whose motion anybody
-    would see but for what ``dynamic_share`` forces."""
+    """Puts Gaussians to rest, in their mean ``state`` (see motion.Measured), whose motion pictures miss least: for
+    ``allowed`` dB at most, and none whose motion anybody would see but for what ``dynamic_share`` forces."""
     canonical = trainer.model.canonical
     if not canonical.moving:
         return
@@ -141,7 +145,7 @@ def rest(
     order = torch.cat([by_energy[may[by_energy]], by_energy[~may[by_energy]]])
 
     def at_rest(number: int) -> float:
-        return _loss_at_rest(trainer, judge, order[:number], motion.state)
+        return _loss_at_rest(trainer, judge, order[:number], state)
 
     number, loss = most_within(at_rest, judge.expected(motion.rest_energy[order[:candidates]]), allowed)
     share = trainer.recipe.dynamic_share
@@ -151,7 +155,7 @@ def rest(
     if not number:
         return
     with rounds.noted("put to rest", trainer, lambda: canonical.moving, lambda: gaussians_at(trainer, 0.5), loss):
-        put_to_rest(trainer, order[:number].sort().values, motion.state)
+        put_to_rest(trainer, order[:number].sort().values, state)
     judge.accept(loss)
 
 
@@ -176,7 +180,7 @@ def rest_unchanged(rounds: Parsimony, trainer: Trainer, generator: torch.Generat
     number = int(((lost[order].cumsum(0) <= allowed) & (each[order] < _LEAST_CHANGE**2)).sum())
     if number < max(1, _WORTH_IT * canonical.moving):
         return
-    state = {k: v[: canonical.moving] for k, v in mean_state(lambda t: gaussians_at(trainer, t), looks).items()}
+    state = state_of_movers(trainer, looks)
     loss = _loss_at_rest(trainer, judge, order[:number], state)
     if loss > ALLOWED_LOSS:
         return
@@ -185,7 +189,7 @@ def rest_unchanged(rounds: Parsimony, trainer: Trainer, generator: torch.Generat
 
 
 def _loss_at_rest(trainer: Trainer, judge: Judge, who: torch.Tensor, state: dict[str, torch.Tensor]) -> float:
-    """dB that it costs when Gaussians that move, ``who``, are as in ``state`` (of all that move, see Motion)."""
+    """dB that it costs when Gaussians that move, ``who``, are as in ``state`` (of all that move)."""
     canonical = trainer.model.canonical
     moves = all_but(who, canonical.moving)
     drawn = {

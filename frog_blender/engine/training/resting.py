@@ -3,6 +3,7 @@ trainer that knows Gaussians by their places follows."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import torch
@@ -10,6 +11,7 @@ import torch
 from ..model.frog import total_deformation
 from ..rasterizer import GaussianArrays
 from ..spatial_order import neighbours_together
+from .motion import Look, mean_state
 
 if TYPE_CHECKING:
     from .trainer import Trainer
@@ -20,6 +22,12 @@ def gaussians_at(trainer: Trainer, moment: float) -> GaussianArrays:
     """All Gaussians at a time in [0, 1], as training stands; what is done with them leaves the model no gradient."""
     gaussians = trainer.gaussians_at(moment, trainer.progress)[0]
     return GaussianArrays(*(value.detach() for value in vars(gaussians).values()))
+
+
+def state_of_movers(trainer: Trainer, looks: Sequence[Look]) -> dict[str, torch.Tensor]:
+    """How those that move look on average over the looks, see motion.Measured.state."""
+    state = mean_state(lambda moment: gaussians_at(trainer, moment), looks)
+    return {name: values[: trainer.model.canonical.moving] for name, values in state.items()}
 
 
 def all_but(who: torch.Tensor, count: int) -> torch.Tensor:
@@ -35,6 +43,8 @@ def arrange(
     """See SceneOptimizer.arrange; everything else in the trainer that knows Gaussians by their places follows."""
     trainer.optimizer.arrange(who, movers, new or {})
     trainer.density.arrange(who)
+    if trainer.parsimony and trainer.parsimony.motion:
+        trainer.parsimony.motion = trainer.parsimony.motion.of(movers)
     if trainer.neighbourhood is not None:
         trainer.find_neighbours()
 
@@ -52,7 +62,7 @@ def put_neighbours_together(trainer: Trainer) -> None:
 
 
 def put_to_rest(trainer: Trainer, who: torch.Tensor, state: dict[str, torch.Tensor]) -> None:
-    """Lets moving Gaussians ``who`` (indices, ascending) look at all times as in ``state`` (see Motion)."""
+    """Lets moving Gaussians ``who`` (indices, ascending) look at all times as in ``state`` (see motion.Measured)."""
     canonical = trainer.model.canonical
     for name, values in state.items():
         parameter = getattr(canonical, name).data

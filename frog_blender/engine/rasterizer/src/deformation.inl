@@ -18,26 +18,26 @@ static inline const float *embeddings_of(const DeformationPlan &plan, int begin)
   return plan.field->embeddings + static_cast<long long>(begin) * plan.embedding;
 }
 
-static void first_layer(const DeformationPlan &plan, const DeformationLayout &l, float *scratch, int begin, int rows) {
+template <class Asked>
+static void first_layer(const DeformationPlan &plan, const DeformationLayout &l, float *scratch, int begin, int rows, Asked &asked) {
   multiply<ROW, true>(rows, plan.embedding, static_cast<int>(l.first_row), {embeddings_of(plan, begin), plan.embedding, 1},
-                      packed(plan.embedding_forward, plan.embedding), scratch + l.first, l.first_row, plan.shared);
+                      packed(plan.embedding_forward, plan.embedding), scratch + l.first, l.first_row, plan.shared, asked);
 }
 
-static inline void fetch(const float *from, long long count) {
-  for (long long k = 0; k < count; k += 16) __builtin_prefetch(from + k);
-}
-static inline void fetch_to_write(float *from, long long count) {
-  for (long long k = 0; k < count; k += 16) __builtin_prefetch(from + k, 1);
-}
-
-// What a block reads and writes after its network comes from memory meanwhile.
-static void fetch_block(const FrogDeformation &field, const FrogDeformed &out, long long begin, int rows) {
-  fetch(field.means + 3 * begin, 3 * rows), fetch(field.log_scales + 3 * begin, 3 * rows);
-  fetch(field.quaternions + 4 * begin, 4 * rows), fetch(field.opacity_logits + begin, rows);
-  fetch(field.sh + 3 * field.sh_count * begin, 3 * field.sh_count * rows);
-  fetch_to_write(out.means + 3 * begin, 3 * rows), fetch_to_write(out.scales + 3 * begin, 3 * rows);
-  fetch_to_write(out.quaternions + 4 * begin, 4 * rows), fetch_to_write(out.opacities + begin, rows);
-  fetch_to_write(out.sh + 3 * field.sh_active * begin, 3 * field.sh_active * rows);
+// What a block reads and writes, embeddings first.
+static Ahead memory_of_block(const DeformationPlan &plan, const FrogDeformed &out, long long begin, int rows) {
+  const FrogDeformation &field = *plan.field;
+  Ahead ahead;
+  const bool moves = begin < field.moving;
+  if (moves) ahead.add(embeddings_of(plan, static_cast<int>(begin)), plan.embedding * rows);
+  ahead.add(field.means + 3 * begin, 3 * rows), ahead.add(field.log_scales + 3 * begin, 3 * rows);
+  ahead.add(field.quaternions + 4 * begin, 4 * rows), ahead.add(field.opacity_logits + begin, rows);
+  ahead.add(field.sh + 3 * field.sh_count * begin, 3 * field.sh_count * rows);
+  ahead.add(out.means + 3 * begin, 3 * rows), ahead.add(out.scales + 3 * begin, 3 * rows);
+  ahead.add(out.quaternions + 4 * begin, 4 * rows), ahead.add(out.opacities + begin, rows);
+  ahead.add(out.sh + 3 * field.sh_active * begin, 3 * field.sh_active * rows);
+  if (out.changes && moves) ahead.add(out.changes + plan.outputs * begin, plan.outputs * rows);
+  return ahead;
 }
 
 // From the first layer on: fills second and result of a block.
@@ -65,8 +65,10 @@ static void later_layers(const DeformationPlan &plan, const DeformationLayout &l
 }
 
 // Fills first, second and result of a block.
-static void network_forward(const DeformationPlan &plan, const DeformationLayout &l, float *scratch, int begin, int rows) {
-  first_layer(plan, l, scratch, begin, rows);
+template <class Asked>
+static void network_forward(const DeformationPlan &plan, const DeformationLayout &l, float *scratch, int begin, int rows,
+                            Asked &&asked) {
+  first_layer(plan, l, scratch, begin, rows, asked);
   later_layers(plan, l, scratch, rows);
 }
 
@@ -81,11 +83,11 @@ static void deform(const DeformationPlan &plan, const FrogDeformed &out, int beg
   const DeformationLayout l = layout_of(plan);
   for (int start = begin; start < end; start += DEFORM_BLOCK) {
     const int rows = end - start < DEFORM_BLOCK ? end - start : DEFORM_BLOCK;
-    fetch_block(*plan.field, out, start, rows);
+    Ahead ahead = memory_of_block(plan, out, start, rows);
     if (at_rest(plan, start))
-      no_change(l, scratch, rows);
+      ahead.ask_for_all(), no_change(l, scratch, rows);
     else
-      network_forward(plan, l, scratch, start, rows);
+      network_forward(plan, l, scratch, start, rows, ahead);
     activate(*plan.field, l, scratch, start, rows);
     finish(plan, l, scratch, out, start, rows);
   }
@@ -149,7 +151,7 @@ static void deform_backward(const DeformationPlan &plan, const FrogDeformed &by,
     if (at_rest(plan, start))
       no_change(l, scratch, rows);
     else
-      network_forward(plan, l, scratch, start, rows);
+      network_forward(plan, l, scratch, start, rows, Nothing{});
     activate(*plan.field, l, scratch, start, rows);
     activations_backward(plan, l, scratch, by, out, start, rows);
     if (at_rest(plan, start)) continue;

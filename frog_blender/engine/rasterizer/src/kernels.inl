@@ -16,6 +16,7 @@ namespace FROG_ISA {
 #include "tile.inl"
 #include "blend.inl"
 #include "blend_backward.inl"
+#include "ahead.inl"
 #include "gemm.inl"
 #include "activation.inl"
 #include "played.inl"

@@ -3,17 +3,20 @@
 
 static_assert(PLAYED_GROUP % LANES == 0, "a group is whole vectors");
 constexpr int PLAYED_VECTORS = PLAYED_GROUP / LANES;
+constexpr int AHEAD = 2;  // which group after the one that is worked on the memory is asked for
 
 // (OUTPUTS, PLAYED_GROUP) from (inner, PLAYED_GROUP) units: bias + weights^T units, negative numbers made zero with RELU.
 template <int OUTPUTS, bool RELU>
 static inline void group_outputs(int inner, const float *units, const float *weights, long long weights_row, const float *bias,
-                                 float *result) {
+                                 float *result, Ahead &ahead) {
   Floats sums[OUTPUTS][PLAYED_VECTORS];
   for (int o = 0; o < OUTPUTS; ++o)
     for (int v = 0; v < PLAYED_VECTORS; ++v) sums[o][v] = all(bias[o]);
-  for (int k = 0; k < inner; ++k, units += PLAYED_GROUP, weights += weights_row)
+  for (int k = 0; k < inner; ++k, units += PLAYED_GROUP, weights += weights_row) {
+    ahead.ask();
     for (int o = 0; o < OUTPUTS; ++o)
       for (int v = 0; v < PLAYED_VECTORS; ++v) sums[o][v] += load(units + v * LANES) * weights[o];
+  }
   for (int o = 0; o < OUTPUTS; ++o)
     for (int v = 0; v < PLAYED_VECTORS; ++v)
       store(result + o * PLAYED_GROUP + v * LANES, RELU ? larger(sums[o][v], Floats{}) : sums[o][v]);
@@ -22,22 +25,24 @@ static inline void group_outputs(int inner, const float *units, const float *wei
 // The same for a number of outputs that is known only now, at most OUTPUTS.
 template <int OUTPUTS, bool RELU>
 static inline void group_outputs_of(int count, int inner, const float *units, const float *weights, long long weights_row,
-                                    const float *bias, float *result) {
+                                    const float *bias, float *result, Ahead &ahead) {
   if (count == OUTPUTS)
-    group_outputs<OUTPUTS, RELU>(inner, units, weights, weights_row, bias, result);
+    group_outputs<OUTPUTS, RELU>(inner, units, weights, weights_row, bias, result, ahead);
   else if constexpr (OUTPUTS > 1)
-    group_outputs_of<OUTPUTS - 1, RELU>(count, inner, units, weights, weights_row, bias, result);
+    group_outputs_of<OUTPUTS - 1, RELU>(count, inner, units, weights, weights_row, bias, result, ahead);
 }
 
 // Any number of outputs; `weights` are (inner, padded(count)).
 template <bool RELU>
-static inline void group_layer(int count, int inner, const float *units, const float *weights, const float *bias, float *result) {
+static inline void group_layer(int count, int inner, const float *units, const float *weights, const float *bias, float *result,
+                               Ahead &ahead) {
   // With the units and a weight, as many sums as registers hold: 16 of 32 in AVX-512, 12 or 8 of 16 elsewhere.
   constexpr int TOGETHER = LANES == 16 ? 16 : LANES == 8 ? 6 : 2;
   const int passes = (count + TOGETHER - 1) / TOGETHER;
   for (int pass = 0; pass < passes; ++pass) {
     const int first = count * pass / passes, outputs = count * (pass + 1) / passes - first;
-    group_outputs_of<TOGETHER, RELU>(outputs, inner, units, weights + first, padded(count), bias + first, result + first * PLAYED_GROUP);
+    group_outputs_of<TOGETHER, RELU>(outputs, inner, units, weights + first, padded(count), bias + first, result + first * PLAYED_GROUP,
+                                     ahead);
   }
 }
 
@@ -100,12 +105,12 @@ static inline void give(const float *columns, int width, float *turned, float *t
   for (int r = 0; r < count; ++r) copy(to + r * row, turned + r * width, width);
 }
 
-static void group_network(const DeformationPlan &plan, const float *own, float *hidden, float *outputs) {
+static void group_network(const DeformationPlan &plan, const float *own, Ahead &ahead, float *hidden, float *outputs) {
   if (plan.field->kept_products)
     kept_layer(plan.hidden, own, plan.shared, hidden);
   else
-    group_layer<true>(plan.hidden, plan.embedding, own, plan.embedding_rows, plan.shared, hidden);
-  group_layer<false>(plan.outputs, plan.hidden, hidden, plan.output_rows, plan.output_bias, outputs);
+    group_layer<true>(plan.hidden, plan.embedding, own, plan.embedding_rows, plan.shared, hidden, ahead);
+  group_layer<false>(plan.outputs, plan.hidden, hidden, plan.output_rows, plan.output_bias, outputs, ahead);
 }
 
 static inline void put_zeros(float *values, int count) {
@@ -115,17 +120,19 @@ static inline void put_zeros(float *values, int count) {
 static void play(const DeformationPlan &plan, const FrogDeformed &out, int begin, int end, float *scratch) {
   const FrogDeformation &field = *plan.field;
   const DeformationLayout l = layout_of(plan);
-  const int inner = field.kept_products ? plan.hidden : plan.embedding;
+  const int row = plan.outputs + (field.kept_products ? plan.hidden : plan.embedding);
   float *hidden = scratch + l.first, *outputs = scratch + l.columns, *turned = scratch + l.result;
   for (long long start = begin; start < end; start += PLAYED_GROUP) {
     const int count = static_cast<int>(end - start < PLAYED_GROUP ? end - start : PLAYED_GROUP);
     const long long group = start / PLAYED_GROUP;
-    const float *canonical = field.groups + start * (plan.outputs + inner);
+    const float *canonical = field.groups + start * row;
+    Ahead ahead;
+    ahead.add(canonical + AHEAD * PLAYED_GROUP * row, PLAYED_GROUP * row);
     const bool seen = !field.active || field.active[group];
     if (!seen && out.stirred && out.stirred[group] == 0) continue;
     if (out.stirred) out.stirred[group] = seen;
     if (seen)
-      group_network(plan, canonical + plan.outputs * PLAYED_GROUP, hidden, outputs);
+      group_network(plan, canonical + plan.outputs * PLAYED_GROUP, ahead, hidden, outputs);
     else
       put_zeros(outputs, plan.outputs * PLAYED_GROUP);
     activate_group(field, canonical, outputs);
