@@ -1,12 +1,13 @@
 """Times the deformation field: the training path (forward, and forward with backward) and the inference engine.
 
-    python benchmarks/deformation.py [--counts 20000 200000] [--threads 2] [--repeats 15]
+    python benchmarks/deformation.py [--counts 20000 200000] [--threads 2] [--repeats 15] [--cold]
 
 One JSON line for each network (the recipes' shared hidden layer of 64, with modulation and without, the paper's five
 heads of 128; one network as in FRoG, two as in E-D3DGS), number of Gaussians and path: seconds (median and best), and
 what they cannot be less than: the arithmetic at the machine's measured peak, and the bytes that must be moved at its
 measured bandwidth (which binds only what is larger than the caches). Paths take turns, so that what else the machine
-does meets all of them alike.
+does meets all of them alike. With ``--cold`` none of them finds anything in the caches, as in a training, whose steps
+touch as much, and in a film of which every frame is drawn: each core writes 64 MB before.
 """
 
 from __future__ import annotations
@@ -15,11 +16,13 @@ import argparse
 import json
 import os
 import statistics
+import threading
 import time
 from collections.abc import Callable
 from typing import Any
 
 import bandwidth
+import numpy as np
 import peak
 import torch
 
@@ -37,6 +40,7 @@ FUSIONS = {1: "product", 2: "dual"}
 OUTPUTS = ("means", "quaternions", "scales", "opacities", "sh")
 EMBEDDING, SH_COUNT = 32, 4
 _GOLDEN = 0.6180339887498949
+_DISPLACING = 1 << 24  # floats, 64 MB
 _LONGEST = 20.0  # seconds that one network and number of Gaussians may take beyond three repeats
 
 
@@ -99,12 +103,26 @@ def work_of(model: Frog, path: str) -> tuple[float, float]:
     return 2.0 * products * count, 4.0 * floats * count
 
 
-def timed(paths: dict[str, Callable[[float], object]], repeats: int) -> dict[str, list[float]]:
-    """Seconds of each path at ``repeats`` moments, fewer where that takes long, no moment twice."""
+def displace(memory: np.ndarray) -> None:
+    """A thread for each row of ``memory`` writes all of it."""
+    threads = [threading.Thread(target=np.add, args=(row, 1, row)) for row in memory]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+
+
+def timed(
+    paths: dict[str, Callable[[float], object]], repeats: int, displacing: np.ndarray | None = None
+) -> dict[str, list[float]]:
+    """Seconds of each path at ``repeats`` moments, fewer where that takes long, no moment twice; ``displacing``
+    (threads, N) takes the caches of as many cores before each."""
     seconds: dict[str, list[float]] = {name: [] for name in paths}
     began = time.perf_counter()
     for repeat in range(repeats + 2):
         for name, run in paths.items():
+            if displacing is not None:
+                displace(displacing)
             started = time.perf_counter()
             result = run((0.5 + repeat * _GOLDEN) % 1.0)
             seconds[name].append(time.perf_counter() - started)
@@ -119,20 +137,22 @@ def main() -> None:
     parser.add_argument("--counts", type=int, nargs="+", default=[20_000, 200_000])
     parser.add_argument("--threads", type=int, default=0, help="0: one for each core")
     parser.add_argument("--repeats", type=int, default=15)
+    parser.add_argument("--cold", action="store_true", help="nothing is in the caches")
     parser.add_argument("--plain", action="store_true", help="the training path in torch's own operations too")
     options = parser.parse_args()
     native.set_thread_count(options.threads)
     torch.set_num_threads(1 if not options.plain else options.threads or os.cpu_count() or 1)  # as in a training step
     threads, core = options.threads or os.cpu_count() or 1, peak.measure()
     gigabytes = bandwidth.measure(threads)
+    displacing = np.zeros((threads, _DISPLACING), np.float32) if options.cold else None
     for count in options.counts:
         for name, settings in NETWORKS.items():
             for networks, fusion in FUSIONS.items():
                 model = make(count, fusion=fusion, **settings)
-                for path, seconds in timed(paths_of(model, options.plain), options.repeats).items():
+                for path, seconds in timed(paths_of(model, options.plain), options.repeats, displacing).items():
                     operations, moved = work_of(model, path)
                     result: dict[str, Any] = {"network": name, "networks": networks, "count": count, "path": path}
-                    result |= {"threads": threads, "isa": native.instruction_set()}
+                    result |= {"threads": threads, "isa": native.instruction_set(), "cold": options.cold}
                     result |= {"seconds": statistics.median(seconds), "best": min(seconds)}
                     result |= {"arithmetic_bound": operations / (1e9 * core.gflops * threads) if core else None}
                     result |= {"memory_bound": moved / (1e9 * gigabytes)}

@@ -10,6 +10,7 @@ from typing import Any
 import mutating
 import numpy as np
 import pytest
+import torch
 from helpers import scene_file
 from stepping import train
 
@@ -22,6 +23,7 @@ from frog_blender.engine.training.checkpoint import (
     state_of,
     write_checkpoint,
 )
+from frog_blender.engine.training.motion import Motion
 from frog_blender.engine.training.running_loss import Unstable
 from frog_blender.engine.training.trainer import Trainer
 
@@ -125,6 +127,7 @@ DAMAGE: list[tuple[str, Callable[[np.ndarray], np.ndarray]]] = [
     *[("exposures", change) for change in (cut, broken, negative)],
     *[("exposures.sums", change) for change in (cut, whole, broken)],
     *[("removed", change) for change in (whole, lambda array: array.reshape(-1))],
+    *[(f"motion.{part}", change) for part in ("score", "rest_energy") for change in (cut, whole)],
     *[("neighbourhood.anchors", change) for change in (cut, whole, negative, lambda array: array + 10_000)],
     *[("neighbourhood.neighbours", change) for change in (cut, negative, lambda array: array + 10_000)],
     *[("neighbourhood.weights", change) for change in (cut, whole)],
@@ -141,7 +144,11 @@ VALUES: list[tuple[str, Any]] = [
 
 @pytest.fixture(scope="module")
 def trained(make_trainer: Make) -> Trainer:
-    return train(make_trainer(40, capacity="auto"), until=30)
+    trainer = train(make_trainer(40, capacity="auto"), until=37)
+    moving = trainer.model.canonical.moving
+    assert trainer.parsimony
+    trainer.parsimony.motion = Motion(torch.rand(moving), torch.rand(moving))  # as where nobody rests before the end
+    return trainer
 
 
 def refused(path: Path, trained: Trainer, make_trainer: Make, bits: Bits) -> None:

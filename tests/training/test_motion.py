@@ -16,10 +16,10 @@ from frog_blender.engine.rasterizer import GaussianArrays, rasterize
 from frog_blender.engine.training.motion import (
     PIXELS_OF_A_CHANGE,
     Look,
-    Motion,
+    Measured,
     _look,
     draw_looks,
-    measure_motion,
+    measure,
 )
 from frog_blender.engine.training.unrest import unrest
 
@@ -40,15 +40,16 @@ def looks_of(capture: Capture, cameras: tuple[int, ...] = (1, 2, 3)) -> list[Loo
     return [Look(camera, frame / (film.FRAMES - 1)) for camera in cameras for frame in range(film.FRAMES)]
 
 
-def measured(capture: Capture, gaussians_at: Callable[[float], GaussianArrays]) -> Motion:
+def measured(capture: Capture, gaussians_at: Callable[[float], GaussianArrays]) -> Measured:
     count = len(gaussians_at(0.0))
-    return measure_motion(gaussians_at, count, capture, looks_of(capture), torch.Generator().manual_seed(0))
+    return measure(gaussians_at, count, capture, looks_of(capture), torch.Generator().manual_seed(0))
 
 
 def test_what_moves_scores_and_what_stands_does_not(capture: Capture) -> None:
-    motion = measured(capture, at)
+    found = measured(capture, at)
+    motion = found.motion
     assert float(motion.score[:STATIC].max()) == 0
-    seen = motion.contribution[STATIC:] > 0.05
+    seen = found.contribution[STATIC:] > 0.05
     assert int(seen.sum()) > 4  # of the ball, those in front
     assert float(motion.score[STATIC:][seen].min()) > 1
     # It crosses 1.8 units at about 4.3 from the cameras, half of that to each side, and is nearly opaque.
@@ -56,13 +57,13 @@ def test_what_moves_scores_and_what_stands_does_not(capture: Capture) -> None:
 
 
 def test_the_state_is_the_mean_over_the_looks(capture: Capture) -> None:
-    motion = measured(capture, at)
+    state = measured(capture, at).state
     means = torch.stack([true_gaussians(frame).means for frame in range(film.FRAMES)]).mean(0)
-    torch.testing.assert_close(motion.state["means"], means)
+    torch.testing.assert_close(state["means"], means)
     still = true_gaussians(0)
-    torch.testing.assert_close(motion.state["log_scales"].exp(), still.scales)
-    torch.testing.assert_close(motion.state["opacity_logits"].sigmoid(), still.opacities)
-    torch.testing.assert_close(motion.state["sh"], still.sh)
+    torch.testing.assert_close(state["log_scales"].exp(), still.scales)
+    torch.testing.assert_close(state["opacity_logits"].sigmoid(), still.opacities)
+    torch.testing.assert_close(state["sh"], still.sh)
 
 
 @pytest.mark.parametrize("kind", ["fades", "tints", "grows", "turns"])
@@ -80,7 +81,7 @@ def test_every_kind_of_change_is_seen(capture: Capture, kind: str) -> None:
             g.quaternions[5] = torch.tensor([np.cos(time / 2), 0, 0, np.sin(time / 2)])
         return g
 
-    motion = measured(capture, changing)
+    motion = measured(capture, changing).motion
     assert float(motion.score[5]) > 0.5
     assert float(motion.score[:5].max()) == 0 == float(motion.score[6:].max())
     if kind == "fades":  # half of the range between 1 and 0.5, of 1
@@ -117,7 +118,7 @@ def test_the_rest_energy_is_what_standing_still_changes(capture: Capture, name: 
         return g
 
     camera, draws = capture.cameras[1], torch.Generator().manual_seed(0)
-    found = [measure_motion(swinging, len(swinging(0)), capture, looks, draws).rest_energy for _ in range(100)]
+    found = [measure(swinging, len(swinging(0)), capture, looks, draws).motion.rest_energy for _ in range(100)]
     energies = torch.stack(found)
     moves, rests = (
         [rasterize(swinging(time, still), camera, capture.background).rgb for time in (0.0, 1.0)]

@@ -18,7 +18,8 @@ from frog_blender.engine.inference.scene import PlayableScene
 from frog_blender.engine.training import parsimony, reductions
 from frog_blender.engine.training.checkpoint import load_checkpoint, save_checkpoint
 from frog_blender.engine.training.job import TrainingJob, run_training
-from frog_blender.engine.training.motion import Motion, mean_state
+from frog_blender.engine.training.motion import Measured, Motion, mean_state
+from frog_blender.engine.training.recovery import Recovery
 from frog_blender.engine.training.resting import arrange, gaussians_at, put_to_rest
 from frog_blender.engine.training.trainer import Trainer
 
@@ -189,7 +190,7 @@ def test_degrees_that_nobody_misses_go_one_after_the_other(make_trainer: Make) -
     assert [each.loss for each in cuts] == pytest.approx([0.0, 0.0], abs=1e-5)
 
 
-def measured(trainer: Trainer) -> Motion:
+def measured(trainer: Trainer) -> Measured:
     assert trainer.parsimony
     generator = torch.Generator().manual_seed(0)
     return trainer.parsimony.measure(trainer, trainer.parsimony.draw_looks(generator), generator)
@@ -199,21 +200,20 @@ def test_what_pictures_miss_is_not_taken(halfway: Make, monkeypatch: pytest.Monk
     """However little it seems to add or to move."""
     trainer = halfway()
     assert trainer.parsimony
-    count, motion = trainer.count, measured(trainer)
-    lying = replace(motion, score=torch.zeros(count), contribution=torch.arange(count, 0, -1).float())
-    far = {**motion.state, "means": motion.state["means"] + 5.0}
-    hold(reductions.rest, trainer, replace(lying, state=far))
+    count, found = trainer.count, measured(trainer)
+    far = {**found.state, "means": found.state["means"] + 5.0}
+    hold(reductions.rest, trainer, replace(found.motion, score=torch.zeros(count)), far)
     assert trainer.model.canonical.moving > 0.9 * count  # those that nobody sees may go
     monkeypatch.setattr(reductions, "ALLOWED_PRUNING_LOSS", -100.0)
-    hold(reductions.prune, trainer, lying)
+    hold(reductions.prune, trainer, replace(found, contribution=torch.arange(count, 0, -1).float()))
     assert trainer.count == count
 
 
 def test_what_moves_far_is_not_even_proposed(halfway: Make) -> None:
     trainer = halfway()
     assert trainer.parsimony
-    motion = measured(trainer)
-    hold(reductions.rest, trainer, replace(motion, score=torch.full_like(motion.score, 50.0)))
+    found = measured(trainer)
+    hold(reductions.rest, trainer, replace(found.motion, score=torch.full((trainer.count,), 50.0)), found.state)
     assert trainer.parsimony.reductions == [] and trainer.model.canonical.moving == trainer.count
 
 
@@ -223,14 +223,14 @@ def test_those_rest_first_that_pictures_miss_least(
 ) -> None:
     trainer = halfway(dynamic_share=0.1 if forced else 0.0)
     assert trainer.parsimony
-    motion, count = measured(trainer), trainer.count
+    state, count = measured(trainer).state, trainer.count
     most = math.ceil(0.9 * count)
     monkeypatch.setattr(reductions, "most_within", lambda loss, expected, allowed: (most, loss(most)))
     energy = torch.randperm(count, generator=torch.Generator().manual_seed(1)).float()
     score = torch.full((count,), 50.0 if forced else 3.0)
     places = trainer.model.canonical.means.detach().clone()
     kept = places[energy.argsort()[-int(0.1 * count) :].sort().values]
-    hold(reductions.rest, trainer, replace(motion, score=score, rest_energy=energy))
+    hold(reductions.rest, trainer, Motion(score, energy), state)
     moving = trainer.model.canonical.moving
     assert moving == int(0.1 * count)
     torch.testing.assert_close(trainer.model.canonical.means.detach()[:moving], kept)
@@ -239,8 +239,8 @@ def test_those_rest_first_that_pictures_miss_least(
 def test_a_share_of_those_that_move_may_be_forced(halfway: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     trainer = halfway(dynamic_share=0.1)
     assert trainer.parsimony
-    motion = measured(trainer)
-    hold(reductions.rest, trainer, replace(motion, score=motion.score + 50.0))
+    found = measured(trainer)
+    hold(reductions.rest, trainer, replace(found.motion, score=found.motion.score + 50.0), found.state)
     assert trainer.model.canonical.moving == int(0.1 * trainer.count)
     monkeypatch.setattr(reductions, "_WAKES_ABOVE", 0.0)
     reductions.wake_some(trainer.parsimony, trainer, torch.Generator().manual_seed(0))
@@ -272,6 +272,44 @@ def test_nothing_is_added_after_the_scene_has_settled(make_trainer: Make) -> Non
     assert count < trainer.recipe.growth_limit_at(0.85)
     train(trainer)
     assert trainer.count == count
+
+
+@pytest.mark.parametrize("steps", [120, 240])
+def test_motion_that_was_measured_outlives_a_resume(
+    make_trainer: Make, halfway: Make, bits: Callable, tmp_path: Path, steps: int
+) -> None:
+    """And is forgotten where the training goes on for more steps, in which Gaussians come and go."""
+    growing = {"densify_until": 1.0, "densify_threshold": 0.0}
+    trainer = train(halfway(**growing), until=100)
+    assert trainer.parsimony and trainer.parsimony.motion and trainer.model.canonical.moving == trainer.count
+    save_checkpoint(tmp_path / "c", trainer)
+    resumed = make_trainer(steps, capacity="auto", **growing)
+    load_checkpoint(tmp_path / "c", resumed)
+    assert resumed.parsimony and resumed.parsimony.motion
+    if steps > 120:
+        resumed.step()
+        assert resumed.parsimony.motion is None
+    train(resumed)
+    rests = [each.progress for each in resumed.parsimony.reductions if each.what == "put to rest"]
+    assert rests == [1.0] and resumed.parsimony.motion is None
+    assert steps > 120 or bits(resumed) == bits(train(trainer))
+
+
+def test_memory_that_ends_late_leaves_what_was_measured_of_those_that_stay(
+    make_trainer: Make, halfway: Make, tmp_path: Path
+) -> None:
+    trainer = train(halfway(), until=100)
+    assert trainer.parsimony and trainer.parsimony.motion
+    count, before = trainer.count, trainer.parsimony.motion
+    Recovery(trainer).go_back(trainer, MemoryError())
+    after = trainer.parsimony.motion
+    assert after and trainer.count < count and len(after.score) == trainer.model.canonical.moving
+    assert set(after.rest_energy.tolist()) < set(before.rest_energy.tolist())
+    save_checkpoint(tmp_path / "c", trainer)
+    resumed = make_trainer(120, capacity="auto", max_gaussians=trainer.recipe.max_gaussians)
+    load_checkpoint(tmp_path / "c", resumed)
+    train(resumed)
+    assert resumed.parsimony and [each.what for each in resumed.parsimony.reductions].count("put to rest") == 1
 
 
 def test_rounds_that_a_resume_would_jump_over_are_held(make_trainer: Make, tmp_path: Path) -> None:
