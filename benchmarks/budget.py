@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from frog_blender.commands import evaluate_file
-from frog_blender.engine.files import LIFETIMES, SceneFile, read_scene, write_scene
-from frog_blender.engine.inference.scene import CANONICAL
+from frog_blender.engine.files import read_scene, write_scene
+from frog_blender.engine.inference.scene import some_of
 from frog_blender.engine.training.budget import with_budget
 from frog_blender.engine.training.job import TrainingJob, run_training
 from frog_blender.engine.training.recipe import recipe
@@ -39,13 +39,8 @@ def train(options: argparse.Namespace, capture: Path, output: Path, budget: int 
 def without_transparent(path: Path, output: Path, count: int) -> Path:
     """The scene with its ``count`` most opaque Gaussians."""
     scene = read_scene(path)
-    arrays = {name: array for name, array in scene.arrays.items() if name != LIFETIMES}  # of groups that are no more
-    kept = np.sort(np.argsort(-arrays["opacity_logits"], kind="stable")[:count])
-    moving = len(arrays["embeddings"])
-    arrays["embeddings"] = np.ascontiguousarray(arrays["embeddings"][kept[kept < moving]])
-    for name in CANONICAL:
-        arrays[name] = np.ascontiguousarray(arrays[name][kept])
-    write_scene(output, SceneFile(scene.header, arrays))
+    kept = np.sort(np.argsort(-scene.arrays["opacity_logits"], kind="stable")[:count])
+    write_scene(output, some_of(scene, kept))
     return output
 
 

@@ -19,6 +19,7 @@ from ..files import LIFETIMES, SceneFile, SceneHeader, read_scene
 from ..rasterizer.arrays import GaussianArrays
 from .deformation import PlayableDeformation
 from .frame_memory import FrameMemory
+from .lifetimes import GroupLifetimes
 from .moving_part import MovingPart, column_names, column_of, taken_from, width_of
 from .rest import at_rest, unit
 from .rivals import RIVALS
@@ -36,6 +37,24 @@ BY_GAUSSIAN = CANONICAL | {"embeddings"}  # the latter of those that move
 
 TIMES_KEPT = 4
 """Times a scene remembers: a render asks for the same one for every view layer, playback for its neighbours."""
+
+
+def some_of(scene: SceneFile, kept: np.ndarray) -> SceneFile:
+    """The scene of some of its Gaussians alone, which are and move there as they do in the whole one.
+
+    Args:
+        kept: (M,) their indices, ascending, at least one.
+    """
+    arrays, header = dict(scene.arrays), scene.header
+    if {LIFETIMES, "embeddings"} <= arrays.keys():
+        moving = len(arrays["embeddings"])
+        arrays[LIFETIMES] = GroupLifetimes(arrays[LIFETIMES], moving).of(kept[kept < moving])
+    for name in BY_GAUSSIAN & arrays.keys():
+        arrays[name] = arrays[name][kept[kept < len(arrays[name])]]
+    if "embeddings" in arrays and not len(arrays["embeddings"]):  # none of those that move
+        arrays = {name: arrays[name] for name in CANONICAL}
+        header = replace(header, model={})
+    return SceneFile(header, arrays)
 
 
 class PlayableScene:
@@ -77,16 +96,7 @@ class PlayableScene:
         Args:
             kept: (M,) their indices, ascending, at least one.
         """
-        arrays, header = dict(self._arrays), self.header
-        movers = kept[kept < self.moving]
-        if lifetimes := getattr(self._deformation, "lifetimes", None):
-            arrays[LIFETIMES] = lifetimes.of(movers)
-        for name in BY_GAUSSIAN & arrays.keys():
-            arrays[name] = arrays[name][kept[kept < len(arrays[name])]]
-        if "embeddings" in arrays and not len(arrays["embeddings"]):  # none of those that move
-            arrays = {name: arrays[name] for name in CANONICAL}
-            header = replace(header, model={})
-        return PlayableScene(SceneFile(header, arrays))
+        return PlayableScene(some_of(SceneFile(self.header, self._arrays), kept))
 
     def at_frame(self, frame: float) -> GaussianArrays:
         """Gaussians at a frame counted from 0; fractions are legal, frames outside are held."""
