@@ -4,6 +4,7 @@
 
 constexpr int DEFORM_BLOCK = 96;   // Gaussians that go through the network together
 constexpr int DEFORM_CHUNK = 960;  // Gaussians whose weight gradients are added up together
+constexpr int PLAYED_MOST = 2;     // groups of Gaussians that playback multiplies at once, at most
 constexpr int DEFORM_PAD = 16;     // columns of a panel of the packed matrices: whole vectors of any instruction set
 static_assert(DEFORM_BLOCK % PLAYED_GROUP == 0, "a block is whole groups");
 constexpr int MAX_BRANCHES = 10;
@@ -58,7 +59,7 @@ static inline DeformationLayout layout_of(const DeformationPlan &plan) {
   long long at = 0;
   auto room = [&](long long length) { const long long here = at; at += length * DEFORM_BLOCK; return here; };
   l.input = room(l.embedding), l.first = room(l.first_row), l.second = room(l.second_row), l.result = room(l.outputs);
-  l.columns = at, at += PLAYED_GROUP * l.outputs;
+  l.columns = at, at += PLAYED_MOST * PLAYED_GROUP * l.outputs;
   l.scales = room(3), at += DEFORM_PAD;  // stored in fours
   l.opacities = room(1), l.reductions = room(1), l.lengths = room(1);
   l.forward = at;

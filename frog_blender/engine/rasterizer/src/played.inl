@@ -3,46 +3,53 @@
 
 static_assert(PLAYED_GROUP % LANES == 0, "a group is whole vectors");
 constexpr int PLAYED_VECTORS = PLAYED_GROUP / LANES;
-constexpr int AHEAD = 2;  // which group after the one that is worked on the memory is asked for
+// Groups that are multiplied at once: a weight that is fetched then serves two vectors, where there are registers for the sums.
+constexpr int PLAYED_TOGETHER = LANES == 16 ? 2 : 1;
+static_assert(PLAYED_TOGETHER == 1 || PLAYED_TOGETHER == PLAYED_MOST, "scratch memory has room for so many");
 
-// (OUTPUTS, PLAYED_GROUP) from (inner, PLAYED_GROUP) units: bias + weights^T units, negative numbers made zero with RELU.
-template <int OUTPUTS, bool RELU>
-static inline void group_outputs(int inner, const float *units, const float *weights, long long weights_row, const float *bias,
-                                 float *result, Ahead &ahead) {
-  Floats sums[OUTPUTS][PLAYED_VECTORS];
+// (OUTPUTS, PLAYED_GROUP) for each of GROUPS groups from its (inner, PLAYED_GROUP) units, into
+// rows `first` and later of its result: bias + weights^T units, negative numbers made zero with RELU.
+template <int GROUPS, int OUTPUTS, bool RELU>
+static inline void group_outputs(int inner, const float *const *units, const float *weights, long long weights_row, const float *bias,
+                                 float *const *results, int first, Ahead &ahead) {
+  Floats sums[OUTPUTS][GROUPS * PLAYED_VECTORS];
   for (int o = 0; o < OUTPUTS; ++o)
-    for (int v = 0; v < PLAYED_VECTORS; ++v) sums[o][v] = all(bias[o]);
-  for (int k = 0; k < inner; ++k, units += PLAYED_GROUP, weights += weights_row) {
+    for (int v = 0; v < GROUPS * PLAYED_VECTORS; ++v) sums[o][v] = all(bias[first + o]);
+  weights += first;
+  for (int k = 0; k < inner; ++k, weights += weights_row) {
     ahead.ask();
+    Floats unit[GROUPS * PLAYED_VECTORS];
+    for (int v = 0; v < GROUPS * PLAYED_VECTORS; ++v)
+      unit[v] = load(units[v / PLAYED_VECTORS] + k * PLAYED_GROUP + v % PLAYED_VECTORS * LANES);
     for (int o = 0; o < OUTPUTS; ++o)
-      for (int v = 0; v < PLAYED_VECTORS; ++v) sums[o][v] += load(units + v * LANES) * weights[o];
+      for (int v = 0; v < GROUPS * PLAYED_VECTORS; ++v) sums[o][v] += unit[v] * weights[o];
   }
   for (int o = 0; o < OUTPUTS; ++o)
-    for (int v = 0; v < PLAYED_VECTORS; ++v)
-      store(result + o * PLAYED_GROUP + v * LANES, RELU ? larger(sums[o][v], Floats{}) : sums[o][v]);
+    for (int v = 0; v < GROUPS * PLAYED_VECTORS; ++v)
+      store(results[v / PLAYED_VECTORS] + (first + o) * PLAYED_GROUP + v % PLAYED_VECTORS * LANES,
+            RELU ? larger(sums[o][v], Floats{}) : sums[o][v]);
 }
 
 // The same for a number of outputs that is known only now, at most OUTPUTS.
-template <int OUTPUTS, bool RELU>
-static inline void group_outputs_of(int count, int inner, const float *units, const float *weights, long long weights_row,
-                                    const float *bias, float *result, Ahead &ahead) {
+template <int GROUPS, int OUTPUTS, bool RELU>
+static inline void group_outputs_of(int count, int inner, const float *const *units, const float *weights, long long weights_row,
+                                    const float *bias, float *const *results, int first, Ahead &ahead) {
   if (count == OUTPUTS)
-    group_outputs<OUTPUTS, RELU>(inner, units, weights, weights_row, bias, result, ahead);
+    group_outputs<GROUPS, OUTPUTS, RELU>(inner, units, weights, weights_row, bias, results, first, ahead);
   else if constexpr (OUTPUTS > 1)
-    group_outputs_of<OUTPUTS - 1, RELU>(count, inner, units, weights, weights_row, bias, result, ahead);
+    group_outputs_of<GROUPS, OUTPUTS - 1, RELU>(count, inner, units, weights, weights_row, bias, results, first, ahead);
 }
 
 // Any number of outputs; `weights` are (inner, padded(count)).
-template <bool RELU>
-static inline void group_layer(int count, int inner, const float *units, const float *weights, const float *bias, float *result,
-                               Ahead &ahead) {
-  // With the units and a weight, as many sums as registers hold: 16 of 32 in AVX-512, 12 or 8 of 16 elsewhere.
-  constexpr int TOGETHER = LANES == 16 ? 16 : LANES == 8 ? 6 : 2;
-  const int passes = (count + TOGETHER - 1) / TOGETHER;
+template <int GROUPS, bool RELU>
+static inline void group_layer(int count, int inner, const float *const *units, const float *weights, const float *bias,
+                               float *const *results, Ahead &ahead) {
+  // With the units and a weight, as many sums as registers hold: of 32 in AVX-512, of 16 elsewhere.
+  constexpr int MOST = LANES == 16 ? (GROUPS == 2 ? 12 : 16) : LANES == 8 ? 6 : 2;
+  const int passes = (count + MOST - 1) / MOST;
   for (int pass = 0; pass < passes; ++pass) {
     const int first = count * pass / passes, outputs = count * (pass + 1) / passes - first;
-    group_outputs_of<TOGETHER, RELU>(outputs, inner, units, weights + first, padded(count), bias + first, result + first * PLAYED_GROUP,
-                                     ahead);
+    group_outputs_of<GROUPS, MOST, RELU>(outputs, inner, units, weights, padded(count), bias, results, first, ahead);
   }
 }
 
@@ -79,70 +86,130 @@ static inline void activate_group(const FrogDeformation &field, const float *can
   }
 }
 
-// (width, PLAYED_GROUP) to rows of `width` numbers, and up to 3 numbers more. In fours: what reaches over a row's end is
-// written again, for the next row's beginning comes later.
-static inline void turn_group(const float *columns, int width, float *rows) {
-  for (int o = (width - 1) / 4 * 4; o >= 0; o -= 4)
-    for (int g = 0; g < PLAYED_GROUP; g += 4) {
+static inline void put_some(float *to, Quad v, int count) {
+  if (count == 4) return store_4(to, v);
+  if (count >= 2) __builtin_memcpy(to, &v, 2 * sizeof(float));
+  if (count != 2) to[count - 1] = v[count - 1];
+}
+
+// An attribute of a group's first `count` Gaussians, (width, PLAYED_GROUP), to rows of `width` numbers that are `row` apart: from
+// registers, since reading what was just written in smaller pieces waits until it has reached the cache.
+static inline void give(const float *columns, int width, float *to, long long row, int count) {
+  for (int o = 0; o < width; o += 4)
+    for (int g = 0; g < count; g += 4) {
       const float *from = columns + o * PLAYED_GROUP + g;
-      float *to = rows + g * width + o;
+      Quad rows[4];
+      for (int k = 0; k < 4; ++k) rows[k] = load_4(from + k * PLAYED_GROUP);
 #if defined(__SSE__)
-      __m128 a = _mm_loadu_ps(from), b = _mm_loadu_ps(from + PLAYED_GROUP), c = _mm_loadu_ps(from + 2 * PLAYED_GROUP);
-      __m128 d = _mm_loadu_ps(from + 3 * PLAYED_GROUP);
-      _MM_TRANSPOSE4_PS(a, b, c, d);
-      _mm_storeu_ps(to, a), _mm_storeu_ps(to + width, b), _mm_storeu_ps(to + 2 * width, c), _mm_storeu_ps(to + 3 * width, d);
+      _MM_TRANSPOSE4_PS(rows[0], rows[1], rows[2], rows[3]);
 #else
       for (int i = 0; i < 4; ++i)
-        for (int j = 0; j < 4; ++j) to[i * width + j] = from[j * PLAYED_GROUP + i];
+        for (int j = 0; j < i; ++j) {
+          const float swapped = rows[i][j];
+          rows[i][j] = rows[j][i], rows[j][i] = swapped;
+        }
 #endif
+      for (int i = 0; i < 4 && g + i < count; ++i) put_some(to + (g + i) * row + o, rows[i], width - o < 4 ? width - o : 4);
     }
 }
 
-// An attribute of the first `count` Gaussians of a group to rows that are `row` apart.
-static inline void give(const float *columns, int width, float *turned, float *to, long long row, int count) {
-  turn_group(columns, width, turned);
-  if (row == width) return copy(to, turned, width * count);
-  for (int r = 0; r < count; ++r) copy(to + r * row, turned + r * width, width);
-}
-
-static void group_network(const DeformationPlan &plan, const float *own, Ahead &ahead, float *hidden, float *outputs) {
+// Outputs of groups from what is read of them alone.
+template <int GROUPS>
+static void group_network(const DeformationPlan &plan, const float *const *own, Ahead &ahead, float *const *hidden, float *const *outputs) {
   if (plan.field->kept_products)
-    kept_layer(plan.hidden, own, plan.shared, hidden);
+    for (int g = 0; g < GROUPS; ++g) kept_layer(plan.hidden, own[g], plan.shared, hidden[g]);
   else
-    group_layer<true>(plan.hidden, plan.embedding, own, plan.embedding_rows, plan.shared, hidden, ahead);
-  group_layer<false>(plan.outputs, plan.hidden, hidden, plan.output_rows, plan.output_bias, outputs, ahead);
+    group_layer<GROUPS, true>(plan.hidden, plan.embedding, own, plan.embedding_rows, plan.shared, hidden, ahead);
+  group_layer<GROUPS, false>(plan.outputs, plan.hidden, hidden, plan.output_rows, plan.output_bias, outputs, ahead);
 }
 
 static inline void put_zeros(float *values, int count) {
   for (int k = 0; k < count; ++k) values[k] = 0;
 }
 
+// The group's deformed Gaussians, `count` from `start` on; `outputs` are overwritten.
+static void finish_group(const DeformationPlan &plan, const float *canonical, float *outputs, bool seen, const FrogDeformed &out,
+                         long long start, int count) {
+  const FrogDeformation &field = *plan.field;
+  activate_group(field, canonical, outputs);
+  if (!seen) put_zeros(outputs + OUT_OPACITY * PLAYED_GROUP, PLAYED_GROUP);
+  const auto column = [&](int output) { return outputs + output * PLAYED_GROUP; };
+  give(column(OUT_MEANS), 3, out.means + 3 * start, 3, count);
+  give(column(OUT_SCALES), 3, out.scales + 3 * start, 3, count);
+  give(column(OUT_QUATERNIONS), 4, out.quaternions + 4 * start, 4, count);
+  copy(out.opacities + start, column(OUT_OPACITY), count);
+  const int active = 3 * field.sh_active, colors = 3 * field.sh_deformed < active ? 3 * field.sh_deformed : active;
+  give(column(OUT_SH), colors, out.sh + active * start, active, count);
+}
+
+// Groups that can be seen, until there are as many as are multiplied at once.
+class WaitingGroups {
+  const DeformationPlan &plan_;
+  const FrogDeformed &out_;
+  const int end_, row_;
+  const float *canonical_[PLAYED_TOGETHER], *own_[PLAYED_TOGETHER];
+  float *hidden_[PLAYED_TOGETHER], *outputs_[PLAYED_TOGETHER];
+  long long starts_[PLAYED_TOGETHER];
+  int count_ = 0;
+
+  // What as many groups behind these read and write.
+  Ahead memory_behind() const {
+    const long long start = starts_[count_ - 1] + PLAYED_GROUP;
+    const int gaussians = count_ * PLAYED_GROUP, colors = 3 * plan_.field->sh_active;
+    Ahead ahead;
+    ahead.add(plan_.field->groups + start * row_, static_cast<long long>(gaussians) * row_);
+    ahead.add(out_.means + 3 * start, 3 * gaussians), ahead.add(out_.scales + 3 * start, 3 * gaussians);
+    ahead.add(out_.quaternions + 4 * start, 4 * gaussians), ahead.add(out_.opacities + start, gaussians);
+    ahead.add(out_.sh + colors * start, static_cast<long long>(colors) * gaussians);
+    return ahead;
+  }
+
+ public:
+  WaitingGroups(const DeformationPlan &plan, const DeformationLayout &l, const FrogDeformed &out, int end, float *scratch)
+      : plan_(plan), out_(out), end_(end), row_(plan.outputs + (plan.field->kept_products ? plan.hidden : plan.embedding)) {
+    for (int g = 0; g < PLAYED_TOGETHER; ++g) {
+      hidden_[g] = scratch + l.first + g * PLAYED_GROUP * plan.hidden;
+      outputs_[g] = scratch + l.columns + g * PLAYED_GROUP * l.outputs;
+    }
+  }
+  // Where the group's numbers lie.
+  const float *group_from(long long start) const { return plan_.field->groups + start * row_; }
+  int gaussians_from(long long start) const {
+    const long long left = end_ - start;
+    return left < PLAYED_GROUP ? static_cast<int>(left) : static_cast<int>(PLAYED_GROUP);
+  }
+  void add(long long start) {
+    canonical_[count_] = group_from(start), own_[count_] = canonical_[count_] + plan_.outputs * PLAYED_GROUP, starts_[count_] = start;
+    if (++count_ == PLAYED_TOGETHER) finish();
+  }
+  void finish() {
+    if (count_ == 0) return;
+    Ahead ahead = memory_behind();
+    if (count_ == PLAYED_TOGETHER)
+      group_network<PLAYED_TOGETHER>(plan_, own_, ahead, hidden_, outputs_);
+    else
+      group_network<1>(plan_, own_, ahead, hidden_, outputs_);
+    for (int g = 0; g < count_; ++g) finish_group(plan_, canonical_[g], outputs_[g], true, out_, starts_[g], gaussians_from(starts_[g]));
+    count_ = 0;
+  }
+};
+
 static void play(const DeformationPlan &plan, const FrogDeformed &out, int begin, int end, float *scratch) {
   const FrogDeformation &field = *plan.field;
   const DeformationLayout l = layout_of(plan);
-  const int row = plan.outputs + (field.kept_products ? plan.hidden : plan.embedding);
-  float *hidden = scratch + l.first, *outputs = scratch + l.columns, *turned = scratch + l.result;
+  WaitingGroups waiting(plan, l, out, end, scratch);
   for (long long start = begin; start < end; start += PLAYED_GROUP) {
-    const int count = static_cast<int>(end - start < PLAYED_GROUP ? end - start : PLAYED_GROUP);
     const long long group = start / PLAYED_GROUP;
-    const float *canonical = field.groups + start * row;
-    Ahead ahead;
-    ahead.add(canonical + AHEAD * PLAYED_GROUP * row, PLAYED_GROUP * row);
     const bool seen = !field.active || field.active[group];
     if (!seen && out.stirred && out.stirred[group] == 0) continue;
     if (out.stirred) out.stirred[group] = seen;
-    if (seen)
-      group_network(plan, canonical + plan.outputs * PLAYED_GROUP, ahead, hidden, outputs);
-    else
-      put_zeros(outputs, plan.outputs * PLAYED_GROUP);
-    activate_group(field, canonical, outputs);
-    if (!seen) put_zeros(outputs + OUT_OPACITY * PLAYED_GROUP, PLAYED_GROUP);
-    const auto column = [&](int output) { return outputs + output * PLAYED_GROUP; };
-    give(column(OUT_MEANS), 3, turned, out.means + 3 * start, 3, count);
-    give(column(OUT_SCALES), 3, turned, out.scales + 3 * start, 3, count);
-    give(column(OUT_QUATERNIONS), 4, turned, out.quaternions + 4 * start, 4, count);
-    copy(out.opacities + start, column(OUT_OPACITY), count);
-    const int active = 3 * field.sh_active, colors = 3 * field.sh_deformed < active ? 3 * field.sh_deformed : active;
-    if (colors) give(column(OUT_SH), colors, turned, out.sh + active * start, active, count);
+    if (seen) {
+      waiting.add(start);
+    } else {
+      float *unchanged = scratch + l.result;
+      put_zeros(unchanged, plan.outputs * PLAYED_GROUP);
+      finish_group(plan, waiting.group_from(start), unchanged, false, out, start, waiting.gaussians_from(start));
+    }
   }
+  waiting.finish();
 }

@@ -162,7 +162,11 @@ class Pool {
   std::atomic<bool> stop_{false};
 };
 
-int cores() { return std::max(1u, std::thread::hardware_concurrency()); }
+// Asked once: on Linux the answer is read from a file, which takes as long as some hundred Gaussians.
+int cores() {
+  static const int count = static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
+  return count;
+}
 
 std::mutex pool_mutex;  // held while a job runs
 std::atomic<int> wanted{0};
