@@ -1,13 +1,14 @@
 """Times the deformation field: the training path (forward, and forward with backward) and the inference engine.
 
-    python benchmarks/deformation.py [--counts 20000 200000] [--threads 2] [--repeats 15] [--cold]
+    python benchmarks/deformation.py [--counts 20000 200000] [--threads 2] [--repeats 15] [--cold | --apart]
 
 One JSON line for each network (the recipes' shared hidden layer of 64, with modulation and without, the paper's five
 heads of 128; one network as in FRoG, two as in E-D3DGS), number of Gaussians and path: seconds (median and best), and
 what they cannot be less than: the arithmetic at the machine's measured peak, and the bytes that must be moved at its
 measured bandwidth (which binds only what is larger than the caches). Paths take turns, so that what else the machine
 does meets all of them alike. With ``--cold`` none of them finds anything in the caches, as in a training, whose steps
-touch as much, and in a film of which every frame is drawn: each core writes 64 MB before.
+touch as much, and in a film of which every frame is drawn: each core writes 64 MB before. With ``--apart`` each path is
+timed for itself, one call after the other, and finds what fits into the caches there.
 """
 
 from __future__ import annotations
@@ -137,7 +138,9 @@ def main() -> None:
     parser.add_argument("--counts", type=int, nargs="+", default=[20_000, 200_000])
     parser.add_argument("--threads", type=int, default=0, help="0: one for each core")
     parser.add_argument("--repeats", type=int, default=15)
-    parser.add_argument("--cold", action="store_true", help="nothing is in the caches")
+    caches = parser.add_mutually_exclusive_group()
+    caches.add_argument("--cold", action="store_true", help="nothing is in the caches")
+    caches.add_argument("--apart", action="store_true", help="one path after the other instead of in turns")
     parser.add_argument("--plain", action="store_true", help="the training path in torch's own operations too")
     options = parser.parse_args()
     native.set_thread_count(options.threads)
@@ -149,10 +152,14 @@ def main() -> None:
         for name, settings in NETWORKS.items():
             for networks, fusion in FUSIONS.items():
                 model = make(count, fusion=fusion, **settings)
-                for path, seconds in timed(paths_of(model, options.plain), options.repeats, displacing).items():
+                paths = paths_of(model, options.plain)
+                together = [{name: run} for name, run in paths.items()] if options.apart else [paths]
+                timings = {k: v for some in together for k, v in timed(some, options.repeats, displacing).items()}
+                for path, seconds in timings.items():
                     operations, moved = work_of(model, path)
                     result: dict[str, Any] = {"network": name, "networks": networks, "count": count, "path": path}
-                    result |= {"threads": threads, "isa": native.instruction_set(), "cold": options.cold}
+                    result |= {"threads": threads, "isa": native.instruction_set()}
+                    result |= {"cold": options.cold, "apart": options.apart}
                     result |= {"seconds": statistics.median(seconds), "best": min(seconds)}
                     result |= {"arithmetic_bound": operations / (1e9 * core.gflops * threads) if core else None}
                     result |= {"memory_bound": moved / (1e9 * gigabytes)}
