@@ -5,10 +5,10 @@ static_assert(PLAYED_GROUP % LANES == 0, "a group is whole vectors");
 constexpr int PLAYED_VECTORS = PLAYED_GROUP / LANES;
 // Groups that are multiplied at once: a weight that is fetched then serves two vectors, where there are registers for the sums.
 constexpr int PLAYED_TOGETHER = LANES == 16 ? 2 : 1;
-static_assert(PLAYED_TOGETHER == 1 || PLAYED_TOGETHER == PLAYED_MOST, "scratch memory has room for so many");
+static_assert(PLAYED_TOGETHER <= PLAYED_MOST, "scratch memory has room for so many");
 
-// (OUTPUTS, PLAYED_GROUP) for each of GROUPS groups from its (inner, PLAYED_GROUP) units, into
-// rows `first` and later of its result: bias + weights^T units, negative numbers made zero with RELU.
+// (OUTPUTS, PLAYED_GROUP) for each of GROUPS groups from its (inner, PLAYED_GROUP) units, into rows `first` and later of its
+// result: bias + weights^T units, negative numbers made zero with RELU.
 template <int GROUPS, int OUTPUTS, bool RELU>
 static inline void group_outputs(int inner, const float *const *units, const float *weights, long long weights_row, const float *bias,
                                  float *const *results, int first, Ahead &ahead) {
@@ -44,7 +44,7 @@ static inline void group_outputs_of(int count, int inner, const float *const *un
 template <int GROUPS, bool RELU>
 static inline void group_layer(int count, int inner, const float *const *units, const float *weights, const float *bias,
                                float *const *results, Ahead &ahead) {
-  // With the units and a weight, as many sums as registers hold: of 32 in AVX-512, of 16 elsewhere.
+  // With the units and a weight, as many sums as registers hold: 24 for two groups or 16 of 32 in AVX-512, 12 or 8 of 16 elsewhere.
   constexpr int MOST = LANES == 16 ? (GROUPS == 2 ? 12 : 16) : LANES == 8 ? 6 : 2;
   const int passes = (count + MOST - 1) / MOST;
   for (int pass = 0; pass < passes; ++pass) {
@@ -86,6 +86,7 @@ static inline void activate_group(const FrogDeformation &field, const float *can
   }
 }
 
+// The first `count` numbers, 1 to 4.
 static inline void put_some(float *to, Quad v, int count) {
   if (count == 4) return store_4(to, v);
   if (count >= 2) __builtin_memcpy(to, &v, 2 * sizeof(float));
@@ -93,7 +94,8 @@ static inline void put_some(float *to, Quad v, int count) {
 }
 
 // An attribute of a group's first `count` Gaussians, (width, PLAYED_GROUP), to rows of `width` numbers that are `row` apart: from
-// registers, since reading what was just written in smaller pieces waits until it has reached the cache.
+// registers, since reading what was just written in smaller pieces waits until it has reached the cache. Reads up to three
+// columns beyond `width`.
 static inline void give(const float *columns, int width, float *to, long long row, int count) {
   for (int o = 0; o < width; o += 4)
     for (int g = 0; g < count; g += 4) {
@@ -147,20 +149,22 @@ class WaitingGroups {
   const DeformationPlan &plan_;
   const FrogDeformed &out_;
   const int end_, row_;
-  const float *canonical_[PLAYED_TOGETHER], *own_[PLAYED_TOGETHER];
+  const float *own_[PLAYED_TOGETHER];
   float *hidden_[PLAYED_TOGETHER], *outputs_[PLAYED_TOGETHER];
   long long starts_[PLAYED_TOGETHER];
   int count_ = 0;
 
-  // What as many groups behind these read and write.
-  Ahead memory_behind() const {
+  // Memory of as many groups that come next, seen or not: what is read of them and, where there are products enough to ask
+  // meanwhile, written.
+  Ahead memory_of_next() const {
     const long long start = starts_[count_ - 1] + PLAYED_GROUP;
     const int gaussians = count_ * PLAYED_GROUP, colors = 3 * plan_.field->sh_active;
     Ahead ahead;
-    ahead.add(plan_.field->groups + start * row_, static_cast<long long>(gaussians) * row_);
+    ahead.add(group_from(start), static_cast<long long>(gaussians) * row_);
+    if (plan_.field->kept_products) return ahead;
     ahead.add(out_.means + 3 * start, 3 * gaussians), ahead.add(out_.scales + 3 * start, 3 * gaussians);
     ahead.add(out_.quaternions + 4 * start, 4 * gaussians), ahead.add(out_.opacities + start, gaussians);
-    ahead.add(out_.sh + colors * start, static_cast<long long>(colors) * gaussians);
+    if (plan_.field->sh_deformed) ahead.add(out_.sh + colors * start, static_cast<long long>(colors) * gaussians);
     return ahead;
   }
 
@@ -179,17 +183,20 @@ class WaitingGroups {
     return left < PLAYED_GROUP ? static_cast<int>(left) : static_cast<int>(PLAYED_GROUP);
   }
   void add(long long start) {
-    canonical_[count_] = group_from(start), own_[count_] = canonical_[count_] + plan_.outputs * PLAYED_GROUP, starts_[count_] = start;
+    own_[count_] = group_from(start) + plan_.outputs * PLAYED_GROUP, starts_[count_] = start;
     if (++count_ == PLAYED_TOGETHER) finish();
   }
   void finish() {
     if (count_ == 0) return;
-    Ahead ahead = memory_behind();
+    Ahead ahead = memory_of_next();
     if (count_ == PLAYED_TOGETHER)
       group_network<PLAYED_TOGETHER>(plan_, own_, ahead, hidden_, outputs_);
     else
       group_network<1>(plan_, own_, ahead, hidden_, outputs_);
-    for (int g = 0; g < count_; ++g) finish_group(plan_, canonical_[g], outputs_[g], true, out_, starts_[g], gaussians_from(starts_[g]));
+    for (int g = 0; g < count_; ++g) {
+      const long long start = starts_[g];
+      finish_group(plan_, group_from(start), outputs_[g], true, out_, start, gaussians_from(start));
+    }
     count_ = 0;
   }
 };
