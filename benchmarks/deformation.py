@@ -5,8 +5,8 @@
 One JSON line for each network (the recipes' shared hidden layer of 64, with modulation and without, the paper's five
 heads of 128; one network as in FRoG, two as in E-D3DGS), number of Gaussians and path: seconds (median and best), and
 what they cannot be less than: the arithmetic at the machine's measured peak, and the bytes that must be moved at its
-measured bandwidth (which binds only what is larger than the caches). Paths take turns, so that what else the machine
-does meets all of them alike. With ``--cold`` none of them finds anything in the caches, as in a training, whose steps
+measured bandwidth (which binds only what is larger than the caches). Paths, and one network and two, take turns, so that
+what else the machine does meets all of them alike. With ``--cold`` none of them finds anything in the caches, as in a training, whose steps
 touch as much, and in a film of which every frame is drawn: each core writes 64 MB before. With ``--apart`` each path is
 timed for itself, one call after the other, and finds what fits into the caches there.
 """
@@ -42,7 +42,9 @@ OUTPUTS = ("means", "quaternions", "scales", "opacities", "sh")
 EMBEDDING, SH_COUNT = 32, 4
 _GOLDEN = 0.6180339887498949
 _DISPLACING = 1 << 24  # floats, 64 MB
-_LONGEST = 20.0  # seconds that one network and number of Gaussians may take beyond three repeats
+_LONGEST = 40.0  # seconds that one network and number of Gaussians may take beyond three repeats
+Way = tuple[str, int]
+"""A path, and of how many networks."""
 
 
 def make(count: int, **settings: Any) -> Frog:
@@ -114,11 +116,11 @@ def displace(memory: np.ndarray) -> None:
 
 
 def timed(
-    paths: dict[str, Callable[[float], object]], repeats: int, displacing: np.ndarray | None = None
-) -> dict[str, list[float]]:
+    paths: dict[Way, Callable[[float], object]], repeats: int, displacing: np.ndarray | None = None
+) -> dict[Way, list[float]]:
     """Seconds of each path at ``repeats`` moments, fewer where that takes long, no moment twice; ``displacing``
     (threads, N) takes the caches of as many cores before each."""
-    seconds: dict[str, list[float]] = {name: [] for name in paths}
+    seconds: dict[Way, list[float]] = {name: [] for name in paths}
     began = time.perf_counter()
     for repeat in range(repeats + 2):
         for name, run in paths.items():
@@ -150,24 +152,22 @@ def main() -> None:
     displacing = np.zeros((threads, _DISPLACING), np.float32) if options.cold else None
     for count in options.counts:
         for name, settings in NETWORKS.items():
-            for networks, fusion in FUSIONS.items():
-                model = make(count, fusion=fusion, **settings)
-                paths = paths_of(model, options.plain)
-                together = [{name: run} for name, run in paths.items()] if options.apart else [paths]
-                timings = {k: v for some in together for k, v in timed(some, options.repeats, displacing).items()}
-                for path, seconds in timings.items():
-                    operations, moved = work_of(model, path)
-                    result: dict[str, Any] = {"network": name, "networks": networks, "count": count, "path": path}
-                    result |= {"threads": threads, "isa": native.instruction_set()}
-                    result |= {"cold": options.cold, "apart": options.apart}
-                    result |= {"seconds": statistics.median(seconds), "best": min(seconds)}
-                    result |= {"arithmetic_bound": operations / (1e9 * core.gflops * threads) if core else None}
-                    result |= {"memory_bound": moved / (1e9 * gigabytes)}
-                    result |= {"gflop": operations / 1e9, "megabytes": moved / 1e6, "gigabytes_per_s": gigabytes}
-                    print(
-                        json.dumps({k: round(v, 6) if isinstance(v, float) else v for k, v in result.items()}),
-                        flush=True,
-                    )
+            models = {networks: make(count, fusion=fusion, **settings) for networks, fusion in FUSIONS.items()}
+            ways = {k: paths_of(model, options.plain) for k, model in models.items()}
+            paths = {(path, k): ways[k][path] for path in ways[1] for k in models}
+            together = [{way: run} for way, run in paths.items()] if options.apart else [paths]
+            timings = {k: v for some in together for k, v in timed(some, options.repeats, displacing).items()}
+            for (path, networks), seconds in timings.items():
+                operations, moved = work_of(models[networks], path)
+                result: dict[str, Any] = {"network": name, "networks": networks, "count": count, "path": path}
+                result |= {"threads": threads, "isa": native.instruction_set()}
+                result |= {"cold": options.cold, "apart": options.apart}
+                result |= {"seconds": statistics.median(seconds), "best": min(seconds)}
+                result |= {"arithmetic_bound": operations / (1e9 * core.gflops * threads) if core else None}
+                result |= {"memory_bound": moved / (1e9 * gigabytes)}
+                result |= {"gflop": operations / 1e9, "megabytes": moved / 1e6, "gigabytes_per_s": gigabytes}
+                rounded = {k: round(v, 6) if isinstance(v, float) else v for k, v in result.items()}
+                print(json.dumps(rounded), flush=True)
 
 
 if __name__ == "__main__":
