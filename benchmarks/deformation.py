@@ -5,10 +5,11 @@
 One JSON line for each network (the recipes' shared hidden layer of 64, with modulation and without, the paper's five
 heads of 128; one network as in FRoG, two as in E-D3DGS), number of Gaussians and path: seconds (median and best), and
 what they cannot be less than: the arithmetic at the machine's measured peak, and the bytes that must be moved at its
-measured bandwidth (which binds only what is larger than the caches). Paths, and one network and two, take turns, so that
-what else the machine does meets all of them alike. With ``--cold`` none of them finds anything in the caches, as in a training, whose steps
-touch as much, and in a film of which every frame is drawn: each core writes 64 MB before. With ``--apart`` each path is
-timed for itself, one call after the other, and finds what fits into the caches there.
+measured bandwidth (which binds only what is larger than the caches). The paths of a network take turns, so that they
+find little of their own in the caches, and so do one network and two after a few moments each, so that what else the
+machine does meets all of them alike. With ``--cold`` none of them finds anything in the caches, as in a training, whose
+steps touch as much, and in a film of which every frame is drawn: each core writes 64 MB before. With ``--apart`` each
+path is timed for itself, one call after the other, and finds what fits into the caches there.
 """
 
 from __future__ import annotations
@@ -42,7 +43,8 @@ OUTPUTS = ("means", "quaternions", "scales", "opacities", "sh")
 EMBEDDING, SH_COUNT = 32, 4
 _GOLDEN = 0.6180339887498949
 _DISPLACING = 1 << 24  # floats, 64 MB
-_LONGEST = 40.0  # seconds that one network and number of Gaussians may take beyond three repeats
+_ROUND, _WARM_UP = 5, 2  # moments
+_LONGEST = 20.0  # seconds that one network and number of Gaussians may take beyond a round
 Way = tuple[str, int]
 """A path, and of how many networks."""
 
@@ -116,23 +118,37 @@ def displace(memory: np.ndarray) -> None:
 
 
 def timed(
-    paths: dict[Way, Callable[[float], object]], repeats: int, displacing: np.ndarray | None = None
+    paths: dict[Way, Callable[[float], object]], first: int, repeats: int, displacing: np.ndarray | None = None
 ) -> dict[Way, list[float]]:
-    """Seconds of each path at ``repeats`` moments, fewer where that takes long, no moment twice; ``displacing``
-    (threads, N) takes the caches of as many cores before each."""
-    seconds: dict[Way, list[float]] = {name: [] for name in paths}
-    began = time.perf_counter()
-    for repeat in range(repeats + 2):
-        for name, run in paths.items():
+    """Seconds of each path at ``repeats`` moments, of which the first is the ``first`` of all and no two are the same;
+    ``displacing`` (threads, N) takes the caches of as many cores before each."""
+    seconds: dict[Way, list[float]] = {way: [] for way in paths}
+    for repeat in range(first - _WARM_UP, first + repeats):
+        for way, run in paths.items():
             if displacing is not None:
                 displace(displacing)
             started = time.perf_counter()
             result = run((0.5 + repeat * _GOLDEN) % 1.0)
-            seconds[name].append(time.perf_counter() - started)
+            if repeat >= first:
+                seconds[way].append(time.perf_counter() - started)
             del result
-        if repeat >= 4 and time.perf_counter() - began > _LONGEST:
+    return seconds
+
+
+def in_rounds(
+    groups: list[dict[Way, Callable[[float], object]]], repeats: int, displacing: np.ndarray | None = None
+) -> dict[Way, list[float]]:
+    """The same for groups of paths, a few moments of each in turn; fewer than ``repeats`` where that takes long."""
+    seconds: dict[Way, list[float]] = {way: [] for group in groups for way in group}
+    began = time.perf_counter()
+    for first in range(0, repeats, _ROUND):
+        for group in groups:
+            some = timed(group, first + _WARM_UP * (1 + first // _ROUND), min(_ROUND, repeats - first), displacing)
+            for way, taken in some.items():
+                seconds[way] += taken
+        if time.perf_counter() - began > _LONGEST:
             break
-    return {name: values[2:] for name, values in seconds.items()}
+    return seconds
 
 
 def main() -> None:
@@ -154,10 +170,10 @@ def main() -> None:
         for name, settings in NETWORKS.items():
             models = {networks: make(count, fusion=fusion, **settings) for networks, fusion in FUSIONS.items()}
             ways = {k: paths_of(model, options.plain) for k, model in models.items()}
-            paths = {(path, k): ways[k][path] for path in ways[1] for k in models}
-            together = [{way: run} for way, run in paths.items()] if options.apart else [paths]
-            timings = {k: v for some in together for k, v in timed(some, options.repeats, displacing).items()}
-            for (path, networks), seconds in timings.items():
+            groups = [{(path, k): run for path, run in ways[k].items()} for k in models]
+            if options.apart:
+                groups = [{(path, k): ways[k][path]} for path in ways[1] for k in models]
+            for (path, networks), seconds in in_rounds(groups, options.repeats, displacing).items():
                 operations, moved = work_of(models[networks], path)
                 result: dict[str, Any] = {"network": name, "networks": networks, "count": count, "path": path}
                 result |= {"threads": threads, "isa": native.instruction_set()}
