@@ -15,12 +15,14 @@ path is timed for itself, one call after the other, and finds what fits into the
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
+import math
 import os
 import statistics
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import bandwidth
@@ -28,6 +30,7 @@ import numpy as np
 import peak
 import torch
 
+from frog_blender.engine.comparison.timing import moments
 from frog_blender.engine.inference.deformation import PlayableDeformation
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
 from frog_blender.engine.model.frog import FINISHED, Frog, FrogSettings
@@ -41,7 +44,6 @@ NETWORKS: dict[str, dict[str, Any]] = {
 FUSIONS = {1: "product", 2: "dual"}
 OUTPUTS = ("means", "quaternions", "scales", "opacities", "sh")
 EMBEDDING, SH_COUNT = 32, 4
-_GOLDEN = 0.6180339887498949
 _DISPLACING = 1 << 24  # floats, 64 MB
 _ROUND, _WARM_UP = 5, 2  # moments
 _LONGEST = 20.0  # seconds that one network and number of Gaussians may take beyond a round
@@ -118,33 +120,33 @@ def displace(memory: np.ndarray) -> None:
 
 
 def timed(
-    paths: dict[Way, Callable[[float], object]], first: int, repeats: int, displacing: np.ndarray | None = None
+    paths: dict[Way, Callable[[float], object]], times: Sequence[float], displacing: np.ndarray | None = None
 ) -> dict[Way, list[float]]:
-    """Seconds of each path at ``repeats`` moments, of which the first is the ``first`` of all and no two are the same;
-    ``displacing`` (threads, N) takes the caches of as many cores before each."""
+    """Seconds of each path at each of the times but the first few, which warm up; ``displacing`` (threads, N) takes the
+    caches of as many cores before each."""
     seconds: dict[Way, list[float]] = {way: [] for way in paths}
-    for repeat in range(first - _WARM_UP, first + repeats):
+    for moment in times:
         for way, run in paths.items():
             if displacing is not None:
                 displace(displacing)
             started = time.perf_counter()
-            result = run((0.5 + repeat * _GOLDEN) % 1.0)
-            if repeat >= first:
-                seconds[way].append(time.perf_counter() - started)
+            result = run(moment)
+            seconds[way].append(time.perf_counter() - started)
             del result
-    return seconds
+    return {way: taken[_WARM_UP:] for way, taken in seconds.items()}
 
 
 def in_rounds(
     groups: list[dict[Way, Callable[[float], object]]], repeats: int, displacing: np.ndarray | None = None
 ) -> dict[Way, list[float]]:
-    """The same for groups of paths, a few moments of each in turn; fewer than ``repeats`` where that takes long."""
+    """The same at ``repeats`` moments, no moment twice, a few of each group of paths in turn; fewer where that takes
+    long."""
     seconds: dict[Way, list[float]] = {way: [] for group in groups for way in group}
     began = time.perf_counter()
-    for first in range(0, repeats, _ROUND):
+    times = iter(moments(repeats + _WARM_UP * math.ceil(repeats / _ROUND)))
+    while some := list(itertools.islice(times, _WARM_UP + _ROUND)):
         for group in groups:
-            some = timed(group, first + _WARM_UP * (1 + first // _ROUND), min(_ROUND, repeats - first), displacing)
-            for way, taken in some.items():
+            for way, taken in timed(group, some, displacing).items():
                 seconds[way] += taken
         if time.perf_counter() - began > _LONGEST:
             break

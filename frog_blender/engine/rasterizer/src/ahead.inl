@@ -29,3 +29,11 @@ class Ahead {
     while (LANES >= 8 && (next_ < end_ || begun_ < count_)) ask();
   }
 };
+
+// The deformed attributes of `count` Gaussians from `begin` on, of whose spherical harmonics rows of `colors` numbers are
+// written to.
+static inline void add_deformed(Ahead &ahead, const FrogDeformed &out, long long begin, int count, int colors) {
+  ahead.add(out.means + 3 * begin, 3 * count), ahead.add(out.scales + 3 * begin, 3 * count);
+  ahead.add(out.quaternions + 4 * begin, 4 * count), ahead.add(out.opacities + begin, count);
+  if (colors) ahead.add(out.sh + colors * begin, colors * count);
+}

@@ -33,9 +33,7 @@ static Ahead memory_of_block(const DeformationPlan &plan, const FrogDeformed &ou
   ahead.add(field.means + 3 * begin, 3 * rows), ahead.add(field.log_scales + 3 * begin, 3 * rows);
   ahead.add(field.quaternions + 4 * begin, 4 * rows), ahead.add(field.opacity_logits + begin, rows);
   ahead.add(field.sh + 3 * field.sh_count * begin, 3 * field.sh_count * rows);
-  ahead.add(out.means + 3 * begin, 3 * rows), ahead.add(out.scales + 3 * begin, 3 * rows);
-  ahead.add(out.quaternions + 4 * begin, 4 * rows), ahead.add(out.opacities + begin, rows);
-  ahead.add(out.sh + 3 * field.sh_active * begin, 3 * field.sh_active * rows);
+  add_deformed(ahead, out, begin, rows, 3 * field.sh_active);
   if (out.changes && moves) ahead.add(out.changes + plan.outputs * begin, plan.outputs * rows);
   return ahead;
 }

@@ -158,13 +158,11 @@ class WaitingGroups {
   // meanwhile, written.
   Ahead memory_of_next() const {
     const long long start = starts_[count_ - 1] + PLAYED_GROUP;
-    const int gaussians = count_ * PLAYED_GROUP, colors = 3 * plan_.field->sh_active;
+    const int gaussians = count_ * PLAYED_GROUP;
     Ahead ahead;
     ahead.add(group_from(start), static_cast<long long>(gaussians) * row_);
-    if (plan_.field->kept_products) return ahead;
-    ahead.add(out_.means + 3 * start, 3 * gaussians), ahead.add(out_.scales + 3 * start, 3 * gaussians);
-    ahead.add(out_.quaternions + 4 * start, 4 * gaussians), ahead.add(out_.opacities + start, gaussians);
-    if (plan_.field->sh_deformed) ahead.add(out_.sh + colors * start, static_cast<long long>(colors) * gaussians);
+    if (!plan_.field->kept_products)
+      add_deformed(ahead, out_, start, gaussians, plan_.field->sh_deformed ? 3 * plan_.field->sh_active : 0);
     return ahead;
   }
 
