@@ -43,5 +43,7 @@ _UNITS = {
     "woken": "moving Gaussians",
     "network width": "hidden units",
     "packed": "bytes",
+    "only fade": "deformed Gaussians",
+    "keep their shape": "Gaussians that turn and grow",
     "unseen left out": "Gaussians deformed a frame",
 }

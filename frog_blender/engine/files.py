@@ -1,8 +1,9 @@
 """The ``.frog`` scene file: one safetensors file with a JSON header. No pickle, no torch.
 
 Tensors of a FRoG scene: ``means, log_scales, quaternions, opacity_logits, sh`` by Gaussian,
-``embeddings`` of those that move, which come first, ``temporal_table`` and ``network.*``, and where that saves time at
-playback LIFETIMES (see inference.lifetimes). The header holds what playback and evaluation need besides.
+``embeddings`` of those that are deformed, which come first, ``temporal_table`` and ``network.*``, and where that saves
+time at playback LIFETIMES (see inference.lifetimes) and, of those that come next, FADES (see inference.fading). The
+header holds what playback and evaluation need besides.
 """
 
 from __future__ import annotations
@@ -25,11 +26,13 @@ from .capture.camera import Camera
 from .errors import FrogError, found_instead
 from .packing import Packed, pack, unpack_scene
 
-FORMAT_VERSION = 3
-"""1 had every array as it is; 2 may have them packed; 3 may have lifetimes."""
+FORMAT_VERSION = 4
+"""1 had every array as it is; 2 may have them packed; 3 may have lifetimes; 4 may have some that only fade."""
 METHODS = ("frog", "ed3dgs", "static", "d3dgs", "hexplane", "curves")
 LIFETIMES = "lifetimes"
 """Name of the array in which bits say when groups of Gaussians can be seen."""
+FADES = "fades"
+"""Name of the array (F, frames) in which opacities stand of those that only fade."""
 _HEADER_KEY = "frog"
 _PACKING_KEY = "packing"
 

@@ -17,7 +17,7 @@ import numpy as np
 BLOCK = 256
 _LARGEST = 2**27  # numbers of an unpacked array
 _LEVEL = 9
-_AS_IT_IS = 1  # bits of a number: bytes that are eight of them
+_AS_IT_IS = 1  # bits of a number that is stored as the byte that it is
 _LARGEST_HALF = 65_504
 # What a scene can need, so that a small file cannot ask for much memory: places of Gaussians hardly compress.
 _MEANS_OF_BYTES, _NUMBERS_OF_GAUSSIAN, _LARGEST_NETWORK = 20, 256, 2**22
@@ -30,8 +30,9 @@ BITS = {
     "sh": 8,
     "embeddings": 8,
     "lifetimes": 1,
+    "fades": 1,
 }
-"""Of a number of each Gaussian's attributes; what is not here is stored in half precision, and bits as they are.
+"""Of a number of each Gaussian's attributes; what is not here is stored in half precision, and bytes as they are.
 
 Means have 16: a block's extent in 65,536 parts is a hundredth of a pixel, in 256 parts several pixels. The others
 were measured to cost nothing that shows (docs/parsimony.md)."""
@@ -49,7 +50,7 @@ class Packed:
 
 
 def pack(name: str, array: np.ndarray) -> Packed:
-    """A float32 array of any shape, or bits in bytes (uint8); ValueError for numbers that are not finite."""
+    """A float32 array of any shape, or bytes (uint8); ValueError for numbers that are not finite."""
     bits = BITS.get(name, 0)
     if bits == _AS_IT_IS:
         stored = array.astype(np.uint8).tobytes()

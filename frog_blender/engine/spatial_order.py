@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 
@@ -18,6 +20,8 @@ def along_curve(means: np.ndarray) -> np.ndarray:
     return np.argsort(code, kind="stable")
 
 
-def neighbours_together(means: np.ndarray, moving: int) -> np.ndarray:
-    """(N,) an order of ``means`` (N, 3): the first ``moving`` along a curve, then the others, at rest, along theirs."""
-    return np.concatenate([along_curve(means[:moving]), moving + along_curve(means[moving:])])
+def neighbours_together(means: np.ndarray, *bounds: int) -> np.ndarray:
+    """(N,) an order of ``means`` (N, 3): the first up to each of the ``bounds``, and the others, each along a curve of
+    their own."""
+    edges = pairwise((0, *bounds, len(means)))
+    return np.concatenate([first + along_curve(means[first:last]) for first, last in edges])

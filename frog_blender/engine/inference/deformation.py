@@ -2,7 +2,7 @@
 
 What does not depend on time is computed once: the first layer's product with the Gaussians' embeddings, where nothing
 modulates it; Gaussians at rest and colours that do not deform lie in the frames' memory already. What cannot be seen at
-a moment is not deformed.
+a moment is not deformed, and what only fades never is.
 """
 
 from __future__ import annotations
@@ -13,10 +13,11 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import FrogError, brief
-from ..files import LIFETIMES
+from ..files import FADES, LIFETIMES
 from ..model.first_layer import first_layer
 from ..rasterizer.arrays import GaussianArrays
 from ..rasterizer.native_deformation import FieldShape, PlayedField
+from .fading import Fades
 from .frame_memory import FrameMemory
 from .groups import group_count, grouped
 from .lifetimes import GroupLifetimes
@@ -24,6 +25,10 @@ from .moving_part import MovingPart, taken_from
 from .rest import at_rest
 from .temporal import TemporalEmbedding, checked
 
+RESHAPED = "reshaped"
+"""The model setting that says how many of those that are deformed, the first, turn and grow; the others keep their
+shape. All of them where it is missing."""
+_SHAPE = ("quaternions", "scales")
 _CANONICAL = ("means", "log_scales", "quaternions", "opacity_logits")
 
 
@@ -33,15 +38,17 @@ def _checked_arrays(arrays: dict[str, np.ndarray], model: dict, temporal: Tempor
     KeyError or ValueError unless every array is what the settings say: the library only sees addresses.
     """
     count, networks, embedding = len(arrays["means"]), temporal.networks, int(model["embedding_size"])
-    moving = len(arrays["embeddings"])
-    if moving > count:
-        raise ValueError(f"{moving} of its {count} Gaussians move")
-    hidden, heads, deformed = (int(model[name]) for name in ("hidden_width", "head_width", "deformed_sh"))
-    outputs = 11 + 3 * deformed  # means 3, scales 3, quaternions 4, opacity 1
-    if not 0 <= deformed <= arrays["sh"].shape[1]:
+    deformed, fading = len(arrays["embeddings"]), len(arrays.get(FADES, ()))
+    if deformed + fading > count:
+        raise ValueError(f"{deformed + fading} of its {count} Gaussians move")
+    hidden, heads, colors = (int(model[name]) for name in ("hidden_width", "head_width", "deformed_sh"))
+    outputs = 11 + 3 * colors  # means 3, scales 3, quaternions 4, opacity 1
+    if not 0 <= colors <= arrays["sh"].shape[1]:
         raise ValueError("it deforms more colours than there are")
     shapes = {name: (count, *size) for name, size in zip(_CANONICAL, ((3,), (3,), (4,), ()), strict=True)}
-    shapes |= {"sh": (count, arrays["sh"].shape[1], 3), "embeddings": (moving, embedding)}
+    shapes |= {"sh": (count, arrays["sh"].shape[1], 3)}
+    if deformed or not fading:  # of a part of a scene all may only fade
+        shapes |= {"embeddings": (deformed, embedding)}
     shapes |= {
         "network.embedding_weight": (networks * hidden, embedding),
         "network.temporal_weight": (networks * hidden, temporal.size),
@@ -54,9 +61,10 @@ def _checked_arrays(arrays: dict[str, np.ndarray], model: dict, temporal: Tempor
             raise ValueError(f"embeddings of {embedding} are modulated by {temporal.size} numbers")
         shapes["network.modulation_weight"] = (networks * hidden, embedding)
     if heads:
-        width = networks * heads * (5 if deformed else 4)
+        width = networks * heads * (5 if colors else 4)
         shapes |= {"network.head_weight": (width, hidden), "network.head_bias": (width,)}
-    return {name.removeprefix("network."): checked(arrays, name, shape) for name, shape in shapes.items()}
+    result = {name.removeprefix("network."): checked(arrays, name, shape) for name, shape in shapes.items()}
+    return {"embeddings": np.empty((0, embedding), np.float32)} | result
 
 
 def _shape(model: dict, sh_count: int, networks: int) -> FieldShape:
@@ -87,10 +95,11 @@ class PlayableDeformation:
         model: the scene header's model settings.
 
     Attributes:
-        moving: Gaussians that are deformed; they come first.
+        moving: Gaussians that are not the same at all times; they come first, and first of them ``deformed`` that the
+            network moves. The others only fade.
         changing: their columns (see moving_part) that are not the same at all times; a head that was silenced
             changes nothing.
-        lifetimes: when groups of them can be seen, where the file says so.
+        lifetimes: when groups of those that are deformed can be seen, where the file says so.
     """
 
     gives_checked = True  # ``at`` gives unit quaternions, contiguous and float32 as all the others
@@ -100,24 +109,30 @@ class PlayableDeformation:
             self._temporal = TemporalEmbedding(arrays, model)
             a = _checked_arrays(arrays, model, self._temporal)
             self._shape = _shape(model, a["sh"].shape[1], self._temporal.networks)
-            moving = len(a["embeddings"])
-            self.lifetimes = GroupLifetimes(arrays[LIFETIMES], moving) if LIFETIMES in arrays else None
+            self.deformed = len(a["embeddings"])
+            self.lifetimes = GroupLifetimes(arrays[LIFETIMES], self.deformed) if LIFETIMES in arrays else None
+            self._fades = Fades(arrays[FADES]) if FADES in arrays else None
+            self._reshaped = int(model.get(RESHAPED, self.deformed))
+            if not 0 <= self._reshaped <= self.deformed or (self._shape.head_width and RESHAPED in model):
+                raise ValueError(f"{self._reshaped} of its {self.deformed} deformed Gaussians turn and grow")
         except (KeyError, ValueError, TypeError, AttributeError, IndexError, OverflowError) as error:
             raise FrogError(
                 f"The scene's deformation network cannot be used ({brief(error)}); train it again."
             ) from error
         self._temporal_weight, self._bias = a.pop("temporal_weight"), a.pop("bias")
-        self.moving, deformed = moving, self._shape.sh_deformed
-        self.changing = _changing(a, deformed) if self.moving else frozenset()
-        if self.lifetimes:
+        self.moving = self.deformed + (len(self._fades) if self._fades else 0)
+        colors = self._shape.sh_deformed
+        self.changing = _changing(a, colors) if self.deformed else frozenset()
+        if not self._reshaped:
+            self.changing -= set(_SHAPE)
+        if self.lifetimes or self._fades:
             self.changing |= {"base"}  # in which opacities are
-        still = vars(at_rest(a))
-        self._sh = still["sh"]
-        stirred = {"stirred": np.ones(group_count(self.moving), np.float32)} if self.lifetimes else {}
-        self._memory = FrameMemory({k: v for k, v in still.items() if k != "sh" or deformed} | stirred)
+        self._still = vars(at_rest(a))
+        stirred = {"stirred": np.ones(group_count(self.deformed), np.float32)} if self.lifetimes else {}
+        self._memory = FrameMemory({k: v for k, v in self._still.items() if k != "sh" or colors} | stirred)
         for name in _CANONICAL:
-            a[name] = a[name][: self.moving]
-        a["sh"] = np.ascontiguousarray(a["sh"][: self.moving, :deformed])  # the others are in the frames' memory
+            a[name] = a[name][: self.deformed]
+        a["sh"] = np.ascontiguousarray(a["sh"][: self.deformed, :colors])  # the others are in the frames' memory
         self._modulation, self._embedding_weight = a.pop("modulation_weight", None), a["embedding_weight"]
         kept = self._modulation is None  # the first layer's product with the embeddings is the same at all times
         if not self._shape.head_width:  # heads are nearly all of the arithmetic: how Gaussians lie matters little
@@ -126,7 +141,8 @@ class PlayableDeformation:
             a["groups"] = groups
         # Of frames, which have all colours, and of parts, which have those that deform.
         self._field, self._part_field = (
-            PlayedField(shape, a, kept) for shape in (self._shape, replace(self._shape, sh_active=deformed))
+            PlayedField(shape, a, kept, self._reshaped)
+            for shape in (self._shape, replace(self._shape, sh_active=colors))
         )
 
     def temporal(self, time: float) -> np.ndarray:
@@ -140,22 +156,30 @@ class PlayableDeformation:
         return first_layer(self.temporal(time), *network)
 
     def _deform(self, field: PlayedField, time: float, result: dict[str, np.ndarray]) -> None:
-        active = self.lifetimes.at(time) if self.lifetimes else None
-        field.deform(*self._first_layer_at(time), result, active)
+        """Fills the first of ``result``: those that move."""
+        if self.deformed:
+            active = self.lifetimes.at(time) if self.lifetimes else None
+            field.deform(*self._first_layer_at(time), result, active)
+        if self._fades:
+            self._fades.at(time, result["opacities"][self.deformed : self.moving])
 
     def at(self, time: float) -> GaussianArrays:
         """The Gaussians at a time in [0, 1], activated, with unit quaternions; the arrays are not to be changed."""
-        result = {"sh": self._sh, **self._memory.take()}
-        self._deform(self._field, time, result)  # the first of them: those that move
+        result = {"sh": self._still["sh"], **self._memory.take()}
+        self._deform(self._field, time, result)
         result.pop("stirred", None)
         return GaussianArrays(**result)
 
     def part_at(self, time: float, names: Collection[str]) -> MovingPart:
         """Columns of the Gaussians that move, at a time in [0, 1]: the same bits as in ``at``."""
-        count, deformed = self.moving, self._shape.sh_deformed
-        sizes = {"means": (3,), "quaternions": (4,), "scales": (3,), "opacities": (), "sh": (deformed, 3)}
+        count, colors = self.moving, self._shape.sh_deformed
+        sizes = {"means": (3,), "quaternions": (4,), "scales": (3,), "opacities": (), "sh": (colors, 3)}
         moved = {name: np.empty((count, *size), np.float32) for name, size in sizes.items()}
+        for name, values in moved.items():  # what keeps its shape, and what only fades
+            first = self._reshaped if name in _SHAPE else self.deformed
+            still = self._still[name][first:count]
+            values[first:] = still[:, :colors] if name == "sh" else still
         self._deform(self._part_field, time, moved)
-        if not deformed:
-            moved["sh"] = self._sh[:count]
+        if not colors:
+            moved["sh"] = self._still["sh"][:count]
         return taken_from(GaussianArrays(**moved), names)

@@ -10,7 +10,7 @@ import numpy as np
 GROUP = 16
 """PLAYED_GROUP of the native library: Gaussians that lie side by side."""
 _TOGETHER = GROUP * 4096  # Gaussians that are multiplied at once, so that what is in between stays small
-_ATTRIBUTES = ("means", "log_scales", "quaternions", "opacity_logits", "sh")
+_ATTRIBUTES = ("means", "opacity_logits", "sh", "log_scales", "quaternions")  # last what does not change of all
 
 
 def group_count(count: int) -> int:

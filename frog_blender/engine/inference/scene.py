@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from ..capture.time import frame_to_time
-from ..files import LIFETIMES, SceneFile, SceneHeader, read_scene
+from ..files import FADES, LIFETIMES, SceneFile, SceneHeader, read_scene
 from ..rasterizer.arrays import GaussianArrays
-from .deformation import PlayableDeformation
+from .deformation import RESHAPED, PlayableDeformation
 from .frame_memory import FrameMemory
 from .lifetimes import GroupLifetimes
 from .moving_part import MovingPart, column_names, column_of, taken_from, width_of
@@ -33,10 +33,21 @@ PLAYABLE: dict[str, Callable[[dict[str, np.ndarray], dict], Any]] = {
 then. Quaternions may be of any length, and arrays of any layout, unless the class has a true ``gives_checked``."""
 
 CANONICAL = {"means", "log_scales", "quaternions", "opacity_logits", "sh"}
-BY_GAUSSIAN = CANONICAL | {"embeddings"}  # the latter of those that move
 
 TIMES_KEPT = 4
 """Times a scene remembers: a render asks for the same one for every view layer, playback for its neighbours."""
+
+
+def rows_of(arrays: dict[str, np.ndarray]) -> dict[str, range]:
+    """Of which Gaussians a scene file's arrays tell, by their names: all of them, those that are deformed, which come
+    first, or those that only fade, which come next. Arrays that do not have a row a Gaussian are not among them."""
+    deformed, everyone = len(arrays.get("embeddings", ())), range(len(arrays["means"]))
+    rows = dict.fromkeys(CANONICAL & arrays.keys(), everyone)
+    if "embeddings" in arrays:
+        rows["embeddings"] = range(deformed)
+    if FADES in arrays:
+        rows[FADES] = range(deformed, deformed + len(arrays[FADES]))
+    return rows
 
 
 def some_of(scene: SceneFile, kept: np.ndarray) -> SceneFile:
@@ -47,11 +58,16 @@ def some_of(scene: SceneFile, kept: np.ndarray) -> SceneFile:
     """
     arrays, header = dict(scene.arrays), scene.header
     if {LIFETIMES, "embeddings"} <= arrays.keys():
-        moving = len(arrays["embeddings"])
-        arrays[LIFETIMES] = GroupLifetimes(arrays[LIFETIMES], moving).of(kept[kept < moving])
-    for name in BY_GAUSSIAN & arrays.keys():
-        arrays[name] = arrays[name][kept[kept < len(arrays[name])]]
-    if "embeddings" in arrays and not len(arrays["embeddings"]):  # none of those that move
+        deformed = len(arrays["embeddings"])
+        arrays[LIFETIMES] = GroupLifetimes(arrays[LIFETIMES], deformed).of(kept[kept < deformed])
+    for name, rows in rows_of(scene.arrays).items():
+        arrays[name] = arrays[name][kept[(kept >= rows.start) & (kept < rows.stop)] - rows.start]
+    if RESHAPED in header.model:
+        reshaped = int((kept < header.model[RESHAPED]).sum())
+        header = replace(header, model=header.model | {RESHAPED: reshaped})
+    if FADES in arrays and not len(arrays[FADES]):
+        del arrays[FADES]
+    if "embeddings" in arrays and not len(arrays["embeddings"]) and FADES not in arrays:  # none of those that move
         arrays = {name: arrays[name] for name in CANONICAL}
         header = replace(header, model={})
     return SceneFile(header, arrays)

@@ -14,7 +14,9 @@ import torch
 from ..capture.camera import Camera
 from ..capture.time import frame_to_time
 from ..errors import FrogError
-from ..files import LIFETIMES, SceneFile
+from ..files import FADES, LIFETIMES, SceneFile
+from ..inference.deformation import RESHAPED
+from ..inference.fading import Fades
 from ..rasterizer import GaussianArrays, rasterize
 from .canonical import ATTRIBUTES, CanonicalField
 from .frog import Frog, FrogSettings
@@ -47,6 +49,8 @@ class SceneOnDevice:
             raise FrogError(f"Found a scene of the method {scene.header.method!r}, expected FRoG or E-D3DGS on a GPU.")
         self.header = scene.header
         self._model = model_of(scene).to(device)
+        self._reshaped = int(scene.header.model.get(RESHAPED, self._model.canonical.moving))
+        self._fades = Fades(scene.arrays[FADES]) if FADES in scene.arrays else None
         if half is None and torch.device(device).type != "cpu":
             half = half_error(self._model) <= HALF_TOLERANCE
         self.half = bool(half)
@@ -57,9 +61,21 @@ class SceneOnDevice:
         """As PlayableScene.at_frame; quaternions of any length."""
         return self.at(frame_to_time(frame, self.header.frame_count))
 
+    @torch.inference_mode()
     def at(self, time: float) -> GaussianArrays:
         """Gaussians at a time in [0, 1] (clamped), activated; quaternions of any length."""
-        return _gaussians(self._model, min(max(float(time), 0.0), 1.0))
+        time = min(max(float(time), 0.0), 1.0)
+        gaussians, canonical = _gaussians(self._model, time), self._model.canonical
+        still = slice(self._reshaped, canonical.moving)
+        gaussians.quaternions[still], gaussians.scales[still] = (
+            canonical.quaternions[still],
+            canonical.log_scales[still].exp(),
+        )
+        if self._fades:
+            opacities = np.empty(len(self._fades), np.float32)
+            self._fades.at(time, opacities)
+            gaussians.opacities[canonical.moving :][: len(opacities)] = torch.from_numpy(opacities)
+        return gaussians
 
     @torch.inference_mode()
     def picture(self, frame: float, camera: Camera) -> np.ndarray:
@@ -90,14 +106,15 @@ def _gaussians(model: Frog, time: float) -> GaussianArrays:
 
 def model_of(scene: SceneFile) -> Frog:
     """The model as training had it, on the CPU and without gradients; FrogError when the file does not hold one."""
-    learned = {name: array for name, array in scene.arrays.items() if name != LIFETIMES}
+    learned = {name: array for name, array in scene.arrays.items() if name not in (FADES, LIFETIMES)}
     values = {name: torch.from_numpy(np.array(array, np.float32)) for name, array in learned.items()}
     state = {
         f"canonical.{name}" if name in ATTRIBUTES else name.replace("network.", "deformation."): value
         for name, value in values.items()
     }
     try:
-        model = Frog(CanonicalField(values), FrogSettings(**scene.header.model))
+        settings = {name: value for name, value in scene.header.model.items() if name != RESHAPED}
+        model = Frog(CanonicalField(values), FrogSettings(**settings))
         model.load_state_dict(state)
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise FrogError(f"The scene cannot be played by torch ({str(error).splitlines()[0]}); use the CPU.") from error

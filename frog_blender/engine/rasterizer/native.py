@@ -21,7 +21,7 @@ from . import structs
 from .arrays import GaussianArrays
 from .options import RasterizeOptions
 
-ABI_VERSION = 12
+ABI_VERSION = 13
 CELL = 16  # FROG_CELL: pixels a side of the cells of ``compare``, which are the rasterizer's tiles
 SLOT_LIMIT = 6_000_000  # (Gaussian, tile) pairs that a backward pass keeps gradients of at a time, 36 bytes each
 

@@ -65,14 +65,20 @@ class PlayedField:
         arrays: as for ``deform``, with any first layer; they are kept, and not to be replaced. Without heads ``groups``
             (see inference.groups) may stand for the Gaussians' attributes but ``means``, whose length counts.
         kept_products: what ``groups`` has instead of embeddings.
+        reshaped: the first so many Gaussians turn and grow, the others keep their shape; None for all of them, which it
+            has to be with heads.
     """
 
-    def __init__(self, shape: FieldShape, arrays: dict[str, Any], kept_products: bool = False) -> None:
+    def __init__(
+        self, shape: FieldShape, arrays: dict[str, Any], kept_products: bool = False, reshaped: int | None = None
+    ) -> None:
         if shape.head_width and "groups" in arrays:
             raise ValueError("groups: found some beside heads, expected embeddings")
         self._arrays, self._field = arrays, _field(shape, arrays, in_groups="groups" in arrays)
         self._field.unit_quaternions, self._field.kept_products = True, kept_products
         self._field.groups = structs.address(arrays.get("groups"))
+        if reshaped is not None:
+            self._field.reshaped = reshaped
 
     def deform(self, shared: Any, embedding_weight: Any, result: dict[str, Any], active: Any = None) -> None:
         """Fills the first rows of ``result`` at the moment whose first layer these are.
@@ -113,7 +119,7 @@ def _field(shape: FieldShape, arrays: dict[str, Any], in_groups: bool = False) -
         *(count, count if in_groups else len(arrays["embeddings"])),
         *(weight.shape[1], weight.shape[0] // shape.networks, shape.head_width, shape.networks),
         *(shape.sh_deformed if in_groups else arrays["sh"].shape[1], shape.sh_active, shape.sh_deformed),
-        *(structs.OPACITY_FORMS[shape.opacity_form], False, False),
+        *(structs.OPACITY_FORMS[shape.opacity_form], False, False, count),
         *(shape.opacity_sharpness, shape.opacity_share, shape.motion_unit),
         *[structs.address(arrays.get(name)) for name in structs.FIELD_ARRAYS],
     )

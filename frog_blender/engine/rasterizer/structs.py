@@ -54,7 +54,7 @@ GRADIENTS = (*ATTRIBUTES, "screen", "screen_absolute", "pose")
 Gradients = _struct("FrogGradients", *[(name, c_void_p) for name in GRADIENTS])
 FIELD_SIZES = (
     *("count", "moving", "embedding_size", "hidden_width", "head_width", "networks"),
-    *("sh_count", "sh_active", "sh_deformed", "opacity_form", "unit_quaternions", "kept_products"),
+    *("sh_count", "sh_active", "sh_deformed", "opacity_form", "unit_quaternions", "kept_products", "reshaped"),
 )
 FIELD_ARRAYS = (
     *("means", "log_scales", "quaternions", "opacity_logits", "sh", "embeddings", "shared"),

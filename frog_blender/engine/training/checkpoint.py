@@ -26,10 +26,10 @@ from .smoothness import Neighbourhood
 from .trainer import Trainer
 
 _KEY = "frog-checkpoint"
-_VERSION = 11
+_VERSION = 12
 # Attributes of the trainer's parts, each an array under the part's name.
 _POSES = ("moments", "moved", "gathered")
-_MOTION = ("score", "rest_energy")
+_MOTION = ("score", "rest_energy", "fade_energy", "shape_energy")
 _NEIGHBOURHOOD = ("anchors", "neighbours", "weights")
 # RuntimeError: what torch says to shapes, and a RecursionError.
 _DO_NOT_FIT = (KeyError, ValueError, TypeError, AttributeError, IndexError, OverflowError, RuntimeError)

@@ -20,7 +20,11 @@ from ..rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
 PIXELS_OF_A_CHANGE = 64.0
 """A change of the whole display range counts as motion by so many pixels: one pixel of motion across an edge of a fifth
 of the range changes about as much as a whole Gaussian by a hundredth of it."""
-_SHAPES = ("means", "quaternions", "scales", "opacities", "sh")
+_ATTRIBUTES = ("means", "quaternions", "scales", "opacities", "sh")
+STATE, SHAPE = ("means", "quaternions", "scales", "sh"), ("quaternions", "scales")
+"""Attributes but opacity, and those that a Gaussian's shape is."""
+FAINT = 1e-4
+"""Opacity that counts at least where states are weighed by it: of who is never seen, too, there is one."""
 
 
 @dataclass(frozen=True)
@@ -54,14 +58,18 @@ class Motion:
             and opacity, each times their blending weight in the look where that is most.
         rest_energy: (M,) the mean over the looks of the sum of squares over pixels and channels by which a picture
             would change, to first order, if this Gaussian alone were in its mean state.
+        fade_energy, shape_energy: (M,) the same, if it were as in the mean over the moments at which it is seen, all
+            but its opacity, or its SHAPE alone.
     """
 
     score: torch.Tensor
     rest_energy: torch.Tensor
+    fade_energy: torch.Tensor
+    shape_energy: torch.Tensor
 
     def of(self, who: torch.Tensor) -> Motion:
-        """Of the movers ``who`` (indices) alone."""
-        return Motion(self.score[who], self.rest_energy[who])
+        """Of the movers ``who`` (indices, or true where they are) alone."""
+        return Motion(self.score[who], self.rest_energy[who], self.fade_energy[who], self.shape_energy[who])
 
 
 @dataclass(frozen=True)
@@ -119,35 +127,42 @@ def measure(
         gaussians_at: all Gaussians at a time, those that move first.
         moving: how many they are, M.
     """
-    ranges = {name: _Range() for name in _SHAPES}
-    contribution, energy, rest_energy, weight, reach = (_Range() for _ in range(5))
+    ranges = {name: _Range() for name in _ATTRIBUTES}
+    seen, total = {name: _Range() for name in STATE}, _Range()
+    contribution, energy, rest_energy, fade_energy, shape_energy, weight, reach = (_Range() for _ in range(7))
     with torch.no_grad():
         for look in looks:
             gaussians = gaussians_at(look.time)
             for name, values in ranges.items():
                 values.add(getattr(gaussians, name)[:moving])
+            opacity = gaussians.opacities[:moving].clamp(min=FAINT).square()
+            total.add(opacity)
+            for name, values in seen.items():
+                values.add(_times(opacity, getattr(gaussians, name)[:moving]))
     mean = {name: values.mean for name, values in ranges.items()}
+    mean_seen = {name: _times(1 / total.mean, values.mean) for name, values in seen.items()}
     for look in looks:
         camera = capture.cameras[look.camera]
         with torch.no_grad():
             gaussians = gaussians_at(look.time)
-        image, slopes = _look(gaussians, camera, capture.background, generator)
+        image, slopes = _seen_from(gaussians, camera, capture.background, generator)
         assert image.max_weights is not None
         change = (slopes["opacities"] * gaussians.opacities).abs()
         contribution.add(change)
         energy.add(change.square())
-        ways = {name: mean[name] - getattr(gaussians, name)[:moving] for name in _SHAPES}
-        by_name = [_sums(slopes[name][:moving] * way) for name, way in ways.items()]
-        rest_energy.add(torch.stack(by_name).sum(0).square())
+        rest_energy.add(_squares(gaussians, slopes, mean))
+        fade_energy.add(_squares(gaussians, slopes, mean_seen))
+        shape_energy.add(_squares(gaussians, slopes, {name: mean_seen[name] for name in SHAPE}))
         weight.add(image.max_weights[:moving])
         reach.add((image.max_weights * _pixels_per_unit(gaussians, image, camera))[:moving])
     score = _score(ranges, weight.largest, reach.largest)
-    return Measured(Motion(score, rest_energy.mean), contribution.largest, energy.mean, canonical_state(mean))
+    motion = Motion(score, rest_energy.mean, fade_energy.mean, shape_energy.mean)
+    return Measured(motion, contribution.largest, energy.mean, canonical_state(mean))
 
 
 def mean_state(gaussians_at: Callable[[float], GaussianArrays], looks: Sequence[Look]) -> dict[str, torch.Tensor]:
     """How Gaussians look on average over the looks, see Measured.state."""
-    ranges = {name: _Range() for name in _SHAPES}
+    ranges = {name: _Range() for name in _ATTRIBUTES}
     for look in looks:
         gaussians = gaussians_at(look.time)
         for name, values in ranges.items():
@@ -168,7 +183,7 @@ def canonical_state(drawn: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
 
 def _score(ranges: dict[str, _Range], weight: torch.Tensor, reach: torch.Tensor) -> torch.Tensor:
     """See Motion; ``reach`` (M,) is the largest product of blending weight and pixels of a world unit."""
-    means, quaternions, scales, opacities, sh = (ranges[name] for name in _SHAPES)
+    means, quaternions, scales, opacities, sh = (ranges[name] for name in _ATTRIBUTES)
     length = quaternions.mean.norm(dim=1).clamp(min=1e-12)
     turn = 2 * quaternions.half.norm(dim=1) / length * scales.largest.amax(1)
     fade = opacities.half / opacities.largest.clamp(min=1e-6)
@@ -177,12 +192,23 @@ def _score(ranges: dict[str, _Range], weight: torch.Tensor, reach: torch.Tensor)
     return reach * moved + PIXELS_OF_A_CHANGE * weight * (fade + tint)
 
 
-def _sums(values: torch.Tensor) -> torch.Tensor:
-    """(N,) of (N, ...)."""
-    return values.flatten(1).sum(1) if values.dim() > 1 else values
+def _squares(
+    gaussians: GaussianArrays, slopes: dict[str, torch.Tensor], state: dict[str, torch.Tensor]
+) -> torch.Tensor:
+    """(M,) by how much a look's picture changes when those that move are as in ``state``, see ``_seen_from``."""
+    change = torch.zeros((), device=gaussians.means.device)
+    for name, values in state.items():
+        ways = (values - getattr(gaussians, name)[: len(values)]) * slopes[name][: len(values)]
+        change = change + (ways.flatten(1).sum(1) if ways.dim() > 1 else ways)
+    return change.square()
 
 
-def _look(
+def _times(each: torch.Tensor, values: torch.Tensor) -> torch.Tensor:
+    """(M, ...) values times one number (M,) of each."""
+    return values * each.view(-1, *[1] * (values.dim() - 1))
+
+
+def _seen_from(
     gaussians: GaussianArrays, camera: Camera, background: tuple[float, float, float], generator: torch.Generator
 ) -> tuple[Image, dict[str, torch.Tensor]]:
     """What a camera sees, and gradients by attribute.

@@ -15,9 +15,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 
+from ..capture.capture import Capture
 from ..model.frog import Frog
 from ..rasterizer import rasterize
 from .motion import Look, backward_by_signs
+from .resolution import halved_capture
 from .resting import gaussians_at
 from .validation import Judge, most_within
 
@@ -27,9 +29,9 @@ if TYPE_CHECKING:
 
 ALLOWED_WIDTH_LOSS = 0.02
 """dB that a narrower network may cost on the withheld pictures; no step makes it up."""
-STEP = 16  # units that the native library computes at once
-_LOOKS, _GAUSSIANS = 4, 2048  # that units are measured on at most: they are few
-_GROWTH = 4.0  # of what narrowing costs, for each STEP
+STEP = 4  # units, of which playback computes a dozen at once
+_LOOKS, _GAUSSIANS = 12, 2048  # looks that units are measured in, at half the pixels a side, and those that move in each
+_GROWTH = 1.4  # of what narrowing costs, for each STEP
 _DAMPING = 1e-6  # of the mean second moment: units that always have the same values
 
 
@@ -72,7 +74,7 @@ def narrow(
 
         return judge.now - rounds.psnr_with(trainer, change)
 
-    expected = 0.25 * ALLOWED_WIDTH_LOSS * _GROWTH ** np.arange(len(narrower))
+    expected = 0.2 * ALLOWED_WIDTH_LOSS * _GROWTH ** np.arange(len(narrower))
     number, loss = most_within(loss_of, expected, ALLOWED_WIDTH_LOSS)
     if not number:
         return
@@ -94,22 +96,25 @@ def visible_moments(trainer: Trainer, model: Frog, looks: Sequence[Look], genera
 
     In double precision: single rounds by more than what tells the least units apart.
     """
-    every = max(1, model.canonical.moving // _GAUSSIANS)
+    every, capture = max(1, model.canonical.moving // _GAUSSIANS), halved_capture(trainer.capture)
     moments = torch.zeros((), dtype=torch.float64, device=trainer.device)
-    for look in looks:
+    for number, look in enumerate(looks):
+        some = slice(number % every, None, every)  # others in each look: what one estimates badly, others do not
         with torch.no_grad():
             temporal = model.temporal_embedding(look.time, trainer.progressing(trainer.progress))
-            hidden = model.deformation.hidden(temporal, model.canonical.embeddings[::every])
+            hidden = model.deformation.hidden(temporal, model.canonical.embeddings[some])
         values = torch.cat([hidden, hidden.new_ones(len(hidden), 1)], dim=1).double()
-        squares = sensitivities(trainer, model, look, generator)[::every].double().square()
+        squares = sensitivities(trainer, model, capture, look, generator)[some].double().square()
         moments = moments + torch.stack([(values * by[:, None]).T @ values for by in squares.T])
     return moments
 
 
-def sensitivities(trainer: Trainer, model: Frog, look: Look, generator: torch.Generator) -> torch.Tensor:
-    """(M, outputs) how much a look's picture changes with each output of the network for each Gaussian that moves:
+def sensitivities(
+    trainer: Trainer, model: Frog, capture: Capture, look: Look, generator: torch.Generator
+) -> torch.Tensor:
+    """(M, outputs) how much a look's picture in ``capture`` changes with each output of the network for each Gaussian that moves:
     estimates (see motion.backward_by_signs). Leaves the model no gradient."""
-    capture, progressing = trainer.capture, trainer.progressing(trainer.progress)
+    progressing = trainer.progressing(trainer.progress)
     temporal = model.temporal_embedding(look.time, progressing)
     gaussians, changes = model.deform_plainly(temporal, progressing, model.canonical.sh.shape[1])
     for change in changes.values():

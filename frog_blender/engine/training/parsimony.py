@@ -51,11 +51,11 @@ class Reduction:
     """What one round did in one respect.
 
     Attributes:
-        what: "pruned", "put to rest", "woken", "SH degree", "network width", "head ...", "packed" or
-            "unseen left out".
+        what: "pruned", "put to rest", "woken", "SH degree", "network width", "head ...", "only fade",
+            "keep their shape", "packed" or "unseen left out".
         progress: of the training, 0 to 1.
         before, after: Gaussians, those that move (of "put to rest" and "woken"), the degree, hidden units, heads,
-            bytes, or Gaussians that are deformed for a frame.
+            Gaussians that are deformed at all, that turn and grow, or that are deformed for a frame, or bytes.
         loss: dB that it cost on the withheld pictures before training went on; None where nothing was measured.
         milliseconds: that it saves a frame: of drawing, or of deformation.
         bytes: that it saves, of numbers as training has them.
@@ -82,9 +82,8 @@ class Parsimony:
         judged, looked_at: shots that reductions are judged on, and that Gaussians are measured on.
         reductions: so far.
         removed: (n, 3) canonical means of what was pruned.
-        motion: of those that move, as of the round that leaves out, where they rest at the end only: what moves least
-            then does so at the end, too, and measuring takes as long as everything else of a round. None where it has
-            to be measured then.
+        motion: of those that move, as of the round that leaves out: what moves least then does so at the end, too, and
+            measuring takes as long as everything else of a round. None where it was not measured.
     """
 
     def __init__(self, trainer: Trainer, seed: int) -> None:
@@ -174,16 +173,15 @@ class Parsimony:
         judge = self.judge(trainer)
         measured = prune(self, trainer, judge, self.measure(trainer, looks, generator))
         cut_colors(self, trainer, judge)
-        self.motion = None if self._rests_before_the_end(trainer) else measured.motion
-        if not self.motion:
+        self.motion = measured.motion
+        if self._rests_before_the_end(trainer):
             rest(self, trainer, judge, measured.motion, measured.state)
 
     def _finish(self, trainer: Trainer, generator: torch.Generator) -> None:
         looks, judge = self.draw_looks(generator), self.judge(trainer)
         if not self._rests_before_the_end(trainer):
-            motion = self.motion or self.measure(trainer, looks, generator).motion
-            rest(self, trainer, judge, motion, state_of_movers(trainer, looks), ALLOWED_LOSS_AT_END)
-            self.motion = None
+            self.motion = self.motion or self.measure(trainer, looks, generator).motion
+            rest(self, trainer, judge, self.motion, state_of_movers(trainer, looks), ALLOWED_LOSS_AT_END)
         narrow(self, trainer, judge, looks, generator)
         silence_heads(self, trainer, judge)
 

@@ -12,8 +12,9 @@ import torch
 
 from ..errors import FrogError
 from ..files import SceneFile, SceneHeader, scene_bytes, settings_json, write_atomically
-from ..inference.scene import BY_GAUSSIAN, CANONICAL
+from ..inference.scene import CANONICAL, rows_of
 from ..model.canonical import ATTRIBUTES
+from .attributes import spare_attributes
 from .budget import fit_within, keep_within
 from .compacting import arranged, compactions
 from .parsimony import Reduction, heads_of
@@ -33,7 +34,8 @@ def check_budget(job: TrainingJob, trainer: Trainer, scale: float) -> str | None
     if not job.max_bytes:
         return None
     scene, draw = _scene(job, trainer, scale, {}), np.random.default_rng(0)
-    one = {name: array[:1] if name in BY_GAUSSIAN else array for name, array in scene.arrays.items()}
+    rows = rows_of(scene.arrays)
+    one = {name: array[:1] if name in rows else array for name, array in scene.arrays.items()}
     least = _size(SceneFile(scene.header, one))
     if least > job.max_bytes:
         raise FrogError(f"The budget of {job.max_bytes} bytes is too small: expected at least {least}.")
@@ -67,14 +69,17 @@ def save_scene(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[s
     shows."""
     _drop_broken(trainer)
     compact = trainer.parsimony is not None and not job.lossless
-    scene = _scene(job, trainer, scale, metrics)
+    scene, found = _scene(job, trainer, scale, metrics), list[Reduction]()
     if compact:
+        if trainer.parsimony and trainer.finished and not job.max_bytes:  # which was met by the scene as it is
+            scene, found = spare_attributes(trainer.parsimony, trainer, scene)
         scene = arranged(scene, trainer.finished)
     content = scene_bytes(scene, compact=compact)
     if compact and trainer.parsimony and trainer.finished:
-        packed, unseen = compactions(trainer.parsimony, trainer, scene, len(content))
+        lost = sum(reduction.loss or 0.0 for reduction in found)
+        packed, unseen = compactions(trainer.parsimony, trainer, scene, len(content), lost)
         compact = packed.loss is None or packed.loss <= _PACKING_LOSS or bool(job.max_bytes)
-        found = [each for each in (packed if compact else None, unseen) if each]
+        found += [each for each in (packed if compact else None, unseen) if each]
         scene.header.capacity["reductions"] += [asdict(reduction) for reduction in found]
         content = scene_bytes(scene, compact=compact)
     write_atomically(job.output, content)

@@ -83,7 +83,7 @@ int32_t attempt(Work work) {
 
 extern "C" {
 
-int32_t frog_abi_version(void) { return 12; }
+int32_t frog_abi_version(void) { return 13; }
 const char *frog_instruction_set(void) { return kernels().name; }
 void frog_set_thread_count(int32_t count) { frog::set_thread_count(count); }
 int32_t frog_thread_count(void) { return frog::thread_count(); }

@@ -47,13 +47,27 @@ const float *pack_transposed(Memory &memory, const float *from, int rows, int co
   return to.data;
 }
 
-// (columns, padded(rows)) of a matrix (rows, columns).
-const float *turned(Memory &memory, const float *from, int rows, int columns) {
+// (columns, padded(rows)) of a matrix (rows, columns), whose row r comes from row row_of(r).
+template <class RowOf>
+const float *turned(Memory &memory, const float *from, int rows, int columns, const RowOf &row_of) {
   memory.emplace_back(static_cast<size_t>(columns * padded(rows)), 0.0f);
   float *to = memory.back().data();
-  for (long long r = 0; r < rows; ++r)
-    for (long long c = 0; c < columns; ++c) to[c * padded(rows) + r] = from[r * columns + c];
+  for (int r = 0; r < rows; ++r)
+    for (long long c = 0; c < columns; ++c) to[c * padded(rows) + r] = from[row_of(r) * static_cast<long long>(columns) + c];
   return to;
+}
+
+void plan_groups(Packed &packed) {
+  DeformationPlan &plan = packed.plan;
+  const FrogDeformation &field = *plan.field;
+  // Means, opacity, colours, and last the scales and the quaternion, which not all groups have.
+  const int others = plan.outputs - PLAYED_SHAPE;
+  const auto output_of = [=](int r) { return r < 3 ? r : r < others ? r + PLAYED_SHAPE : r - others + 3; };
+  plan.shared = pad(packed.memory, field.shared, 1, plan.hidden);
+  const auto same = [](int r) { return r; };
+  if (!field.kept_products) plan.embedding_rows = turned(packed.memory, field.embedding_weight, plan.hidden, plan.embedding, same);
+  plan.output_rows = turned(packed.memory, field.output_weight, plan.outputs, plan.hidden, output_of);
+  plan.output_bias = turned(packed.memory, field.output_bias, plan.outputs, 1, output_of);
 }
 
 // The output layer's parts: one for each head that has a layer of its own, else one for everything. A silenced head's outputs
@@ -160,10 +174,7 @@ Packed plan_of(const FrogDeformation &field, bool backward) {
   plan.outputs = 11 + 3 * field.sh_deformed;
   packed.memory.reserve(9 + 2 * MAX_BRANCHES);
   if (field.groups) {
-    plan.shared = pad(packed.memory, field.shared, 1, plan.hidden);
-    plan.output_bias = pad(packed.memory, field.output_bias, 1, plan.outputs);
-    if (!field.kept_products) plan.embedding_rows = turned(packed.memory, field.embedding_weight, plan.hidden, plan.embedding);
-    plan.output_rows = turned(packed.memory, field.output_weight, plan.outputs, plan.hidden);
+    plan_groups(packed);
     return packed;
   }
   plan_first(packed, backward);

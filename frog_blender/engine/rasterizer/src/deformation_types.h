@@ -5,6 +5,7 @@
 constexpr int DEFORM_BLOCK = 96;   // Gaussians that go through the network together
 constexpr int DEFORM_CHUNK = 960;  // Gaussians whose weight gradients are added up together
 constexpr int PLAYED_MOST = 2;     // groups of Gaussians that playback multiplies at once, at most
+constexpr int PLAYED_SHAPE = 7;    // outputs of groups that the others lack, which keep their shape: scales and quaternion
 constexpr int DEFORM_PAD = 16;     // columns of a panel of the packed matrices: whole vectors of any instruction set
 static_assert(DEFORM_BLOCK % PLAYED_GROUP == 0, "a block is whole groups");
 constexpr int MAX_BRANCHES = 10;
@@ -33,7 +34,7 @@ struct DeformationPlan {
   const float *head_backward[2];          // (heads, hidden) packed
   const float *output_bias;               // (padded(outputs) + DEFORM_PAD,)
   const float *embedding_rows;            // (embedding, padded(hidden)), for playback in groups of embeddings only
-  const float *output_rows;               // (hidden, padded(outputs)), for playback in groups only
+  const float *output_rows;               // (hidden, padded(outputs)), for playback in groups only, in whose order they are
   int branch_count;
   Branch branches[MAX_BRANCHES];
 };

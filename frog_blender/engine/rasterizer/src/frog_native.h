@@ -45,6 +45,7 @@ typedef struct {
   int32_t opacity_form;
   int32_t unit_quaternions;                   // in the forward pass: they come out normalised
   int32_t kept_products;                      // what `groups` has in place of embeddings
+  int32_t reshaped;                           // with `groups`: the first so many turn and grow, the others keep their shape
   float opacity_sharpness, opacity_share;     // see model/opacity.py
   float motion_unit;                          // world units that an output of one moves a Gaussian by
   const float *means, *log_scales, *quaternions, *opacity_logits, *sh;  // (N, 3), (N, 3), (N, 4), (N,), (N, sh_count, 3)
@@ -53,9 +54,10 @@ typedef struct {
   const float *embedding_weight;              // (networks * hidden_width, embedding_size)
   const float *head_weight, *head_bias;       // (networks * heads * head_width, hidden_width), as many, or null
   const float *output_weight, *output_bias;   // (outputs, networks * (head_width or hidden_width)), (outputs,)
-  // Or null; then the forward pass reads nothing else of a Gaussian, of which all move, and tells no changes. Without heads:
-  // (N / PLAYED_GROUP rounded up, rows, PLAYED_GROUP), whose rows are means, log_scales, quaternions, opacity_logits,
-  // sh_deformed coefficients and embeddings, or with kept_products the embeddings times embedding_weight.
+  // Or null; then the forward pass reads nothing else of a Gaussian, of which all move, and tells no changes; quaternions and
+  // scales of groups that keep their shape are left as they are in the output. Without heads:
+  // (N / PLAYED_GROUP rounded up, rows, PLAYED_GROUP), whose rows are means, opacity_logits, sh_deformed coefficients,
+  // log_scales, quaternions and embeddings, or with kept_products the embeddings times embedding_weight.
   const float *groups;
   // (groups,) or null, with `groups` only. Those with a zero here cannot be seen: they come out as their canonical attributes
   // say, but for an opacity of zero.

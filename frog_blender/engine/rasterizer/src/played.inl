@@ -40,16 +40,16 @@ static inline void group_outputs_of(int count, int inner, const float *const *un
     group_outputs_of<GROUPS, OUTPUTS - 1, RELU>(count, inner, units, weights, weights_row, bias, results, first, ahead);
 }
 
-// Any number of outputs; `weights` are (inner, padded(count)).
+// The first `count` of any number of outputs; `weights` are (inner, row).
 template <int GROUPS, bool RELU>
-static inline void group_layer(int count, int inner, const float *const *units, const float *weights, const float *bias,
+static inline void group_layer(int count, int inner, const float *const *units, const float *weights, long long row, const float *bias,
                                float *const *results, Ahead &ahead) {
   // With the units and a weight, as many sums as registers hold: 24 for two groups or 16 of 32 in AVX-512, 12 or 8 of 16 elsewhere.
   constexpr int MOST = LANES == 16 ? (GROUPS == 2 ? 12 : 16) : LANES == 8 ? 6 : 2;
   const int passes = (count + MOST - 1) / MOST;
   for (int pass = 0; pass < passes; ++pass) {
     const int first = count * pass / passes, outputs = count * (pass + 1) / passes - first;
-    group_outputs_of<GROUPS, MOST, RELU>(outputs, inner, units, weights, padded(count), bias, results, first, ahead);
+    group_outputs_of<GROUPS, MOST, RELU>(outputs, inner, units, weights, row, bias, results, first, ahead);
   }
 }
 
@@ -59,31 +59,41 @@ static inline void kept_layer(int count, const float *product, const float *shar
     for (int v = 0; v < PLAYED_GROUP; v += LANES) store(result + v, larger(load(product + v) + shared[k], Floats{}));
 }
 
-// A group's outputs, in place: the deformed, activated attributes.
-static inline void activate_group(const FrogDeformation &field, const float *canonical, float *outputs) {
-  for (int v = 0; v < PLAYED_GROUP; v += LANES, canonical += LANES, outputs += LANES) {
-    const auto from = [&](int row) { return load(canonical + row * PLAYED_GROUP); };
-    const auto change = [&](int row) { return load(outputs + row * PLAYED_GROUP); };
-    const auto put = [&](int row, Floats value) { store(outputs + row * PLAYED_GROUP, value); };
-    for (int k = OUT_MEANS; k < OUT_SCALES; ++k) put(k, from(k) + field.motion_unit * change(k));
-    for (int k = OUT_SCALES; k < OUT_QUATERNIONS; ++k) put(k, exponential(from(k) + change(k)));
-    Floats squares{};
-    for (int k = OUT_QUATERNIONS; k < OUT_OPACITY; ++k) {
-      const Floats q = from(k) + change(k);
-      put(k, q), squares += q * q;
-    }
-    if (field.unit_quaternions) {
-      float lengths[LANES];
-      store(lengths, squares);
-      for (float &length : lengths) length = __builtin_sqrtf(length);
-      const Floats scale = 1.0f / larger(load(lengths), all(1e-12f));
-      for (int k = OUT_QUATERNIONS; k < OUT_OPACITY; ++k) put(k, change(k) * scale);
-    }
-    const Floats changed = change(OUT_OPACITY), e = exponential(-(from(OUT_OPACITY) + changed));
-    const Floats factor = reduces(field) ? reduction(field, exponential(-field.opacity_sharpness * changed)) : all(1.0f);
-    put(OUT_OPACITY, factor / (1.0f + e));
-    for (int k = OUT_SH; k < OUT_SH + 3 * field.sh_deformed; ++k) put(k, from(k) + change(k));
+// Rows of a group, canonical and deformed: means, opacity, colours and, last, what groups that keep their shape lack.
+enum { PLAYED_MEANS = 0, PLAYED_OPACITY = 3, PLAYED_SH = 4 };
+struct ShapeRows {
+  int scales, quaternion;
+  explicit ShapeRows(const FrogDeformation &field) : scales(PLAYED_SH + 3 * field.sh_deformed), quaternion(scales + 3) {}
+};
+
+// A vector's outputs, in place: the deformed, activated attributes.
+static inline void activate_shapes(const FrogDeformation &field, const float *canonical, float *outputs) {
+  const ShapeRows rows(field);
+  const auto from = [&](int row) { return load(canonical + row * PLAYED_GROUP); };
+  const auto change = [&](int row) { return load(outputs + row * PLAYED_GROUP); };
+  const auto put = [&](int row, Floats value) { store(outputs + row * PLAYED_GROUP, value); };
+  for (int k = rows.scales; k < rows.scales + 3; ++k) put(k, exponential(from(k) + change(k)));
+  Floats squares{};
+  for (int k = rows.quaternion; k < rows.quaternion + 4; ++k) {
+    const Floats q = from(k) + change(k);
+    put(k, q), squares += q * q;
   }
+  if (!field.unit_quaternions) return;
+  float lengths[LANES];
+  store(lengths, squares);
+  for (float &length : lengths) length = __builtin_sqrtf(length);
+  const Floats scale = 1.0f / larger(load(lengths), all(1e-12f));
+  for (int k = rows.quaternion; k < rows.quaternion + 4; ++k) put(k, change(k) * scale);
+}
+static inline void activate_others(const FrogDeformation &field, const float *canonical, float *outputs) {
+  const auto from = [&](int row) { return load(canonical + row * PLAYED_GROUP); };
+  const auto change = [&](int row) { return load(outputs + row * PLAYED_GROUP); };
+  const auto put = [&](int row, Floats value) { store(outputs + row * PLAYED_GROUP, value); };
+  for (int k = PLAYED_MEANS; k < PLAYED_OPACITY; ++k) put(k, from(k) + field.motion_unit * change(k));
+  const Floats changed = change(PLAYED_OPACITY), e = exponential(-(from(PLAYED_OPACITY) + changed));
+  const Floats factor = reduces(field) ? reduction(field, exponential(-field.opacity_sharpness * changed)) : all(1.0f);
+  put(PLAYED_OPACITY, factor / (1.0f + e));
+  for (int k = PLAYED_SH; k < PLAYED_SH + 3 * field.sh_deformed; ++k) put(k, from(k) + change(k));
 }
 
 // The first `count` numbers, 1 to 4.
@@ -115,33 +125,45 @@ static inline void give(const float *columns, int width, float *to, long long ro
     }
 }
 
-// Outputs of groups from what is read of them alone.
+// The first `count` outputs of groups from what is read of them alone.
 template <int GROUPS>
-static void group_network(const DeformationPlan &plan, const float *const *own, Ahead &ahead, float *const *hidden, float *const *outputs) {
+static void group_network(const DeformationPlan &plan, int count, const float *const *own, Ahead &ahead, float *const *hidden,
+                          float *const *outputs) {
   if (plan.field->kept_products)
     for (int g = 0; g < GROUPS; ++g) kept_layer(plan.hidden, own[g], plan.shared, hidden[g]);
   else
-    group_layer<GROUPS, true>(plan.hidden, plan.embedding, own, plan.embedding_rows, plan.shared, hidden, ahead);
-  group_layer<GROUPS, false>(plan.outputs, plan.hidden, hidden, plan.output_rows, plan.output_bias, outputs, ahead);
+    group_layer<GROUPS, true>(plan.hidden, plan.embedding, own, plan.embedding_rows, padded(plan.hidden), plan.shared, hidden, ahead);
+  group_layer<GROUPS, false>(count, plan.hidden, hidden, plan.output_rows, padded(plan.outputs), plan.output_bias, outputs, ahead);
 }
 
 static inline void put_zeros(float *values, int count) {
   for (int k = 0; k < count; ++k) values[k] = 0;
 }
 
+// How many of a group's Gaussians, from `start` on, turn and grow: none, some of them or the whole group.
+static inline int reshaped_from(const FrogDeformation &field, long long start) {
+  const long long left = field.reshaped - start;
+  return left <= 0 ? 0 : left < PLAYED_GROUP ? static_cast<int>(left) : static_cast<int>(PLAYED_GROUP);
+}
+
 // The group's deformed Gaussians, `count` from `start` on; `outputs` are overwritten.
 static void finish_group(const DeformationPlan &plan, const float *canonical, float *outputs, bool seen, const FrogDeformed &out,
                          long long start, int count) {
   const FrogDeformation &field = *plan.field;
-  activate_group(field, canonical, outputs);
-  if (!seen) put_zeros(outputs + OUT_OPACITY * PLAYED_GROUP, PLAYED_GROUP);
-  const auto column = [&](int output) { return outputs + output * PLAYED_GROUP; };
-  give(column(OUT_MEANS), 3, out.means + 3 * start, 3, count);
-  give(column(OUT_SCALES), 3, out.scales + 3 * start, 3, count);
-  give(column(OUT_QUATERNIONS), 4, out.quaternions + 4 * start, 4, count);
-  copy(out.opacities + start, column(OUT_OPACITY), count);
+  const auto column = [&](int row) { return outputs + row * PLAYED_GROUP; };
+  const ShapeRows rows(field);
+  if (const int reshaped = reshaped_from(field, start)) {
+    for (int k = rows.scales; k < rows.scales + PLAYED_SHAPE; ++k) put_zeros(column(k) + reshaped, PLAYED_GROUP - reshaped);
+    for (int v = 0; v < PLAYED_GROUP; v += LANES) activate_shapes(field, canonical + v, outputs + v);
+    give(column(rows.scales), 3, out.scales + 3 * start, 3, count);
+    give(column(rows.quaternion), 4, out.quaternions + 4 * start, 4, count);
+  }
+  for (int v = 0; v < PLAYED_GROUP; v += LANES) activate_others(field, canonical + v, outputs + v);
+  if (!seen) put_zeros(column(PLAYED_OPACITY), PLAYED_GROUP);
+  give(column(PLAYED_MEANS), 3, out.means + 3 * start, 3, count);
+  copy(out.opacities + start, column(PLAYED_OPACITY), count);
   const int active = 3 * field.sh_active, colors = 3 * field.sh_deformed < active ? 3 * field.sh_deformed : active;
-  give(column(OUT_SH), colors, out.sh + active * start, active, count);
+  give(column(PLAYED_SH), colors, out.sh + active * start, active, count);
 }
 
 // Groups that can be seen, until there are as many as are multiplied at once.
@@ -152,7 +174,7 @@ class WaitingGroups {
   const float *own_[PLAYED_TOGETHER];
   float *hidden_[PLAYED_TOGETHER], *outputs_[PLAYED_TOGETHER];
   long long starts_[PLAYED_TOGETHER];
-  int count_ = 0;
+  int count_ = 0, wanted_ = 0;  // groups, and outputs of each
 
   // Memory of as many groups that come next, seen or not: what is read of them and, where there are products enough to ask
   // meanwhile, written.
@@ -181,6 +203,9 @@ class WaitingGroups {
     return left < PLAYED_GROUP ? static_cast<int>(left) : static_cast<int>(PLAYED_GROUP);
   }
   void add(long long start) {
+    const int wanted = plan_.outputs - (reshaped_from(*plan_.field, start) ? 0 : PLAYED_SHAPE);
+    if (wanted != wanted_) finish();
+    wanted_ = wanted;
     own_[count_] = group_from(start) + plan_.outputs * PLAYED_GROUP, starts_[count_] = start;
     if (++count_ == PLAYED_TOGETHER) finish();
   }
@@ -188,9 +213,9 @@ class WaitingGroups {
     if (count_ == 0) return;
     Ahead ahead = memory_of_next();
     if (count_ == PLAYED_TOGETHER)
-      group_network<PLAYED_TOGETHER>(plan_, own_, ahead, hidden_, outputs_);
+      group_network<PLAYED_TOGETHER>(plan_, wanted_, own_, ahead, hidden_, outputs_);
     else
-      group_network<1>(plan_, own_, ahead, hidden_, outputs_);
+      group_network<1>(plan_, wanted_, own_, ahead, hidden_, outputs_);
     for (int g = 0; g < count_; ++g) {
       const long long start = starts_[g];
       finish_group(plan_, group_from(start), outputs_[g], true, out_, start, gaussians_from(start));
