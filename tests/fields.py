@@ -39,5 +39,5 @@ def output_arrays(shape: FieldShape, count: int, changes: bool = False) -> dict[
 def in_groups(shape: FieldShape, arrays: dict[str, np.ndarray], kept: bool) -> dict[str, np.ndarray]:
     """The same field with all that is of a Gaussian in groups."""
     colors = np.ascontiguousarray(arrays["sh"][:, : shape.sh_deformed])
-    weights = {name: arrays[name] for name in ("means", "embedding_weight", "output_weight", "output_bias")}
+    weights = {name: arrays[name] for name in ("means", "shared", "embedding_weight", "output_weight", "output_bias")}
     return weights | {"groups": grouped(arrays | {"sh": colors}, kept)}

@@ -17,7 +17,7 @@ def play(
 ) -> None:
     """In groups, unless ``kept`` is None."""
     own = arrays if kept is None else in_groups(shape, arrays, kept)
-    PlayedField(shape, own, bool(kept)).deform(arrays["shared"], arrays["embedding_weight"], result)
+    PlayedField(shape, own, bool(kept)).deform(None, result)
 
 
 @pytest.mark.parametrize("kept", [False, True])
@@ -27,7 +27,7 @@ def test_gaussians_lie_in_groups(count: int, kept: bool, monkeypatch: pytest.Mon
     arrays = field_arrays(FieldShape(0, 4, 4, "off", 10.0, 1.0, 0.5), 5, 3, count, sh_count=4)
     found = grouped(arrays, kept)
     own = arrays["embeddings"] @ arrays["embedding_weight"].T if kept else arrays["embeddings"]
-    attributes = ("means", "log_scales", "quaternions", "opacity_logits", "sh")
+    attributes = ("means", "opacity_logits", "sh", "log_scales", "quaternions")
     expected = np.concatenate([*(arrays[name].reshape(count, -1) for name in attributes), own], axis=1)
     assert found.dtype == np.float32 and found.shape == (-(-count // GROUP), expected.shape[1], GROUP)
     for i, values in enumerate(expected):

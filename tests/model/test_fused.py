@@ -269,7 +269,7 @@ for case, (hidden, embedding, head, form, networks) in enumerate(cases):
         for kept in (False, True):
             arrays["groups"] = grouped(arrays, kept)
             played = output_arrays(shape, 500) | {"sh": np.zeros((500, 9, 3), "f")}
-            PlayedField(shape, arrays, kept).deform(arrays["shared"], arrays["embedding_weight"], played)
+            PlayedField(shape, arrays, kept).deform(None, played)
             found |= {f"{case}/played/{kept}/{name}": array for name, array in played.items()}
 np.savez(sys.argv[1], **found)
 print(native.instruction_set())

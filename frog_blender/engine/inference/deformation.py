@@ -14,7 +14,6 @@ import numpy as np
 
 from ..errors import FrogError, brief
 from ..files import FADES, LIFETIMES
-from ..model.first_layer import first_layer
 from ..rasterizer.arrays import GaussianArrays
 from ..rasterizer.native_deformation import FieldShape, PlayedField
 from .fading import Fades
@@ -33,7 +32,7 @@ _CANONICAL = ("means", "log_scales", "quaternions", "opacity_logits")
 
 
 def _checked_arrays(arrays: dict[str, np.ndarray], model: dict, temporal: TemporalEmbedding) -> dict[str, np.ndarray]:
-    """Contiguous float32 by the native library's names, and ``temporal_weight`` and ``bias``.
+    """Contiguous float32 by the native library's names.
 
     KeyError or ValueError unless every array is what the settings say: the library only sees addresses.
     """
@@ -119,7 +118,7 @@ class PlayableDeformation:
             raise FrogError(
                 f"The scene's deformation network cannot be used ({brief(error)}); train it again."
             ) from error
-        self._temporal_weight, self._bias = a.pop("temporal_weight"), a.pop("bias")
+        a["shared"] = a.pop("bias")
         self.moving = self.deformed + (len(self._fades) if self._fades else 0)
         colors = self._shape.sh_deformed
         self.changing = _changing(a, colors) if self.deformed else frozenset()
@@ -133,11 +132,10 @@ class PlayableDeformation:
         for name in _CANONICAL:
             a[name] = a[name][: self.deformed]
         a["sh"] = np.ascontiguousarray(a["sh"][: self.deformed, :colors])  # the others are in the frames' memory
-        self._modulation, self._embedding_weight = a.pop("modulation_weight", None), a["embedding_weight"]
-        kept = self._modulation is None  # the first layer's product with the embeddings is the same at all times
+        kept = "modulation_weight" not in a  # the first layer's product with the embeddings is the same at all times
         if not self._shape.head_width:  # heads are nearly all of the arithmetic: how Gaussians lie matters little
             groups = grouped(a, kept)
-            a = {name: a[name] for name in ("means", "embedding_weight", "output_weight", "output_bias")}
+            a = {name: array for name, array in a.items() if name not in (*_CANONICAL[1:], "sh", "embeddings")}
             a["groups"] = groups
         # Of frames, which have all colours, and of parts, which have those that deform.
         self._field, self._part_field = (
@@ -149,17 +147,11 @@ class PlayableDeformation:
         """(networks, T) what each network is given at a time in [0, 1]."""
         return self._temporal.at(time)
 
-    def _first_layer_at(self, time: float) -> tuple[np.ndarray, np.ndarray]:
-        """The first layer at a time: (networks * hidden,) its temporal part and bias, and (networks * hidden, E) the
-        embeddings' weights, which only modulation makes depend on time."""
-        network = self._temporal_weight, self._bias, self._embedding_weight, self._modulation
-        return first_layer(self.temporal(time), *network)
-
     def _deform(self, field: PlayedField, time: float, result: dict[str, np.ndarray]) -> None:
         """Fills the first of ``result``: those that move."""
         if self.deformed:
             active = self.lifetimes.at(time) if self.lifetimes else None
-            field.deform(*self._first_layer_at(time), result, active)
+            field.deform(self.temporal(time), result, active)
         if self._fades:
             self._fades.at(time, result["opacities"][self.deformed : self.moving])
 

@@ -133,13 +133,13 @@ class PlayableScene:
             known = self._recent.get(time)
             if known is not None:
                 self._recent.move_to_end(time)
-                return replace(known)  # its fields are the caller's own, the arrays are not
+                return _copy(known)  # its fields are the caller's own, the arrays are not
             while len(self._recent) >= TIMES_KEPT:
                 self._recent.popitem(last=False)  # before the new one is computed, which may use its memory again
         gaussians = _read_only(self._compute(time) if part is None else self._joined(part))
         with self._lock:
             self._recent[time] = gaussians
-        return replace(gaussians)
+        return _copy(gaussians)
 
     def part_at(self, time: float) -> MovingPart:
         """What of a time in [0, 1] (clamped) is not as at all others: ``changing`` of the Gaussians that move."""
@@ -209,9 +209,14 @@ class PlayableScene:
         return gaussians.checked()
 
 
+def _copy(gaussians: GaussianArrays) -> GaussianArrays:
+    """Another object of the same arrays; a third of the time of ``dataclasses.replace``, in every frame."""
+    return GaussianArrays(*vars(gaussians).values())
+
+
 def _read_only(gaussians: GaussianArrays) -> GaussianArrays:
     """Other views of the same arrays, which cannot be written through."""
-    views = {field.name: getattr(gaussians, field.name).view() for field in fields(GaussianArrays)}
-    for view in views.values():
+    views = [array.view() for array in vars(gaussians).values()]
+    for view in views:
         view.flags.writeable = False
-    return GaussianArrays(**views)
+    return GaussianArrays(*views)

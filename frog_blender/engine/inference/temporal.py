@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..model.temporal import interpolated, resampled
+from ..model.temporal import resampled
 
 FUSIONS = ("product", "add", "concat", "attention", "coarse", "fine", "dual")
 """See ``model.fusion``; "dual" is E-D3DGS, whose second network is given the fine embedding."""
@@ -44,6 +44,18 @@ def fuse(
     return fused[None]
 
 
+class _Table:
+    """``model.temporal.interpolated`` of a table (R, T) in half of the time: every frame asks for it twice."""
+
+    def __init__(self, table: np.ndarray) -> None:
+        self._rows, self._steps = table, np.diff(table, axis=0, append=table[-1:])
+
+    def at(self, time: float) -> np.ndarray:
+        position = min(max(time, 0.0), 1.0) * (len(self._rows) - 1)
+        row = int(position)
+        return self._rows[row] + np.float32(position - row) * self._steps[row]
+
+
 class TemporalEmbedding:
     """The temporal table of a finished scene.
 
@@ -68,7 +80,7 @@ class TemporalEmbedding:
         if self.form not in FUSIONS:
             raise ValueError(f"there is no fusion {self.form!r}")
         table = checked(arrays, "temporal_table", (rows, length))
-        self._tables = resampled(table, coarse), resampled(table, fine)
+        self._tables = _Table(resampled(table, coarse)), _Table(resampled(table, fine))
         self._attention = None
         if self.form == "attention":
             query = arrays["attention_query"]
@@ -79,7 +91,7 @@ class TemporalEmbedding:
 
     def at(self, time: float) -> np.ndarray:
         """(networks, size) float32 at a time in [0, 1]."""
-        coarse, fine = (interpolated(table, time) for table in self._tables)
+        coarse, fine = (table.at(time) for table in self._tables)
         return fuse(self.form, coarse, fine, self._attention).astype(np.float32, copy=False)
 
 

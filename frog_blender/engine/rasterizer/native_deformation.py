@@ -62,8 +62,10 @@ class PlayedField:
 
     Args:
         shape: settings.
-        arrays: as for ``deform``, with any first layer; they are kept, and not to be replaced. Without heads ``groups``
-            (see inference.groups) may stand for the Gaussians' attributes but ``means``, whose length counts.
+        arrays: as for ``deform``; they are kept, and not to be replaced. Without heads ``groups`` (see inference.groups)
+            may stand for the Gaussians' attributes but ``means``, whose length counts. With ``temporal_weight``
+            (networks * hidden, T) and perhaps ``modulation_weight`` (networks * hidden, E), ``shared`` is the bias, and
+            the first layer that of model.deformation at the moment at hand.
         kept_products: what ``groups`` has instead of embeddings.
         reshaped: the first so many Gaussians turn and grow, the others keep their shape; None for all of them, which it
             has to be with heads.
@@ -79,19 +81,23 @@ class PlayedField:
         self._field.groups = structs.address(arrays.get("groups"))
         if reshaped is not None:
             self._field.reshaped = reshaped
+        if "temporal_weight" in arrays:
+            self._field.temporal_size = arrays["temporal_weight"].shape[1]
+            self._field.temporal_weight = structs.address(arrays["temporal_weight"])
+            self._field.modulation_weight = structs.address(arrays.get("modulation_weight"))
 
-    def deform(self, shared: Any, embedding_weight: Any, result: dict[str, Any], active: Any = None) -> None:
-        """Fills the first rows of ``result`` at the moment whose first layer these are.
+    def deform(self, temporal: Any, result: dict[str, Any], active: Any = None) -> None:
+        """Fills the first rows of ``result`` at a moment.
 
         Args:
+            temporal: (networks, T) the moment's temporal embedding; None without ``temporal_weight``.
             result: beside the attributes it may have ``stirred`` (groups,), as its arrays were left by the last call,
                 or ones: what cannot be seen and was not seen then is not written again.
             active: with ``groups``, (groups,) uint8, or None for all: where it is zero, Gaussians cannot be seen. They
                 come out as they are canonically, but for an opacity of zero, and the network is not asked.
         """
         field = structs.Field.from_buffer_copy(self._field)  # others may be at another moment
-        field.shared, field.embedding_weight = structs.address(shared), structs.address(embedding_weight)
-        field.active = structs.address(active)
+        field.temporal, field.active = structs.address(temporal), structs.address(active)
         _deform(field, result)
 
 
@@ -119,7 +125,7 @@ def _field(shape: FieldShape, arrays: dict[str, Any], in_groups: bool = False) -
         *(count, count if in_groups else len(arrays["embeddings"])),
         *(weight.shape[1], weight.shape[0] // shape.networks, shape.head_width, shape.networks),
         *(shape.sh_deformed if in_groups else arrays["sh"].shape[1], shape.sh_active, shape.sh_deformed),
-        *(structs.OPACITY_FORMS[shape.opacity_form], False, False, count),
+        *(structs.OPACITY_FORMS[shape.opacity_form], False, False, 0, count),
         *(shape.opacity_sharpness, shape.opacity_share, shape.motion_unit),
         *[structs.address(arrays.get(name)) for name in structs.FIELD_ARRAYS],
     )

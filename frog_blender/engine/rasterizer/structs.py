@@ -54,17 +54,19 @@ GRADIENTS = (*ATTRIBUTES, "screen", "screen_absolute", "pose")
 Gradients = _struct("FrogGradients", *[(name, c_void_p) for name in GRADIENTS])
 FIELD_SIZES = (
     *("count", "moving", "embedding_size", "hidden_width", "head_width", "networks"),
-    *("sh_count", "sh_active", "sh_deformed", "opacity_form", "unit_quaternions", "kept_products", "reshaped"),
+    *("sh_count", "sh_active", "sh_deformed", "opacity_form", "unit_quaternions", "kept_products"),
+    *("temporal_size", "reshaped"),
 )
 FIELD_ARRAYS = (
     *("means", "log_scales", "quaternions", "opacity_logits", "sh", "embeddings", "shared"),
     *("embedding_weight", "head_weight", "head_bias", "output_weight", "output_bias"),
 )
+MOMENT_ARRAYS = ("temporal", "temporal_weight", "modulation_weight")
 Field = _struct(
     "FrogDeformation",
     *[(name, c_int32) for name in FIELD_SIZES],
     *[(name, c_float) for name in ("opacity_sharpness", "opacity_share", "motion_unit")],
-    *[(name, c_void_p) for name in (*FIELD_ARRAYS, "groups", "active")],
+    *[(name, c_void_p) for name in (*FIELD_ARRAYS, "groups", "active", *MOMENT_ARRAYS)],
 )
 DEFORMED = (*ATTRIBUTES, "changes", "stirred")
 Deformed = _struct("FrogDeformed", *[(name, c_void_p) for name in DEFORMED])

@@ -72,7 +72,8 @@ void deform(const Kernels &kernels, const FrogDeformation &field, const FrogDefo
   const Packed packed = plan_of(field, false);
   const DeformationLayout layout = layout_of(packed.plan);
   const auto kernel = field.groups ? kernels.play : kernels.deform;
-  in_chunks(field, DEFORM_BLOCK, [&](int begin, int end) {  // nothing is added up: as small as the threads can share best
+  const int size = field.groups ? PLAYED_CHUNK : DEFORM_BLOCK;  // nothing is added up: as small as the threads can share best
+  in_chunks(field, size, [&](int begin, int end) {
     kernel(packed.plan, result, begin, end, thread_scratch(layout.forward));
   });
 }

@@ -4,10 +4,11 @@
 
 constexpr int DEFORM_BLOCK = 96;   // Gaussians that go through the network together
 constexpr int DEFORM_CHUNK = 960;  // Gaussians whose weight gradients are added up together
+constexpr int PLAYED_CHUNK = 192;  // Gaussians whose groups playback puts together
 constexpr int PLAYED_MOST = 2;     // groups of Gaussians that playback multiplies at once, at most
 constexpr int PLAYED_SHAPE = 7;    // outputs of groups that the others lack, which keep their shape: scales and quaternion
 constexpr int DEFORM_PAD = 16;     // columns of a panel of the packed matrices: whole vectors of any instruction set
-static_assert(DEFORM_BLOCK % PLAYED_GROUP == 0, "a block is whole groups");
+static_assert(PLAYED_CHUNK % PLAYED_GROUP == 0, "a chunk is whole groups");
 constexpr int MAX_BRANCHES = 10;
 
 static inline long long padded(long long length) { return (length + DEFORM_PAD - 1) / DEFORM_PAD * DEFORM_PAD; }

@@ -45,6 +45,7 @@ typedef struct {
   int32_t opacity_form;
   int32_t unit_quaternions;                   // in the forward pass: they come out normalised
   int32_t kept_products;                      // what `groups` has in place of embeddings
+  int32_t temporal_size;
   int32_t reshaped;                           // with `groups`: the first so many turn and grow, the others keep their shape
   float opacity_sharpness, opacity_share;     // see model/opacity.py
   float motion_unit;                          // world units that an output of one moves a Gaussian by
@@ -62,6 +63,10 @@ typedef struct {
   // (groups,) or null, with `groups` only. Those with a zero here cannot be seen: they come out as their canonical attributes
   // say, but for an opacity of zero.
   const uint8_t *active;
+  // (networks, temporal_size) or null, in the forward pass: the moment's temporal embedding. `shared` is the bias then, to which
+  // temporal_weight (networks * hidden_width, temporal_size) times it is added, and to each row of embedding_weight
+  // modulation_weight (networks * hidden_width, embedding_size, or null) times what it has more than one.
+  const float *temporal, *temporal_weight, *modulation_weight;
 } FrogDeformation;
 
 // Deformed, activated Gaussians, or the gradients by them. Where sh_active is more than sh_count, the forward pass leaves

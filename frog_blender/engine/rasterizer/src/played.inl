@@ -146,24 +146,40 @@ static inline int reshaped_from(const FrogDeformation &field, long long start) {
   return left <= 0 ? 0 : left < PLAYED_GROUP ? static_cast<int>(left) : static_cast<int>(PLAYED_GROUP);
 }
 
-// The group's deformed Gaussians, `count` from `start` on; `outputs` are overwritten.
-static void finish_group(const DeformationPlan &plan, const float *canonical, float *outputs, bool seen, const FrogDeformed &out,
-                         long long start, int count) {
-  const FrogDeformation &field = *plan.field;
-  const auto column = [&](int row) { return outputs + row * PLAYED_GROUP; };
-  const ShapeRows rows(field);
-  if (const int reshaped = reshaped_from(field, start)) {
-    for (int k = rows.scales; k < rows.scales + PLAYED_SHAPE; ++k) put_zeros(column(k) + reshaped, PLAYED_GROUP - reshaped);
-    for (int v = 0; v < PLAYED_GROUP; v += LANES) activate_shapes(field, canonical + v, outputs + v);
-    give(column(rows.scales), 3, out.scales + 3 * start, 3, count);
-    give(column(rows.quaternion), 4, out.quaternions + 4 * start, 4, count);
-  }
-  for (int v = 0; v < PLAYED_GROUP; v += LANES) activate_others(field, canonical + v, outputs + v);
-  if (!seen) put_zeros(column(PLAYED_OPACITY), PLAYED_GROUP);
-  give(column(PLAYED_MEANS), 3, out.means + 3 * start, 3, count);
-  copy(out.opacities + start, column(PLAYED_OPACITY), count);
+// Shapes of a group's `count` Gaussians from `start` on, of which the first `reshaped` change as `outputs` say, in place.
+static void finish_shapes(const DeformationPlan &plan, const float *canonical, float *outputs, int reshaped, const FrogDeformed &out,
+                          long long start, int count) {
+  const ShapeRows rows(*plan.field);
+  for (int k = rows.scales; k < rows.scales + PLAYED_SHAPE; ++k)
+    put_zeros(outputs + k * PLAYED_GROUP + reshaped, PLAYED_GROUP - reshaped);
+  for (int v = 0; v < PLAYED_GROUP; v += LANES) activate_shapes(*plan.field, canonical + v, outputs + v);
+  give(outputs + rows.scales * PLAYED_GROUP, 3, out.scales + 3 * start, 3, count);
+  give(outputs + rows.quaternion * PLAYED_GROUP, 4, out.quaternions + 4 * start, 4, count);
+}
+
+// What else there is of them, (rows, PLAYED_GROUP).
+static void give_others(const FrogDeformation &field, const float *rows, const FrogDeformed &out, long long start, int count) {
+  give(rows + PLAYED_MEANS * PLAYED_GROUP, 3, out.means + 3 * start, 3, count);
   const int active = 3 * field.sh_active, colors = 3 * field.sh_deformed < active ? 3 * field.sh_deformed : active;
-  give(column(PLAYED_SH), colors, out.sh + active * start, active, count);
+  give(rows + PLAYED_SH * PLAYED_GROUP, colors, out.sh + active * start, active, count);
+}
+
+// The group's deformed Gaussians; `outputs` are overwritten.
+static void finish_group(const DeformationPlan &plan, const float *canonical, float *outputs, const FrogDeformed &out, long long start,
+                         int count) {
+  const FrogDeformation &field = *plan.field;
+  if (const int reshaped = reshaped_from(field, start)) finish_shapes(plan, canonical, outputs, reshaped, out, start, count);
+  for (int v = 0; v < PLAYED_GROUP; v += LANES) activate_others(field, canonical + v, outputs + v);
+  give_others(field, outputs, out, start, count);
+  copy(out.opacities + start, outputs + PLAYED_OPACITY * PLAYED_GROUP, count);
+}
+
+// The same of a group that cannot be seen: as canonically, but transparent.
+static void finish_unseen(const DeformationPlan &plan, const float *canonical, float *outputs, const FrogDeformed &out, long long start,
+                          int count) {
+  if (reshaped_from(*plan.field, start)) finish_shapes(plan, canonical, outputs, 0, out, start, count);
+  give_others(*plan.field, canonical, out, start, count);
+  put_zeros(out.opacities + start, count);
 }
 
 // Groups that can be seen, until there are as many as are multiplied at once.
@@ -218,7 +234,7 @@ class WaitingGroups {
       group_network<1>(plan_, wanted_, own_, ahead, hidden_, outputs_);
     for (int g = 0; g < count_; ++g) {
       const long long start = starts_[g];
-      finish_group(plan_, group_from(start), outputs_[g], true, out_, start, gaussians_from(start));
+      finish_group(plan_, group_from(start), outputs_[g], out_, start, gaussians_from(start));
     }
     count_ = 0;
   }
@@ -233,13 +249,10 @@ static void play(const DeformationPlan &plan, const FrogDeformed &out, int begin
     const bool seen = !field.active || field.active[group];
     if (!seen && out.stirred && out.stirred[group] == 0) continue;
     if (out.stirred) out.stirred[group] = seen;
-    if (seen) {
+    if (seen)
       waiting.add(start);
-    } else {
-      float *unchanged = scratch + l.result;
-      put_zeros(unchanged, plan.outputs * PLAYED_GROUP);
-      finish_group(plan, waiting.group_from(start), unchanged, false, out, start, waiting.gaussians_from(start));
-    }
+    else
+      finish_unseen(plan, waiting.group_from(start), scratch + l.result, out, start, waiting.gaussians_from(start));
   }
   waiting.finish();
 }
