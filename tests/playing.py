@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from helpers import ATTRIBUTES, scene_file
@@ -47,6 +48,18 @@ def flickering(count: int = 300, **model: object) -> SceneFile:
     arrays["network.output_weight"][10] *= 60
     arrays["network.output_bias"][10] = -4.0
     return SceneFile(scene.header, arrays)
+
+
+def spared(reshaped: int = 50, fleeting: bool = False, **model: object) -> SceneFile:
+    """200 Gaussians: the first 120 are deformed, ``reshaped`` of them in their shape too, 40 only fade, 40 rest.
+
+    Args:
+        fleeting: those that are deformed are transparent at most of their moments.
+    """
+    plain = flickering(200, moving=120, **model) if fleeting else scene_file(200, moving=120, modulation=True, **model)
+    tracks = np.random.default_rng(0).integers(0, 256, (40, plain.header.frame_count)).astype(np.uint8)
+    header = replace(plain.header, model=plain.header.model | {"reshaped": reshaped})
+    return SceneFile(header, plain.arrays | {"fades": tracks})
 
 
 def without_lifetimes(scene: SceneFile) -> SceneFile:

@@ -127,7 +127,7 @@ DAMAGE: list[tuple[str, Callable[[np.ndarray], np.ndarray]]] = [
     *[("exposures", change) for change in (cut, broken, negative)],
     *[("exposures.sums", change) for change in (cut, whole, broken)],
     *[("removed", change) for change in (whole, lambda array: array.reshape(-1))],
-    *[(f"motion.{part}", change) for part in ("score", "rest_energy") for change in (cut, whole)],
+    *[(f"motion.{part}", change) for part in ("score", "fade_energy") for change in (cut, whole)],
     *[("neighbourhood.anchors", change) for change in (cut, whole, negative, lambda array: array + 10_000)],
     *[("neighbourhood.neighbours", change) for change in (cut, negative, lambda array: array + 10_000)],
     *[("neighbourhood.weights", change) for change in (cut, whole)],
@@ -147,7 +147,7 @@ def trained(make_trainer: Make) -> Trainer:
     trainer = train(make_trainer(40, capacity="auto"), until=37)
     moving = trainer.model.canonical.moving
     assert trainer.parsimony
-    trainer.parsimony.motion = Motion(torch.rand(moving), torch.rand(moving))  # as where nobody rests before the end
+    trainer.parsimony.motion = Motion(*torch.rand(4, moving))  # as where nobody rests before the end
     return trainer
 
 

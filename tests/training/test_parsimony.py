@@ -230,7 +230,7 @@ def test_those_rest_first_that_pictures_miss_least(
     score = torch.full((count,), 50.0 if forced else 3.0)
     places = trainer.model.canonical.means.detach().clone()
     kept = places[energy.argsort()[-int(0.1 * count) :].sort().values]
-    hold(reductions.rest, trainer, Motion(score, energy), state)
+    hold(reductions.rest, trainer, Motion(score, energy, energy, energy), state)
     moving = trainer.model.canonical.moving
     assert moving == int(0.1 * count)
     torch.testing.assert_close(trainer.model.canonical.means.detach()[:moving], kept)
@@ -291,7 +291,8 @@ def test_motion_that_was_measured_outlives_a_resume(
         assert resumed.parsimony.motion is None
     train(resumed)
     rests = [each.progress for each in resumed.parsimony.reductions if each.what == "put to rest"]
-    assert rests == [1.0] and resumed.parsimony.motion is None
+    assert rests == [1.0] and resumed.parsimony.motion
+    assert len(resumed.parsimony.motion.score) == resumed.model.canonical.moving < resumed.count
     assert steps > 120 or bits(resumed) == bits(train(trainer))
 
 

@@ -5,6 +5,8 @@ The native library then works on whole vectors of Gaussians from the embeddings 
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 GROUP = 16
@@ -28,7 +30,7 @@ def grouped(arrays: dict[str, np.ndarray], keep_products: bool) -> np.ndarray:
         keep_products: instead of the embeddings their products with the weights, where those are the same at all times.
     """
     count, weight = len(arrays["means"]), arrays["embedding_weight"]
-    columns = [arrays[name].reshape(count, -1) for name in _ATTRIBUTES]
+    columns = [arrays[name].reshape(count, math.prod(arrays[name].shape[1:])) for name in _ATTRIBUTES]
     width = sum(column.shape[1] for column in columns)
     own = len(weight) if keep_products else weight.shape[1]
     result = np.zeros((group_count(count), width + own, GROUP), np.float32)

@@ -40,12 +40,13 @@ def spare_attributes(rounds: Parsimony, trainer: Trainer, scene: SceneFile) -> t
     itself where nothing is known of those that move, or few would be spared."""
     if not rounds.motion or not in_groups(scene):
         return scene, []
-    reductions, moving = [], rounds.motion
+    reductions, motion = list[Reduction](), rounds.motion
     if scene.header.frame_count <= _LONGEST and comes_and_goes(scene):
-        scene, who, fading = _fade_some(rounds, trainer, scene, moving.fade_energy)
-        moving = moving.of(all_but(who, len(moving.score)))
-        reductions += fading
-    scene, shapes = _keep_shapes(rounds, trainer, scene, moving.shape_energy)
+        scene, who, reductions = _fade_some(rounds, trainer, scene, motion.fade_energy)
+        motion = motion.of(all_but(who, len(motion.score)))
+    if not in_groups(scene):  # all of them fade
+        return scene, reductions
+    scene, shapes = _keep_shapes(rounds, trainer, scene, motion.shape_energy)
     return scene, reductions + shapes
 
 
@@ -59,7 +60,7 @@ def _fade_some(
     chosen, tracks = who.cpu().numpy(), _tracks(playable)
     embeddings, tracks = scene.arrays["embeddings"][chosen], tracks[chosen]
     smaller = pack(FADES, tracks).content.size <= pack("embeddings", embeddings).content.size
-    if len(who) < _FADING_WORTH_IT * count or not smaller:
+    if len(who) < max(1, _FADING_WORTH_IT * count) or not smaller:
         return scene, who[:0], []
     arrays = _in_state(scene, chosen, state, STATE)
     brightest = tracks.max(axis=1).clip(1, 254) / 255

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 ALLOWED_WIDTH_LOSS = 0.02
 """dB that a narrower network may cost on the withheld pictures; no step makes it up."""
-STEP = 4  # units, of which playback computes a dozen at once
+STEP, LEAST = 4, 16  # units that leave together, and that stay
 _LOOKS, _GAUSSIANS = 12, 2048  # looks that units are measured in, at half the pixels a side, and those that move in each
 _GROWTH = 1.4  # of what narrowing costs, for each STEP
 _DAMPING = 1e-6  # of the mean second moment: units that always have the same values
@@ -59,7 +59,7 @@ def narrow(
     model = trainer.model
     if not isinstance(model, Frog) or not model.canonical.moving or not model.deformation.can_narrow:
         return
-    if model.settings.hidden_width <= STEP:
+    if model.settings.hidden_width <= LEAST:
         return
     weight, bias = model.deformation.output_weight.detach(), model.deformation.output_bias.detach()
     step = math.ceil(len(looks) / _LOOKS)
@@ -131,8 +131,8 @@ def sensitivities(
 
 
 def without_units(moments: torch.Tensor, weight: torch.Tensor, bias: torch.Tensor) -> list[Narrower]:
-    """What is left of an output layer after STEP, 2 STEP, ... units, at least STEP of them; the first time fewer leave
-    where there are not a multiple of STEP.
+    """What is left of an output layer after STEP, 2 STEP, ... units left, with LEAST of them at least; the first time
+    fewer leave where there are not a multiple of STEP.
 
     Args:
         moments: (outputs, U + 1, U + 1) see visible_moments.
@@ -146,7 +146,7 @@ def without_units(moments: torch.Tensor, weight: torch.Tensor, bias: torch.Tenso
     layer = torch.cat([weight, bias[:, None]], dim=1).double()
     there = torch.ones(count, dtype=torch.bool, device=weight.device)
     found = []
-    for stay in range(count - 1, STEP - 1, -1):
+    for stay in range(count - 1, LEAST - 1, -1):
         spread = inverse.diagonal(dim1=1, dim2=2)[:, :count]
         cost = torch.where(there, (layer[:, :count].square() / spread).sum(0), torch.inf)
         unit = int(cost.argmin())
