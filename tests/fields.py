@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from frog_blender.engine.inference.groups import grouped
+from frog_blender.engine.inference.groups import grouped, network_in_columns
 from frog_blender.engine.rasterizer.native_deformation import FieldShape
 
 
@@ -39,5 +39,4 @@ def output_arrays(shape: FieldShape, count: int, changes: bool = False) -> dict[
 def in_groups(shape: FieldShape, arrays: dict[str, np.ndarray], kept: bool) -> dict[str, np.ndarray]:
     """The same field with all that is of a Gaussian in groups."""
     colors = np.ascontiguousarray(arrays["sh"][:, : shape.sh_deformed])
-    weights = {name: arrays[name] for name in ("means", "shared", "embedding_weight", "output_weight", "output_bias")}
-    return weights | {"groups": grouped(arrays | {"sh": colors}, kept)}
+    return {"means": arrays["means"], "groups": grouped(arrays | {"sh": colors}, kept)} | network_in_columns(arrays)

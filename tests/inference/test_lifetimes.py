@@ -69,7 +69,7 @@ def test_unseen_groups_are_as_canonical_but_transparent(count: int, kept: bool) 
     arrays = field_arrays(shape, 20, 5, count, sh_count=4)
     field = PlayedField(shape, in_groups(shape, arrays, kept), kept)
     whole, still = output_arrays(shape, count), output_arrays(shape, count)
-    field.deform(None, whole)
+    field.deform({}, whole)
     deform(shape, arrays | {"embeddings": arrays["embeddings"][:0]}, still)
     lengths = np.linalg.norm(still["quaternions"], axis=1, keepdims=True)
     still["quaternions"] /= np.maximum(lengths, 1e-12)
@@ -79,8 +79,8 @@ def test_unseen_groups_are_as_canonical_but_transparent(count: int, kept: bool) 
     again = output_arrays(shape, count) | {"stirred": np.ones(groups, np.float32)}
     for mask in masks:
         fresh = output_arrays(shape, count)
-        field.deform(None, fresh, mask.astype(np.uint8))
-        field.deform(None, again, mask.astype(np.uint8))
+        field.deform({}, fresh, mask.astype(np.uint8))
+        field.deform({}, again, mask.astype(np.uint8))
         seen = np.repeat(mask, GROUP)[:count]
         np.testing.assert_array_equal(again["stirred"] != 0, mask)
         for name in ("means", "quaternions", "scales", "opacities"):
@@ -94,7 +94,7 @@ def test_what_was_left_alone_before_is_not_written_again() -> None:
     arrays = field_arrays(shape, 20, 5, 3 * GROUP, sh_count=4)
     result = output_arrays(shape, 3 * GROUP) | {"stirred": np.array([0, 0, 1], np.float32)}
     field = PlayedField(shape, in_groups(shape, arrays, False))
-    field.deform(None, result, np.array([0, 1, 0], np.uint8))
+    field.deform({}, result, np.array([0, 1, 0], np.uint8))
     written = np.isfinite(result["means"]).all(1)
     np.testing.assert_array_equal(written, np.repeat([False, True, True], GROUP))
     np.testing.assert_array_equal(result["stirred"], [0, 1, 0])

@@ -17,7 +17,7 @@ def play(
 ) -> None:
     """In groups, unless ``kept`` is None."""
     own = arrays if kept is None else in_groups(shape, arrays, kept)
-    PlayedField(shape, own, bool(kept)).deform(None, result)
+    PlayedField(shape, own, bool(kept)).deform({}, result)
 
 
 @pytest.mark.parametrize("kept", [False, True])

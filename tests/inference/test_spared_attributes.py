@@ -62,8 +62,8 @@ def test_groups_that_keep_their_shape(count: int, share: float, kept: bool) -> N
     """The others' attributes are the same bits; theirs are as in the output, or in a group of both kinds canonical."""
     arrays, reshaped = field_arrays(SHAPE, 20, 5, count, sh_count=4), int(share * count)
     whole, found = output_arrays(SHAPE, count), output_arrays(SHAPE, count)
-    PlayedField(SHAPE, in_groups(SHAPE, arrays, kept), kept).deform(None, whole)
-    PlayedField(SHAPE, in_groups(SHAPE, arrays, kept), kept, reshaped).deform(None, found)
+    PlayedField(SHAPE, in_groups(SHAPE, arrays, kept), kept).deform({}, whole)
+    PlayedField(SHAPE, in_groups(SHAPE, arrays, kept), kept, reshaped).deform({}, found)
     for name in ("means", "opacities", "sh"):
         np.testing.assert_array_equal(found[name], whole[name], err_msg=name)
     still, mixed = at_rest(arrays), -(-reshaped // GROUP) * GROUP

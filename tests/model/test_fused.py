@@ -246,8 +246,7 @@ def test_the_same_bits_on_any_number_of_threads() -> None:
 DEFORM = """
 import sys
 import numpy as np
-from fields import field_arrays, output_arrays
-from frog_blender.engine.inference.groups import grouped
+from fields import field_arrays, in_groups, output_arrays
 from frog_blender.engine.rasterizer import native
 from frog_blender.engine.rasterizer.native_deformation import FieldShape, PlayedField, deform, deform_backward
 
@@ -265,12 +264,10 @@ for case, (hidden, embedding, head, form, networks) in enumerate(cases):
     found |= {f"{case}/{name}": array for name, array in result.items()}
     found |= {f"{case}/gradient/{name}": array for name, array in gradients.items()}
     if head == 0:
-        arrays["sh"] = np.ascontiguousarray(arrays["sh"][:, :4])
-        for kept in (False, True):
-            arrays["groups"] = grouped(arrays, kept)
-            played = output_arrays(shape, 500) | {"sh": np.zeros((500, 9, 3), "f")}
-            PlayedField(shape, arrays, kept).deform(None, played)
-            found |= {f"{case}/played/{kept}/{name}": array for name, array in played.items()}
+        for kept, reshaped in ((False, None), (True, None), (False, 210)):
+            played = {name: np.zeros_like(array) for name, array in output_arrays(shape, 500).items()}
+            PlayedField(shape, in_groups(shape, arrays, kept), kept, reshaped).deform({}, played)
+            found |= {f"{case}/played/{kept}/{reshaped}/{name}": array for name, array in played.items()}
 np.savez(sys.argv[1], **found)
 print(native.instruction_set())
 """

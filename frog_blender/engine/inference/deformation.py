@@ -14,11 +14,12 @@ import numpy as np
 
 from ..errors import FrogError, brief
 from ..files import FADES, LIFETIMES
+from ..model.first_layer import first_layer
 from ..rasterizer.arrays import GaussianArrays
 from ..rasterizer.native_deformation import FieldShape, PlayedField
 from .fading import Fades
 from .frame_memory import FrameMemory
-from .groups import group_count, grouped
+from .groups import group_count, grouped, network_in_columns
 from .lifetimes import GroupLifetimes
 from .moving_part import MovingPart, taken_from
 from .rest import at_rest
@@ -133,10 +134,9 @@ class PlayableDeformation:
             a[name] = a[name][: self.deformed]
         a["sh"] = np.ascontiguousarray(a["sh"][: self.deformed, :colors])  # the others are in the frames' memory
         kept = "modulation_weight" not in a  # the first layer's product with the embeddings is the same at all times
+        self._first_layer = a["shared"], a["embedding_weight"], a["temporal_weight"], a.get("modulation_weight")
         if not self._shape.head_width:  # heads are nearly all of the arithmetic: how Gaussians lie matters little
-            groups = grouped(a, kept)
-            a = {name: array for name, array in a.items() if name not in (*_CANONICAL[1:], "sh", "embeddings")}
-            a["groups"] = groups
+            a = {"means": a["means"], "groups": grouped(a, kept), **network_in_columns(a)}
         # Of frames, which have all colours, and of parts, which have those that deform.
         self._field, self._part_field = (
             PlayedField(shape, a, kept, self._reshaped)
@@ -147,20 +147,31 @@ class PlayableDeformation:
         """(networks, T) what each network is given at a time in [0, 1]."""
         return self._temporal.at(time)
 
-    def _deform(self, field: PlayedField, time: float, result: dict[str, np.ndarray]) -> None:
-        """Fills the first of ``result``: those that move."""
+    def _moment(self, time: float) -> dict[str, np.ndarray]:
+        """What the native library is given of a moment: it computes the first layer where Gaussians lie in groups."""
+        temporal = self.temporal(time)
+        if not self._shape.head_width:
+            return {"temporal": temporal}
+        bias, embedding_weight, temporal_weight, modulation_weight = self._first_layer
+        found = first_layer(temporal, temporal_weight, bias, embedding_weight, modulation_weight)
+        return dict(zip(("shared", "embedding_weight"), found, strict=True))
+
+    def _deform(
+        self, field: PlayedField, time: float, result: dict[str, np.ndarray], addresses: dict[str, int] | None = None
+    ) -> None:
+        """Fills the first of ``result``: those that move. ``addresses`` are where its arrays lie, if that is known."""
         if self.deformed:
             active = self.lifetimes.at(time) if self.lifetimes else None
-            field.deform(self.temporal(time), result, active)
+            field.deform(self._moment(time), addresses or result, active)
         if self._fades:
             self._fades.at(time, result["opacities"][self.deformed : self.moving])
 
     def at(self, time: float) -> GaussianArrays:
         """The Gaussians at a time in [0, 1], activated, with unit quaternions; the arrays are not to be changed."""
-        result = {"sh": self._still["sh"], **self._memory.take()}
-        self._deform(self._field, time, result)
-        result.pop("stirred", None)
-        return GaussianArrays(**result)
+        memory, addresses = self._memory.take_for_library()
+        self._deform(self._field, time, memory, addresses)
+        memory.pop("stirred", None)
+        return GaussianArrays(**({"sh": self._still["sh"]} | memory))
 
     def part_at(self, time: float, names: Collection[str]) -> MovingPart:
         """Columns of the Gaussians that move, at a time in [0, 1]: the same bits as in ``at``."""

@@ -30,6 +30,10 @@ class FrameMemory:
 
     def take(self) -> dict[str, np.ndarray]:
         """Arrays of one frame, whose values are those of an earlier frame or ``first``."""
+        return self.take_for_library()[0]
+
+    def take_for_library(self) -> tuple[dict[str, np.ndarray], dict[str, int]]:
+        """The same, and where they lie, which takes longer to find out of each."""
         with self._lock:
             for block in self._blocks:
                 try:
@@ -40,11 +44,16 @@ class FrameMemory:
                 return self._arrays(block)
             block = bytearray(self._size + 1)
             self._blocks = [*self._blocks, block][-self._kept :]
-            arrays = self._arrays(block)
+            arrays, addresses = self._arrays(block)
         for name, values in self._first.items():
             arrays[name][...] = values
-        return arrays
+        return arrays, addresses
 
-    def _arrays(self, block: bytearray) -> dict[str, np.ndarray]:
+    def _arrays(self, block: bytearray) -> tuple[dict[str, np.ndarray], dict[str, int]]:
         whole = np.frombuffer(block, np.uint8)  # the block cannot be resized while this or one that shows it lives
-        return {name: np.ndarray(shape, np.float32, whole, start) for name, shape, start in self._layout}
+        arrays, first = {}, whole.__array_interface__["data"][0]
+        addresses = {}
+        for name, shape, start in self._layout:
+            arrays[name] = np.ndarray(shape, np.float32, whole, start)
+            addresses[name] = first + start
+        return arrays, addresses

@@ -1,6 +1,7 @@
 """A finished scene's moving Gaussians as playback reads them: side by side in groups, each in one piece of memory.
 
-The native library then works on whole vectors of Gaussians from the embeddings to the deformed attributes.
+The native library then works on whole vectors of Gaussians from the embeddings to the deformed attributes, and reads
+the network's weights in columns.
 """
 
 from __future__ import annotations
@@ -42,4 +43,24 @@ def grouped(arrays: dict[str, np.ndarray], keep_products: bool) -> np.ndarray:
         rows = np.pad(rows, ((0, 0), (0, -rows.shape[1] % GROUP))).reshape(len(rows), -1, GROUP)
         first = start // GROUP
         result[first : first + rows.shape[1]] = rows.transpose(1, 0, 2)
+    return result
+
+
+def network_in_columns(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The first layer's and the outputs' weights, turned: what is multiplied with a number lies together, in rows of
+    the next multiple of GROUP.
+
+    Args:
+        arrays: ``shared`` (units,), ``embedding_weight`` (units, E), ``output_weight`` (outputs, units) and
+            ``output_bias`` (outputs,), and perhaps ``temporal_weight`` and ``modulation_weight`` (units, ...).
+    """
+    outputs = [slice(3), slice(10, None), slice(3, 10)]  # means; opacity and colours; scales and quaternions
+    result = {}
+    for name in ("shared", "embedding_weight", "temporal_weight", "modulation_weight", "output_weight", "output_bias"):
+        if name in arrays:
+            rows = arrays[name]
+            if name.startswith("output"):
+                rows = np.concatenate([rows[some] for some in outputs])
+            padding = [(0, -len(rows) % GROUP), *[(0, 0)] * (rows.ndim - 1)]
+            result[name] = np.ascontiguousarray(np.pad(rows, padding).T, np.float32)
     return result

@@ -62,13 +62,11 @@ class PlayedField:
 
     Args:
         shape: settings.
-        arrays: as for ``deform``; they are kept, and not to be replaced. Without heads ``groups`` (see inference.groups)
-            may stand for the Gaussians' attributes but ``means``, whose length counts. With ``temporal_weight``
-            (networks * hidden, T) and perhaps ``modulation_weight`` (networks * hidden, E), ``shared`` is the bias, and
-            the first layer that of model.deformation at the moment at hand.
+        arrays: as for ``deform``; they are kept, and not to be replaced. Without heads ``groups`` may stand for the
+            Gaussians' attributes but ``means``, whose length counts, and then the network's are in columns (see
+            inference.groups for both).
         kept_products: what ``groups`` has instead of embeddings.
-        reshaped: the first so many Gaussians turn and grow, the others keep their shape; None for all of them, which it
-            has to be with heads.
+        reshaped: with ``groups``, the first so many Gaussians turn and grow, the others keep their shape; None for all.
     """
 
     def __init__(
@@ -76,28 +74,28 @@ class PlayedField:
     ) -> None:
         if shape.head_width and "groups" in arrays:
             raise ValueError("groups: found some beside heads, expected embeddings")
-        self._arrays, self._field = arrays, _field(shape, arrays, in_groups="groups" in arrays)
+        self._arrays, self._field = arrays, _field(shape, arrays)
         self._field.unit_quaternions, self._field.kept_products = True, kept_products
-        self._field.groups = structs.address(arrays.get("groups"))
+        for name in ("groups", "temporal_weight", "modulation_weight"):
+            setattr(self._field, name, structs.address(arrays.get(name)))
         if reshaped is not None:
             self._field.reshaped = reshaped
-        if "temporal_weight" in arrays:
-            self._field.temporal_size = arrays["temporal_weight"].shape[1]
-            self._field.temporal_weight = structs.address(arrays["temporal_weight"])
-            self._field.modulation_weight = structs.address(arrays.get("modulation_weight"))
 
-    def deform(self, temporal: Any, result: dict[str, Any], active: Any = None) -> None:
+    def deform(self, moment: dict[str, Any], result: dict[str, Any], active: Any = None) -> None:
         """Fills the first rows of ``result`` at a moment.
 
         Args:
-            temporal: (networks, T) the moment's temporal embedding; None without ``temporal_weight``.
-            result: beside the attributes it may have ``stirred`` (groups,), as its arrays were left by the last call,
-                or ones: what cannot be seen and was not seen then is not written again.
+            moment: arrays that are other than at other moments: ``shared`` and ``embedding_weight``, or with ``groups``
+                and ``temporal_weight`` the moment's ``temporal`` embedding (networks, T).
+            result: arrays, or their addresses. Beside the attributes it may have ``stirred`` (groups,), as its arrays
+                were left by the last call, or ones: what cannot be seen and was not seen then is not written again.
             active: with ``groups``, (groups,) uint8, or None for all: where it is zero, Gaussians cannot be seen. They
                 come out as they are canonically, but for an opacity of zero, and the network is not asked.
         """
         field = structs.Field.from_buffer_copy(self._field)  # others may be at another moment
-        field.temporal, field.active = structs.address(temporal), structs.address(active)
+        field.active = structs.address(active)
+        for name, array in moment.items():
+            setattr(field, name, structs.address(array))
         _deform(field, result)
 
 
@@ -119,13 +117,15 @@ def deform_backward(shape: FieldShape, arrays: dict[str, Any], by: dict[str, Any
         raise MemoryError("the deformation's backward pass ran out of memory")
 
 
-def _field(shape: FieldShape, arrays: dict[str, Any], in_groups: bool = False) -> Any:
-    weight, count = arrays["embedding_weight"], len(arrays["means"])
+def _field(shape: FieldShape, arrays: dict[str, Any]) -> Any:
+    in_groups, count, weight = "groups" in arrays, len(arrays["means"]), arrays["embedding_weight"]
+    units, embedding = (len(arrays["output_weight"]), len(weight)) if in_groups else weight.shape
     return structs.Field(
         *(count, count if in_groups else len(arrays["embeddings"])),
-        *(weight.shape[1], weight.shape[0] // shape.networks, shape.head_width, shape.networks),
+        *(embedding, units // shape.networks, shape.head_width, shape.networks),
         *(shape.sh_deformed if in_groups else arrays["sh"].shape[1], shape.sh_active, shape.sh_deformed),
-        *(structs.OPACITY_FORMS[shape.opacity_form], False, False, 0, count),
+        *(structs.OPACITY_FORMS[shape.opacity_form], False, False),
+        *(arrays["temporal_weight"].shape[0] if in_groups and "temporal_weight" in arrays else 0, count),
         *(shape.opacity_sharpness, shape.opacity_share, shape.motion_unit),
         *[structs.address(arrays.get(name)) for name in structs.FIELD_ARRAYS],
     )

@@ -87,9 +87,9 @@ OPACITY_FORMS = {"off": 0, "paper": 1, "unit": 2}
 
 
 def address(array: Any) -> int | None:
-    """Where an array's numbers lie; None for None."""
-    if array is None:
-        return None
+    """Where an array's numbers lie; None for None, and what is an address already."""
+    if array is None or isinstance(array, int):
+        return array
     if not isinstance(array, np.ndarray):
         return array.data_ptr()
     try:

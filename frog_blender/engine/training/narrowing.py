@@ -27,10 +27,13 @@ if TYPE_CHECKING:
     from .parsimony import Parsimony
     from .trainer import Trainer
 
-ALLOWED_WIDTH_LOSS = 0.02
+ALLOWED_WIDTH_LOSS = 0.01
 """dB that a narrower network may cost on the withheld pictures; no step makes it up."""
 STEP, LEAST = 4, 16  # units that leave together, and that stay
-_LOOKS, _GAUSSIANS = 12, 2048  # looks that units are measured in, at half the pixels a side, and those that move in each
+_LOOKS, _GAUSSIANS = (
+    12,
+    2048,
+)  # looks that units are measured in, at half the pixels a side, and those that move in each
 _GROWTH = 1.4  # of what narrowing costs, for each STEP
 _DAMPING = 1e-6  # of the mean second moment: units that always have the same values
 
@@ -112,8 +115,8 @@ def visible_moments(trainer: Trainer, model: Frog, looks: Sequence[Look], genera
 def sensitivities(
     trainer: Trainer, model: Frog, capture: Capture, look: Look, generator: torch.Generator
 ) -> torch.Tensor:
-    """(M, outputs) how much a look's picture in ``capture`` changes with each output of the network for each Gaussian that moves:
-    estimates (see motion.backward_by_signs). Leaves the model no gradient."""
+    """(M, outputs) how much a look's picture in ``capture`` changes with each output of the network for each Gaussian
+    that moves: estimates (see motion.backward_by_signs). Leaves the model no gradient."""
     progressing = trainer.progressing(trainer.progress)
     temporal = model.temporal_embedding(look.time, progressing)
     gaussians, changes = model.deform_plainly(temporal, progressing, model.canonical.sh.shape[1])

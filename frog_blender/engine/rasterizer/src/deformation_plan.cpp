@@ -47,53 +47,29 @@ const float *pack_transposed(Memory &memory, const float *from, int rows, int co
   return to.data;
 }
 
-// (columns, padded(rows)) of a matrix (rows, columns), whose row r comes from row row_of(r).
-template <class RowOf>
-const float *turned(Memory &memory, const float *from, int rows, int columns, const RowOf &row_of) {
-  memory.emplace_back(static_cast<size_t>(columns * padded(rows)), 0.0f);
-  float *to = memory.back().data();
-  for (int r = 0; r < rows; ++r)
-    for (long long c = 0; c < columns; ++c) to[c * padded(rows) + r] = from[row_of(r) * static_cast<long long>(columns) + c];
-  return to;
-}
-
-// The first layer at a moment: what all Gaussians share of it, and the embeddings' weights.
-struct FirstLayer {
-  const float *shared, *weights;
-};
-
-FirstLayer first_layer(Memory &memory, const FrogDeformation &field) {
-  if (!field.temporal) return {field.shared, field.embedding_weight};
-  const long long units = static_cast<long long>(field.networks) * field.hidden_width, size = field.embedding_size;
-  memory.emplace_back(field.shared, field.shared + units);
-  float *shared = memory.back().data();
-  for (long long u = 0; u < units; ++u) {
-    const float *temporal = field.temporal + u / field.hidden_width * field.temporal_size, *weight = field.temporal_weight + u * field.temporal_size;
-    float sums[8] = {};  // one alone would wait for itself
-    for (int t = 0; t < field.temporal_size; ++t) sums[t % 8] += weight[t] * temporal[t];
-    for (const float sum : sums) shared[u] += sum;
-  }
-  if (!field.modulation_weight) return {shared, field.embedding_weight};
-  memory.emplace_back(field.embedding_weight, field.embedding_weight + units * size);
-  float *weights = memory.back().data();
-  for (long long u = 0; u < units; ++u) {
-    const float *temporal = field.temporal + u / field.hidden_width * field.temporal_size;
-    for (long long k = 0; k < size; ++k) weights[u * size + k] += field.modulation_weight[u * size + k] * (temporal[k] - 1);
-  }
-  return {shared, weights};
-}
-
-void plan_groups(Packed &packed, const FirstLayer &first) {
+// Playback's weights come as they are read; what of the first layer depends on the moment is put together here.
+void plan_groups(Packed &packed) {
   DeformationPlan &plan = packed.plan;
   const FrogDeformation &field = *plan.field;
-  // Means, opacity, colours, and last the scales and the quaternion, which not all groups have.
-  const int others = plan.outputs - PLAYED_SHAPE;
-  const auto output_of = [=](int r) { return r < 3 ? r : r < others ? r + PLAYED_SHAPE : r - others + 3; };
-  plan.shared = pad(packed.memory, first.shared, 1, plan.hidden);
-  const auto same = [](int r) { return r; };
-  if (!field.kept_products) plan.embedding_rows = turned(packed.memory, first.weights, plan.hidden, plan.embedding, same);
-  plan.output_rows = turned(packed.memory, field.output_weight, plan.outputs, plan.hidden, output_of);
-  plan.output_bias = turned(packed.memory, field.output_bias, plan.outputs, 1, output_of);
+  const long long row = padded(plan.hidden);
+  packed.memory.emplace_back(field.shared, field.shared + row);
+  float *shared = packed.memory.back().data();
+  plan.shared = shared, plan.output_rows = field.output_weight, plan.output_bias = field.output_bias;
+  plan.embedding_rows = field.embedding_weight;
+  float *weights = nullptr;
+  if (field.modulation_weight) {
+    packed.memory.emplace_back(static_cast<size_t>(field.embedding_size * row), 0.0f);
+    plan.embedding_rows = weights = packed.memory.back().data();
+  }
+  for (int n = 0; n < (field.temporal ? field.networks : 0); ++n) {
+    const float *temporal = field.temporal + n * field.temporal_size;
+    const long long begin = n * field.hidden_width, end = begin + field.hidden_width;
+    for (int t = 0; t < field.temporal_size; ++t)
+      for (long long u = begin; u < end; ++u) shared[u] += field.temporal_weight[t * row + u] * temporal[t];
+    for (int k = 0; k < (weights ? field.embedding_size : 0); ++k)
+      for (long long u = k * row + begin; u < k * row + end; ++u)
+        weights[u] = field.embedding_weight[u] + field.modulation_weight[u] * (temporal[k] - 1);
+  }
 }
 
 // The output layer's parts: one for each head that has a layer of its own, else one for everything. A silenced head's outputs
@@ -120,21 +96,21 @@ struct Heads {
   }
 };
 
-void plan_first(Packed &packed, const FirstLayer &first, bool backward) {
+void plan_first(Packed &packed, bool backward) {
   DeformationPlan &plan = packed.plan;
   const FrogDeformation &field = *plan.field;
   const int row = static_cast<int>(padded(plan.hidden)), parts = plan.networks;
-  plan.shared = pad(packed.memory, first.shared, parts, plan.hidden);
+  plan.shared = pad(packed.memory, field.shared, parts, plan.hidden);
   const Panels forward = panels(packed.memory, plan.embedding, parts * row);
   for (int n = 0; n < parts; ++n) {
-    const float *weight = first.weights + static_cast<long long>(n) * plan.hidden * plan.embedding;
+    const float *weight = field.embedding_weight + static_cast<long long>(n) * plan.hidden * plan.embedding;
     forward.put(weight, plan.embedding, plan.hidden, 1, plan.embedding, 0, n * row);
   }
   plan.embedding_forward = forward.data;
   if (!backward) return;
   const Panels to = panels(packed.memory, parts * row, plan.embedding);
   for (int n = 0; n < parts; ++n) {
-    const float *weight = first.weights + static_cast<long long>(n) * plan.hidden * plan.embedding;
+    const float *weight = field.embedding_weight + static_cast<long long>(n) * plan.hidden * plan.embedding;
     to.put(weight, plan.hidden, plan.embedding, plan.embedding, 1, n * row, 0);
   }
   plan.embedding_backward = to.data;
@@ -198,13 +174,12 @@ Packed plan_of(const FrogDeformation &field, bool backward) {
   const Heads heads(field, backward);
   plan.heads = field.head_width * heads.read;
   plan.outputs = 11 + 3 * field.sh_deformed;
-  packed.memory.reserve(11 + 2 * MAX_BRANCHES);
-  const FirstLayer first = first_layer(packed.memory, field);
+  packed.memory.reserve(9 + 2 * MAX_BRANCHES);
   if (field.groups) {
-    plan_groups(packed, first);
+    plan_groups(packed);
     return packed;
   }
-  plan_first(packed, first, backward);
+  plan_first(packed, backward);
   if (plan.heads) plan_heads(packed, heads, backward);
   plan_outputs(packed, heads, backward);
   return packed;

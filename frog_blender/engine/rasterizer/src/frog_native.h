@@ -63,9 +63,11 @@ typedef struct {
   // (groups,) or null, with `groups` only. Those with a zero here cannot be seen: they come out as their canonical attributes
   // say, but for an opacity of zero.
   const uint8_t *active;
-  // (networks, temporal_size) or null, in the forward pass: the moment's temporal embedding. `shared` is the bias then, to which
-  // temporal_weight (networks * hidden_width, temporal_size) times it is added, and to each row of embedding_weight
-  // modulation_weight (networks * hidden_width, embedding_size, or null) times what it has more than one.
+  // With `groups`, weights are turned, and the outputs in the order of the rows there: what is multiplied with a number lies
+  // together, in rows of the next multiple of PLAYED_GROUP: embedding_weight (embedding_size, units), output_weight (units,
+  // outputs), shared and output_bias one row. And the first layer may be that of a moment: with its temporal embedding
+  // (networks, temporal_size), temporal_weight (temporal_size, units) times it is added to `shared`, and modulation_weight
+  // (embedding_size, units, or null) times what it has more than one to embedding_weight.
   const float *temporal, *temporal_weight, *modulation_weight;
 } FrogDeformation;
 
