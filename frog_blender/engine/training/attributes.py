@@ -28,7 +28,7 @@ from .validation import most_within
 if TYPE_CHECKING:
     from .trainer import Trainer
 
-ALLOWED_FADING_LOSS, ALLOWED_SHAPE_LOSS = 0.02, 0.01
+ALLOWED_FADING_LOSS, ALLOWED_SHAPE_LOSS = 0.03, 0.015
 """dB on the withheld pictures that it may cost when some only fade, and when some keep their shape."""
 _FADING_WORTH_IT, _SHAPE_WORTH_IT = 0.1, 0.25  # of those that move: fewer are not worth another kind of Gaussian
 _LONGEST = 256  # frames; an embedding says more in less where there are more

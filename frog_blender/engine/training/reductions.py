@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from .parsimony import Parsimony
     from .trainer import Trainer
 
-ALLOWED_LOSS, ALLOWED_LOSS_AT_END = 0.05, 0.03
+ALLOWED_LOSS, ALLOWED_LOSS_AT_END = 0.05, 0.02
 """dB that putting Gaussians to rest may cost on the withheld pictures, where steps make it up and where none does."""
 ALLOWED_PRUNING_LOSS, ALLOWED_COLOR_LOSS, ALLOWED_HEAD_LOSS = 0.03, 0.03, 0.01
 RESTS_BELOW, ALL_REST_BELOW = 4.0, 2.0
