@@ -34,6 +34,7 @@ from frog_blender.engine.comparison.timing import moments
 from frog_blender.engine.inference.deformation import PlayableDeformation
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
 from frog_blender.engine.model.frog import FINISHED, Frog, FrogSettings
+from frog_blender.engine.model.fused import FieldPass, field_arrays, pass_field
 from frog_blender.engine.rasterizer import native
 
 NETWORKS: dict[str, dict[str, Any]] = {
@@ -71,25 +72,38 @@ def player(model: Frog) -> PlayableDeformation:
 
 
 def paths_of(model: Frog, plain: bool) -> dict[str, Callable[[float], object]]:
-    """What is timed, by name, each at a time in [0, 1]; ``plain`` adds the training path in torch's own operations."""
-    played = player(model)
+    """What is timed, by name, each at a time in [0, 1]: training as a step on the CPU has it (model.fused_drawing), and
+    with ``plain`` in torch's own operations too."""
+    played, shape = player(model), model._field_shape(FINISHED, SH_COUNT)
+    like = vars(model.deform(0.5, FINISHED, SH_COUNT)[0])
+    by_outputs = {name: torch.ones_like(like[name]) for name in OUTPUTS}  # in a step the rasterizer's
 
-    def backward(gaussians: Any) -> None:
-        outputs = [getattr(gaussians, name) for name in OUTPUTS]
-        torch.autograd.backward(outputs, [torch.ones_like(output) for output in outputs])
-        model.zero_grad(set_to_none=True)
+    def forward(moment: float) -> tuple[dict[str, torch.Tensor], FieldPass]:
+        arrays = field_arrays(model.canonical, model.deformation, model.temporal_embedding(moment))
+        return arrays, pass_field(shape, arrays)[0]
+
+    def both_ways(moment: float) -> dict[str, torch.Tensor]:
+        arrays, field = forward(moment)
+        gradients = field.backward(by_outputs)
+        arrays["temporal"].backward(gradients.pop("temporal"))
+        return gradients
 
     def deform_plainly(moment: float) -> Any:
         return model.deform_plainly(model.temporal_embedding(moment), FINISHED, SH_COUNT)[0]
 
+    def plainly_both_ways(moment: float) -> None:
+        outputs = vars(deform_plainly(moment))
+        torch.autograd.backward([outputs[name] for name in OUTPUTS], list(by_outputs.values()))
+        model.zero_grad(set_to_none=True)
+
     paths: dict[str, Callable[[float], object]] = {
-        "training, forward": lambda moment: model.deform(moment),
-        "training, forward and backward": lambda moment: backward(model.deform(moment)[0]),
+        "training, forward": forward,
+        "training, forward and backward": both_ways,
         "inference": played.at,
     }
     if plain:
         paths["plain torch, forward"] = deform_plainly
-        paths["plain torch, forward and backward"] = lambda moment: backward(deform_plainly(moment))
+        paths["plain torch, forward and backward"] = plainly_both_ways
     return paths
 
 

@@ -23,6 +23,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 import numpy as np
 from helpers import scene_file
+from playing import spared
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.files import SceneFile, scene_bytes
@@ -108,7 +109,7 @@ def main() -> None:
     folder, count, chance = Path(sys.argv[1]), int(sys.argv[2]), random.Random(int(sys.argv[3]))
     scenes = [scene_file(), scene_file(moving=13), scene_file(head_width=8), scene_file(modulation=True, fusion="dual")]
     mask = {"lifetimes": np.full((6, 1), 0b10100000, np.uint8)}  # the second of three groups is never seen
-    scenes.append(SceneFile(scenes[0].header, scenes[0].arrays | mask))
+    scenes += [SceneFile(scenes[0].header, scenes[0].arrays | mask), spared()]
     whole = [scene_bytes(scene, compact=compact) for scene in scenes for compact in (False, True)]
     path = folder / "x.frog"
     for content in whole:

@@ -79,6 +79,14 @@ def _shape(model: dict, sh_count: int, networks: int) -> FieldShape:
     return FieldShape(head_width, sh_count, deformed, form, sharpness, share, unit, networks)
 
 
+def _reshaped(model: dict, deformed: int) -> int:
+    """ValueError for a number that cannot be, or with heads, which have no groups that could keep their shape."""
+    reshaped = model.get(RESHAPED, deformed)
+    if type(reshaped) is not int or not 0 <= reshaped <= deformed or (model["head_width"] and RESHAPED in model):
+        raise ValueError(f"{reshaped!r} of its {deformed} deformed Gaussians turn and grow")
+    return reshaped
+
+
 def _changing(arrays: dict[str, np.ndarray], deformed: int) -> frozenset[str]:
     """The columns that some output of the network reaches."""
     reached = arrays["output_weight"].any(axis=1) | (arrays["output_bias"] != 0)
@@ -112,9 +120,7 @@ class PlayableDeformation:
             self.deformed = len(a["embeddings"])
             self.lifetimes = GroupLifetimes(arrays[LIFETIMES], self.deformed) if LIFETIMES in arrays else None
             self._fades = Fades(arrays[FADES]) if FADES in arrays else None
-            self._reshaped = int(model.get(RESHAPED, self.deformed))
-            if not 0 <= self._reshaped <= self.deformed or (self._shape.head_width and RESHAPED in model):
-                raise ValueError(f"{self._reshaped} of its {self.deformed} deformed Gaussians turn and grow")
+            self._reshaped = _reshaped(model, self.deformed)
         except (KeyError, ValueError, TypeError, AttributeError, IndexError, OverflowError) as error:
             raise FrogError(
                 f"The scene's deformation network cannot be used ({brief(error)}); train it again."

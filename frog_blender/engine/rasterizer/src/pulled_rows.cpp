@@ -1,6 +1,7 @@
 #include "pulled_rows.h"
 
 #include <algorithm>
+#include <atomic>
 
 #include "thread_pool.h"
 
@@ -21,14 +22,22 @@ PulledRows::PulledRows(const FrogDeformation &field, const FrogDeformed &by)
     : moving_(field.moving), field_(field), by_(by) {
   places_.resize(field.count);
   const int colors = 3 * field.sh_active;
+  std::atomic<int> all{0};
   parallel_for(field.count, GRAIN, [&](int begin, int end) {
+    int here = 0;
     for (long long i = begin; i < end; ++i)
-      places_[i] = by.opacities[i] != 0 || any(by.means + 3 * i, 3) || any(by.scales + 3 * i, 3) ||
-                   any(by.quaternions + 4 * i, 4) || any(by.sh + colors * i, colors);
+      here += places_[i] = by.opacities[i] != 0 || any(by.means + 3 * i, 3) || any(by.scales + 3 * i, 3) ||
+                           any(by.quaternions + 4 * i, 4) || any(by.sh + colors * i, colors);
+    all += here;
   });
-  for (int i = 0; i < field.count; ++i) {
+  count_ = all;
+}
+
+void PulledRows::list() {
+  rows_.reserve(count_);
+  for (int i = 0; i < static_cast<int>(places_.size()); ++i) {
     const bool pulled = places_[i] != 0;
-    places_[i] = pulled ? count() : -1;
+    places_[i] = pulled ? static_cast<int>(rows_.size()) : -1;
     if (pulled) rows_.push_back(i);
   }
 }
@@ -49,6 +58,7 @@ const float *PulledRows::gathered(const float *from, int length, int rows) {
 }
 
 void PulledRows::gather() {
+  list();
   field_.log_scales = gathered(field_.log_scales, 3);
   field_.opacity_logits = gathered(field_.opacity_logits, 1);
   const int moving = static_cast<int>(std::lower_bound(rows_.begin(), rows_.end(), moving_) - rows_.begin());

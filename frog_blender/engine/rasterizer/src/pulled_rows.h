@@ -12,7 +12,7 @@ namespace frog {
 class PulledRows {
  public:
   PulledRows(const FrogDeformation &field, const FrogDeformed &by);
-  int count() const { return static_cast<int>(rows_.size()); }
+  int count() const { return count_; }
 
   // The same field, gradients and places for results, of the pulled Gaussians alone.
   FrogDeformation field() const { return field_; }
@@ -24,11 +24,12 @@ class PulledRows {
   void scatter(const FrogDeformationGradients &all) const;
 
  private:
+  void list();  // one after the other: where it would not be worth it they are only counted
   const float *gathered(const float *from, int length);
   const float *gathered(const float *from, int length, int rows);  // the first so many of the pulled
   float *room(int length);
 
-  int moving_;  // of all
+  int moving_, count_ = 0;  // those that move of all, and the pulled
   FrogDeformation field_;
   FrogDeformed by_;
   FrogDeformationGradients results_{};
