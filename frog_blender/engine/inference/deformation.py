@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -163,21 +164,22 @@ class PlayableDeformation:
         return dict(zip(("shared", "embedding_weight"), found, strict=True))
 
     def _deform(
-        self, field: PlayedField, time: float, result: dict[str, np.ndarray], addresses: dict[str, int] | None = None
+        self, field: PlayedField, time: float, result: dict[str, np.ndarray], places: dict[str, Any] | None = None
     ) -> None:
-        """Fills the first of ``result``: those that move. ``addresses`` are where its arrays lie, if that is known."""
+        """Fills the first of ``result``: those that move. ``places`` are its arrays, or where they lie if known."""
         if self.deformed:
             active = self.lifetimes.at(time) if self.lifetimes else None
-            field.deform(self._moment(time), addresses or result, active)
+            field.deform(self._moment(time), places or result, active)
         if self._fades:
             self._fades.at(time, result["opacities"][self.deformed : self.moving])
 
     def at(self, time: float) -> GaussianArrays:
         """The Gaussians at a time in [0, 1], activated, with unit quaternions; the arrays are not to be changed."""
         memory, addresses = self._memory.take_for_library()
-        self._deform(self._field, time, memory, addresses)
-        memory.pop("stirred", None)
-        return GaussianArrays(**({"sh": self._still["sh"]} | memory))
+        result = {"sh": self._still["sh"]} | memory
+        self._deform(self._field, time, result, result | addresses)
+        result.pop("stirred", None)
+        return GaussianArrays(**result)
 
     def part_at(self, time: float, names: Collection[str]) -> MovingPart:
         """Columns of the Gaussians that move, at a time in [0, 1]: the same bits as in ``at``."""
