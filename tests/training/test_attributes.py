@@ -13,6 +13,9 @@ from helpers import scene_file
 from stepping import train
 
 from frog_blender.engine.capacity_report import reduction_line
+from frog_blender.engine.capture.frames import FrameStore
+from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.evaluation.evaluate import evaluate
 from frog_blender.engine.files import SceneFile, read_scene
 from frog_blender.engine.inference.scene import PlayableScene
 from frog_blender.engine.rasterizer.arrays import GaussianArrays
@@ -146,6 +149,9 @@ def test_a_training_writes_them_and_says_so(filmed: Path, tmp_path: Path, lively
         assert done.capacity["dynamic"] == PlayableScene(scene).moving == scene.header.capacity["dynamic"]
         packed = next(each for each in done.capacity["reductions"] if each["what"] == "packed")
         assert abs(packed["loss"]) < 0.05  # what others cost is not counted again
+        rebuilt = open_capture(filmed).with_cameras(scene.header.cameras)
+        found = evaluate(PlayableScene(scene), rebuilt, FrameStore.open(rebuilt))["psnr"]
+        assert done.psnr == scene.header.metrics["psnr"] == pytest.approx(found, abs=0.05)
         plain = replace(task, output=tmp_path / "y.frog", max_bytes=10**6)
         list(run_training(plain))
         assert "fades" not in read_scene(plain.output).arrays

@@ -51,8 +51,8 @@ class FrameMemory:
 
     def _arrays(self, block: bytearray) -> tuple[dict[str, np.ndarray], dict[str, int]]:
         whole = np.frombuffer(block, np.uint8)  # the block cannot be resized while this or one that shows it lives
-        arrays, first = {}, whole.__array_interface__["data"][0]
-        addresses = {}
+        arrays: dict[str, np.ndarray] = {}
+        addresses, first = dict[str, int](), whole.__array_interface__["data"][0]
         for name, shape, start in self._layout:
             arrays[name] = np.ndarray(shape, np.float32, whole, start)
             addresses[name] = first + start

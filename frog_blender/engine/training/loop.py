@@ -20,7 +20,7 @@ from .preview import Previews, watched_shot
 from .recovery import Recovery
 from .rescue import Checkpoints, save_somewhere
 from .running_loss import Unstable
-from .saving import fit_budget
+from .saving import EVALUATED, fit_budget
 from .trainer import Trainer
 
 if TYPE_CHECKING:
@@ -113,10 +113,10 @@ def _scene(job: TrainingJob, trainer: Trainer, scale: float) -> Generator[Event,
     fit_budget(job, trainer, scale)
     if job.max_bytes and not trainer.finished:
         yield events.Warned("The budget of bytes holds for a finished training; this one was cancelled.")
-    psnr, split = trainer.evaluate(30)
+    psnr, split = trainer.evaluate(EVALUATED)
     yield events.Evaluated(trainer.step_count, psnr, split, trainer.seconds)
     place, scene = yield from save_somewhere(job, trainer, scale, {"psnr": psnr, "split": split})
-    return place, scene, psnr
+    return place, scene, scene.header.metrics["psnr"]
 
 
 def _capacity_picture(scene: Path, trainer: Trainer, shot: int) -> Iterator[Event]:

@@ -12,14 +12,15 @@ import torch
 
 from ..errors import FrogError
 from ..files import SceneFile, SceneHeader, scene_bytes, settings_json, write_atomically
-from ..inference.scene import CANONICAL, rows_of
+from ..inference.scene import CANONICAL, PlayableScene, rows_of
 from ..model.canonical import ATTRIBUTES
 from .attributes import spare_attributes
 from .budget import fit_within, keep_within
-from .compacting import arranged, compactions
+from .compacting import arranged, compactions, played_by
 from .parsimony import Reduction, heads_of
 from .resting import arrange
 
+EVALUATED = 30  # pictures, at most, that a finished scene's PSNR is of
 _REPORT_BYTES = 4000  # what is left out when a budget is measured: report, figures, times
 _PACKING_LOSS = 0.05  # dB above which a file is not packed
 
@@ -74,6 +75,8 @@ def save_scene(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[s
         if trainer.parsimony and trainer.finished and not job.max_bytes:  # which was met by the scene as it is
             scene, found = spare_attributes(trainer.parsimony, trainer, scene)
         scene = arranged(scene, trainer.finished)
+    if found and "psnr" in metrics:  # of what is written
+        scene.header.metrics["psnr"], _ = trainer.evaluate(EVALUATED, played_by(PlayableScene(scene), trainer.device))
     content = scene_bytes(scene, compact=compact)
     if compact and trainer.parsimony and trainer.finished:
         lost = sum(reduction.loss or 0.0 for reduction in found)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -35,6 +36,9 @@ from .sampling import inject_anchors
 from .schedule import Every, ShotPicker, ramp
 from .smoothness import SMOOTHED_EVERY, Neighbourhood
 from .start import first_model, scale_of
+
+Played = Callable[[float], GaussianArrays]
+"""A scene's Gaussians at a time in [0, 1]."""
 
 _SORTED_EVERY = 0.1  # of the training, while it grows
 
@@ -301,18 +305,21 @@ class Trainer:
         self.neighbourhood = Neighbourhood.drawn(means, self.recipe, self.generator)
 
     @torch.no_grad()
-    def picture(self, shot_index: int, largest_side: int | None = None) -> np.ndarray:
-        """(H, W, 3) float32 what a shot looks like as training stands, at so many pixels a side at most."""
+    def picture(self, shot_index: int, largest_side: int | None = None, played: Played | None = None) -> np.ndarray:
+        """(H, W, 3) float32 what a shot looks like as training stands, or as it is ``played``, at so many pixels a side
+        at most."""
         shot = self.capture.shots[shot_index]
         camera = self.capture.cameras[shot.camera]
         scale = (largest_side or math.inf) / max(camera.width, camera.height)
         if scale < 1:
             camera = camera.resized(max(1, round(camera.width * scale)), max(1, round(camera.height * scale)))
-        gaussians, _ = self.gaussians_at(frame_to_time(shot.frame, self.capture.frame_count), self.progress)
+        moment = frame_to_time(shot.frame, self.capture.frame_count)
+        gaussians = played(moment) if played else self.gaussians_at(moment, self.progress)[0]
         return rasterize(gaussians, camera, self.capture.background).rgb.cpu().numpy()
 
-    def evaluate(self, limit: int) -> tuple[float, str]:
-        """Mean PSNR over at most ``limit`` evenly spread held-out pictures (training ones when none is withheld).
+    def evaluate(self, limit: int, played: Played | None = None) -> tuple[float, str]:
+        """Mean PSNR over at most ``limit`` evenly spread held-out pictures (training ones when none is withheld), as
+        training stands or of Gaussians ``played`` at a time.
 
         A figure for people: nothing in the training looks at it.
         """
@@ -322,5 +329,5 @@ class Trainer:
         values = []
         for index in chosen:
             truth = self.store.image(index).astype(np.float32) / 255
-            values.append(psnr_of(float(np.mean((self.picture(index).clip(0, 1) - truth) ** 2))))
+            values.append(psnr_of(float(np.mean((self.picture(index, played=played).clip(0, 1) - truth) ** 2))))
         return float(np.mean(values)), "held-out" if held_out else "training"
