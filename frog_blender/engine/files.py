@@ -2,7 +2,7 @@
 
 Tensors of a FRoG scene: ``means, log_scales, quaternions, opacity_logits, sh`` by Gaussian,
 ``embeddings`` of those that are deformed, which come first, ``temporal_table`` and ``network.*``, and where that saves
-time at playback LIFETIMES (see inference.lifetimes) and, of those that come next, FADES (see inference.fading). The
+time at playback LIFETIMES (see inference.lifetimes) and, of those that come next, FADES (see model.fading). The
 header holds what playback and evaluation need besides.
 """
 
@@ -33,6 +33,9 @@ LIFETIMES = "lifetimes"
 """Name of the array in which bits say when groups of Gaussians can be seen."""
 FADES = "fades"
 """Name of the array (F, frames) in which opacities stand of those that only fade."""
+RESHAPED = "reshaped"
+"""The model setting that says how many of those that are deformed, the first, turn and grow; the others keep their
+shape. All of them where it is missing."""
 _HEADER_KEY = "frog"
 _PACKING_KEY = "packing"
 

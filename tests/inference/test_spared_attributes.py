@@ -13,10 +13,10 @@ from playing import TIMES, assert_same_bits, spared
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.files import SceneFile, read_scene, write_scene
-from frog_blender.engine.inference.fading import Fades, as_tracks
 from frog_blender.engine.inference.groups import GROUP
 from frog_blender.engine.inference.rest import at_rest
 from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender.engine.model.fading import Fades, as_tracks
 from frog_blender.engine.model.on_device import SceneOnDevice
 from frog_blender.engine.rasterizer.native_deformation import FieldShape, PlayedField
 from frog_blender.engine.training.compacting import arranged, as_packed

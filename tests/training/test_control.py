@@ -189,10 +189,10 @@ def test_previews_are_small_and_show_the_camera_that_was_chosen(
     drawn: list[int] = []
     picture = Trainer.picture
 
-    def watched(trainer: Trainer, shot: int, largest_side: int | None = None) -> np.ndarray:
+    def watched(trainer: Trainer, shot: int, largest_side: int | None = None, played: Any = None) -> np.ndarray:
         if largest_side:
             drawn.append(shot)
-        return picture(trainer, shot, largest_side)
+        return picture(trainer, shot, largest_side, played)
 
     monkeypatch.setattr(Trainer, "picture", watched)
 

@@ -192,12 +192,12 @@ def test_memory_that_ends_at_the_last_evaluation_costs_no_scene(
 ) -> None:
     evaluate, counts = Trainer.evaluate, []
 
-    def limited(self: Trainer, limit: int) -> object:
+    def limited(self: Trainer, limit: int, *played: object) -> object:
         if self.finished:
             counts.append(self.count)
             if len(counts) == 1:
                 raise MemoryError("no more")
-        return evaluate(self, limit)
+        return evaluate(self, limit, *played)
 
     monkeypatch.setattr(Trainer, "evaluate", limited)
     end = list(run_training(task))[-1]

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from ..errors import FrogError, brief
-from ..files import FADES, LIFETIMES
+from ..files import FADES, LIFETIMES, RESHAPED
+from ..model.fading import Fades
 from ..model.first_layer import first_layer
 from ..rasterizer.arrays import GaussianArrays
 from ..rasterizer.native_deformation import FieldShape, PlayedField
-from .fading import Fades
 from .frame_memory import FrameMemory
 from .groups import group_count, grouped, network_in_columns
 from .lifetimes import GroupLifetimes
@@ -26,9 +26,6 @@ from .moving_part import MovingPart, taken_from
 from .rest import at_rest
 from .temporal import TemporalEmbedding, checked
 
-RESHAPED = "reshaped"
-"""The model setting that says how many of those that are deformed, the first, turn and grow; the others keep their
-shape. All of them where it is missing."""
 _SHAPE = ("quaternions", "scales")
 _CANONICAL = ("means", "log_scales", "quaternions", "opacity_logits")
 

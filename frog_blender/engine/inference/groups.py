@@ -55,7 +55,7 @@ def network_in_columns(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
             ``output_bias`` (outputs,), and perhaps ``temporal_weight`` and ``modulation_weight`` (units, ...).
     """
     outputs = [slice(3), slice(10, None), slice(3, 10)]  # means; opacity and colours; scales and quaternions
-    result = {}
+    result: dict[str, np.ndarray] = {}
     for name in ("shared", "embedding_weight", "temporal_weight", "modulation_weight", "output_weight", "output_bias"):
         if name in arrays:
             rows = arrays[name]

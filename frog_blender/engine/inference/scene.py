@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from ..capture.time import frame_to_time
-from ..files import FADES, LIFETIMES, SceneFile, SceneHeader, read_scene
+from ..files import FADES, LIFETIMES, RESHAPED, SceneFile, SceneHeader, read_scene
 from ..rasterizer.arrays import GaussianArrays
-from .deformation import RESHAPED, PlayableDeformation
+from .deformation import PlayableDeformation
 from .frame_memory import FrameMemory
 from .lifetimes import GroupLifetimes
 from .moving_part import MovingPart, column_names, column_of, taken_from, width_of

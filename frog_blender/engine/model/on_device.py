@@ -14,11 +14,10 @@ import torch
 from ..capture.camera import Camera
 from ..capture.time import frame_to_time
 from ..errors import FrogError
-from ..files import FADES, LIFETIMES, SceneFile
-from ..inference.deformation import RESHAPED
-from ..inference.fading import Fades
+from ..files import FADES, LIFETIMES, RESHAPED, SceneFile
 from ..rasterizer import GaussianArrays, rasterize
 from .canonical import ATTRIBUTES, CanonicalField
+from .fading import Fades
 from .frog import Frog, FrogSettings
 from .interface import Progressing
 

@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 
-from ..files import FADES, SceneFile
-from ..inference.deformation import RESHAPED
-from ..inference.fading import as_tracks
+from ..files import FADES, RESHAPED, SceneFile
 from ..inference.scene import PlayableScene
+from ..model.fading import as_tracks
 from ..packing import pack
 from ..rasterizer import GaussianArrays
 from .compacting import comes_and_goes, in_groups, in_order, milliseconds_between, played_by
@@ -145,7 +144,7 @@ def _as_wide(weight: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def _tracks(playable: PlayableScene) -> np.ndarray:
-    """(M, frames) of those that move, see inference.fading."""
+    """(M, frames) of those that move, see model.fading."""
     frames = range(playable.header.frame_count)
     return np.stack([as_tracks(playable.at_frame(frame).opacities[: playable.moving]) for frame in frames], axis=1)
 

@@ -329,5 +329,5 @@ class Trainer:
         values = []
         for index in chosen:
             truth = self.store.image(index).astype(np.float32) / 255
-            values.append(psnr_of(float(np.mean((self.picture(index, played=played).clip(0, 1) - truth) ** 2))))
+            values.append(psnr_of(float(np.mean((self.picture(index, None, played).clip(0, 1) - truth) ** 2))))
         return float(np.mean(values)), "held-out" if held_out else "training"

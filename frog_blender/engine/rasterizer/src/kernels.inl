@@ -19,6 +19,7 @@ namespace FROG_ISA {
 #include "ahead.inl"
 #include "gemm.inl"
 #include "activation.inl"
+#include "played_products.inl"
 #include "played.inl"
 #include "deformation.inl"
 #include "similarity.inl"
