@@ -7,7 +7,7 @@ struct Nothing {
 
 // Pieces of memory, one after the other. Narrow vectors take so long that nobody waits for memory.
 class Ahead {
-  static constexpr int MOST = 12, LINE = 16;
+  static constexpr int MOST = 14, LINE = 16;
   const float *pieces_[MOST], *ends_[MOST], *next_ = nullptr, *end_ = nullptr;
   int count_ = 0, begun_ = 0;
 

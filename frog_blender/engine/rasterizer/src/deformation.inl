@@ -141,6 +141,21 @@ static void network_backward(const DeformationPlan &plan, const DeformationLayou
                  l.embedding);
 }
 
+// What a block's way back reads and writes, in the order in which it does.
+static Ahead memory_of_way_back(const DeformationPlan &plan, const FrogDeformed &by, const FrogDeformationGradients &out,
+                                long long begin, int rows) {
+  const FrogDeformation &field = *plan.field;
+  Ahead ahead;
+  ahead.add(embeddings_of(plan, static_cast<int>(begin)), plan.embedding * rows);
+  ahead.add(field.log_scales + 3 * begin, 3 * rows), ahead.add(field.opacity_logits + begin, rows);
+  add_deformed(ahead, by, begin, rows, 3 * field.sh_active);
+  ahead.add(out.means + 3 * begin, 3 * rows), ahead.add(out.log_scales + 3 * begin, 3 * rows);
+  ahead.add(out.quaternions + 4 * begin, 4 * rows), ahead.add(out.opacity_logits + begin, rows);
+  ahead.add(out.sh + 3 * field.sh_count * begin, 3 * field.sh_count * rows);
+  ahead.add(out.embeddings + plan.embedding * begin, plan.embedding * rows);
+  return ahead;
+}
+
 static void deform_backward(const DeformationPlan &plan, const FrogDeformed &by, const FrogDeformationGradients &out,
                             int begin, int end, float *scratch, float *partial) {
   const DeformationLayout l = layout_of(plan);
@@ -149,7 +164,7 @@ static void deform_backward(const DeformationPlan &plan, const FrogDeformed &by,
     if (at_rest(plan, start))
       no_change(l, scratch, rows);
     else
-      network_forward(plan, l, scratch, start, rows, Nothing{});
+      network_forward(plan, l, scratch, start, rows, memory_of_way_back(plan, by, out, start, rows));
     activate(*plan.field, l, scratch, start, rows);
     activations_backward(plan, l, scratch, by, out, start, rows);
     if (at_rest(plan, start)) continue;
