@@ -9,6 +9,7 @@ constexpr int PLAYED_MOST = 2;     // groups of Gaussians that playback multipli
 constexpr int PLAYED_SHAPE = 7;    // outputs of groups that the others lack, which keep their shape: scales and quaternion
 constexpr int DEFORM_PAD = 16;     // columns of a panel of the packed matrices: whole vectors of any instruction set
 static_assert(PLAYED_CHUNK % PLAYED_GROUP == 0, "a chunk is whole groups");
+static_assert(DEFORM_PAD == PLAYED_GROUP, "playback's weights come in rows padded to groups");
 constexpr int MAX_BRANCHES = 10;
 
 static inline long long padded(long long length) { return (length + DEFORM_PAD - 1) / DEFORM_PAD * DEFORM_PAD; }
