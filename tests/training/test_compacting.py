@@ -93,6 +93,21 @@ def test_a_part_of_a_scene_shows_the_same() -> None:
     assert still.moving == 0 and len(still.at(0.5)) == 99
 
 
+def test_axes_that_nobody_can_see_cost_others_nothing() -> None:
+    """Pictures are the same, and packed sizes are as exact as where no axis has shrunk to nothing."""
+    plain, camera = scene_file(600), odd_camera()
+    shrunk = plain.arrays["log_scales"].copy()
+    shrunk[::7, 1] = -25.0
+    thin = SceneFile(plain.header, plain.arrays | {"log_scales": shrunk})
+    found = arranged(thin, finished=False)
+    pictures = [draw(PlayableScene(each).at(0.4), camera).rgb for each in (thin, found)]
+    np.testing.assert_allclose(*pictures, atol=1e-3)
+    wrong = [np.abs(as_packed(each).arrays["log_scales"] - each.arrays["log_scales"]).max() for each in (thin, found)]
+    assert wrong[1] < 0.5 * wrong[0]
+    same = np.sort(arranged(plain, finished=False).arrays["log_scales"].ravel())
+    np.testing.assert_array_equal(same, np.sort(plain.arrays["log_scales"].ravel()))
+
+
 def test_where_most_can_be_seen_there_are_none() -> None:
     assert "lifetimes" not in arranged(scene_file(300, opacity_reduction="off")).arrays
     single = flickering()
