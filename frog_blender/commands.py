@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -155,7 +156,9 @@ def picture_maker(scene: SceneFile, device: str) -> Callable[[float, Camera], np
         from .engine.model.on_device import SceneOnDevice
         from .engine.training.device import choose_device
 
-        chosen, _ = choose_device(device)
+        chosen, said_of_it = choose_device(device)
+        if said_of_it:
+            print(f"warning: {said_of_it}", file=sys.stderr)
         if chosen.type != "cpu" and played.moving:  # what stands still needs no GPU to be moved
             return SceneOnDevice(scene, chosen).picture
     return lambda frame, camera: draw(played.at_frame(frame), camera, scene.header.background).rgb

@@ -30,7 +30,10 @@ def add_train_parser(commands: Any) -> None:
     train.add_argument("--scale", type=positive(float), help="picture size factor, such as 0.5")
     train.add_argument("--holdout-frames", type=int, metavar="K", help="withhold every K-th moment; 0 withholds none")
     train.add_argument(
-        "--device", choices=["auto", "cpu", "cuda"], default="auto", help="auto: the GPU where there is a usable one"
+        "--device",
+        choices=["auto", "cpu", "cuda"],
+        default="auto",
+        help="auto: a usable GPU (experimental), else the CPU",
     )
     train.add_argument(
         "--capacity", choices=["auto", "fixed"], default="auto", help="auto (default): no more than the scene needs"

@@ -33,7 +33,10 @@ def add_view_parsers(commands: Any) -> None:
     render.add_argument("--frames", default=None, metavar="A:B", help="frames A to B - 1, counted from 0; default: all")
     render.add_argument("--out", type=Path, required=True)
     render.add_argument(
-        "--device", choices=["cpu", "cuda", "auto"], default="cpu", help="cuda and auto need torch; default: cpu"
+        "--device",
+        choices=["cpu", "cuda", "auto"],
+        default="cpu",
+        help="cuda (experimental) and auto need torch; default: cpu",
     )
     render.set_defaults(run=_render)
 

@@ -25,9 +25,9 @@ RECIPES = (
 
 
 DEVICES = (
-    ("auto", "Automatic", "The NVIDIA GPU where torch and FRoG can use one, else the processor"),
+    ("auto", "Automatic", "The NVIDIA GPU (experimental) where torch and FRoG can use one, else the processor"),
     ("cpu", "CPU", "The processor, with all its cores"),
-    ("cuda", "CUDA", "The NVIDIA GPU; needs a torch with CUDA"),
+    ("cuda", "CUDA (Experimental)", "The NVIDIA GPU; needs a torch with CUDA. It has not run on a GPU yet"),
 )
 
 

@@ -41,7 +41,7 @@ from frog_blender.engine.training import optimizer as optimizer_module
 from frog_blender.engine.training import trainer as trainer_module
 from frog_blender.engine.training.checkpoint import checkpoint_path, load_checkpoint, save_checkpoint
 from frog_blender.engine.training.density import COLLECTED
-from frog_blender.engine.training.device import choose_device, picture_on
+from frog_blender.engine.training.device import EXPERIMENTAL, choose_device, picture_on
 from frog_blender.engine.training.job import TrainingJob, run_training
 from frog_blender.engine.training.losses import PictureLoss, picture_loss_plainly
 from frog_blender.engine.training.running_loss import RunningLoss
@@ -288,7 +288,7 @@ def gpu(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_automatic_takes_the_gpu_where_there_is_one(gpu: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert choose_device("auto") == choose_device("cuda") == (torch.device("cuda", 0), "")
+    assert choose_device("auto") == choose_device("cuda") == (torch.device("cuda", 0), EXPERIMENTAL)
     assert choose_device("cpu") == (CPU, "")
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     assert choose_device("auto") == choose_device("cpu") == (CPU, "")

@@ -14,9 +14,16 @@ from ..rasterizer import GaussianArrays, rasterize
 
 DEVICES = ("auto", "cpu", "cuda")
 
+EXPERIMENTAL = (
+    "Computing on the GPU is experimental: the CUDA kernels were tested by emulation and have not run on a GPU yet. "
+    "Choose the device cpu for what was tested."
+)
+"""Said whenever a GPU is used; it goes once ``benchmarks/gpu.py`` has passed on one."""
+
 
 def choose_device(name: str) -> tuple[torch.device, str]:
-    """The device that ``name`` asks for, and a sentence on why "auto" left a GPU aside ("" where it did not).
+    """The device that ``name`` asks for, and what its user is to know: that a GPU is experimental, or why "auto" left
+    it aside ("" for the CPU without a GPU).
 
     "auto" is the GPU where torch sees one and the CUDA rasterizer draws on it, else the CPU.
 
@@ -40,7 +47,7 @@ def choose_device(name: str) -> tuple[torch.device, str]:
         if name == "cuda":
             raise FrogError(f"The device 'cuda' cannot be used: {reason}.") from error
         return cpu, f"The GPU is left aside, training on the CPU: {reason}."
-    return device, ""
+    return device, EXPERIMENTAL
 
 
 def _draw_one_gaussian(device: torch.device) -> None:

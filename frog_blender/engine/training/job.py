@@ -125,8 +125,8 @@ def run_training(job: TrainingJob, cancelled: Callable[[], bool] = lambda: False
     if job.max_bytes and (adapted.capacity != "auto" or job.lossless):
         raise FrogError("A budget of bytes needs FRoG with automatic capacity, and a file that may be packed.")
     capture, scale = prepare_capture(job.capture, job.scale, job.holdout_frames, job.pixel_offsets, job.opened)
-    device, left_aside = choose_device(job.device)
-    for warning in (*capture.warnings, *([left_aside] if left_aside else [])):
+    device, said_of_it = choose_device(job.device)
+    for warning in (*capture.warnings, *([said_of_it] if said_of_it else [])):
         yield events.Warned(warning)
     if control():
         yield events.Cancelled(0, None)
