@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 import torch
@@ -31,7 +34,7 @@ def gradients(step: int) -> list[torch.Tensor | None]:
     return found
 
 
-def trained(kind: type[torch.optim.Adam], steps: int = 40) -> tuple[list[torch.nn.Parameter], torch.optim.Adam]:
+def trained(kind: type[Any], steps: int = 40) -> tuple[list[torch.nn.Parameter], Any]:
     found = parameters()
     optimizer = kind([{"params": found[:2], "lr": 0.1}, {"params": found[2:]}], lr=1e-3, eps=1e-15)
     for step in range(steps):
@@ -84,7 +87,7 @@ def test_a_gradient_in_another_order_of_memory() -> None:
     one, other = torch.nn.Parameter(values.clone()), torch.nn.Parameter(values.clone())
     one.grad, other.grad = gradient.T, gradient.T.contiguous()
     for parameter in (one, other):
-        NativeAdam([parameter], lr=0.1).step()
+        NativeAdam([{"params": [parameter]}], lr=0.1).step()
     assert torch.equal(one, other) and float(one.detach().abs().max()) > 0.09
 
 
@@ -102,7 +105,7 @@ def test_parameters_that_native_code_cannot_take_are_refused(values: torch.Tenso
     parameter = torch.nn.Parameter(values)
     parameter.grad = torch.ones_like(parameter)
     with pytest.raises(TypeError, match="expected contiguous float32 on the CPU"):
-        NativeAdam([parameter], lr=0.1).step()
+        NativeAdam([{"params": [parameter]}], lr=0.1).step()
 
 
 def test_a_gradient_of_another_size_is_refused() -> None:
@@ -110,7 +113,7 @@ def test_a_gradient_of_another_size_is_refused() -> None:
     parameter.grad = torch.ones(5)
     parameter.data = torch.ones(50_000)
     with pytest.raises(TypeError, match="gradient of 50000 numbers, found 5"):
-        NativeAdam([parameter], lr=0.1).step()
+        NativeAdam([{"params": [parameter]}], lr=0.1).step()
 
 
 def test_who_steps_where() -> None:
@@ -118,3 +121,17 @@ def test_who_steps_where() -> None:
     assert type(adam_on(torch.device("cpu"), parameters)) is NativeAdam
     elsewhere = adam_on(torch.device("cuda"), parameters)
     assert type(elsewhere) is torch.optim.Adam and elsewhere.defaults["fused"]
+
+
+def test_it_loads_no_compiler() -> None:
+    """Which takes seconds, and crashes some Blenders (with Triton's LLVM)."""
+    code = (
+        "import sys, torch\n"
+        "from frog_blender.engine.training.adam import adam_on\n"
+        "parameter = torch.nn.Parameter(torch.ones(3))\n"
+        "parameter.grad = torch.ones(3)\n"
+        "adam_on(torch.device('cpu'), [{'params': [parameter], 'lr': 0.1}]).step()\n"
+        "assert parameter.lt(1).all()\n"
+        "sys.exit(any(name in sys.modules for name in ('torch._dynamo', 'triton')))\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)

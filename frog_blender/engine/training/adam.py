@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ctypes
+from collections import defaultdict
+from collections.abc import Iterable
 from typing import Any
 
 import torch
@@ -13,20 +15,36 @@ from ..rasterizer.native import library
 _EPSILON = 1e-15  # 3DGS's: gradients of means are tiny
 
 
-class NativeAdam(torch.optim.Adam):
-    """``torch.optim.Adam`` for float32 parameters on the CPU, with the same memory in ``state`` ("step" is an int).
+class NativeAdam:
+    """``torch.optim.Adam`` for float32 parameters on the CPU, with the same ``param_groups`` and the same memory in
+    ``state`` ("step" is an int).
 
     Half of the time of torch's fused one: that works on one thread in a training's step, and is called for each group.
     The library's threads write a denormal as zero, so old moments end there.
+
+    It does not derive from torch's: making one of those imports torch's compiler, which takes seconds, and where Triton
+    is installed that library's LLVM besides, which crashes a Blender that has loaded its own.
+
+    Args:
+        groups: dicts with "params" and settings that differ from the others.
+        lr, betas, eps: of groups that say nothing else.
     """
 
-    @staticmethod
-    def profile_hook_step(step: Any) -> Any:
-        """Without torch's hooks for profilers around ``step``, which take a sixth of what it costs a small scene."""
-        return step
+    def __init__(
+        self,
+        groups: Iterable[dict[str, Any]],
+        lr: float = 1e-3,
+        betas: tuple[float, float] = (0.9, 0.999),
+        eps: float = 1e-8,
+    ) -> None:
+        defaults = {"lr": lr, "betas": betas, "eps": eps}
+        self.param_groups: list[dict[str, Any]] = [
+            {**defaults, **group, "params": list(group["params"])} for group in groups
+        ]
+        self.state: defaultdict[torch.Tensor, dict[str, Any]] = defaultdict(dict)
 
     @torch.no_grad()
-    def step(self, closure: None = None) -> None:  # type: ignore[override]
+    def step(self) -> None:
         """One step for every parameter that has a gradient; TypeError for other parameters than those."""
         entries, kept = [], []  # gradients made contiguous live until the call is over
         for group in self.param_groups:
@@ -56,7 +74,7 @@ class NativeAdam(torch.optim.Adam):
         )
 
 
-def adam_on(device: torch.device, groups: list[dict[str, Any]]) -> torch.optim.Adam:
+def adam_on(device: torch.device, groups: list[dict[str, Any]]) -> NativeAdam | torch.optim.Adam:
     """The fastest for parameters that lie on ``device``."""
     if device.type == "cpu":
         return NativeAdam(groups, eps=_EPSILON)
