@@ -13,7 +13,7 @@ NATIVE := $(wildcard frog_blender/engine/rasterizer/src/* frog_blender/engine/ra
 # The CUDA run-time compiler, for tests that compile every kernel; there is none for macOS.
 NVRTC := $(if $(filter Darwin,$(shell uname)),,nvidia-cuda-nvrtc-cu12)
 
-.PHONY: demo chart stability test test-slow test-sanitizers test-blender test-bpy45 tour lint format extension clean setup
+.PHONY: demo chart stability test test-slow test-sanitizers test-blender test-bpy45 test-bpy53 tour lint format extension clean setup
 
 setup: $(VENV)/.ready
 
@@ -94,6 +94,19 @@ $(BPY45)/.ready: constraints.txt
 
 test-bpy45: setup $(BPY45)/.ready
 	$(BPY45)/bin/python tests/blender/run_in_blender.py -- -q -m "slow or not slow"
+
+# The newest Blender, as a module; its Python is 3.13. Where pip finds only a build of torch with CUDA, that takes 6 GB.
+PYTHON313 ?= $(firstword $(wildcard $(HOME)/.pyenv/versions/3.13*/bin/python3.13) python3.13)
+BPY53 := .venv-bpy53
+
+$(BPY53)/.ready: constraints-bpy53.txt
+	$(BPY53)/bin/python -m pip --version > /dev/null 2>&1 || $(PYTHON313) -m venv --clear $(BPY53)
+	$(BPY53)/bin/python -m pip install --disable-pip-version-check -q -c constraints-bpy53.txt $(PIP_FLAGS) \
+		bpy torch numpy safetensors opencv-contrib-python-headless tqdm pytest plyfile
+	touch $@
+
+test-bpy53: setup $(BPY53)/.ready
+	$(BPY53)/bin/python tests/blender/run_in_blender.py -- -q -m "slow or not slow"
 
 # The Blender to test in and to walk through: make test-blender BLENDER=/path/to/blender (FROG_BLENDER names it as well).
 BLENDER ?= $(or $(FROG_BLENDER),blender)

@@ -1,9 +1,7 @@
 """Gaussians -> a Blender datablock that every render engine can draw.
 
-Blender 5.3 draws Gaussian splats itself: there the Gaussians live in a point cloud of that type.  No 5.3 could be had
-when this was written, so of that only what 5.2 has was run there (the point cloud, its attributes and their types, its
-modifiers), not the drawing; whatever 5.3 refuses, the other carrier takes its place.  Before 5.3 that is a Mesh of
-vertices that Geometry Nodes turn into points (``splat_nodes``).
+Blender 5.3 draws Gaussian splats itself: there the Gaussians live in a point cloud of that type.  Before 5.3, and where
+Blender refuses one, they are the vertices of a Mesh that Geometry Nodes turn into points (``splat_nodes``).
 
 Attributes are named as those of 5.3 in both: ``position``, ``scale`` (linear), ``rotation`` (w, x, y, z),
 ``radiance:base`` (first SH coefficient and opacity) and ``radiance:sh_0`` ... (one per further SH coefficient).
