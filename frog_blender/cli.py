@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from .command_line.chart_command import add_chart_parser
 from .command_line.demo_command import add_demo_parser
 from .command_line.extras import missing
+from .command_line.printing import complain
 from .command_line.scene_commands import add_scene_parsers
 from .command_line.stability_command import add_stability_parser
 from .command_line.train_command import add_train_parser
@@ -24,18 +25,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         return options.run(options)
     except FrogError as error:
-        print(f"frog: {error}", file=sys.stderr)
+        complain(error)
     except KeyboardInterrupt:
-        print("frog: interrupted.", file=sys.stderr)
+        complain("interrupted.")
     except MemoryError as error:
-        print(f"frog: out of memory ({error}).", file=sys.stderr)
+        complain(f"out of memory ({error}).")
     except ModuleNotFoundError as error:
-        print(f"frog: {missing(error)}", file=sys.stderr)
+        complain(missing(error))
     except BrokenPipeError:
         return 1
     except OSError as error:
         where = f"{error.filename}: the file or folder" if error.filename else "A file or folder"
-        print(f"frog: {where} could not be used ({error.strerror or error}).", file=sys.stderr)
+        complain(f"{where} could not be used ({error.strerror or error}).")
     return 1
 
 

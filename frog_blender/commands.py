@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -18,7 +19,7 @@ from .engine.clips import camera_path
 from .engine.errors import FrogError
 from .engine.evaluation.evaluate import Measure, evaluate
 from .engine.files import SceneFile, read_scene
-from .engine.inference.draw import draw, to_uint8
+from .engine.inference.draw import picture, to_uint8
 from .engine.inference.scene import PlayableScene
 from .engine.training.estimate import Workload, estimate, likely_device, usual_scale
 from .engine.training.recipe import recipe
@@ -150,7 +151,7 @@ def parse_frames(text: str | None, count: int) -> range:
 
 
 def picture_maker(scene: SceneFile, device: str) -> Callable[[float, Camera], np.ndarray]:
-    """Draws frames: (frame, camera) to (H, W, 3) floats; without torch unless ``device`` is another one than "cpu"."""
+    """Draws frames: (frame, camera) to (H, W, 3) uint8; without torch unless ``device`` is another one than "cpu"."""
     played = PlayableScene(scene)  # refuses what does not fit together
     if device != "cpu":
         from .engine.model.on_device import SceneOnDevice
@@ -160,8 +161,14 @@ def picture_maker(scene: SceneFile, device: str) -> Callable[[float, Camera], np
         if said_of_it:
             print(f"warning: {said_of_it}", file=sys.stderr)
         if chosen.type != "cpu" and played.moving:  # what stands still needs no GPU to be moved
-            return SceneOnDevice(scene, chosen).picture
-    return lambda frame, camera: draw(played.at_frame(frame), camera, scene.header.background).rgb
+            on_device = SceneOnDevice(scene, chosen)
+            return lambda frame, camera: to_uint8(on_device.picture(frame, camera))
+    return lambda frame, camera: picture(played.at_frame(frame), camera, scene.header.background)
+
+
+def _file_name(camera_name: str) -> str:
+    """A camera's name without what leads into other folders, on any system."""
+    return re.sub(r'[/\\:*?"<>|]', "_", camera_name)
 
 
 def render_frames(
@@ -191,9 +198,8 @@ def render_frames(
             camera = by_frame[min(by_frame, key=lambda moment: abs(moment - frame))]
         else:
             camera = header.cameras[names.index(camera_name)]
-        picture = to_uint8(picture_of(frame, camera))
-        path = out / f"{camera_name.replace('/', '_')}_{frame:04d}.png"
-        written, content = cv2.imencode(".png", picture[:, :, ::-1])
+        path = out / f"{_file_name(camera_name)}_{frame:04d}.png"
+        written, content = cv2.imencode(".png", cv2.cvtColor(picture_of(frame, camera), cv2.COLOR_RGB2BGR))
         if not written:
             raise FrogError(f"{path}: the picture could not be encoded.")
         try:

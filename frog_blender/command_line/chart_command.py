@@ -11,6 +11,7 @@ from ..engine.errors import FrogError
 from ..engine.training.recipe import RECIPES
 from .arguments import positive
 from .grid_command import add_grid_arguments, do_runs, names, say_failed, say_plan, setting
+from .printing import say
 
 if TYPE_CHECKING:
     from ..engine.comparison.grid import Run
@@ -73,7 +74,7 @@ def _chart(options: argparse.Namespace) -> int:
             return 1
         failed = ended
     for path in write_report(options.out, published):
-        print(path)
+        say(path)
     return say_failed(failed)
 
 

@@ -9,8 +9,9 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from ..engine.errors import FrogError
+from ..engine.errors import FrogError, printable
 from .arguments import positive
+from .printing import complain, say
 from .stopping import stopping
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ def say_plan(runs: Sequence[Run], conditions: Conditions, jobs: int) -> None:
     rows = Counter((run.condition or run.scene, run.label, run.equal_time) for run in runs)
     for (scene, label, equal_time), count in rows.items():
         how = "at FRoG's time" if equal_time else "at equal steps"
-        print(f"{scene}: {label}, {how}, {count} {'seed' if count == 1 else 'seeds'}")
+        say(f"{scene}: {label}, {how}, {count} {'seed' if count == 1 else 'seeds'}")
     left = seconds_left(waiting, {}, records, jobs)
     estimate = f", about {duration(left)}" if left is not None and waiting else ""
     print(f"{len(runs)} runs, {len(waiting)} to do{estimate}", flush=True)
@@ -93,7 +94,7 @@ def do_runs(runs: Sequence[Run], conditions: Conditions, jobs: int, timing_steps
 def say_failed(failed: int) -> int:
     """The exit status, after a sentence where runs failed."""
     if failed:
-        print(f"frog: {failed} runs failed; the tables say why.", file=sys.stderr)
+        complain(f"{failed} runs failed; the tables say why.")
     return 1 if failed else 0
 
 
@@ -113,7 +114,7 @@ def _shown(total: int) -> Iterator[Callable[[Progress], None]]:
             left = "" if progress.seconds_left is None else f"about {duration(progress.seconds_left)} left"
             line.set_postfix_str(" ".join([", ".join(working), left]).strip(), refresh=progress.record is None)
             if progress.record is not None:
-                tqdm.write(_sentence(progress), file=sys.stderr)
+                tqdm.write(printable(_sentence(progress)), file=sys.stderr)
 
         yield show
 

@@ -9,8 +9,10 @@ from contextlib import contextmanager
 from tqdm import tqdm
 
 from ..engine.capacity_report import lines, summary
+from ..engine.errors import printable
 from ..engine.training import events
 from ..engine.training.events import Event
+from .printing import complain, say
 
 
 @contextmanager
@@ -51,33 +53,38 @@ def show(stream: Iterator[Event]) -> bool:
                 case events.Stage(name, done, total):
                     switch(name, total, done)
                 case events.Started(device="cuda"):
-                    tqdm.write("training on the GPU", file=sys.stderr)
+                    _note("training on the GPU")
                 case events.Progress(step=step, steps=steps, loss=loss, gaussians=gaussians, moving=moving):
                     postfix = {"loss": f"{loss:.4f}", "gaussians": gaussians, "moving": moving}
                     switch("Training", steps, step).set_postfix(postfix)
                 case events.Reduced(_, message):
-                    tqdm.write(message, file=sys.stderr)
+                    _note(message)
                 case events.Evaluated(step=step, psnr=psnr, split=split):
-                    tqdm.write(f"step {step}: {split} PSNR {psnr:.2f} dB", file=sys.stderr)
+                    _note(f"step {step}: {split} PSNR {psnr:.2f} dB")
                 case events.Pictured(path, _):
                     text = f"{path}: what moves is orange, what rests blue, red dots were left out"
-                    tqdm.write(text, file=sys.stderr)
+                    _note(text)
                 case events.Warned(message):
-                    tqdm.write(f"warning: {message}", file=sys.stderr)
+                    _note(f"warning: {message}")
                 case events.Finished(path, steps, seconds, psnr, gaussians, capacity):
                     _close(line)
-                    print(f"{path}: {steps} steps in {seconds:.0f} s, {gaussians} Gaussians, PSNR {psnr:.2f} dB")
+                    say(f"{path}: {steps} steps in {seconds:.0f} s, {gaussians} Gaussians, PSNR {psnr:.2f} dB")
                     for text in [summary(capacity), *lines(capacity)] if capacity else []:
-                        print(f"  {text}")
+                        say(f"  {text}")
                     return True
                 case events.Cancelled(step, path):
                     _close(line)
                     kept = f"kept in {path}; --resume goes on" if path else "nothing was written"
-                    print(f"frog: cancelled at step {step}, {kept}.", file=sys.stderr)
+                    complain(f"cancelled at step {step}, {kept}.")
                     return False
     finally:
         _close(line)
     return False
+
+
+def _note(text: str) -> None:
+    """A line above the bars."""
+    tqdm.write(printable(text), file=sys.stderr)
 
 
 def _close(line: tqdm | None) -> None:

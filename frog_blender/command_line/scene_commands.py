@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..engine.errors import FrogError
+from .printing import say
 
 
 def add_scene_parsers(commands: Any) -> None:
@@ -36,7 +37,7 @@ def _export(options: argparse.Namespace) -> int:
     frames = parse_frames(options.frames, scene.header.frame_count)
     with bar("Exporting") as report:
         paths = export_frames(scene, frames, options.out, options.scene.stem, lambda done: report(done, len(frames)))
-    print(f"{len(paths)} files in {options.out}")
+    say(f"{len(paths)} files in {options.out}")
     return 0
 
 
@@ -46,7 +47,7 @@ def _import(options: argparse.Namespace) -> int:
     if options.splats.suffix.lower() != ".ply":
         raise FrogError(f"{options.splats}: expected a .ply file.")
     imported = import_splats(options.splats, options.out or free_scene_path(options.splats), compact=options.packed)
-    print(f"{imported.gaussians:,} Gaussians in {imported.path}")
+    say(f"{imported.gaussians:,} Gaussians in {imported.path}")
     if imported.left_out:
-        print(f"{imported.left_out:,} were left out: they held no finite numbers")
+        say(f"{imported.left_out:,} were left out: they held no finite numbers")
     return 0

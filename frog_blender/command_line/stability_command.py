@@ -10,6 +10,7 @@ from ..engine.conditions.catalogue import BASES, CLEAN, CONDITIONS
 from ..engine.training.recipe import RECIPES
 from .arguments import positive
 from .grid_command import add_grid_arguments, do_runs, names, say_failed, say_plan, setting
+from .printing import say
 
 _GIVEN = [base for base in BASES if base != CLEAN]  # each by an option of its own
 
@@ -59,7 +60,7 @@ def _stability(options: argparse.Namespace) -> int:
         )
         conditions = Conditions(options.out, options.device)
         for sentence in without_captures(captures, wanted):
-            print(sentence)
+            say(sentence)
         say_plan(runs, conditions, options.jobs)
         if options.plan:
             return 0
@@ -68,5 +69,5 @@ def _stability(options: argparse.Namespace) -> int:
             return 1
         failed = ended
     for path in write_stability(options.out):
-        print(path)
+        say(path)
     return say_failed(failed)

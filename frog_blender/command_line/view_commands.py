@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from .arguments import add_offset_argument, offsets_of
+from .printing import say
 
 
 def add_view_parsers(commands: Any) -> None:
@@ -50,7 +51,7 @@ def _info(options: argparse.Namespace) -> int:
     else:
         for key, value in description.items():
             for line in value if isinstance(value, list) else [value]:
-                print(f"{key:>14}  {line}")
+                say(f"{key:>14}  {line}")
     return 0
 
 
@@ -69,7 +70,7 @@ def _eval(options: argparse.Namespace) -> int:
         result[key] = f"- ({reason})"
     for key, value in result.items():
         if key != "cameras":
-            print(f"{key:>18}  {value:.4f}" if isinstance(value, float) else f"{key:>18}  {value}")
+            say(f"{key:>18}  {value:.4f}" if isinstance(value, float) else f"{key:>18}  {value}")
     return 0
 
 
@@ -79,5 +80,5 @@ def _render(options: argparse.Namespace) -> int:
 
     with bar("Rendering") as report:
         count = render_frames(options.scene, options.camera, options.frames, options.out, report, options.device)
-    print(f"{count} pictures in {options.out}")
+    say(f"{count} pictures in {options.out}")
     return 0

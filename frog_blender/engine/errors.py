@@ -1,26 +1,39 @@
-"""The one exception type for input that cannot be used."""
+"""The one exception type for input that cannot be used, and how text from files is shown."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 _LONGEST = 300  # characters of what a damaged file says, which may be anything
+
+# What a terminal obeys, breaks a line at or writes backwards from, and halves of characters, which nothing can encode.
+_CONTROLS = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
 
 
 class FrogError(Exception):
     """Something the user gave cannot be used, or something the user asked for cannot be done.
 
     The message is one sentence that says what was found, where, and what was expected, so that a
-    command line or a panel can show it as it is.
+    command line or a panel can show it as it is: control characters in it are escaped.
     """
 
+    def __init__(self, message: object = "") -> None:
+        super().__init__(printable(message))
 
-def found_instead(path: str | Path, found: str, expected: str) -> FrogError:
+
+def found_instead(path: str | Path, found: object, expected: str) -> FrogError:
     """The sentence most readers need: ``PATH: found X, expected Y.``"""
     return FrogError(f"{path}: found {brief(found)}, expected {expected}.")
 
 
 def brief(found: object) -> str:
     """What was found, on one line, cut where it goes on and on."""
-    text = " ".join(str(found).splitlines())
+    text = printable(" ".join(str(found).splitlines()))
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]} ..."
+
+
+def printable(text: object) -> str:
+    """Text in which control characters are written out, as ``\\x1b``: what a file says must not command a terminal."""
+    shown = str(text)
+    return shown if shown.isprintable() else _CONTROLS.sub(lambda found: ascii(found[0])[1:-1], shown)

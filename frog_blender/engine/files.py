@@ -11,117 +11,50 @@ from __future__ import annotations
 import glob
 import json
 import os
+import re
 import tempfile
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save as serialize
 
-from .capacity_report import lines, summary
-from .capture.camera import Camera
 from .errors import FrogError, found_instead
 from .packing import Packed, pack, unpack_scene
+from .plain_values import UnfitValue, entries, plain_json
+from .scene_header import FORMAT_VERSION, METHODS, RESHAPED, SceneHeader
+from .tensor_files import read_tensors
 
-FORMAT_VERSION = 4
-"""1 had every array as it is; 2 may have them packed; 3 may have lifetimes; 4 may have some that only fade."""
-METHODS = ("frog", "ed3dgs", "static", "d3dgs", "hexplane", "curves")
+__all__ = [
+    "FADES",
+    "FORMAT_VERSION",
+    "LIFETIMES",
+    "METHODS",
+    "RESHAPED",
+    "SceneFile",
+    "SceneHeader",
+    "packed_arrays",
+    "read_scene",
+    "read_tensors",
+    "remove_unfinished",
+    "scene_bytes",
+    "settings_json",
+    "write_atomically",
+    "write_scene",
+]
+
 LIFETIMES = "lifetimes"
 """Name of the array in which bits say when groups of Gaussians can be seen."""
 FADES = "fades"
 """Name of the array (F, frames) in which opacities stand of those that only fade."""
-RESHAPED = "reshaped"
-"""The model setting that says how many of those that are deformed, the first, turn and grow; the others keep their
-shape. All of them where it is missing."""
 _HEADER_KEY = "frog"
 _PACKING_KEY = "packing"
-
-
-@dataclass(frozen=True)
-class SceneHeader:
-    """What a scene file says of itself.
-
-    Attributes:
-        method: one of METHODS.
-        recipe: every setting of the training, as plain values.
-        model: the model's settings (see FrogSettings), empty for a scene in which nothing moves.
-        cameras: the capture's cameras at the size they were trained at; none for splats from elsewhere.
-        camera_shots: for each camera the frames it saw; one frame each for a moving camera.
-        test_cameras, test_frames: what training did not see.
-        frame_count, frames_per_second: the capture's time axis; frame f has time f / (frame_count - 1).
-        background: display-referred colour behind the Gaussians.
-        capture_path, capture_format, scale, pixel_offsets: where the frames came from and how they were read.
-        metrics: PSNR and so on as measured at the end of training.
-        steps, train_seconds: how much training is in it (decoding and seeding not counted).
-        capacity: what the training took out of the model (see training.parsimony), empty where it took nothing.
-    """
-
-    method: str
-    recipe: dict[str, Any]
-    model: dict[str, Any]
-    cameras: tuple[Camera, ...]
-    camera_shots: tuple[tuple[int, ...], ...]
-    test_cameras: tuple[str, ...]
-    test_frames: tuple[int, ...]
-    frame_count: int
-    frames_per_second: float
-    background: tuple[float, float, float]
-    capture_path: str
-    capture_format: str
-    scale: float
-    pixel_offsets: dict[str, tuple[float, float]] = field(default_factory=dict)
-    metrics: dict[str, Any] = field(default_factory=dict)
-    steps: int = 0
-    train_seconds: float = 0.0
-    format_version: int = FORMAT_VERSION
-    capacity: dict[str, Any] = field(default_factory=dict)
-
-    @property
-    def is_moving(self) -> bool:
-        """One moving camera: every entry of ``cameras`` is one moment of it, or a withheld picture."""
-        if any(len(frames) != 1 for frames in self.camera_shots):
-            return False
-        named = zip(self.cameras, self.camera_shots, strict=True)
-        moments = [frame for camera, (frame,) in named if not self.is_test(camera.name, frame)]
-        return len(moments) > 1 and len(set(moments)) == len(moments)
-
-    def is_test(self, camera_name: str, frame: int) -> bool:
-        """True for a picture that training did not see."""
-        return camera_name in self.test_cameras or frame in self.test_frames
-
-    def to_json(self) -> str:
-        values = {name: getattr(self, name) for name in self.__dataclass_fields__ if name != "cameras"}
-        return json.dumps({**values, "cameras": [camera.to_json() for camera in self.cameras]}, allow_nan=False)
-
-    @classmethod
-    def from_json(cls, text: str) -> SceneHeader:
-        """Raises KeyError, TypeError or ValueError for a header that is not one."""
-        data = json.loads(text)
-        red, green, blue = (float(value) for value in data["background"])
-        return cls(
-            method=str(data["method"]),
-            recipe=dict(data["recipe"]),
-            model=dict(data["model"]),
-            cameras=tuple(Camera.from_json(camera) for camera in data["cameras"]),
-            camera_shots=tuple(tuple(int(frame) for frame in frames) for frames in data["camera_shots"]),
-            test_cameras=tuple(str(name) for name in data["test_cameras"]),
-            test_frames=tuple(int(frame) for frame in data["test_frames"]),
-            frame_count=int(data["frame_count"]),
-            frames_per_second=float(data["frames_per_second"]),
-            background=(red, green, blue),
-            capture_path=str(data["capture_path"]),
-            capture_format=str(data["capture_format"]),
-            scale=float(data["scale"]),
-            pixel_offsets={str(k): (float(v[0]), float(v[1])) for k, v in data["pixel_offsets"].items()},
-            metrics=dict(data["metrics"]),
-            steps=int(data["steps"]),
-            train_seconds=float(data["train_seconds"]),
-            format_version=int(data["format_version"]),
-            capacity=_checked_capacity(data.get("capacity", {})),  # version 1 had none
-        )
+_CANONICAL = {"means", "log_scales", "quaternions", "opacity_logits", "sh"}
+_FROG = {"embeddings", "temporal_table", "attention_weight", "attention_query", LIFETIMES, FADES}
+_OF_METHOD = {"frog": _FROG, "ed3dgs": _FROG, "curves": {"embeddings"}}
+_NETWORK = re.compile(r"network\.[a-z0-9_.]{1,80}")
 
 
 @dataclass(frozen=True)
@@ -130,15 +63,6 @@ class SceneFile:
 
     header: SceneHeader
     arrays: dict[str, np.ndarray]
-
-
-def _checked_capacity(capacity: Any) -> dict[str, Any]:
-    """KeyError, TypeError, ValueError or AttributeError for a report that nobody could read out."""
-    capacity = dict(capacity)
-    if capacity:
-        summary(capacity)
-        lines(capacity)
-    return capacity
 
 
 def settings_json(settings: Any) -> dict[str, Any]:
@@ -175,35 +99,32 @@ def packed_arrays(arrays: dict[str, np.ndarray]) -> dict[str, Packed]:
 
 
 def read_scene(path: str | Path) -> SceneFile:
-    """FrogError in one sentence when it is missing, truncated, of another kind or of a newer version."""
-    arrays, metadata = read_tensors(path, "a .frog scene")
+    """FrogError in one sentence when it is missing, truncated, of another kind or of a newer version.
+
+    Arrays that no scene of its method has are passed over.
+    """
+    arrays, metadata = read_tensors(path, "a .frog scene", _is_known)
     try:
+        if _HEADER_KEY not in metadata:
+            raise UnfitValue("a file without a scene's header", "a .frog scene")
         header = SceneHeader.from_json(metadata[_HEADER_KEY])
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError, RecursionError) as error:
-        raise found_instead(path, f"a header that cannot be read ({error!r})", "a .frog scene") from error
-    if header.format_version > FORMAT_VERSION:
-        raise found_instead(
-            path, f"format version {header.format_version}", f"at most {FORMAT_VERSION}; a newer frog_blender reads it"
-        )
-    try:
-        packing = json.loads(metadata.get(_PACKING_KEY, "{}"))
-        if packing:
-            arrays |= unpack_scene(arrays, packing)
-    except (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError, MemoryError) as error:
-        raise found_instead(path, f"packed arrays that cannot be read ({error})", "a .frog scene") from error
-    _check_arrays(path, header, arrays)
+        arrays = {name: array for name, array in arrays.items() if _is_known(name, header.method)}
+        packing = entries(plain_json(metadata.get(_PACKING_KEY, "{}"), "packing"), "packing")
+        described = {name: entries(packing[name], f"packing of {name}") for name in arrays if name in packing}
+        if described:
+            arrays |= _unpacked(arrays, described)
+        _check_arrays(arrays)
+    except UnfitValue as error:
+        raise found_instead(path, error.found, error.expected) from error
     return SceneFile(header, arrays)
 
 
-def read_tensors(path: str | Path, kind: str) -> tuple[dict[str, np.ndarray], dict[str, str]]:
-    """Arrays and metadata of a safetensors file; sizes are checked by the library before anything is allocated."""
-    if not Path(path).is_file():
-        raise found_instead(path, "no file", kind)
+def _unpacked(arrays: dict[str, np.ndarray], described: dict[str, Any]) -> dict[str, np.ndarray]:
+    """UnfitValue for bytes and descriptions that ``packed_arrays`` does not write."""
     try:
-        with safe_open(str(path), framework="numpy") as file:
-            return {name: file.get_tensor(name) for name in file.keys()}, dict(file.metadata() or {})  # noqa: SIM118
-    except (SafetensorError, OSError, ValueError, TypeError) as error:
-        raise found_instead(path, f"a damaged or foreign file ({error})", kind) from error
+        return unpack_scene(arrays, described)
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError, MemoryError) as error:
+        raise UnfitValue(f"packed arrays that cannot be read ({error})", "a .frog scene") from error
 
 
 def write_atomically(path: str | Path, content: bytes) -> None:
@@ -238,8 +159,18 @@ def _contiguous(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     return {name: np.ascontiguousarray(array) for name, array in arrays.items()}
 
 
-def _check_arrays(path: str | Path, header: SceneHeader, arrays: dict[str, np.ndarray]) -> None:
-    """Shapes that playback relies on."""
+def _is_known(name: str, method: str = "frog") -> bool:
+    """Whether a scene of that method has such an array; FRoG's have all that others have, but for the networks'."""
+    named = name in _CANONICAL or name in _OF_METHOD.get(method, ())
+    return named or (method != "static" and _NETWORK.fullmatch(name) is not None)
+
+
+def _check_arrays(arrays: dict[str, np.ndarray]) -> None:
+    """UnfitValue for types and shapes that playback does not rely on."""
+    for name, array in arrays.items():
+        expected = np.uint8 if name in (LIFETIMES, FADES) else np.float32
+        if array.dtype != expected:
+            raise UnfitValue(f"{name} of type {array.dtype}", f"{expected.__name__}")
     count = (arrays["means"].shape or (0,))[0] if "means" in arrays else 0
     shapes: dict[str, tuple[int, ...]] = {
         "means": (count, 3),
@@ -250,11 +181,7 @@ def _check_arrays(path: str | Path, header: SceneHeader, arrays: dict[str, np.nd
     for name, shape in shapes.items():
         found = arrays[name].shape if name in arrays else "nothing"
         if found != shape or not count:
-            raise found_instead(path, f"{name} of shape {found}", f"shape {shape} with at least one Gaussian")
+            raise UnfitValue(f"{name} of shape {found}", f"shape {shape} with at least one Gaussian")
     sh = arrays.get("sh")
     if sh is None or sh.ndim != 3 or sh.shape[0] != count or sh.shape[1] not in (1, 4, 9, 16) or sh.shape[2] != 3:
-        raise found_instead(path, "no usable colours (sh)", f"shape ({count}, 1 | 4 | 9 | 16, 3)")
-    if header.method not in METHODS:
-        raise found_instead(path, f"the method {header.method!r}", f"one of {', '.join(METHODS)}")
-    if header.frame_count < 1 or len(header.camera_shots) != len(header.cameras):
-        raise found_instead(path, "a header without frames", "at least one, and for each camera what it saw")
+        raise UnfitValue("no usable colours (sh)", f"shape ({count}, 1 | 4 | 9 | 16, 3)")

@@ -21,6 +21,7 @@ _AS_IT_IS = 1  # bits of a number that is stored as the byte that it is
 _LARGEST_HALF = 65_504
 # What a scene can need, so that a small file cannot ask for much memory: places of Gaussians hardly compress.
 _MEANS_OF_BYTES, _NUMBERS_OF_GAUSSIAN, _LARGEST_NETWORK = 20, 256, 2**22
+_ALWAYS, _BYTES_OF_BYTE = 256 << 20, 32  # of all arrays together: so much, and so much for each byte in the file
 
 BITS = {
     "means": 16,
@@ -80,12 +81,8 @@ def unpack(content: np.ndarray, description: dict[str, Any], most: int = _LARGES
     Args:
         most: numbers that the array may have.
     """
-    shape, bits = tuple(description["shape"]), description["bits"]
-    if (
-        bits not in (0, _AS_IT_IS, 8, 16)
-        or any(type(length) is not int or length < 0 for length in shape)
-        or (bits and not shape)
-    ):
+    shape, bits = _shape_of(description), description["bits"]
+    if type(bits) is not int or bits not in (0, _AS_IT_IS, 8, 16) or (bits and not shape):
         raise ValueError(f"an array of shape {shape} in {bits} bits")
     count = math.prod(shape)
     if count > most or (not count and max(shape, default=0) > most):
@@ -114,13 +111,28 @@ def unpack(content: np.ndarray, description: dict[str, Any], most: int = _LARGES
 
 
 def unpack_scene(arrays: dict[str, np.ndarray], descriptions: dict[str, Any]) -> dict[str, np.ndarray]:
-    """A packed scene's arrays; errors as of ``unpack``, also for arrays that no scene of that size has."""
+    """A packed scene's arrays; errors as of ``unpack``, also for arrays that no scene of that size has.
+
+    Args:
+        descriptions: of arrays that are all in ``arrays``.
+    """
+    wanted = sum(4 * math.prod(_shape_of(description)) for description in descriptions.values())
+    most = _ALWAYS + _BYTES_OF_BYTE * sum(arrays[name].nbytes for name in descriptions)
+    if wanted > most:
+        raise ValueError(f"arrays of {wanted:,} bytes, expected at most {most:,}")
     means = unpack(arrays["means"], descriptions["means"], most=_MEANS_OF_BYTES * arrays["means"].size)
     return {"means": means} | {
         name: unpack(arrays[name], description, _NUMBERS_OF_GAUSSIAN * len(means) if name in BITS else _LARGEST_NETWORK)
         for name, description in descriptions.items()
         if name != "means"
     }
+
+
+def _shape_of(description: dict[str, Any]) -> tuple[int, ...]:
+    shape = tuple(description["shape"])
+    if any(type(length) is not int or length < 0 for length in shape):
+        raise ValueError(f"an array of shape {shape}")
+    return shape
 
 
 def _ranges(rows: np.ndarray, bits: int) -> tuple[np.ndarray, np.ndarray]:

@@ -13,8 +13,19 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import printable
+from ..plain_values import UnfitValue, entries, number, numbers, text, whole
+
 NEUTRAL = (1.0, 1.0, 1.0)
 """The exposure of a camera whose pictures are as bright as the scene is."""
+MOST_SIDE = 65_536
+"""Pixels of a picture's width or height."""
+MOST_PIXELS = 2**26
+"""Pixels of a camera's whole picture: 8192 x 8192, twice what an 8K video has."""
+_FARTHEST = 1e12  # world units, pixels
+_MOST_EXPOSURE = 1e6
+_LONGEST_NAME = 1024
+_ROUNDED = 0.05  # how far a rotation times its transpose may be from one
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +33,7 @@ class Camera:
     """A pinhole camera without distortion (readers remove it).
 
     Attributes:
-        name: unique within a capture.
+        name: unique within a capture; control characters in it are written out.
         width, height: pixels.
         intrinsics: (3, 3) float64 matrix K, pixels.
         world_to_camera: (4, 4) float64, rigid; ``x_camera = world_to_camera @ x_world``, world units.
@@ -38,6 +49,8 @@ class Camera:
     exposure: tuple[float, float, float] = NEUTRAL
 
     def __post_init__(self) -> None:
+        if not self.name.isprintable():
+            object.__setattr__(self, "name", printable(self.name))
         object.__setattr__(self, "intrinsics", np.asarray(self.intrinsics, dtype=np.float64).reshape(3, 3))
         object.__setattr__(self, "world_to_camera", np.asarray(self.world_to_camera, dtype=np.float64).reshape(4, 4))
 
@@ -118,15 +131,45 @@ class Camera:
         return plain if self.exposure == NEUTRAL else plain | {"exposure": list(self.exposure)}
 
     @classmethod
-    def from_json(cls, data: dict[str, Any]) -> Camera:
-        camera = cls(
-            str(data["name"]),
-            int(data["width"]),
-            int(data["height"]),
-            np.array(data["intrinsics"], dtype=np.float64),
-            np.array(data["world_to_camera"], dtype=np.float64),
+    def from_json(cls, data: Any) -> Camera:
+        """What ``to_json`` gave; UnfitValue for anything that no camera can be."""
+        data = dict.fromkeys(cls.__dataclass_fields__) | {"exposure": [*NEUTRAL]} | entries(data, "a camera")
+        name = text(data["name"], "a camera's name", _LONGEST_NAME)
+        width, height = (
+            whole(data[side], f"the {side} of camera {name}", 1, MOST_SIDE) for side in ("width", "height")
         )
-        return camera.with_exposure(data.get("exposure", NEUTRAL))
+        if width * height > MOST_PIXELS:
+            raise UnfitValue(f"camera {name} of {width} x {height} pixels", f"at most {MOST_PIXELS:,} in all")
+        exposure = numbers(data["exposure"], f"the exposure of camera {name}", (3,), _MOST_EXPOSURE)
+        if not (exposure > 0).all():
+            raise UnfitValue(f"an exposure of camera {name} of {exposure.tolist()}", "three positive numbers")
+        return cls(
+            name,
+            width,
+            height,
+            _lens(data["intrinsics"], f"the intrinsics of camera {name}"),
+            _pose(data["world_to_camera"], f"the pose of camera {name}"),
+        ).with_exposure(exposure)
+
+
+def _lens(value: Any, what: str) -> np.ndarray:
+    """(3, 3) of a header; UnfitValue unless it is a pinhole's."""
+    matrix = numbers(value, what, (3, 3), _FARTHEST)
+    number(min(matrix[0, 0], matrix[1, 1]).item(), f"a focal length in {what}", 1e-6, _FARTHEST)
+    if matrix[1, 0] or matrix[2].tolist() != [0, 0, 1]:
+        raise UnfitValue(f"{what} with the rows {matrix.tolist()}", "zeros below the focal lengths, and 0, 0, 1")
+    return matrix
+
+
+def _pose(value: Any, what: str) -> np.ndarray:
+    """(4, 4) of a header; UnfitValue unless it turns and shifts, and no more."""
+    matrix = numbers(value, what, (4, 4), _FARTHEST)
+    turn = matrix[:3, :3]
+    if np.abs(turn @ turn.T - np.eye(3)).max() > _ROUNDED or np.linalg.det(turn) < 0:
+        raise UnfitValue(f"{what} that mirrors, scales or shears ({turn.tolist()})", "a rotation")
+    if matrix[3].tolist() != [0, 0, 0, 1]:
+        raise UnfitValue(f"{what} with the last row {matrix[3].tolist()}", "0, 0, 0, 1")
+    return matrix
 
 
 def rotation_about(vector: np.ndarray) -> np.ndarray:

@@ -44,9 +44,8 @@ def _looks(header: SceneHeader) -> list[tuple[Camera | None, int]]:
         for frame in frames
         if 0 <= frame < header.frame_count
     ]
-    shots = shots or [(None, frame) for frame in range(header.frame_count)]
-    chosen = np.unique(np.linspace(0, len(shots) - 1, _LOOKS).round().astype(int))
-    return [shots[index] for index in chosen]
+    chosen = np.unique(np.linspace(0, (len(shots) or header.frame_count) - 1, _LOOKS).round().astype(int)).tolist()
+    return [shots[index] for index in chosen] if shots else [(None, frame) for frame in chosen]
 
 
 def _visible_weights(gaussians: GaussianArrays, camera: Camera) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..capture.camera import Camera
 from . import structs
-from .native import library
+from .native import check_status, library
 from .options import RasterizeOptions
 
 
@@ -34,7 +34,7 @@ def mesh_depth(
     options = options or RasterizeOptions()
     region = options.region_of(camera)
     depth = np.empty((region[3], region[2]), np.float32)
-    failed = library().frog_mesh_depth(
+    status = library().frog_mesh_depth(
         vertices.ctypes.data,
         len(vertices),
         triangles.ctypes.data,
@@ -44,6 +44,5 @@ def mesh_depth(
         options.near_plane,
         depth.ctypes.data,
     )
-    if failed:
-        raise MemoryError("the depth of the scene's objects ran out of memory")
+    check_status(status, "the depth of the scene's objects")
     return depth

@@ -19,7 +19,7 @@ from ..capture.camera import Camera
 from ..errors import FrogError
 from . import structs
 from .arrays import GaussianArrays
-from .options import RasterizeOptions
+from .options import MOST_SIDE, RasterizeOptions
 
 ABI_VERSION = 13
 CELL = 16  # FROG_CELL: pixels a side of the cells of ``compare``, which are the rasterizer's tiles
@@ -103,14 +103,24 @@ def set_thread_count(count: int) -> None:
     library().frog_set_thread_count(count)
 
 
+def check_status(status: int, what: str) -> None:
+    """MemoryError or ValueError for what a function of the library returned, where that is not 0."""
+    if status == 2:
+        raise ValueError(f"{what} is not possible: found sizes that cannot be, expected 1 to {MOST_SIDE} pixels a side")
+    if status:
+        raise MemoryError(f"{what} ran out of memory")
+
+
 def similarity(image: Any, truth: Any, gradient: Any) -> float:
     """Mean structural similarity of two pictures (H, W, 3) in [0, 1], window of 3DGS; fills ``gradient`` (H, W, 3)
     with its gradient by ``image``."""
     height, width = image.shape[:2]
     value = c_float()
     addresses = [structs.address(array) for array in (image, truth)]
-    if library().frog_similarity(height, width, *addresses, ctypes.addressof(value), structs.address(gradient)):
-        raise MemoryError("comparing two pictures ran out of memory")
+    check_status(
+        library().frog_similarity(height, width, *addresses, ctypes.addressof(value), structs.address(gradient)),
+        f"comparing two pictures of {width} x {height}",
+    )
     return value.value
 
 
@@ -135,8 +145,9 @@ def compare(image: Any, truth: Any, weight: float, gradient: Any, cells: Any, tr
         *(height, width, structs.address(image), structs.address(truth), truth.strides[0], weight),
         *(structs.address(array) for array in (gradient, cells, truth_floats)),
     )
-    if library().frog_compare(byref(comparison), byref(absolute)):
-        raise MemoryError("comparing two pictures ran out of memory")
+    check_status(
+        library().frog_compare(byref(comparison), byref(absolute)), f"comparing two pictures of {width} x {height}"
+    )
     return absolute.value
 
 

@@ -16,6 +16,10 @@ COMPENSATION_MIN = 0.005
 """The opacity compensation never goes below, and passes no gradient there."""
 TRANSMITTANCE_MIN = 1e-4
 """The Gaussian that would take a pixel's transmittance below this is left out, and so is everything behind it."""
+MOST_SIDE = 65_536
+"""Pixels of a picture's width or height: the native code counts tiles in 16 bits, and pixels of a side exactly."""
+MOST_PIXELS = 2**30
+"""Of a picture."""
 
 
 @dataclass(frozen=True)
@@ -43,10 +47,11 @@ class RasterizeOptions:
     region: tuple[int, int, int, int] | None = None
 
     def region_of(self, camera: Camera) -> tuple[int, int, int, int]:
-        """The region, checked; ValueError for one that is empty or reaches out of the camera's picture."""
-        if self.region is None:
-            return 0, 0, camera.width, camera.height
-        left, top, width, height = self.region
+        """The region, checked; ValueError for one that is empty, too large or reaches out of the camera's picture."""
+        region = self.region or (0, 0, camera.width, camera.height)
+        left, top, width, height = region
         if min(left, top) < 0 or min(width, height) < 1 or left + width > camera.width or top + height > camera.height:
-            raise ValueError(f"region {self.region} does not lie in a picture of {camera.width} x {camera.height}")
-        return self.region
+            raise ValueError(f"region {region} does not lie in a picture of {camera.width} x {camera.height}")
+        if max(camera.width, camera.height) > MOST_SIDE or width * height > MOST_PIXELS:
+            raise ValueError(f"region {region} is too large to draw, expected sides of at most {MOST_SIDE} pixels")
+        return region

@@ -50,6 +50,11 @@ def number(model: dict, name: str) -> float:
     return value
 
 
+def scales_of(logs: np.ndarray) -> np.ndarray:
+    """Standard deviations, finite for any logarithms, as those of Gaussians at rest."""
+    return np.exp(np.clip(logs, -80, 80))
+
+
 def sigmoid(logits: np.ndarray) -> np.ndarray:
     return 1 / (1 + np.exp(-np.clip(logits, -80, 80)))
 
@@ -93,7 +98,7 @@ class StillGaussians:
             else:
                 v[name] = v[name] + change.reshape(v[name].shape)
         return GaussianArrays(
-            v["means"], v["quaternions"], np.exp(v["log_scales"]), sigmoid(v["opacity_logits"]), v["sh"]
+            v["means"], v["quaternions"], scales_of(v["log_scales"]), sigmoid(v["opacity_logits"]), v["sh"]
         )
 
 

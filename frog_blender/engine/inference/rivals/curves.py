@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...rasterizer.arrays import GaussianArrays
-from .arrays import StillGaussians, number, readable, sigmoid, take
+from .arrays import StillGaussians, number, readable, scales_of, sigmoid, take
 
 _NUMBERS = 15
 
@@ -33,7 +33,7 @@ class PlayableCurves:
             widths = np.clip(np.float32(-number(model, "width_unit")) * embeddings[:, 14:15], -40, 40)
             self._sharpness = np.exp(widths) / np.float32(number(model, "first_width"))
             self._still = {name: np.ascontiguousarray(arrays[name], np.float32) for name in ("means", "quaternions")}
-            self._scales = np.exp(np.asarray(arrays["log_scales"], np.float32))
+            self._scales = scales_of(np.asarray(arrays["log_scales"], np.float32))
             self._opacities = sigmoid(np.asarray(arrays["opacity_logits"], np.float32))
             self._sh = np.ascontiguousarray(arrays["sh"], np.float32)
 

@@ -68,6 +68,22 @@ void draw(FrogFrame &frame, const FrogGaussians &gaussians, const FrogImage &ima
   if (image.max_weights) end_weights(frame, image.max_weights);
 }
 
+// Sizes of pictures that the code below can count: tiles in 16 bits, and no side's pixels lost in a float.
+constexpr int32_t MOST_SIDE = 65536;
+constexpr int64_t MOST_PIXELS = int64_t{1} << 30;
+
+bool is_drawable(int32_t width, int32_t height) {
+  return width >= 1 && height >= 1 && width <= MOST_SIDE && height <= MOST_SIDE &&
+         static_cast<int64_t>(width) * height <= MOST_PIXELS;
+}
+
+bool lies_within(const FrogCamera &camera, const int32_t region[4]) {
+  return is_drawable(region[2], region[3]) && camera.width <= MOST_SIDE && camera.height <= MOST_SIDE && region[0] >= 0 &&
+         region[1] >= 0 && region[0] <= camera.width - region[2] && region[1] <= camera.height - region[3];
+}
+
+constexpr int32_t BAD_SIZE = 2;  // what functions return then, besides 0 and 1
+
 // 0, or 1 when memory ran out: exceptions stay on this side of the interface.
 template <class Work>
 int32_t attempt(Work work) {
@@ -90,6 +106,7 @@ int32_t frog_thread_count(void) { return frog::thread_count(); }
 
 FrogFrame *frog_draw(const FrogGaussians *gaussians, const FrogCamera *camera, const FrogOptions *options,
                      FrogImage *image, int32_t differentiable) {
+  if (gaussians->count < 0 || !lies_within(*camera, options->region)) return nullptr;
   FrogFrame *frame = nullptr;
   try {
     frame = frog::take_frame();
@@ -155,6 +172,7 @@ int32_t frog_adam(const FrogAdam *parameters, int32_t count) {
 }
 
 int32_t frog_compare(const FrogComparison *comparison, float *absolute) {
+  if (!is_drawable(comparison->width, comparison->height)) return BAD_SIZE;
   return attempt([&] {
     const FrogComparison &c = *comparison;
     std::vector<double> sums((c.height + FROG_CELL - 1) / FROG_CELL);
@@ -169,6 +187,7 @@ int32_t frog_compare(const FrogComparison *comparison, float *absolute) {
 
 int32_t frog_mesh_depth(const float *vertices, int32_t vertex_count, const int32_t *triangles, int32_t triangle_count,
                         const FrogCamera *camera, const int32_t region[4], float near_plane, float *depth) {
+  if (vertex_count < 0 || triangle_count < 0 || !lies_within(*camera, region)) return BAD_SIZE;
   return attempt([&] {
     frog::draw_mesh_depth(vertices, vertex_count, triangles, triangle_count, *camera, region, near_plane, depth);
   });
@@ -176,6 +195,7 @@ int32_t frog_mesh_depth(const float *vertices, int32_t vertex_count, const int32
 
 int32_t frog_similarity(int32_t height, int32_t width, const float *image, const float *truth, float *similarity,
                         float *gradient) {
+  if (!is_drawable(width, height)) return BAD_SIZE;
   return attempt([&] {
     const int strips = (height + SSIM_STRIP - 1) / SSIM_STRIP;
     std::vector<double> sums(3 * static_cast<size_t>(strips));

@@ -116,6 +116,9 @@ FROG_EXPORT const char *frog_instruction_set(void);
 FROG_EXPORT void frog_set_thread_count(int32_t count);  // 0: one for each core
 FROG_EXPORT int32_t frog_thread_count(void);
 
+// Pictures have sides of 1 to 65,536 pixels and 2^30 pixels at most, and regions lie in the camera's picture. What draws or
+// compares another does nothing: frog_draw returns null, the others 2.
+
 // Draws, and keeps what the backward pass needs where there will be one; null when memory ran out. Free the result with
 // frog_free.
 FROG_EXPORT FrogFrame *frog_draw(const FrogGaussians *, const FrogCamera *, const FrogOptions *, FrogImage *,
