@@ -91,12 +91,12 @@ def test_a_view_of_nothing(options: RasterizeOptions, implementation: str) -> No
 
 
 def test_more_tiles_than_can_be_counted_are_refused() -> None:
-    """A hundred thousand Gaussians that each cover all tiles of a very wide picture: four thousand million entries. The
-    count is checked before anything is allocated for it."""
-    camera = plain_camera(16 * 32767, 1, 1e3)
+    """A million Gaussians that each cover all tiles of a very wide picture: four thousand million entries. The count is
+    checked before anything is allocated for it."""
+    camera = plain_camera(16 * 4096, 1, 1e3)
     gaussians = one_gaussian((0, 0, 1.0), scales=[[1e3] * 3])
-    many = GaussianArrays(*[np.repeat(getattr(gaussians, name), 2**32 // 32767 + 2, axis=0) for name in ATTRIBUTES])
-    with torch.no_grad(), pytest.raises(MemoryError, match="131078 Gaussians at 524272 x 1"):
+    many = GaussianArrays(*[np.repeat(getattr(gaussians, name), 2**32 // 4096 + 2, axis=0) for name in ATTRIBUTES])
+    with torch.no_grad(), pytest.raises(MemoryError, match="1048578 Gaussians at 65536 x 1"):
         rasterize(tensors(many), camera)
 
 

@@ -1,0 +1,89 @@
+"""Everything that is done with a ``.frog`` outside of Blender: told, played, drawn, exported, rendered."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import shutil
+from pathlib import Path
+
+import numpy as np
+
+from frog_blender.blender_camera import lens_of, pose_of
+from frog_blender.cli import main
+from frog_blender.commands import render_frames
+from frog_blender.engine.clips import camera_path, capture_folders, find_clips, moves_alone
+from frog_blender.engine.errors import FrogError, printable
+from frog_blender.engine.exchange import export_frames
+from frog_blender.engine.inference.draw import draw
+from frog_blender.engine.inference.importance import most_important, ranking
+from frog_blender.engine.inference.scene import PlayableScene
+
+_LARGEST = 2**20  # pixels of pictures that are drawn with all that there is to know; `frog render` draws larger ones
+
+
+def use(path: Path, out: Path) -> bool:
+    """True if the file could be used, False if it was refused in a sentence; anything else is raised.
+
+    Args:
+        out: a folder that is written into, and emptied.
+    """
+    told = _tell(path)
+    try:
+        scene = PlayableScene.load(path)
+        _play(scene)
+        _draw(scene)
+        _look_for_clips(scene, path)
+        export_frames(scene, [0, scene.header.frame_count - 1], out, "x")
+        _render(path, scene, out)
+    except FrogError as error:
+        sentence = str(error)
+        assert sentence == printable(sentence) and len(sentence) < 1500, sentence
+        return False
+    finally:
+        shutil.rmtree(out, ignore_errors=True)
+    assert told, "what plays can be told"
+    return True
+
+
+def _tell(path: Path) -> bool:
+    """``frog info``; True if it did."""
+    with contextlib.redirect_stdout(io.StringIO()) as said, contextlib.redirect_stderr(io.StringIO()) as complaint:
+        status = main(["info", str(path)])
+    for line in [*said.getvalue().split("\n"), *complaint.getvalue().split("\n")]:
+        assert line == printable(line), line
+    assert status == 0 or complaint.getvalue().count("\n") == 1, complaint.getvalue()
+    return status == 0
+
+
+def _play(scene: PlayableScene) -> None:
+    for time in (0.0, 0.3, 1.0):
+        scene.at(time, scene.part_at(time))
+    scene.at(0.7)
+    order = ranking(scene)
+    some = scene.only(most_important(order, scene.count // 2))
+    some.at(0.5, some.part_at(0.5))
+    assert sorted(order.tolist()) == list(range(scene.count))
+
+
+def _draw(scene: PlayableScene) -> None:
+    for camera in scene.header.cameras[:2]:
+        lens_of(camera), pose_of(camera)
+        if camera.width * camera.height <= _LARGEST:
+            drawing = draw(scene.at_frame(1.5), camera, scene.header.background)
+            assert drawing.rgb.shape == (camera.height, camera.width, 3)
+            assert not np.isnan(drawing.alpha).any()
+
+
+def _look_for_clips(scene: PlayableScene, path: Path) -> None:
+    for folder in capture_folders(scene.header, path):
+        find_clips(scene.header, folder)
+    if scene.header.cameras and moves_alone(scene.header):
+        camera_path(scene.header)
+
+
+def _render(path: Path, scene: PlayableScene, out: Path) -> None:
+    header = scene.header
+    if header.cameras:
+        name = "moving" if header.is_moving else header.cameras[0].name
+        render_frames(path, name, f"{header.frame_count - 1}:", out, lambda done, total: None)
