@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import tracemalloc
 import zlib
 from pathlib import Path
 
@@ -148,3 +149,47 @@ def test_damaged_bytes_are_refused_or_read(data: st.DataObject) -> None:
     content = content[: data.draw(st.integers(0, len(content)))]
     with contextlib.suppress(ValueError):
         assert unpack(content, packed.description).shape == (50, 3)
+
+
+def test_many_arrays_together_are_no_bomb_either(tmp_path: Path) -> None:
+    """Each may be as large as a network; all of them together would take seventeen thousand million bytes."""
+    content = pack("network.x", np.zeros(2**22, np.float32)).content
+    names = [f"network.x{number}" for number in range(1000)]
+    arrays, packing = packed_scene()
+    bomb = arrays | dict.fromkeys(names, content)
+    packing |= {name: {"shape": [2**22], "bits": 0} for name in names}
+    path = tmp_path / "x.frog"
+    path.write_bytes(save(bomb, metadata={"frog": scene_file().header.to_json(), "packing": json.dumps(packing)}))
+    assert path.stat().st_size < 10e6
+    tracemalloc.start()
+    with pytest.raises(FrogError, match=r"arrays of 16,777,2\d\d,\d\d\d bytes, expected at most"):
+        read_scene(path)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 50e6
+
+
+def test_arrays_that_no_scene_has_are_not_unpacked(tmp_path: Path) -> None:
+    arrays, packing = packed_scene()
+    arrays |= {"surprise": pack("surprise", np.zeros(2**22, np.float32)).content}
+    packing |= {"surprise": {"shape": [2**22], "bits": 0}, "nowhere": {"shape": [5], "bits": 0}}
+    path = tmp_path / "x.frog"
+    path.write_bytes(save(arrays, metadata={"frog": scene_file().header.to_json(), "packing": json.dumps(packing)}))
+    assert read_scene(path).arrays.keys() == scene_file().arrays.keys()
+
+
+@pytest.mark.parametrize("shape", [[-5, -3], [40.0, 3], [True, 3], "ab", None, [2**80, 3], {}])
+@pytest.mark.parametrize("bits", [16, 8, 0, True, 16.0, None, "8", [8]])
+def test_descriptions_of_other_kinds(tmp_path: Path, shape: object, bits: object) -> None:
+    arrays, packing = packed_scene()
+    packing["means"] = {"shape": shape, "bits": bits}
+    path = tmp_path / "x.frog"
+    path.write_bytes(save(arrays, metadata={"frog": scene_file().header.to_json(), "packing": json.dumps(packing)}))
+    with pytest.raises(FrogError):
+        read_scene(path)
+
+
+def packed_scene() -> tuple[dict[str, np.ndarray], dict]:
+    """The arrays of a small packed scene, and what describes them."""
+    packed = {name: pack(name, array) for name, array in scene_file().arrays.items()}
+    return {name: each.content for name, each in packed.items()}, {n: each.description for n, each in packed.items()}
