@@ -16,10 +16,11 @@ from hypothesis import strategies as st
 from safetensors import safe_open
 from safetensors.numpy import save
 
+from frog_blender.engine.blocks import BLOCK
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.files import read_scene, scene_bytes, write_scene
 from frog_blender.engine.inference.scene import PlayableScene
-from frog_blender.engine.packing import BITS, BLOCK, pack, unpack, unpack_scene
+from frog_blender.engine.packing import BITS, pack, unpack, unpack_scene
 
 
 @pytest.mark.parametrize("count", [1, 2, BLOCK - 1, BLOCK, BLOCK + 1, 3000])

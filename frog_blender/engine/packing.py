@@ -1,8 +1,8 @@
 """Arrays of a scene as few bytes: quantised in blocks, laid out by significance, compressed by zlib. No torch.
 
-A block is 256 rows in which each column is stored as whole numbers between its least and largest value. Gaussians that
-lie side by side in the file lie side by side in the scene (see spatial_order), or are there at the same moments (see
-inference.lifetimes), so a block spans little and neighbours have bytes in common.
+A block is 256 rows in which each column is stored as whole numbers between its least and largest value (see blocks).
+Gaussians that lie side by side in the file lie side by side in the scene (see spatial_order), or are there at the same
+moments (see inference.lifetimes), so a block spans little and neighbours have bytes in common.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-BLOCK = 256
+from . import blocks
+
 _LARGEST = 2**27  # numbers of an unpacked array
 _LEVEL = 9
 _AS_IT_IS = 1  # bits of a number that is stored as the byte that it is
@@ -52,7 +53,7 @@ class Packed:
 
 def pack(name: str, array: np.ndarray) -> Packed:
     """A float32 array of any shape, or bytes (uint8); ValueError for numbers that are not finite."""
-    bits = BITS.get(name, 0)
+    bits, apart = BITS.get(name, 0), 0
     if bits == _AS_IT_IS:
         stored = array.astype(np.uint8).tobytes()
     elif not np.isfinite(array).all():
@@ -60,17 +61,13 @@ def pack(name: str, array: np.ndarray) -> Packed:
     elif not bits:
         if np.abs(array).max(initial=0) > _LARGEST_HALF:
             raise ValueError(f"{name} holds numbers too large for half precision")
-        stored = _by_significance(array.astype(np.float16).reshape(-1).view(np.uint8), 2)
+        stored = blocks.by_significance(array.astype(np.float16).reshape(-1).view(np.uint8), 2)
     else:
-        rows = array.reshape(len(array), math.prod(array.shape[1:]))
-        least, step = _ranges(rows, bits)
-        block = np.arange(len(rows)) // BLOCK
-        levels = np.rint((rows - least[block]) / step[block]).clip(0, 2**bits - 1)
-        numbers = levels.astype(np.uint8 if bits == 8 else np.uint16).T  # column by column: they have most in common
-        ranges = np.stack([least, step]).astype(np.float32).tobytes()
-        stored = ranges + _by_significance(np.ascontiguousarray(numbers).reshape(-1).view(np.uint8), bits // 8)
+        found = blocks.quantise(name, array.reshape(len(array), math.prod(array.shape[1:])), bits)
+        stored, apart = blocks.stored(found), len(found.places)
     content = np.frombuffer(zlib.compress(stored, _LEVEL), np.uint8)
-    return Packed(content, {"shape": list(array.shape), "bits": bits})
+    described = {"shape": list(array.shape), "bits": bits} | ({"apart": apart} if apart else {})
+    return Packed(content, described)
 
 
 def unpack(content: np.ndarray, description: dict[str, Any], most: int = _LARGEST) -> np.ndarray:
@@ -87,11 +84,12 @@ def unpack(content: np.ndarray, description: dict[str, Any], most: int = _LARGES
     count = math.prod(shape)
     if count > most or (not count and max(shape, default=0) > most):
         raise ValueError(f"an array of shape {shape}, expected at most {most} numbers")
-    in_blocks = bits in (8, 16)
-    columns = count // shape[0] if in_blocks and shape[0] else 0
-    blocks = -(-shape[0] // BLOCK) if in_blocks else 0
-    width = 1 if bits == _AS_IT_IS else bits // 8 or 2
-    size = 8 * blocks * columns + width * count
+    apart = description.get("apart", 0)
+    if type(apart) is not int or not 0 <= apart <= (count if bits in (8, 16) else 0):
+        raise ValueError(f"{apart} numbers apart of {count} in {bits} bits")
+    columns = count // shape[0] if bits in (8, 16) and shape[0] else 0
+    width = 1 if bits == _AS_IT_IS else 2
+    size = blocks.stored_size(shape[0], columns, bits, apart) if columns else width * count
     unpacker = zlib.decompressobj()
     try:
         stored = unpacker.decompress(np.ascontiguousarray(content, np.uint8).tobytes(), size + 1)
@@ -102,12 +100,8 @@ def unpack(content: np.ndarray, description: dict[str, Any], most: int = _LARGES
     if bits == _AS_IT_IS:
         return np.frombuffer(stored, np.uint8).reshape(shape)
     if not bits:
-        return _from_significance(stored, 2).view(np.float16).astype(np.float32).reshape(shape)
-    ranges = np.frombuffer(stored, np.float32, 2 * blocks * columns).reshape(2, blocks, columns)
-    numbers = _from_significance(stored[ranges.nbytes :], width).view(np.uint8 if bits == 8 else np.uint16)
-    block = np.arange(shape[0]) // BLOCK
-    levels = numbers.reshape(columns, shape[0]).T.astype(np.float32)
-    return (ranges[0][block] + levels * ranges[1][block]).astype(np.float32).reshape(shape)
+        return blocks.from_significance(stored, 2).view(np.float16).astype(np.float32).reshape(shape)
+    return blocks.from_stored(stored, shape[0], columns, bits, apart).reshape(shape)
 
 
 def unpack_scene(arrays: dict[str, np.ndarray], descriptions: dict[str, Any]) -> dict[str, np.ndarray]:
@@ -133,21 +127,3 @@ def _shape_of(description: dict[str, Any]) -> tuple[int, ...]:
     if any(type(length) is not int or length < 0 for length in shape):
         raise ValueError(f"an array of shape {shape}")
     return shape
-
-
-def _ranges(rows: np.ndarray, bits: int) -> tuple[np.ndarray, np.ndarray]:
-    """(blocks, columns) least value and step of every block."""
-    starts = np.arange(0, len(rows), BLOCK)
-    if not len(starts):
-        return np.empty((0, rows.shape[1]), np.float32), np.empty((0, rows.shape[1]), np.float32)
-    least, largest = np.minimum.reduceat(rows, starts), np.maximum.reduceat(rows, starts)
-    return least, np.maximum((largest - least) / np.float32(2**bits - 1), np.float32(1e-30))
-
-
-def _by_significance(numbers: np.ndarray, width: int) -> bytes:
-    """All lowest bytes, then all next ones."""
-    return np.ascontiguousarray(numbers.reshape(-1, width).T).tobytes()
-
-
-def _from_significance(stored: bytes, width: int) -> np.ndarray:
-    return np.ascontiguousarray(np.frombuffer(stored, np.uint8).reshape(width, -1).T).reshape(-1)

@@ -20,8 +20,9 @@ from .plain_values import (
     whole,
 )
 
-FORMAT_VERSION = 4
-"""1 had every array as it is; 2 may have them packed; 3 may have lifetimes; 4 may have some that only fade."""
+FORMAT_VERSION = 5
+"""1 had every array as it is; 2 may have them packed; 3 may have lifetimes; 4 may have some that only fade; 5 may have
+numbers that are packed apart from their block."""
 METHODS = ("frog", "ed3dgs", "static", "d3dgs", "hexplane", "curves")
 RESHAPED = "reshaped"
 """The model setting that says how many of those that are deformed, the first, turn and grow; the others keep their
