@@ -37,7 +37,7 @@ def refused(path: Path) -> str:
 
 def test_missing_and_folder(tmp_path: Path) -> None:
     assert "no file" in refused(tmp_path / "none.frog")
-    assert "no file" in refused(tmp_path)
+    assert "a folder" in refused(tmp_path)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.001, 0.3, 0.9, 0.9999])

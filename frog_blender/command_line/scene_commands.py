@@ -48,6 +48,6 @@ def _import(options: argparse.Namespace) -> int:
         raise FrogError(f"{options.splats}: expected a .ply file.")
     imported = import_splats(options.splats, options.out or free_scene_path(options.splats), compact=options.packed)
     say(f"{imported.gaussians:,} Gaussians in {imported.path}")
-    if imported.left_out:
-        say(f"{imported.left_out:,} were left out: they held no finite numbers")
+    if imported.warning:
+        say(imported.warning)
     return 0

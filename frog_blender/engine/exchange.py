@@ -21,12 +21,19 @@ class Imported:
     """Attributes:
     path: of the ``.frog`` that was written.
     gaussians: how many are in it.
-    left_out: rows of the ``.ply`` that held no finite numbers.
+    left_out: rows of the ``.ply`` whose numbers are not finite or too large.
     """
 
     path: Path
     gaussians: int
     left_out: int
+
+    @property
+    def warning(self) -> str:
+        """A sentence about what was left out; "" for nothing."""
+        if not self.left_out:
+            return ""
+        return f"{self.left_out:,} Gaussians were left out: their numbers are not finite or too large."
 
 
 def import_splats(source: Path, target: Path, *, compact: bool = False) -> Imported:

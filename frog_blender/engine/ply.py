@@ -2,7 +2,8 @@
 
 ``x y z nx ny nz f_dc_0..2 f_rest_* opacity scale_0..2 rot_0..3``: opacities as logits, scales as logarithms,
 quaternions w, x, y, z, ``f_rest`` by channel (all of red, then green, then blue). Written as little-endian float32;
-read in either byte order, any number type and any order of properties.
+read in either byte order, any order of properties, and floats of 16 (which PLY can only name whole numbers), 32 and 64
+bits. Which way is up no file says: see exchange.
 
 plyfile was tried for this. Its current release wants numpy 2, which Blender 4.5 and 5.0 do not have; and for lists
 before the vertices, text, or a header without an end it asks for what the file says (30 GB for 200 bytes; 86 s for
@@ -21,7 +22,9 @@ import numpy as np
 
 from .errors import FrogError, found_instead
 from .files import write_atomically
+from .ply_numbers import cleaned, floats
 from .rasterizer.arrays import GaussianArrays
+from .regular_file import regular_file
 
 _EXPECTED = "a binary 3DGS .ply"
 _LONGEST_HEADER = 1 << 16
@@ -33,12 +36,12 @@ _NAMES = {
     "u2": ("ushort", "uint16"),
     "i4": ("int", "int32"),
     "u4": ("uint", "uint32"),
+    "f2": ("half", "float16"),
     "f4": ("float", "float32"),
     "f8": ("double", "float64"),
 }
 _TYPES = {name: code for code, names in _NAMES.items() for name in names}
 _RESTS = {0: 1, 9: 4, 24: 9, 45: 16}  # f_rest properties -> SH coefficients a channel
-_MOST_CERTAIN = 30.0  # logit that stands for an infinite one, which some programs write for an opacity of one
 
 
 @dataclass(frozen=True)
@@ -46,9 +49,9 @@ class Splats:
     """What a 3DGS ``.ply`` holds.
 
     Attributes:
-        arrays: ``means`` (N, 3), ``quaternions`` (N, 4) of any length but zero, ``log_scales`` (N, 3),
+        arrays: ``means`` (N, 3), ``quaternions`` (N, 4) of length one, ``log_scales`` (N, 3),
             ``opacity_logits`` (N,) and ``sh`` (N, K, 3), float32, as a static scene file has them.
-        left_out: rows that held no numbers or infinite ones, and are not among the N.
+        left_out: rows whose numbers are not finite or too large to be drawn, and which are not among the N.
     """
 
     arrays: dict[str, np.ndarray]
@@ -77,7 +80,7 @@ def splat_bytes(gaussians: GaussianArrays) -> bytes:
 def read_splats(path: str | Path) -> Splats:
     """FrogError in one sentence for anything but a whole 3DGS ``.ply``; no more memory than a few times its size."""
     try:
-        with Path(path).open("rb") as file:
+        with regular_file(path, _EXPECTED).open("rb") as file:
             start, count, dtype = _layout(path, file)
             size = count * dtype.itemsize
             found = max(file.seek(0, 2) - start, 0)
@@ -85,8 +88,6 @@ def read_splats(path: str | Path) -> Splats:
                 raise found_instead(path, f"{found:,} bytes of Gaussians", f"the {size:,} that its header announces")
             file.seek(start)
             content = file.read(size)
-    except FileNotFoundError:
-        raise found_instead(path, "no file", _EXPECTED) from None
     except OSError as error:
         raise FrogError(f"{path}: could not be read ({error.strerror or error}).") from error
     if len(content) != size:
@@ -163,17 +164,13 @@ def _splats(path: str | Path, table: np.ndarray) -> Splats:
         raise found_instead(path, f"{rest} properties f_rest", "0, 9, 24 or 45 of them")
     with np.errstate(over="ignore"):  # doubles that no float32 holds become infinite, and are left out
         arrays = {
-            name: np.stack([table[column].astype(np.float32) for column in columns], axis=1)
+            name: np.stack([floats(path, table[column]) for column in columns], axis=1)
             for name, columns in wanted.items()
         }
-    arrays["opacity_logits"] = np.clip(arrays["opacity_logits"][:, 0], -_MOST_CERTAIN, _MOST_CERTAIN)
-    whole = np.logical_and.reduce([np.isfinite(a).reshape(len(table), -1).all(axis=1) for a in arrays.values()])
-    if not whole.any():
-        raise found_instead(path, "not one Gaussian of finite numbers", _EXPECTED)
-    if not whole.all():
-        arrays = {name: array[whole] for name, array in arrays.items()}
+    arrays["opacity_logits"] = arrays["opacity_logits"][:, 0]
+    halves = any(table.dtype[column].kind != "f" for columns in wanted.values() for column in columns)
+    arrays, left_out = cleaned(path, arrays, halves=halves)
     flat = arrays["sh"]
     further = flat[:, 3:].reshape(len(flat), 3, -1).transpose(0, 2, 1)
     arrays["sh"] = np.ascontiguousarray(np.concatenate([flat[:, None, :3], further], axis=1))
-    arrays["quaternions"][~arrays["quaternions"].any(axis=1)] = (1.0, 0.0, 0.0, 0.0)
-    return Splats(arrays, int((~whole).sum()))
+    return Splats(arrays, left_out)

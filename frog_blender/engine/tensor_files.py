@@ -18,6 +18,7 @@ import numpy as np
 
 from .errors import brief, found_instead
 from .plain_values import UnfitValue, entries, items, plain_json, whole
+from .regular_file import regular_file
 
 _LONGEST_HEADER = 48 << 20  # bytes
 _MOST_ARRAYS = 65_536
@@ -44,8 +45,7 @@ def read_tensors(
     Raises:
         FrogError: in one sentence, for a file that is missing, damaged, of another kind, or too large for the memory.
     """
-    if not Path(path).is_file():
-        raise found_instead(path, "no file", kind)
+    regular_file(path, kind)
     try:
         with Path(path).open("rb") as file:
             return _read(file, wanted)

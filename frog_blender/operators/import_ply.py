@@ -72,8 +72,8 @@ class FROG_OT_import_splats(OpensDroppedFile, bpy.types.Operator):
         if self.turn_upright:
             placed_by(obj).matrix_world = Matrix(Y_DOWN.T.tolist())
         select_alone(context, obj)
-        if imported.left_out:
-            self.report({"WARNING"}, f"{imported.left_out:,} Gaussians were left out: they held no finite numbers.")
+        if imported.warning:
+            self.report({"WARNING"}, imported.warning)
         else:
             self.report({"INFO"}, f"{imported.gaussians:,} Gaussians in {imported.path}.")
         return {"FINISHED"}

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from ..errors import found_instead
+from ..regular_file import regular_file
 from .video import read_picture
 
 PNG_START = b"\x89PNG\r\n\x1a\n"
@@ -24,7 +25,7 @@ def picture_size(path: Path) -> tuple[int, int]:
         FrogError: if the file is missing or no picture.
     """
     try:
-        with path.open("rb") as file:
+        with regular_file(path, "a picture").open("rb") as file:
             start = file.read(PNG_HEADER)
             size = png_size(start)
             if size is None and start.startswith(_JPEG_START):

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import FrogError, found_instead
+from ..regular_file import regular_file
 
 VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm"})
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp")
@@ -48,8 +49,7 @@ def load_opencv() -> Any:
 
 
 def _open(path: Path) -> Any:
-    if not path.is_file():
-        raise found_instead(path, "no such file", "a video")
+    regular_file(path, "a video")
     if path.stat().st_size == 0:
         raise found_instead(path, "an empty file", "a video")
     # From the root, or FFmpeg takes what stands before a colon in a name for a protocol.
@@ -142,8 +142,7 @@ def read_picture(path: Path, background: tuple[float, float, float] = (0.0, 0.0,
         FrogError: if the file is missing or no picture.
     """
     cv2 = load_opencv()
-    if not path.is_file():
-        raise found_instead(path, "no such file", "a picture")
+    regular_file(path, "a picture")
     # Through memory: OpenCV cannot open paths outside the system's code page on Windows.
     try:
         data = np.frombuffer(path.read_bytes(), dtype=np.uint8)

@@ -16,6 +16,7 @@ from ..capture.frames import FrameStore
 from ..errors import FrogError, found_instead
 from ..inference.draw import draw
 from ..inference.scene import PlayableScene
+from ..regular_file import regular_file
 from .metrics import gradient_energy, psnr_of, ssim
 
 Measure = Callable[[np.ndarray, np.ndarray], float]
@@ -54,8 +55,7 @@ def moving_mask(store: FrameStore, shot_indices: list[int]) -> np.ndarray:
 def load_masks(path: Path, capture: Capture) -> dict[str, np.ndarray]:
     """Masks by camera name: a picture (white counts) for all cameras, or an ``.npz`` with an array for each camera,
     (H, W) or (frames, H, W). FrogError when a name or a size does not fit."""
-    if not path.is_file():
-        raise found_instead(path, "no file", "a picture or an .npz of masks")
+    regular_file(path, "a picture or an .npz of masks")
     try:
         if path.suffix.lower() == ".npz":
             with np.load(path, allow_pickle=False) as archive:

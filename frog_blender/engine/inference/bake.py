@@ -20,6 +20,7 @@ import numpy as np
 
 from ..errors import FrogError, brief, found_instead
 from ..files import remove_unfinished
+from ..regular_file import regular_file
 from .moving_part import MovingPart, width_of
 from .scene import PlayableScene
 
@@ -98,7 +99,7 @@ class Bake:
         self._columns = [(name, width_of(name)) for name in scene.changing]
         self._moving, self._row = scene.moving, scene.part_bytes // 4
         try:
-            self._file = path.open("rb", buffering=0)  # what is read is on the disk now
+            self._file = regular_file(path, _KIND).open("rb", buffering=0)  # what is read is on the disk now
         except OSError as error:
             raise found_instead(path, f"a file that cannot be opened ({error.strerror or error})", _KIND) from error
         try:
@@ -179,7 +180,7 @@ class Bake:
 def fingerprint(path: Path) -> str:
     """Of a file's content; FrogError if it cannot be read."""
     try:
-        with path.open("rb") as file:
+        with regular_file(path, "a .frog scene").open("rb") as file:
             return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=20)).hexdigest()
     except OSError as error:
         raise found_instead(path, f"a file that cannot be read ({error.strerror or error})", "a .frog scene") from error

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import stat
 from collections.abc import Iterator
 from functools import lru_cache
 from itertools import count
@@ -42,6 +43,8 @@ def trained_from(path: Path) -> str:
     try:
         status = path.stat()
     except OSError:
+        return ""
+    if not stat.S_ISREG(status.st_mode):  # a pipe would let the panel wait for ever
         return ""
     return _named_by(str(path), status.st_mtime_ns, status.st_size)
 

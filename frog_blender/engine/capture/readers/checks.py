@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import found_instead
+from ...regular_file import regular_file
 from ..capture import Shot
 from ..video import VideoFacts
 
@@ -21,7 +22,7 @@ def read_json(path: Path) -> dict[str, Any]:
         FrogError: if the file is missing, no JSON, or no object.
     """
     try:
-        data = json.loads(path.read_text(encoding="utf-8-sig"))
+        data = json.loads(regular_file(path, "a JSON file").read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise found_instead(path, f"a file that cannot be read ({error.strerror})", "a JSON file") from error
     except (ValueError, RecursionError) as error:

@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ...errors import found_instead
+from ...regular_file import regular_file
 from ..camera import Camera
 from ..capture import Distortion
 from .checks import number, pose, rotation
@@ -24,7 +25,7 @@ def read_cameras(path: Path) -> list[tuple[Camera, Distortion | None]]:
     Raises:
         FrogError: if the file is no such calibration or a value is missing.
     """
-    text = path.read_bytes()
+    text = regular_file(path, "a Qualisys calibration").read_bytes()
     # Entities can blow a small file up or read other files; a calibration needs none (UTF-16 would hide them).
     if b"<!doctype" in text.lower() or b"<!entity" in text.lower() or b"\0" in text:
         raise found_instead(path, "XML with a document type or entities", "a plain Qualisys calibration")

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import FrogError, found_instead
+from ...regular_file import regular_file
 from ..camera import Camera
 from ..capture import Capture, Distortion, Shot
 from ..picture_size import PNG_HEADER, png_size
@@ -156,7 +157,7 @@ def _camera(name: str, row: np.ndarray, path: Path) -> tuple[Camera, Distortion 
 
 def _picture_size(picture: Path) -> tuple[int, int]:
     """(width, height) from a PNG's header, checked against the proportions of the calibration."""
-    with picture.open("rb") as file:
+    with regular_file(picture, "a picture").open("rb") as file:
         size = png_size(file.read(PNG_HEADER))
     if size is None:
         raise found_instead(picture, "a file that is not a PNG", "a picture")
@@ -184,6 +185,6 @@ def _replace_damaged(files: dict[tuple[int, int], Path], warnings: list[str]) ->
 
 def _is_whole(picture: Path) -> bool:
     """True if a PNG has its end; decoders fill what is missing with black and say nothing."""
-    with picture.open("rb") as file:
+    with regular_file(picture, "a picture").open("rb") as file:
         file.seek(max(0, picture.stat().st_size - 1024))
         return _PNG_END in file.read()
