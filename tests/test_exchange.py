@@ -13,7 +13,9 @@ from frog_blender.engine.errors import FrogError
 from frog_blender.engine.exchange import export_frames, free_scene_path, import_splats
 from frog_blender.engine.files import read_scene, write_scene
 from frog_blender.engine.inference.draw import draw
+from frog_blender.engine.inference.rest import at_rest
 from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender.engine.inference.transform import Y_DOWN, transform
 from frog_blender.engine.ply import read_splats
 
 
@@ -39,6 +41,17 @@ def test_there_and_back_is_the_same_moment(trained: Path, tmp_path: Path) -> Non
         np.testing.assert_allclose(*pictures, atol=1e-4)
     moved = np.abs(scene.at_frame(0).means - before.means).max()
     assert moved > 1e-2, "the test's own scene does not move"
+
+
+def test_the_command_turns_z_up_to_y_down(trained: Path, tmp_path: Path) -> None:
+    """Places and colours; as they are unless it is told to."""
+    before = PlayableScene.load(trained).at_frame(3)
+    for options, turn in (([], np.eye(4)), (["--y-down"], Y_DOWN)):
+        assert main(["export", str(trained), "--frames", "3:4", "--out", str(tmp_path), *options]) == 0
+        found, expected = at_rest(read_splats(tmp_path / "x_0003.ply").arrays), transform(before, turn)
+        for name in ("means", "scales", "sh"):
+            np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-5, atol=1e-5)
+    np.testing.assert_array_equal(Y_DOWN @ (0, 0, 1, 1), (0, -1, 0, 1))  # up
 
 
 def test_packing_keeps_the_picture(trained: Path, tmp_path: Path) -> None:

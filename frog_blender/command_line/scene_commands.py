@@ -16,6 +16,11 @@ def add_scene_parsers(commands: Any) -> None:
     export.add_argument("scene", type=Path)
     export.add_argument("--frames", default=None, metavar="A:B", help="frames A to B - 1, counted from 0; default: all")
     export.add_argument("--out", type=Path, required=True, metavar="DIR")
+    export.add_argument(
+        "--y-down",
+        action="store_true",
+        help="turn a scene whose z points up so that its y points down, as most viewers have it; default: its own axes",
+    )
     export.set_defaults(run=_export)
 
     imported = commands.add_parser("import", help="make a still scene of a 3DGS .ply file")
@@ -31,12 +36,15 @@ def _export(options: argparse.Namespace) -> int:
     from ..commands import parse_frames
     from ..engine.exchange import export_frames
     from ..engine.inference.scene import PlayableScene
+    from ..engine.inference.transform import Y_DOWN
     from .progress import bar
 
     scene = PlayableScene.load(options.scene)
     frames = parse_frames(options.frames, scene.header.frame_count)
     with bar("Exporting") as report:
-        paths = export_frames(scene, frames, options.out, options.scene.stem, lambda done: report(done, len(frames)))
+        turn = Y_DOWN if options.y_down else None
+        stem = options.scene.stem
+        paths = export_frames(scene, frames, options.out, stem, lambda done: report(done, len(frames)), turn)
     say(f"{len(paths)} files in {options.out}")
     return 0
 

@@ -1,4 +1,8 @@
-"""Scenes to and from other programs: moments as 3DGS ``.ply`` files, and such a file as a still scene."""
+"""Scenes to and from other programs: moments as 3DGS ``.ply`` files, and such a file as a still scene.
+
+No ``.ply`` says which way is up; most viewers take y for down. Here numbers go in and out with the axes that they have,
+unless a turn is asked for; in Blender's menus, where z is up, the export turns to y down and the import back again.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +10,12 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from .errors import FrogError
 from .files import SceneFile, SceneHeader, read_scene, write_scene
 from .inference.scene import CANONICAL, PlayableScene
+from .inference.transform import transform
 from .ply import read_splats, write_splats
 from .spatial_order import along_curve
 
@@ -96,17 +103,24 @@ def numbered(path: Path, frame: int) -> Path:
 
 
 def export_frames(
-    scene: PlayableScene, frames: Iterable[int], folder: Path, stem: str, report: Callable[[int], None] | None = None
+    scene: PlayableScene,
+    frames: Iterable[int],
+    folder: Path,
+    stem: str,
+    report: Callable[[int], None] | None = None,
+    turn: np.ndarray | None = None,
 ) -> list[Path]:
     """Writes frames (counted from 0) of a scene as ``STEM_0000.ply`` and so on, each atomically; returns their paths.
 
     Args:
         report: is told how many are done after each.
+        turn: (4, 4) from the scene's own axes to those of the files, such as Y_DOWN; None to leave them.
     """
     paths: list[Path] = []
     for frame in frames:
         path = numbered(folder / f"{stem}.ply", frame)
-        write_splats(path, scene.at_frame(frame))
+        gaussians = scene.at_frame(frame)
+        write_splats(path, gaussians if turn is None else transform(gaussians, turn))
         paths.append(path)
         if report is not None:
             report(len(paths))

@@ -14,13 +14,11 @@ from bpy_extras.io_utils import ExportHelper
 
 from .. import playback
 from ..engine.errors import FrogError
+from ..engine.inference.transform import Y_DOWN
 from ..playing.retiming import raw_frame
 from .frame_export import FrameExport
 from .imported import chosen, stored_path
 from .stepwise import Stepwise, has_window
-
-Y_DOWN = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
-"""(4, 4) from Blender's axes (z up) to those of most 3DGS files (y down, z into the picture)."""
 
 RANGES = (
     ("CURRENT", "Current Frame", "One file, of the moment that is shown now"),
@@ -47,13 +45,13 @@ right mouse button stops it"""
     apply_transform: BoolProperty(
         name="Apply Transform",
         description="Write the Gaussians where the capture's empty has moved, turned and scaled them to; otherwise as "
-        "they lie in the capture itself",
-        default=False,
+        "they lie in the capture itself, with its own axes",
+        default=True,
     )
     y_down: BoolProperty(
         name="Y Down",
         description="Turn Blender's axes (z up) to those of most 3DGS files (y down), so that the Gaussians stand "
-        "upright in other programs",
+        "upright in other programs, and where they stood when they are imported here again",
         default=True,
     )
 

@@ -85,4 +85,5 @@ class FrameExport:
         try:
             return transform(gaussians, self.turn @ np.array(evaluated.matrix_world))
         except FrogError as error:
-            raise FrogError(f"{obj.name}: {error}") from error
+            reason = str(error).rstrip(".")
+            raise FrogError(f"{obj.name}: {reason}, or be exported without Apply Transform.") from error

@@ -10,8 +10,8 @@ from bpy.props import BoolProperty, StringProperty
 from mathutils import Matrix
 
 from ..engine.errors import FrogError
+from ..engine.inference.transform import Y_DOWN
 from .dropped import DropsIntoViews, OpensDroppedFile
-from .export_scene import Y_DOWN
 from .imported import placed_by, select_alone
 from .materialize import materialize
 

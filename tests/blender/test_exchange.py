@@ -12,6 +12,7 @@ from scenes import rig_of_three, write_scene
 
 from frog_blender import carrier, playback
 from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender.engine.inference.transform import transform
 from frog_blender.engine.ply import read_splats, write_splats
 from frog_blender.playing import opened
 
@@ -35,7 +36,8 @@ def assert_same(path, gaussians):
 
 def test_the_current_frame(empty, capture, static_rig, tmp_path):
     empty.frame_set(4, subframe=0.5)
-    assert bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "now.ply")) == {"FINISHED"}
+    export = bpy.ops.export_scene.frog_frames
+    assert export(filepath=str(tmp_path / "now.ply"), apply_transform=False) == {"FINISHED"}
     assert_same(tmp_path / "now.ply", PlayableScene.load(static_rig).at_frame(3.5))
 
 
@@ -43,7 +45,7 @@ def test_a_range_goes_through_the_timeline(empty, capture, static_rig, tmp_path)
     """With the capture's own speed, and leaving the scene where it stood."""
     empty.frame_set(2)
     capture.frog.speed = 2.0
-    options = {"frames": "CUSTOM", "first": 3, "last": 5}
+    options = {"frames": "CUSTOM", "first": 3, "last": 5, "apply_transform": False}
     bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "out" / "x.ply"), **options)
     names = sorted(path.name for path in (tmp_path / "out").iterdir())
     assert names == ["x_0003.ply", "x_0004.ply", "x_0005.ply"] and empty.frame_current == 2
@@ -56,8 +58,6 @@ def test_a_range_goes_through_the_timeline(empty, capture, static_rig, tmp_path)
 
 
 def test_applied_transform_of_an_animated_root(empty, capture, static_rig, tmp_path):
-    from frog_blender.engine.inference.transform import transform
-
     root = capture.parent
     for frame, angle in ((1, 0.0), (5, 1.2)):
         root.rotation_euler = (0.3, angle, -0.4)
@@ -70,19 +70,20 @@ def test_applied_transform_of_an_animated_root(empty, capture, static_rig, tmp_p
     expected = transform(PlayableScene.load(static_rig).at_frame(4), np.array(matrix))
     assert_same(tmp_path / "x_0005.ply", expected)
     root.scale = (1.0, 2.0, 1.0)
-    with pytest.raises(RuntimeError, match="can only be scaled evenly"):
-        bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "y.ply"), apply_transform=True)
+    with pytest.raises(RuntimeError, match="can only be scaled evenly, or be exported without Apply Transform"):
+        bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "y.ply"))
     assert not (tmp_path / "y.ply").exists()
 
 
 def test_out_and_in_again_is_where_it_was(empty, capture, static_rig, tmp_path, rendered):
-    """Placed by its root, written with y down, turned upright at import: the same picture."""
+    """With what both operators do unless told otherwise: placed by its root, written with y down, turned upright at
+    import, it is the same picture."""
     root = capture.parent
     turn = mathutils.Euler((0.2, -0.5, 1.1)).to_matrix().to_4x4()
     root.matrix_world = mathutils.Matrix.Translation((0.1, 0.2, 0.3)) @ turn @ mathutils.Matrix.Scale(1.5, 4)
     empty.frame_set(6)
     before = rendered(empty)
-    bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "x.ply"), apply_transform=True)
+    bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "x.ply"))
     means = read_splats(tmp_path / "x.ply").arrays["means"]
     world = np.array(root.matrix_world) @ np.append(PlayableScene.load(static_rig).at_frame(5).means[0], 1)
     np.testing.assert_allclose(means[0], [world[0], -world[2], world[1]], atol=1e-5)
@@ -94,6 +95,42 @@ def test_out_and_in_again_is_where_it_was(empty, capture, static_rig, tmp_path, 
     after = rendered(empty)
     assert before.std() > 10 and time == (empty.frame_start, empty.frame_end)
     np.testing.assert_allclose(after.astype(int), before, atol=1)
+
+
+PLACES = [
+    mathutils.Matrix(),
+    mathutils.Matrix.Rotation(-np.pi / 2, 4, "X"),
+    mathutils.Matrix.LocRotScale((3.0, -40.0, 0.5), mathutils.Euler((2.0, -0.7, 3.0)), (0.02,) * 3),
+    mathutils.Matrix.LocRotScale((-7.0, 0.1, 900.0), mathutils.Euler((-1.0, 0.4, -2.2)), (35.0,) * 3),
+]
+
+
+def in_world(scene, obj):
+    """The scene's Gaussians where the object's root has put them."""
+    return transform(scene.at_frame(0), np.array(obj.parent.matrix_world))
+
+
+@pytest.mark.parametrize("place", PLACES, ids=range(len(PLACES)))
+@pytest.mark.parametrize("sh_count", [1, 16])
+def test_every_gaussian_comes_back_to_its_place(empty, tmp_path, place, sh_count):
+    """Turned, and its colours with it, wherever the root of the capture is."""
+    path = write_scene(tmp_path / "figure.frog", rig_of_three(), sh_count=sh_count)
+    bpy.ops.import_scene.frog(filepath=str(path))
+    before = bpy.context.object
+    before.parent.matrix_world = place
+    bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "still.ply"))
+    bpy.ops.import_scene.frog_splats(filepath=str(tmp_path / "still.ply"))
+    after = bpy.context.object
+    bpy.context.view_layer.update()
+    expected = in_world(PlayableScene.load(path), before)
+    found = in_world(PlayableScene.load(after.frog.filepath), after)
+    size = np.abs(expected.means).max()
+    np.testing.assert_allclose(found.means, expected.means, rtol=1e-4, atol=1e-6 * size)
+    np.testing.assert_allclose(found.scales, expected.scales, rtol=1e-4)
+    np.testing.assert_allclose(found.opacities, expected.opacities, atol=1e-5)
+    np.testing.assert_allclose(found.sh, expected.sh, atol=1e-4)
+    same = np.abs((found.quaternions * expected.quaternions).sum(axis=1))  # either sign is the same turn
+    np.testing.assert_allclose(same, 1, atol=1e-5)
 
 
 def test_a_still_in_an_empty_scene(empty, static_rig, tmp_path):

@@ -87,7 +87,7 @@ def test_exported_frames_have_it(empty, capture, static_rig, tmp_path):
     empty.frame_set(1)
     empty.frame_start, empty.frame_end = 4, 6
     bpy.context.view_layer.objects.active = capture
-    bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "x.ply"), frames="SCENE")
+    bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "x.ply"), frames="SCENE", apply_transform=False)
     for frame, path in zip((4, 5, 6), sorted(tmp_path.glob("x*.ply")), strict=True):
         expected = PlayableScene.load(static_rig).at_frame(frame / 2).means
         np.testing.assert_allclose(read_splats(path).arrays["means"], expected, atol=1e-6)
@@ -152,7 +152,7 @@ def test_stretched_time_is_rendered_and_left_where_it_was(empty, slow, static_ri
 def test_stretched_time_is_exported_and_baked(empty, slow, static_rig, tmp_path):
     empty.frame_start, empty.frame_end = 3, 6
     bpy.context.view_layer.objects.active = slow
-    bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "x.ply"), frames="SCENE")
+    bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "x.ply"), frames="SCENE", apply_transform=False)
     for frame, path in zip((3, 4, 5, 6), sorted(tmp_path.glob("x*.ply")), strict=True):
         expected = PlayableScene.load(static_rig).at_frame(frame / 2 - 1).means
         np.testing.assert_allclose(read_splats(path).arrays["means"], expected, atol=1e-6)

@@ -7,6 +7,9 @@ import numpy as np
 from ..errors import FrogError
 from ..rasterizer.arrays import GaussianArrays
 
+Y_DOWN = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+"""(4, 4) from Blender's axes (z up) to those of most 3DGS files (y down, z into the picture)."""
+
 
 def transform(gaussians: GaussianArrays, matrix: np.ndarray) -> GaussianArrays:
     """Gaussians after ``matrix`` (4, 4): a rotation times a uniform positive scale, and a translation.
