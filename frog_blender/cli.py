@@ -16,11 +16,13 @@ from .command_line.stability_command import add_stability_parser
 from .command_line.train_command import add_train_parser
 from .command_line.view_commands import add_view_parsers
 from .engine.errors import FrogError
+from .engine.notices import as_sentences
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command; errors go to standard error in one sentence."""
     _print_anything()
+    as_sentences()
     options = _parser().parse_args(arguments)
     try:
         return options.run(options)

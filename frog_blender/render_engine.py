@@ -41,6 +41,7 @@ class FrogRenderEngine(bpy.types.RenderEngine):
     def __init__(self, *arguments: Any, **keywords: Any) -> None:
         super().__init__(*arguments, **keywords)
         self.viewport: Any = None  # of viewport_drawing
+        self.told_slow = False
 
     def update_render_passes(self, scene: Any = None, renderlayer: Any = None) -> None:
         self.register_pass(scene, renderlayer, "Combined", 4, "RGBA", "COLOR")
@@ -162,10 +163,20 @@ def render_moment(engine: Any, depsgraph: Any) -> Passes:
         engine.update_stats("", f"Drawing {len(gaussians.means):,} Gaussians")
         limits = limits_of_objects(depsgraph, camera, options) if scene.frog.hold_out else None
         drawing = draw_before(limits, gaussians, camera, options)
+        _say_if_slow(engine, drawing, len(gaussians.means))
     size = options.region_of(camera)[2:]
     depth = depth_pass(drawing, *size, distance_added(eye.data))
     combined = into_working_space(combined_pass(drawing, background_of(scene, captured_background), *size))
     return combined, depth, drawing.median_index if drawing is not None else None
+
+
+def _say_if_slow(engine: Any, drawing: Any, gaussians: int) -> None:
+    """Once a picture, of which motion blur has many moments."""
+    from .engine.rasterizer.native import MANY_INSTANCES, takes_long
+
+    if drawing.instances > MANY_INSTANCES and not engine.told_slow:
+        engine.told_slow = True
+        engine.report({"WARNING"}, takes_long(gaussians))
 
 
 def _options(depsgraph: Any, eye: Any, width: int, height: int) -> RasterizeOptions:

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from scenes import expected_png, moving_camera, passes_of, read_png, rig_of_three, write_scene
 
+from frog_blender.engine.rasterizer import native
+
 
 def import_scene(path, **options):
     assert bpy.ops.import_scene.frog(filepath=str(path), **options) == {"FINISHED"}
@@ -414,3 +416,15 @@ def test_a_capture_in_edit_mode_is_drawn(empty, static_rig, rendered):
 def test_cycles_sees_through_all_layers(empty, static_rig):
     import_scene(static_rig)
     assert empty.cycles.transparent_max_bounces == 1024
+
+
+@pytest.mark.parametrize("most", [0, 10**9])
+@pytest.mark.parametrize("blurred", [False, True])
+def test_a_picture_that_takes_long_says_so_once(empty, static_rig, rendered, monkeypatch, capfd, most, blurred):
+    """Here every picture does, or none."""
+    import_scene(static_rig)
+    empty.render.use_motion_blur = blurred
+    monkeypatch.setattr(native, "MANY_INSTANCES", most)
+    assert rendered(empty).std() > 10
+    written = "".join(capfd.readouterr())
+    assert written.count(f"Warning: {native.takes_long(60)}") == (most == 0)

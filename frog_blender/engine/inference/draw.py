@@ -25,6 +25,7 @@ class Drawing:
         median_z: (H, W) planar depth of the same.
         mean_depth: (H, W) planar depth averaged by blending weight. All depths are NaN where nothing is.
         median_index: (H, W) int32, which Gaussian the median depth is that of; -1 where nothing is.
+        instances: (Gaussian, tile) pairs that were gone through, see native.MANY_INSTANCES.
     """
 
     rgb: np.ndarray
@@ -33,6 +34,7 @@ class Drawing:
     median_z: np.ndarray
     mean_depth: np.ndarray
     median_index: np.ndarray
+    instances: int = 0
 
 
 def draw(
@@ -57,7 +59,7 @@ def draw(
         "median_index": median_index,
         "mean_depth": np.empty(size, np.float32),
     }
-    Frame(gaussians, camera, background, options, image, depth_limit)
+    instances = Frame(gaussians, camera, background, options, image, depth_limit).instances
     if camera.exposure != NEUTRAL:
         np.multiply(image["rgb"], np.asarray(camera.exposure, np.float32), out=image["rgb"])
     offsets = gaussians.means - camera.center.astype(np.float32)
@@ -71,6 +73,7 @@ def draw(
         planar[median_index],
         mean_depth=image["mean_depth"],
         median_index=median_index,
+        instances=instances,
     )
 
 

@@ -9,6 +9,7 @@ import ctypes
 import functools
 import os
 import sys
+import warnings
 from ctypes import POINTER, byref, c_char_p, c_float, c_int32, c_int64, c_void_p
 from pathlib import Path
 from typing import Any
@@ -17,12 +18,15 @@ import numpy as np
 
 from ..capture.camera import Camera
 from ..errors import FrogError
+from ..notices import Notice
 from . import structs
 from .arrays import GaussianArrays
 from .options import MOST_SIDE, RasterizeOptions
 
-ABI_VERSION = 13
+ABI_VERSION = 14
 CELL = 16  # FROG_CELL: pixels a side of the cells of ``compare``, which are the rasterizer's tiles
+MANY_INSTANCES = 60_000_000
+"""(Gaussian, tile) pairs of a picture that takes seconds; a scene of a million Gaussians at 4K has a third of them."""
 SLOT_LIMIT = 6_000_000  # (Gaussian, tile) pairs that a backward pass keeps gradients of at a time, 36 bytes each
 
 
@@ -67,6 +71,8 @@ def library() -> ctypes.CDLL:
         POINTER(structs.Gradients),
     ]
     loaded.frog_backward.restype = c_int32
+    loaded.frog_count_instances.argtypes = [c_void_p]
+    loaded.frog_count_instances.restype = c_int64
     loaded.frog_count_work.argtypes = [c_void_p, POINTER(c_int64 * 3)]
     loaded.frog_count_work.restype = c_int32
     loaded.frog_free.argtypes = [c_void_p]
@@ -151,6 +157,11 @@ def compare(image: Any, truth: Any, weight: float, gradient: Any, cells: Any, tr
     return absolute.value
 
 
+def takes_long(gaussians: int) -> str:
+    """A sentence about a picture of MANY_INSTANCES."""
+    return f"Many of the {gaussians:,} Gaussians lie over most of the picture, so that drawing it takes seconds."
+
+
 class Frame:
     """One drawing and what its backward pass needs. Frees itself.
 
@@ -194,6 +205,8 @@ class Frame:
             raise MemoryError(
                 f"drawing {len(gaussians)} Gaussians at {camera.width} x {camera.height} ran out of memory"
             )
+        if not differentiable and self.instances > MANY_INSTANCES:
+            warnings.warn(takes_long(len(gaussians)), Notice, stacklevel=2)
 
     def backward(self, rgb: Any, alpha: Any, gradients: dict[str, Any]) -> None:
         """Fills ``gradients`` from dL/d(rgb, alpha); ``alpha`` is None where the loss does not look at it.
@@ -212,6 +225,11 @@ class Frame:
             byref(native),
         ):
             raise MemoryError("the rasterizer's backward pass ran out of memory")
+
+    @property
+    def instances(self) -> int:
+        """(Gaussian, tile) pairs that were gone through, at no cost; see ``work``."""
+        return int(library().frog_count_instances(self._handle))
 
     def work(self) -> dict[str, int]:
         """How much was drawn: ``gaussians``, ``instances`` (Gaussian, tile) and blended ``pairs`` (Gaussian, pixel)."""

@@ -34,7 +34,8 @@ const Kernels &kernels() {
 
 // Threads write the weights of slots, which are theirs alone; each Gaussian's largest comes of its own afterwards.
 void begin_weights(FrogFrame &frame) {
-  const size_t slots = frame.instances.size();
+  const size_t slots = frame.row_instances.back();
+  if (slots > UINT32_MAX) throw std::bad_alloc();
   frame.view.slot_weights = frame.slot_weights.resize(slots);
   std::fill_n(frame.view.slot_weights, slots, 0.0f);
 }
@@ -47,6 +48,19 @@ void end_weights(const FrogFrame &frame, float *max_weights) {
       for (uint32_t s = 0; s < frame.slot_count[i]; ++s) max_weights[i] = std::max(max_weights[i], slot[s]);
     }
   });
+}
+
+// Splats over the whole picture have thousands of instances each: 60,000 of them took 2.6 GB.
+constexpr uint64_t BAND_INSTANCES = 24ull << 20;  // of 8 bytes
+
+// Has `use` look at frame.tiles: all of them, or those of a band of tile rows after another.
+template <class Use>
+void each_band(FrogFrame &frame, Use use) {
+  const uint64_t most = frame.in_bands ? BAND_INSTANCES : UINT64_MAX;
+  for (int row = 0; row < frame.view.tiles_y;) {
+    row = frog::list_tiles(frame, row, most);
+    use();
+  }
 }
 
 void draw(FrogFrame &frame, const FrogGaussians &gaussians, const FrogImage &image) {
@@ -62,8 +76,12 @@ void draw(FrogFrame &frame, const FrogGaussians &gaussians, const FrogImage &ima
     frog::parallel_for(count, 4096, [&](int begin, int end) {
       for (int i = begin; i < end; ++i) image.radii[i] = frame.splats[i].radius;
     });
-  frog::parallel_for(static_cast<int>(frame.tiles.size()), 1, [&](int begin, int end) {
-    for (int t = begin; t < end; ++t) kernels().blend(frame.view, frame.tiles[t], image);
+  // Whoever goes back, or asks for weights, needs all instances at once.
+  frame.in_bands = !frame.view.transmittance && !image.max_weights && frame.row_instances.back() > BAND_INSTANCES;
+  each_band(frame, [&] {
+    frog::parallel_for(static_cast<int>(frame.tiles.size()), 1, [&](int begin, int end) {
+      for (int t = begin; t < end; ++t) kernels().blend(frame.view, frame.tiles[t], image);
+    });
   });
   if (image.max_weights) end_weights(frame, image.max_weights);
 }
@@ -99,7 +117,7 @@ int32_t attempt(Work work) {
 
 extern "C" {
 
-int32_t frog_abi_version(void) { return 13; }
+int32_t frog_abi_version(void) { return 14; }
 const char *frog_instruction_set(void) { return kernels().name; }
 void frog_set_thread_count(int32_t count) { frog::set_thread_count(count); }
 int32_t frog_thread_count(void) { return frog::thread_count(); }
@@ -132,14 +150,18 @@ int32_t frog_backward(FrogFrame *frame, const FrogGaussians *gaussians, const Fr
   return attempt([&] { frog::go_backward(kernels(), *frame, *gaussians, *gradient, *result); });
 }
 
-int32_t frog_count_work(const FrogFrame *frame, int64_t work[3]) {
+int64_t frog_count_instances(const FrogFrame *frame) { return static_cast<int64_t>(frame->row_instances.back()); }
+
+int32_t frog_count_work(FrogFrame *frame, int64_t work[3]) {
   return attempt([&] {
     std::atomic<int64_t> pairs{0};
-    frog::parallel_for(static_cast<int>(frame->tiles.size()), 1, [&](int begin, int end) {
-      for (int t = begin; t < end; ++t) pairs += kernels().count_blended(frame->view, frame->tiles[t]);
+    each_band(*frame, [&] {
+      frog::parallel_for(static_cast<int>(frame->tiles.size()), 1, [&](int begin, int end) {
+        for (int t = begin; t < end; ++t) pairs += kernels().count_blended(frame->view, frame->tiles[t]);
+      });
     });
     work[0] = frame->drawn;
-    work[1] = static_cast<int64_t>(frame->instances.size());
+    work[1] = frog_count_instances(frame);
     work[2] = pairs;
   });
 }

@@ -128,7 +128,7 @@ void list_rows(FrogFrame &frame, size_t drawn) {
 }  // namespace
 
 void bin_splats(FrogFrame &frame) {
-  FrameView &view = frame.view;
+  const FrameView &view = frame.view;
   std::fill_n(frame.slot_count.resize(view.count), view.count, 0u);
   const size_t drawn = sort_by_depth(frame);
   frame.drawn = static_cast<int32_t>(drawn);
@@ -136,11 +136,11 @@ void bin_splats(FrogFrame &frame) {
 
   // Instances of each tile: spans begin and end, their running sum counts.
   const int columns = view.tiles_x, rows = view.tiles_y;
-  std::vector<uint32_t> tile_begin(static_cast<size_t>(rows) * (columns + 1), 0);
+  frame.tile_begin.assign(static_cast<size_t>(rows) * (columns + 1), 0);
   frame.row_instances.assign(rows + 1, 0);
   parallel_for(rows, 1, [&](int begin, int end) {
     for (int row = begin; row < end; ++row) {
-      uint32_t *changes = tile_begin.data() + static_cast<size_t>(row) * (columns + 1);
+      uint32_t *changes = frame.tile_begin.data() + static_cast<size_t>(row) * (columns + 1);
       for (size_t e = frame.row_begin[row]; e < frame.row_begin[row + 1]; ++e) {
         const RowEntry &entry = frame.entries[e];
         if (entry.last < entry.first) continue;
@@ -158,23 +158,35 @@ void bin_splats(FrogFrame &frame) {
     }
   });
   std::partial_sum(frame.row_instances.begin(), frame.row_instances.end(), frame.row_instances.begin());
-  if (frame.row_instances.back() > UINT32_MAX) throw std::bad_alloc();
-  Instance *instances = frame.instances.resize(frame.row_instances.back());
   uint32_t *slot_base = frame.slot_base.resize(view.count);
   std::exclusive_scan(frame.slot_count.data(), frame.slot_count.data() + view.count, slot_base, 0u);
-  frame.tiles.resize(static_cast<size_t>(rows) * columns);
-  parallel_for(rows, 1, [&](int begin, int end) {
-    for (int row = begin; row < end; ++row) {
-      uint32_t *next = tile_begin.data() + static_cast<size_t>(row) * (columns + 1);
-      const uint32_t base = static_cast<uint32_t>(frame.row_instances[row]);
+}
+
+int list_tiles(FrogFrame &frame, int first, uint64_t most) {
+  FrameView &view = frame.view;
+  const int columns = view.tiles_x;
+  const uint64_t before = frame.row_instances[first];
+  int last = first + 1;
+  while (last < view.tiles_y && frame.row_instances[last + 1] - before <= most) ++last;
+  const uint64_t total = frame.row_instances[last] - before;
+  if (total > UINT32_MAX) throw std::bad_alloc();
+  Instance *instances = frame.instances.resize(total);
+  const uint32_t *slot_base = frame.slot_base.data();
+  frame.tiles.resize(static_cast<size_t>(last - first) * columns);
+  parallel_for(last - first, 1, [&](int begin, int end) {
+    for (int row = first + begin; row < first + end; ++row) {
+      uint32_t *next = frame.tile_begin.data() + static_cast<size_t>(row) * (columns + 1);
+      const uint32_t base = static_cast<uint32_t>(frame.row_instances[row] - before);
       for (int x = 0; x < columns; ++x)
-        frame.tiles[static_cast<size_t>(row) * columns + x] = {x, row, base + next[x], base + next[x + 1]};
+        frame.tiles[static_cast<size_t>(row - first) * columns + x] = {x, row, base + next[x], base + next[x + 1]};
       for (size_t e = frame.row_begin[row]; e < frame.row_begin[row + 1]; ++e) {
         const RowEntry &entry = frame.entries[e];
         __builtin_prefetch(slot_base + frame.entries[std::min(e + AHEAD, frame.row_begin[row + 1] - 1)].splat);
         uint32_t slot = slot_base[entry.splat] + entry.slot;
         for (int x = entry.first; x <= entry.last; ++x) instances[base + next[x]++] = {entry.splat, slot++};
       }
+      std::memmove(next + 1, next, columns * sizeof(uint32_t));  // each tile's next is where the one after it begins
+      next[0] = 0;
     }
   });
   // Dearest first, so that no thread is left alone with a crowded tile at the end; but only roughly, since neighbours
@@ -183,6 +195,7 @@ void bin_splats(FrogFrame &frame) {
   std::stable_sort(frame.tiles.begin(), frame.tiles.end(),
                    [&](const Tile &p, const Tile &q) { return dearness(p) > dearness(q); });
   view.instances = instances;
+  return last;
 }
 
 }  // namespace frog

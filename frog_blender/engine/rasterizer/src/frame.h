@@ -23,11 +23,13 @@ struct Keyed {  // for sorting by depth
 struct FrogFrame {
   FrameView view{};
   int32_t drawn = 0;
+  bool in_bands = false;  // not all instances were in memory at once: there is no way back
   frog::Buffer<Splat> splats;
   frog::Buffer<Instance> instances;
   frog::Buffer<frog::RowEntry> entries;  // row by row, each in depth order
   std::vector<size_t> row_begin;         // (tiles_y + 1,) into entries
-  std::vector<Tile> tiles;               // dearest first
+  std::vector<uint32_t> tile_begin;      // (tiles_y, tiles_x + 1) first instance of each tile in its row, and their end
+  std::vector<Tile> tiles;               // those listed last, dearest first
   std::vector<uint64_t> row_instances;   // (tiles_y + 1,) first instance of each row
   frog::Buffer<uint32_t> slot_count;     // (N,) tiles of each Gaussian
   frog::Buffer<uint32_t> slot_base;      // (N,) where its slots begin, see Instance
@@ -47,7 +49,12 @@ struct FrogFrame {
 
 namespace frog {
 
+// Sorts the splats by depth and counts the instances of every tile.
 void bin_splats(FrogFrame &frame);
+
+// Lists the instances of the tiles of some rows from `first` on, in place of those listed before: `most` of them, or one
+// row's. Returns the row after the last. Call after bin_splats.
+int list_tiles(FrogFrame &frame, int first, uint64_t most);
 
 // A frame with the memory of one that was given back, and the way back. `recycle` frees what is too large to keep.
 FrogFrame *take_frame();

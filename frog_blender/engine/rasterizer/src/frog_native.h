@@ -125,8 +125,10 @@ FROG_EXPORT FrogFrame *frog_draw(const FrogGaussians *, const FrogCamera *, cons
                                  int32_t differentiable);
 // Gradients of the picture that a differentiable `frame` drew, with the same Gaussians. Returns 0, or 1 when memory ran out.
 FROG_EXPORT int32_t frog_backward(FrogFrame *, const FrogGaussians *, const FrogImageGradient *, const FrogGradients *);
+// (Gaussian, tile) pairs of a frame.
+FROG_EXPORT int64_t frog_count_instances(const FrogFrame *);
 // How much there was to draw: {Gaussians drawn, (Gaussian, tile) pairs, (Gaussian, pixel) pairs blended}.
-FROG_EXPORT int32_t frog_count_work(const FrogFrame *, int64_t work[3]);
+FROG_EXPORT int32_t frog_count_work(FrogFrame *, int64_t work[3]);
 FROG_EXPORT void frog_free(FrogFrame *);
 
 // Planar depth of a mesh: vertices (V, 3) in world units, triangles (T, 3) of indices. Fills `depth` (region height, width)

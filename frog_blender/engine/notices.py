@@ -1,0 +1,25 @@
+"""What a user is told without anything being wrong. Python's warnings carry it: each sentence is said once."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from typing import Any
+
+_USUAL = warnings.showwarning
+
+
+class Notice(UserWarning):
+    """A sentence for the user."""
+
+
+def as_sentences() -> None:
+    """From now on notices are printed to standard error as plain sentences, without file and line."""
+    warnings.showwarning = _show
+
+
+def _show(message: Any, category: type[Warning], *more: Any, **keywords: Any) -> None:
+    if issubclass(category, Notice):
+        print(f"\nwarning: {message}", file=sys.stderr)  # on a line of its own, even if a progress bar has this one
+    else:
+        _USUAL(message, category, *more, **keywords)

@@ -1,0 +1,85 @@
+"""Splats over the whole picture: the same picture in bounded memory, and a sentence that it takes its time."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import run_python
+
+from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.inference.draw import draw
+from frog_blender.engine.notices import Notice
+from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions, native
+
+SIZE = (1352, 1014)
+CAMERA = Camera("c", *SIZE, np.array([[1000, 0, 676], [0, 1000, 507], [0, 0, 1.0]]), np.eye(4))
+BAND = 24 << 20  # BAND_INSTANCES of the native code
+
+
+def giants(count: int, opacity: float = 0.02) -> GaussianArrays:
+    """Each over every tile, except for a few that are small."""
+    random = np.random.default_rng(0)
+    means = np.concatenate([random.normal(0, 1, (count, 2)), random.uniform(5, 6, (count, 1))], axis=1)
+    scales = np.where(np.arange(count) % 50, 8.0, 0.05)[:, None].repeat(3, axis=1)
+    opacities = np.full(count, opacity)
+    return GaussianArrays(means, random.normal(size=(count, 4)), scales, opacities, random.normal(size=(count, 1, 3)))
+
+
+def drawn(gaussians: GaussianArrays, whole: bool) -> tuple[dict[str, np.ndarray], native.Frame]:
+    """All pictures of the view; with weights, which need all instances in memory at once, or without."""
+    width, height = SIZE
+    image = {"rgb": np.empty((height, width, 3), np.float32), "median_index": np.empty((height, width), np.int32)}
+    image |= {name: np.empty((height, width), np.float32) for name in ("alpha", "mean_depth")}
+    weights = {"max_weights": np.empty(len(gaussians), np.float32)} if whole else {}
+    options = RasterizeOptions(depth=True, weights=whole)
+    return image, native.Frame(gaussians, CAMERA, (0.1, 0.2, 0.3), options, image | weights)
+
+
+def test_bands_have_the_bits_of_the_whole_picture() -> None:
+    gaussians = giants(5500).checked()
+    image, frame = drawn(gaussians, whole=False)
+    expected, whole = drawn(gaussians, whole=True)
+    assert frame.instances == whole.instances > 1.1 * BAND, "the test's own splats fit into one band"
+    for name, values in expected.items():
+        np.testing.assert_array_equal(image[name], values, err_msg=name)
+    assert image["rgb"].std() > 0.01
+    work = frame.work()
+    assert work == whole.work() and work["instances"] == frame.instances
+
+
+MEASURED = f"""
+import json, resource, sys, warnings
+sys.path.insert(0, {str(Path(__file__).parent)!r})
+from test_bands import CAMERA, draw, giants
+draw(giants(100), CAMERA)
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+drawing = draw(giants(12_000), CAMERA)
+unit = 1 if sys.platform == "darwin" else 1024
+grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * unit
+print(json.dumps([drawing.instances, grown]))
+"""
+
+
+def test_memory_is_bounded() -> None:
+    """All instances at once would be 500 MB here, and grow with every splat."""
+    run = run_python(MEASURED)
+    assert run.returncode == 0, run.stderr
+    instances, grown = json.loads(run.stdout)
+    assert 8 * instances > 480e6, "the test's own splats are few"
+    assert grown < 320e6
+    assert run.stderr.count("takes seconds") == 1
+
+
+@pytest.mark.parametrize("most", [10, 10**9])
+def test_a_view_that_takes_long_says_so(most: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(native, "MANY_INSTANCES", most)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("default")
+        for _ in range(3):
+            draw(giants(20), CAMERA)
+    sentences = [str(each.message) for each in said if each.category is Notice]
+    assert sentences == ([native.takes_long(20)] if most == 10 else [])
