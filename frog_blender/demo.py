@@ -104,7 +104,8 @@ def render_video(scene_path: Path, blend: Path, video: Path) -> None:
 
     import frog_blender
 
-    from .operators.materialize import look_through, materialize
+    from .operators.materialize import materialize
+    from .operators.scene_setup import look_through
 
     frog_blender.register()
     try:

@@ -14,6 +14,7 @@ from . import (
     install_torch,
     open_capture,
     relink,
+    set_up_scene,
     train,
 )
 
@@ -27,6 +28,7 @@ _FAMILIES = (
     cameras,
     clips,
     align,
+    set_up_scene,
     compose,
     train,
     install_torch,

@@ -8,6 +8,7 @@ until a picture is looked at.
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -105,7 +106,11 @@ def clip_of(camera: Any) -> Any:
 
 
 def _load(clip: Clip) -> Any:
-    image = bpy.data.images.load(str(clip.path), check_existing=True)
+    wanted = os.path.normpath(clip.path)
+    ours = (image for image in bpy.data.images if _MARK in image and image.library is None)
+    known = next((image for image in ours if os.path.normpath(bpy.path.abspath(image.filepath)) == wanted), None)
+    # Never the user's own of that file, whose settings and path are theirs.
+    image = known if known is not None else bpy.data.images.load(str(clip.path))
     image.filepath = stored_path(clip.path)
     image.reload()  # a film of this name may have been written again
     if clip.kind == "SEQUENCE":

@@ -13,9 +13,10 @@ from .camera_clips import clip_of
 from .dropped import DropsIntoViews, OpensDroppedFile
 from .imported import cameras_of, select_alone
 from .materialize import materialize
+from .set_up_scene import SetsUpScene
 
 
-class FROG_OT_import_scene(OpensDroppedFile, bpy.types.Operator):
+class FROG_OT_import_scene(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
     """Open a trained FRoG scene: its Gaussians, its cameras and its time range"""
 
     bl_idname = "import_scene.frog"
@@ -29,26 +30,16 @@ class FROG_OT_import_scene(OpensDroppedFile, bpy.types.Operator):
         description="Frame of the timeline at which the capture's first frame is shown",
         default=1.0,
     )
-    set_up_scene: BoolProperty(
-        name="Set Up Scene",
-        description="Take over the capture's frame range, frame rate, picture size, active camera and background, "
-        "and show its colours unchanged (Standard view transform, no dithering)",
-        default=True,
-    )
     show_clips: BoolProperty(
         name="Clips",
         description="Show each camera's own video behind what it sees, where the videos are still to be found. "
         "Where lenses distort, Show Clips in the FRoG tab straightens them",
         default=True,
     )
-    use_frog_engine: BoolProperty(
-        name="Render with FRoG",
-        description="Make FRoG the scene's render engine, which draws the captures as they were trained",
-        default=True,
-    )
 
     def execute(self, context: Any) -> set[str]:
         path = Path(bpy.path.abspath(self.filepath))
+        self.decide(context.scene)
         try:
             carrier_object = materialize(
                 path,

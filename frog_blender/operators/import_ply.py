@@ -14,9 +14,10 @@ from ..engine.inference.transform import Y_DOWN
 from .dropped import DropsIntoViews, OpensDroppedFile
 from .imported import placed_by, select_alone
 from .materialize import materialize
+from .set_up_scene import SetsUpScene
 
 
-class FROG_OT_import_splats(OpensDroppedFile, bpy.types.Operator):
+class FROG_OT_import_splats(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
     """Open a 3DGS .ply file of another program as a still capture, of which a .frog file is made"""
 
     bl_idname = "import_scene.frog_splats"
@@ -42,21 +43,12 @@ class FROG_OT_import_splats(OpensDroppedFile, bpy.types.Operator):
         description="Make the .frog file several times smaller, by changes that are too small to see",
         default=False,
     )
-    set_up_scene: BoolProperty(
-        name="Set Up Scene",
-        description="Show the colours unchanged (Standard view transform, no dithering) before a black background",
-        default=True,
-    )
-    use_frog_engine: BoolProperty(
-        name="Render with FRoG",
-        description="Make FRoG the scene's render engine, which draws splats as they were trained",
-        default=True,
-    )
 
     def execute(self, context: Any) -> set[str]:
         from ..engine.exchange import free_scene_path, import_splats
 
         source = Path(bpy.path.abspath(self.filepath))
+        self.decide(context.scene)
         try:
             named = Path(bpy.path.abspath(self.scene_file)) if self.scene_file else None
             imported = import_splats(source, named or free_scene_path(source), compact=self.compact)

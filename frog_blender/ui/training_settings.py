@@ -79,6 +79,12 @@ class FrogTrainingSettings(bpy.types.PropertyGroup):
         options={"HIDDEN"},
     )
 
+    set_up_as: StringProperty(
+        name="Set Up As",
+        description="The scene's settings as they were when FRoG set them up for a capture, to tell whether they are",
+        options={"HIDDEN"},
+    )
+
     capture_folder: StringProperty(
         name="Capture",
         description="Folder with the videos or pictures and the cameras that filmed them",
@@ -141,7 +147,8 @@ class FrogTrainingSettings(bpy.types.PropertyGroup):
     )
     import_when_done: BoolProperty(
         name="Import When Done",
-        description="Open the trained scene here as soon as it is finished",
+        description="Add the trained scene to this one as soon as it is finished. Settings of a scene that holds "
+        "anything of yours stay as they are",
         default=True,
     )
 

@@ -139,7 +139,8 @@ def test_a_still_in_an_empty_scene(empty, static_rig, tmp_path):
     empty.collection.objects.link(camera)
     empty.camera, empty.frame_end = camera, 77
     target = tmp_path / "deep" / "named.frog"
-    bpy.ops.import_scene.frog_splats(filepath=str(tmp_path / "x.ply"), scene_file=str(target), compact=True)
+    asked = {"compact": True, "set_up_scene": True}
+    bpy.ops.import_scene.frog_splats(filepath=str(tmp_path / "x.ply"), scene_file=str(target), **asked)
     still = bpy.context.object
     assert (empty.camera, empty.frame_end, empty.render.engine) == (camera, 77, "FROG")
     assert Path(still.frog.filepath) == target and empty.view_settings.view_transform == "Standard"

@@ -1,0 +1,78 @@
+"""Setting the scene up for a capture: asked for with an import, or later by a button of its own."""
+
+# mypy: disable-error-code="valid-type"
+
+from typing import Any
+
+import bpy
+from bpy.props import BoolProperty
+
+from .. import playback
+from ..engine.errors import FrogError
+from .imported import cameras_of, chosen
+from .scene_setup import is_untouched, set_up
+from .transaction import all_or_nothing
+
+
+class SetsUpScene:
+    """For importers: the two properties that say what else of the scene changes.
+
+    Left alone they are on where the scene holds nothing of the user's, else off. They are not remembered from one
+    import to the next, because the next scene is another.
+    """
+
+    set_up_scene: BoolProperty(
+        name="Set Up Scene",
+        description="Take over the capture's frame range, frame rate, picture size, active camera and background, "
+        "and show its colours unchanged (Standard view transform, no dithering). On by itself in a new file only",
+        default=True,
+        options={"SKIP_SAVE"},
+    )
+    use_frog_engine: BoolProperty(
+        name="Render with FRoG",
+        description="Make FRoG the scene's render engine, which draws the captures as they were trained, and show it "
+        "in the viewports. On by itself in a new file only",
+        default=True,
+        options={"SKIP_SAVE"},
+    )
+
+    def invoke(self, context: Any, event: Any) -> set[str]:
+        """Shows the properties as they are for this scene."""
+        self.decide(context.scene)
+        result: set[str] = super().invoke(context, event)  # type: ignore[misc]  # of the importer's other base
+        return result
+
+    def decide(self: Any, scene: Any) -> None:
+        """Settles both properties, unless they were given."""
+        given, untouched = self.properties.is_property_set, is_untouched(scene)
+        if not given("set_up_scene"):
+            self.set_up_scene = untouched
+        if not given("use_frog_engine"):
+            self.use_frog_engine = untouched or self.set_up_scene
+
+
+class FROG_OT_set_up_scene(bpy.types.Operator):
+    """Make the scene film what the capture filmed: frame range and rate, size, camera, background and colours"""
+
+    bl_idname = "frog.set_up_scene"
+    bl_label = "Set Up Scene"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        cls.poll_message_set("Select one of the scene's captures first.")
+        return chosen(context) is not None
+
+    def execute(self, context: Any) -> set[str]:
+        obj, scene = chosen(context), context.scene
+        try:
+            header = playback.open_scene(playback.file_of(obj)).header
+            with all_or_nothing(scene):
+                set_up(scene, header, obj.frog.start_frame, cameras_of(obj), settings=True, engine=True)
+        except FrogError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+register, unregister = bpy.utils.register_classes_factory((FROG_OT_set_up_scene,))

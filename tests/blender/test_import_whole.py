@@ -1,0 +1,193 @@
+"""An import that fails leaves nothing, and one that works leaves alone what is the user's."""
+
+from __future__ import annotations
+
+import bpy
+import pytest
+from scenes import rig_of_three, write_scene
+
+from frog_blender import carrier
+from frog_blender.engine.errors import FrogError
+from frog_blender.operators import materialize as importing
+from frog_blender.operators import scene_setup
+from frog_blender.operators.scene_setup import is_untouched
+from frog_blender.operators.transaction import values
+
+
+def everything():
+    """The names of all data-blocks, by list; the shared nodes and material stay for the next import."""
+    lists = [each.identifier for each in bpy.data.bl_rna.properties if each.type == "COLLECTION"]
+    return {name: sorted(block.name for block in getattr(bpy.data, name)) for name in lists}
+
+
+def users_scene(scene):
+    """Settings of the user's own, and a world that nothing else uses."""
+    world = bpy.data.worlds.new("My studio lights")
+    if world.node_tree is None:
+        world.use_nodes = True
+    world.node_tree.nodes.new("ShaderNodeTexEnvironment")
+    scene.world, scene.view_settings.view_transform = world, "Filmic"
+    scene.render.resolution_x, scene.render.fps, scene.frame_end = 1280, 25, 99
+    return world
+
+
+def views():
+    areas = [area for window in bpy.context.window_manager.windows for area in window.screen.areas]
+    return [area.spaces.active for area in areas if area.type == "VIEW_3D"]
+
+
+STEPS = {
+    "the Gaussians": (carrier, "write"),
+    "a camera": (importing, "apply_lens"),
+    "the clips": (importing, "add_clips"),
+    "the last of the settings": (scene_setup, "_set_background"),
+    "the viewports": (scene_setup, "_look_at_it"),
+}
+
+
+@pytest.mark.parametrize("step", STEPS)
+@pytest.mark.parametrize("error", [ValueError("cannot convert float NaN to integer"), MemoryError(), FrogError("No.")])
+def test_whatever_fails_nothing_is_left(empty, static_rig, monkeypatch, step, error):
+    users_scene(empty)
+    before, settings = everything(), values(empty)
+    module, name = STEPS[step]
+
+    def fail(*_, **__):
+        raise error
+
+    monkeypatch.setattr(module, name, fail)
+    with pytest.raises(RuntimeError) as refused:
+        bpy.ops.import_scene.frog(filepath=str(static_rig), set_up_scene=True)
+    said = str(refused.value).strip()
+    assert "\n" not in said and "Traceback" not in said
+    assert (str(static_rig) in said and type(error).__name__ in said) or "No." in said
+    assert everything() == before and values(empty) == settings
+    monkeypatch.undo()
+    assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
+
+
+def test_a_start_that_is_no_frame_leaves_nothing(empty, static_rig):
+    """Found out when all objects are there: Blender's frames are 32 bits wide."""
+    users_scene(empty)
+    before, settings = everything(), values(empty)
+    with pytest.raises(RuntimeError, match="could not be imported"):
+        bpy.ops.import_scene.frog(filepath=str(static_rig), set_up_scene=True, start_frame=1e15)
+    assert everything() == before and values(empty) == settings
+
+
+def test_an_animated_camera_that_fails_leaves_no_action(empty, moving_rig, monkeypatch):
+    monkeypatch.setattr(importing, "add_clips", lambda obj: 1 / 0)
+    before = everything()
+    with pytest.raises(RuntimeError, match="ZeroDivisionError"):
+        bpy.ops.import_scene.frog(filepath=str(moving_rig))
+    assert everything() == before and not bpy.data.actions[:]
+
+
+def test_a_scene_of_the_users_stays_as_it_is(empty, static_rig):
+    world, before, shading = users_scene(empty), values(empty), [view.shading.type for view in views()]
+    assert not is_untouched(empty)
+    assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
+    assert values(empty) == before and empty.world == world and world.users == 1
+    assert [view.shading.type for view in views()] == shading
+
+
+def test_a_world_that_is_replaced_stays_in_the_file(empty, static_rig, tmp_path):
+    world = users_scene(empty)
+    assert bpy.ops.import_scene.frog(filepath=str(static_rig), set_up_scene=True) == {"FINISHED"}
+    assert empty.world != world and world.use_fake_user and empty.render.engine == "FROG"
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "x.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "x.blend"))
+    kept = bpy.data.worlds["My studio lights"]
+    assert "TEX_ENVIRONMENT" in {node.type for node in kept.node_tree.nodes}
+
+
+def test_a_new_file_is_set_up(addon, static_rig):
+    bpy.ops.wm.read_homefile(use_empty=False, use_factory_startup=True)
+    scene = bpy.context.scene
+    assert is_untouched(scene) and len(scene.objects) == 3
+    assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
+    assert scene.render.engine == "FROG" and scene.frame_end == 10 and scene.camera.name == "cam00"
+    assert {"Cube", "Light", "Camera"} <= {obj.name for obj in scene.objects}
+
+
+def changed_cube(scene):
+    bpy.data.objects["Cube"].location.x = 1.0
+
+
+def edited_cube(scene):
+    bpy.context.view_layer.objects.active = bpy.data.objects["Cube"]
+    bpy.ops.object.mode_set(mode="EDIT")
+
+
+def another_engine(scene):
+    scene.render.engine = "CYCLES"
+
+
+def an_object(scene):
+    scene.collection.objects.link(bpy.data.objects.new("Mine", None))
+
+
+def a_grey_of_my_own(scene):
+    background = next(node for node in scene.world.node_tree.nodes if node.type == "BACKGROUND")
+    background.inputs["Color"].default_value = (0.2, 0.2, 0.3, 1.0)
+
+
+def a_marker(scene):
+    scene.timeline_markers.new("Mine", frame=7)
+
+
+@pytest.mark.parametrize("change", [changed_cube, edited_cube, another_engine, an_object, a_grey_of_my_own, a_marker])
+def test_one_change_makes_it_the_users(addon, static_rig, change):
+    bpy.ops.wm.read_homefile(use_empty=False, use_factory_startup=True)
+    change(bpy.context.scene)
+    before = values(bpy.context.scene)
+    assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
+    assert values(bpy.context.scene) == before
+
+
+def test_one_capture_after_another(empty, static_rig, tmp_path):
+    """Settings that came with a capture give way to the next one's; what the user changed since does not."""
+    bpy.ops.import_scene.frog(filepath=str(static_rig))
+    bpy.ops.import_scene.frog(filepath=str(write_scene(tmp_path / "b.frog", rig_of_three(), frame_count=20)))
+    assert empty.frame_end == 20
+    empty.frame_end = 15
+    bpy.ops.import_scene.frog(filepath=str(write_scene(tmp_path / "c.frog", rig_of_three(), frame_count=30)))
+    assert empty.frame_end == 15
+
+
+def test_set_up_scene_is_one_step(empty, static_rig):
+    users_scene(empty)
+    bpy.ops.ed.undo_push(message="Mine")
+    before = {path: getattr(value, "name", value) for path, value in values(empty).items()}
+    bpy.ops.import_scene.frog("EXEC_DEFAULT", True, filepath=str(static_rig))
+    assert bpy.ops.frog.set_up_scene("EXEC_DEFAULT", True) == {"FINISHED"}
+    scene = bpy.context.scene
+    assert (scene.frame_end, scene.render.engine, scene.camera.name) == (10, "FROG", "cam00")
+    assert scene.view_settings.view_transform == "Standard" and bpy.data.worlds["My studio lights"].users == 1
+    bpy.ops.ed.undo()
+    after = {path: getattr(value, "name", value) for path, value in values(bpy.context.scene).items()}
+    assert after == before and not bpy.data.worlds["My studio lights"].use_fake_user
+
+
+def test_set_up_scene_needs_a_capture_that_can_be_read(empty, static_rig):
+    assert not bpy.ops.frog.set_up_scene.poll()
+    users_scene(empty)
+    bpy.ops.import_scene.frog(filepath=str(static_rig))
+    static_rig.write_bytes(b"nonsense")
+    before = values(empty)
+    with pytest.raises(RuntimeError, match=r"figure\.frog"):
+        bpy.ops.frog.set_up_scene()
+    assert values(empty) == before
+
+
+def test_the_users_own_image_of_a_clip_is_not_taken(empty, static_rig, tmp_path, monkeypatch):
+    from frog_blender.engine.clips import Clip
+    from frog_blender.operators import camera_clips
+
+    picture = bpy.data.images.new("picture", 8, 8)
+    picture.filepath_raw, picture.file_format = str(tmp_path / "shot.png"), "PNG"
+    picture.save()
+    picture.source = "FILE"
+    clip = Clip(tmp_path / "shot.png", "PICTURE")
+    first, second = camera_clips._load(clip), camera_clips._load(clip)
+    assert first == second != picture and "frog_clip" not in picture
