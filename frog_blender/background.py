@@ -1,7 +1,8 @@
 """Training in the background: a worker thread, a queue of events, and ``pump()`` which applies them on the main thread.
 
-The worker never touches Blender.  In a window a timer pumps; headless runs and tests, where timers do not fire, call
-``pump()`` in a loop.  ``pump()`` never waits and does a bounded amount of work.
+The worker never touches Blender, so it goes on while another file is opened.  In a window a timer pumps; headless runs
+and tests, where timers do not fire, call ``pump()`` in a loop.  ``pump()`` never waits and does a bounded amount of
+work.
 """
 
 from __future__ import annotations
@@ -13,26 +14,29 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import bpy
-from bpy.app.handlers import persistent
 
-from . import app_handlers
+from . import unsaved
 from .engine import memory
-from .engine.capacity_report import lines, summary
-from .engine.errors import FrogError
+from .engine.errors import FrogError, brief
 from .engine.training.control import Control
+from .training_state import TrainingState
 from .ui import preview_picture
 
 PUMP_EVENTS = 200  # the most events one pump() applies
 PUMP_SECONDS = 0.008  # and the longest it goes on taking new ones: half a frame of a 60 Hz window
 TIMER_SECONDS = 0.1
-JOIN_SECONDS = 120.0  # a cancelled training finishes its step and writes its scene
+QUIT_SECONDS = 10.0  # what a cancelled training gets to finish its step and write its scene when Blender quits
+PATIENCE = 0.5  # of which so many pass before a word is said
+_JOBS = ("RENDER", "OBJECT_BAKE")  # of Blender's, that look at the scene in threads of their own
 
 EventSource = Callable[[Control], Iterator[Any]]
+OnFinished = Callable[[Path], str | None]
+"""Takes a finished scene's file; returns what the panel says besides, if anything. May raise FrogError."""
 
 
 class TrainingRequest:
@@ -62,42 +66,13 @@ class TrainingRequest:
         return remembering(run_training(job, control), job)
 
 
-@dataclass
-class TrainingState:
-    """What the panel shows.  Only ``pump()`` writes it, so it needs no lock."""
-
-    running: bool = True
-    stage: str = "Starting"
-    stage_fraction: float = 0.0
-    step: int = 0
-    steps: int = 0
-    seconds: float = 0.0
-    seconds_left: float = 0.0
-    loss: float | None = None
-    gaussians: int = 0
-    moving: int = 0
-    capacity: list[str] = field(default_factory=list)  # what was taken out of the model, a line each
-    psnr: float | None = None
-    psnr_split: str = ""
-    preview: Any = None  # (H, W, 3) uint8, the latest
-    warnings: list[str] = field(default_factory=list)
-    result: Path | None = None  # the finished scene, or what a cancelled training left
-    cancelled: bool = False
-    error: str = ""
-
-    @property
-    def fraction(self) -> float:
-        """How much of the present stage is done, 0 to 1."""
-        return self.step / self.steps if self.steps and not self.stage else self.stage_fraction
-
-
 class TrainingTask:
     """One training: ``start()`` it, ``pump()`` it until ``state.running`` is false.
 
     ``control`` pauses, resumes and cancels it at any time.
     """
 
-    def __init__(self, source: EventSource, on_finished: Callable[[Path], None] | None = None) -> None:
+    def __init__(self, source: EventSource, on_finished: OnFinished | None = None) -> None:
         self.state = TrainingState()
         self._source = source
         self._on_finished = on_finished
@@ -120,7 +95,7 @@ class TrainingTask:
         """True while a running training is held."""
         return self.state.running and self.control.paused
 
-    def join(self, seconds: float = JOIN_SECONDS) -> bool:
+    def join(self, seconds: float = QUIT_SECONDS) -> bool:
         """Wait for the worker; true if it ended."""
         if self._thread.is_alive():
             self._thread.join(seconds)
@@ -147,63 +122,46 @@ class TrainingTask:
             try:
                 event = self._events.get_nowait()
             except queue.Empty:
-                return done
+                if not self._has_died():
+                    return done
+                event = _Ended("The training ended without a word.")
             self._apply(event)
             if time.perf_counter() > deadline:
                 return done + 1
         return most
 
-    def _apply(self, event: Any) -> None:
-        from .engine.training import events as kinds
+    def _has_died(self) -> bool:
+        """Whether the worker is gone and its last message, which only a lack of memory can swallow, never came."""
+        gone = self.state.running and self._thread.ident is not None and not self._thread.is_alive()
+        return gone and self._events.empty()  # asked last: it may have spoken just before it ended
 
+    def _apply(self, event: Any) -> None:
         state = self.state
-        match event:
-            case kinds.Progress():
-                state.stage = ""
-                state.step, state.steps, state.loss = event.step, event.steps, event.loss
-                state.seconds, state.seconds_left = event.seconds, event.seconds_left
-                state.gaussians, state.moving = event.gaussians, event.moving
-            case kinds.Reduced():
-                state.capacity.append(event.message)
-            case kinds.Pictured():
-                state.preview = event.image
-            case kinds.Stage():
-                state.stage, state.stage_fraction = event.name.capitalize(), event.done / max(event.total, 1)
-            case kinds.Started():
-                state.stage, state.steps, state.gaussians = "", event.steps or 0, event.gaussians
-            case kinds.Evaluated():
-                state.psnr, state.psnr_split = event.psnr, event.split
-            case kinds.Preview():
-                state.preview = event.image
-            case kinds.Warned():
-                state.warnings.append(event.message)
-            case kinds.Finished():
-                state.step, state.steps, state.seconds = event.steps, event.steps, event.seconds
-                state.gaussians, state.result = event.gaussians, Path(event.path)
-                if event.capacity:
-                    state.moving = event.capacity["dynamic"]
-                    state.capacity = [summary(event.capacity), *lines(event.capacity)]
-                state.psnr = event.psnr if event.psnr is not None else state.psnr
-            case kinds.Cancelled():
-                state.cancelled = True
-                state.result = Path(event.path) if event.path else None
-            case _Ended():
-                state.error = state.error or event.error
-                state.running = False
-                if state.result and not state.error and not state.cancelled:
-                    self.waiting = state.result
-                    self.hand_over()
+        if not isinstance(event, _Ended):
+            try:
+                state.take(event)
+            except Exception as error:  # one that cannot be shown; those that follow are to be
+                state.warnings.append(f"What the training said last cannot be shown ({brief(repr(error))}).")
+            return
+        state.error = state.error or event.error
+        state.running = False
+        if state.result and not state.error and not state.cancelled:
+            self.waiting = state.result
+            self.hand_over()
 
     def hand_over(self) -> None:
-        """Gives a finished training's file to who asked for it, once no render looks at the scene that it changes."""
-        if self.waiting is None or bpy.app.is_job_running("RENDER"):
+        """Gives a finished training's file to who asked for it, once nothing else works on the scene."""
+        if self.waiting is None or any(map(bpy.app.is_job_running, _JOBS)) or unsaved.is_being_changed():
             return
         result, self.waiting = self.waiting, None
         try:
             if self._on_finished is not None:
-                self._on_finished(result)
+                self.state.note = self._on_finished(result) or ""
         except FrogError as error:
             self.state.error = str(error)
+        except Exception as error:  # nobody else would hear of it, and the file is there
+            traceback.print_exc(file=sys.stderr)
+            self.state.error = f"{result}: it is trained, but could not be imported ({brief(repr(error))})."
 
 
 @dataclass(frozen=True)
@@ -216,14 +174,18 @@ class _Ended:
 current: TrainingTask | None = None  # the training that the panel shows: running, or the last one that ran
 
 
-def begin(source: EventSource, on_finished: Callable[[Path], None] | None = None) -> TrainingTask:
+def begin(source: EventSource, on_finished: OnFinished | None = None) -> TrainingTask:
     """Start a training as the current one, pumped by a timer; FrogError if one is running already."""
     global current
     if is_running():
         raise FrogError("A training is running already; wait for it or cancel it first.")
     if current is not None and current.waiting:
         raise FrogError("The last training's scene comes in when the render ends; wait for it.")
-    current = TrainingTask(source, on_finished).start()
+    task = TrainingTask(source, on_finished)
+    try:
+        current = task.start()
+    except RuntimeError as error:  # the system has no thread left
+        raise FrogError(f"The training could not be started ({error}).") from error
     if not bpy.app.timers.is_registered(_tick):
         bpy.app.timers.register(_tick, first_interval=TIMER_SECONDS, persistent=True)
     return current
@@ -238,23 +200,33 @@ def is_paused() -> bool:
 
 
 def stop() -> None:
-    """Cancel the current training, wait for its worker and take in what it still said."""
+    """Cancel the current training, let it finish what it saves, for QUIT_SECONDS at most, and take in what it said."""
     if current is None:
         return
     current.cancel()
     current._on_finished = None  # whoever stops a training does not want its result imported into what comes next
-    if current.join():
-        while current.pump():
-            pass
+    if not current.join(PATIENCE):
+        said = f"FRoG: saving what the training has learned, which may take up to {QUIT_SECONDS:.0f} seconds."
+        print(said, file=sys.stderr, flush=True)
+        if not current.join(QUIT_SECONDS - PATIENCE):
+            print("FRoG: it took longer; what the last checkpoint holds is kept.", file=sys.stderr, flush=True)
+            return
+    while current.pump():
+        pass
 
 
 def _tick() -> float | None:
     if current is None:
         return None
-    applied = current.pump()
-    if applied:
-        preview_picture.show(current.state.preview)
-        _redraw()
+    try:
+        if current.pump():
+            preview_picture.show(current.state.preview)
+            _redraw()
+        if current.state.running:
+            unsaved.count_as_unsaved()
+    except Exception:  # Blender drops a timer that fails, and with it the rest of the training
+        traceback.print_exc(file=sys.stderr)
+        current.state.preview = None
     current.hand_over()
     return TIMER_SECONDS if current.state.running or current.waiting else None
 
@@ -268,13 +240,7 @@ def _redraw() -> None:
                         region.tag_redraw()
 
 
-@persistent
-def _on_load_pre(*_: Any) -> None:
-    stop()
-
-
 def register() -> None:
-    app_handlers.add([(bpy.app.handlers.load_pre, _on_load_pre)])
     atexit.register(stop)
 
 
@@ -283,6 +249,5 @@ def unregister() -> None:
     stop()
     current = None
     atexit.unregister(stop)
-    app_handlers.remove([(bpy.app.handlers.load_pre, _on_load_pre)])
     if bpy.app.timers.is_registered(_tick):
         bpy.app.timers.unregister(_tick)

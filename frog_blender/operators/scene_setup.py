@@ -56,6 +56,11 @@ def is_untouched(scene: Any) -> bool:
     return settings and found["render.engine"] in (*_EEVEE, "FROG") and _is_of_start_world(scene.world)
 
 
+def is_set_up(scene: Any) -> bool:
+    """Whether the scene was set up for a capture; what the user has changed since does not matter."""
+    return bool(scene.frog.set_up_as) or scene.render.engine == "FROG"
+
+
 def _of_captures(scene: Any) -> set[Any]:
     """The captures of a scene, what they hang on and their cameras, without any that is being edited."""
     found: set[Any] = set()

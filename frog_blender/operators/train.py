@@ -10,12 +10,11 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty
 
-from .. import background, playback
+from .. import background
 from ..engine.errors import FrogError, found_instead
-from ..engine.training.outputs import free_output, is_of_another
+from ..engine.training.outputs import is_of_another, unused_output
 from ..ui import capture_summary, preferences
-from .imported import known_by
-from .materialize import materialize
+from .trained import importer
 
 
 class FROG_OT_train(bpy.types.Operator):
@@ -37,14 +36,15 @@ class FROG_OT_train(bpy.types.Operator):
         try:
             request = request_of(settings, self.resume)
             preferences.make_torch_importable()
-            after = _importer(context.scene.session_uid) if settings.import_when_done else None
+            after = importer(context.scene) if settings.import_when_done else None
             background.begin(request.events, after)
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         if request.output != output_of(settings):
-            said = f"{output_of(settings)} is of another capture and stays: this training writes {request.output.name}."
-            self.report({"INFO"}, said)
+            self.report({"INFO"}, f"{output_of(settings)} stays: this training writes {request.output.name}.")
+            if settings.output_path == settings.derived_output:  # another capture still changes it
+                settings.derived_output = str(request.output)
             settings.output_path = str(request.output)
         return {"FINISHED"}
 
@@ -115,12 +115,12 @@ class FROG_OT_inspect_capture(bpy.types.Operator):
 def request_of(settings: Any, resume: bool = False) -> background.TrainingRequest:
     """What the panel's settings ask for; FrogError if something is missing.
 
-    The output gets a number where another capture's scene lies.
+    Unless it is resumed, a training writes what is not there yet: the output gets a number where a scene lies.
     """
     if not settings.capture_folder:
         raise FrogError("No capture is chosen: name the folder with the videos and cameras to train from.")
     capture = Path(bpy.path.abspath(settings.capture_folder))
-    if not capture.is_dir():
+    if not os.path.isdir(capture):  # false, not an error, where nobody may look
         raise FrogError(f"{capture}: found no such folder, expected a capture to train from.")
     if not settings.output_path:
         raise FrogError("No output is chosen: name the .frog file to write.")
@@ -129,7 +129,7 @@ def request_of(settings: Any, resume: bool = False) -> background.TrainingReques
         raise found_instead(f"{output}.checkpoint", "a training of another capture", f"one of {capture}")
     return background.TrainingRequest(
         capture,
-        free_output(output, capture),
+        output if resume else unused_output(output),
         settings.recipe,
         settings.capacity,
         steps=settings.steps or None,
@@ -158,24 +158,6 @@ def can_resume(settings: Any) -> bool:
     if not Path(f"{output}.checkpoint").is_file():
         return False
     return not is_of_another(output, Path(bpy.path.abspath(settings.capture_folder)))
-
-
-def _importer(scene_uid: int) -> Any:
-    """What to do with a finished file: show it in the scene that asked for it, once.  May raise FrogError."""
-
-    def show(path: Path) -> None:
-        scene = known_by(bpy.data.scenes, scene_uid)  # whatever it is called by now
-        if scene is None:
-            return  # the user deleted it meanwhile; the file is on disk
-        if any(playback.file_of(obj) == Path(os.path.normpath(path)) for obj in playback.captures(scene.objects)):
-            playback.refresh(scene)
-            return
-        materialize(path, scene)
-        if bpy.context.window_manager.windows:  # so that one undo takes back the import, and only it
-            with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
-                bpy.ops.ed.undo_push(message="Import trained FRoG scene")
-
-    return show
 
 
 _CLASSES = (

@@ -8,6 +8,7 @@ import bpy
 
 from .. import carrier, playback
 from ..nodes import ellipsoid_nodes
+from ..operators.scene_setup import is_set_up
 from ..playing import opened, playback_cache
 from ..saved_elsewhere import library_of
 from .text import sentence
@@ -26,7 +27,10 @@ class FROG_PT_captures(bpy.types.Panel):
         layout.use_property_split = True
         layout.use_property_decorate = False
         layout.operator("import_scene.frog", icon="IMPORT")
-        for obj in playback.captures(context.scene.objects):
+        captures = list(playback.captures(context.scene.objects))
+        if captures and not is_set_up(context.scene):
+            layout.operator("frog.set_up_scene", icon="SCENE_DATA")
+        for obj in captures:
             box = layout.box()
             box.label(text=obj.name, icon="OUTLINER_OB_POINTCLOUD")
             box.prop(obj.frog, "filepath", text="")

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import bpy
 
 from .. import background
+from ..operators.scene_setup import is_set_up
 from ..operators.train import can_resume
+from ..operators.trained import plays
 from . import capture_summary, preferences, presets, preview_picture, training_time
 from .text import duration, sentence
 
@@ -97,7 +100,7 @@ def _draw_training(layout: Any, task: background.TrainingTask, settings: Any, co
     box, state = layout.box(), task.state
     _draw_progress(box, task, context)
     if state.result is not None:
-        sentence(box, f"Saved: {state.result}", context, icon="FILE_TICK")
+        _draw_result(box, state, state.result, context)
     _draw_figures(box, state, context)
     for line in state.capacity:
         sentence(box, line, context, icon="MOD_DECIM")
@@ -130,6 +133,21 @@ def _draw_progress(box: Any, task: background.TrainingTask, context: Any) -> Non
         box.label(text=text, icon="CANCEL")
     else:
         box.label(text=f"Finished in {duration(state.seconds)}.", icon="CHECKMARK")
+
+
+def _draw_result(box: Any, state: background.TrainingState, result: Path, context: Any) -> None:
+    """Where the scene is, what became of it here, and the button that follows."""
+    sentence(box, f"Saved: {result}", context, icon="FILE_TICK")
+    if state.running:
+        return
+    if state.note:
+        sentence(box, state.note, context, icon="INFO")
+    if not plays(context.scene, result):
+        row = box.row()
+        row.operator_context = "EXEC_DEFAULT"  # the file is known: no file browser
+        row.operator("import_scene.frog", text="Import", icon="IMPORT").filepath = str(result)
+    elif not is_set_up(context.scene):
+        box.operator("frog.set_up_scene", icon="SCENE_DATA")
 
 
 def _draw_figures(box: Any, state: background.TrainingState, context: Any) -> None:

@@ -10,10 +10,10 @@ import bpy
 import numpy as np
 import pytest
 
-from frog_blender import background, playback
+from frog_blender import background, playback, unsaved
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.training import events
-from frog_blender.operators import train
+from frog_blender.operators import trained
 
 
 def finish(task):
@@ -127,51 +127,146 @@ def test_nothing_is_imported_while_a_render_looks_at_the_scene(addon, monkeypatc
 
 
 def test_a_scene_that_was_renamed_meanwhile_gets_the_import(empty, static_rig):
-    show = train._importer(empty.session_uid)
+    show = trained.importer(empty)
     empty.name = "Another"
     bpy.data.scenes.new("Scene")
     show(static_rig)
     assert [playback.file_of(obj) for obj in playback.captures(empty.objects)] == [static_rig]
 
 
-def test_only_one_training_at_a_time_and_loading_a_file_ends_it(addon):
+@pytest.fixture
+def endless(addon):
+    """A training that goes on until it is told to end, and then leaves a scene."""
+
     def source(cancelled):
         while not cancelled():
             yield events.Stage("decoding", 0, 1)
             threading.Event().wait(0.005)
-        yield events.Cancelled(0, None)
+        yield events.Cancelled(3, "half.frog")
 
     task = background.begin(source)
+    yield task
+    task.cancel()
+    finish(task)
+    background.current = None
+
+
+def test_only_one_training_at_a_time(endless):
     assert background.is_running() and bpy.app.timers.is_registered(background._tick)
     with pytest.raises(FrogError, match="running already"):
-        background.begin(source)
+        background.begin(lambda cancelled: iter([]))
+
+
+def test_opening_another_file_neither_ends_a_training_nor_waits_for_it(endless, tmp_path, monkeypatch):
+    monkeypatch.setattr(endless, "join", lambda *_: pytest.fail("opening a file waited for the training"))
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    assert not background.is_running() and task.state.cancelled and task.join(0.0)
-
-
-def test_a_training_that_ends_late_is_taken_in_after_another_file_is_loaded(addon, monkeypatch):
-    """Blender waits for it only so long; the panel then goes on following it."""
-    gate = threading.Event()
-
-    def source(cancelled):
-        gate.wait(20.0)
-        yield events.Cancelled(3, None)
-
-    task = background.begin(source)
-    monkeypatch.setattr(task, "join", lambda: False)
-    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "x.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "x.blend"))
     monkeypatch.undo()
-    assert task.state.running and bpy.app.timers.is_registered(background._tick)
-    gate.set()
+    assert background.current is endless and background.is_running() and not endless.control.ended
+    assert bpy.app.timers.is_registered(background._tick)
+    endless.cancel()
+    state = finish(endless)
+    assert state.cancelled and state.result == Path("half.frog")
+
+
+def test_at_the_end_there_is_so_much_patience(addon, monkeypatch, capfd):
+    """What is being saved is waited for; what hangs is not."""
+    gate = threading.Event()
+    monkeypatch.setattr(background, "PATIENCE", 0.01)
+    monkeypatch.setattr(background, "QUIT_SECONDS", 0.05)
+    task = background.begin(lambda cancelled: iter([events.Stage("saving", 0, 1) for _ in [gate.wait(20.0)]]))
+    addon.unregister()
+    try:
+        assert not task.join(0.0) and background.current is None
+        said = capfd.readouterr().err
+        assert "saving what the training has learned" in said and "the last checkpoint" in said
+    finally:
+        addon.register()
+        gate.set()
+        assert task.join(20.0)
+
+
+def test_the_file_counts_as_unsaved_while_a_training_runs(endless, monkeypatch):
+    pushed, clean = [], SimpleNamespace(is_dirty=False)
+
+    def push(message):
+        pushed.append(message)
+        clean.is_dirty = True
+
+    stand_in = SimpleNamespace(data=clean, context=bpy.context, ops=SimpleNamespace(ed=SimpleNamespace(undo_push=push)))
+    monkeypatch.setattr(unsaved, "bpy", stand_in)
+    for _ in range(3):
+        assert background._tick() is not None
+    assert len(pushed) == 1
+    clean.is_dirty = False  # the user saves meanwhile
+    background._tick()
+    assert len(pushed) == 2
+    endless.cancel()
+    finish(endless)
+    clean.is_dirty = False
+    assert background._tick() is None and len(pushed) == 2
+
+
+def test_a_file_becomes_unsaved(empty):
+    if bpy.data.is_dirty:
+        pytest.skip("without a window this Blender counts every file as unsaved")
+    unsaved.count_as_unsaved()
+    assert bpy.data.is_dirty
+
+
+def test_an_import_waits_for_the_end_of_an_operation(addon, monkeypatch):
+    busy, imported = [True], []
+    monkeypatch.setattr(unsaved, "is_being_changed", lambda: bool(busy))
+    task = background.TrainingTask(lambda control: iter([events.Finished("x.frog", 1, 1.0, 20.0, 5)]), imported.append)
+    finish(task.start())
+    assert not imported and task.waiting is not None
+    busy.clear()
+    task.hand_over()
+    assert imported == [Path("x.frog")]
+
+
+def test_an_import_that_fails_in_an_unforeseen_way_is_a_sentence_too(addon, capfd):
+    def fail(path):
+        raise KeyError("no such thing")
+
+    task = background.begin(lambda cancelled: iter([events.Finished("x.frog", 1, 1.0, 20.0, 5)]), fail)
     assert task.join(20.0)
     while background._tick() is not None:
         pass
-    assert task.state.cancelled and not task.state.running
-    addon.unregister()
-    try:
-        assert not bpy.app.timers.is_registered(background._tick)
-    finally:
-        addon.register()
+    assert "x.frog: it is trained, but could not be imported (KeyError" in task.state.error
+    assert not task.state.running and task.state.result == Path("x.frog") and "Traceback" in capfd.readouterr().err
+
+
+def test_an_event_that_cannot_be_shown_ends_nothing(addon):
+    said = [events.Stage("decoding", 1, None), events.Finished("x.frog", 7, 1.0, 20.0, 5, {"what": "no summary"})]
+    imported = []
+    state = finish(background.TrainingTask(lambda cancelled: iter(said), imported.append).start())
+    assert len(state.warnings) == 2 and "cannot be shown" in state.warnings[0]
+    assert not state.running and not state.error and imported == [Path("x.frog")] and state.step == 7
+
+
+def test_a_picture_that_cannot_be_shown_ends_nothing(endless, monkeypatch, capfd):
+    monkeypatch.setattr(background.preview_picture, "show", lambda image: 1 / 0)
+    while not endless.state.stage_fraction and not capfd.readouterr().err:
+        assert background._tick() is not None, "the timer goes on"
+    assert endless.state.running
+
+
+def test_a_worker_that_dies_without_a_word_is_noticed(addon, monkeypatch):
+    monkeypatch.setattr(background.TrainingTask, "_work", lambda self: None)
+    state = finish(background.TrainingTask(lambda cancelled: iter([])).start())
+    assert state.error == "The training ended without a word." and not state.running
+
+
+def test_without_a_thread_there_is_one_sentence(addon, monkeypatch):
+    def start(self):
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(threading.Thread, "start", start)
+    with pytest.raises(FrogError, match="could not be started"):
+        background.begin(lambda cancelled: iter([]))
+    assert not background.is_running()
 
 
 def test_train_operator_says_what_is_missing(empty, tmp_path):

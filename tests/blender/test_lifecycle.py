@@ -210,7 +210,15 @@ def test_another_file_while_training_loses_nothing(addon, tmp_path, monkeypatch)
         threading.Event().wait(0.01)
         deadline -= 1
     assert task.state.step, task.state.error
+    step = task.state.step
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    deadline = 2000
+    while task.state.step == step and task.state.running and deadline:
+        task.pump()
+        threading.Event().wait(0.01)
+        deadline -= 1
+    assert task.state.step > step, "it goes on"
+    background.stop()
     assert task.join(0.0) and task.state.cancelled
     assert PlayableScene.load(output).header.steps > 0
     assert checkpoint_path(output).is_file()

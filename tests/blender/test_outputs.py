@@ -84,5 +84,5 @@ def test_training_into_another_captures_scene_takes_a_number(empty, captures, tm
     assert asked[0].output == tmp_path / "mine_2.frog" and settings.output_path == str(tmp_path / "mine_2.frog")
     assert (tmp_path / "mine.frog").read_bytes() == before
     settings.capture_folder, settings.output_path = str(first), str(tmp_path / "mine.frog")
-    assert request_of(settings).output == tmp_path / "mine.frog", "one's own is trained anew"
+    assert request_of(settings).output == tmp_path / "mine_2.frog", "nor is one's own written over"
     assert can_resume(settings) and request_of(settings, resume=True).output == tmp_path / "mine.frog"

@@ -79,9 +79,13 @@ def test_cancelled_while_paused(held):
 
 
 def test_another_file_while_paused(held):
-    task, _ = held
+    task, source = held
+    done = source.done
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    ended(task)
+    assert task.paused and background.current is task and source.done == done
+    assert bpy.ops.frog.resume_training() == {"FINISHED"}
+    while source.done == done:
+        threading.Event().wait(0.005)
 
 
 def test_switched_off_while_paused(addon, held):

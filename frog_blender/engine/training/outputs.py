@@ -1,4 +1,4 @@
-"""Which file a training may write: one of its own capture, and never what another one was trained to."""
+"""Which file a training may write: never what another one was trained to."""
 
 from __future__ import annotations
 
@@ -16,6 +16,22 @@ from safetensors import SafetensorError, safe_open
 def free_output(output: Path, capture: Path) -> Path:
     """``output``, or that name with a number where a scene of another capture lies there."""
     return next(path for path in numbered_names(output, "_") if not is_of_another(path, capture))
+
+
+def unused_output(output: Path) -> Path:
+    """``output`` where neither a scene nor a checkpoint lies, else the first free of the numbered names.
+
+    ``room.frog``, ``room_2.frog``, ``room_3.frog``: a number of an earlier training's is counted on, not added to.
+    """
+    if not _is_used(output):
+        return output
+    name, _, number = output.stem.rpartition("_")
+    base = output.with_name(f"{name}{output.suffix}") if name and number.isdecimal() else output
+    return next(path for path in numbered_names(base if _is_used(base) else output, "_") if not _is_used(path))
+
+
+def _is_used(output: Path) -> bool:
+    return os.path.lexists(output) or os.path.lexists(f"{output}.checkpoint")
 
 
 def numbered_names(path: Path, joint: str) -> Iterator[Path]:
