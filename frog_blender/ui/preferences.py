@@ -80,9 +80,17 @@ def cache_megabytes() -> int:
 
 
 def torch_path() -> str:
-    """The folder named in the preferences, or an empty string."""
+    """The folder named in the preferences, or the one that *Install torch* filled; else an empty string."""
+    from ..operators.install_torch import folder
+    from ..torch_folders import installed
+
     addon = bpy.context.preferences.addons.get(base_package)
-    return addon.preferences.torch_path if addon and addon.preferences else ""
+    named = addon.preferences.torch_path if addon and addon.preferences else ""
+    place = folder()
+    if named and Path(bpy.path.abspath(named)).parent != place.parent:
+        return str(named)
+    found = installed(place)  # preferences that were not saved name an older one, or none
+    return str(found) if found is not None else str(named)
 
 
 def torch_needed() -> str:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+import socket
+import subprocess
 import sys
+import tarfile
 import threading
 import time
 import zipfile
@@ -15,7 +18,10 @@ import pytest
 
 from frog_blender import torch_install
 from frog_blender.engine.errors import FrogError
+from frog_blender.torch_folders import clear_remains, installed
 from frog_blender.torch_install import PACKAGES, Installation, pip_command
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def wheel(folder: Path, name: str, content: str = "") -> None:
@@ -129,7 +135,170 @@ def test_a_python_without_pip_uses_the_one_that_it_brings_along(monkeypatch):
         pytest.skip("this Python brings no pip along")
     monkeypatch.setattr(torch_install.importlib.util, "find_spec", lambda name: None if name == "pip" else real(name))
     command = pip_command()
-    assert command[0] == sys.executable and ".whl" in command[1] and command[1].endswith("pip")
+    assert command[:2] == [sys.executable, "-I"] and command[-1].endswith(".whl")
+
+
+@pytest.fixture(params=["installed", pytest.param("bundled", marks=pytest.mark.slow)])
+def either_pip(request, monkeypatch):
+    """The pip of this Python's packages, and the one that Python brings along."""
+    real = torch_install.importlib.util.find_spec
+    if real("ensurepip") is None and request.param == "bundled":
+        pytest.skip("this Python brings no pip along")
+    if request.param == "bundled":
+        found = torch_install.importlib.util
+        monkeypatch.setattr(found, "find_spec", lambda name: None if name == "pip" else real(name))
+
+
+def test_nothing_in_the_current_folder_runs_in_pips_place(tmp_path, index, either_pip, monkeypatch):
+    trap = tmp_path / "downloads"
+    trap.mkdir()
+    for name in ("pip", "json", "runpy", "threading", "sitecustomize"):
+        (trap / f"{name}.py").write_text(f"open({str(tmp_path / 'caught')!r}, 'w').write({name!r})\n")
+    monkeypatch.chdir(trap)
+    monkeypatch.setenv("PYTHONPATH", str(trap))
+    done = finished(Installation(tmp_path / "data" / "torch").start())
+    assert done.done, done.error
+    assert not (tmp_path / "caught").exists()
+
+
+def test_a_pip_that_brings_no_torch_has_not_installed_it(tmp_path, monkeypatch):
+    silent = [sys.executable, "-c", "print('all is well')"]
+    monkeypatch.setattr(torch_install, "pip_command", lambda: silent)
+    failed = finished(Installation(tmp_path / "data" / "torch").start())
+    assert not failed.done and "pip brought none (all is well)" in failed.error
+    assert not list((tmp_path / "data").iterdir())
+
+
+def test_a_source_package_is_not_run(tmp_path, index):
+    """Its setup.py could do anything."""
+    (index / "torch-9.9-py3-none-any.whl").unlink()
+    source = tmp_path / "torch-9.9"
+    source.mkdir()
+    (source / "setup.py").write_text(f"open({str(tmp_path / 'caught')!r}, 'w')\n")
+    (source / "PKG-INFO").write_text("Metadata-Version: 2.1\nName: torch\nVersion: 9.9\n")
+    with tarfile.open(index / "torch-9.9.tar.gz", "w:gz") as archive:
+        archive.add(source, "torch-9.9")
+    failed = finished(Installation(tmp_path / "data" / "torch").start())
+    assert not failed.done and failed.error and not (tmp_path / "caught").exists()
+
+
+@pytest.fixture
+def quick_pip(monkeypatch):
+    """A stand-in that brings torch at once."""
+    code = """
+import pathlib, sys
+torch = pathlib.Path(sys.argv[sys.argv.index("--target") + 1]) / "torch"
+torch.mkdir()
+(torch / "__init__.py").touch()
+"""
+    monkeypatch.setattr(torch_install, "pip_command", lambda: [sys.executable, "-c", code])
+
+
+def test_another_installation_is_switched_to(tmp_path, quick_pip):
+    folder = tmp_path / "data" / "torch"
+    first = finished(Installation(folder).start())
+    assert installed(folder) == first.folder == folder
+    second = finished(Installation(folder).start())
+    assert second.done and installed(folder) == second.folder == folder.with_name("torch-2")
+    assert not folder.exists() and (second.folder / "torch" / "__init__.py").is_file()
+    third = finished(Installation(folder).start())
+    assert installed(folder) == third.folder == folder
+    assert [path.name for path in folder.parent.iterdir()] == ["torch"]
+
+
+def test_what_is_in_use_stays_until_the_next_start(tmp_path, quick_pip, monkeypatch):
+    folder = tmp_path / "data" / "torch"
+    finished(Installation(folder).start())
+    monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(__file__=str(folder / "torch" / "__init__.py")))
+    second = finished(Installation(folder).start())
+    assert folder.is_dir() and installed(folder) == second.folder == folder.with_name("torch-2")
+    monkeypatch.delitem(sys.modules, "torch")
+    clear_remains(folder)
+    assert not folder.exists() and installed(folder) == second.folder
+
+
+@pytest.mark.parametrize("written", [b"", b"torch-7", b"../elsewhere", b"\xff\xfe", b"/etc"])
+def test_a_pointer_that_leads_nowhere_is_passed_over(tmp_path, written):
+    folder = tmp_path / "data" / "torch"
+    assert installed(folder) is None
+    (folder / "torch").mkdir(parents=True)
+    (folder / "torch" / "__init__.py").write_text("")
+    (tmp_path / "data" / "torch.current").write_bytes(written)
+    assert installed(folder) == folder
+
+
+def test_leftovers_go_at_the_next_start(empty, addon, tmp_path, monkeypatch):
+    from frog_blender.operators import install_torch
+
+    data = tmp_path / "data"
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    goes = [data / "torch.partial-abc", data / f"torch.partial-{dead.pid}-abc"]
+    stays = [data / f"torch.partial-{os.getpid()}-abc", data / "torchaudio", data / "torch"]
+    for path in [*goes, *stays]:
+        (path / "torch").mkdir(parents=True)
+        (path / "torch" / "__init__.py").write_text("")
+    monkeypatch.setattr(install_torch, "folder", lambda: data / "torch")
+    addon.unregister()
+    addon.register()
+    deadline = time.monotonic() + 20
+    while sorted(data.iterdir()) != sorted(stays) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert sorted(data.iterdir()) == sorted(stays)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="sends SIGKILL")
+def test_pip_ends_with_the_process_that_started_it(tmp_path, either_pip):
+    """An index that takes the question and never answers: pip waits for minutes, but not without Blender."""
+    server = socket.create_server(("127.0.0.1", 0))
+    server.settimeout(60)
+    address = f"http://127.0.0.1:{server.getsockname()[1]}/"
+    code = f"""
+import sys; sys.path[:0] = {[str(ROOT), *sys.path]!r}
+from pathlib import Path
+from frog_blender import torch_install
+torch_install.pip_command = lambda: {pip_command()!r}
+arguments = ["--index-url", {address!r}, "--timeout", "100"]
+installation = torch_install.Installation(Path({str(tmp_path)!r}) / "torch", arguments).start()
+installation.join(60)
+"""
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("PIP_")}
+    environment |= {"PIP_CONFIG_FILE": os.devnull, "no_proxy": "*"}
+    blender = subprocess.Popen([sys.executable, "-c", code], env=environment)
+    try:
+        asked, _ = server.accept()
+        asked.settimeout(30)
+        assert b"/torch/" in asked.recv(4096)
+        blender.kill()
+        assert asked.recv(4096) == b"", "pip has hung up"
+    finally:
+        blender.kill()
+        blender.wait()
+        server.close()
+    clear_remains(tmp_path / "torch")
+    assert not list(tmp_path.glob("torch.partial-*"))
+
+
+def test_the_preferences_name_the_installation_that_counts(empty, tmp_path, monkeypatch):
+    """Blender may have died before it saved them, or saved them before another installation."""
+    from frog_blender.operators import install_torch
+    from frog_blender.ui import preferences
+
+    place = tmp_path / "data" / "torch"
+    monkeypatch.setattr(install_torch, "folder", lambda: place)
+    named = SimpleNamespace(preferences=SimpleNamespace(torch_path=""))
+    addons = {preferences.base_package: named}
+    stand_in = SimpleNamespace(context=SimpleNamespace(preferences=SimpleNamespace(addons=addons)), path=bpy.path)
+    monkeypatch.setattr(preferences, "bpy", stand_in)
+    assert preferences.torch_path() == ""
+    (place.with_name("torch-2") / "torch").mkdir(parents=True)
+    (place.with_name("torch-2") / "torch" / "__init__.py").write_text("")
+    (place.parent / "torch.current").write_text("torch-2")
+    for path in ("", str(place)):
+        named.preferences.torch_path = path
+        assert preferences.torch_path() == str(place.with_name("torch-2"))
+    named.preferences.torch_path = str(tmp_path / "mine")
+    assert preferences.torch_path() == str(tmp_path / "mine")
 
 
 def test_nothing_is_fetched_without_online_access(empty):

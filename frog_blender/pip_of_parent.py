@@ -1,0 +1,33 @@
+"""pip for as long as the process lives that started it, which keeps the other end of this one's input.
+
+    python -I pip_of_parent.py WHEEL ARGUMENTS...
+
+WHEEL is a file with pip in it, or "" for the installed one. Whatever ends the parent closes the input, even a crash,
+and with it pip ends at once. Nothing of the package is imported here.
+"""
+
+from __future__ import annotations
+
+import os
+import runpy
+import sys
+import threading
+
+
+def _end_with_parent() -> None:
+    while os.read(0, 1024):
+        pass
+    os._exit(1)
+
+
+def main() -> None:
+    wheel, *arguments = sys.argv[1:]
+    if wheel:
+        sys.path.insert(0, wheel)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    sys.argv = ["pip", *arguments]
+    runpy.run_module("pip", run_name="__main__", alter_sys=True)
+
+
+if __name__ == "__main__":
+    main()
