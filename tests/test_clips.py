@@ -130,7 +130,9 @@ def test_folders_as_stored_and_near_the_scene(tmp_path):
     assert capture_folders(header(["a"]), scene) == []
 
 
-@pytest.mark.parametrize("path", ["\\\\server\\share\\room", "//server/share/room"])
+@pytest.mark.parametrize(
+    "path", [f"{begin}server/share/room" for begin in ("\\\\", "//", "/\\", "\\/", "\\\\?\\UNC\\", "/??/UNC/")]
+)
 def test_a_file_does_not_make_a_computer_call_another(tmp_path, path):
     folders = capture_folders(header(["a"], path=path), tmp_path / "x.frog")
     assert folders and all(folder.is_relative_to(tmp_path.parent) for folder in folders)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from .capture.readers import transforms_json
 from .capture.video import VIDEO_SUFFIXES, composed, find_pictures, find_videos
 from .errors import FrogError
+from .paths import leads_elsewhere
 
 if TYPE_CHECKING:
     from .capture.camera import Camera
@@ -49,8 +50,7 @@ def capture_folders(header: SceneHeader, scene_file: Path) -> list[Path]:
     stored = header.capture_path
     name = PureWindowsPath(stored).name  # of paths with either kind of stroke
     nearby = [scene_file.parent / name, scene_file.parent, scene_file.parent.parent / name] if name else []
-    elsewhere = stored.startswith(("\\\\", "//"))
-    return [Path(stored), *nearby] if stored and not elsewhere else nearby
+    return [Path(stored), *nearby] if stored and not leads_elsewhere(stored) else nearby
 
 
 def find_clips(header: SceneHeader, folder: Path) -> dict[str, Clip]:

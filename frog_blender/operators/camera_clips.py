@@ -82,7 +82,7 @@ def begin_straightening(obj: Any, folder: Path | None = None) -> Straightening |
     if all(camera.data.library is not None for camera in cameras_of(obj)):
         return None
     problem = None
-    for each in filter(Path.is_dir, folders):
+    for each in filter(os.path.isdir, folders):  # False for names that no disk takes
         try:
             return straightening(header, path, each)
         except FrogError as error:

@@ -12,6 +12,8 @@ from pathlib import Path
 
 from safetensors import SafetensorError, safe_open
 
+from ..paths import leads_elsewhere
+
 
 def free_output(output: Path, capture: Path) -> Path:
     """``output``, or that name with a number where a scene of another capture lies there."""
@@ -47,8 +49,14 @@ def is_of_another(output: Path, capture: Path) -> bool:
     A folder of the same name that is gone is taken for this one, moved.
     """
     here = capture.resolve()
-    made = [Path(found) for path in (output, Path(f"{output}.checkpoint")) if (found := trained_from(path))]
-    return any(there != here and (there.name != here.name or os.path.exists(there)) for there in made)
+    made = [found for path in (output, Path(f"{output}.checkpoint")) if (found := trained_from(path))]
+    return any(_is_another(found, here) for found in made)
+
+
+def _is_another(found: str, here: Path) -> bool:
+    """What a file says is looked for only where that calls no other computer."""
+    there = Path(found)
+    return there != here and (there.name != here.name or leads_elsewhere(found) or os.path.exists(there))
 
 
 def trained_from(path: Path) -> str:
