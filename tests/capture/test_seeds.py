@@ -12,7 +12,7 @@ from frog_blender.engine.capture.capture import Capture, Shot
 from frog_blender.engine.capture.seeding import moving
 from frog_blender.engine.capture.seeding.views import scene_depth, spread
 from frog_blender.engine.capture.seeding.volume import fill_volume
-from frog_blender.engine.capture.seeds import Seeds, find_seeds
+from frog_blender.engine.capture.seeds import Seeds, _merge, find_seeds
 from frog_blender.engine.errors import FrogError
 
 WIDTH, HEIGHT = 160, 120
@@ -230,3 +230,15 @@ def test_a_camera_that_stands_sees_a_scene_five_units_away(shots: int) -> None:
         pose[:3, 3] = random.normal(size=3)
         camera = Camera("a", 64, 48, np.array([[60.0, 0, 32], [0, 60, 24], [0, 0, 1]]), pose)
         assert scene_depth([camera] * shots) == 5.0
+
+
+@pytest.mark.parametrize("limit", [1, 2, 3, 10])
+def test_a_few_points_can_be_asked_for(limit: int) -> None:
+    """Voxels of any size tell sides and distances apart: they never held as few as these."""
+    random = np.random.default_rng(0)
+    points = np.concatenate([random.normal(size=(500, 3)) * scale for scale in (0.1, 1, 30, 1e4)])
+    points[7] = np.nan
+    centers = np.array([[0.0, 0, 0], [0.5, 0, 0]])
+    found, colors = _merge((points, points), centers, limit)
+    assert len(found) == len(colors) == limit and np.isfinite(found).all()
+    assert len(np.unique(found, axis=0)) == limit

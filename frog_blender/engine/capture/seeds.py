@@ -215,16 +215,21 @@ def _merge(cloud: Cloud, centers: np.ndarray, count_limit: int) -> Cloud:
     """One point a voxel (the first), voxels growing until no more than ``count_limit`` are filled.
 
     Voxels double in size with each doubling of the distance to the nearest camera: what is near needs more points.
+    Voxels that reach beyond all points still tell sides and distances apart: then some of those points are taken.
     """
-    points, colors = cloud
+    finite = np.isfinite(cloud[0]).all(axis=1)
+    points, colors = cloud[0][finite], cloud[1][finite]
     centers = centers[np.linspace(0, len(centers) - 1, min(len(centers), 32)).astype(int)]
     distance = np.min([np.linalg.norm(points - center, axis=1) for center in centers], axis=0)
     level = np.round(np.log2(np.maximum(distance, 1e-9)))
-    voxel = 0.002
+    voxel, largest = 0.002, (np.abs(points) / 2 ** level[:, None]).max(initial=0.0)
     while True:
         cells = np.floor(points / (voxel * 2**level)[:, None]).clip(-(2**40), 2**40)
         keys = np.concatenate([cells, level[:, None]], axis=1).astype(np.int64)
         first = np.sort(np.unique(keys, axis=0, return_index=True)[1])
         if len(first) <= count_limit:
             return points[first], colors[first]
+        if voxel > largest:
+            some = first[np.linspace(0, len(first) - 1, count_limit).astype(int)]
+            return points[some], colors[some]
         voxel *= 1.12
