@@ -109,7 +109,7 @@ def test_mistakes(chart: Chart, filmed: Path, tmp_path: Path) -> None:
         ((filmed, *out, "--ablation", "colour"), "colour"),
         ((filmed, *out, "--set", "network_rate"), "--set network_rate"),
         ((filmed, *out, "--set", "speed=3"), "speed"),
-        ((filmed, *out, "--set", "steps=abc"), "steps is 'abc', expected int"),
+        ((filmed, *out, "--set", "steps=abc"), "steps is 'abc', expected a whole number"),
         ((filmed, *out, "--timing-steps", 5), "--timing-steps 5"),
         ((filmed, *out, "--row", "Wide"), "--row Wide"),
         ((filmed, *out, "--row", "Wide=frog,width=3"), "width"),

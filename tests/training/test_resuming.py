@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import json
+import math
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.files import read_scene
-from frog_blender.engine.training import events
-from frog_blender.engine.training.checkpoint import checkpoint_path
+from frog_blender.engine.files import read_scene, read_tensors
+from frog_blender.engine.training import events, resuming
+from frog_blender.engine.training.checkpoint import checkpoint_path, write_checkpoint
 from frog_blender.engine.training.job import TrainingJob, run_training
+from frog_blender.engine.training.loop import KEPT
+from frog_blender.engine.training.outputs import is_of_another
+from frog_blender.engine.training.resuming import as_it_began
 
 pytestmark = pytest.mark.usefixtures("seeds_at_no_cost")
 
@@ -64,3 +70,64 @@ def test_only_what_somebody_chose_is_said_to_be_left_aside(task: TrainingJob) ->
     assert not said(other)
     told = "The training goes on as it began: method frog, recipe draft, capacity fixed; left aside: seed, exact."
     assert said(replace(other, chosen={"seed": "seed", "lossless": "exact", "method": "method"}, steps=12)) == [told]
+
+
+def rewritten(task: TrainingJob, **settings: Any) -> TrainingJob:
+    """The task, whose checkpoint says something else of how it began."""
+    path = checkpoint_path(task.output)
+    arrays, metadata = read_tensors(path, "a training checkpoint")
+    values = json.loads(metadata["frog-checkpoint"])
+    values["settings"] |= settings
+    write_checkpoint(path, (arrays, values))
+    return task
+
+
+HOSTILE: dict[str, list[Any]] = {
+    "method": ["nerf", 3, True, None],
+    "seed": [-1, True, 2**40, 1.0, None],
+    "scale": [0, -1, math.nan, True, "x", 1e9, 10**400],
+    "holdout_frames": [-1, True, 1.5, 10**400],
+    "pixel_offsets": [5, [1], {"a": 1}, {"a": [1, math.nan]}, {"a": [1, 2, 3]}, {"a": [True, 1]}],
+    "lossless": [1, "x", None],
+    "max_bytes": [0, True, -5, 1.5],
+    "steps": [True, 0, 1.5, -1, 10**400],
+    "seconds": [True, 0, -1, math.nan, math.inf, 10**400, "x"],
+}
+
+
+def test_what_a_checkpoint_says_of_its_job_is_looked_at(task: TrainingJob) -> None:
+    assert set(HOSTILE) == set(resuming._KINDS) == set(KEPT)
+    as_it_began(task)
+    before = json.loads(read_tensors(checkpoint_path(task.output), "")[1]["frog-checkpoint"])["settings"]
+    for name, values in HOSTILE.items():
+        for value in values:
+            with pytest.raises(FrogError, match=rf"settings that do not fit \({name} is ") as caught:
+                as_it_began(rewritten(task, **{name: value}))
+            assert "\n" not in str(caught.value)
+        rewritten(task, **{name: before[name]})
+    as_it_began(task)
+
+
+@pytest.mark.parametrize("change", [{"seed_gaussians": -1}, {"seed_gaussians": 0}, {"head_width": 10**9}, {"speed": 1}])
+def test_a_recipe_that_none_can_be_never_begins(task: TrainingJob, change: dict[str, Any]) -> None:
+    """A negative number of seed points was looked for without an end."""
+    path = checkpoint_path(task.output)
+    recipe = json.loads(read_tensors(path, "")[1]["frog-checkpoint"])["settings"]["recipe"]
+    with pytest.raises(FrogError, match=next(iter(change))):
+        list(run_training(rewritten(task, recipe=recipe | change)))
+
+
+@pytest.mark.parametrize("share", [r"\\evil\share\other", "/\\evil/share/other", "//evil/share/other"])
+def test_no_computer_is_called_that_a_checkpoint_names(
+    task: TrainingJob, share: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looked_at: list[str] = []
+    monkeypatch.setattr(resuming, "detect", lambda path: looked_at.append(str(path)))
+    rewritten(task, capture=share)
+    with monkeypatch.context() as watched:
+        watched.setattr("os.path.exists", lambda path: looked_at.append(str(path)) or False)
+        assert is_of_another(task.output.with_name("none.frog"), task.capture) is False
+        task.output.unlink()
+        assert is_of_another(task.output, Path("/somewhere/other"))
+    as_it_began(task)
+    assert not [path for path in looked_at if "evil" in path]

@@ -21,18 +21,16 @@ from .density import COLLECTED
 from .fitting import fitting
 from .motion import Motion
 from .parsimony import Reduction, heads_of
-from .running_loss import Unstable
 from .smoothness import Neighbourhood
 from .trainer import Trainer
 
 _KEY = "frog-checkpoint"
 _VERSION = 12
+_WHAT = "a training checkpoint"
 # Attributes of the trainer's parts, each an array under the part's name.
 _POSES = ("moments", "moved", "gathered")
 _MOTION = ("score", "rest_energy", "fade_energy", "shape_energy")
 _NEIGHBOURHOOD = ("anchors", "neighbours", "weights")
-# RuntimeError: what torch says to shapes, and a RecursionError.
-_DO_NOT_FIT = (KeyError, ValueError, TypeError, AttributeError, IndexError, OverflowError, RuntimeError)
 
 
 def checkpoint_path(scene: str | Path) -> Path:
@@ -142,6 +140,8 @@ def _neighbourhood(tensors: dict[str, torch.Tensor], trainer: Trainer) -> Neighb
     fitting("anchors", anchors, (len(anchors),), torch.int64)
     fitting("neighbours", neighbours, (len(anchors), *neighbours.shape[1:2]), torch.int64)
     fitting("weights", weights, tuple(neighbours.shape))
+    if not neighbours.numel():
+        raise ValueError("nobody's neighbours")
     who = torch.cat([anchors, neighbours.flatten()])
     if not bool(((who >= 0) & (who < trainer.model.canonical.moving)).all()):
         raise ValueError("neighbours that are none")
@@ -162,20 +162,25 @@ def _parsimony_state(trainer: Trainer) -> dict[str, Any]:
     return {"seed": trainer.parsimony.seed, "reductions": [asdict(each) for each in trainer.parsimony.reductions]}
 
 
-def _values(path: Path, metadata: dict[str, str]) -> dict[str, Any]:
-    values: dict[str, Any] = json.loads(metadata[_KEY])
-    if values["version"] != _VERSION:
-        raise FrogError(f"{path}: found checkpoint version {brief(values['version'])}, expected {_VERSION}.")
-    return values
+def _read(path: Path) -> State:
+    """FrogError when the file is none that ``write_checkpoint`` wrote, or of another version."""
+    arrays, metadata = read_tensors(path, _WHAT)
+    try:
+        values = json.loads(metadata[_KEY])
+        version, settings = values["version"], values["settings"]
+    except (KeyError, ValueError, TypeError, RecursionError) as error:
+        raise found_instead(path, f"contents that do not fit ({error!r})", _WHAT) from error
+    if version != _VERSION:
+        raise FrogError(f"{path}: found checkpoint version {brief(version)}, expected {_VERSION}.")
+    if not isinstance(values, dict) or not isinstance(settings, dict):
+        raise found_instead(path, "settings that are none", _WHAT)
+    return arrays, values
 
 
 def checkpoint_settings(path: Path) -> dict[str, Any]:
     """What ``save_checkpoint`` was given; FrogError when the file cannot be used."""
-    _, metadata = read_tensors(path, "a training checkpoint")
-    try:
-        return dict(_values(path, metadata)["settings"])
-    except _DO_NOT_FIT as error:
-        raise found_instead(path, f"contents that do not fit ({error})", "a training checkpoint") from error
+    settings: dict[str, Any] = _read(path)[1]["settings"]
+    return settings
 
 
 def load_checkpoint(path: Path, trainer: Trainer) -> None:
@@ -183,31 +188,36 @@ def load_checkpoint(path: Path, trainer: Trainer) -> None:
 
     FrogError when the file cannot be used; the trainer is then as it was.
     """
-    arrays, metadata = read_tensors(path, "a training checkpoint")
+    state = _read(path)
+    if differing := _differing(state[1], trainer):
+        raise FrogError(f"{path}: belongs to another training ({differing} differ); train again without resuming.")
     before = state_of(trainer)
     try:
-        values = _values(path, metadata)
-        recipe = json.loads(json.dumps(settings_json(trainer.recipe)))
-        differing = [
-            key
-            for key in recipe
-            if values["recipe"].get(key) != recipe[key] and key not in ("name", "steps", "steps_per_moment")
-        ]
-        same_capture = values["shots"] == len(trainer.capture.shots)
-        same_capture &= values["cameras"] == [camera.name for camera in trainer.capture.cameras]
-        if values["method"] != trainer.method or differing or not same_capture:
-            what = "the method" if values["method"] != trainer.method else ", ".join(differing) or "the capture"
-            raise FrogError(f"{path}: belongs to another training ({what} differ); train again without resuming.")
-        restore(trainer, (arrays, values))
-    except (*_DO_NOT_FIT, Unstable) as error:
+        restore(trainer, state)
+    except Exception as error:
+        # Whatever somebody wrote into the file, the training must be able to begin instead.
         restore(trainer, before)
-        raise found_instead(path, f"contents that do not fit ({error})", "a training checkpoint") from error
+        raise found_instead(path, f"contents that do not fit ({error})", _WHAT) from error
+
+
+def _differing(values: dict[str, Any], trainer: Trainer) -> str:
+    """What of a checkpoint is not as in this training, in words; empty where all is."""
+    if values.get("method") != trainer.method:
+        return "the method"
+    stored, recipe = values.get("recipe"), json.loads(json.dumps(settings_json(trainer.recipe)))
+    stored = stored if isinstance(stored, dict) else {}
+    decides = [key for key in recipe if key not in ("name", "steps", "steps_per_moment")]
+    if differing := [key for key in decides if stored.get(key) != recipe[key]]:
+        return ", ".join(differing)
+    same = values.get("shots") == len(trainer.capture.shots)
+    same &= values.get("cameras") == [camera.name for camera in trainer.capture.cameras]
+    return "" if same else "the capture"
 
 
 def restore(trainer: Trainer, state: State) -> None:
     """Puts ``trainer`` where ``state_of`` found it, or another one of the same training.
 
-    One of _DO_NOT_FIT, or Unstable, for a state that does not fit; the trainer is then of no use until another does.
+    Any exception for a state that does not fit; the trainer is then of no use until another does.
     """
     arrays, values = state
     tensors = {name: torch.from_numpy(array.copy()) for name, array in arrays.items()}

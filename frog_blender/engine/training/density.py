@@ -62,7 +62,10 @@ class DensityControl:
     def resume(self, arrays: dict[str, torch.Tensor], count: int) -> None:
         """Goes on from what was collected of ``count`` Gaussians, by name; ValueError for arrays that do not fit."""
         for name in COLLECTED:
-            setattr(self, name, fitting(name, arrays[name], (count,)).to(self.seen.device))
+            found = fitting(name, arrays[name], (count,))
+            if not bool((found >= 0).all()):
+                raise ValueError(f"{name} below zero")
+            setattr(self, name, found.to(self.seen.device))
 
     @torch.no_grad()
     def observe(self, image: Image, opacities: torch.Tensor, camera: Camera) -> None:

@@ -87,8 +87,10 @@ class Exposures:
     def resume(self, sums: torch.Tensor, exposures: torch.Tensor, capture: Capture) -> Capture:
         """Goes on from a checkpoint; the capture with ``exposures`` (C, 3); ValueError for what does not fit."""
         self.sums = fitting("sums", sums, tuple(self.sums.shape)).to(self.sums.device)
-        if not bool(torch.isfinite(sums).all()):
+        if not bool((torch.isfinite(sums) & (sums >= 0)).all()):
             raise ValueError("brightness that is not finite")
         found = fitting("exposures", exposures, (len(capture.cameras), 3), torch.float64).numpy()
+        if not ((found > 0.5 / _LARGEST) & (found < 2 * _LARGEST)).all():
+            raise ValueError("exposures that no training finds")
         pairs = zip(capture.cameras, found, strict=True)
         return capture.with_cameras(camera.with_exposure(exposure) for camera, exposure in pairs)

@@ -75,9 +75,23 @@ def _frog(begin: Beginning) -> Frog:
     return Frog(begin.canonical, settings, recipe.table_smoothness)
 
 
+def _embedded(recipe: Recipe) -> Recipe:
+    """As it is; FrogError without embeddings, which tell FRoG's network one Gaussian from another."""
+    if not recipe.embedding_size:
+        raise FrogError("embedding_size is 0, expected at least 1 for this method.")
+    return recipe
+
+
 def _ed3dgs(recipe: Recipe) -> Recipe:
     """FRoG's base: dual networks, nothing that is FRoG's or ours."""
-    return replace(recipe, fusion="dual", modulation=False, sampling="off", opacity_reduction="off", capacity="fixed")
+    return replace(
+        _embedded(recipe),
+        fusion="dual",
+        modulation=False,
+        sampling="off",
+        opacity_reduction="off",
+        capacity="fixed",
+    )
 
 
 def _plain(recipe: Recipe, embedding_size: int = 0) -> Recipe:
@@ -126,7 +140,7 @@ def _curves(begin: Beginning) -> curves.Curves:
 
 
 METHODS = {
-    "frog": Method("FRoG", lambda recipe: recipe, _frog),
+    "frog": Method("FRoG", _embedded, _frog),
     "ed3dgs": Method("E-D3DGS", _ed3dgs, _frog),
     "static": Method("3DGS (static)", _plain, lambda begin: Static(begin.canonical)),
     "d3dgs": Method("Deformable-3DGS", _d3dgs_recipe, _d3dgs),

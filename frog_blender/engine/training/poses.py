@@ -12,6 +12,7 @@ from .fitting import fitting
 from .recipe import Recipe
 
 _MOMENTUM, _MEMORY, _TINY = 0.9, 0.99, 1e-15  # Adam's; a camera is drawn in one step of many, so a short memory
+_MOST, _ROUNDED = 1e15, 0.01  # of any number in a checkpoint, and of a rotation's own rounding
 
 
 class PoseRefinement:
@@ -129,11 +130,21 @@ class PoseRefinement:
         self.moved = fitting("moved", moved, (count, 2), torch.float64).numpy()
         self.gathered, self._arriving = fitting("gathered", gathered, (count, 13), torch.float64).numpy(), None
         found = fitting("poses", poses, (count, 4, 4), torch.float64).numpy()
-        if not all(np.isfinite(array).all() for array in (found, self.moments, self.moved)):
-            raise ValueError("poses that are not finite")
+        _check_poses(found)
+        if not all((np.abs(array) < _MOST).all() for array in (self.moments, self.gathered, self.moved)):
+            raise ValueError("a memory of poses that no training has")
+        if (self.moments[1] < 0).any() or (self.moved < 0).any() or (self.gathered[:, 12] < 0).any():
+            raise ValueError("squares or counts below zero")
         pairs = zip(self.capture.cameras, found, strict=True)
         self.capture = self.capture.with_cameras(camera.with_pose(pose) for camera, pose in pairs)
 
     def begin_at(self, progress: float) -> None:
         """Another limit makes the training's progress jump: no camera's step spans what lies before."""
         self.moved[:, 1] = max(progress, self._recipe.pose_from)
+
+
+def _check_poses(found: np.ndarray) -> None:
+    """ValueError unless (C, 4, 4) turn and shift, and no more."""
+    turns = found[:, :3, :3]
+    if not (np.abs(found) < _MOST).all() or not (np.abs(turns @ turns.swapaxes(1, 2) - np.eye(3)) < _ROUNDED).all():
+        raise ValueError("poses that do not only turn and shift")

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
-from ..errors import FrogError
+from ..errors import FrogError, brief
 from ..model.choices import FORMS, FUSIONS
+from . import setting
+from .setting import check_all, choice, flag, fractions, kinds_of, number, whole
 
 SAMPLINGS = ("anchors", "inverse", "off")
 _MOST_COARSE_ROWS = 30
+# Far beyond what trains well, but what any computer of today can hold: a recipe may come from a file.
+_MOST_STEPS, _MOST_GAUSSIANS, _MOST_SEEDS, _WIDEST, _FASTEST = 10**9, 10**7, 10**6, 1024, 10.0
+_NEVER, _OFTENEST = 10.0, 1e-6  # fractions of a training
+_MOST_NUMBERS = 2**27  # of all seed points' attributes together
 _GROWN, _GROWN_FROM = 1.075, 0.5
 """Times as many Gaussians as a scene keeps, with automatic capacity, before what pictures do not miss is left out; and
 the fraction of the training before which there are no more than it keeps."""
@@ -29,7 +36,7 @@ class Recipe:
             needs (see training.budget).
         seed_gaussians: seed points at most.
         seed_share: of the seed points, those that may be measured, see ``find_seeds``; for tests of stability.
-        sh_degree: 0 to 3; grows by one at each of ``sh_growth`` (fractions of training).
+        sh_degree: 0 to 3; grows by one at each of ``sh_growth`` (fractions of training, one for each degree at least).
         capacity: "auto" leaves a scene no more than it needs (see training.parsimony), "fixed" what it has.
         dynamic_share: with "auto", the share of the Gaussians that may move at most, whatever that costs; 0 for as many
             as have to.
@@ -80,77 +87,77 @@ class Recipe:
             ``newcomers``.
     """
 
-    name: str = "standard"
-    steps: int = 10_000
-    steps_per_moment: int = 300
-    max_gaussians: int = 40_000
-    kept_gaussians: int = 0
-    seed_gaussians: int = 25_000
-    seed_share: float = 1.0
-    sh_degree: int = 1
-    sh_growth: tuple[float, ...] = (0.1, 0.3, 0.5)
-    capacity: str = "fixed"
-    dynamic_share: float = 0.0
-    fusion: str = "product"
-    embedding_size: int = 32
-    temporal_size: int = 64
-    hidden_width: int = 64
-    head_width: int = 0
-    deformed_sh: int = 1
-    deformed_opacity: bool = True
-    modulation: bool = True
-    frames_per_row: float = 1.0
-    pictures_per_row: float = 2.0
-    most_temporal_rows: int = 150
-    coarse_share: float = 0.0
-    table_smoothness: float = 1e-4
-    opacity_reduction: str = "unit"
-    opacity_sharpness: float = 10.0
-    opacity_ramp: tuple[float, float] = (0.1, 0.25)
-    fine_rows_until: float = 0.05
-    warm_up: float = 0.01
-    mean_rate: float = 3e-4
-    scale_rate: float = 4.5e-2
-    rotation_rate: float = 2e-3
-    opacity_rate: float = 3e-2
-    color_rate: float = 5e-3
-    embedding_rate: float = 3e-2
-    temporal_rate: float = 1e-2
-    network_rate: float = 1e-3
-    grid_rate: float = 1e-2
-    rate_decay: float = 0.1
-    attribute_decay: float = 0.2
-    cool_down: float = 0.15
-    pose_reach: float = 0.01
-    pose_from: float = 0.05
-    exposure_from: float = 0.2
-    dssim_weight: float = 0.2
-    dssim_from: float = 0.125
-    dssim_burst: int = 5
-    dssim_period: int = 50
-    smoothness_weight: float = 1e-3
-    smoothness_neighbours: int = 8
-    smoothness_falloff: float = 0.3
-    smoothness_sample: int = 2048
-    frame_choice: str = "even"
-    half_size_until: float = 0.4
-    region_share: float = 0.75
-    region_size: float = 0.35
-    region_emphasis: float = 0.5
-    densify_from: float = 0.08
-    densify_until: float = 0.6
-    densify_every: float = 0.025
-    densify_threshold: float = 2e-4
-    densify_growth: float = 0.03
-    replaced_below: float = 0.2
-    split_scale: float = 0.01
-    prune_opacity: float = 5e-3
-    sampling: str = "anchors"
-    sampling_depth: str = "median"
-    sampling_from: float = 0.1
-    sampling_until: float = 0.7
-    sampling_every: float = 0.01
-    sampling_share: float = 0.002
+    name: str = setting.name("standard")
+    steps: int = whole(10_000, 1, _MOST_STEPS)
+    steps_per_moment: int = whole(300, 0, 1_000_000)
+    max_gaussians: int = whole(40_000, 1, _MOST_GAUSSIANS)
+    kept_gaussians: int = whole(0, 0, _MOST_GAUSSIANS)
+    seed_gaussians: int = whole(25_000, 1, _MOST_SEEDS)
+    seed_share: float = number(1.0, 0, 1)
+    sh_degree: int = whole(1, 0, 3)
+    sh_growth: tuple[float, ...] = fractions((0.1, 0.3, 0.5), 0, 3)
+    capacity: str = choice("fixed", ("auto", "fixed"))
+    dynamic_share: float = number(0.0, 0, 1)
+    fusion: str = choice("product", FUSIONS)
+    embedding_size: int = whole(32, 0, _WIDEST)
+    temporal_size: int = whole(64, 1, _WIDEST)
+    hidden_width: int = whole(64, 1, _WIDEST)
+    head_width: int = whole(0, 0, _WIDEST)
+    deformed_sh: int = choice(1, (0, 1, 4, 9, 16))
+    deformed_opacity: bool = flag(True)
+    modulation: bool = flag(True)
+    frames_per_row: float = number(1.0, 1e-3, 1e6)
+    pictures_per_row: float = number(2.0, 1e-3, 1e6, or_zero=True)
+    most_temporal_rows: int = whole(150, 2, 10_000)
+    coarse_share: float = number(0.0, 0, 1)
+    table_smoothness: float = number(1e-4, 0, 1e3)
+    opacity_reduction: str = choice("unit", FORMS)
+    opacity_sharpness: float = number(10.0, 0, 1e3)
+    opacity_ramp: tuple[float, float] = fractions((0.1, 0.25), 2, 2)
+    fine_rows_until: float = number(0.05, 0, 1)
+    warm_up: float = number(0.01, 0, 1)
+    mean_rate: float = number(3e-4, 0, _FASTEST)
+    scale_rate: float = number(4.5e-2, 0, _FASTEST)
+    rotation_rate: float = number(2e-3, 0, _FASTEST)
+    opacity_rate: float = number(3e-2, 0, _FASTEST)
+    color_rate: float = number(5e-3, 0, _FASTEST)
+    embedding_rate: float = number(3e-2, 0, _FASTEST)
+    temporal_rate: float = number(1e-2, 0, _FASTEST)
+    network_rate: float = number(1e-3, 0, _FASTEST)
+    grid_rate: float = number(1e-2, 0, _FASTEST)
+    rate_decay: float = number(0.1, 1e-9, 10)
+    attribute_decay: float = number(0.2, 1e-9, 10)
+    cool_down: float = number(0.15, 0, 1)
+    pose_reach: float = number(0.01, 0, 1)
+    pose_from: float = number(0.05, 0, 1)
+    exposure_from: float = number(0.2, 0, 1)
+    dssim_weight: float = number(0.2, 0, 10)
+    dssim_from: float = number(0.125, 0, _NEVER)
+    dssim_burst: int = whole(5, 0, _MOST_STEPS)
+    dssim_period: int = whole(50, 1, _MOST_STEPS)
+    smoothness_weight: float = number(1e-3, 0, 1e3)
+    smoothness_neighbours: int = whole(8, 1, 100)
+    smoothness_falloff: float = number(0.3, 0, 1e6)
+    smoothness_sample: int = whole(2048, 1, 100_000)
+    frame_choice: str = choice("even", ("even", "loss"))
+    half_size_until: float = number(0.4, 0, 1)
+    region_share: float = number(0.75, 0, 1)
+    region_size: float = number(0.35, 1e-3, 1)
+    region_emphasis: float = number(0.5, 0, 1)
+    densify_from: float = number(0.08, 0, _NEVER)
+    densify_until: float = number(0.6, 0, _NEVER)
+    densify_every: float = number(0.025, _OFTENEST, _NEVER)
+    densify_threshold: float = number(2e-4, 0, 1e6)
+    densify_growth: float = number(0.03, 0, 1)
+    replaced_below: float = number(0.2, 0, 1)
+    split_scale: float = number(0.01, 0, 1e6)
+    prune_opacity: float = number(5e-3, 0, 1)
+    sampling: str = choice("anchors", SAMPLINGS)
+    sampling_depth: str = choice("median", ("median", "mean"))
+    sampling_from: float = number(0.1, 0, _NEVER)
+    sampling_until: float = number(0.7, 0, _NEVER)
+    sampling_every: float = number(0.01, _OFTENEST, _NEVER)
+    sampling_share: float = number(0.002, 0, 1)
 
     def steps_for(self, moments: int) -> int:
         """Steps for a capture of so many moments: motion takes time to learn, and more of it more time."""
@@ -185,31 +192,20 @@ class Recipe:
         return int(share * count) if count >= half else int(max(share, while_few) * half)
 
     def __post_init__(self) -> None:
-        for name, known in _CHOICES.items():
-            if getattr(self, name) not in known:
-                raise FrogError(f"{name} is {getattr(self, name)!r}, expected one of {', '.join(known)}.")
-        if not 0 <= self.sh_degree <= 3 or self.deformed_sh not in (0, 1, 4, 9, 16):
-            raise FrogError("sh_degree must be 0 to 3, and deformed_sh 0, 1, 4, 9 or 16.")
+        check_all(self)
         if self.modulation and self.temporal_size < self.embedding_size:
             raise FrogError(
                 f"temporal_size is {self.temporal_size}, expected at least embedding_size ({self.embedding_size})."
             )
-        if not 0 <= self.seed_share <= 1:
-            raise FrogError(f"seed_share is {self.seed_share}, expected 0 to 1.")
-        if not 0 <= self.cool_down <= 1:
-            raise FrogError(f"cool_down is {self.cool_down}, expected 0 to 1.")
-        if self.steps < 1:
-            raise FrogError(f"The number of steps is {self.steps}, expected at least 1.")
+        if len(self.sh_growth) < self.sh_degree:
+            raise FrogError(f"sh_growth has {len(self.sh_growth)} fractions, expected {self.sh_degree} for sh_degree.")
+        seeds = min(self.seed_gaussians, self.max_gaussians)
+        numbers = 11 + 3 * (self.sh_degree + 1) ** 2 + self.embedding_size
+        if seeds * numbers > _MOST_NUMBERS:
+            raise FrogError(
+                f"{seeds:,} seed points have {numbers:,} numbers each, expected at most {_MOST_NUMBERS:,} in all."
+            )
 
-
-_CHOICES = {
-    "capacity": ("auto", "fixed"),
-    "fusion": FUSIONS,
-    "opacity_reduction": FORMS,
-    "sampling": SAMPLINGS,
-    "sampling_depth": ("median", "mean"),
-    "frame_choice": ("even", "loss"),
-}
 
 # The paper's network and schedules for N3DV: five heads of 128, all SH deformed; made for a GPU and hours.
 _PAPER = Recipe(
@@ -289,32 +285,26 @@ RECIPES = {
 }
 
 
-def stored_recipe(values: dict[str, Any]) -> Recipe:
-    """The recipe that ``settings_json`` made plain values of; TypeError, ValueError or FrogError for other values."""
-    settings: dict[str, Any] = {key: tuple(each) if isinstance(each, list) else each for key, each in values.items()}
-    _check_kinds(settings)
-    return Recipe(**settings)
+def stored_recipe(values: object) -> Recipe:
+    """The recipe that ``settings_json`` made plain values of; FrogError for other values. What an older file does not
+    say is as by default."""
+    if not isinstance(values, dict):
+        raise FrogError(f"A recipe is {brief(repr(values))}, expected its settings by name.")
+    return _changed(Recipe(), values)
 
 
-def _check_kinds(settings: dict[str, Any]) -> None:
-    """ValueError for a value of another kind than the setting's."""
-    for field in fields(Recipe):
-        kind = type(field.default)
-        if not isinstance(settings.get(field.name, field.default), (int, float) if kind is float else kind):
-            raise ValueError(f"{field.name} is {settings[field.name]!r}, expected {kind.__name__}")
-
-
-def recipe(name: str, **overrides: Any) -> Recipe:
+def recipe(name: str, /, **overrides: Any) -> Recipe:
     """A named recipe with some settings changed; FrogError for a name that does not exist, or a value that is none."""
     if name not in RECIPES:
         raise FrogError(f"There is no recipe {name!r}; there are {', '.join(RECIPES)}.")
-    known = {field.name for field in fields(Recipe)}
-    for key in overrides:
+    return _changed(RECIPES[name], {key: value for key, value in overrides.items() if value is not None})
+
+
+def _changed(base: Recipe, changes: Mapping[str, Any]) -> Recipe:
+    """With lists, as JSON has them, for tuples."""
+    known = kinds_of(Recipe)
+    for key in changes:
         if key not in known:
-            raise FrogError(f"A recipe has no setting {key!r}.")
-    changes = {key: value for key, value in overrides.items() if value is not None}
-    try:
-        _check_kinds(changes)
-    except ValueError as error:
-        raise FrogError(f"A recipe's {error}.") from error
-    return replace(RECIPES[name], **changes)
+            raise FrogError(f"A recipe has no setting {brief(repr(key))}.")
+    values: dict[str, Any] = {key: tuple(each) if isinstance(each, list) else each for key, each in changes.items()}
+    return replace(base, **values)

@@ -18,6 +18,7 @@ from .fitting import fitting
 
 _MEMORY = 0.7  # share of the old estimate that a new look at a cell leaves
 _LEAST = 48  # pixels a side
+_MOST = 1e12  # mean squared error that is believed of a checkpoint: their sum has to be a number
 
 
 @dataclass(frozen=True)
@@ -85,8 +86,8 @@ class RegionPicker:
         """Goes on from a checkpoint's errors and forgets what is on its way; ValueError for what does not fit."""
         sizes = [own.shape for own in self.errors]
         self.errors = [fitting("errors", *pair).numpy() for pair in zip(errors, sizes, strict=True)]
-        if any((found < 0).any() for found in self.errors):
-            raise ValueError("errors below zero")
+        if not all(((found >= 0) & ((found < _MOST) | np.isinf(found))).all() for found in self.errors):
+            raise ValueError("errors below zero, or larger than any")
         self._arriving.clear()
 
     def _take_in(self, look: _Look) -> None:

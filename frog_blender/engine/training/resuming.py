@@ -2,21 +2,54 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..capture.readers import detect
 from ..errors import FrogError, found_instead
+from ..paths import leads_elsewhere
 from .checkpoint import checkpoint_path, checkpoint_settings
 from .loop import KEPT
+from .methods import METHODS
 from .recipe import stored_recipe
+from .setting import Choice, Kind, Number, OrNone, check
 
 if TYPE_CHECKING:
     from .job import TrainingJob
 
 _OF_RECIPE = {"recipe": "name", "capacity": "capacity"}
+_MOST_CAMERAS, _FARTHEST = 10_000, 1e6
+
+
+@dataclass(frozen=True)
+class _Offsets:
+    """Pixels (x, y) by camera, as ``open_capture`` takes them."""
+
+    expected = "two numbers of pixels for each camera"
+
+    def accepts(self, value: object) -> bool:
+        pixels = Number(-_FARTHEST, _FARTHEST)
+        return (
+            isinstance(value, dict)
+            and len(value) <= _MOST_CAMERAS
+            and all(isinstance(pair, list) and len(pair) == 2 for pair in value.values())
+            and all(pixels.accepts(each) for pair in value.values() for each in pair)
+        )
+
+
+_KINDS: dict[str, Kind] = {
+    "method": Choice(tuple(METHODS)),
+    "seed": Number(0, 2**32 - 1, whole=True),
+    "scale": OrNone(Number(1e-4, 16)),
+    "holdout_frames": OrNone(Number(0, 10**6, whole=True)),
+    "pixel_offsets": OrNone(_Offsets()),
+    "lossless": Choice((True, False)),
+    "max_bytes": OrNone(Number(1, 2**50, whole=True)),
+    "steps": OrNone(Number(1, 10**12, whole=True)),
+    "seconds": OrNone(Number(1e-9, 1e12)),
+}
+"""What a checkpoint may say of each of ``loop.KEPT``."""
 
 
 def as_it_began(job: TrainingJob) -> tuple[TrainingJob, str | None]:
@@ -40,10 +73,11 @@ def as_it_began(job: TrainingJob) -> tuple[TrainingJob, str | None]:
 def _check_capture(path: Path, before: dict[str, Any], capture: Path) -> None:
     """FrogError when the checkpoint is of another folder that is still a capture: one that is gone was moved."""
     stored = before.get("capture")
-    if not isinstance(stored, str) or not stored:
+    if not isinstance(stored, str) or not stored or stored == str(Path(capture).resolve()):
         return
     try:
-        if Path(stored).resolve() == Path(capture).resolve():
+        # What a file says makes no computer call others: a capture there counts as one that was moved.
+        if leads_elsewhere(stored) or Path(stored).resolve() == Path(capture).resolve():
             return
         detect(Path(stored))
     except (FrogError, OSError, ValueError):
@@ -55,10 +89,7 @@ def _began(job: TrainingJob, path: Path, before: dict[str, Any]) -> TrainingJob:
     try:
         kept = {name: before[name] for name in KEPT}
         for name, value in kept.items():
-            if not isinstance(value, KEPT[name]):
-                raise ValueError(f"{name} is {value!r}")
-        if not all(kept[name] is None or 0 < kept[name] < math.inf for name in ("steps", "seconds")):
-            raise ValueError(f"{kept['steps']} steps, {kept['seconds']} seconds")
+            check(name, value, _KINDS[name])
         if kept["pixel_offsets"]:
             kept["pixel_offsets"] = {name: (float(x), float(y)) for name, (x, y) in kept["pixel_offsets"].items()}
         if job.steps or job.seconds:
@@ -66,7 +97,7 @@ def _began(job: TrainingJob, path: Path, before: dict[str, Any]) -> TrainingJob:
         if job.max_bytes:
             kept["max_bytes"] = job.max_bytes
         return replace(job, **kept, recipe=stored_recipe(before["recipe"]))
-    except (KeyError, ValueError, TypeError, AttributeError, FrogError) as error:
+    except (KeyError, FrogError) as error:
         raise found_instead(path, f"settings that do not fit ({error})", "a training checkpoint") from error
 
 

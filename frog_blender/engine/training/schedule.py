@@ -36,6 +36,7 @@ def ramp(progress: float, start: float, end: float) -> float:
 
 
 _UNSEEN = 100.0  # no picture in [0, 1] can lose as much
+_MOST = 1e12  # of what a checkpoint may say
 
 
 class ShotPicker:
@@ -69,8 +70,8 @@ class ShotPicker:
     def resume(self, losses: torch.Tensor, draws: int) -> None:
         """Goes on from a checkpoint; ValueError for what does not fit."""
         self.losses = fitting("losses", losses, tuple(self.losses.shape))
-        if not bool((losses.isfinite() & (losses >= 0)).all()) or draws < 0:
-            raise ValueError("losses or draws are not positive numbers")
+        if not bool(((losses >= 0) & (losses < _MOST)).all()) or not 0 <= draws < _MOST:
+            raise ValueError("losses or draws that no training has")
         self.draws = draws
 
     def withhold(self, shots: Sequence[int]) -> None:

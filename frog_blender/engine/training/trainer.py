@@ -41,6 +41,7 @@ Played = Callable[[float], GaussianArrays]
 """A scene's Gaussians at a time in [0, 1]."""
 
 _SORTED_EVERY = 0.1  # of the training, while it grows
+_MOST_STEPS, _MOST_LOSS = 10**12, 1e12  # of what a checkpoint may say
 
 
 @dataclass(frozen=True)
@@ -113,12 +114,12 @@ class Trainer:
         """Sets the counters of a checkpoint; ValueError for what no training counts."""
         self.step_count, self.seconds = int(state["step_count"]), float(state["seconds"])
         self.burst_shot, before = int(state["burst_shot"]), float(state["progress"])
-        if not (self.step_count >= 0 and 0 <= self.seconds < math.inf and 0 <= before <= 1):
+        if not (0 <= self.step_count < _MOST_STEPS and 0 <= self.seconds < math.inf and 0 <= before <= 1):
             raise ValueError(f"{before} of a training at step {self.step_count} after {self.seconds} s")
         if not -1 <= self.burst_shot < len(self.capture.shots):
             raise ValueError(f"no shot {self.burst_shot}")
         loss = math.nan if state["loss"] is None else float(state["loss"])
-        if math.isinf(loss):
+        if abs(loss) > _MOST_LOSS:
             raise ValueError(f"a loss of {loss}")
         self._loss.resume(loss)
         # A shorter limit makes progress jump: then the rounds in between are due at the next step.

@@ -1,0 +1,136 @@
+"""Every setting of a recipe says what it may be, and whoever makes a recipe is told in a sentence what it may not."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.files import settings_json
+from frog_blender.engine.training.methods import METHODS, method_named
+from frog_blender.engine.training.recipe import RECIPES, Recipe, recipe, stored_recipe
+from frog_blender.engine.training.setting import Choice, Fractions, Name, Number, check_all, kinds_of
+from frog_blender.engine.training.trainer import Trainer
+
+KINDS = kinds_of(Recipe)
+NEVER: list[Any] = [math.nan, math.inf, -math.inf, 10**400, -(10**400), None, [], {}, "", "x\ny" * 60, (0.5, "a", 1)]
+
+
+def ends(name: str) -> list[Any]:
+    """The outermost values that a setting takes."""
+    kind = KINDS[name]
+    if isinstance(kind, Number):
+        return [kind.least, kind.most, *([0] if kind.or_zero else [])]
+    if isinstance(kind, Choice):
+        return list(kind.known)
+    if isinstance(kind, Fractions):
+        return [(0.0,) * kind.most, (1.0,) * kind.most]
+    return ["", "x" * 100]
+
+
+def beyond(name: str) -> list[Any]:
+    """Values just outside of what a setting takes, and of other kinds."""
+    kind = KINDS[name]
+    if isinstance(kind, Number):
+        numbers = [kind.least - 1e-9 if not kind.whole else kind.least - 1, kind.most + 1]
+        return [*numbers, True, *([1.5] if kind.whole else []), *NEVER]
+    if isinstance(kind, Choice):
+        return [1 if kind.known == (True, False) else "other", *NEVER]
+    if isinstance(kind, Fractions):
+        return [(0.5, 0.4), (0.0, 1.1), (math.nan, 0.5), (False, True), (0.1,) * 4, *NEVER]
+    return [value for value in NEVER if value != ""]
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_what_a_setting_may_not_be(name: str) -> None:
+    for value in beyond(name):
+        with pytest.raises(FrogError) as caught:
+            replace(Recipe(), **{name: value})
+        sentence = str(caught.value)
+        assert sentence.startswith(f"{name} is ") and ", expected " in sentence and sentence.endswith(".")
+        assert "\n" not in sentence and len(sentence) < 500
+        with pytest.raises(FrogError):
+            stored_recipe({**settings_json(Recipe()), name: value})
+        if value is not None:  # which says that nothing is changed
+            with pytest.raises(FrogError):
+                recipe("draft", **{name: value})
+
+
+@pytest.mark.parametrize("name", RECIPES)
+def test_a_recipe_comes_back_from_a_file(name: str) -> None:
+    stored = json.loads(json.dumps(settings_json(RECIPES[name])))
+    assert stored_recipe(stored) == RECIPES[name]
+    for method in METHODS:
+        check_all(method_named(method).adapt(RECIPES[name]))
+
+
+def test_what_an_older_file_does_not_say_is_as_by_default() -> None:
+    stored = settings_json(RECIPES["draft"])
+    del stored["split_scale"]
+    assert stored_recipe(stored) == RECIPES["draft"]
+
+
+@pytest.mark.parametrize("stored", [None, [], "draft", 5, {"speed": 1}, {"steps\n": 1}, {"opacity_ramp": [[0], [1]]}])
+def test_files_without_a_recipe(stored: object) -> None:
+    with pytest.raises(FrogError) as caught:
+        stored_recipe(stored)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "word"),
+    [
+        ({"sh_degree": 2, "sh_growth": (0.1,)}, "sh_growth has 1 fractions, expected 2"),
+        ({"temporal_size": 16}, "temporal_size is 16, expected at least embedding_size"),
+        ({"seed_gaussians": 10**6, "max_gaussians": 10**6, "embedding_size": 512, "temporal_size": 512}, "1,000,000"),
+    ],
+)
+def test_settings_that_do_not_go_together(changes: dict[str, Any], word: str) -> None:
+    with pytest.raises(FrogError, match=word):
+        recipe("standard", **changes)
+
+
+def test_a_network_that_could_not_tell_gaussians_apart() -> None:
+    nothing = recipe("draft", embedding_size=0)
+    for method in ("frog", "ed3dgs"):
+        with pytest.raises(FrogError, match="embedding_size is 0"):
+            method_named(method).adapt(nothing)
+    method_named("static").adapt(nothing)
+
+
+def train_with(make_trainer: Callable[..., Trainer], names: list[str]) -> None:
+    """A few steps with every outermost value: fine, or a sentence, such as that it became unstable."""
+    early = {"densify_from": 0.0, "densify_every": 0.2, "sampling_from": 0.0, "sampling_every": 0.2}
+    fitting = {"embedding_size": {"temporal_size": 1024}, "temporal_size": {"embedding_size": 1}}
+    for name in names:
+        for value in ends(name):
+            changes = {"capacity": "auto", **early, **fitting.get(name, {}), "steps": 6, name: value}
+            try:
+                trainer = make_trainer(**changes)
+                for _ in range(6):
+                    if not trainer.finished:
+                        trainer.step()
+            except FrogError as error:
+                assert "\n" not in str(error)
+
+
+RISKY = [
+    *("seed_gaussians", "max_gaussians", "frames_per_row", "pictures_per_row", "opacity_ramp", "rate_decay"),
+    *("dssim_period", "smoothness_sample", "smoothness_neighbours", "region_size", "densify_every", "sampling_every"),
+]
+
+
+@pytest.mark.parametrize("name", RISKY)
+def test_the_ends_of_what_a_setting_may_be_can_be_trained(make_trainer: Callable[..., Trainer], name: str) -> None:
+    train_with(make_trainer, [name])
+
+
+@pytest.mark.slow
+def test_the_ends_of_every_setting_can_be_trained(make_trainer: Callable[..., Trainer]) -> None:
+    assert isinstance(KINDS["name"], Name)
+    train_with(make_trainer, [name for name in KINDS if name not in RISKY])
