@@ -55,7 +55,7 @@ def test_another_number_of_rows_is_refused(n3dv: Path) -> None:
 @pytest.mark.parametrize(
     ("rows", "sentence"),
     [
-        (np.full((3, 17), np.nan), "not finite in row 0"),
+        (np.full((3, 17), np.nan), "row 0 with a value that is not finite"),
         (np.zeros((3, 17)), "zero or less in row 0"),
         (np.ones((3, 17)), "mirrors, scales or shears"),
         (np.ones((3, 15)), "shape \\(3, 15\\)"),

@@ -17,6 +17,13 @@ import numpy as np
 from ..errors import FrogError
 from .camera import Camera
 
+MOST_SIDE, MOST_PIXELS = 65_536, 2**26
+"""Pixels of a picture's width or height, and of the whole picture: of more no scene can be written."""
+MOST_FRAMES = 1_000_000
+"""Moments of a capture: nine hours at 30 a second. What claims more is mistaken."""
+MOST_PICTURES = 4_000_000
+"""Of a capture: each that is listed takes a few hundred bytes."""
+
 
 @dataclass(frozen=True, eq=False)
 class Distortion:

@@ -18,8 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import FrogError
-from .capture import Capture, Distortion, Shot
+from ..errors import FrogError, found_instead
+from .capture import MOST_PIXELS, MOST_SIDE, Capture, Distortion, Shot
 from .decoding import decode_shots
 
 _VERSION = 1  # raise it when the same capture would decode to other bytes
@@ -62,8 +62,9 @@ class FrameStore:
 
         Raises:
             DecodingCancelled: if ``cancelled`` said so.
-            FrogError: if a file is missing or cut off, or the disk has no room.
+            FrogError: if a file is missing or cut off, pictures are too large, or the disk has no room.
         """
+        _check_sizes(capture)
         cache = Path(cache_folder) if cache_folder is not None else default_cache_folder()
         sources = _sources(capture)
         folder = cache / _key(capture, sources)
@@ -85,6 +86,15 @@ class FrameStore:
 
     def __len__(self) -> int:
         return len(self._offsets)
+
+
+def _check_sizes(capture: Capture) -> None:
+    """FrogError for pictures of which no scene could be written."""
+    for camera in capture.cameras:
+        if max(camera.width, camera.height) > MOST_SIDE or camera.width * camera.height > MOST_PIXELS:
+            found = f"pictures of {camera.width} x {camera.height} pixels of {camera.name}"
+            expected = f"at most {MOST_SIDE:,} a side and {MOST_PIXELS:,} in all; choose a smaller picture scale"
+            raise found_instead(capture.path, found, expected)
 
 
 def default_cache_folder() -> Path:
@@ -192,7 +202,7 @@ def _remove_stale(cache: Path, capture: Capture) -> None:
                 index = json.loads((entry / _INDEX).read_text(encoding="utf-8"))
                 if index["capture"] == str(capture.path.resolve()) and _changed(index["sources"]):
                     shutil.rmtree(entry, ignore_errors=True)
-        except (OSError, ValueError, KeyError, TypeError):
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
             continue  # not ours to remove
 
 

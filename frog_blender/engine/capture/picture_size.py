@@ -2,64 +2,27 @@
 
 from __future__ import annotations
 
-import struct
 from pathlib import Path
-from typing import BinaryIO
 
 from ..errors import found_instead
 from ..regular_file import regular_file
-from .video import read_picture
-
-PNG_START = b"\x89PNG\r\n\x1a\n"
-PNG_HEADER = 24  # bytes, up to and with the size
-_JPEG_START = b"\xff\xd8"
-# Start of a frame of any process; C4, C8 and CC among their numbers are something else.
-_JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
-_JPEG_WITHOUT_LENGTH = frozenset({0x01, *range(0xD0, 0xD8)})
+from .picture_header import size_in_header
+from .video import check_picture_size, read_picture
 
 
 def picture_size(path: Path) -> tuple[int, int]:
     """(width, height) as ``read_picture`` decodes them; PNG and JPEG are not decoded for it.
 
     Raises:
-        FrogError: if the file is missing or no picture.
+        FrogError: if the file is missing or no picture, or one too large to be decoded.
     """
     try:
         with regular_file(path, "a picture").open("rb") as file:
-            start = file.read(PNG_HEADER)
-            size = png_size(start)
-            if size is None and start.startswith(_JPEG_START):
-                file.seek(len(_JPEG_START))
-                size = _jpeg_size(file)
+            size = size_in_header(file)
     except OSError as error:
         raise found_instead(path, f"a file that cannot be read ({error.strerror})", "a picture") from error
     if size is None or min(size) < 1:
         height, width = read_picture(path).shape[:2]
         return width, height
+    check_picture_size(path, size)
     return size
-
-
-def png_size(start: bytes) -> tuple[int, int] | None:
-    """(width, height) from the first PNG_HEADER bytes of a PNG; None for what is none."""
-    if len(start) < PNG_HEADER or not start.startswith(PNG_START):
-        return None
-    width, height = struct.unpack(">II", start[16:PNG_HEADER])
-    return width, height
-
-
-def _jpeg_size(file: BinaryIO) -> tuple[int, int] | None:
-    """(width, height) from the segments that follow the file's first marker; None where they do not say it."""
-    while (marker := file.read(2)) and len(marker) == 2 and marker[0] == 0xFF:
-        if marker[1] == 0xFF:  # padding: the next byte may be the marker's
-            file.seek(-1, 1)
-        elif marker[1] not in _JPEG_WITHOUT_LENGTH:
-            head = file.read(7)
-            if len(head) < 7:
-                return None
-            length, _, height, width = struct.unpack(">HBHH", head)
-            if marker[1] in _JPEG_FRAMES:
-                return width, height
-            if length < 2:
-                return None
-            file.seek(length - 7, 1)
-    return None

@@ -6,17 +6,19 @@ import hashlib
 import json
 import os
 import tempfile
-import zipfile
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 
+from ..errors import FrogError
+from ..numpy_files import NUMBERS, TEXT, read_npz
 from .capture import Capture
 from .frames import FrameStore
 from .seeds import Seeds, find_seeds
 
+_LONGEST_ORIGIN = 1000
 _VERSION = 1  # raise it when the same capture would get other seeds
 
 
@@ -31,14 +33,25 @@ def stored_seeds(
 ) -> Seeds:
     """``find_seeds``, or what it found for the same pictures, cameras and arguments before."""
     path = store.folder / f"seeds-{_key(capture, count_limit, seed, share)}.npz"
-    try:
-        with np.load(path, allow_pickle=False) as kept:
-            return Seeds(kept["points"], kept["colors"], str(kept["origin"]))
-    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):
-        pass  # not there, or cut off
+    if (kept := _kept(path, count_limit)) is not None:
+        return kept
     seeds = find_seeds(capture, store, count_limit=count_limit, seed=seed, share=share, progress=progress)
     _keep(path, seeds)
     return seeds
+
+
+def _kept(path: Path, most: int) -> Seeds | None:
+    """What ``_keep`` wrote; None where that is not there, or damaged, so that it is found again."""
+    if not path.is_file():
+        return None
+    try:
+        arrays = read_npz(path, "seed points", lambda *_: None, 6 * max(most, 0) + _LONGEST_ORIGIN, NUMBERS + TEXT)
+        points, colors, origin = arrays["points"], arrays["colors"], arrays["origin"]
+    except (FrogError, KeyError):
+        return None
+    fits = points.dtype == colors.dtype == np.float32 and points.shape == colors.shape == (len(points), 3)
+    whole = fits and len(points) > 0 and np.isfinite(points).all() and (np.abs(colors - 0.5) <= 0.5).all()
+    return Seeds(points, colors, str(origin)) if whole and origin.dtype.kind in TEXT and not origin.shape else None
 
 
 def _key(capture: Capture, count_limit: int, seed: int, share: float) -> str:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import unicodedata
 from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,8 @@ import numpy as np
 
 from ..errors import FrogError, found_instead
 from ..regular_file import regular_file
+from .capture import MOST_SIDE
+from .picture_header import size_in_header
 
 VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm"})
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp")
@@ -20,6 +24,7 @@ PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp")
 _ESTIMATING_SUFFIXES = frozenset({".mkv", ".webm"})
 # Videos of fewer pixels than this are decoded once when opened, to count their frames for certain.
 _COUNT_BY_DECODING = 1e8
+_MOST_DECODED = 2**28  # pixels of a picture: the largest cameras have half as many
 
 
 @dataclass(frozen=True)
@@ -87,25 +92,25 @@ def read_facts(path: Path) -> VideoFacts:
     cv2 = load_opencv()
     video = _open(path)
     try:
-        declared = int(video.get(cv2.CAP_PROP_FRAME_COUNT))
-        rate = float(video.get(cv2.CAP_PROP_FPS))
-        is_read, picture = video.read()
-        if not is_read:
-            raise found_instead(path, "a video of which no frame can be decoded", "a complete video")
-        height, width = picture.shape[:2]
-        is_estimate = declared <= 0 or path.suffix.lower() in _ESTIMATING_SUFFIXES
-        count = declared
-        if is_estimate or declared * width * height < _COUNT_BY_DECODING:
-            count = 1
-            while video.grab():
-                count += 1
-            if not is_estimate and count < declared - _may_miss(declared):
-                raise truncated(path, count, declared)
+        with _sentences(path, "a complete video"):
+            declared, rate = (video.get(key) for key in (cv2.CAP_PROP_FRAME_COUNT, cv2.CAP_PROP_FPS))
+            is_read, picture = video.read()
+            if not is_read:
+                raise found_instead(path, "a video of which no frame can be decoded", "a complete video")
+            height, width = picture.shape[:2]
+            count = int(declared) if np.isfinite(declared) and declared > 0 else 0
+            is_estimate = not count or path.suffix.lower() in _ESTIMATING_SUFFIXES
+            if is_estimate or count * width * height < _COUNT_BY_DECODING:
+                declared, count = count, 1
+                while video.grab():
+                    count += 1
+                if not is_estimate and count < declared - _may_miss(declared):
+                    raise truncated(path, count, declared)
     finally:
         video.release()
     if not (np.isfinite(rate) and 0.1 <= rate <= 1000):
         rate = 30.0
-    return VideoFacts(width, height, count, rate)
+    return VideoFacts(width, height, count, float(rate))
 
 
 def decode(path: Path, indices: Iterable[int]) -> Iterator[np.ndarray]:
@@ -121,16 +126,17 @@ def decode(path: Path, indices: Iterable[int]) -> Iterator[np.ndarray]:
     video = _open(path)
     try:
         position, last = 0, None
-        for index in wanted:
-            while position < index and video.grab():
-                position += 1
-            is_read, picture = video.read() if position == index else (False, None)
-            if is_read and picture is not None:
-                position += 1
-                last = cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
-            elif last is None or wanted[-1] + 1 - position > _may_miss(wanted[-1] + 1) // 2:
-                raise truncated(path, position, wanted[-1] + 1)
-            yield last
+        with _sentences(path, "a complete video"):
+            for index in wanted:
+                while position < index and video.grab():
+                    position += 1
+                is_read, picture = video.read() if position == index else (False, None)
+                if is_read and picture is not None:
+                    position += 1
+                    last = cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
+                elif last is None or wanted[-1] + 1 - position > _may_miss(wanted[-1] + 1) // 2:
+                    raise truncated(path, position, wanted[-1] + 1)
+                yield last
     finally:
         video.release()
 
@@ -139,30 +145,63 @@ def read_picture(path: Path, background: tuple[float, float, float] = (0.0, 0.0,
     """A picture file as (H, W, 3) uint8 RGB; transparent pixels lie over ``background``.
 
     Raises:
-        FrogError: if the file is missing or no picture.
+        FrogError: if the file is missing or no picture, or one too large to be decoded.
     """
     cv2 = load_opencv()
-    regular_file(path, "a picture")
-    # Through memory: OpenCV cannot open paths outside the system's code page on Windows.
-    try:
-        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
-    except OSError as error:
-        raise found_instead(path, f"a file that cannot be read ({error.strerror})", "a picture") from error
-    picture = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
-    if picture is None:
-        raise found_instead(path, "an empty file" if data.size == 0 else "a file that cannot be decoded", "a picture")
-    if picture.dtype != np.uint8:
-        if not np.issubdtype(picture.dtype, np.unsignedinteger):
-            raise found_instead(path, f"a picture of {picture.dtype} values", "8 or 16 bits a channel")
-        picture = (picture >> (8 * (picture.dtype.itemsize - 1))).astype(np.uint8)
-    if picture.ndim == 2:
-        return cv2.cvtColor(picture, cv2.COLOR_GRAY2RGB)
-    if picture.shape[2] == 3:
-        return cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
-    rgba = cv2.cvtColor(picture, cv2.COLOR_BGRA2RGBA).astype(np.float32)
+    with _sentences(path, "a picture"):
+        picture = _decoded(path, cv2.IMREAD_UNCHANGED)
+        if picture.dtype != np.uint8:
+            if not np.issubdtype(picture.dtype, np.unsignedinteger):
+                raise found_instead(path, f"a picture of {picture.dtype} values", "8 or 16 bits a channel")
+            picture = (picture >> (8 * (picture.dtype.itemsize - 1))).astype(np.uint8)
+        if picture.ndim == 2:
+            return cv2.cvtColor(picture, cv2.COLOR_GRAY2RGB)
+        if picture.shape[2] == 3:
+            return cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
+        rgba = cv2.cvtColor(picture, cv2.COLOR_BGRA2RGBA).astype(np.float32)
     alpha = rgba[..., 3:] / 255.0
     over = rgba[..., :3] * alpha + np.float32(255.0) * np.asarray(background, np.float32) * (1.0 - alpha)
     return (over + 0.5).astype(np.uint8)
+
+
+def read_gray(path: Path) -> np.ndarray:
+    """A picture file as (H, W) uint8 brightness; errors as of ``read_picture``."""
+    with _sentences(path, "a picture"):
+        return _decoded(path, load_opencv().IMREAD_GRAYSCALE)
+
+
+def check_picture_size(path: Path, size: tuple[int, int]) -> None:
+    """FrogError for a picture of so many pixels, (width, height), that decoding it takes all memory."""
+    width, height = size
+    if max(size) > MOST_SIDE or width * height > _MOST_DECODED:
+        found = f"a picture of {width} x {height} pixels"
+        raise found_instead(path, found, f"at most {MOST_SIDE:,} a side and {_MOST_DECODED:,} in all")
+
+
+def _decoded(path: Path, how: int) -> np.ndarray:
+    """A picture as OpenCV decodes it, with its own errors for what it cannot."""
+    regular_file(path, "a picture")
+    # Through memory: OpenCV cannot open paths outside the system's code page on Windows.
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise found_instead(path, f"a file that cannot be read ({error.strerror})", "a picture") from error
+    if not content:
+        raise found_instead(path, "an empty file", "a picture")
+    check_picture_size(path, size_in_header(BytesIO(content)) or (1, 1))
+    picture = load_opencv().imdecode(np.frombuffer(content, dtype=np.uint8), how)
+    if picture is None:
+        raise found_instead(path, "a file that cannot be decoded", "a picture")
+    return picture
+
+
+@contextmanager
+def _sentences(path: Path, expected: str) -> Iterator[None]:
+    """OpenCV's own errors, and a memory that does not suffice, as a FrogError."""
+    try:
+        yield
+    except (load_opencv().error, MemoryError) as error:
+        raise found_instead(path, f"a file that cannot be decoded ({error})", expected) from error
 
 
 def find_videos(folder: Path) -> list[Path]:

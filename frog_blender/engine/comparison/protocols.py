@@ -12,6 +12,7 @@ from pathlib import Path
 
 from ..capture.capture import Capture
 from ..capture.readers import detect, open_capture, technicolor
+from ..capture.readers.checks import checked
 from ..errors import FrogError
 from .protocol_scenes import PROTOCOLS, Part, Protocol, Scene
 from .published import markdown
@@ -136,7 +137,7 @@ def _open(scene: Scene, parts: list[Part], folder: Path) -> Iterator[tuple[Part,
     if detect(folder) == "technicolor":
         for part in parts:
             frames = range(part.first, part.first + part.count) if part.count else None
-            yield part, technicolor.read(folder, frames)
+            yield part, checked(technicolor.read(folder, frames))
         return
     capture = open_capture(folder)
     capture = capture.without_cameras(scene.without & {camera.name for camera in capture.cameras})

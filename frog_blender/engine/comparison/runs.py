@@ -205,7 +205,7 @@ class _Notes:
             if values["settings"] != self._settings:
                 return False
             self.curve, self.preparation_seconds = values["curve"], values["preparation_seconds"]
-        except (OSError, ValueError, KeyError, TypeError):
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
             return False
         return True
 

@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
 from ..capture.capture import Capture
 from ..capture.frames import FrameStore
+from ..capture.picture_size import picture_size
+from ..capture.video import read_gray
 from ..errors import FrogError, found_instead
 from ..inference.draw import draw
 from ..inference.scene import PlayableScene
+from ..numpy_files import read_npz
 from ..regular_file import regular_file
 from .metrics import gradient_energy, psnr_of, ssim
 
 Measure = Callable[[np.ndarray, np.ndarray], float]
 """A figure of a picture and its truth, both (H, W, 3) in [0, 1]."""
 
+_MASKS = "a picture or an .npz of masks"
+_MORE_FRAMES = 1000  # masks may be of the whole film, where a capture ends before
 _MOVING_DEVIATION = 6 / 255  # temporal standard deviation above which a pixel counts as moving
 
 
@@ -55,31 +58,25 @@ def moving_mask(store: FrameStore, shot_indices: list[int]) -> np.ndarray:
 def load_masks(path: Path, capture: Capture) -> dict[str, np.ndarray]:
     """Masks by camera name: a picture (white counts) for all cameras, or an ``.npz`` with an array for each camera,
     (H, W) or (frames, H, W). FrogError when a name or a size does not fit."""
-    regular_file(path, "a picture or an .npz of masks")
-    try:
-        if path.suffix.lower() == ".npz":
-            with np.load(path, allow_pickle=False) as archive:
-                masks = {name: archive[name] > 0 for name in archive.files}
-        else:
-            import cv2
+    regular_file(path, _MASKS)
+    names = {camera.name: (camera.height, camera.width) for camera in capture.cameras}
 
-            # Through memory, as every picture: OpenCV cannot open every path.
-            content = np.frombuffer(path.read_bytes(), dtype=np.uint8)
-            picture = cv2.imdecode(content, cv2.IMREAD_GRAYSCALE) if content.size else None
-            if picture is None:
-                raise ValueError("not a picture")
-            masks = {camera.name: picture > 127 for camera in capture.cameras}
-    except (OSError, ValueError, EOFError, BadZipFile, zlib.error) as error:  # the last three: an .npz that is cut off
-        raise found_instead(path, f"a file that cannot be read ({error})", "a picture or an .npz of masks") from error
-    names = [camera.name for camera in capture.cameras]
-    if unknown := [name for name in masks if name not in names]:
-        expected = ", ".join([*names[:12], "..."] if len(names) > 12 else names)
-        raise found_instead(path, f"a mask named {unknown[0]!r}", f"names of cameras: {expected}")
-    for camera in capture.cameras:
-        mask = masks.get(camera.name)
-        if mask is not None and mask.shape[-2:] != (camera.height, camera.width):
-            raise found_instead(path, f"a mask of {mask.shape}", f"{camera.height} x {camera.width} for {camera.name}")
-    return masks
+    def check(name: str, shape: tuple[int, ...]) -> None:
+        if name not in names:
+            shown = ", ".join([*list(names)[:12], "..."] if len(names) > 12 else names)
+            raise found_instead(path, f"a mask named {name!r}", f"names of cameras: {shown}")
+        height, width = names[name]
+        if shape[-2:] != names[name] or len(shape) not in (2, 3) or not shape[0]:
+            raise found_instead(path, f"a mask of {shape}", f"{height} x {width} for {name}")
+
+    if path.suffix.lower() == ".npz":
+        pixels = sum(height * width for height, width in names.values())
+        masks = read_npz(path, _MASKS, check, (capture.frame_count + _MORE_FRAMES) * pixels)
+        return {name: mask > 0 for name, mask in masks.items()}
+    size = picture_size(path)
+    for name in names:
+        check(name, size[::-1])
+    return dict.fromkeys(names, read_gray(path) > 127)
 
 
 def evaluate(

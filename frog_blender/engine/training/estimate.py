@@ -226,7 +226,7 @@ def remembered() -> list[Measured]:
     """Trainings on this computer, oldest first; what a damaged file says besides is left out."""
     try:
         entries = json.loads(_file().read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return []
     found = [_measured(entry) for entry in entries] if isinstance(entries, list) else []
     return [one for one in found if one is not None]
@@ -241,7 +241,7 @@ def _measured(entry: Any) -> Measured | None:
             float(entry["seconds"]),
             entry["model"],
         )
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, OverflowError):
         return None
     usable = 0 < one.seconds < math.inf and 0 < one.modelled < math.inf and one.model == MODEL
     return one if usable else None

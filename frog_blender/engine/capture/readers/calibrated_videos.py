@@ -15,7 +15,7 @@ from ..camera import Camera
 from ..capture import Capture, Distortion
 from ..video import VideoFacts, composed, find_videos, read_facts
 from . import qualisys
-from .checks import numbers, read_json, rotation, shared_moments, size, video_shots
+from .checks import numbers, pinhole, read_json, rotation, shared_moments, size, video_shots
 
 _OPENCV = "cameras_opencv.json"
 _ROUNDING = 1.0  # pixels by which either side of a resized video may be off: encoders want even numbers
@@ -114,9 +114,7 @@ def _read_opencv(path: Path) -> list[tuple[Camera, Distortion | None]]:
         name = "" if entry.get("name") is None else str(entry["name"])  # which may be the number 0
         if not name:
             raise found_instead(path, f"camera {position} without a name", "the name of its video")
-        intrinsics = numbers(entry.get("K"), (3, 3), path, f"K of camera {name}")
-        if min(intrinsics[0, 0], intrinsics[1, 1]) <= 0:
-            raise found_instead(path, f"a focal length of zero or less for camera {name}", "a positive one")
+        intrinsics = pinhole(entry.get("K"), path, f"K of camera {name}")
         world_to_camera = np.eye(4)
         matrix = numbers(entry.get("R"), (3, 3), path, f"R of camera {name}")
         world_to_camera[:3, :3] = rotation(matrix, path, f"the rotation of camera {name}")

@@ -4,15 +4,22 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ...errors import found_instead
+from ...errors import FrogError, found_instead
 from ...regular_file import regular_file
-from ..capture import Shot
+from ..capture import MOST_FRAMES, MOST_PICTURES, MOST_SIDE, Capture, Shot
 from ..video import VideoFacts
+
+FARTHEST = 1e12
+"""World units or pixels: what is larger was not measured, and multiplied it is no number any more."""
+_LONGEST_TEXT = 2**28  # bytes
+_NEAREST = 1e-6  # pixels of a focal length
+_LAST_ROW = (0.0, 0.0, 1.0)
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -22,7 +29,8 @@ def read_json(path: Path) -> dict[str, Any]:
         FrogError: if the file is missing, no JSON, or no object.
     """
     try:
-        data = json.loads(regular_file(path, "a JSON file").read_text(encoding="utf-8-sig"))
+        check_length(path, "a JSON file")
+        data = json.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise found_instead(path, f"a file that cannot be read ({error.strerror})", "a JSON file") from error
     except (ValueError, RecursionError) as error:
@@ -33,14 +41,27 @@ def read_json(path: Path) -> dict[str, Any]:
     return data
 
 
-def numbers(value: Any, shape: tuple[int, ...], path: Path, what: str) -> np.ndarray:
+def check_length(path: Path, expected: str) -> None:
+    """FrogError for what is no file, or one of more text than any calibration has.
+
+    Args:
+        expected: what the file should be, such as "a JSON file".
+    """
+    length = regular_file(path, expected).stat().st_size
+    if length > _LONGEST_TEXT:
+        raise found_instead(path, f"{length:,} bytes", f"at most {_LONGEST_TEXT:,} of text")
+
+
+def numbers(value: Any, shape: tuple[int, ...], path: Path, what: str, most: float = FARTHEST) -> np.ndarray:
     """``value`` as finite float64 numbers of the given shape.
 
     Raises:
-        FrogError: if it is missing, has another shape or holds a value that is not finite.
+        FrogError: if it is missing, has another shape or holds a value that is not finite, or beyond ``most``.
     """
     try:
         array = np.asarray(value, dtype=np.float64)
+    except OverflowError as error:  # a whole number of hundreds of digits
+        raise found_instead(path, f"{what} with a number too large", f"at most {most:g}") from error
     except (TypeError, ValueError) as error:
         raise found_instead(path, f"{what} that is not made of numbers", f"shape {shape}") from error
     if value is None or array.shape != shape:
@@ -48,16 +69,18 @@ def numbers(value: Any, shape: tuple[int, ...], path: Path, what: str) -> np.nda
         raise found_instead(path, f"{found} as {what}", f"{' x '.join(map(str, shape)) or 'one'} number(s)")
     if not np.all(np.isfinite(array)):
         raise found_instead(path, f"{what} with a value that is not finite", "finite numbers")
+    if np.abs(array).max(initial=0.0) > most:
+        raise found_instead(path, f"{what} with the number {np.abs(array).max():g}", f"at most {most:g}")
     return array
 
 
-def number(value: Any, path: Path, what: str, *, positive: bool = False) -> float:
+def number(value: Any, path: Path, what: str, *, positive: bool = False, most: float = FARTHEST) -> float:
     """``value`` as one finite number.
 
     Raises:
-        FrogError: if it is none, or not positive where it must be.
+        FrogError: if it is none, beyond ``most``, or not positive where it must be.
     """
-    result = float(numbers(value, (), path, what))
+    result = float(numbers(value, (), path, what, most))
     if positive and result <= 0:
         raise found_instead(path, f"{what} = {result:g}", "a positive number")
     return result
@@ -70,9 +93,66 @@ def size(value: Any, path: Path, what: str) -> int:
         FrogError: if it is no number between 1 and 65536.
     """
     result = number(value, path, what)
-    if not 1 <= result <= 65536:
-        raise found_instead(path, f"{what} = {result:g}", "between 1 and 65536 pixels")
+    if not 1 <= result <= MOST_SIDE:
+        raise found_instead(path, f"{what} = {result:g}", f"between 1 and {MOST_SIDE} pixels")
     return round(result)
+
+
+def pinhole(value: Any, path: Path, what: str) -> np.ndarray:
+    """``value`` as the matrix K of a camera, (3, 3).
+
+    Raises:
+        FrogError: if it is none; one that was transposed, which is the usual mistake, is called so.
+    """
+    matrix = numbers(value, (3, 3), path, what)
+    if not _is_pinhole(matrix):
+        expected = "the rows fx s cx, 0 fy cy and 0 0 1"
+        if _is_pinhole(matrix.T):
+            raise found_instead(path, f"{what} that is transposed: its last row is {_row(matrix[2])}", expected)
+        raise found_instead(path, f"{what} with the last rows {_row(matrix[1])} and {_row(matrix[2])}", expected)
+    if min(matrix[0, 0], matrix[1, 1]) < _NEAREST:
+        raise found_instead(path, f"a focal length of {min(matrix[0, 0], matrix[1, 1]):g} in {what}", "a positive one")
+    return matrix
+
+
+def _is_pinhole(matrix: np.ndarray) -> bool:
+    return bool(np.allclose([*matrix[2], matrix[1, 0]], [*_LAST_ROW, 0.0], atol=1e-6))
+
+
+def _row(values: np.ndarray) -> str:
+    return " ".join(f"{value:g}" for value in values)
+
+
+def rigid(value: Any, path: Path, what: str) -> np.ndarray:
+    """``value`` as a (4, 4) matrix of a rotation and a place.
+
+    Raises:
+        FrogError: if it is none; one that was transposed is called so.
+    """
+    matrix = numbers(value, (4, 4), path, what)
+    last = [0.0, 0.0, 0.0, 1.0]
+    if not np.allclose(matrix[3], last, atol=1e-3):
+        transposed = " that is transposed: its last row is" if np.allclose(matrix[:, 3], last, atol=1e-3) else " with"
+        raise found_instead(path, f"{what}{transposed} {_row(matrix[3])}", "the last row 0 0 0 1")
+    return matrix
+
+
+def moments(first: int, last: int, path: Path, what: str) -> int:
+    """How many moments lie between the first and the last number that files or lists name.
+
+    Raises:
+        FrogError: if no capture is that long.
+    """
+    count = last - first + 1
+    if count > MOST_FRAMES:
+        raise found_instead(path, f"{what} from {first} to {last}", f"at most {MOST_FRAMES:,} moments")
+    return count
+
+
+def check_pictures(path: Path, count: int) -> None:
+    """FrogError for more pictures than can be listed."""
+    if count > MOST_PICTURES:
+        raise FrogError(f"{path}: found {count:,} pictures, expected at most {MOST_PICTURES:,}.")
 
 
 def rotation(matrix: np.ndarray, path: Path, what: str) -> np.ndarray:
@@ -106,6 +186,8 @@ def shared_moments(path: Path, videos: Sequence[Path], facts: Sequence[VideoFact
     shared = min(counts)
     if shared < 1:
         raise found_instead(videos[counts.index(shared)], "no frame", "videos that share at least one moment")
+    moments(0, shared - 1, path, "frames")
+    check_pictures(path, shared * len(videos))
     warnings = []
     if shared != max(counts):
         shortest, longest = videos[counts.index(shared)].name, videos[counts.index(max(counts))].name
@@ -122,3 +204,21 @@ def shared_moments(path: Path, videos: Sequence[Path], facts: Sequence[VideoFact
 def video_shots(videos: Sequence[Path], frame_count: int) -> tuple[Shot, ...]:
     """Every camera at every moment, camera i filmed by video i."""
     return tuple(Shot(c, f, video, f) for f in range(frame_count) for c, video in enumerate(videos))
+
+
+def checked(capture: Capture) -> Capture:
+    """A capture as a reader made it, if a training can take it: numbers fine one by one may not be so together.
+
+    Raises:
+        FrogError: for cameras that see nothing or from nowhere, or too many pictures.
+    """
+    check_pictures(capture.path, len(capture.shots))
+    for camera in capture.cameras:
+        lens, pose = camera.intrinsics, camera.world_to_camera
+        far = not (np.abs(lens) <= FARTHEST).all() or not (np.abs(pose) <= FARTHEST).all()
+        if far or min(lens[0, 0], lens[1, 1]) < _NEAREST:
+            found = f"a focal length of {lens[0, 0]:g} at {_row(pose[:3, 3])} for camera {camera.name}"
+            raise found_instead(capture.path, found, f"positive numbers of at most {FARTHEST:g}")
+    if capture.near_far is not None and not 0 < capture.near_far[0] < capture.near_far[1] <= FARTHEST:
+        return replace(capture, near_far=None)
+    return capture

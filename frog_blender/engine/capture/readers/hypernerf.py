@@ -17,15 +17,17 @@ from typing import Any
 import numpy as np
 
 from ...errors import FrogError, found_instead
+from ...numpy_files import read_npy
 from ..camera import Camera
 from ..capture import Capture, Distortion, Shot
 from ..video import read_picture, with_ending
-from .checks import number, numbers, pose, read_json, rotation, size
+from .checks import FARTHEST, moments, number, numbers, pose, read_json, rotation, size
 
 _DATASET, _METADATA, _SCENE, _POINTS = "dataset.json", "metadata.json", "scene.json", "points.npy"
 _USUAL = "2x"  # what HyperNeRF and the papers after it are evaluated at
 _LARGEST_SIDE = 1600  # pixels: what a training takes unless it is told otherwise
-_FEW_POINTS = 50
+_FEW_POINTS, _MOST_POINTS = 50, 10_000_000
+_LATEST = 2**53  # whole numbers are exact until there
 
 
 def matches(path: Path) -> bool:
@@ -50,7 +52,7 @@ def read(path: Path) -> Capture:
     if not train:
         raise found_instead(path / _DATASET, "no picture to train on", "train_ids with pictures in rgb and in camera")
     names = [*train, *held_out]
-    moments = _moments(path, names)
+    at = _moments(path, names)
     cameras: list[Camera] = []
     distortions: list[Distortion | None] = []
     sizes: dict[tuple[int, int], tuple[int, int]] = {}
@@ -67,8 +69,8 @@ def read(path: Path) -> Capture:
         format="hypernerf",
         cameras=tuple(cameras),
         distortions=tuple(distortions),
-        shots=tuple(Shot(i, moments[name], pictures[name], 0) for i, name in enumerate(names)),
-        frame_count=max(moments.values()) + 1,
+        shots=tuple(Shot(i, at[name], pictures[name], 0) for i, name in enumerate(names)),
+        frame_count=max(at.values()) + 1,
         test_cameras=frozenset(held_out),
         near_far=_near_far(path, cameras[: len(train)], points),
         points=points,
@@ -149,13 +151,15 @@ def _moments(path: Path, names: list[str]) -> dict[str, int]:
         entries.append(entry)
     key = "time_id" if all("time_id" in entry for entry in entries) else "warp_id"
     values = [
-        number(entry.get(key), path / _METADATA, f"{key} of {name}") for name, entry in zip(names, entries, strict=True)
+        number(entry.get(key), path / _METADATA, f"{key} of {name}", most=_LATEST)
+        for name, entry in zip(names, entries, strict=True)
     ]
     whole = np.array(values).round().astype(np.int64)
     if np.abs(whole - values).max() > 1e-6:
         raise found_instead(path / _METADATA, f"a {key} with a fraction", "whole numbers")
     whole -= whole.min()
     whole //= max(int(np.gcd.reduce(whole)), 1)
+    moments(0, int(whole.max()), path / _METADATA, f"{key}s, counted in their steps,")
     return dict(zip(names, whole.tolist(), strict=True))
 
 
@@ -193,15 +197,11 @@ def _points(file: Path) -> np.ndarray | None:
     """(N, 3) points in world units, None where the capture has none."""
     if not file.is_file():
         return None
-    try:
-        points = np.load(file, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        raise found_instead(file, "a file that is not a NumPy array of numbers", "points of shape (N, 3)") from error
-    if not isinstance(points, np.ndarray) or points.dtype.kind not in "fiu" or points.ndim != 2 or points.shape[1] != 3:
-        found = f"{points.dtype} of shape {points.shape}" if isinstance(points, np.ndarray) else "an archive"
-        raise found_instead(file, found, "numbers of shape (N, 3)")
+    points = read_npy(file, "points of shape (N, 3)", 3 * _MOST_POINTS)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise found_instead(file, f"{points.dtype} of shape {points.shape}", "numbers of shape (N, 3)")
     points = points.astype(np.float64)
-    return points[np.isfinite(points).all(axis=1)]
+    return points[(np.abs(points) <= FARTHEST).all(axis=1)]  # and no NaN
 
 
 def _near_far(path: Path, cameras: list[Camera], points: np.ndarray | None) -> tuple[float, float] | None:

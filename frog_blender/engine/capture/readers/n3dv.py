@@ -12,12 +12,14 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import FrogError, found_instead
+from ...numpy_files import read_npy
 from ..camera import Camera
 from ..capture import Capture, Shot
 from ..video import find_pictures, find_videos, read_facts, read_picture
-from .checks import pose, rotation, shared_moments, video_shots
+from .checks import numbers, pose, rotation, shared_moments, video_shots
 
 _POSES = "poses_bounds.npy"
+_MOST_CAMERAS = 10_000
 
 
 def matches(path: Path) -> bool:
@@ -81,17 +83,10 @@ def read(path: Path) -> Capture:
 
 def _read_rows(path: Path) -> np.ndarray:
     """(N, 17) float64 rows of ``poses_bounds.npy``, checked."""
-    try:
-        rows = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        raise found_instead(path, "a file that is not a NumPy array of numbers", "rows of 17 numbers") from error
-    if not isinstance(rows, np.ndarray) or rows.dtype.kind not in "fiu" or rows.ndim != 2 or rows.shape[1] != 17:
-        found = f"{rows.dtype} of shape {rows.shape}" if isinstance(rows, np.ndarray) else "an archive"
-        raise found_instead(path, found, "numbers of shape (cameras, 17)")
-    rows = rows.astype(np.float64)
-    bad = np.flatnonzero(~np.isfinite(rows).all(axis=1))
-    if bad.size:
-        raise found_instead(path, f"a value that is not finite in row {bad[0]}", "finite numbers")
+    rows = read_npy(path, "numbers of shape (cameras, 17)", 17 * _MOST_CAMERAS)
+    if rows.ndim != 2 or rows.shape[1] != 17:
+        raise found_instead(path, f"{rows.dtype} of shape {rows.shape}", "numbers of shape (cameras, 17)")
+    rows = np.array([numbers(row, (17,), path, f"row {index}") for index, row in enumerate(rows)]).reshape(-1, 17)
     bad = np.flatnonzero((rows[:, [4, 9, 14]] <= 0).any(axis=1))
     if bad.size:
         raise found_instead(

@@ -11,10 +11,9 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ...errors import found_instead
-from ...regular_file import regular_file
 from ..camera import Camera
 from ..capture import Distortion
-from .checks import number, pose, rotation
+from .checks import check_length, number, pose, rotation, size
 
 _SUBPIXELS = 64.0  # the file counts pixels in sixty-fourths
 
@@ -25,7 +24,8 @@ def read_cameras(path: Path) -> list[tuple[Camera, Distortion | None]]:
     Raises:
         FrogError: if the file is no such calibration or a value is missing.
     """
-    text = regular_file(path, "a Qualisys calibration").read_bytes()
+    check_length(path, "a Qualisys calibration")
+    text = path.read_bytes()
     # Entities can blow a small file up or read other files; a calibration needs none (UTF-16 would hide them).
     if b"<!doctype" in text.lower() or b"<!entity" in text.lower() or b"\0" in text:
         raise found_instead(path, "XML with a document type or entities", "a plain Qualisys calibration")
@@ -52,10 +52,8 @@ def _read_camera(element: ElementTree.Element, path: Path) -> tuple[Camera, Dist
         return number(text, path, f"{child} {attribute} of camera {name}")
 
     left, top = value("fov_video", "left", 0.0), value("fov_video", "top", 0.0)
-    width = round(value("fov_video", "right") - left) + 1
-    height = round(value("fov_video", "bottom") - top) + 1
-    if not (1 <= width <= 65536 and 1 <= height <= 65536):
-        raise found_instead(path, f"{width} x {height} pixels for camera {name}", "a picture size")
+    width = size(value("fov_video", "right") - left + 1, path, f"the width of camera {name}")
+    height = size(value("fov_video", "bottom") - top + 1, path, f"the height of camera {name}")
     intrinsics = np.eye(3)
     for row, axis, start in ((0, "U", left), (1, "V", top)):
         intrinsics[row, row] = value("intrinsic", f"focalLength{axis}") / _SUBPIXELS

@@ -20,8 +20,9 @@ from ...errors import FrogError, found_instead
 from ...regular_file import regular_file
 from ..camera import Camera
 from ..capture import Capture, Distortion, Shot
-from ..picture_size import PNG_HEADER, png_size
-from .checks import numbers, pose
+from ..picture_header import PNG_HEADER, png_size
+from ..video import check_picture_size
+from .checks import check_length, moments, numbers, pose
 
 _PARAMETERS = "cameras_parameters.txt"
 _PICTURE = re.compile(r"(?P<scene>[^.].*)_undist_(?P<frame>\d{1,9})_(?P<camera>\d{1,4})\.png", re.IGNORECASE)
@@ -52,7 +53,7 @@ def read(path: Path, frames: range | None = None) -> Capture:
     files = _find_pictures(path, len(rows))
     found = {frame for _, frame in files}
     if frames is None:
-        frames = range(min(found), max(found) + 1)
+        frames = range(min(found), min(found) + moments(min(found), max(found), path, "pictures of frames"))
     elif not found.issuperset(frames):
         expected = f"every frame from {frames[0]} to {frames[-1]}"
         raise found_instead(path, f"frames between {min(found)} and {max(found)}", expected)
@@ -91,6 +92,7 @@ def read(path: Path, frames: range | None = None) -> Capture:
 def _read_rows(path: Path) -> np.ndarray:
     """(cameras, 12) float64 rows, checked."""
     try:
+        check_length(path, "a row for each camera")
         lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError as error:
         raise found_instead(path, f"a file that cannot be read ({error.strerror})", "a row for each camera") from error
@@ -161,6 +163,7 @@ def _picture_size(picture: Path) -> tuple[int, int]:
         size = png_size(file.read(PNG_HEADER))
     if size is None:
         raise found_instead(picture, "a file that is not a PNG", "a picture")
+    check_picture_size(picture, size)
     width, height = size
     if not height or abs(width * _CALIBRATED[1] / (height * _CALIBRATED[0]) - 1) > 0.02:
         expected = f"the proportions of {_CALIBRATED[0]} x {_CALIBRATED[1]}"

@@ -20,13 +20,15 @@ from ..camera import Camera
 from ..capture import Capture, Distortion, Shot
 from ..picture_size import picture_size
 from ..video import with_ending
-from .checks import number, numbers, pose, read_json, rotation, size
+from .checks import number, pose, read_json, rigid, rotation, size
 from .standing import camera_names, first_pictures
 
 _SINGLE = "transforms.json"
 _TRAIN = "transforms_train.json"
 _HELD_OUT = ("transforms_val.json", "transforms_test.json")
 _HOLDOUT_EVERY = 8
+_FASTEST = 1e6  # pictures a second
+_LATEST = 1e30  # of any unit: nanoseconds since 1970 are times too
 _LENS = ("camera_model", "is_fisheye", "w", "h", "fl_x", "fl_y", "camera_angle_x", "camera_angle_y", "cx", "cy")
 _VIEW = ("transform_matrix", *_LENS, "k1", "k2", "k3", "p1", "p2")  # what tells a picture's camera from another's
 
@@ -74,7 +76,7 @@ def read(path: Path) -> Capture:
     place = {name: index for index, name in enumerate(first)}
     views = [_camera(name, entry, picture_size(entry.picture)) for name, entry in first.items()]
     shots = [Shot(place[name], order[time], e.picture, 0) for name, time, e in zip(names, times, entries, strict=True)]
-    rate = entries[0].top.get("fps", 30.0)
+    rate = number(entries[0].top.get("fps", 30.0), training, "fps", positive=True, most=_FASTEST)
     capture = Capture(
         path=path,
         format="transforms",
@@ -82,7 +84,7 @@ def read(path: Path) -> Capture:
         distortions=tuple(distortion for _, distortion in views),
         shots=tuple(shots),
         frame_count=len(order),
-        frames_per_second=number(rate, training, "fps", positive=True),
+        frames_per_second=rate,
         test_cameras=frozenset(name for name, entry in first.items() if entry.file != training),
         # Pictures with splits are rendered over white, as everyone who publishes numbers on them does.
         background=(1.0, 1.0, 1.0) if has_splits else (0.0, 0.0, 0.0),
@@ -148,7 +150,7 @@ def _times(entries: list[_Entry]) -> list[float]:
     """A time for each picture: its own where all have one, else its place in its list."""
     if all(entry.own.get("time") is not None for entry in entries):
         # Rounded, so that 1/3 written with 6 digits by one list and 16 by another is one moment.
-        return [round(number(entry.own["time"], entry.file, "time"), 6) for entry in entries]
+        return [round(number(entry.own["time"], entry.file, "time", most=_LATEST), 6) for entry in entries]
     return [float(entry.place) for entry in entries]
 
 
@@ -196,7 +198,7 @@ def _camera(name: str, entry: _Entry, real: tuple[int, int]) -> tuple[Camera, Di
     center_x = number(both.get("cx", width / 2), file, "cx")
     center_y = number(both.get("cy", height / 2), file, "cy")
     intrinsics = np.array([[focal_x, 0, center_x], [0, focal_y or focal_x, center_y], [0, 0, 1.0]])
-    matrix = numbers(own.get("transform_matrix"), (4, 4), file, f"transform_matrix of {name}")
+    matrix = rigid(own.get("transform_matrix"), file, f"transform_matrix of {name}")
     camera_to_world = rotation(matrix[:3, :3], file, f"the transform_matrix of {name}") @ np.diag([1.0, -1.0, -1.0])
     coefficients = np.array([number(both.get(key, 0.0), file, key) for key in ("k1", "k2", "p1", "p2", "k3")])
     camera = Camera(name, width, height, intrinsics, pose(camera_to_world.T, matrix[:3, 3]))

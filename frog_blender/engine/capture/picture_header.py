@@ -1,0 +1,49 @@
+"""The size of a picture as its first bytes say it, of PNG and JPEG."""
+
+from __future__ import annotations
+
+import struct
+from typing import BinaryIO
+
+PNG_START = b"\x89PNG\r\n\x1a\n"
+PNG_HEADER = 24  # bytes, up to and with the size
+_JPEG_START = b"\xff\xd8"
+# Start of a frame of any process; C4, C8 and CC among their numbers are something else.
+_JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+_JPEG_WITHOUT_LENGTH = frozenset({0x01, *range(0xD0, 0xD8)})
+
+
+def size_in_header(file: BinaryIO) -> tuple[int, int] | None:
+    """(width, height) as the first bytes of an open file say; None for other formats, and where they do not say it."""
+    start = file.read(PNG_HEADER)
+    size = png_size(start)
+    if size is None and start.startswith(_JPEG_START):
+        file.seek(len(_JPEG_START))
+        size = _jpeg_size(file)
+    return size
+
+
+def png_size(start: bytes) -> tuple[int, int] | None:
+    """(width, height) from the first PNG_HEADER bytes of a PNG; None for what is none."""
+    if len(start) < PNG_HEADER or not start.startswith(PNG_START):
+        return None
+    width, height = struct.unpack(">II", start[16:PNG_HEADER])
+    return width, height
+
+
+def _jpeg_size(file: BinaryIO) -> tuple[int, int] | None:
+    """(width, height) from the segments that follow the file's first marker; None where they do not say it."""
+    while (marker := file.read(2)) and len(marker) == 2 and marker[0] == 0xFF:
+        if marker[1] == 0xFF:  # padding: the next byte may be the marker's
+            file.seek(-1, 1)
+        elif marker[1] not in _JPEG_WITHOUT_LENGTH:
+            head = file.read(7)
+            if len(head) < 7:
+                return None
+            length, _, height, width = struct.unpack(">HBHH", head)
+            if marker[1] in _JPEG_FRAMES:
+                return width, height
+            if length < 2:
+                return None
+            file.seek(length - 7, 1)
+    return None
