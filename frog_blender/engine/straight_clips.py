@@ -9,6 +9,9 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
+import tempfile
+import time
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -31,6 +34,8 @@ if TYPE_CHECKING:
     from .files import SceneHeader
 
 _INDEX = "clips.json"
+_PARTIAL = ".partial-"
+_ABANDONED_AFTER = 86_400.0  # seconds after which no process writes its films any more
 _NEVER_DISTORTED = frozenset({"n3dv"})  # formats that know no distortion, of which many captures are: not even opened
 _writing: set[Path] = set()
 
@@ -72,7 +77,7 @@ def straightening(header: SceneHeader, scene_file: Path, capture_folder: Path) -
     Raises:
         FrogError: if the capture cannot be opened, is not that of the scene, or something else lies where films go.
     """
-    if not capture_folder.is_dir():
+    if not os.path.isdir(capture_folder):
         return None
     shown = find_clips(header, capture_folder)
     if shown and header.capture_format in _NEVER_DISTORTED:
@@ -85,12 +90,19 @@ def straightening(header: SceneHeader, scene_file: Path, capture_folder: Path) -
     key, index = decoding_key(seen), _index(folder)
     if index and index.get("made_from") == key and straight_clips(header, scene_file):
         return None
-    if index is None and folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise FrogError(f"{folder}: found something that is none of our clips, expected this name to be free for them.")
     if folder in _writing:
         raise FrogError(f"{folder}: the clips are being written already.")
+    if folder.is_symlink() or (index is None and _holds_others(folder)):  # a link leads where nobody asked to write
+        raise FrogError(f"{folder}: found something that is none of our clips, expected this name to be free for them.")
     marks = {"scene": _decides(header), "made_from": key}
     return Straightening(sum(map(len, films.values())), _write(header, seen, films, folder, marks))
+
+
+def _holds_others(folder: Path) -> bool:
+    """True unless there is nothing at all in a folder, or of that name, but films that were begun."""
+    if not folder.is_dir():
+        return folder.exists()
+    return any(not entry.name.startswith(_PARTIAL) for entry in folder.iterdir())
 
 
 def _films(header: SceneHeader, capture: Capture, folder: Path) -> dict[str, list[int]]:
@@ -140,7 +152,7 @@ def _index(folder: Path) -> dict[str, Any] | None:
         index = json.loads((folder / _INDEX).read_text(encoding="utf-8"))
     except (FileNotFoundError, NotADirectoryError):
         return None
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return {}
     return index if isinstance(index, dict) else {}
 
@@ -153,29 +165,49 @@ def _file(folder: Path, name: str, count: int) -> Path:
 def _write(
     header: SceneHeader, capture: Capture, films: Mapping[str, Sequence[int]], folder: Path, marks: dict[str, Any]
 ) -> Generator[int, None, None]:
-    """Films into the folder, whose index says nothing until all of them are whole."""
-    done, whole, index = 0, False, folder / _INDEX
+    """Films into the folder, whose index says nothing until all of them are whole.
+
+    They are written into a new folder in there and then put in their places: the folder may have come with the scene,
+    and under a film's name it may hold a link to anything.
+    """
+    done, index, placing, whole = 0, folder / _INDEX, False, False
     files = {name: _file(folder, name, len(shots)) for name, shots in films.items()}
+    partial = None
     _writing.add(folder)
     try:
         folder.mkdir(exist_ok=True)
-        write_atomically(index, b"{}")
+        _remove_abandoned(folder)
+        partial = Path(tempfile.mkdtemp(prefix=_PARTIAL, dir=folder))
         for name, shots in films.items():
-            for _ in _write_clip(files[name], round(header.frames_per_second) or 1, capture, shots):
+            for _ in _write_clip(partial / files[name].name, round(header.frames_per_second) or 1, capture, shots):
                 done += 1
                 yield done
+        placing = True
+        write_atomically(index, b"{}")
+        for file in files.values():
+            os.replace(partial / file.name, file)  # of a link the link itself
         write_atomically(index, json.dumps(marks).encode())
         whole = True
     except OSError as error:
-        raise FrogError(f"{folder}: the clips cannot be written here ({error.strerror or error}).") from error
+        where = error.filename2 or folder  # of what is put in its place, the place
+        raise FrogError(f"{where}: the clips cannot be written here ({error.strerror or error}).") from error
     finally:
         _writing.discard(folder)
+        if partial is not None:
+            shutil.rmtree(partial, ignore_errors=True)
+        for file in (*files.values(), index) if placing and not whole else ():
+            with suppress(OSError):
+                file.unlink(missing_ok=True)
         if not whole:
-            for file in (*files.values(), index):
-                with suppress(OSError):
-                    file.unlink(missing_ok=True)
             with suppress(OSError):
                 os.rmdir(folder)  # unless there is something else in it
+
+
+def _remove_abandoned(folder: Path) -> None:
+    """What processes left that were killed while they wrote films."""
+    for partial in folder.glob(f"{_PARTIAL}*"):
+        if time.time() - partial.lstat().st_mtime > _ABANDONED_AFTER:
+            shutil.rmtree(partial, ignore_errors=True)
 
 
 def _write_clip(path: Path, rate: int, capture: Capture, shots: Sequence[int]) -> Generator[None, None, None]:

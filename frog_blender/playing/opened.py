@@ -8,7 +8,7 @@ from collections.abc import Callable, Container
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..engine.errors import FrogError
+from ..engine.errors import FrogError, brief
 from . import playback_cache
 
 if TYPE_CHECKING:
@@ -150,3 +150,6 @@ def _read_bake(path: Path, file: Path, scene: PlayableScene) -> Bake | str:
         return Bake(path, file, scene)
     except FrogError as error:
         return str(error)
+    except Exception as error:
+        # As of a scene: the timeline goes on without the bake, and the cause is told once.
+        return f"{path}: this bake cannot be used ({type(error).__name__}: {brief(error)})."

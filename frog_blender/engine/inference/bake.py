@@ -15,6 +15,7 @@ import tempfile
 import threading
 from collections.abc import Generator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from .scene import PlayableScene
 
 SUFFIX = ".frogbake"
 _TENSOR, _KIND = "moments", "a bake of a .frog scene"
-_LONGEST_HEADER = 1 << 27
+_LONGEST_HEADER, _MOST_LISTS, _LONGEST_AXIS = 1 << 25, 64, 1 << 40
 
 
 def bytes_needed(scene: PlayableScene, moments: int) -> int:
@@ -98,6 +99,8 @@ class Bake:
         self._path, self._lock = path, threading.Lock()
         self._columns = [(name, width_of(name)) for name in scene.changing]
         self._moving, self._row = scene.moving, scene.part_bytes // 4
+        if not path.is_file():  # a pipe would be waited for
+            raise found_instead(path, "no file", _KIND)
         try:
             self._file = regular_file(path, _KIND).open("rb", buffering=0)  # what is read is on the disk now
         except OSError as error:
@@ -111,7 +114,7 @@ class Bake:
         except OSError as error:
             self._file.close()
             raise found_instead(path, f"a file that cannot be read ({error.strerror or error})", _KIND) from error
-        except FrogError:
+        except Exception:
             self._file.close()
             raise
         self._places = {time: place for place, time in enumerate(times)}
@@ -158,23 +161,41 @@ class Bake:
 
     def _read_header(self) -> tuple[int, list[float], str]:
         """Where the rows begin, their times and the scene's fingerprint."""
+        size = os.fstat(self._file.fileno()).st_size
         length = int.from_bytes(self._file.read(8), "little")
-        text = self._file.read(length) if length < _LONGEST_HEADER else b""
+        if length > min(size, _LONGEST_HEADER):
+            raise found_instead(self._path, f"{size} bytes that do not fit their header", _KIND)
+        text = self._file.read(length)
         try:
+            if text.count(b"[") + text.count(b"{") > _MOST_LISTS:  # each takes much more memory than text
+                raise ValueError("too many lists")
             header = json.loads(text)
             tensor, metadata = header[_TENSOR], header["__metadata__"]
-            times = [float(time) for time in json.loads(metadata["times"])]
-            identity, columns = str(metadata["scene"]), json.loads(metadata["columns"])
-            count, row = tensor["shape"]
-            plain = tensor["dtype"] == "F32" and tensor["data_offsets"] == [0, 4 * count * row]
-        except (KeyError, TypeError, ValueError, RecursionError) as error:
+            times, columns = (json.loads(metadata[name]) for name in ("times", "columns"))
+            count, row = (_whole(number) for number in tensor["shape"])
+            needed = 4 * count * row
+            fits = header.keys() == {_TENSOR, "__metadata__"} and tensor["dtype"] == "F32"
+            fits &= tensor["data_offsets"] == [0, needed] and size == 8 + length + needed
+            fits &= isinstance(times, list) and len(times) == count and all(map(_is_time, times))
+            identity = metadata["scene"]
+        except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
             raise found_instead(self._path, f"a damaged or foreign file ({error!r})", _KIND) from error
-        there = os.fstat(self._file.fileno()).st_size
-        if not plain or len(times) != count or there != 8 + length + 4 * count * row:
-            raise found_instead(self._path, f"{there} bytes that do not fit their header", _KIND)
+        if not fits:
+            raise found_instead(self._path, f"{size} bytes that do not fit their header", _KIND)
         if row != self._row or columns != [name for name, _ in self._columns]:
             identity = ""  # another scene's
-        return 8 + length, times, identity
+        return 8 + length, [float(time) for time in times], str(identity)
+
+
+def _whole(number: Any) -> int:
+    """ValueError for what is no length."""
+    if type(number) is not int or not 0 <= number < _LONGEST_AXIS:
+        raise ValueError(f"a length of {brief(repr(number))}")
+    return number
+
+
+def _is_time(time: Any) -> bool:
+    return type(time) in (int, float) and 0 <= time <= 1
 
 
 def fingerprint(path: Path) -> str:
