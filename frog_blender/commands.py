@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from .engine import capacity_report
+from .engine.atomic_files import write_atomically
 from .engine.capture.camera import Camera
 from .engine.capture.capture import Capture
 from .engine.capture.frames import FrameStore
@@ -202,9 +203,6 @@ def render_frames(
         written, content = cv2.imencode(".png", cv2.cvtColor(picture_of(frame, camera), cv2.COLOR_RGB2BGR))
         if not written:
             raise FrogError(f"{path}: the picture could not be encoded.")
-        try:
-            path.write_bytes(content.tobytes())
-        except OSError as error:
-            raise FrogError(f"{path}: could not be written ({error.strerror}).") from error
+        write_atomically(path, content.tobytes())
         report(done + 1, len(chosen))
     return len(chosen)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import sys
 import time
 from collections.abc import Callable
@@ -13,6 +14,7 @@ import numpy as np
 
 from .commands import evaluate_file, open_evaluated
 from .demo_captures import demo_capture
+from .engine.atomic_files import write_atomically
 from .engine.capture.camera import Camera
 from .engine.errors import FrogError
 from .engine.evaluation.metrics import psnr, ssim
@@ -95,7 +97,9 @@ def write_comparison(scene_path: Path, capture_path: Path, out: Path, frame: int
         axes.imshow(panel)
         axes.set_title(title)
         axes.axis("off")
-    figure.savefig(out, dpi=110)
+    content = io.BytesIO()
+    figure.savefig(content, format="png", dpi=110)
+    write_atomically(out, content.getvalue())
 
 
 def render_video(scene_path: Path, blend: Path, video: Path) -> None:

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from helpers import odd_camera, scene_file
 
-from frog_blender.engine import files
+from frog_blender.engine import atomic_files
+from frog_blender.engine.atomic_files import write_atomically
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.files import SceneFile, read_scene, write_atomically, write_scene
+from frog_blender.engine.files import SceneFile, read_scene, write_scene
 
 
 @pytest.fixture
@@ -89,12 +90,12 @@ def break_write(monkeypatch: pytest.MonkeyPatch, how: str) -> None:
 
             return Full()
 
-        monkeypatch.setattr(files.os, "fdopen", full)
+        monkeypatch.setattr(atomic_files.os, "fdopen", full)
     elif how == "replace":
-        monkeypatch.setattr(files.os, "replace", fail)
+        monkeypatch.setattr(atomic_files.os, "replace", fail)
         monkeypatch.setattr(Path, "replace", fail)
     else:
-        monkeypatch.setattr(files.os, how, fail)
+        monkeypatch.setattr(atomic_files.os, how, fail)
 
 
 @pytest.mark.parametrize("how", ["write", "fsync", "replace"])
@@ -117,7 +118,7 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(
 def test_bytes_reach_the_disk_before_the_name(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     order = []
     fsync, replace_ = os.fsync, Path.replace
-    monkeypatch.setattr(files.os, "fsync", lambda handle: (order.append("fsync"), fsync(handle))[1])
+    monkeypatch.setattr(atomic_files.os, "fsync", lambda handle: (order.append("fsync"), fsync(handle))[1])
     monkeypatch.setattr(Path, "replace", lambda self, to: (order.append("rename"), replace_(self, to))[1])
     write_scene(path, scene_file())
     assert order == ["fsync", "rename"]

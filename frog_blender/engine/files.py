@@ -8,12 +8,8 @@ header holds what playback and evaluation need besides.
 
 from __future__ import annotations
 
-import glob
 import json
-import os
 import re
-import tempfile
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +17,7 @@ from typing import Any
 import numpy as np
 from safetensors.numpy import save as serialize
 
+from .atomic_files import remove_unfinished, write_atomically
 from .errors import FrogError, found_instead
 from .packing import Packed, pack, unpack_scene
 from .plain_values import UnfitValue, entries, plain_json
@@ -125,34 +122,6 @@ def _unpacked(arrays: dict[str, np.ndarray], described: dict[str, Any]) -> dict[
         return unpack_scene(arrays, described)
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError, MemoryError) as error:
         raise UnfitValue(f"packed arrays that cannot be read ({error})", "a .frog scene") from error
-
-
-def write_atomically(path: str | Path, content: bytes) -> None:
-    """To a temporary name beside ``path``, flushed to the disk, then renamed: never half a file under that name."""
-    path = Path(path)
-    temporary = None
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
-        temporary = Path(name)
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.chmod(0o644)
-        temporary.replace(path)
-    except OSError as error:
-        if temporary is not None:
-            temporary.unlink(missing_ok=True)
-        raise FrogError(f"{path}: could not be written ({error.strerror or error}); nothing was changed.") from error
-
-
-def remove_unfinished(path: str | Path) -> None:
-    """What processes left that were killed while they wrote ``path``."""
-    path = Path(path)
-    for part in path.parent.glob(f".{glob.escape(path.name)}.*.part"):
-        with suppress(OSError):
-            part.unlink()
 
 
 def _contiguous(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -20,8 +20,8 @@ from typing import BinaryIO
 
 import numpy as np
 
+from .atomic_files import write_atomically
 from .errors import FrogError, found_instead
-from .files import write_atomically
 from .ply_numbers import cleaned, floats
 from .rasterizer.arrays import GaussianArrays
 from .regular_file import regular_file

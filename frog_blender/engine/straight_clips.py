@@ -21,13 +21,13 @@ from urllib.parse import quote
 
 import numpy as np
 
+from .atomic_files import write_atomically
 from .capture.decoding import decode_shots
 from .capture.frames import decoding_key
 from .capture.readers import open_capture
 from .capture.video import load_opencv, read_facts
 from .clips import Clip, camera_path, find_clips, moves_alone
 from .errors import FrogError
-from .files import write_atomically
 
 if TYPE_CHECKING:
     from .capture.capture import Capture

@@ -153,7 +153,7 @@ class FROG_OT_export_scene(bpy.types.Operator, ExportHelper):
         return super().invoke(context, event)
 
     def execute(self, context: Any) -> set[str]:
-        from ..engine.files import write_atomically
+        from ..engine.atomic_files import write_atomically
 
         obj, path = chosen(context), Path(bpy.path.abspath(self.filepath))
         source = playback.file_of(obj)

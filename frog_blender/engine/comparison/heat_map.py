@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ..files import write_atomically
+from ..atomic_files import write_atomically
 from ..training.methods import method_named
 from .charts import save_figure
 from .results import read

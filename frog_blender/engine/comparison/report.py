@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ..atomic_files import write_atomically
 from ..errors import FrogError
-from ..files import write_atomically
 from .charts import write_charts
 from .results import read
 from .summary import sections

@@ -16,13 +16,14 @@ from typing import Any
 
 import numpy as np
 
+from ..atomic_files import write_atomically
 from ..capture.frames import FrameStore
 from ..conditions.alterations import brightened
 from ..conditions.catalogue import condition_named
 from ..errors import FrogError
 from ..evaluation.evaluate import evaluate
 from ..evaluation.metrics import psnr_of
-from ..files import read_scene, scene_bytes, settings_json, write_atomically
+from ..files import read_scene, scene_bytes, settings_json
 from ..inference.scene import PlayableScene
 from ..training import events
 from ..training.checkpoint import checkpoint_path

@@ -11,7 +11,6 @@ import hashlib
 import json
 import os
 import shutil
-import tempfile
 import threading
 from collections.abc import Generator, Sequence
 from pathlib import Path
@@ -19,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
+from ..atomic_files import remove_unfinished, whole_file
 from ..errors import FrogError, brief, found_instead
-from ..files import remove_unfinished
 from ..regular_file import regular_file
 from .moving_part import MovingPart, width_of
 from .scene import PlayableScene
@@ -48,7 +47,6 @@ def write_bake(path: Path, source: Path, scene: PlayableScene, times: Sequence[f
     Raises:
         FrogError: the disk is full, the folder cannot be written, or ``source`` changed meanwhile.
     """
-    temporary = None
     try:
         identity = fingerprint(source)
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -56,27 +54,17 @@ def write_bake(path: Path, source: Path, scene: PlayableScene, times: Sequence[f
         needed, free = bytes_needed(scene, len(times)), shutil.disk_usage(path.parent).free
         if needed > free:
             raise FrogError(f"{path}: the bake needs {needed / 1e6:,.0f} MB, found {free / 1e6:,.0f} MB on the disk.")
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
-        temporary = Path(name)
-        with os.fdopen(handle, "wb") as file:
+        with whole_file(path) as file:
             file.write(_header(scene, times, identity))
             for done, time in enumerate(times):
                 yield done
                 for column in scene.part_at(time).columns.values():
                     file.write(np.ascontiguousarray(column, "<f4").data)
-            file.flush()
-            os.fsync(file.fileno())
-        if fingerprint(source) != identity:
-            raise FrogError(f"{source}: found another version of it than when baking began; bake again.")
-        temporary.chmod(0o644)
-        temporary.replace(path)
-        temporary = None
+            if fingerprint(source) != identity:
+                raise FrogError(f"{source}: found another version of it than when baking began; bake again.")
         yield len(times)
     except OSError as error:
         raise FrogError(f"{path}: could not be written ({error.strerror or error}); nothing was changed.") from error
-    finally:
-        if temporary is not None:
-            temporary.unlink(missing_ok=True)
 
 
 class Bake:

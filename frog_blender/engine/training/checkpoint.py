@@ -12,8 +12,9 @@ import torch
 from safetensors.numpy import save as serialize
 from torch import nn
 
+from ..atomic_files import write_atomically
 from ..errors import FrogError, brief, found_instead
-from ..files import read_tensors, settings_json, write_atomically
+from ..files import read_tensors, settings_json
 from ..model.canonical import ATTRIBUTES
 from ..model.deformation import UNITS
 from ..model.frog import Frog

@@ -19,11 +19,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..atomic_files import write_atomically
 from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.frames import default_cache_folder
 from ..errors import FrogError
-from ..files import write_atomically
 from ..rasterizer import native
 from . import events
 from .events import Event

@@ -9,13 +9,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
+from ..atomic_files import remove_unfinished
 from ..capture.capture import Capture
 from ..capture.frames import FrameStore
 from ..capture.readers import open_capture
 from ..capture.seed_store import stored_seeds
 from ..capture.seeds import Seeds
 from ..errors import FrogError
-from ..files import remove_unfinished
 from ..memory import old_objects_left_alone
 from . import events
 from .checkpoint import checkpoint_path, load_checkpoint

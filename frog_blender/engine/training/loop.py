@@ -8,9 +8,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..atomic_files import write_atomically
 from ..capacity_report import reduction_line
 from ..errors import FrogError
-from ..files import SceneFile, settings_json, write_atomically
+from ..files import SceneFile, settings_json
 from . import events
 from .capacity_picture import capacity_picture
 from .control import Control

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 
+from ..atomic_files import write_atomically
 from ..errors import FrogError
-from ..files import SceneFile, SceneHeader, scene_bytes, settings_json, write_atomically
+from ..files import SceneFile, SceneHeader, scene_bytes, settings_json
 from ..inference.scene import CANONICAL, PlayableScene, rows_of
 from ..model.canonical import ATTRIBUTES
 from .attributes import spare_attributes
