@@ -13,6 +13,7 @@ from .command_line.extras import missing
 from .command_line.printing import complain
 from .command_line.scene_commands import add_scene_parsers
 from .command_line.stability_command import add_stability_parser
+from .command_line.stopping import leaving_cleanly
 from .command_line.train_command import add_train_parser
 from .command_line.view_commands import add_view_parsers
 from .engine.errors import FrogError
@@ -25,7 +26,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     as_sentences()
     options = _parser().parse_args(arguments)
     try:
-        return options.run(options)
+        with leaving_cleanly():
+            return options.run(options)
     except FrogError as error:
         complain(error)
     except KeyboardInterrupt:

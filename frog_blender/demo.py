@@ -29,6 +29,7 @@ def run_demo(name: str, out: Path, recipe_name: str, seconds: float | None) -> N
     """Leaves ``scene.frog``, ``scene.blend``, ``video.mp4`` and ``comparison.png`` in ``out``."""
     from .command_line.progress import show
     from .command_line.stopping import stopping
+    from .command_line.streams import printing_may_fail
     from .engine.training.checkpoint import checkpoint_path
     from .engine.training.job import TrainingJob, run_training
     from .engine.training.recipe import recipe
@@ -45,7 +46,7 @@ def run_demo(name: str, out: Path, recipe_name: str, seconds: float | None) -> N
         scale=capture.scale,
         pixel_offsets=capture.pixel_offsets or None,
     )
-    with stopping() as asked:  # what was learned is saved
+    with printing_may_fail(), stopping() as asked:  # what was learned is saved
         finished = show(run_training(job, asked))
     if not finished:
         goes_on = f"frog train {capture.path} --out {scene_path} --resume"

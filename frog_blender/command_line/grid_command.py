@@ -13,6 +13,7 @@ from ..engine.errors import FrogError, printable
 from .arguments import positive
 from .printing import complain, say
 from .stopping import stopping
+from .streams import printing_may_fail
 
 if TYPE_CHECKING:
     from ..engine.comparison.execute import Progress
@@ -74,7 +75,7 @@ def do_runs(runs: Sequence[Run], conditions: Conditions, jobs: int, timing_steps
     from .progress import bar
 
     numpy.finfo(numpy.float64)  # looked up once; later, with denormals flushed by training, it would warn
-    with stopping() as cancelled:
+    with printing_may_fail(), stopping() as cancelled:
         failed, stopped = 0, False
         try:
             with _shown(len(runs)) as told:

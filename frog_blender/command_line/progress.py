@@ -68,7 +68,8 @@ def show(stream: Iterator[Event]) -> bool:
                     _note(f"warning: {message}")
                 case events.Finished(path, steps, seconds, psnr, gaussians, capacity):
                     _close(line)
-                    say(f"{path}: {steps} steps in {seconds:.0f} s, {gaussians} Gaussians, PSNR {psnr:.2f} dB")
+                    quality = "PSNR not measured" if psnr is None else f"PSNR {psnr:.2f} dB"
+                    say(f"{path}: {steps} steps in {seconds:.0f} s, {gaussians} Gaussians, {quality}")
                     for text in [summary(capacity), *lines(capacity)] if capacity else []:
                         say(f"  {text}")
                     return True

@@ -1,25 +1,78 @@
-"""Ctrl-C for commands that take long: the first asks them to stop well, the second leaves at once."""
+"""Ctrl-C, and whatever else asks a process to end: commands that take long stop well, all others leave nothing behind.
+
+A closed terminal, a lost connection (SIGHUP), ``kill``, a scheduler or a system that shuts down (SIGTERM), and a
+closed console window of Windows (SIGBREAK and its events) count as the first Ctrl-C.
+"""
 
 from __future__ import annotations
 
+import os
 import signal
+import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext
+from types import FrameType
+from typing import Any
+
+from .console_close import console_closing
+
+_CTRL_C = signal.SIGINT
+_OTHERS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)]
+
+Handler = Callable[[int, FrameType | None], Any]
 
 
 @contextmanager
 def stopping() -> Iterator[Callable[[], bool]]:
-    """Yields a question that Ctrl-C answers with yes."""
+    """Yields a question that the first request to end answers with yes; a second Ctrl-C leaves at once.
+
+    No other request does: a terminal that is closed sends SIGHUP twice, and a scheduler may repeat SIGTERM.
+    """
     asked = False
 
-    def stop(*_: object) -> None:
+    def ask() -> None:
         nonlocal asked
-        if asked:
-            raise KeyboardInterrupt
         asked = True
 
-    previous = signal.signal(signal.SIGINT, stop)
-    try:
+    def stop(number: int, _: FrameType | None) -> None:
+        if asked and number == _CTRL_C:
+            raise KeyboardInterrupt
+        ask()
+
+    closing = console_closing(ask) if os.name == "nt" else nullcontext()
+    with _handled(_CTRL_C, stop), _all_handled(stop), closing:
         yield lambda: asked
+
+
+@contextmanager
+def leaving_cleanly() -> Iterator[None]:
+    """Inside the block a request to end is a KeyboardInterrupt, so that what is half-written is removed."""
+
+    def leave(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with _all_handled(leave):
+        yield
+
+
+@contextmanager
+def _all_handled(handler: Handler) -> Iterator[None]:
+    """Requests other than Ctrl-C; a SIGHUP that is ignored stays so, for that is what ``nohup`` does."""
+    with ExitStack() as stack:
+        for number in _OTHERS:
+            if signal.getsignal(number) != signal.SIG_IGN:
+                stack.enter_context(_handled(number, handler))
+        yield
+
+
+@contextmanager
+def _handled(number: int, handler: Handler) -> Iterator[None]:
+    """``handler`` for a signal inside the block; nothing outside the main thread, where Python allows none."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    previous = signal.signal(number, handler)
+    try:
+        yield
     finally:
-        signal.signal(signal.SIGINT, previous)
+        signal.signal(number, previous if previous is not None else signal.SIG_DFL)

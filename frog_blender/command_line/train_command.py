@@ -8,11 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..engine.files import METHODS
+from ..engine.training.outputs import check_unused
 from ..engine.training.recipe import RECIPES
 from .arguments import add_offset_argument, offsets_of, positive, seed
 from .stopping import stopping
+from .streams import printing_may_fail
 
 if TYPE_CHECKING:
+    from ..engine.training.job import TrainingJob
     from ..engine.training.recipe import Recipe
 
 
@@ -48,7 +51,11 @@ def add_train_parser(commands: Any) -> None:
         metavar="SECONDS",
         help="between checkpoints; default: 180",
     )
-    train.add_argument(
+    again = train.add_mutually_exclusive_group()
+    again.add_argument(
+        "--overwrite", action="store_true", help="replace a scene that is there, once the new one is whole"
+    )
+    again.add_argument(
         "--resume",
         action="store_true",
         help="go on from the checkpoint beside the .frog, with the recipe, method, capacity and so on that it began "
@@ -75,11 +82,22 @@ def _chosen(options: argparse.Namespace) -> dict[str, str]:
 
 
 def _train(options: argparse.Namespace) -> int:
-    from ..engine.training.estimate import remembering
-    from ..engine.training.job import TrainingJob, run_training
-    from .progress import show
+    if not (options.overwrite or options.resume):
+        check_unused(options.out)  # before torch is loaded
+    with printing_may_fail(), stopping() as asked:  # what was learned is saved
+        from ..engine.training.estimate import remembering
+        from ..engine.training.job import run_training
+        from .progress import show
 
-    job = TrainingJob(
+        job = _job(options)
+        finished = show(remembering(run_training(job, asked), job))
+    return 0 if finished else 1
+
+
+def _job(options: argparse.Namespace) -> TrainingJob:
+    from ..engine.training.job import TrainingJob
+
+    return TrainingJob(
         capture=options.capture,
         output=options.out,
         method=options.method,
@@ -89,6 +107,7 @@ def _train(options: argparse.Namespace) -> int:
         seed=options.seed,
         scale=options.scale,
         holdout_frames=options.holdout_frames,
+        overwrite=options.overwrite,
         resume=options.resume,
         chosen=_chosen(options),
         pixel_offsets=offsets_of(options),
@@ -97,9 +116,6 @@ def _train(options: argparse.Namespace) -> int:
         max_bytes=options.max_bytes,
         save_seconds=options.save_every,
     )
-    with stopping() as asked:  # what was learned is saved
-        finished = show(remembering(run_training(job, asked), job))
-    return 0 if finished else 1
 
 
 def _budgeted(options: argparse.Namespace) -> Recipe:

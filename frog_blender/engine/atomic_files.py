@@ -57,6 +57,24 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
             temporary.unlink(missing_ok=True)
 
 
+def try_name(path: Path) -> None:
+    """FrogError when no file could be written under that name: it is too long, or the folder takes none."""
+    temporary = path.with_name(_temporary_name(path.name))
+    try:
+        os.lstat(path)  # says so of a name that is too long
+    except FileNotFoundError:
+        pass
+    except OSError as error:
+        raise FrogError(f"{path}: no file can have this name ({error.strerror or error}).") from error
+    try:
+        temporary.open("xb").close()
+    except OSError as error:
+        raise FrogError(f"{path.parent}: no file can be written here ({error.strerror or error}).") from error
+    finally:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
 def remove_unfinished(path: str | Path) -> None:
     """What processes left that were killed while they wrote ``path``."""
     path = Path(path)

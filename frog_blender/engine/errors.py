@@ -37,3 +37,8 @@ def printable(text: object) -> str:
     """Text in which control characters are written out, as ``\\x1b``: what a file says must not command a terminal."""
     shown = str(text)
     return shown if shown.isprintable() else _CONTROLS.sub(lambda found: ascii(found[0])[1:-1], shown)
+
+
+def reason(error: BaseException) -> str:
+    """What an error says, on one line and without a full stop, to stand within a sentence."""
+    return brief(str(error) or type(error).__name__).rstrip(".")

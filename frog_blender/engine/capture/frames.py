@@ -14,6 +14,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ import numpy as np
 from ..errors import FrogError, found_instead
 from .capture import MOST_PIXELS, MOST_SIDE, Capture, Distortion, Shot
 from .decoding import decode_shots
+from .sharing import only_here, shared_file
 
 _VERSION = 1  # raise it when the same capture would decode to other bytes
 _PIXELS = "frames.raw"
@@ -42,6 +44,7 @@ class FrameStore:
         self.folder = folder
         self._offsets, self._shapes, total = _layout(capture)
         self._pixels = np.memmap(folder / _PIXELS, dtype=np.uint8, mode="r", shape=(total,))
+        self._in_use = shared_file(folder / _INDEX)
 
     @classmethod
     def open(
@@ -86,6 +89,22 @@ class FrameStore:
 
     def __len__(self) -> int:
         return len(self._offsets)
+
+    def give_up(self) -> int:
+        """Deletes the frames from the disk to make room there; they can be decoded again, this store is of no more use.
+
+        Returns:
+            The bytes that were freed; 0, and nothing is deleted, where another training reads the same frames.
+        """
+        if not only_here(self._in_use):
+            return 0
+        self._in_use = None
+        mapped, size = self._pixels._mmap, self._pixels.size  # type: ignore[attr-defined]
+        self._pixels = np.empty(0, np.uint8)  # type: ignore[assignment]
+        with suppress(BufferError):  # somebody holds a picture: then there is room when it goes
+            mapped.close()
+        shutil.rmtree(self.folder, ignore_errors=True)
+        return 0 if (self.folder / _PIXELS).exists() else size
 
 
 def _check_sizes(capture: Capture) -> None:

@@ -115,6 +115,10 @@ class Frog(SceneModel):
         self.deformation.output_weight[rows] = 0
         self.deformation.output_bias[rows] = 0
 
+    def give_back(self, name: str) -> None:
+        """Undoes ``silence``; the head's weights are the caller's to restore."""
+        self._silent.discard(name)
+
     def set_width(self, arrays: dict[str, torch.Tensor]) -> None:
         """Gives the first layer of a field that ``can_narrow`` other units.
 

@@ -21,6 +21,7 @@ from ..model.frog import Frog
 from .density import COLLECTED
 from .fitting import fitting
 from .motion import Motion
+from .outputs import checkpoint_path as checkpoint_path
 from .parsimony import Reduction, heads_of
 from .smoothness import Neighbourhood
 from .trainer import Trainer
@@ -32,11 +33,6 @@ _WHAT = "a training checkpoint"
 _POSES = ("moments", "moved", "gathered")
 _MOTION = ("score", "rest_energy", "fade_energy", "shape_energy")
 _NEIGHBOURHOOD = ("anchors", "neighbours", "weights")
-
-
-def checkpoint_path(scene: str | Path) -> Path:
-    """Where the checkpoint of a scene file lies."""
-    return Path(f"{scene}.checkpoint")
 
 
 State = tuple[dict[str, np.ndarray], dict[str, Any]]
@@ -247,6 +243,8 @@ def restore(trainer: Trainer, state: State) -> None:
         trainer.parsimony.resume(rounds["seed"], reductions, arrays["removed"], _motion(tensors, trainer))
     trainer.resume_at(values)
     trainer.check()
-    if isinstance(trainer.model, Frog):  # last: nothing gives a head its voice back
+    if isinstance(trainer.model, Frog):  # last: silencing writes zeros
+        for name in values["heads"]:
+            trainer.model.give_back(name)
         for name in set(heads_of(trainer.model)) - set(values["heads"]):
             trainer.model.silence(name)

@@ -92,7 +92,8 @@ class Finished:
     path: str
     steps: int
     seconds: float
-    psnr: float
+    psnr: float | None
+    """None where it could not be measured."""
     gaussians: int
     capacity: dict[str, Any] = field(default_factory=dict)
     """See SceneHeader."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ..atomic_files import remove_unfinished
+from ..atomic_files import remove_unfinished, try_name
 from ..capture.capture import Capture
 from ..capture.frames import FrameStore
 from ..capture.readers import open_capture
@@ -19,12 +19,14 @@ from ..errors import FrogError
 from ..memory import old_objects_left_alone
 from . import events
 from .checkpoint import checkpoint_path, load_checkpoint
+from .claim import claimed
 from .control import Control
 from .device import choose_device
 from .estimate import pixels_of, usual_scale
 from .events import Event
 from .loop import train
 from .methods import method_named
+from .outputs import check_unused
 from .recipe import Recipe, recipe
 from .resuming import as_it_began
 from .saving import check_budget
@@ -47,6 +49,7 @@ class TrainingJob:
         seed: of everything random.
         scale: picture size factor; None shrinks to at most 1600 pixels a side.
         holdout_frames: withhold every n-th moment; None keeps what the format says.
+        overwrite: replace a scene, or a checkpoint, that lies at ``output``; otherwise that is refused.
         resume: go on from the checkpoint beside ``output``, with the method, recipe and other settings that it began
             with; only ``steps``, ``seconds`` and ``max_bytes`` can be set anew.
         chosen: of the settings those that somebody chose, and how they call them (``--seed``): a resume says which of
@@ -72,6 +75,7 @@ class TrainingJob:
     seed: int = 0
     scale: float | None = None
     holdout_frames: int | None = None
+    overwrite: bool = True
     resume: bool = False
     chosen: Mapping[str, str] = field(default_factory=dict)
     pixel_offsets: dict[str, tuple[float, float]] | None = None
@@ -115,8 +119,17 @@ def run_training(job: TrainingJob, cancelled: Callable[[], bool] = lambda: False
     Args:
         cancelled: asked between steps; a ``Control`` can pause as well.
     """
-    control = Control.of(cancelled)
     _check_output(job.output)
+    with claimed(job.output):
+        yield from _run(job, Control.of(cancelled))
+
+
+def _run(job: TrainingJob, control: Control) -> Iterator[Event]:
+    """``run_training`` once nobody else writes the output."""
+    if not (job.overwrite or job.resume):
+        check_unused(job.output)
+    for path in (job.output, checkpoint_path(job.output)):
+        remove_unfinished(path)
     if job.resume:  # what does not fit is said before minutes of decoding
         job, said = as_it_began(job)
         if said:
@@ -162,7 +175,7 @@ def _seeds(job: TrainingJob, capture: Capture, store: FrameStore, report: Callab
 
 
 def _check_output(output: Path) -> None:
-    """FrogError where no file can lie; unfinished ones of a killed training are removed."""
+    """FrogError where no file can lie: said now, and not when hours of training are to be saved."""
     if output.is_dir():
         raise FrogError(f"{output}: found a folder, expected the name of a .frog file to write.")
     if output.suffix != ".frog":
@@ -172,7 +185,7 @@ def _check_output(output: Path) -> None:
     except OSError as error:
         raise FrogError(f"{output.parent}: the folder could not be made ({error.strerror}).") from error
     for path in (output, checkpoint_path(output)):
-        remove_unfinished(path)
+        try_name(path)
 
 
 class _Stopped(Exception):

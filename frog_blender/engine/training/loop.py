@@ -10,18 +10,21 @@ from typing import TYPE_CHECKING, Any
 
 from ..atomic_files import write_atomically
 from ..capacity_report import reduction_line
-from ..errors import FrogError
+from ..errors import FrogError, reason
 from ..files import SceneFile, settings_json
 from . import events
 from .capacity_picture import capacity_picture
+from .checkpoint import restore
 from .control import Control
 from .estimate import Workload
 from .events import Event
+from .outputs import beside
+from .parsimony import RoundFailed
 from .preview import Previews, watched_shot
 from .recovery import Recovery
-from .rescue import Checkpoints, save_somewhere
+from .rescue import Checkpoints, Room, save_somewhere
 from .running_loss import Unstable
-from .saving import EVALUATED, fit_budget
+from .saving import EVALUATED, build_scene, bytes_at_most, drop_broken, fit_budget
 from .trainer import Trainer
 
 if TYPE_CHECKING:
@@ -46,28 +49,39 @@ KEPT: dict[str, Any] = {
 def train(job: TrainingJob, trainer: Trainer, scale: float, control: Control) -> Iterator[Event]:
     """Trains from where ``trainer`` stands to its end, or until ``control`` says so, and saves; see
     ``job.run_training``."""
-    checkpoints = Checkpoints(job, trainer.step_count)
+    began = trainer.step_count
+    checkpoints, room = Checkpoints(job, began), Room(job.output, bytes_at_most(job, trainer, scale), trainer.store)
     recovery = Recovery(trainer, _settings(job))
+    trainer.before_round = lambda: recovery.remember(trainer)
     try:
         while True:
             try:
                 yield from _steps(job, trainer, recovery, checkpoints, control)
-                place, scene, psnr = yield from _scene(job, trainer, scale)
+                if trainer.step_count == began and not trainer.finished:  # there is nothing new to write
+                    yield events.Cancelled(began, str(job.output) if job.output.is_file() and job.resume else None)
+                    return
+                place, scene = yield from _scene(job, trainer, scale, recovery, room)
                 break
+            except RoundFailed as failed:
+                said = recovery.without_round(trainer, failed)
             except (Unstable, RuntimeError, MemoryError) as error:
                 said = recovery.go_back(trainer, error)
             yield events.Warned(said)
+        if not trainer.finished and checkpoints.is_older(recovery.state):
+            yield from checkpoints.save_late(recovery.state, room)
     except Exception:
-        checkpoints.keep(recovery.state)
+        checkpoints.keep(recovery.state, room)
         raise
+    finally:
+        room.give_back()
     yield events.Saved(str(place))
-    if trainer.finished:
-        figures = (trainer.step_count, trainer.seconds, psnr, trainer.count)
-        if trainer.parsimony:
-            yield from _capacity_picture(place, trainer, watched_shot(trainer.capture) or 0)
-        yield events.Finished(str(place), *figures, scene.header.capacity)
-    else:
+    if not trainer.finished:
         yield events.Cancelled(trainer.step_count, str(place))
+        return
+    if trainer.parsimony:
+        yield from _capacity_picture(place, trainer, watched_shot(trainer.capture) or 0)
+    psnr = scene.header.metrics.get("psnr")
+    yield events.Finished(str(place), trainer.step_count, trainer.seconds, psnr, trainer.count, scene.header.capacity)
 
 
 def _steps(
@@ -109,27 +123,44 @@ def _save(trainer: Trainer, recovery: Recovery, checkpoints: Checkpoints) -> Ite
     yield from checkpoints.save(recovery.state)
 
 
-def _scene(job: TrainingJob, trainer: Trainer, scale: float) -> Generator[Event, None, tuple[Path, SceneFile, float]]:
-    """Writes the scene; where it is, and its PSNR."""
-    fit_budget(job, trainer, scale)
+def _scene(
+    job: TrainingJob, trainer: Trainer, scale: float, recovery: Recovery, room: Room
+) -> Generator[Event, None, tuple[Path, SceneFile]]:
+    """Writes the scene; where it is, and what it holds. Nothing that may be left out can cost it."""
+    drop_broken(trainer)
+    try:
+        fit_budget(job, trainer, scale)
+    except FrogError:  # a budget that cannot be kept: the checkpoint is there for a larger one
+        raise
+    except Exception as error:
+        restore(trainer, recovery.state)
+        yield events.Warned(f"The budget could not be kept ({reason(error)}): all Gaussians were saved.")
     if job.max_bytes and not trainer.finished:
         yield events.Warned("The budget of bytes holds for a finished training; this one was cancelled.")
-    psnr, split = trainer.evaluate(EVALUATED)
-    yield events.Evaluated(trainer.step_count, psnr, split, trainer.seconds)
-    place, scene = yield from save_somewhere(job, trainer, scale, {"psnr": psnr, "split": split})
-    return place, scene, scene.header.metrics["psnr"]
+    metrics: dict[str, Any] = {}
+    try:
+        psnr, split = trainer.evaluate(EVALUATED)
+        metrics = {"psnr": psnr, "split": split}
+        yield events.Evaluated(trainer.step_count, psnr, split, trainer.seconds)
+    except Exception as error:
+        yield events.Warned(f"How good the scene is could not be measured ({reason(error)}).")
+    built = build_scene(job, trainer, scale, metrics)
+    if built.said:
+        yield events.Warned(built.said)
+    place = yield from save_somewhere(job.output, built.content, room)
+    return place, built.scene
 
 
 def _capacity_picture(scene: Path, trainer: Trainer, shot: int) -> Iterator[Event]:
-    """Beside the scene, for people; what cannot be written costs nothing else."""
+    """Beside the scene, for people; what cannot be drawn or written costs nothing else."""
     import cv2
 
-    path = scene.with_suffix(".capacity.png")
-    picture = capacity_picture(trainer, shot)
+    path = beside(scene.with_suffix(""), ".capacity.png")
     try:
+        picture = capacity_picture(trainer, shot)
         write_atomically(path, cv2.imencode(".png", picture[:, :, ::-1])[1].tobytes())
-    except FrogError as error:
-        yield events.Warned(str(error))
+    except Exception as error:
+        yield events.Warned(f"There is no picture of what moves and what rests ({reason(error)}).")
         return
     yield events.Pictured(str(path), picture)
 

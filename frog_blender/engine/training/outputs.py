@@ -1,4 +1,4 @@
-"""Which file a training may write: never what another one was trained to."""
+"""Which file a training may write: one of its own capture, and never what another one was trained to. No torch."""
 
 from __future__ import annotations
 
@@ -12,7 +12,37 @@ from pathlib import Path
 
 from safetensors import SafetensorError, safe_open
 
+from ..atomic_files import LONGEST_NAME, beginning
+from ..errors import FrogError
 from ..paths import leads_elsewhere
+
+
+def checkpoint_path(scene: str | Path) -> Path:
+    """Where the checkpoint of a scene file lies."""
+    return beside(Path(scene), ".checkpoint")
+
+
+def beside(scene: Path, ending: str) -> Path:
+    """``scene``'s name and ``ending``, in the same folder; cut where the disk would not take a name as long."""
+    return scene.with_name(beginning(scene.name, LONGEST_NAME - len(ending)) + ending)
+
+
+def check_unused(output: Path) -> None:
+    """FrogError where a scene or a checkpoint lies that nobody said may be replaced."""
+    found = _found(output)
+    if found is None:
+        return
+    kind = "a file" if found == output else "the checkpoint of a training"
+    raise FrogError(
+        f"{found}: found {kind} there already; --overwrite replaces it, --resume goes on with its training, "
+        "and another name keeps both."
+    )
+
+
+def _found(output: Path) -> Path | None:
+    """What a training to ``output`` would replace."""
+    files = (output, checkpoint_path(output))
+    return next((path for path in files if os.path.lexists(path) and not path.is_dir()), None)
 
 
 def free_output(output: Path, capture: Path) -> Path:
@@ -25,15 +55,11 @@ def unused_output(output: Path) -> Path:
 
     ``room.frog``, ``room_2.frog``, ``room_3.frog``: a number of an earlier training's is counted on, not added to.
     """
-    if not _is_used(output):
+    if _found(output) is None:
         return output
     name, _, number = output.stem.rpartition("_")
     base = output.with_name(f"{name}{output.suffix}") if name and number.isdecimal() else output
-    return next(path for path in numbered_names(base if _is_used(base) else output, "_") if not _is_used(path))
-
-
-def _is_used(output: Path) -> bool:
-    return os.path.lexists(output) or os.path.lexists(f"{output}.checkpoint")
+    return next(path for path in numbered_names(base if _found(base) else output, "_") if _found(path) is None)
 
 
 def numbered_names(path: Path, joint: str) -> Iterator[Path]:
@@ -49,7 +75,7 @@ def is_of_another(output: Path, capture: Path) -> bool:
     A folder of the same name that is gone is taken for this one, moved.
     """
     here = capture.resolve()
-    made = [found for path in (output, Path(f"{output}.checkpoint")) if (found := trained_from(path))]
+    made = [found for path in (output, checkpoint_path(output)) if (found := trained_from(path))]
     return any(_is_another(found, here) for found in made)
 
 

@@ -70,6 +70,16 @@ class Reduction:
     bytes: int = 0
 
 
+class RoundFailed(Exception):
+    """A round ended in an error, which is its cause: what it left is of no use."""
+
+    @property
+    def error(self) -> Exception:
+        """The cause."""
+        assert isinstance(self.__cause__, Exception)
+        return self.__cause__
+
+
 class Parsimony:
     """The rounds of one training.
 
@@ -146,12 +156,16 @@ class Parsimony:
             self.note("put to rest", trainer, trainer.count, 0)
 
     def after_step(self, trainer: Trainer, before: float, now: float) -> None:
-        """Holds the rounds that lie in (before, now]."""
+        """Holds the rounds that lie in (before, now]; RoundFailed where one cannot be held."""
         if not self.settled(now):
             self.motion = None  # of a training that was resumed for more steps: Gaussians come and go again
         for number, (at, kind) in enumerate(ROUNDS.items()):
             if before < at <= now:
-                self._round(trainer, kind, self.generator(number))
+                trainer.before_round()
+                try:
+                    self._round(trainer, kind, self.generator(number))
+                except Exception as error:
+                    raise RoundFailed(kind) from error
 
     def generator(self, number: int = len(ROUNDS)) -> torch.Generator:
         """A round's own, or the end's, so that a resumed training draws what an undisturbed one does."""

@@ -8,8 +8,9 @@ from typing import Any
 
 import torch
 
-from ..errors import FrogError
+from ..errors import FrogError, reason
 from .checkpoint import State, restore, state_of
+from .parsimony import RoundFailed
 from .resting import arrange
 from .running_loss import Unstable
 from .trainer import Trainer
@@ -54,6 +55,20 @@ class Recovery:
         error.__traceback__ = None  # it holds on to what the step had allocated
         restore(trainer, self.state)
         return self._with_fewer(trainer, count) if short else self._with_smaller_steps(trainer, error)
+
+    def without_round(self, trainer: Trainer, failed: RoundFailed) -> str:
+        """Restores what was remembered before a round that failed (``remember`` is its trainer's ``before_round``) and
+        says so. Where the memory ended in the middle of a training, see ``go_back``: its steps will need as much."""
+        error = failed.error
+        if is_out_of_memory(error) and not trainer.finished:
+            return self.go_back(trainer, error)
+        error.__traceback__ = failed.__traceback__ = None
+        restore(trainer, self.state)
+        gc.collect()
+        return (
+            f"Leaving out what the scene does not need failed ({reason(error)}): "
+            f"nothing was left out at {100 * trainer.progress:.0f} %."
+        )
 
     def _with_smaller_steps(self, trainer: Trainer, error: Exception) -> str:
         trainer.optimizer.rate_factor *= _SLOWER

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,14 +11,14 @@ import numpy as np
 import torch
 
 from ..atomic_files import write_atomically
-from ..errors import FrogError
+from ..errors import FrogError, reason
 from ..files import SceneFile, SceneHeader, scene_bytes, settings_json
 from ..inference.scene import CANONICAL, PlayableScene, rows_of
 from ..model.canonical import ATTRIBUTES
 from .attributes import spare_attributes
 from .budget import fit_within, keep_within
 from .compacting import arranged, compactions, played_by
-from .parsimony import Reduction, heads_of
+from .parsimony import Parsimony, Reduction, heads_of
 from .resting import arrange
 
 EVALUATED = 30  # pictures, at most, that a finished scene's PSNR is of
@@ -66,31 +66,86 @@ def _size(scene: SceneFile) -> int:
     return len(scene_bytes(SceneFile(header, scene.arrays), compact=True)) + _REPORT_BYTES
 
 
+@dataclass(frozen=True)
+class Built:
+    """A scene as it will lie on disk.
+
+    Attributes:
+        scene, content: what it holds, and the bytes of its file.
+        said: a sentence where something optional failed and was left aside; else empty.
+    """
+
+    scene: SceneFile
+    content: bytes
+    said: str = ""
+
+
 def save_scene(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[str, Any]) -> SceneFile:
-    """Writes the ``.frog`` as training stands: packed with ``capacity="auto"``, unless it is to be lossless or packing
-    shows."""
-    _drop_broken(trainer)
-    compact = trainer.parsimony is not None and not job.lossless
+    """Writes the ``.frog`` as training stands; see ``build_scene``."""
+    built = build_scene(job, trainer, scale, metrics)
+    write_atomically(job.output, built.content)
+    return built.scene
+
+
+def build_scene(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[str, Any]) -> Built:
+    """The scene as training stands: packed with ``capacity="auto"``, unless it is to be lossless or packing shows.
+
+    Whatever fails on the way to a smaller file, every number is kept as it is instead.
+    """
+    metrics = {name: value for name, value in metrics.items() if not isinstance(value, float) or math.isfinite(value)}
+    if trainer.parsimony is None or job.lossless:
+        return _as_it_is(job, trainer, scale, metrics)
+    try:
+        return _compact(job, trainer, trainer.parsimony, scale, metrics)
+    except Exception as error:
+        built = _as_it_is(job, trainer, scale, metrics)
+        return replace(built, said=f"The scene could not be packed ({reason(error)}): every number is kept as it is.")
+
+
+def _as_it_is(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[str, Any]) -> Built:
+    scene = _scene(job, trainer, scale, metrics)
+    try:
+        return Built(scene, scene_bytes(scene))
+    except (ValueError, TypeError):  # figures that no header can hold
+        scene = _with(scene, metrics={}, capacity={})
+        return Built(scene, scene_bytes(scene))
+
+
+def _compact(job: TrainingJob, trainer: Trainer, rounds: Parsimony, scale: float, metrics: dict[str, Any]) -> Built:
     scene, found = _scene(job, trainer, scale, metrics), list[Reduction]()
-    if compact:
-        if trainer.parsimony and trainer.finished and not job.max_bytes:  # which was met by the scene as it is
-            scene, found = spare_attributes(trainer.parsimony, trainer, scene)
-        scene = arranged(scene, trainer.finished)
+    if trainer.finished and not job.max_bytes:  # which was met by the scene as it is
+        scene, found = spare_attributes(rounds, trainer, scene)
+    scene = arranged(scene, trainer.finished)
     if found and "psnr" in metrics:  # of what is written
-        scene.header.metrics["psnr"], _ = trainer.evaluate(EVALUATED, played_by(PlayableScene(scene), trainer.device))
-    content = scene_bytes(scene, compact=compact)
-    if compact and trainer.parsimony and trainer.finished:
-        lost = sum(reduction.loss or 0.0 for reduction in found)
-        packed, unseen = compactions(trainer.parsimony, trainer, scene, len(content), lost)
-        compact = packed.loss is None or packed.loss <= _PACKING_LOSS or bool(job.max_bytes)
-        found += [each for each in (packed if compact else None, unseen) if each]
-        scene.header.capacity["reductions"] += [asdict(reduction) for reduction in found]
-        content = scene_bytes(scene, compact=compact)
-    write_atomically(job.output, content)
-    return scene
+        psnr, _ = trainer.evaluate(EVALUATED, played_by(PlayableScene(scene), trainer.device))
+        scene = _with(scene, metrics={**metrics, "psnr": psnr})
+    content = scene_bytes(scene, compact=True)
+    if not trainer.finished:
+        return Built(scene, content)
+    lost = sum(reduction.loss or 0.0 for reduction in found)
+    packed, unseen = compactions(rounds, trainer, scene, len(content), lost)
+    compact = packed.loss is None or packed.loss <= _PACKING_LOSS or bool(job.max_bytes)
+    found += [each for each in (packed if compact else None, unseen) if each]
+    scene = _with(scene, capacity=_capacity(trainer, [*rounds.reductions, *found]))
+    return Built(scene, scene_bytes(scene, compact=compact))
 
 
-def _drop_broken(trainer: Trainer) -> None:
+def _with(scene: SceneFile, **fields: Any) -> SceneFile:
+    """The scene with other fields in its header."""
+    return replace(scene, header=replace(scene.header, **fields))
+
+
+def bytes_at_most(job: TrainingJob, trainer: Trainer, scale: float) -> int:
+    """Of the scene's file, whatever the training still adds."""
+    scene = _scene(job, trainer, scale, {})
+    rows = rows_of(scene.arrays)
+    count = max(trainer.count, trainer.recipe.growth_limit_at(1.0))
+    each = sum(array.nbytes / max(len(array), 1) for name, array in scene.arrays.items() if name in rows)
+    rest = sum(array.nbytes for name, array in scene.arrays.items() if name not in rows)
+    return int(count * each) + rest + len(scene.header.to_json()) + _REPORT_BYTES
+
+
+def drop_broken(trainer: Trainer) -> None:
     """Leaves out Gaussians with a number that is none: nothing draws them, and no file should hold them."""
     canonical = trainer.model.canonical
     finite = torch.ones(trainer.count, dtype=torch.bool, device=trainer.device)

@@ -62,6 +62,7 @@ class Trainer:
         model: ``model.deform(time, progressing)`` gives Gaussians and changes.
         step_count, seconds: so far; seconds leave evaluation and saving out.
         progress: 0 to 1.
+        before_round: called before a round of compression, which may fail (see Recovery.without_round).
     """
 
     def __init__(
@@ -91,6 +92,7 @@ class Trainer:
         self.density = DensityControl(recipe, self.scene_scale, self.count, self.device)
         self.neighbourhood: Neighbourhood | None = None
         self.step_count, self.seconds, self.progress = 0, 0.0, 0.0
+        self.before_round: Callable[[], None] = lambda: None
         self._loss = RunningLoss()
         self.burst_shot = -1
         self.parsimony = Parsimony(self, seed) if recipe.capacity == "auto" else None

@@ -1,0 +1,42 @@
+"""Who else uses a file of the cache: readers share a lock, which whoever deletes must have alone.
+
+The operating system lets go of a lock when its process ends. Windows needs none: it deletes no file that is in use.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import BinaryIO
+
+try:
+    import fcntl
+except ImportError:
+    fcntl = None  # type: ignore[assignment]
+
+
+def shared_file(path: Path) -> BinaryIO | None:
+    """The file, open and locked as long as it is: in use, with any number of others. None where it cannot be."""
+    try:
+        file = path.open("rb")
+    except OSError:
+        return None
+    try:
+        if fcntl is not None:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError:
+        file.close()
+        return None
+    return file
+
+
+def only_here(file: BinaryIO | None) -> bool:
+    """True, and the file is closed, when nobody else has shared it."""
+    if file is None:
+        return False
+    try:
+        if fcntl is not None:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    file.close()
+    return True
