@@ -20,8 +20,8 @@ from frog_blender.engine.errors import FrogError
 from frog_blender.engine.files import read_scene
 from frog_blender.engine.inference.scene import PlayableScene
 from frog_blender.engine.training import checkpoint, events, job
-from frog_blender.engine.training.checkpoint import checkpoint_path
 from frog_blender.engine.training.job import TrainingJob, run_training
+from frog_blender.engine.training.outputs import checkpoint_path
 from frog_blender.engine.training.recovery import Recovery
 from frog_blender.engine.training.trainer import Trainer
 
@@ -85,7 +85,7 @@ def test_no_folder_at_all_is_one_sentence(task: TrainingJob, monkeypatch: pytest
     def full(*_: object) -> None:
         raise FrogError("x.frog: could not be written (No space left on device); nothing was changed.")
 
-    monkeypatch.setattr(rescue, "save_scene", full)
+    monkeypatch.setattr(rescue, "write_atomically", full)
     with pytest.raises(FrogError, match="No space left"):
         list(run_training(task))
     assert checkpoint_path(task.output).is_file(), "what was learned is there"
@@ -96,14 +96,14 @@ def test_rescued_scenes_do_not_overwrite_each_other(
 ) -> None:
     from frog_blender.engine.training import rescue
 
-    real = rescue.save_scene
+    real = rescue.write_atomically
 
-    def only_elsewhere(wanted: TrainingJob, *rest: object) -> object:
-        if wanted.output == task.output:
+    def only_elsewhere(path: Path, content: bytes) -> None:
+        if path == task.output:
             raise FrogError("x.frog: could not be written (Input/output error); nothing was changed.")
-        return real(wanted, *rest)
+        real(path, content)
 
-    monkeypatch.setattr(rescue, "save_scene", only_elsewhere)
+    monkeypatch.setattr(rescue, "write_atomically", only_elsewhere)
     ends = [list(run_training(task))[-1] for _ in range(2)]
     assert [Path(end.path).name for end in ends] == ["x.frog", "x-2.frog"]
     assert all(read_scene(end.path).header.steps == STEPS for end in ends)
@@ -185,24 +185,6 @@ def test_memory_that_ends_between_steps_costs_gaussians_too(
     assert isinstance(stream[-1], events.Finished) and stream[-1].steps == STEPS and stream[-1].gaussians <= 330
     steps = [event.step for event in stream if isinstance(event, events.Evaluated)]
     assert steps == sorted(set(steps)), "no evaluation is told twice"
-
-
-def test_memory_that_ends_at_the_last_evaluation_costs_no_scene(
-    task: TrainingJob, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    evaluate, counts = Trainer.evaluate, []
-
-    def limited(self: Trainer, limit: int, *played: object) -> object:
-        if self.finished:
-            counts.append(self.count)
-            if len(counts) == 1:
-                raise MemoryError("no more")
-        return evaluate(self, limit, *played)
-
-    monkeypatch.setattr(Trainer, "evaluate", limited)
-    end = list(run_training(task))[-1]
-    assert isinstance(end, events.Finished) and end.gaussians == counts[1] == int(0.75 * counts[0])
-    assert PlayableScene.load(task.output).count == end.gaussians
 
 
 def test_a_checkpoint_without_memory_costs_nothing_else(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -54,7 +54,7 @@ def claimed(output: Path) -> Iterator[None]:
 def _lock_path(output: Path) -> Path:
     where = os.path.join(os.path.realpath(output.parent), output.name)
     name = hashlib.blake2b(os.fsencode(os.path.normcase(where)), digest_size=16).hexdigest()
-    return default_cache_folder() / "locks" / f"{name}.lock"
+    return default_cache_folder() / f"{name}.lock"
 
 
 def _own(path: Path) -> BinaryIO:

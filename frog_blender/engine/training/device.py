@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from . import patient_threads  # noqa: F401
+
+# isort: split
 from collections.abc import Iterator
 from contextlib import contextmanager
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from . import patient_threads  # noqa: F401
+
+# isort: split
 import queue
 import threading
 from collections.abc import Callable, Generator, Iterator, Mapping

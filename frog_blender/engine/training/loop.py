@@ -67,8 +67,7 @@ def train(job: TrainingJob, trainer: Trainer, scale: float, control: Control) ->
             except (Unstable, RuntimeError, MemoryError) as error:
                 said = recovery.go_back(trainer, error)
             yield events.Warned(said)
-        if not trainer.finished and checkpoints.is_older(recovery.state):
-            yield from checkpoints.save_late(recovery.state, room)
+        yield from checkpoints.save_late(recovery.state, None if trainer.finished else room)
     except Exception:
         checkpoints.keep(recovery.state, room)
         raise

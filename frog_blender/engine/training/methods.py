@@ -5,6 +5,9 @@ All share canonical Gaussians, rasterizer, losses and schedules, so that a compa
 
 from __future__ import annotations
 
+from . import patient_threads  # noqa: F401
+
+# isort: split
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

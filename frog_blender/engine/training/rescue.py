@@ -53,11 +53,17 @@ class Checkpoints:
             with suppress(FrogError):
                 room.write(self._path, lambda: self._write(state))
 
-    def save_late(self, state: State, room: Room) -> Iterator[Event]:
-        """Once more at the end, for a training that somebody may go on with: there may be room now."""
+    def save_late(self, state: State, room: Room | None) -> Iterator[Event]:
+        """Once more, after the scene was saved: there may be room now. What can be given up for it is in ``room``."""
+        if not self.is_older(state):
+            return
         with suppress(FrogError):
-            how = room.write(self._path, lambda: self._write(state))
-            yield events.Warned(f"{self._path}: was written in the end{how}.")
+            how = ""
+            if room:
+                how = room.write(self._path, lambda: self._write(state))
+            else:
+                self._write(state)
+            yield events.Warned(f"{self._path}: it was written in the end{how}.")
 
     def is_older(self, state: State) -> bool:
         """True when the checkpoint does not know all that the state does."""

@@ -103,12 +103,14 @@ def build_scene(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[
 
 
 def _as_it_is(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[str, Any]) -> Built:
-    scene = _scene(job, trainer, scale, metrics)
     try:
+        scene = _scene(job, trainer, scale, metrics)
         return Built(scene, scene_bytes(scene))
-    except (ValueError, TypeError):  # figures that no header can hold
-        scene = _with(scene, metrics={}, capacity={})
-        return Built(scene, scene_bytes(scene))
+    except MemoryError:
+        raise
+    except Exception as error:  # figures that no header holds, a report that cannot be made
+        scene = _scene(job, trainer, scale, {}, report=False)
+        return Built(scene, scene_bytes(scene), f"The scene's file has no report ({reason(error)}).")
 
 
 def _compact(job: TrainingJob, trainer: Trainer, rounds: Parsimony, scale: float, metrics: dict[str, Any]) -> Built:
@@ -159,7 +161,9 @@ def drop_broken(trainer: Trainer) -> None:
         arrange(trainer, kept, movers)
 
 
-def _scene(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[str, Any]) -> SceneFile:
+def _scene(
+    job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[str, Any], *, report: bool = True
+) -> SceneFile:
     capture = trainer.capture
     shots: list[list[int]] = [[] for _ in capture.cameras]
     for shot in capture.shots:
@@ -183,7 +187,7 @@ def _scene(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[str, 
         metrics=metrics,
         steps=trainer.step_count,
         train_seconds=trainer.seconds,
-        capacity=_capacity(trainer, trainer.parsimony.reductions) if trainer.parsimony else {},
+        capacity=_capacity(trainer, trainer.parsimony.reductions) if trainer.parsimony and report else {},
     )
     return SceneFile(header, _arrays(trainer))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,6 +10,8 @@ import torch
 
 from ..capture.capture import Capture
 from .fitting import fitting
+
+_ROUNDING = 1e-9  # of a fraction of the training that is computed: no training has as many steps
 
 
 @dataclass(frozen=True)
@@ -21,11 +24,12 @@ class Every:
 
     def due(self, before: float, now: float) -> bool:
         """True when a round lies in (before, now]."""
-        if now < self.start or now > self.until:
-            return False
-        return before < self.start or int((now - self.start) / self.interval) > int(
-            (before - self.start) / self.interval
-        )
+        rounds = self._begun(now)
+        return now <= self.until + _ROUNDING and rounds >= 0 and rounds > self._begun(before)
+
+    def _begun(self, progress: float) -> int:
+        """Rounds whose time has come, less one."""
+        return math.floor((progress - self.start + _ROUNDING) / self.interval)
 
 
 def ramp(progress: float, start: float, end: float) -> float:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from . import patient_threads  # noqa: F401
+
+# isort: split
 import math
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -36,6 +38,7 @@ from .sampling import inject_anchors
 from .schedule import Every, ShotPicker, ramp
 from .smoothness import SMOOTHED_EVERY, Neighbourhood
 from .start import first_model, scale_of
+from .working_time import WorkingTime
 
 Played = Callable[[float], GaussianArrays]
 """A scene's Gaussians at a time in [0, 1]."""
@@ -60,7 +63,7 @@ class Trainer:
 
     Attributes:
         model: ``model.deform(time, progressing)`` gives Gaussians and changes.
-        step_count, seconds: so far; seconds leave evaluation and saving out.
+        step_count, seconds: so far; seconds leave out evaluation, saving, and what the process was stopped for.
         progress: 0 to 1.
         before_round: called before a round of compression, which may fail (see Recovery.without_round).
     """
@@ -167,8 +170,7 @@ class Trainer:
             self._step()
 
     def _step(self) -> None:
-        started = time.perf_counter()
-        before = self.progress
+        before, working = self.progress, WorkingTime()
         self.settle()
         self.optimizer.schedule(before)
         shot = self._next_shot(before)
@@ -200,11 +202,10 @@ class Trainer:
         if self.exposures and self.exposures.listens(camera_index, self.step_count, before):
             self.exposures.observe(camera_index, camera, image.rgb, pixels)
         self.step_count += 1
-        self.seconds += time.perf_counter() - started
-        self.progress = self._progress_now()
-        started = time.perf_counter()
+        self.seconds += working.seconds
+        self.progress, working = self._progress_now(), WorkingTime()
         self._rounds(before, self.progress, shot)
-        self.seconds += time.perf_counter() - started
+        self.seconds += working.seconds
 
     def _regularize(self) -> None:
         """Adds the gradients of what keeps the model smooth, of SMOOTHED_EVERY steps at once."""
