@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 import bpy
 from bpy.app.handlers import persistent
 
-from . import app_handlers, carrier, saved_elsewhere
+from . import app_handlers, capture_files, carrier, saved_elsewhere
+from .capture_files import file_of
 from .engine.errors import FrogError
 from .playing import density, opened
 from .playing.playback_cache import Moment
@@ -26,14 +27,9 @@ if TYPE_CHECKING:
     from .engine.rasterizer.arrays import GaussianArrays
 
 
-def file_of(obj: Any) -> Path:
-    """The .frog file an object plays."""
-    return saved_elsewhere.absolute(obj, obj.frog.filepath)
-
-
 def bake_path(obj: Any) -> Path:
     """Where an object's baked playback is, or would be: beside its .frog file, or in the folder chosen for it."""
-    file, folder = file_of(obj), obj.frog.bake_folder
+    file, folder = capture_files.named_file(obj), obj.frog.bake_folder
     return (saved_elsewhere.absolute(obj, folder) if folder else file.parent) / f"{file.stem}.frogbake"
 
 
@@ -57,7 +53,7 @@ def bake_problem(obj: Any) -> str:
 
 def captures(objects: Any) -> Iterator[Any]:
     """The objects that play a .frog file, among ``objects`` (a scene's, or all of the file's)."""
-    return (obj for obj in objects if obj.type in carrier.TYPES and obj.frog.filepath)
+    return filter(capture_files.is_capture, objects)
 
 
 def gaussians_at(obj: Any, scene_frame: float, evaluated: Any = None) -> GaussianArrays:
@@ -150,6 +146,14 @@ def _on_frame_evaluated(scene: Any, depsgraph: Any) -> None:
 @persistent
 def _on_load(*_: Any) -> None:
     opened.forget()
+    capture_files.forget()
+    _take_over()
+
+
+@persistent
+def _take_over(*_: Any) -> None:
+    """Captures that came from somewhere."""
+    capture_files.adopt()
     _refresh_all()
 
 
@@ -177,6 +181,11 @@ def _on_save_pre(*_: Any) -> None:
             carrier.clear(obj)
 
 
+@persistent
+def _on_save_pre_adopt(*_: Any) -> None:
+    capture_files.adopt()  # Blender makes relative, packs and rewrites what it knows
+
+
 def _handlers() -> app_handlers.Handlers:
     on = bpy.app.handlers
     return [
@@ -185,11 +194,12 @@ def _handlers() -> app_handlers.Handlers:
         (on.depsgraph_update_post, _on_update),
         (on.load_post, _on_load),
         (on.blend_import_post, saved_elsewhere.on_import_post),
-        (on.blend_import_post, _refresh_all),
+        (on.blend_import_post, _take_over),
         (on.undo_post, _refresh_all),
         (on.redo_post, _refresh_all),
         (on.save_pre, _on_save_pre),
-        (on.save_pre, saved_elsewhere.on_save_pre),  # after it, which looks for the files
+        (on.save_pre, _on_save_pre_adopt),
+        (on.save_pre, saved_elsewhere.on_save_pre),  # after them, which look for the files
         (on.save_post, saved_elsewhere.on_save_post),
         (on.save_post, _refresh_all),
         (on.save_post_fail, saved_elsewhere.on_save_post),
@@ -199,11 +209,12 @@ def _handlers() -> app_handlers.Handlers:
 
 def register() -> None:
     app_handlers.add(_handlers())
-    bpy.app.timers.register(_refresh_all, first_interval=0.0)  # for a .blend that was opened without the add-on
+    bpy.app.timers.register(_take_over, first_interval=0.0)  # for a .blend that was opened without the add-on
 
 
 def unregister() -> None:
-    if bpy.app.timers.is_registered(_refresh_all):
-        bpy.app.timers.unregister(_refresh_all)
+    if bpy.app.timers.is_registered(_take_over):
+        bpy.app.timers.unregister(_take_over)
     app_handlers.remove(_handlers())
     opened.forget()
+    capture_files.forget()

@@ -1,6 +1,8 @@
-"""Paths that begin with ``//``, at the .blend's folder, when that becomes another one: they go on meaning the same.
+"""FRoG's paths when a .blend is saved: relative from the first save on, where the user wants that, and meaning the same
+when they begin with ``//``, at the .blend's folder, and that becomes another one.
 
-Blender does so with its own paths, but not with those that add-ons keep.
+Blender does so with its own paths, but not with those that add-ons keep. That of a scene file becomes one of Blender's
+own (see capture_files); here are the others, and that of a capture which has none of Blender's yet.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ moving = False
 """While paths are written that lead nowhere yet: nobody is to follow them."""
 
 _target: Path | None = None  # the folder that is saved into, if it is another one
-_before: list[tuple[Any, int, str, str]] = []  # blocks, session_uid, property, value
+_before: list[tuple[Any, int, str, str]] = []  # blocks, session_uid, property, value before it was rewritten
 
 
 def library_of(block: Any) -> Any:
@@ -43,23 +45,29 @@ def absolute(block: Any, path: str) -> Path:
 def _settle() -> None:
     """Writes the paths of objects that were made local; what a scene is to write need not be there yet."""
     for obj in bpy.data.objects:
-        for name, value in _relative_of(obj, _OF_OBJECTS) if library_of(obj) is None else ():
-            path = str(absolute(obj, value))
-            if path != os.path.normpath(bpy.path.abspath(value)):
+        for name, value in _set_of(obj, _OF_OBJECTS) if library_of(obj) is None else ():
+            source = obj.frog.source if name == "filepath" else None
+            path = str(absolute(source or obj, value))
+            if path != os.path.normpath(bpy.path.abspath(value)) or (source is not None and source.library is not None):
                 _write(obj, name, _seen_from_here(path))
 
 
-def _relative() -> Iterator[tuple[Any, Any, str, str]]:
-    """Blocks, block, property and value of all such paths of this .blend."""
+def _kept() -> Iterator[tuple[Any, Any, str, str]]:
+    """Blocks, block, property and value of all paths of this .blend that Blender does not look after."""
     for blocks, names in ((bpy.data.objects, _OF_OBJECTS), (bpy.data.scenes, _OF_SCENES)):
         for block in blocks:
             if library_of(block) is None:
-                yield from ((blocks, block, name, value) for name, value in _relative_of(block, names))
+                values = _set_of(block, names)
+                yield from ((blocks, block, name, value) for name, value in values if not _is_blenders(block, name))
 
 
-def _relative_of(block: Any, names: tuple[str, ...]) -> list[tuple[str, str]]:
-    values = [(name, getattr(block.frog, name)) for name in names]
-    return [(name, value) for name, value in values if value.startswith("//")]
+def _is_blenders(block: Any, name: str) -> bool:
+    return name == "filepath" and block.frog.source is not None
+
+
+def _set_of(block: Any, names: tuple[str, ...]) -> list[tuple[str, str]]:
+    values = [(name, getattr(block.frog, name)) for name in names if block.frog.is_property_set(name)]
+    return [(name, value) for name, value in values if value]
 
 
 def _write(block: Any, name: str, value: str) -> None:
@@ -86,17 +94,26 @@ def _seen_from_here(path: str) -> str:
 
 @persistent
 def on_save_pre(path: str = "", *_: Any) -> None:
-    """Rewrites the paths, where the .blend goes into another folder."""
+    """Rewrites the paths, where the .blend goes into another folder or into its first one."""
     global _target
     _settle()
     _target, here, there = None, bpy.data.filepath, Path(path).parent
     _before.clear()
-    if not path or not here or Path(here).parent == there:
+    if not path or (here and Path(here).parent == there):
         return
     _target = there
-    for blocks, block, name, value in list(_relative()):
-        _before.append((blocks, block.session_uid, name, value))
-        _write(block, name, seen_from(there, bpy.path.abspath(value)))
+    becomes_relative = not here and bpy.context.preferences.filepaths.use_relative_paths
+    for blocks, block, name, value in list(_kept()):
+        is_relative = value.startswith("//")
+        if here and is_relative:
+            _rewrite(blocks, block, name, value, seen_from(there, bpy.path.abspath(value)))
+        elif becomes_relative and os.path.isabs(value) and not is_relative:
+            _rewrite(blocks, block, name, value, seen_from(there, value))
+
+
+def _rewrite(blocks: Any, block: Any, name: str, before: str, value: str) -> None:
+    _before.append((blocks, block.session_uid, name, before))
+    _write(block, name, value)
 
 
 @persistent
@@ -117,7 +134,9 @@ def on_import_post(context: Any, *_: Any) -> None:
         names = {"OBJECT": _OF_OBJECTS, "SCENE": _OF_SCENES}.get(item.id_type)
         if not names or item.append_action not in {"MAKE_LOCAL", "COPY_LOCAL"} or item.source_library is None:
             continue
-        for name, value in _relative_of(item.id, names):
+        for name, value in _set_of(item.id, names):
+            if not value.startswith("//") or _is_blenders(item.id, name):
+                continue
             path = bpy.path.abspath(value, library=item.source_library)
             if Path(path).exists() or not Path(bpy.path.abspath(value)).exists():
                 _write(item.id, name, _seen_from_here(path))

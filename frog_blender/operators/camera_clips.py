@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from .. import playback
+from ..capture_files import named_file
 from ..engine.clips import Clip, capture_folders, find_clips
 from ..engine.errors import FrogError
 from ..engine.straight_clips import Straightening, straight_clips, straightening
@@ -94,8 +95,8 @@ def begin_straightening(obj: Any, folder: Path | None = None) -> Straightening |
 
 def _sources(obj: Any, folder: Path | None) -> tuple[Path, SceneHeader, list[Path]]:
     """The file that an object plays, what it says, and where the capture may lie."""
-    path = playback.file_of(obj)
-    header = playback.open_scene(path).header
+    path = named_file(obj)  # what is packed into the .blend has its films beside the place that it came from
+    header = playback.open_scene(playback.file_of(obj)).header
     return path, header, [folder] if folder is not None else capture_folders(header, path)
 
 

@@ -13,6 +13,7 @@ from bpy.props import BoolProperty, EnumProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
 from .. import playback
+from ..capture_files import named_file
 from ..engine.errors import FrogError
 from ..engine.inference.transform import Y_DOWN
 from ..playing.retiming import raw_frame
@@ -178,7 +179,7 @@ class FROG_OT_export_scene(bpy.types.Operator, ExportHelper):
 def _suggest(operator: Any, context: Any) -> None:
     """Beside the .frog, under its name."""
     if not operator.filepath:
-        operator.filepath = str(playback.file_of(chosen(context)).with_suffix(operator.filename_ext))
+        operator.filepath = str(named_file(chosen(context)).with_suffix(operator.filename_ext))
 
 
 def _menu(self: Any, _context: Any) -> None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import carrier, playback
+from ..capture_files import is_capture
 from ..engine.errors import FrogError
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ def visible_captures(depsgraph: Any, space: Any = None) -> list[tuple[Any, Any, 
     found = []
     for instance in depsgraph.object_instances:
         shown, own = instance.object, instance.object.original
-        if shown.type not in carrier.TYPES or not own.frog.filepath or not is_seen(instance, depsgraph.view_layer):
+        if not is_capture(own) or not is_seen(instance, depsgraph.view_layer):
             continue
         if not carrier.is_itself(shown, own) and (own.mode != "EDIT" or instance.is_instance):
             continue

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..capture_files import is_capture
 from .gathering import is_seen
 
 if TYPE_CHECKING:
@@ -124,7 +125,7 @@ def _surfaces(depsgraph: Any) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """World-space vertices (V, 3) and triangles (T, 3) of everything that the camera can see, instances included."""
     for instance in depsgraph.object_instances:
         obj = instance.object
-        if obj.type not in _SURFACES or obj.original.frog.filepath or obj.is_shadow_catcher:
+        if obj.type not in _SURFACES or is_capture(obj.original) or obj.is_shadow_catcher:
             continue
         if not is_seen(instance, depsgraph.view_layer):
             continue

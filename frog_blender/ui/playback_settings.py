@@ -16,7 +16,7 @@ from bpy.props import (
     StringProperty,
 )
 
-from .. import carrier, playback, saved_elsewhere
+from .. import capture_files, carrier, playback, saved_elsewhere
 from ..nodes import ellipsoid_nodes
 from .path_options import PATH_OPTIONS
 
@@ -48,6 +48,24 @@ def _on_play_setting(_settings: Any, context: Any) -> None:
         playback.refresh(context.scene)
 
 
+def _keep_path(settings: Any, path: str) -> str:
+    capture_files.point_at(settings, path)
+    return path
+
+
+def _transformed() -> dict[str, Any]:
+    """How ``filepath`` becomes the path of a volume (see capture_files) and stays stored as it always was."""
+    if bpy.app.version >= (5, 0, 0):
+        return {
+            "get_transform": lambda settings, stored, _is_set: capture_files.shown_path(settings, stored),
+            "set_transform": lambda settings, path, _stored, _is_set: _keep_path(settings, path),
+        }
+    return {
+        "get": lambda settings: capture_files.shown_path(settings, settings.get("filepath", "")),
+        "set": lambda settings, path: settings.__setitem__("filepath", _keep_path(settings, path)),
+    }
+
+
 class FrogPlaybackSettings(bpy.types.PropertyGroup):
     """``Object.frog``: what a capture plays, and when."""
 
@@ -57,6 +75,13 @@ class FrogPlaybackSettings(bpy.types.PropertyGroup):
         subtype="FILE_PATH",
         options=PATH_OPTIONS,
         update=_on_play_setting,
+        **_transformed(),
+    )
+    source: PointerProperty(
+        name="Source",
+        description="What Blender knows the scene file by, to make its path relative, to find it and to pack it",
+        type=bpy.types.Volume,
+        options={"HIDDEN"},
     )
     start_frame: FloatProperty(
         name="Start Frame",

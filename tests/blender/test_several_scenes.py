@@ -60,8 +60,8 @@ def test_what_was_opened_without_the_add_on_plays_when_it_comes(addon, empty, ca
     carrier.clear(capture)
     addon.unregister()
     addon.register()
-    assert bpy.app.timers.is_registered(playback._refresh_all)
-    playback._refresh_all()  # no timer runs without a window
+    assert bpy.app.timers.is_registered(playback._take_over)
+    playback._take_over()  # no timer runs without a window
     shows(the_capture(), static_rig, 3.0)
 
 
