@@ -1,18 +1,54 @@
-"""What importers of files have in common that can be dropped into a window."""
+"""What importers of files have in common that can be dropped into a window, and chosen several at once."""
+
+# mypy: disable-error-code="valid-type"
 
 from pathlib import Path
 from typing import Any
 
+import bpy
+from bpy.props import CollectionProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 
 class OpensDroppedFile(ImportHelper):
-    """A dropped file brings its path along and needs no file browser."""
+    """A base beside ``bpy.types.Operator``: a dropped file brings its path along and needs no file browser.
+
+    Who has it as a base opens one file, ``filepath``, in ``open_file``.
+    """
+
+    # Blender fills them with what was dropped or chosen; its ``invoke_popup`` asks for ``files``.
+    directory: StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})
+    files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"})
 
     def invoke(self, context: Any, event: Any) -> set[str]:
         if self.filepath and Path(self.filepath).is_file():
             return self.invoke_popup(context)
         return super().invoke(context, event)
+
+    def execute(self, context: Any) -> set[str]:
+        """Opens every file; what cannot be opened does not hold up the others. The first one sets the scene up."""
+        paths = self.paths()
+        if len(paths) < 2:
+            return self.open_file(context)
+        named, sets_up = self.filepath, self.set_up_scene  # type: ignore[has-type]
+        opened = False
+        try:
+            for path in paths:
+                self.filepath = str(path)
+                if self.open_file(context) == {"FINISHED"}:
+                    opened, self.set_up_scene = True, False
+        finally:
+            self.filepath, self.set_up_scene = named, sets_up
+        return {"FINISHED"} if opened else {"CANCELLED"}
+
+    def open_file(self, context: Any) -> set[str]:
+        """Opens ``filepath``, and reports."""
+        raise NotImplementedError
+
+    def paths(self) -> list[Path]:
+        """All files that were dropped or chosen, if there are several."""
+        folder = Path(bpy.path.abspath(self.directory))
+        return [folder / file.name for file in self.files if file.name]
 
 
 class DropsIntoViews:

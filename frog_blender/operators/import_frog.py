@@ -37,7 +37,7 @@ class FROG_OT_import_scene(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
         default=True,
     )
 
-    def execute(self, context: Any) -> set[str]:
+    def open_file(self, context: Any) -> set[str]:
         path = Path(bpy.path.abspath(self.filepath))
         self.decide(context.scene)
         try:

@@ -35,7 +35,7 @@ class FROG_OT_import_splats(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
     scene_file: StringProperty(
         name="Scene File",
         description="The .frog file to write; left empty, it is put beside the .ply under the same name, or under "
-        "another one where a .frog of that name is there already",
+        "another one where a .frog of that name is there already, and so is each of several",
         subtype="FILE_PATH",
     )
     compact: BoolProperty(
@@ -44,13 +44,14 @@ class FROG_OT_import_splats(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
         default=False,
     )
 
-    def execute(self, context: Any) -> set[str]:
+    def open_file(self, context: Any) -> set[str]:
         from ..engine.exchange import free_scene_path, import_splats
 
         source = Path(bpy.path.abspath(self.filepath))
         self.decide(context.scene)
         try:
-            named = Path(bpy.path.abspath(self.scene_file)) if self.scene_file else None
+            is_alone = len(self.paths()) < 2
+            named = Path(bpy.path.abspath(self.scene_file)) if self.scene_file and is_alone else None
             imported = import_splats(source, named or free_scene_path(source), compact=self.compact)
             obj = materialize(
                 imported.path,

@@ -10,7 +10,7 @@ from bpy.props import BoolProperty, CollectionProperty, StringProperty
 
 from ..engine.capture.video import VIDEO_SUFFIXES
 from ..engine.errors import FrogError, found_instead
-from ..ui import capture_summary, preferences
+from ..ui import capture_summary, preferences, sidebar_tab
 
 
 class FROG_OT_drop_videos(bpy.types.Operator):
@@ -103,14 +103,14 @@ def _open(operator: Any, context: Any, find: Any) -> set[str]:
 
 
 def _show_panel(context: Any) -> None:
-    """The sidebar's tab FRoG, where the capture was dropped."""
-    area = context.area
-    if area is None or area.type != "VIEW_3D":
+    """The sidebar's tab FRoG: where the capture was dropped, or in the largest viewport after a choice in a menu."""
+    views = [area for area in context.screen.areas if area.type == "VIEW_3D"] if context.screen is not None else []
+    if not views:
         return
+    area = context.area if context.area in views else max(views, key=lambda each: each.width * each.height)
     area.spaces.active.show_region_ui = True
-    for region in area.regions:
-        if region.type == "UI" and region.width > 1:  # one that was never drawn has no tabs yet
-            region.active_panel_category = "FRoG"
+    if not bpy.app.background:
+        sidebar_tab.show(area)
 
 
 def _menu(self: Any, _context: Any) -> None:

@@ -1,0 +1,38 @@
+"""Bringing the FRoG tab of a viewport's sidebar to the front."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import bpy
+
+CATEGORY = "FRoG"
+_EVERY = 0.05  # seconds
+_MOST_TRIES = 40  # a sidebar has no tabs before it was drawn, which a busy window does late
+
+
+def show(area: Any) -> None:
+    """As soon as Blender lets one choose the tab; a sidebar that was closed again by then is left alone."""
+    bpy.app.timers.register(partial(_choose, area.as_pointer(), [_MOST_TRIES]), first_interval=0.0)
+
+
+def _choose(wanted: int, tries_left: list[int]) -> float | None:
+    region = next(_sidebars(wanted), None)
+    if region is None:
+        return None
+    try:
+        region.active_panel_category = CATEGORY
+        region.tag_redraw()
+    except (AttributeError, TypeError):  # read-only, or none of the tabs, until it was drawn with them
+        tries_left[0] -= 1
+        return _EVERY if tries_left[0] > 0 else None
+    return None
+
+
+def _sidebars(wanted: int) -> Any:
+    """Those of the viewport with that address, if a window still shows it: nothing of a window can be kept."""
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.as_pointer() == wanted and area.type == "VIEW_3D" and area.spaces.active.show_region_ui:
+                yield from (region for region in area.regions if region.type == "UI")
