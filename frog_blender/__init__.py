@@ -14,6 +14,7 @@ _ROOMS = (
     "ui.playback_settings",
     "playing.playback_cache",
     "playback",
+    "playing.rendering",
     "playing.density",
     "playing.look_ahead",
     "render_engine",

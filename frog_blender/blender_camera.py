@@ -82,6 +82,8 @@ def engine_camera(obj: Any, matrix_world: Any, render: Any, width: int, height: 
     pose = np.array(matrix_world, dtype=np.float64)
     pose[:3, :3] = nearest_rotation(pose[:3, :3], f"Camera {obj.name}")
     pose[:3, 3] += far * pose[:3, 2]
+    _expect_numbers(intrinsics, pose, f"Camera {obj.name}")
+    _expect_focal(np.diag(intrinsics), f"Camera {obj.name}")
     return Camera(obj.name, width, height, intrinsics, np.linalg.inv(pose @ _FLIP))
 
 
@@ -97,9 +99,11 @@ def view_camera(view_matrix: Any, window_matrix: Any, width: int, height: int, f
     An orthographic view is one from very far away, as for ``engine_camera``.
     """
     view, window = np.array(view_matrix, np.float64), np.array(window_matrix, np.float64)
+    _expect_numbers(view, window, "The viewport")
     pose = np.linalg.inv(view)
     pose[:3, :3] = nearest_rotation(pose[:3, :3], "The viewport")
     focal = np.array([window[0, 0] * width, window[1, 1] * height * focal_ratio]) / 2
+    _expect_focal(focal, "The viewport")
     if window[3, 3] == 0.0:  # perspective: clip w is the depth
         centre = np.array([(1 - window[0, 2]) * width, (1 + window[1, 2]) * height]) / 2
     else:
@@ -111,8 +115,19 @@ def view_camera(view_matrix: Any, window_matrix: Any, width: int, height: int, f
     return Camera("viewport", width, height, intrinsics, np.linalg.inv(pose @ _FLIP))
 
 
+def _expect_numbers(lens: np.ndarray, place: np.ndarray, name: str) -> None:
+    if not (np.isfinite(lens).all() and np.isfinite(place).all()):
+        raise FrogError(f"{name}: found a lens or a place that is no number, expected finite ones.")
+
+
+def _expect_focal(focal: np.ndarray, name: str) -> None:
+    if not (focal > 0).all():
+        raise FrogError(f"{name}: found a focal length that is not above zero, expected one that is.")
+
+
 def nearest_rotation(matrix: np.ndarray, name: str) -> np.ndarray:
     """The rotation closest to a (3, 3) matrix: a scaled parent does not scale what a camera sees."""
+    _expect_numbers(matrix, matrix, name)
     left, scales, right = np.linalg.svd(matrix)
     if scales[-1] < 1e-12 or np.linalg.det(matrix) < 0:
         raise FrogError(f"{name}: found a mirrored or zero scale, expected a positive one.")

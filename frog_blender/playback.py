@@ -6,7 +6,6 @@ A capture is an object whose ``frog.filepath`` is set; between frames only its p
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,12 +13,13 @@ from typing import TYPE_CHECKING, Any
 import bpy
 from bpy.app.handlers import persistent
 
-from . import app_handlers, capture_files, carrier, saved_elsewhere
+from . import app_handlers, capture_files, carrier, said, saved_elsewhere
 from .capture_files import file_of
 from .engine.errors import FrogError
 from .playing import density, opened
 from .playing.playback_cache import Moment
-from .playing.retiming import capture_frame, is_known_late
+from .playing.rendering import in_main_thread, may_write_points
+from .playing.retiming import BadTiming, capture_frame, is_known_late
 
 if TYPE_CHECKING:
     from .engine.inference.bake import Bake
@@ -36,7 +36,7 @@ def bake_path(obj: Any) -> Path:
 def open_scene(path: Path) -> PlayableScene:
     """The scene in a file, read once for each version of the file; FrogError with one sentence if it is unusable."""
     # A render's thread must not look at bpy.data.
-    if not opened.is_known(path) and threading.current_thread() is threading.main_thread():
+    if not opened.is_known(path) and in_main_thread():
         opened.forget_all_but({file_of(obj) for obj in captures(bpy.data.objects)})
     return opened.scene(path)
 
@@ -85,7 +85,8 @@ def shown_frame(obj: Any, scene_frame: float, evaluated: Any = None) -> float:
 
 
 def show(obj: Any, scene_frame: float, evaluated: Any = None) -> None:
-    """Put the Gaussians of a frame of the timeline into an object; a file that cannot be read leaves it as it is.
+    """Put the Gaussians of a frame of the timeline into an object; what cannot be shown leaves it as it is, which is
+    said once.
 
     Geometry that is linked from another .blend cannot be written: such captures are drawn by the FROG engine alone.
     """
@@ -93,9 +94,13 @@ def show(obj: Any, scene_frame: float, evaluated: Any = None) -> None:
         return
     try:
         shown = displayed(obj, scene_frame, evaluated)
+        carrier.show(obj, shown.scene, shown.time, shown.part)
+    except BadTiming as error:
+        said.once(str(error))
     except FrogError:
         return  # said once by open_scene, shown by the panel
-    carrier.show(obj, shown.scene, shown.time, shown.part)
+    except Exception as error:  # of one capture: the others go on
+        said.unforeseen(obj.name, error)
 
 
 def captures_in(scene: Any) -> list[Any]:
@@ -128,7 +133,16 @@ def refresh(scene: Any) -> None:
 
 
 @persistent
+def refresh_all(*_: Any) -> None:
+    """Make every capture show the current frame of the scene that it is looked at in."""
+    for obj, scene in scenes_of_captures().items():
+        show(obj, scene.frame_current_final)
+
+
+@persistent
 def _on_frame(scene: Any, *_: Any) -> None:
+    if not may_write_points(scene):
+        return
     for obj in captures_in(scene):
         if not is_known_late(obj):
             show(obj, scene.frame_current_final)
@@ -138,6 +152,8 @@ def _on_frame(scene: Any, *_: Any) -> None:
 def _on_frame_evaluated(scene: Any, depsgraph: Any) -> None:
     if depsgraph.mode == "RENDER" and scene.render.engine == "FROG":
         return  # it draws no points, and writing them makes Blender evaluate again, without the NLA
+    if not may_write_points(scene):
+        return
     for obj in captures_in(scene):
         if is_known_late(obj):
             show(obj, scene.frame_current_final, obj.evaluated_get(depsgraph))
@@ -147,6 +163,7 @@ def _on_frame_evaluated(scene: Any, depsgraph: Any) -> None:
 def _on_load(*_: Any) -> None:
     opened.forget()
     capture_files.forget()
+    said.forget()
     _take_over()
 
 
@@ -154,13 +171,7 @@ def _on_load(*_: Any) -> None:
 def _take_over(*_: Any) -> None:
     """Captures that came from somewhere."""
     capture_files.adopt()
-    _refresh_all()
-
-
-@persistent
-def _refresh_all(*_: Any) -> None:
-    for obj, scene in scenes_of_captures().items():
-        show(obj, scene.frame_current_final)
+    refresh_all()
 
 
 @persistent
@@ -195,15 +206,15 @@ def _handlers() -> app_handlers.Handlers:
         (on.load_post, _on_load),
         (on.blend_import_post, saved_elsewhere.on_import_post),
         (on.blend_import_post, _take_over),
-        (on.undo_post, _refresh_all),
-        (on.redo_post, _refresh_all),
+        (on.undo_post, refresh_all),
+        (on.redo_post, refresh_all),
         (on.save_pre, _on_save_pre),
         (on.save_pre, _on_save_pre_adopt),
         (on.save_pre, saved_elsewhere.on_save_pre),  # after them, which look for the files
         (on.save_post, saved_elsewhere.on_save_post),
-        (on.save_post, _refresh_all),
+        (on.save_post, refresh_all),
         (on.save_post_fail, saved_elsewhere.on_save_post),
-        (on.save_post_fail, _refresh_all),
+        (on.save_post_fail, refresh_all),
     ]
 
 

@@ -51,13 +51,18 @@ class _Thinned:
 
 
 _known: WeakKeyDictionary[PlayableScene, _Thinned] = WeakKeyDictionary()
+_lock = threading.Lock()  # of ``_known``
 _is_rendering = False  # with another engine than FROG
 
 
 def thinned(obj: Any, scene: PlayableScene) -> Fewer | None:
     """The most important Gaussians of ``scene``, if an object's points or ellipsoids show no more; None for all."""
     count = shown_count(obj, scene.count)
-    return None if count >= scene.count else _known.setdefault(scene, _Thinned()).take(scene, count)
+    if count >= scene.count:
+        return None
+    with _lock:
+        known = _known.setdefault(scene, _Thinned())
+    return known.take(scene, count)
 
 
 def shown_count(obj: Any, total: int) -> int:
@@ -109,4 +114,5 @@ def unregister() -> None:
     global _is_rendering
     app_handlers.remove(_handlers())
     _is_rendering = False
-    _known.clear()
+    with _lock:
+        _known.clear()

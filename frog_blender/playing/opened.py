@@ -1,4 +1,6 @@
-"""The .frog files and bakes that are played: read once for each version of a file, whoever plays them. No bpy."""
+"""The .frog files and bakes that are played: read once for each version of a file, whoever plays them.
+
+Nothing of Blender's is looked at here, so any thread may ask."""
 
 from __future__ import annotations
 
@@ -38,6 +40,7 @@ class _Kept:
 
 _scenes: dict[Path, _Kept] = {}
 _bakes: dict[tuple[Path, Path], _Kept] = {}  # by bake and scene file
+_lock = threading.Lock()  # of these two
 
 
 def is_known(path: Path) -> bool:
@@ -47,7 +50,8 @@ def is_known(path: Path) -> bool:
 
 def scene(path: Path) -> PlayableScene:
     """The scene in a file; FrogError with one sentence if it is unusable."""
-    kept = _scenes.setdefault(path, _Kept())
+    with _lock:
+        kept = _scenes.setdefault(path, _Kept())
     before = kept.content
     content = kept.take(version(path), lambda: _read(path))
     if before is not content:
@@ -63,7 +67,8 @@ def bake(path: Path, file: Path, scene: PlayableScene) -> Bake | None:
     if stamp is None:
         let_go_of_bake(path)
         return None
-    kept = _bakes.setdefault((path, file), _Kept())
+    with _lock:
+        kept = _bakes.setdefault((path, file), _Kept())
     content = kept.take((stamp, scene.token), lambda: _read_bake(path, file, scene))
     return None if isinstance(content, str) else content
 
@@ -72,20 +77,22 @@ def version(path: Path) -> _Stamp:
     """Changes when the file does; None where there is none."""
     try:
         status = path.stat()
-    except OSError:
+    except (OSError, ValueError):  # ValueError: for a path with a zero in it
         return None
     return status.st_mtime_ns, status.st_size
 
 
 def problem(path: Path) -> str:
     """Why a file could not be played when it was last needed, or an empty string."""
-    content = _scenes[path].content if path in _scenes else None
+    kept = _scenes.get(path)
+    content = kept.content if kept is not None else None
     return content if isinstance(content, str) else ""
 
 
 def is_missing(path: Path) -> bool:
     """True if there was no file when it was last needed."""
-    return path in _scenes and _scenes[path].version is None
+    kept = _scenes.get(path)
+    return kept is not None and kept.version is None
 
 
 def used_bake(path: Path, file: Path) -> Bake | None:
@@ -103,25 +110,31 @@ def bake_problem(path: Path, file: Path) -> str:
 
 def let_go_of_bake(path: Path) -> None:
     """Closes a bake, so that it can be replaced or deleted; it is opened again when it is needed."""
-    for key in [key for key in _bakes if key[0] == path]:
-        content = _bakes.pop(key).content
+    with _lock:
+        let_go = [_bakes.pop(key) for key in [key for key in _bakes if key[0] == path]]
+    for content in (kept.content for kept in let_go):
         if content is not None and not isinstance(content, str):
             content.close()
 
 
 def forget() -> None:
     """Drop every scene and bake that was read."""
-    _scenes.clear()
-    for path, _ in list(_bakes):
+    with _lock:
+        _scenes.clear()
+        paths = {path for path, _ in _bakes}
+    for path in paths:
         let_go_of_bake(path)
     playback_cache.clear()
 
 
 def forget_all_but(files: Container[Path]) -> None:
     """Drops scenes and bakes of other files, so that a day of trainings does not gather them."""
-    for path in [path for path in list(_scenes) if path not in files]:
-        _forget_frames(_scenes.pop(path).content)
-    for path in {path for path, file in list(_bakes) if file not in files}:
+    with _lock:
+        dropped = [_scenes.pop(path) for path in [path for path in _scenes if path not in files]]
+        paths = {path for path, file in _bakes if file not in files}
+    for kept in dropped:
+        _forget_frames(kept.content)
+    for path in paths:
         let_go_of_bake(path)
 
 
@@ -151,5 +164,4 @@ def _read_bake(path: Path, file: Path, scene: PlayableScene) -> Bake | str:
     except FrogError as error:
         return str(error)
     except Exception as error:
-        # As of a scene: the timeline goes on without the bake, and the cause is told once.
-        return f"{path}: this bake cannot be used ({type(error).__name__}: {brief(error)})."
+        return f"{path}: this bake cannot be used ({type(error).__name__}: {brief(error)}); frames are computed."

@@ -6,10 +6,16 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
+from ..engine.errors import FrogError
+
 REMAPPED = "frog.shown_frame"
 """The property whose curve is read directly: frame handlers run before Blender evaluates animation."""
 TIMING = ("frog.start_frame", "frog.speed", "frog.repeat", "frog.use_remap", REMAPPED)
 """All properties that decide what is shown."""
+
+
+class BadTiming(FrogError):
+    """What decides the frame to show is no number; a file, a driver or a curve can make it so."""
 
 
 def capture_frame(obj: Any, scene_frame: float, frame_count: int, evaluated: Any = None) -> float:
@@ -20,12 +26,31 @@ def capture_frame(obj: Any, scene_frame: float, frame_count: int, evaluated: Any
         scene_frame: of the timeline, may be fractional.
         frame_count: of the capture.
         evaluated: the object as a depsgraph has it at that frame, where one was evaluated.
+
+    Raises:
+        BadTiming: for settings that lead to no frame.
     """
     settings = obj.frog if evaluated is None else evaluated.frog
     if settings.use_remap:
         curve = _curve(obj) if evaluated is None else None
-        return curve.evaluate(scene_frame) if curve is not None else settings.shown_frame
-    return repeated((scene_frame - settings.start_frame) * settings.speed, settings.repeat, frame_count)
+        return _finite(curve.evaluate(scene_frame) if curve is not None else settings.shown_frame, obj, "Shown Frame")
+    position = (scene_frame - settings.start_frame) * settings.speed
+    return repeated(_finite(position, obj, "Start Frame or Speed"), settings.repeat, frame_count)
+
+
+def problem(obj: Any, scene_frame: float) -> str:
+    """Why a capture shows no frame at one of the timeline, or an empty string."""
+    try:
+        capture_frame(obj, scene_frame, 1)
+    except BadTiming as error:
+        return str(error)
+    return ""
+
+
+def _finite(frame: float, obj: Any, name: str) -> float:
+    if not math.isfinite(frame):
+        raise BadTiming(f"{obj.name}: found a {name} that is no number, expected one; it shows no other frame.")
+    return frame
 
 
 def repeated(position: float, repeat: str, frame_count: int) -> float:

@@ -14,21 +14,31 @@ if TYPE_CHECKING:
     from ..engine.rasterizer.arrays import GaussianArrays
 
 
-def gather(depsgraph: Any, space: Any = None) -> tuple[GaussianArrays | None, np.ndarray]:
+def gather(
+    depsgraph: Any, space: Any = None, problems: list[str] | None = None
+) -> tuple[GaussianArrays | None, np.ndarray]:
     """All visible captures at the frame being evaluated, in world space, and the first one's display background (3,).
 
     None stands for no capture at all.  A capture that cannot be played raises FrogError: a render must not lie.
 
     Args:
         space: the 3D viewport that is drawn; None for a render.
+        problems: takes a sentence for each capture that cannot be played, which is then left out instead of raising.
     """
     frame = depsgraph.scene.frame_current_final
     parts: list[GaussianArrays] = []
     background = np.zeros(3, dtype=np.float32)
     for obj, shown, matrix in visible_captures(depsgraph, space):
+        try:
+            part = placed(playback.gaussians_at(obj, frame, shown), matrix, obj.name)
+        except FrogError as error:
+            if problems is None:
+                raise
+            problems.append(str(error))
+            continue
         if not parts:
             background = np.asarray(playback.open_scene(playback.file_of(obj)).header.background, dtype=np.float32)
-        parts.append(placed(playback.gaussians_at(obj, frame, shown), matrix, obj.name))
+        parts.append(part)
     return (joined(parts) if parts else None), background
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -42,7 +42,8 @@ class Viewport:
         picture: the last one.
         changed_at: when its key became another one (of ``time.perf_counter``).
         seconds_per_pixel: of the last drawing, an estimate for the next.
-        gathered: the Gaussians last seen, and for which moment and captures.
+        gathered: the Gaussians last seen and their background, and for which moment and captures.
+        problems: a sentence for each capture that is not among them because it cannot be drawn.
         texture, shown: what lies on the graphics card, and of which picture.
     """
 
@@ -50,6 +51,7 @@ class Viewport:
     changed_at: float = 0.0
     seconds_per_pixel: float = 1e-7
     gathered: tuple[Any, Any] = (None, (None, None))
+    problems: list[str] = field(default_factory=list)
     texture: Any = None
     shown: Picture | None = None
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 import bpy
 import numpy as np
 
-from .. import playback
+from .. import playback, said
 from ..blender_camera import view_camera
 from ..engine.errors import FrogError
 from ..playing import opened
@@ -16,11 +15,10 @@ from ..render_engine import background_of, sentence_of
 from .gathering import gather, visible_captures
 from .viewport import STILL_AFTER, Picture, Viewport, draw_view
 
-_said: set[str] = set()
-
 
 def draw(engine: Any, context: Any, depsgraph: Any) -> None:
-    """Draws the captures as the region sees them; what cannot be drawn is said in the header, once in the console."""
+    """Draws the captures as the region sees them; what cannot be drawn is said in the header as long as it is so, and
+    once in the console."""
     import gpu
     from gpu_extras.presets import draw_texture_2d
 
@@ -29,12 +27,9 @@ def draw(engine: Any, context: Any, depsgraph: Any) -> None:
     try:
         picture = picture_of(viewport, depsgraph, context.region_data, size, context.space_data)
     except (FrogError, MemoryError) as error:
-        said = sentence_of(error)
-        engine.update_stats("FRoG", said)
-        if said not in _said:
-            _said.add(said)
-            print(f"FRoG: {said}", file=sys.stderr)
+        _say(engine, [sentence_of(error)])
         return
+    _say(engine, viewport.problems)
     if viewport.shown is not picture:
         height, width = picture.pixels.shape[:2]
         buffer = gpu.types.Buffer("FLOAT", width * height * 4, picture.pixels.reshape(-1))
@@ -49,17 +44,27 @@ def draw(engine: Any, context: Any, depsgraph: Any) -> None:
         _redraw_later()
 
 
+def _say(engine: Any, problems: list[str]) -> None:
+    """In the header of the viewport, which an empty text clears."""
+    for problem in problems:
+        said.once(problem)
+    others = f" ({len(problems) - 1:,} more in the console)" if len(problems) > 1 else ""
+    engine.update_stats("FRoG" if problems else "", problems[0] + others if problems else "")
+
+
 def picture_of(viewport: Viewport, depsgraph: Any, view: Any, size: tuple[int, int], space: Any = None) -> Picture:
     """What a region of that size with the matrices of ``view`` shows, in the viewport ``space``; drawn anew when what
-    decides it has changed.
+    decides it has changed. What of the captures cannot be drawn is among ``viewport.problems``.
 
     Raises:
-        FrogError: for what cannot be drawn.
+        FrogError: for a view that cannot be drawn.
         MemoryError: when memory runs out.
     """
     seen = _seen(depsgraph, space)
     if viewport.gathered[0] != seen:
-        viewport.gathered = (seen, gather(depsgraph, space))
+        problems: list[str] = []
+        viewport.gathered = (seen, gather(depsgraph, space, problems))
+        viewport.problems = problems
     gaussians, captured = viewport.gathered[1]
     background = background_of(depsgraph.scene, captured)
     matrices = view.view_matrix, view.window_matrix
@@ -83,7 +88,11 @@ def _seen(depsgraph: Any, space: Any) -> tuple[Any, ...]:
     seen = []
     for obj, shown, matrix in visible_captures(depsgraph, space):
         file = playback.file_of(obj)
-        seen.append((str(file), opened.version(file), playback.shown_frame(obj, frame, shown), matrix.tobytes()))
+        try:
+            showing: float | str = playback.shown_frame(obj, frame, shown)
+        except FrogError as error:
+            showing = str(error)
+        seen.append((str(file), opened.version(file), showing, matrix.tobytes()))
     return tuple(seen)
 
 

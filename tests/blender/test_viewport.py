@@ -8,9 +8,9 @@ import bpy
 import numpy as np
 import pytest
 import windows
-from scenes import expected_png, rig_of_three
+from scenes import expected_png, rig_of_three, write_scene
 
-from frog_blender import playback
+from frog_blender import playback, said
 from frog_blender.blender_camera import engine_camera, view_camera
 from frog_blender.engine.errors import FrogError
 from frog_blender.playing import opened
@@ -146,19 +146,56 @@ def test_without_memory_it_is_a_sentence_in_the_header(empty, static_rig, monkey
 
     assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
     monkeypatch.setattr(draw, "draw", exhausted)
-    monkeypatch.setattr(viewport_drawing, "_said", set())
+    said.forget()
     view, window = matrices(empty.camera, *SIZE)
     region, data = (
         SimpleNamespace(width=SIZE[0], height=SIZE[1]),
         SimpleNamespace(view_matrix=view, window_matrix=window),
     )
-    said = []
-    engine = SimpleNamespace(viewport=None, update_stats=lambda *texts: said.append(texts[1]))
+    header = []
+    engine = SimpleNamespace(viewport=None, update_stats=lambda *texts: header.append(texts[1]))
     context = SimpleNamespace(region=region, region_data=data, space_data=None)
     for _ in range(2):
         viewport_drawing.draw(engine, context, bpy.context.evaluated_depsgraph_get())
-    assert len(said) == 2 and said[0] == said[1] and said[0].startswith("Out of memory (drawing 60 Gaussians")
+    assert len(header) == 2 and header[0] == header[1] and header[0].startswith("Out of memory (drawing 60 Gaussians")
     assert capfd.readouterr().err.count("Out of memory") == 1
+
+
+def test_one_capture_that_is_refused_hides_no_other_and_mended_it_is_forgotten(
+    empty, static_rig, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(viewport, "MOVING_SECONDS", 1e6)
+    for path in (static_rig, write_scene(tmp_path / "other.frog", rig_of_three(), seed=5)):
+        bpy.ops.import_scene.frog(filepath=str(path))
+    first, second = playback.captures(empty.objects)
+    memory, header = viewport.Viewport(), []
+    view, window = matrices(empty.camera, *SIZE)
+    region = SimpleNamespace(view_matrix=view, window_matrix=window)
+    engine = SimpleNamespace(update_stats=lambda *texts: header.append(texts))
+
+    def drawn():
+        picture = viewport_drawing.picture_of(memory, bpy.context.evaluated_depsgraph_get(), region, SIZE)
+        viewport_drawing._say(engine, memory.problems)
+        return picture.pixels
+
+    both = drawn()
+    assert header[-1] == ("", "")
+    second.hide_set(True)
+    alone = drawn()
+    second.hide_set(False)
+    for obj in (first, second):
+        obj.scale = (1.0, 1.0, 2.0)
+    assert np.ptp(drawn()[..., :3], axis=(0, 1)).max() < 1e-6, "nothing but background"
+    assert "scaled unevenly" in header[-1][1] and "1 more" in header[-1][1]
+    first.scale = (1.0, 1.0, 1.0)
+    np.testing.assert_array_equal(drawn(), alone)
+    assert second.name in header[-1][1] and "more" not in header[-1][1]
+    second.scale = (1.0, 1.0, 1.0)
+    np.testing.assert_array_equal(drawn(), both)
+    assert header[-1] == ("", "")
+    with pytest.raises(FrogError, match="scaled unevenly"):  # a render must not lie
+        second.scale = (1.0, 1.0, 2.0)
+        gather(bpy.context.evaluated_depsgraph_get())
 
 
 def test_an_empty_scene_is_its_background(empty):

@@ -1,0 +1,134 @@
+"""Settings that no panel lets one make, but a file, a driver or a curve can: said once, and the timeline goes on."""
+
+from __future__ import annotations
+
+import math
+
+import bpy
+import numpy as np
+import pytest
+from scenes import rig_of_three, write_scene
+
+from frog_blender import app_handlers, carrier, playback, said
+from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender.playing import look_ahead, retiming
+
+
+def raw(group, name, value):
+    """Writes past the limits that RNA holds."""
+    owner = group.id_data
+    if hasattr(owner, "bl_system_properties_get"):
+        owner.bl_system_properties_get(do_create=True)["frog"][name] = value
+    else:
+        group[name] = value
+
+
+@pytest.fixture
+def captures(empty, static_rig, tmp_path):
+    """Two, of which the first will have absurd settings."""
+    other = write_scene(tmp_path / "other.frog", rig_of_three(), seed=3)
+    for path in (static_rig, other):
+        bpy.ops.import_scene.frog(filepath=str(path))
+    bad, good = sorted(playback.captures(empty.objects), key=lambda obj: obj.frog.filepath != str(static_rig))
+    bad.frog.speed, bad.frog.speed = 2.0, 1.0  # so that all of it is stored
+    return bad, good
+
+
+ABSURD = [
+    *(("start_frame", value) for value in (math.nan, math.inf, -math.inf, 3e38, -3e38)),
+    *(("speed", value) for value in (math.nan, math.inf, 0.0, 3e38)),
+    *(("density", value) for value in (-(2**31), 2**31 - 1)),
+    *(("render_density", value) for value in (-(2**31), 2**31 - 1)),
+    *(("bake_megabytes", value) for value in (-(2**31), 0)),
+    *(("repeat", value) for value in (-1, 77)),
+    *(("display", value) for value in (-1, 77)),
+    ("bake_folder", "//\x00" + "x" * 300),
+    ("bake_folder", "/dev/null/" + "y" * 5000),
+]
+
+
+@pytest.mark.parametrize(("name", "value"), ABSURD, ids=lambda value: str(value)[:12])
+def test_the_timeline_goes_on(empty, captures, static_rig, capfd, name, value):
+    bad, good = captures
+    raw(bad.frog, name, value)
+    said.forget()
+    capfd.readouterr()
+    for frame in (2, 3, 4, 5):
+        empty.frame_set(frame)
+        look_ahead.look_ahead(empty)
+        np.testing.assert_array_equal(
+            carrier.read(good)["position"], PlayableScene.load(good.frog.filepath).at_frame(frame - 1.0).means
+        )
+    err = capfd.readouterr().err
+    assert "Traceback" not in err, err
+    assert err.count("no number") == (1 if not math.isfinite(value if isinstance(value, float) else 0.0) else 0), err
+
+
+@pytest.mark.parametrize("how", ["remap", "curve", "start"])
+def test_no_number_is_a_sentence_in_a_render(empty, captures, capfd, rendered, how):
+    bad, _ = captures
+    bad.frog.use_remap = how != "start"
+    if how == "curve":
+        bad.frog.keyframe_insert("shown_frame", frame=1)
+        (curve,) = retiming._curves(bad.animation_data)
+        curve.keyframe_points[0].co[1] = math.nan
+    else:
+        raw(bad.frog, "shown_frame" if how == "remap" else "start_frame", math.nan)
+    said.forget()
+    for frame in (2, 3):
+        empty.frame_set(frame)
+    assert capfd.readouterr().err.count(bad.name) == 1
+    with pytest.raises(RuntimeError, match="no number"):
+        rendered(empty)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, 0.0, -5.0])
+def test_a_focal_ratio_that_is_none(empty, captures, rendered, value):
+    raw(empty.camera.data.frog, "focal_ratio", value)
+    with pytest.raises(RuntimeError, match=empty.camera.name):
+        rendered(empty)
+
+
+def test_a_handler_that_fails_is_said_once_and_called_again(addon, empty, capfd):
+    calls = []
+
+    def failing(scene, *_):
+        calls.append(scene.frame_current)
+        raise ValueError("of some kind")
+
+    handlers = [(bpy.app.handlers.frame_change_pre, failing)]
+    said.forget()
+    app_handlers.add(handlers)
+    app_handlers.add(handlers)
+    try:
+        for frame in (1, 2, 3):
+            empty.frame_set(frame)
+    finally:
+        app_handlers.remove(handlers)
+    empty.frame_set(4)
+    assert calls == [1, 2, 3] and capfd.readouterr().err.count("ValueError: of some kind") == 1
+
+
+def test_something_unforeseen_in_one_capture_holds_up_no_other(empty, captures, capfd, monkeypatch):
+    bad, good = captures
+    show = carrier.show
+
+    def fails(obj, *rest):
+        if obj == bad:
+            raise ZeroDivisionError("of some kind")
+        show(obj, *rest)
+
+    monkeypatch.setattr(carrier, "show", fails)
+    said.forget()
+    for frame in (3, 5):
+        empty.frame_set(frame)
+    np.testing.assert_array_equal(
+        carrier.read(good)["position"], PlayableScene.load(good.frog.filepath).at_frame(4.0).means
+    )
+    assert capfd.readouterr().err.count("ZeroDivisionError: of some kind") == 1
+
+
+def test_the_panel_says_it(empty, captures):
+    bad, good = captures
+    raw(bad.frog, "start_frame", math.nan)
+    assert "no number" in retiming.problem(bad, 3.0) and retiming.problem(good, 3.0) == ""

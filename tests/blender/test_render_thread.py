@@ -1,0 +1,162 @@
+"""A render goes through frames in its own thread while windows draw: what it may write then, and what it shares."""
+
+from __future__ import annotations
+
+import copy
+import sys
+import threading
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+import pytest
+
+from frog_blender import carrier, playback
+from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender.playing import density, opened, rendering
+
+
+@pytest.fixture
+def capture(empty, static_rig):
+    bpy.ops.import_scene.frog(filepath=str(static_rig))
+    empty.frame_set(1)
+    return next(playback.captures(empty.objects))
+
+
+@pytest.fixture
+def in_window(monkeypatch):
+    """As if the Blender that runs the tests had windows, where a render has a thread of its own."""
+
+    class App:
+        background = False
+
+        def __getattr__(self, name):
+            return getattr(bpy.app, name)
+
+    class Bpy:
+        app = App()
+
+        def __getattr__(self, name):
+            return getattr(bpy, name)
+
+    monkeypatch.setattr(rendering, "bpy", Bpy())
+
+
+def in_another_thread(function):
+    raised = []
+
+    def run():
+        try:
+            function()
+        except BaseException as error:
+            raised.append(error)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    thread.join()
+    if raised:
+        raise raised[0]
+
+
+def points(obj):
+    return carrier.read(obj)["position"]
+
+
+@pytest.mark.parametrize("locked", [True, False])
+def test_points_are_written_from_a_renders_thread_only_while_windows_are_locked(
+    empty, capture, static_rig, in_window, locked
+):
+    empty.render.engine, empty.render.use_lock_interface = "CYCLES", locked
+    empty.frame_current = 5  # as a render sets it, without the handlers of this thread
+    in_another_thread(lambda: playback._on_frame(empty))
+    frame = 4.0 if locked else 0.0
+    np.testing.assert_array_equal(points(capture), PlayableScene.load(static_rig).at_frame(frame).means)
+    playback._on_frame(empty)
+    np.testing.assert_array_equal(points(capture), PlayableScene.load(static_rig).at_frame(4.0).means)
+
+
+def test_never_for_the_frog_engine(empty, capture, in_window):
+    rendering._on_init()
+    try:
+        before = points(capture)
+        empty.frame_current = 5
+        in_another_thread(lambda: playback._on_frame(empty))
+        np.testing.assert_array_equal(points(capture), before)
+        playback._on_frame(empty)  # somebody who scrubs meanwhile
+        assert np.abs(points(capture) - before).max() > 0
+    finally:
+        rendering._on_end()
+
+
+def test_an_animation_by_frog_writes_no_points_and_leaves_the_right_ones(
+    empty, capture, static_rig, tmp_path, monkeypatch
+):
+    written = []
+    write = carrier._set
+    monkeypatch.setattr(carrier, "_set", lambda *given: written.append(rendering._is_rendering) or write(*given))
+    empty.render.use_motion_blur = True
+    empty.frame_start, empty.frame_end = 3, 5
+    empty.render.resolution_percentage = 25
+    empty.render.filepath = str(tmp_path / "film_")
+    bpy.ops.render.render(animation=True)
+    assert len(list(tmp_path.glob("film_*"))) == 3 and not any(written)
+    shown = empty.frame_current - 1.0
+    np.testing.assert_array_equal(points(capture), PlayableScene.load(static_rig).at_frame(shown).means)
+
+
+def test_cycles_still_gets_the_points_of_its_frames(empty, capture, monkeypatch, tmp_path):
+    written = []
+    write = carrier._set
+    monkeypatch.setattr(carrier, "_set", lambda *given: written.append(rendering._is_rendering) or write(*given))
+    empty.render.engine, empty.cycles.samples = "CYCLES", 1
+    empty.frame_start, empty.frame_end, empty.render.resolution_percentage = 3, 4, 25
+    empty.render.filepath = str(tmp_path / "film_")
+    bpy.ops.render.render(animation=True)
+    assert any(written)
+
+
+def test_threads_share_what_is_kept_of_files(empty, capture, tmp_path, monkeypatch):
+    """A render's thread and Blender's own ask for scenes, bakes and thinned scenes while others are dropped."""
+    ready = PlayableScene.load(playback.file_of(capture))
+    monkeypatch.setattr(opened, "_read", lambda path: copy.copy(ready))  # reading takes long and is not looked at here
+    monkeypatch.setattr(opened, "_read_bake", lambda *_: SimpleNamespace(close=lambda: None, problem=""))
+    paths = [tmp_path / f"{number}.frog" for number in range(200)]
+    for path in (*paths, bake := tmp_path / "x.frogbake"):
+        path.touch()
+    capture.frog.density = 10
+    stop, raised = threading.Event(), []
+
+    def ask(number):
+        for turn in range(80):
+            path = paths[(50 * number + turn) % len(paths)]
+            scene = opened.scene(path)
+            assert density.thinned(capture, scene)[0].count == 6
+            assert opened.bake(bake, path, scene) is not None and opened.bake_problem(bake, path) == ""
+            assert opened.problem(path) == "" and not opened.is_missing(path)
+
+    def drop():
+        while not stop.is_set():
+            opened.forget_all_but(paths[:2])
+            opened.let_go_of_bake(bake)
+            opened.forget()
+
+    def guarded(function, *given):
+        try:
+            function(*given)
+        except BaseException as error:
+            raised.append(error)
+
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        askers = [threading.Thread(target=guarded, args=(ask, number)) for number in range(4)]
+        dropper = threading.Thread(target=guarded, args=(drop,))
+        for thread in (*askers, dropper):
+            thread.start()
+        for thread in askers:
+            thread.join()
+        stop.set()
+        dropper.join()
+    finally:
+        sys.setswitchinterval(before)
+    assert not raised, raised
