@@ -17,6 +17,8 @@ _ROOMS = (
     "playing.rendering",
     "playing.density",
     "playing.look_ahead",
+    "composed_scenes",
+    "composed_renders",
     "render_engine",
     "ui.preview_picture",
     "background",

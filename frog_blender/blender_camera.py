@@ -51,11 +51,14 @@ def pose_of(camera: Camera) -> np.ndarray:
     return np.linalg.inv(camera.world_to_camera) @ _FLIP
 
 
-def engine_camera(obj: Any, matrix_world: Any, render: Any, width: int, height: int) -> Camera:
+def engine_camera(
+    obj: Any, matrix_world: Any, render: Any, width: int, height: int, shift_x: float | None = None
+) -> Camera:
     """The engine camera that a (possibly evaluated) Blender camera object is, at a render size in pixels.
 
     ``matrix_world`` is the object's, ``render`` the scene's render settings (for the pixel aspect). An orthographic
-    camera stands ``distance_added`` further back than Blender's.
+    camera stands ``distance_added`` further back than Blender's. An eye of a stereoscopic camera has a ``shift_x``
+    and a matrix of its own.
     Raises FrogError for a lens that is neither perspective nor orthographic.
     """
     data = obj.data
@@ -74,7 +77,7 @@ def engine_camera(obj: Any, matrix_world: Any, render: Any, width: int, height: 
     focal = view / data.ortho_scale * far if far else data.lens / sensor * view
     intrinsics = np.array(
         [
-            [focal, 0.0, width / 2 - data.shift_x * view],
+            [focal, 0.0, width / 2 - (data.shift_x if shift_x is None else shift_x) * view],
             [0.0, focal * data.frog.focal_ratio / aspect, height / 2 + data.shift_y * view / aspect],
             [0.0, 0.0, 1.0],
         ]

@@ -187,6 +187,14 @@ def draw_in_renders(obj: Any, shown: bool) -> None:
         modifier.show_render = shown
 
 
+def is_drawn_in_renders(obj: Any) -> bool:
+    """Whether other engines than FROG draw the Gaussians in their renders: see ``draw_in_renders``."""
+    if obj.type == "POINTCLOUD":
+        return obj.modifiers.get(_HIDING) is None
+    modifier = obj.modifiers.get(_MODIFIER)
+    return modifier is None or modifier.show_render
+
+
 def clear(obj: Any) -> None:
     """Drop the geometry; ``write`` brings it back."""
     distrust(obj.data)

@@ -14,16 +14,20 @@ from typing import TYPE_CHECKING, Any
 import bpy
 import numpy as np
 
+from . import composed_renders
 from .blender_camera import distance_added, engine_camera
-from .colors import into_working_space, out_of_working_space, to_display
+from .colors import into_working_space
 from .engine.errors import FrogError
 from .playing.retiming import raw_frame
 from .rendering import index_pass, vector_pass
 from .rendering.gathering import gather, pass_indices
 from .rendering.holdout import draw_before, limits_of_objects
-from .rendering.pixel_passes import combined_pass, depth_pass, pass_pixels
+from .rendering.pixel_passes import combined_pass, depth_pass, pass_pixels, refusal_pattern
+from .rendering.region import rendered_part
+from .rendering.world import background_of
 
 if TYPE_CHECKING:
+    from .engine.capture.camera import Camera
     from .engine.rasterizer.options import RasterizeOptions
 
 SHUTTER_SAMPLES = 16  # moments that motion blur averages
@@ -51,26 +55,51 @@ class FrogRenderEngine(bpy.types.RenderEngine):
         index_pass.register_pass(self, scene, renderlayer)
 
     def render(self, depsgraph: Any) -> None:
+        scene = depsgraph.scene.original
         try:
-            combined, depth, surface = render_frame(self, depsgraph)
-            layer = depsgraph.view_layer
-            vectors = render_vectors(self, depsgraph) if layer.use_pass_vector and not self.test_break() else None
-            height, width = depth.shape
-            numbers = index_pass.indices(surface, pass_indices(depsgraph), width, height)
-        except (FrogError, MemoryError) as error:
+            composed_renders.check(scene)
+            _stand_where_the_picture_does(self, scene)
+            for view in self._views(depsgraph):
+                self.active_view_set(view)
+                passes = drawn_passes(self, depsgraph)
+                if self.test_break():
+                    return
+                self._give(depsgraph, view, passes)
+        except Exception as error:  # a render that goes on without its captures would be worse than any sentence
+            sentence = sentence_of(error)
             # Not error_set: that neither ends an animation nor makes a script's render call raise.
-            self.report({"ERROR"}, sentence_of(error))
-            return
-        if self.test_break():
-            return
-        values_of = {"Combined": combined, "Depth": depth, "Vector": vectors, index_pass.NAME: numbers}
-        result = self.begin_result(0, 0, width, height, layer=depsgraph.view_layer.name)
+            self.report({"ERROR"}, sentence)
+            if composed_renders.note_failure(scene, sentence):
+                for view in self._views(depsgraph):
+                    self._give(depsgraph, view, None)
+        self.update_progress(1.0)
+
+    def _views(self, depsgraph: Any) -> list[str]:
+        """What Blender wants pictures of: an eye each in stereoscopy, else one without a name."""
+        result = self.begin_result(0, 0, 1, 1, layer=depsgraph.view_layer.name)
+        names = [view.name for view in result.views]
+        self.end_result(result, cancel=True)
+        return names
+
+    def _give(self, depsgraph: Any, view: str, passes: dict[str, Any] | None) -> None:
+        """Hands passes (see drawn_passes) over to Blender; without any, a pattern that nobody takes for a picture.
+
+        FrogError for passes of another size than Blender's picture or region has.
+        """
+        layer = depsgraph.view_layer.name
+        result = self.begin_result(0, 0, self.resolution_x, self.resolution_y, layer=layer, view=view)
+        size = result.resolution_x, result.resolution_y  # of the region, where there is one
+        if passes is None:
+            passes = {"Combined": refusal_pattern(*size)}
+        drawn = passes["Combined"].shape[1::-1]
+        if drawn != size:
+            self.end_result(result, cancel=True)
+            raise FrogError(f"{depsgraph.scene.name}: found a region of {size}, expected {drawn} pixels.")
         for render_pass in result.layers[0].passes:
-            values = values_of.get(render_pass.name)
+            values = passes.get(render_pass.name)
             if values is not None:
                 render_pass.rect.foreach_set(pass_pixels(values))
         self.end_result(result)
-        self.update_progress(1.0)
 
     # What follows runs in windows only: Blender draws viewports there, in the main thread.
 
@@ -83,25 +112,30 @@ class FrogRenderEngine(bpy.types.RenderEngine):
         viewport_drawing.draw(self, context, depsgraph)
 
 
-def sentence_of(error: FrogError | MemoryError) -> str:
+def sentence_of(error: Exception) -> str:
     """What a person in front of Blender is told when there is no picture."""
     if isinstance(error, MemoryError):
         return f"Out of memory{f' ({error})' if str(error) else ''}: make the picture smaller or hide captures."
-    return str(error)
+    return str(error) if isinstance(error, FrogError) else f"FRoG could not draw: {error!r}."
 
 
-def rendered_part(render: Any, width: int, height: int) -> tuple[int, int, int, int]:
-    """Left, top, width and height in pixels of the Render Region, which is all that Blender takes; else the picture."""
-    if not render.use_border:
-        return 0, 0, width, height
+def _stand_where_the_picture_does(engine: Any, scene: Any) -> None:
+    """Blender takes another scene's frame over, but not what lies between frames."""
+    frame = raw_frame(composed_renders.leading(scene))
+    if raw_frame(scene) != frame:
+        engine.frame_set(math.floor(frame), frame % 1.0)
 
-    def pixel(share: float, length: int) -> int:
-        """In single precision, as Blender multiplies: 0.7 of 1920 are 1344, not 1343."""
-        return int(np.float32(share) * np.float32(length))
 
-    left, right = pixel(render.border_min_x, width), pixel(render.border_max_x, width)
-    bottom, top = pixel(render.border_min_y, height), pixel(render.border_max_y, height)
-    return left, height - top, right - left, top - bottom
+def drawn_passes(engine: Any, depsgraph: Any) -> dict[str, Any]:
+    """What Blender is given of the present view, by the passes' names; see ``render_frame``."""
+    combined, depth, surface = render_frame(engine, depsgraph)
+    composed_renders.note_drawn(depsgraph.scene.original, surface is not None)
+    vectors = None
+    if depsgraph.view_layer.use_pass_vector and not engine.test_break():
+        vectors = render_vectors(engine, depsgraph)
+    height, width = depth.shape
+    numbers = index_pass.indices(surface, pass_indices(depsgraph), width, height)
+    return {"Combined": combined, "Depth": depth, "Vector": vectors, index_pass.NAME: numbers}
 
 
 Passes = tuple[np.ndarray, np.ndarray, np.ndarray | None]
@@ -115,7 +149,7 @@ def render_frame(engine: Any, depsgraph: Any) -> Passes:
     With motion blur the light of moments spread over the shutter's time is averaged; all else is the frame's own.
     """
     combined, depth, surface = render_moment(engine, depsgraph)
-    render, frame = depsgraph.scene.render, raw_frame(depsgraph.scene)
+    render, frame = _settings(depsgraph), raw_frame(depsgraph.scene)
     if not render.use_motion_blur or render.motion_blur_shutter <= 0:
         return combined, depth, surface
     moments = shutter_moments(frame, render.motion_blur_shutter, render.motion_blur_position)
@@ -154,7 +188,7 @@ def render_moment(engine: Any, depsgraph: Any) -> Passes:
     width, height = engine.resolution_x, engine.resolution_y
     eye = _eye(engine, depsgraph)
     options = _options(depsgraph, eye, width, height)
-    camera = engine_camera(eye, eye.matrix_world, scene.render, width, height)
+    camera = _camera(engine, depsgraph, eye)
     engine.update_stats("", "Deforming Gaussians")
     gaussians, captured_background = gather(depsgraph)
     if gaussians is None or engine.test_break():
@@ -183,16 +217,40 @@ def _options(depsgraph: Any, eye: Any, width: int, height: int) -> RasterizeOpti
     """The Render Region, and nothing that is behind the camera, which may stand further back than Blender's."""
     from .engine.rasterizer.options import RasterizeOptions
 
-    region = rendered_part(depsgraph.scene.render, width, height)
+    region = rendered_part(composed_renders.leading(depsgraph.scene.original).render, width, height)
     return RasterizeOptions(region=region, near_plane=RasterizeOptions.near_plane + distance_added(eye.data))
 
 
+def _settings(depsgraph: Any) -> Any:
+    """The render settings that hold: those of the scene that this one follows while that one is rendered."""
+    scene = depsgraph.scene
+    first = composed_renders.leading(scene.original)
+    return first.render if scene.original.frog.composed_with == first else scene.render
+
+
 def _eye(engine: Any, depsgraph: Any) -> Any:
-    """The evaluated camera that is rendered through: the scene's, or that of a strip of the sequencer."""
-    camera = engine.camera_override or depsgraph.scene.camera
+    """The evaluated camera that is rendered through: the scene's, that of a strip of the sequencer or of an eye; while
+    another scene is rendered that this one follows, that scene's."""
+    scene = depsgraph.scene.original
+    camera = engine.camera_override or scene.camera
+    first = composed_renders.leading(scene)
+    if scene.frog.composed_with == first != scene and first.camera != scene.camera:
+        camera = first.camera
     if camera is None:
-        raise FrogError(f"Scene {depsgraph.scene.name}: found no active camera, expected one to render through.")
-    return camera.evaluated_get(depsgraph)
+        raise FrogError(f"Scene {scene.name}: found no active camera, expected one to render through.")
+    evaluated = camera.evaluated_get(depsgraph)
+    if not evaluated.is_evaluated:
+        raise FrogError(f"{camera.name} is in no collection that {scene.name} renders.")
+    return evaluated
+
+
+def _camera(engine: Any, depsgraph: Any, eye: Any) -> Camera:
+    """The engine's camera of the view that is rendered."""
+    render, width, height = _settings(depsgraph), engine.resolution_x, engine.resolution_y
+    if not render.use_multiview:
+        return engine_camera(eye, eye.matrix_world, render, width, height)
+    matrix = engine.camera_model_matrix(eye)
+    return engine_camera(eye, matrix, render, width, height, shift_x=engine.camera_shift_x(eye))
 
 
 def render_vectors(engine: Any, depsgraph: Any) -> np.ndarray:
@@ -202,35 +260,11 @@ def render_vectors(engine: Any, depsgraph: Any) -> np.ndarray:
     def moment_at(offset: int) -> vector_pass.Moment:
         moment = frame + offset
         engine.frame_set(math.floor(moment), moment % 1.0)
-        eye = _eye(engine, depsgraph)
-        return gather(depsgraph)[0], engine_camera(eye, eye.matrix_world, depsgraph.scene.render, width, height)
+        return gather(depsgraph)[0], _camera(engine, depsgraph, _eye(engine, depsgraph))
 
     options = _options(depsgraph, _eye(engine, depsgraph), width, height)
     with _frame_kept(engine, depsgraph):
         return vector_pass.vectors(moment_at, options)
-
-
-def background_of(scene: Any, captured: np.ndarray) -> np.ndarray | None:
-    """(3,) display-referred colour behind the captures: the world's, else the captured one; None for a transparent
-    film."""
-    if scene.render.film_transparent:
-        return None
-    color = world_color(scene)
-    return captured if color is None else color
-
-
-def world_color(scene: Any) -> np.ndarray | None:
-    """(3,) display-referred colour of the scene's world, None without a world; textures and skies are not drawn."""
-    world = scene.world
-    if world is None:
-        return None
-    linear = np.array(world.color, dtype=np.float32)
-    has_nodes = world.node_tree is not None and (bpy.app.version >= (5, 0, 0) or world.use_nodes)
-    nodes = world.node_tree.nodes if has_nodes else ()
-    shader = next((node for node in nodes if node.type == "BACKGROUND"), None)
-    if shader is not None and not shader.inputs["Color"].is_linked and not shader.inputs["Strength"].is_linked:
-        linear = np.array(shader.inputs["Color"].default_value[:3]) * shader.inputs["Strength"].default_value
-    return to_display(out_of_working_space(linear))
 
 
 # Panels that other engines' settings fill with what FROG does not have.

@@ -84,6 +84,16 @@ def placed(gaussians: GaussianArrays, matrix: np.ndarray, name: str) -> Gaussian
         raise FrogError(f"{name}: {error}") from error
 
 
+def check_placement(matrix: Any, name: str) -> None:
+    """Raises FrogError if Gaussians cannot be where an object's matrix puts them."""
+    from ..engine.rasterizer.arrays import GaussianArrays
+
+    values = np.array(matrix, dtype=np.float64)
+    if values[:3, :3].any():
+        shapes = {"means": (1, 3), "quaternions": (1, 4), "scales": (1, 3), "opacities": (1,), "sh": (1, 1, 3)}
+        placed(GaussianArrays(**{field: np.ones(shape, np.float32) for field, shape in shapes.items()}), values, name)
+
+
 def joined(parts: list[GaussianArrays]) -> GaussianArrays:
     """One set of Gaussians out of several; SH coefficients that some lack are zero."""
     if len(parts) == 1:

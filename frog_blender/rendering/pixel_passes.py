@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 NO_SURFACE = 1e10  # Blender's depth where nothing was hit
 _BAND = 32  # rows
+_STRIPE = 8  # pixels
 
 
 def combined_pass(drawing: Drawing | None, background: np.ndarray | None, width: int, height: int) -> np.ndarray:
@@ -66,6 +67,15 @@ def depth_pass(drawing: Drawing | None, width: int, height: int, added: float = 
 
     _in_bands(height, from_surface)
     return depth
+
+
+def refusal_pattern(width: int, height: int) -> np.ndarray:
+    """(H, W, 4) opaque stripes of magenta and black, in place of a picture that could not be drawn."""
+    rows, columns = np.indices((height, width))
+    pattern = np.zeros((height, width, 4), np.float32)
+    pattern[(rows + columns) // _STRIPE % 2 == 0] = (1.0, 0.0, 1.0, 0.0)
+    pattern[..., 3] = 1.0
+    return pattern
 
 
 def pass_pixels(values: np.ndarray) -> np.ndarray:

@@ -11,9 +11,10 @@ from .. import playback, said
 from ..blender_camera import view_camera
 from ..engine.errors import FrogError
 from ..playing import opened
-from ..render_engine import background_of, sentence_of
+from ..render_engine import sentence_of
 from .gathering import gather, visible_captures
 from .viewport import STILL_AFTER, Picture, Viewport, draw_view
+from .world import background_of
 
 
 def draw(engine: Any, context: Any, depsgraph: Any) -> None:

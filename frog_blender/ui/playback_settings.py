@@ -110,6 +110,12 @@ class FrogPlaybackSettings(bpy.types.PropertyGroup):
         default=False,
         update=_on_play_setting,
     )
+    laid_over: BoolProperty(
+        name="Laid Over",
+        description="Left out of other engines' renders, because the compositor lays FRoG's picture of it over them",
+        default=False,
+        options={"HIDDEN"},
+    )
     bake_folder: StringProperty(
         name="Bake Folder",
         description="Where the baked playback of this capture lies; empty for beside the .frog file",

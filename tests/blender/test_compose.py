@@ -143,10 +143,10 @@ def test_run_again_it_leaves_what_was_put_before_the_splats(empty, static_rig):
 
 
 def test_what_the_compositor_did_before_stays(empty, static_rig):
-    from frog_blender.operators.compose import _compositor
+    from frog_blender.compositor import own_tree
 
     import_scene(static_rig)
-    tree, output = _compositor(empty)
+    tree, output = own_tree(empty)
     layers = tree.nodes.new("CompositorNodeRLayers")
     mine = tree.nodes.new("CompositorNodeBlur")
     tree.links.new(layers.outputs["Image"], mine.inputs["Image"])

@@ -41,13 +41,13 @@ def spied(scene, monkeypatch):
 
 def cycles_vectors(scene, path):
     """(4,) at the middle of a still card 5 before the moving camera."""
-    from frog_blender.operators.compose import _compositor
+    from frog_blender.compositor import own_tree
 
     bpy.ops.mesh.primitive_plane_add(size=30, rotation=(np.pi / 2, 0, 0))
     scene.render.engine = "CYCLES"
     scene.cycles.device, scene.cycles.samples, scene.cycles.use_denoising = "CPU", 1, False
     bpy.context.view_layer.use_pass_vector = True
-    tree, output = _compositor(scene)
+    tree, output = own_tree(scene)
     layers = tree.nodes.new("CompositorNodeRLayers")
     tree.links.new(layers.outputs["Vector"], output.inputs["Image"])
     settings = scene.render.image_settings

@@ -1,0 +1,26 @@
+"""Which part of the picture Blender renders."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+
+def rendered_part(render: Any, width: int, height: int) -> tuple[int, int, int, int]:
+    """Left, top, width and height in pixels of the Render Region, which is all that Blender takes; else the picture.
+
+    Args:
+        render: settings of the scene that the render began with: Blender renders all others by its region.
+        width, height: of the whole picture.
+    """
+    if not render.use_border:
+        return 0, 0, width, height
+
+    def pixel(share: float, length: int) -> int:
+        """In single precision, as Blender multiplies: 0.7 of 1920 are 1344, not 1343."""
+        return int(np.float32(share) * np.float32(length))
+
+    left, right = pixel(render.border_min_x, width), pixel(render.border_max_x, width)
+    bottom, top = pixel(render.border_min_y, height), pixel(render.border_max_y, height)
+    return left, height - top, right - left, top - bottom
