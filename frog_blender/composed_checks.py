@@ -53,6 +53,8 @@ def _check_settings(scene: Any, splats: Any) -> None:
         )
     if scene.render.use_single_layer:
         raise FrogError(f"{scene.name} renders a single layer, and so without {splats.name}: switch that off.")
+    if splats not in compositor.rendered_scenes(scene):
+        raise FrogError(f"Blender does not render {splats.name} from within a group of nodes: ungroup them.")
     cannot_follow = splats.library is not None or not is_main_thread()
     if cannot_follow and composed_scenes.structural_changes(splats):
         raise FrogError(f"{splats.name} has other objects than {scene.name}: render again.")

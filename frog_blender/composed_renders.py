@@ -8,7 +8,7 @@ it; what comes later fills FRoG's picture with a pattern that nobody takes for a
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import bpy
@@ -29,7 +29,7 @@ class _Render:
         scene: that F12 was pressed in; None while nothing is rendered.
         splats: the scene of captures that is to be laid over it.
         refusal: why there is to be no picture; empty if nothing is wrong.
-        engine: of the scene, while FROG takes its place in order to stop the render.
+        kept: settings of the scene, while others take their place in order to stop the render.
         drawn: whether FRoG has drawn the present frame.
         failure: why it could not.
         frame: where the scene stood before the animation was ended.
@@ -38,7 +38,7 @@ class _Render:
     scene: Any = None
     splats: Any = None
     refusal: str = ""
-    engine: str = ""
+    kept: dict[str, Any] = field(default_factory=dict)
     drawn: bool = False
     failure: str = ""
     frame: int | None = None
@@ -104,22 +104,30 @@ def _on_init(scene: Any, *_: Any) -> None:
     _render.refusal = trouble(scene)
     _render.splats = composed_scenes.laid_over(scene)
     if _render.refusal and is_main_thread() and scene.render.engine != "FROG":
-        # The one way to stop a render before it begins: the engine that is asked for the scene's picture says no.
-        _render.engine, scene.render.engine = scene.render.engine, "FROG"
+        _stop(scene.render)
+
+
+def _stop(render: Any) -> None:
+    """The one way to stop a render before it begins: the engine that is asked for the picture refuses. Compositor and
+    sequencer might not ask it."""
+    instead = {"engine": "FROG", "use_compositing": False, "use_sequencer": False}
+    _render.kept = {name: getattr(render, name) for name in instead}
+    for name, value in instead.items():
+        setattr(render, name, value)
 
 
 @persistent
 def _on_pre(scene: Any, *_: Any) -> None:
     if scene == _render.scene:
         _render.drawn, _render.failure = False, ""
-        if is_main_thread() and not _render.engine:
+        if is_main_thread() and not _render.kept:
             composed_scenes.follow_all()  # settings may be animated
 
 
 @persistent
 def _on_post(scene: Any, *_: Any) -> None:
     """Of what went wrong in this frame."""
-    if scene != _render.scene or _render.engine:
+    if scene != _render.scene or _render.kept:
         return
     failure = _render.failure
     if not failure and _render.splats is not None and not _render.drawn:
@@ -147,13 +155,13 @@ def _on_end(scene: Any, *_: Any) -> None:
 def _restore() -> None:
     """Gives the scene back what stopping the render has changed."""
     try:
-        if _render.engine:
-            _render.scene.render.engine = _render.engine
+        for name, value in _render.kept.items():
+            setattr(_render.scene.render, name, value)
         if _render.frame is not None and _render.scene.frame_current == _PAST_ALL:
             _render.scene.frame_current = _render.frame
     except ReferenceError:
         pass  # the scene is gone
-    _render.engine, _render.frame = "", None
+    _render.kept, _render.frame = {}, None
 
 
 @persistent

@@ -64,8 +64,9 @@ def follow(splats: Any) -> None:
     """Makes a scene of captures what its scene is now."""
     for _ in range(_PASSES):
         layer = splats.view_layers[0]
-        if {child.collection for child in layer.layer_collection.children} != set(splats.collection.children):
-            layer.update()  # a new scene's has no collections before (Blender 5.2)
+        known = layer.layer_collection  # of a new scene not there (Blender 5.3), or empty (5.2), before it is updated
+        if known is None or {child.collection for child in known.children} != set(splats.collection.children):
+            layer.update()
         changes = [*_plain_changes(splats, splats.frog.composed_with), *structural_changes(splats)]
         for change in changes:
             change()

@@ -29,6 +29,13 @@ def shown_scenes(scene: Any) -> list[Any]:
     return list(dict.fromkeys(node.scene for node in nodes))
 
 
+def rendered_scenes(scene: Any) -> list[Any]:
+    """The scenes that Blender renders for a scene's compositor: it does not look into groups."""
+    tree = tree_of(scene)
+    nodes = () if tree is None else tree.nodes
+    return [node.scene for node in nodes if node.type == "R_LAYERS" and not node.mute]
+
+
 def _reaching(tree: Any) -> Iterator[Any]:
     """The nodes whose pictures reach a tree's output, those within groups included."""
     sockets = _outputs(tree)
@@ -57,10 +64,10 @@ def _outputs(tree: Any) -> list[Any]:
     return [socket for node in ends for socket in node.inputs]
 
 
-def layers_over(scene: Any) -> Any:
-    """The Render Layers node whose picture lies over what the scene's compositor shows besides.
+def lay_over(scene: Any, other: Any) -> None:
+    """Lays another scene's picture over what a scene's compositor shows besides.
 
-    Whatever is missing of it is made, and what is muted or unlinked comes back.
+    Whatever nodes are missing are made, and what is muted or unlinked comes back.
     """
     scene.render.use_compositing = True
     tree, output = own_tree(scene)
@@ -81,7 +88,7 @@ def layers_over(scene: Any) -> Any:
         tree.links.new(layers.outputs["Image"], above)
         _place(tree, over, output)
     layers.mute = False
-    return layers
+    _read(layers, other)
 
 
 def own_tree(scene: Any) -> tuple[Any, Any]:
@@ -126,8 +133,15 @@ def _images(over: Any) -> tuple[Any, Any]:
 
 def _layers(tree: Any, scene: Any) -> Any:
     node = tree.nodes.new("CompositorNodeRLayers")
-    node.scene, node.label = scene, scene.name
+    _read(node, scene)
     return node
+
+
+def _read(node: Any, scene: Any) -> None:
+    """Makes a Render Layers node show a scene's picture."""
+    node.scene, node.label = scene, scene.name
+    used = (layer.name for layer in scene.view_layers if layer.use)
+    node.layer = next(used, scene.view_layers[0].name)
 
 
 def _place(tree: Any, over: Any, output: Any) -> None:

@@ -49,8 +49,7 @@ class FROG_OT_compose(bpy.types.Operator):
         splats = composed_scenes.laid_over(scene)
         if splats is None:
             splats = _splat_scene(scene)
-            layers = compositor.layers_over(scene)
-            layers.scene, layers.label = splats, splats.name
+            compositor.lay_over(scene, splats)
         splats.frog.composed_with, splats.frog.hold_out = scene, True
         composed_scenes.follow_all()
         self.report({"INFO"}, f"F12 in {scene.name} now renders {splats.name} as well and puts them together.")
