@@ -53,8 +53,9 @@ def numbers(value: Any, what: str, shape: tuple[int, ...], most: float) -> np.nd
         if any(type(row) is not list or len(row) != length for row in rows):
             raise UnfitValue(f"{what} = {brief(value)}", f"{' x '.join(map(str, shape))} numbers")
         rows = flat = [each for row in rows for each in row]
-    for each in flat:
-        number(each, what, -most, most)
+    if not (set(map(type, flat)) <= {int, float} and all(-most <= each <= most for each in flat)):
+        for each in flat:
+            number(each, what, -most, most)
     return np.array(flat, np.float64).reshape(shape)
 
 

@@ -32,6 +32,8 @@ MOST_FRAMES = 1_048_574
 """Of a capture: where Blender's timeline ends, ten hours of film."""
 MOST_CAMERAS = 65_536
 """Of a scene. A moving camera is one for each of its pictures."""
+MOST_STANDING = 4096
+"""Of those, where they are no moving camera's: each becomes an object in Blender."""
 _LONGEST_NAME, _LONGEST_PATH = 1024, 32_768  # characters
 _FASTEST = 1e6  # frames a second
 
@@ -106,7 +108,7 @@ class SceneHeader:
         if method not in METHODS:
             raise UnfitValue(f"the method {method!r}", f"one of {', '.join(METHODS)}")
         red, green, blue = numbers(data["background"], "background", (3,), 1e3).tolist()
-        return cls(
+        header = cls(
             method=method,
             recipe=finite_entries(data["recipe"], "recipe"),
             model=_model(data["model"]),
@@ -123,6 +125,9 @@ class SceneHeader:
             format_version=version,
             capacity=_capacity(data.get("capacity", {})),  # version 1 had none
         )
+        if len(header.cameras) > MOST_STANDING and not header.is_moving:
+            raise UnfitValue(f"{len(header.cameras)} cameras that do not move", f"at most {MOST_STANDING}")
+        return header
 
 
 def _model(value: Any) -> dict[str, Any]:

@@ -13,18 +13,21 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import printable
+from ..errors import brief, printable
 from ..plain_values import UnfitValue, entries, number, numbers, text, whole
 
 NEUTRAL = (1.0, 1.0, 1.0)
 """The exposure of a camera whose pictures are as bright as the scene is."""
 MOST_SIDE = 65_536
-"""Pixels of a picture's width or height."""
+"""Pixels of a picture's width or height: the native code counts tiles in 16 bits, and a side's pixels exactly."""
 MOST_PIXELS = 2**26
 """Pixels of a camera's whole picture: 8192 x 8192, twice what an 8K video has."""
 _FARTHEST = 1e12  # world units, pixels
 _MOST_EXPOSURE = 1e6
 _LONGEST_NAME = 1024
+_NOTHING = dict.fromkeys(
+    ("name", "width", "height", "intrinsics", "world_to_camera")
+)  # of a camera
 _ROUNDED = 0.05  # how far a rotation times its transpose may be from one
 
 
@@ -133,30 +136,36 @@ class Camera:
     @classmethod
     def from_json(cls, data: Any) -> Camera:
         """What ``to_json`` gave; UnfitValue for anything that no camera can be."""
-        data = dict.fromkeys(cls.__dataclass_fields__) | {"exposure": [*NEUTRAL]} | entries(data, "a camera")
+        data = _NOTHING | entries(data, "a camera")
         name = text(data["name"], "a camera's name", _LONGEST_NAME)
         width, height = (
             whole(data[side], f"the {side} of camera {name}", 1, MOST_SIDE) for side in ("width", "height")
         )
         if width * height > MOST_PIXELS:
             raise UnfitValue(f"camera {name} of {width} x {height} pixels", f"at most {MOST_PIXELS:,} in all")
-        exposure = numbers(data["exposure"], f"the exposure of camera {name}", (3,), _MOST_EXPOSURE)
-        if not (exposure > 0).all():
-            raise UnfitValue(f"an exposure of camera {name} of {exposure.tolist()}", "three positive numbers")
         return cls(
             name,
             width,
             height,
             _lens(data["intrinsics"], f"the intrinsics of camera {name}"),
             _pose(data["world_to_camera"], f"the pose of camera {name}"),
-        ).with_exposure(exposure)
+            _exposure(data["exposure"], f"the exposure of camera {name}") if "exposure" in data else NEUTRAL,
+        )
+
+
+def _exposure(value: Any, what: str) -> tuple[float, float, float]:
+    red, green, blue = numbers(value, what, (3,), _MOST_EXPOSURE).tolist()
+    if min(red, green, blue) <= 0:
+        raise UnfitValue(f"{what} = {brief(value)}", "three positive numbers")
+    return red, green, blue
 
 
 def _lens(value: Any, what: str) -> np.ndarray:
     """(3, 3) of a header; UnfitValue unless it is a pinhole's."""
     matrix = numbers(value, what, (3, 3), _FARTHEST)
-    number(min(matrix[0, 0], matrix[1, 1]).item(), f"a focal length in {what}", 1e-6, _FARTHEST)
-    if matrix[1, 0] or matrix[2].tolist() != [0, 0, 1]:
+    (fx, _, _), (lean, fy, _), last = matrix.tolist()
+    number(min(fx, fy), f"a focal length in {what}", 1e-6, _FARTHEST)
+    if lean or last != [0, 0, 1]:
         raise UnfitValue(f"{what} with the rows {matrix.tolist()}", "zeros below the focal lengths, and 0, 0, 1")
     return matrix
 
@@ -164,11 +173,15 @@ def _lens(value: Any, what: str) -> np.ndarray:
 def _pose(value: Any, what: str) -> np.ndarray:
     """(4, 4) of a header; UnfitValue unless it turns and shifts, and no more."""
     matrix = numbers(value, what, (4, 4), _FARTHEST)
-    turn = matrix[:3, :3]
-    if np.abs(turn @ turn.T - np.eye(3)).max() > _ROUNDED or np.linalg.det(turn) < 0:
-        raise UnfitValue(f"{what} that mirrors, scales or shears ({turn.tolist()})", "a rotation")
-    if matrix[3].tolist() != [0, 0, 0, 1]:
-        raise UnfitValue(f"{what} with the last row {matrix[3].tolist()}", "0, 0, 0, 1")
+    *rows, last = matrix.tolist()
+    (a, b, c), (d, e, f), (g, h, i) = (row[:3] for row in rows)  # plain numbers: a moving camera has thousands
+    lengths = a * a + b * b + c * c, d * d + e * e + f * f, g * g + h * h + i * i
+    leans = a * d + b * e + c * f, a * g + b * h + c * i, d * g + e * h + f * i
+    turned_over = a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g) < 0
+    if turned_over or max(*(abs(length - 1) for length in lengths), *map(abs, leans)) > _ROUNDED:
+        raise UnfitValue(f"{what} that mirrors, scales or shears ({[row[:3] for row in rows]})", "a rotation")
+    if last != [0, 0, 0, 1]:
+        raise UnfitValue(f"{what} with the last row {last}", "0, 0, 0, 1")
     return matrix
 
 

@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from ..capture.camera import Camera
+from ..capture.camera import MOST_SIDE, Camera
 from ..errors import FrogError
 from ..notices import Notice
 from . import structs
 from .arrays import GaussianArrays
-from .options import MOST_SIDE, RasterizeOptions
+from .options import RasterizeOptions
 
 ABI_VERSION = 14
 CELL = 16  # FROG_CELL: pixels a side of the cells of ``compare``, which are the rasterizer's tiles

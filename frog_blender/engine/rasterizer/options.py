@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from ..capture.camera import Camera
+from ..capture.camera import MOST_SIDE, Camera
 
 ALPHA_MIN = 1.0 / 255.0
 """Fainter contributions are skipped."""
@@ -16,10 +14,8 @@ COMPENSATION_MIN = 0.005
 """The opacity compensation never goes below, and passes no gradient there."""
 TRANSMITTANCE_MIN = 1e-4
 """The Gaussian that would take a pixel's transmittance below this is left out, and so is everything behind it."""
-MOST_SIDE = 65_536
-"""Pixels of a picture's width or height: the native code counts tiles in 16 bits, and pixels of a side exactly."""
 MOST_PIXELS = 2**30
-"""Of a picture."""
+"""Of what is drawn at once."""
 
 
 @dataclass(frozen=True)

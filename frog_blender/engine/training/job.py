@@ -32,7 +32,7 @@ from .methods import method_named
 from .outputs import check_unused
 from .recipe import Recipe, recipe
 from .resuming import as_it_began
-from .saving import check_budget
+from .saving import check_budget, check_readable
 from .start import doubt_of_scale
 from .trainer import Limits, Trainer
 
@@ -162,6 +162,7 @@ def _run(job: TrainingJob, control: Control) -> Iterator[Event]:
     trainer = Trainer(capture, store, seeds, job.recipe, job.method, limits, job.seed, device)
     if job.resume:
         load_checkpoint(checkpoint_path(job.output), trainer)
+    check_readable(job, trainer, scale)
     for doubt in (doubt_of_scale(trainer.scene_scale), check_budget(job, trainer, scale)):
         if doubt:
             yield events.Warned(doubt)

@@ -30,6 +30,14 @@ if TYPE_CHECKING:
     from .trainer import Trainer
 
 
+def check_readable(job: TrainingJob, trainer: Trainer, scale: float) -> None:
+    """FrogError, before a training begins, for a capture whose scene could be written but not opened again."""
+    try:
+        SceneHeader.from_json(_scene(job, trainer, scale, {}).header.to_json())
+    except ValueError as error:
+        raise FrogError(f"{job.capture}: no scene of this capture could be opened: found {error}.") from error
+
+
 def check_budget(job: TrainingJob, trainer: Trainer, scale: float) -> str | None:
     """What is to be said, before a training begins, of a budget of bytes that may hold nothing; FrogError for one that
     not even a single Gaussian with an empty network meets."""
