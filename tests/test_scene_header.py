@@ -19,7 +19,7 @@ from frog_blender.engine.capture.camera import MOST_PIXELS, Camera
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.files import SceneFile, read_scene
 from frog_blender.engine.inference.scene import CANONICAL, PlayableScene, some_of
-from frog_blender.engine.scene_header import MOST_FRAMES, SceneHeader
+from frog_blender.engine.scene_header import MOST_FRAMES, MOST_STANDING, SceneHeader
 
 Data = dict[str, Any]
 PLAIN: Data = json.loads(scene_file().header.to_json())
@@ -136,6 +136,16 @@ def test_names_lose_their_control_characters_and_stay_names(tmp_path: Path) -> N
     assert (header.capture_path, header.capture_format) == ("/a\\x00b/\\x07", "n3\\rdv")
     own = Camera("cam\x1b[2J\n\ud800", 8, 8, np.eye(3), np.eye(4))
     assert own.name == header.cameras[0].name, "a capture's reader and a scene's say the same name"
+
+
+def test_many_cameras_have_to_be_a_moving_one(tmp_path: Path) -> None:
+    data, one = copy.deepcopy(PLAIN), PLAIN["cameras"][1]
+    data |= {"cameras": [one | {"name": f"picture {k}"} for k in range(MOST_STANDING + 1)], "test_cameras": []}
+    data["camera_shots"] = [[k] for k in range(MOST_STANDING + 1)]
+    assert read_scene(written(tmp_path / "x.frog", data)).header.is_moving
+    data["camera_shots"][0] = [0, 1]
+    with pytest.raises(FrogError, match=f"{MOST_STANDING + 1} cameras that do not move"):
+        read_scene(written(tmp_path / "x.frog", data))
 
 
 def test_a_header_of_too_many_lists_is_not_even_parsed(tmp_path: Path) -> None:

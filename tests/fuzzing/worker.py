@@ -9,6 +9,7 @@ and the longest computing time of a file in seconds. FOLDER keeps the file that 
 from __future__ import annotations
 
 import json
+import os
 import resource
 import signal
 import sys
@@ -40,6 +41,7 @@ def _peak() -> int:
 
 def main() -> None:
     folder, seed, first, count = Path(sys.argv[1]), *(int(text) for text in sys.argv[2:5])
+    folder.mkdir(parents=True, exist_ok=True)
     use = _use_of(sys.argv[5] if len(sys.argv) > 5 else "")
     warnings.simplefilter("ignore")
     path, whole = folder / "x.frog", whole_files(kinds())
@@ -47,7 +49,7 @@ def main() -> None:
         path.write_bytes(content)
         assert use(path, folder / "out")
     before, used, longest = _peak(), 0, 0.0
-    if hasattr(resource, "RLIMIT_DATA"):
+    if hasattr(resource, "RLIMIT_DATA") and "ASAN_OPTIONS" not in os.environ:  # a sanitizer's memory is not counted
         resource.setrlimit(resource.RLIMIT_DATA, (before + _MOST_BYTES, resource.RLIM_INFINITY))
     for number in range(first, first + count):
         how, content = mutated(whole, seed, number)

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from safetensors.numpy import save as serialize
 
+from frog_blender.engine import scene_header
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.errors import FrogError
@@ -69,6 +70,17 @@ def test_old_objects_are_left_alone_while_it_trains_and_when_nobody_listens_any_
     assert gc.get_freeze_count() > 0
     stream.close()
     assert gc.get_freeze_count() == 0
+
+
+def test_a_capture_that_no_scene_could_tell_of_is_refused_before_the_first_step(
+    task: TrainingJob, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is read has limits; a training that does not know them would lose its scene at the end."""
+    monkeypatch.setattr(scene_header, "MOST_FRAMES", film.FRAMES - 1)
+    seen = []
+    with pytest.raises(FrogError, match=f"no scene of this capture could be opened: found .* {film.FRAMES - 1}"):
+        seen.extend(run_training(task))
+    assert events.Progress not in map(type, seen) and not task.output.exists()
 
 
 def test_events_come_in_order_and_are_plain(task: TrainingJob) -> None:

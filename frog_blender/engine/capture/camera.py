@@ -25,9 +25,7 @@ MOST_PIXELS = 2**26
 _FARTHEST = 1e12  # world units, pixels
 _MOST_EXPOSURE = 1e6
 _LONGEST_NAME = 1024
-_NOTHING = dict.fromkeys(
-    ("name", "width", "height", "intrinsics", "world_to_camera")
-)  # of a camera
+_NOTHING = dict.fromkeys(("name", "width", "height", "intrinsics", "world_to_camera"))  # of a camera
 _ROUNDED = 0.05  # how far a rotation times its transpose may be from one
 
 
