@@ -69,11 +69,33 @@ def test_budgets(run: Run, filmed: Path, tmp_path: Path, free_seeds: None) -> No
     options = ("train", filmed, "--out", tmp_path / "x.frog", "--recipe", "draft", "--steps", "12")
     assert run(*options, "--max-gaussians", "310")[0] == 0
     assert json.loads(run("info", tmp_path / "x.frog", "--json")[1])["gaussians"] <= 310
+    options = (*options, "--overwrite")
     assert run(*options, "--max-bytes", "60000")[0] == 0
     assert (tmp_path / "x.frog").stat().st_size <= 60_000
     refused(run(*options, "--max-bytes", "1000"), "1000 bytes", "too small")
     for more in (("--capacity", "fixed"), ("--lossless",), ("--method", "static")):
         refused(run(*options, "--max-bytes", "60000", *more), "budget of bytes", "automatic capacity")
+
+
+def test_a_scene_is_replaced_only_when_that_is_asked_for(
+    run: Run, filmed: Path, tmp_path: Path, free_seeds: None
+) -> None:
+    scene, checkpoint = tmp_path / "x.frog", tmp_path / "x.frog.checkpoint"
+    options = ("train", filmed, "--out", scene, "--recipe", "draft", "--method", "static")
+    assert run(*options, "--steps", "4")[0] == 0
+    before = scene.read_bytes()
+    refused(run(*options, "--steps", "5"), str(scene), "--overwrite", "--resume")
+    refused(run("train", "nowhere", "--out", scene), "--overwrite")
+    scene.unlink()
+    refused(run(*options, "--steps", "5"), str(checkpoint), "the checkpoint of a training", "--overwrite", "--resume")
+    scene.write_bytes(before)
+    checkpoint.unlink()
+    refused(run("train", "nowhere", "--out", scene, "--overwrite"), "nowhere")
+    assert scene.read_bytes() == before, "a training that does not begin replaces nothing"
+    assert run(*options, "--steps", "5", "--overwrite")[0] == 0
+    assert read_scene(scene).header.steps == 5
+    assert run(*options, "--steps", "6", "--resume")[0] == 0
+    assert read_scene(scene).header.steps == 6
 
 
 def find_few_seeds(stored_seeds: Callable, *arguments: object, count_limit: int, **options: object) -> object:

@@ -84,3 +84,9 @@ frog_blender.unregister()
     result = in_python(code, path, tmp_path / "still.png")
     assert "moved True says True" in result.stdout, result.stdout + result.stderr
     assert (tmp_path / "still.png").stat().st_size > 1000
+
+
+def test_registering_leaves_the_processs_environment_alone():
+    code = "import os\nbefore = dict(os.environ)\nimport bpy, frog_blender; frog_blender.register()\n"
+    code += "print({name for name, _ in os.environ.items() ^ before.items()})\nfrog_blender.unregister()"
+    assert in_python(code).stdout.splitlines()[-1] == "set()"

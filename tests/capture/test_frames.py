@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import os
 import shutil
+import subprocess
+import sys
 from collections import namedtuple
 from pathlib import Path
 from typing import Any
@@ -9,6 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from helpers import REPOSITORY
 
 from frog_blender.engine.capture import frames as frames_module
 from frog_blender.engine.capture.camera import Camera
@@ -199,3 +202,35 @@ def test_pictures_of_other_proportions_are_refused(tmp_path: Path) -> None:
     capture = Capture(tmp_path, "transforms", (camera,), (None,), (Shot(0, 0, tmp_path / "a.png", 0),), 1)
     with pytest.raises(FrogError, match="50 x 50 pixels, expected the proportions"):
         FrameStore.open(capture, cache_folder=tmp_path / "cache")
+
+
+def test_frames_are_given_up_to_make_room(n3dv: Path) -> None:
+    store = open_store(n3dv)
+    picture = store.image(3).copy()
+    assert store.give_up() == 15 * 48 * 64 * 3
+    assert stores(n3dv) == []
+    assert store.give_up() == 0
+    np.testing.assert_array_equal(open_store(n3dv).image(3), picture)
+
+
+def test_frames_that_another_training_reads_stay(n3dv: Path) -> None:
+    code = """
+import sys
+from pathlib import Path
+from frog_blender.engine.capture.frames import FrameStore
+from frog_blender.engine.capture.readers import open_capture
+capture = open_capture(Path(sys.argv[1]))
+store = FrameStore.open(capture, cache_folder=Path(sys.argv[2]))
+print("open", flush=True)
+sys.stdin.read()
+print(int(store.image(3).sum()))
+"""
+    store, cache = open_store(n3dv), n3dv.parent / "cache"
+    total = int(store.image(3).sum())
+    command = [sys.executable, "-c", code, str(n3dv), str(cache)]
+    with subprocess.Popen(command, cwd=REPOSITORY, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout is not None and other.stdout.readline() == "open\n"
+        assert store.give_up() == 0
+        assert int(store.image(3).sum()) == total and len(stores(n3dv)) == 1
+        assert other.communicate()[0] == f"{total}\n"
+    assert store.give_up() > 0

@@ -13,6 +13,7 @@ import filmed as film
 import numpy as np
 import pytest
 import torch
+from helpers import run_python
 from stepping import train
 from torch.optim import Adam
 
@@ -349,3 +350,15 @@ def test_the_command_line_passes_the_device_on(tmp_path: Path, monkeypatch: pyte
     assert seen == ["auto", "cpu", "cuda"]
     with pytest.raises(SystemExit):
         main(["train", "nowhere", "--out", "x.frog", "--device", "tpu"])
+
+
+def test_torchs_threads_sleep_while_they_wait_and_nobody_inherits_that() -> None:
+    """OpenMP says itself with which settings it began."""
+    code = "import os, frog_blender.engine.training.{}; print(os.environ.get('OMP_WAIT_POLICY'))"
+    for module in ("job", "trainer", "checkpoint", "device", "methods"):
+        done = run_python(code.format(module), OMP_DISPLAY_ENV="TRUE")
+        assert done.stdout == "None\n", done.stderr
+        if "OMP_WAIT_POLICY" in done.stderr:  # not every library says it
+            assert "OMP_WAIT_POLICY = 'PASSIVE'" in done.stderr
+    done = run_python(code.format("job"), OMP_WAIT_POLICY="ACTIVE")
+    assert done.stdout == "ACTIVE\n", "what somebody chose stays"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -11,9 +12,18 @@ import numpy as np
 import pytest
 from safetensors.numpy import save_file
 
-from frog_blender.engine.training.checkpoint import checkpoint_path
+from frog_blender.engine.atomic_files import LONGEST_NAME, write_atomically
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.training import events
 from frog_blender.engine.training.job import TrainingJob, run_training
-from frog_blender.engine.training.outputs import free_output, is_of_another, trained_from
+from frog_blender.engine.training.outputs import (
+    check_unused,
+    checkpoint_path,
+    free_output,
+    is_of_another,
+    trained_from,
+    unused_output,
+)
 
 
 def checkpoint(output: Path, capture: Path) -> None:
@@ -70,3 +80,41 @@ def test_what_says_nothing_is_nobodys(tmp_path: Path, metadata: dict | None) -> 
     else:
         save_file({"x": np.zeros(1)}, output, metadata=metadata)
     assert trained_from(output) == "" and not is_of_another(output, tmp_path)
+
+
+def test_a_new_training_gets_a_name_that_nothing_has(tmp_path: Path) -> None:
+    output = tmp_path / "x.frog"
+    assert unused_output(output) == output
+    output.write_bytes(b"a scene")
+    checkpoint_path(tmp_path / "x_2.frog").write_bytes(b"a training that did not end")
+    assert unused_output(output) == tmp_path / "x_3.frog"
+    check_unused(tmp_path / "x_3.frog")
+    for taken, word in ((output, r"x\.frog: found a file"), (tmp_path / "x_2.frog", r"x_2\.frog\.checkpoint: found")):
+        with pytest.raises(FrogError, match=word):
+            check_unused(taken)
+
+
+@pytest.mark.parametrize("name", ["動" * 80, "Д" * 125, "x" * 250], ids=["kanji", "cyrillic", "latin"])
+def test_any_legal_name_gets_scene_checkpoint_and_picture(
+    filmed: Path, tmp_path: Path, lively: Callable, seeds_at_no_cost: None, name: str
+) -> None:
+    folder = tmp_path / "out"
+    job = TrainingJob(filmed, folder / f"{name}.frog", recipe=lively(4, capacity="auto"), seed=2, device="cpu")
+    *_, end = run_training(job)
+    assert isinstance(end, events.Finished) and end.path == str(job.output) and job.output.is_file()
+    assert checkpoint_path(job.output).is_file() and len(os.listdir(folder)) == 3
+    assert all(len(os.fsencode(entry)) <= LONGEST_NAME for entry in os.listdir(folder))
+
+
+def test_a_name_that_no_disk_takes_is_refused_before_training(filmed: Path, tmp_path: Path) -> None:
+    with pytest.raises(FrogError, match="no file can have this name"):
+        next(run_training(TrainingJob(filmed, tmp_path / f"{'x' * 300}.frog", device="cpu")))
+    assert not list(tmp_path.iterdir())
+
+
+def test_checkpoints_of_long_names_are_told_apart(tmp_path: Path) -> None:
+    assert checkpoint_path(tmp_path / "x.frog") == tmp_path / "x.frog.checkpoint"
+    long = [checkpoint_path(tmp_path / f"{'x' * 244}{end}.frog") for end in "ab"]
+    assert len(set(long)) == 2
+    for path in long:
+        write_atomically(path, b"")

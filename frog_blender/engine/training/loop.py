@@ -113,7 +113,10 @@ def _steps(
             yield events.Evaluated(trainer.step_count, psnr, split, trainer.seconds)
         if a_tenth or (previews.due and not trainer.finished):
             yield from previews.draw(trainer)
-    yield from _save(trainer, recovery, checkpoints)
+    if trainer.step_count == checkpoints.step:  # it knows all; before the first step there is nothing to know
+        recovery.remember(trainer)
+    else:
+        yield from _save(trainer, recovery, checkpoints)
 
 
 def _save(trainer: Trainer, recovery: Recovery, checkpoints: Checkpoints) -> Iterator[Event]:
