@@ -101,7 +101,7 @@ class Tour:
         yield SETTLE
         yield from self.shot("02_training")
         yield from wait(lambda: not task.state.running)
-        if task.state.error or not self.scene_file.is_file():
+        if task.state.error or task.state.result is None:
             raise SystemExit(f"Training ended with: {task.state.error or 'no scene'}")
         yield SETTLE
         scroll(280)  # the settings out of sight, the report in their place

@@ -39,7 +39,7 @@ class FROG_OT_import_scene(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
 
     def open_file(self, context: Any) -> set[str]:
         path = Path(bpy.path.abspath(self.filepath))
-        self.decide(context.scene)
+        left_alone = self.decide(context.scene)
         try:
             carrier_object = materialize(
                 path,
@@ -56,6 +56,8 @@ class FROG_OT_import_scene(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
         cameras = cameras_of(carrier_object)
         if self.show_clips and cameras and not any(clip_of(camera) for camera in cameras):
             self.report({"INFO"}, "The capture's videos were not found; Show Clips in the FRoG tab asks for them.")
+        if left_alone:
+            self.report({"INFO"}, "The scene's settings stayed as they were; see Set Up Scene in the FRoG tab.")
         return {"FINISHED"}
 
 

@@ -42,13 +42,15 @@ class SetsUpScene:
         result: set[str] = super().invoke(context, event)  # type: ignore[misc]  # of the importer's other base
         return result
 
-    def decide(self: Any, scene: Any) -> None:
-        """Settles both properties, unless they were given."""
+    def decide(self: Any, scene: Any) -> bool:
+        """Settles both properties, unless they were given; true if the settings are to stay and nobody has said so."""
         given, untouched = self.properties.is_property_set, is_untouched(scene)
+        left_alone = not given("set_up_scene") and not untouched
         if not given("set_up_scene"):
             self.set_up_scene = untouched
         if not given("use_frog_engine"):
             self.use_frog_engine = untouched or self.set_up_scene
+        return left_alone
 
 
 class FROG_OT_set_up_scene(bpy.types.Operator):

@@ -120,4 +120,4 @@ assert waits.wait(20)
 {"frog_blender.unregister()" if orderly else "bpy.app.handlers.load_pre.clear()"}
 """
     left = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
-    assert (left.returncode, left.stdout.strip()) == (0, "ended"), left.stderr
+    assert left.returncode == 0 and left.stdout.splitlines()[-1] == "ended", left.stderr
