@@ -121,7 +121,7 @@ def _on_pre(scene: Any, *_: Any) -> None:
     if scene == _render.scene:
         _render.drawn, _render.failure = False, ""
         if is_main_thread() and not _render.kept:
-            composed_scenes.follow_all()  # settings may be animated
+            composed_scenes.follow_all(objects_changed=False)  # settings may be animated
 
 
 @persistent

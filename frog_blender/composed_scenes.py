@@ -26,9 +26,9 @@ _OF_RENDERS = (
     *("use_multiview", "views_format"),
 )
 _PASSES = 8  # until nothing is left to change: what one changes may show what else has to be
-_TOLD_BY = ("SCENE", "COLLECTION", "NODETREE")  # kinds of data-blocks whose changes concern this file
 
 _following = True  # whether there may be something to follow: a scene, or points that are to be drawn again
+_laid: set[int] | None = None  # scenes that FRoG's pictures lay over when their captures were last looked for
 _busy = False
 
 
@@ -43,10 +43,15 @@ def laid_over(scene: Any) -> Any | None:
     return next(shown, None)
 
 
-def follow_all() -> None:
+def follow_all(objects_changed: bool = True) -> None:
     """Brings every scene of captures up to date, and decides which engine draws the captures of its scene: the points
-    are left out of other engines' renders as long as FRoG's picture is laid over them."""
-    global _following, _busy
+    are left out of other engines' renders as long as FRoG's picture is laid over them.
+
+    Args:
+        objects_changed: whether there may be other captures than before; looking for them takes long among very many
+            objects.
+    """
+    global _following, _laid, _busy
     found = followers()
     if _busy or not (found or _following):
         return
@@ -54,7 +59,11 @@ def follow_all() -> None:
     try:
         for splats in found:
             follow(splats)
-        _settle_points({splats.frog.composed_with for splats in found})
+        over = [scene for scene in {splats.frog.composed_with for splats in found} if laid_over(scene) is not None]
+        laid = {scene.session_uid for scene in over}
+        if objects_changed or laid != _laid:
+            _settle_points(over)
+            _laid = laid
     finally:
         _busy = False
     _following = bool(found)
@@ -135,9 +144,8 @@ def _layer_changes(mine: Any, theirs: list[Any]) -> Iterator[Change]:
         yield from _layer_changes(child, seen or alike)
 
 
-def _settle_points(scenes: set[Any]) -> None:
-    """Has the captures of these scenes drawn once: by FRoG where its picture is laid over, else by the other engine."""
-    over = [scene for scene in scenes if laid_over(scene) is not None]
+def _settle_points(over: list[Any]) -> None:
+    """Has every capture drawn once: by FRoG in the scenes that its pictures lay over, else by the other engine."""
     hidden = {obj for scene in over for obj in playback.captures_in(scene)}
     for obj in playback.captures(bpy.data.objects):
         if obj in hidden or obj.frog.laid_over:
@@ -150,16 +158,30 @@ def _settle_points(scenes: set[Any]) -> None:
 
 @persistent
 def _on_update(_scene: Any, depsgraph: Any) -> None:
-    if not bpy.app.is_job_running("RENDER") and any(depsgraph.id_type_updated(kind) for kind in _TOLD_BY):
-        follow_all()
+    if not _following or bpy.app.is_job_running("RENDER"):
+        return
+    objects_changed = depsgraph.id_type_updated("COLLECTION") or any(map(_is_back, depsgraph.updates))
+    if objects_changed or any(map(depsgraph.id_type_updated, ("SCENE", "NODETREE"))):
+        follow_all(objects_changed)
+
+
+def _is_back(update: Any) -> bool:
+    """Whether someone has switched on the points of a capture that is to be left out."""
+    block = update.id
+    return isinstance(block, bpy.types.Object) and block.frog.laid_over and carrier.is_drawn_in_renders(block.original)
+
+
+def begin() -> None:
+    """Has whatever scenes there are followed from now on."""
+    global _following
+    _following = True
+    follow_all()
 
 
 @persistent
 def _on_other_file(*_: Any) -> None:
     """What was opened, undone or redone may be of any age."""
-    global _following
-    _following = True
-    follow_all()
+    begin()
 
 
 def _handlers() -> app_handlers.Handlers:

@@ -51,7 +51,7 @@ class FROG_OT_compose(bpy.types.Operator):
             splats = _splat_scene(scene)
             compositor.lay_over(scene, splats)
         splats.frog.composed_with, splats.frog.hold_out = scene, True
-        composed_scenes.follow_all()
+        composed_scenes.begin()
         self.report({"INFO"}, f"F12 in {scene.name} now renders {splats.name} as well and puts them together.")
         return {"FINISHED"}
 

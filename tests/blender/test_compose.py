@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scenes import glowing, passes_of, rig_of_three
 
+from frog_blender import carrier
 from frog_blender.engine.inference.draw import draw
 from frog_blender.engine.inference.scene import PlayableScene
 from frog_blender.engine.rasterizer.options import RasterizeOptions
@@ -75,7 +76,7 @@ def test_f12_puts_cycles_and_frog_together(empty, static_rig, tmp_path, rendered
     light = straight * alpha + np.array([0.9, 0.1, 0.8]) * (1 - alpha)
     assert np.abs(pixels[..., :3] - to_display(light).clip(0, 1)).max() < 3 / 255
     assert drawing.alpha.max() > 0.5 > drawing.alpha.min()
-    assert obj.modifiers[0].show_viewport and not obj.modifiers[0].show_render
+    assert not carrier.is_drawn_in_renders(obj)
 
 
 def test_run_again_it_follows_the_scene(empty, static_rig):

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import threading
+from contextlib import nullcontext
+
 import bpy
 import numpy as np
 import pytest
 from scenes import glowing, read_png, rig_of_three, write_scene
 
-from frog_blender import carrier, composed_renders, compositor, playback
+from frog_blender import carrier, composed_checks, composed_renders, compositor, playback
 
 
 def card(collection, place, size=0.4, color=(0.9, 0.1, 0.8)):
@@ -243,6 +246,12 @@ def a_capture_turned(scene):
     the_capture().rotation_euler.z += 1.0
 
 
+def points_switched_on(scene):
+    """Which the other engine would draw, and FRoG once more."""
+    carrier.draw_in_renders(the_capture(), True)
+    an_object_moved(scene)
+
+
 def captures_hidden(scene):
     the_capture().hide_render = True
 
@@ -281,7 +290,14 @@ FOLLOWED = [
     *(an_object_added, collections_added, an_instance_added, a_collection_removed, a_collection_excluded),
     *(a_collection_held_out, an_object_deleted, an_object_hidden, an_object_moved, a_simplified_scene),
     *(another_view_layer, another_world, a_transparent_film, another_view_transform, another_exposure),
-    *(a_capture_added, a_capture_moved_to_another_collection, a_capture_turned, captures_hidden, captures_deleted),
+    *(
+        a_capture_added,
+        a_capture_moved_to_another_collection,
+        a_capture_turned,
+        points_switched_on,
+        captures_hidden,
+        captures_deleted,
+    ),
     *(renamed_scenes, the_splats_scene_tampered_with, undone),
 ]
 
@@ -290,8 +306,22 @@ def name_of(change):
     return change.__name__
 
 
+@pytest.fixture
+def in_a_window(monkeypatch):
+    """A function after which renders run as they do in a window, as if in a thread that must not change the scene."""
+
+    def begin():
+        for module in (composed_checks, composed_renders):
+            monkeypatch.setattr(module, "is_main_thread", lambda: False)
+
+    return begin
+
+
+@pytest.mark.parametrize("window", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["script", "window"])
 @pytest.mark.parametrize("change", FOLLOWED, ids=name_of)
-def test_it_is_followed(composed, rendered, change, capsys):
+def test_it_is_followed(composed, rendered, change, window, in_a_window):
+    if window:
+        in_a_window()
     before = rendered(composed)
     change(composed)
     scene = bpy.context.scene  # which undo makes anew
@@ -481,6 +511,34 @@ def is_striped(picture):
     return (magenta | black).all() and 0.3 < magenta.mean() < 0.7
 
 
+REFUSED_IN_WINDOWS = [a_file_gone, a_file_spoiled, an_uneven_scale, a_fisheye, frog_for_both, a_simulation]
+
+
+@pytest.mark.parametrize("change", REFUSED_IN_WINDOWS, ids=name_of)
+def test_in_a_window_what_is_refused_is_no_picture_and_ends_the_animation(
+    composed, tmp_path, change, in_a_window, capfd
+):
+    """Blender goes on there whatever a handler finds, unless FRoG is the engine of the scene itself."""
+    in_a_window()
+    sentence = change(composed)
+    bpy.context.view_layer.update()
+    composed.frame_end = 4
+    composed.render.image_settings.file_format = "PNG"
+    composed.render.filepath = str(tmp_path / "out_")
+    stops = change is frog_for_both
+    with pytest.raises(RuntimeError, match=sentence) if stops else nullcontext():
+        bpy.ops.render.render(animation=True)
+    pictures = [read_png(path) for path in sorted(tmp_path.glob("out_*.png"))]
+    assert [is_striped(picture) for picture in pictures] == ([] if stops else [True])
+    assert composed.frame_current == 1 and sentence in "".join(capfd.readouterr())
+
+
+def test_in_a_window_a_copied_scene_is_refused(composed, rendered, in_a_window):
+    bpy.ops.scene.new(type="LINK_COPY")
+    in_a_window()
+    assert is_striped(rendered(bpy.context.scene))
+
+
 @pytest.mark.parametrize("error", [MemoryError(), ValueError("a fault of our own")], ids=["memory", "a bug"])
 def test_what_fails_later_is_no_picture_and_ends_the_animation(composed, tmp_path, monkeypatch, capsys, error):
     from frog_blender import render_engine
@@ -599,8 +657,6 @@ def test_a_scene_of_another_engine_is_not_looked_at(empty, tmp_path):
 
 def test_other_threads_change_nothing(composed):
     """Where Blender renders in a thread of its own, what the scene lacks is a sentence, not a change."""
-    import threading
-
     card(composed.collection, (0.0, -0.6, -0.3))
     said = []
     thread = threading.Thread(target=lambda: said.append(composed_renders.trouble(composed)))
@@ -609,3 +665,22 @@ def test_other_threads_change_nothing(composed):
     assert "has other objects than" in said[0]
     bpy.context.view_layer.update()
     assert composed_renders.trouble(composed) == ""
+
+
+def test_pictures_put_together_by_hand_have_the_region_of_the_scene_that_is_rendered(empty, static_rig, rendered):
+    """FRoG's scene follows none, but Blender renders it by the other one's size and region all the same."""
+    bpy.ops.import_scene.frog(filepath=str(static_rig))
+    compose(empty)
+    whole = rendered(empty)
+    splats_of(empty).frog.composed_with = None
+    bpy.context.view_layer.update()
+    carrier.draw_in_renders(the_capture(), False)
+    a_region(empty)
+    found = rendered(empty)
+    height, width = whole.shape[:2]
+    inside = (
+        slice(round(0.1 * height) + 1, round(0.9 * height) - 1),
+        slice(int(0.2 * width) + 1, int(0.7 * width) - 1),
+    )
+    np.testing.assert_array_equal(found[inside], whole[inside])
+    assert found[inside][..., :3].std() > 10
