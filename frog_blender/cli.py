@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import io
 import sys
 from collections.abc import Sequence
 
 from .command_line.chart_command import add_chart_parser
 from .command_line.demo_command import add_demo_parser
-from .command_line.extras import missing
+from .command_line.extras import unusable
 from .command_line.printing import complain
 from .command_line.scene_commands import add_scene_parsers
 from .command_line.stability_command import add_stability_parser
@@ -34,11 +35,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         complain("interrupted.")
     except MemoryError as error:
         complain(f"out of memory ({error}).")
-    except ModuleNotFoundError as error:
-        complain(missing(error))
+    except ImportError as error:
+        complain(unusable(error))
     except BrokenPipeError:
         return 1
     except OSError as error:
+        if error.errno == errno.ENOMEM:
+            complain(f"out of memory ({error.strerror}).")
+            return 1
         where = f"{error.filename}: the file or folder" if error.filename else "A file or folder"
         complain(f"{where} could not be used ({error.strerror or error}).")
     return 1

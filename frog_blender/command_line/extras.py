@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from ..engine.imports import is_missing, not_loaded
+
 EXTRAS = {
     "torch": ("train",),
     "cv2": ("render", "train"),
@@ -13,8 +15,10 @@ EXTRAS = {
 """The extras of ``pyproject.toml`` that bring a module, the smallest first."""
 
 
-def missing(error: ModuleNotFoundError) -> str:
-    """One sentence that says what is missing and what to install."""
+def unusable(error: ImportError) -> str:
+    """One sentence about a package that could not be imported: what to install, or why what is there does not load."""
+    if not is_missing(error):
+        return f"{not_loaded(error)}."
     module = str(error.name).split(".")[0]
     extras = " or ".join(f'".[{extra}]"' for extra in EXTRAS.get(module, ()))
     advice = f"pip install {extras} brings it" if extras else "see the README for the extras to install"

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..engine.errors import FrogError
+from ..engine.imports import is_missing, not_loaded
 
 if TYPE_CHECKING:
     from ..engine.capture.capture import Capture
@@ -58,6 +59,8 @@ def _inspect(folder: Path) -> CaptureSummary:
     except FrogError as error:
         return CaptureSummary(error=str(error))
     except ImportError as error:
+        if not is_missing(error):
+            return CaptureSummary(error=f"{not_loaded(error)}.")
         return CaptureSummary(error=f"Reading a capture needs the Python package {error.name or error}.")
     except Exception as error:
         return CaptureSummary(error=f"{folder}: this capture cannot be read ({type(error).__name__}: {error}).")

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import FrogError, found_instead
+from ..imports import is_missing, not_loaded
 from ..regular_file import regular_file
 from .capture import MOST_SIDE
 from .picture_header import size_in_header
@@ -41,12 +42,14 @@ def load_opencv() -> Any:
     """OpenCV with its log turned off.
 
     Raises:
-        FrogError: if it is not installed.
+        FrogError: if it is not installed, or cannot be loaded.
     """
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # before the first video: FFmpeg reads it once
     try:
         import cv2
     except ImportError as error:
+        if not is_missing(error):
+            raise FrogError(f"{not_loaded(error, 'cv2')}.") from error
         raise FrogError("Videos and pictures need OpenCV: pip install opencv-contrib-python-headless.") from error
     if hasattr(cv2, "setLogLevel"):
         cv2.setLogLevel(0)

@@ -131,7 +131,7 @@ class _Grid:
         try:
             seconds = self._seconds(run)
             record = perform(run, self._conditions, seconds, lambda share: self._advanced(run, share), self._cancelled)
-        except (FrogError, MemoryError, ModuleNotFoundError) as error:
+        except (FrogError, MemoryError, ImportError) as error:
             record = failure(run, str(error) or type(error).__name__)
         self._ended(run, record)
 

@@ -38,7 +38,7 @@ def serve(task: str, answer: TextIO, stopping: threading.Event) -> None:
         say(record=record)
     except Stopped:
         say(stopped=True)
-    except (FrogError, MemoryError, ModuleNotFoundError) as error:
+    except (FrogError, MemoryError, ImportError) as error:
         say(record=failure(run, str(error) or type(error).__name__))
 
 

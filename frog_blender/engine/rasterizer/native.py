@@ -17,14 +17,16 @@ from typing import Any
 import numpy as np
 
 from ..capture.camera import MOST_SIDE, Camera
-from ..errors import FrogError
+from ..errors import FrogError, found_instead
 from ..notices import Notice
+from ..regular_file import regular_file
 from . import structs
 from .arrays import GaussianArrays
 from .options import RasterizeOptions
 
 ABI_VERSION = 14
 CELL = 16  # FROG_CELL: pixels a side of the cells of ``compare``, which are the rasterizer's tiles
+_EXPECTED = "the native rasterizer"
 MANY_INSTANCES = 60_000_000
 """(Gaussian, tile) pairs of a picture that takes seconds; a scene of a million Gaussians at 4K has a third of them."""
 SLOT_LIMIT = 6_000_000  # (Gaussian, tile) pairs that a backward pass keeps gradients of at a time, 36 bytes each
@@ -40,12 +42,22 @@ def library_path() -> Path:
 def library() -> ctypes.CDLL:
     """The loaded library; FrogError when it is missing or of another version."""
     path = library_path()
+    if path.exists():
+        regular_file(path, _EXPECTED)  # the system's loader would wait for a pipe
     try:
         loaded = ctypes.CDLL(str(path))
     except OSError as error:
-        raise FrogError(
-            f"{path}: the native rasterizer could not be loaded ({error}); build it with 'make'."
-        ) from error
+        advice = "" if path.exists() else "; build it with 'make'"
+        raise FrogError(f"{path}: {_EXPECTED} could not be loaded ({error}){advice}.") from error
+    try:
+        return _with_signatures(path, loaded)
+    except AttributeError as error:
+        raise found_instead(path, f"another library ({error})", _EXPECTED) from error
+
+
+def _with_signatures(path: Path, loaded: ctypes.CDLL) -> ctypes.CDLL:
+    """The library, with the types of its functions; AttributeError when it has not all of them, FrogError when it is of
+    another version."""
     loaded.frog_abi_version.restype = c_int32
     version = loaded.frog_abi_version()
     if version != ABI_VERSION:

@@ -1,0 +1,30 @@
+"""Packages that not everybody has: one that is missing is told from one that is there and cannot be loaded."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from .errors import brief
+
+
+def is_missing(error: ImportError) -> bool:
+    """No such package is installed. Otherwise it is, and could not be loaded: then installing it again is no help."""
+    return isinstance(error, ModuleNotFoundError)
+
+
+def not_loaded(error: ImportError, package: str = "") -> str:
+    """A sentence, without its end, about a package that is there: which, and what the system said.
+
+    Args:
+        package: its name, where that is known.
+    """
+    which = f"The Python package {known!r}" if (known := package or _package(error)) else "A Python package"
+    said = brief(error).rstrip(".")
+    return f"{which} is installed but could not be loaded ({said}); the usual reason is too little free memory"
+
+
+def _package(error: ImportError) -> str:
+    """The outermost package; "" where the error does not tell. Of torch/_C.so it knows the name "_C" and the path."""
+    if error.path and str(error.name).startswith("_"):
+        return Path(error.path).parent.name
+    return str(error.name or "").split(".")[0]
