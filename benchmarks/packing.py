@@ -94,12 +94,12 @@ def compared(path: Path, truth: np.ndarray) -> dict[str, float]:
 
 
 def pictures(path: Path) -> np.ndarray:
-    """(V, H, W, 3) uint8: what three of the cameras see at three moments."""
+    """(P, 3) uint8: the pixels that three of the cameras see at three moments."""
     scene = PlayableScene.load(path)
     cameras, frames = scene.header.cameras, scene.header.frame_count
     views = [(cameras[i * (len(cameras) - 1) // 2], i * (frames - 1) / 2) for i in range(3)]
     drawn = [draw(scene.at_frame(frame), camera, scene.header.background).rgb for camera, frame in views]
-    return np.stack([to_uint8(rgb) for rgb in drawn])
+    return np.concatenate([to_uint8(rgb).reshape(-1, 3) for rgb in drawn])
 
 
 if __name__ == "__main__":
