@@ -54,7 +54,7 @@ def lying(content: bytes, chance: random.Random) -> bytes:
 def lying_about_the_scene(content: bytes, chance: random.Random) -> bytes:
     """One value of the scene's own header is another: most of the file is as it should be."""
     header, texts, payload = _opened(content)
-    scene = texts["frog"]
+    scene = texts[_own(texts)]
     change(scene if chance.random() < 0.5 else {"one": scene[chance.choice(list(scene))]}, chance)
     return _closed(header, texts, payload)
 
@@ -62,11 +62,12 @@ def lying_about_the_scene(content: bytes, chance: random.Random) -> bytes:
 def said_twice(content: bytes, chance: random.Random) -> bytes:
     """A key of the scene's header stands there twice, with different values."""
     header, texts, payload = _opened(content)
-    key, value = chance.choice(list(texts["frog"])), chance.choice(HOSTILE)
-    doubled = f"{{{json.dumps(key)}: {json.dumps(value)}, {json.dumps(texts['frog'])[1:]}"
+    own = _own(texts)
+    key, value, said = chance.choice(list(texts[own])), chance.choice(HOSTILE), json.dumps(texts[own])
+    doubled = f"{{{json.dumps(key)}: {json.dumps(value)}, {said[1:]}"
     if chance.random() < 0.5:
-        doubled = f"{json.dumps(texts['frog'])[:-1]}, {json.dumps(key)}: {json.dumps(value)}}}"
-    header["__metadata__"]["frog"] = doubled
+        doubled = f"{said[:-1]}, {json.dumps(key)}: {json.dumps(value)}}}"
+    header["__metadata__"][own] = doubled
     return _written(header, payload)
 
 
@@ -133,6 +134,11 @@ def mutated(whole: list[bytes], seed: int, number: int) -> tuple[str, bytes]:
     chance = random.Random(f"{seed}/{number}")
     mutation = chance.choice(MUTATIONS)
     return mutation.__name__, mutation(chance.choice(whole), chance)
+
+
+def _own(texts: dict[str, Any]) -> str:
+    """The name of a file's own header: a scene's, or a checkpoint's."""
+    return next(name for name in ("frog", "frog-checkpoint") if name in texts)
 
 
 def _header_size(content: bytes) -> int:

@@ -7,10 +7,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import mutating
 import numpy as np
 import pytest
 import torch
+from fuzzing import mutating
 from helpers import scene_file
 from stepping import train
 
