@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -245,3 +247,76 @@ def test_stopped_or_failed_nothing_is_left(bent: Path, tmp_path: Path) -> None:
     films = straightening(header, scene.parent / "nowhere" / "x.frog", bent)
     with pytest.raises(FrogError, match="cannot be written here"):
         list(films.steps)
+
+
+@pytest.fixture
+def precious(tmp_path: Path) -> Path:
+    """What a scene's folder must never lead to."""
+    path = tmp_path / "home" / "precious.txt"
+    path.parent.mkdir()
+    path.write_text("mine")
+    return path
+
+
+@pytest.mark.parametrize("name", ["left.mp4", "right.mp4", "clips.json"])
+@pytest.mark.parametrize("dangling", [False, True])
+def test_no_link_is_written_through(bent: Path, tmp_path: Path, precious: Path, name: str, dangling: bool) -> None:
+    """The folder came with the scene, films begun in it, and a link under the name of one or of the index."""
+    scene = tmp_path / "x.frog"
+    folder = clips_folder(scene)
+    folder.mkdir()
+    (folder / "clips.json").write_text("{}")
+    (folder / name).unlink(missing_ok=True)
+    (folder / name).symlink_to(precious.with_name("new.txt") if dangling else precious)
+    header = header_of(open_capture(bent))
+    if name == "clips.json" and dangling:  # no index at all
+        with pytest.raises(FrogError, match="none of our clips"):
+            straightening(header, scene, bent)
+    else:
+        list(straightening(header, scene, bent).steps)
+        assert not any(path.is_symlink() for path in folder.iterdir())
+        assert len(straight_clips(header, scene)) == 2
+    assert precious.read_text() == "mine" and [each.name for each in precious.parent.iterdir()] == ["precious.txt"]
+
+
+@pytest.mark.parametrize("exists", [False, True])
+def test_a_folder_that_is_a_link_is_left_alone(bent: Path, tmp_path: Path, precious: Path, exists: bool) -> None:
+    scene = tmp_path / "x.frog"
+    clips_folder(scene).symlink_to(precious.parent if exists else precious.parent / "new")
+    with pytest.raises(FrogError, match="none of our clips"):
+        straightening(header_of(open_capture(bent)), scene, bent)
+    assert [each.name for each in precious.parent.iterdir()] == ["precious.txt"]
+
+
+def test_what_was_written_before_stays_until_all_is_new(bent: Path, tmp_path: Path) -> None:
+    scene = tmp_path / "x.frog"
+    header = header_of(open_capture(bent))
+    list(straightening(header, scene, bent).steps)
+    before = straight_clips(header, scene)
+    film(bent / "right.mp4", 7)
+    films = straightening(header, scene, bent).steps
+    next(films)
+    assert straight_clips(header, scene) == before
+    films.close()
+    assert straight_clips(header, scene) == before
+    names = sorted(path.name for path in clips_folder(scene).iterdir())
+    assert names == ["clips.json", "left.mp4", "right.mp4"]
+
+
+def test_what_a_killed_process_left_goes_with_time(bent: Path, tmp_path: Path) -> None:
+    scene = tmp_path / "x.frog"
+    header = header_of(open_capture(bent))
+    for name, age in (("old", 100_000), ("young", 100)):
+        partial = clips_folder(scene) / f".partial-{name}"
+        partial.mkdir(parents=True)
+        (partial / "left.mp4").write_bytes(b"half")
+        os.utime(partial, (time.time() - age,) * 2)
+    list(straightening(header, scene, bent).steps)
+    assert [path.name for path in clips_folder(scene).glob(".partial-*")] == [".partial-young"]
+
+
+def test_an_index_that_nests_without_end_is_none(bent: Path, tmp_path: Path) -> None:
+    header, scene = header_of(open_capture(bent)), tmp_path / "x.frog"
+    clips_folder(scene).mkdir()
+    (clips_folder(scene) / "clips.json").write_text("[" * 100_000)
+    assert straight_clips(header, scene) == {}

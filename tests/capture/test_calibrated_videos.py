@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import re
 import unicodedata
 from pathlib import Path
 from typing import Any
@@ -130,6 +131,14 @@ def test_a_calibration_without_any_video_says_which_are_missing(tmp_path: Path) 
         ({"dist": [0.1, 0.2]}, "2 distortion coefficients"),
         ({"width": 0}, "width of camera a = 0"),
         ({"name": ""}, "without a name"),
+        ({"K": [[60, 0, 0], [0, 60, 0], [20, 15, 1]]}, "K of camera a that is transposed: its last row is 20 15 1"),
+        ({"K": [[60, 0, 20], [0, 60, 15], [0, 0, 2]]}, "expected the rows fx s cx, 0 fy cy and 0 0 1"),
+        ({"K": [[60, 0, 20], [5, 60, 15], [0, 0, 1]]}, "expected the rows fx s cx, 0 fy cy and 0 0 1"),
+        ({"K": [[-60, 0, 20], [0, 60, 15], [0, 0, 1]]}, "a focal length of -60"),
+        ({"width": 10**400}, "width of camera a with a number too large"),
+        ({"t": [0, 0, -(10**400)]}, "t of camera a with a number too large"),
+        ({"t": [0, 0, 1e300]}, "t of camera a with the number 1e.300"),
+        ({"dist": [10**400, 0, 0, 0]}, "dist of camera a with a number too large"),
     ],
 )
 def test_values_that_cannot_be_used_are_refused(tmp_path: Path, changes: dict[str, Any], found: str) -> None:
@@ -199,3 +208,10 @@ def test_what_macos_writes_beside_a_calibration_is_none(tmp_path: Path) -> None:
     (tmp_path / "._Calib.qca.txt").write_bytes(b"Mac OS X")
     write_video(tmp_path / "a.mp4", 3)
     assert len(open_capture(tmp_path).cameras) == 1
+
+
+def test_a_qualisys_file_of_endless_pictures_is_refused(tmp_path: Path) -> None:
+    for side in ("right", "bottom"):
+        (tmp_path / "Calib.qca.txt").write_text(re.sub(rf'{side}="[^"]*"', f'{side}="1e308"', qca()))
+        with pytest.raises(FrogError, match=f"fov_video {side} of camera a with the number 1e.308"):
+            open_capture(tmp_path)

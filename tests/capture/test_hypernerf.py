@@ -272,6 +272,12 @@ def test_points_become_seeds_with_the_pictures_colours(rig: Rig, tmp_path: Path)
         ("metadata.json", {"000002_right": {"warp_id": 0.5}}, "warp_id with a fraction"),
         ("metadata.json", {"000002_right": {"appearance_id": 1}}, "nothing as warp_id of 000002_right"),
         ("scene.json", {"near": 9.0}, "near = 9 and far = 8"),
+        ("metadata.json", {"000002_right": {"warp_id": 10**12}}, r"warp_ids, .* to 1000000000000, expected at most"),
+        ("metadata.json", {"000002_right": {"warp_id": 10**400}}, "warp_id of 000002_right with a number too large"),
+        ("metadata.json", {"000002_right": {"warp_id": 1e300}}, "warp_id of 000002_right with the number"),
+        ("camera/000001_left.json", {"position": [0, 0, 10**400]}, "position with a number too large"),
+        ("camera/000001_left.json", {"focal_length": 1e9, "pixel_aspect_ratio": 1e9}, "a focal length of"),
+        ("camera/000001_left.json", {"image_size": [2**31, 2**31]}, "image_size = 2.14748e.09"),
     ],
 )
 def test_what_makes_no_sense_is_refused_in_a_sentence(
@@ -296,3 +302,19 @@ def test_points_of_another_shape_and_pickles_are_refused(rig: Rig) -> None:
     np.save(rig.path / "points.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
     with pytest.raises(FrogError, match="not a NumPy array"):
         open_capture(rig.path)
+
+
+def test_more_points_than_a_memory_takes_are_never_read(rig: Rig) -> None:
+    """A small number type makes little of a file, and eight times as much of what is computed with."""
+    with (rig.path / "points.npy").open("wb") as file:
+        np.lib.format.write_array_header_1_0(file, {"descr": "|u1", "fortran_order": False, "shape": (2**30, 3)})
+        file.truncate(file.tell() + 3 * 2**30)  # a hole on the disk
+    with pytest.raises(FrogError, match=r"shape \(1073741824, 3\), expected at most 30,000,000 numbers"):
+        open_capture(rig.path)
+
+
+def test_points_from_nowhere_are_left_out(rig: Rig) -> None:
+    np.save(rig.path / "points.npy", np.array([[0, 0, 4], [np.nan, 0, 0], [0, np.inf, 0], [0, 0, -1e300]]))
+    points = open_capture(rig.path).points
+    assert points is not None
+    np.testing.assert_array_equal(points, [[0, 0, 4]])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
 from pathlib import Path
 
 import cv2
@@ -9,7 +11,7 @@ import numpy as np
 import pytest
 
 from frog_blender.engine.capture.picture_size import picture_size
-from frog_blender.engine.capture.video import read_picture
+from frog_blender.engine.capture.video import read_gray, read_picture
 from frog_blender.engine.errors import FrogError
 
 PICTURE = np.random.default_rng(0).integers(0, 255, (31, 47, 3), np.uint8)
@@ -53,3 +55,27 @@ def test_what_is_no_picture_is_refused(tmp_path: Path) -> None:
             picture_size(tmp_path / "a.png")
     with pytest.raises(FrogError, match="no file"):
         picture_size(tmp_path / "none.png")
+
+
+@pytest.mark.parametrize("size", [(2**31 - 1, 2**31 - 1), (2**31 - 1, 1), (60_000, 60_000), (65_537, 1)])
+def test_a_picture_that_claims_too_much_is_never_decoded(tmp_path: Path, size: tuple[int, int]) -> None:
+    png = bytearray(cv2.imencode(".png", PICTURE)[1].tobytes())
+    png[16:24] = struct.pack(">II", *size)
+    png[29:33] = struct.pack(">I", zlib.crc32(png[12:29]))
+    path = tmp_path / "a.png"
+    path.write_bytes(png)
+    for read in (picture_size, read_picture, read_gray):
+        with pytest.raises(FrogError, match=f"of {size[0]} x {size[1]} pixels, expected at most 65,536 a side"):
+            read(path)
+
+
+def test_what_opencv_itself_refuses_is_a_sentence(tmp_path: Path) -> None:
+    """A bitmap's header is not looked at before: OpenCV raises an error of its own for so many pixels."""
+    bitmap = bytearray(cv2.imencode(".bmp", PICTURE)[1].tobytes())
+    bitmap[18:26] = struct.pack("<ii", 50_000, 50_000)
+    path = tmp_path / "a.bmp"
+    path.write_bytes(bitmap)
+    for read in (picture_size, read_picture, read_gray):
+        with pytest.raises(FrogError, match="cannot be decoded") as caught:
+            read(path)
+        assert "\n" not in str(caught.value)

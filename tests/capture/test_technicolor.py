@@ -216,3 +216,9 @@ def test_a_folder_without_pictures_or_with_two_scenes_is_refused(tmp_path: Path)
     write(tmp_path, scene="Train", cameras=1)
     with pytest.raises(FrogError, match="pictures of Birthday and Train"):
         open_capture(tmp_path)
+
+
+def test_numbers_of_frames_that_no_film_has(scene: Path) -> None:
+    (scene / "Birthday_undist_00154_03.png").rename(scene / "Birthday_undist_999999999_03.png")
+    with pytest.raises(FrogError, match="pictures of frames from 151 to 999999999, expected at most 1,000,000 moments"):
+        open_capture(scene)

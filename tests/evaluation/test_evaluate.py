@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import tracemalloc
+import zipfile
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 
 import cv2
@@ -174,3 +177,21 @@ def test_masks_of_no_camera_are_refused(capture: Capture, tmp_path: Path) -> Non
     np.savez(tmp_path / "x.npz", cam01=mask, Cam00=mask)
     with pytest.raises(FrogError, match="a mask named 'Cam00', expected names of cameras: cam00, cam01, cam02, cam03"):
         load_masks(tmp_path / "x.npz", capture)
+
+
+def test_a_small_file_of_large_masks_is_never_unpacked(capture: Capture, tmp_path: Path) -> None:
+    """Zeros hardly take room on the disk: a file of a megabyte asked for gigabytes."""
+    path = tmp_path / "bomb.npz"
+    for shape in ((40_000, 60_000), (10**6, film.HEIGHT, film.WIDTH), (film.HEIGHT,), (0, film.HEIGHT, film.WIDTH)):
+        header = BytesIO()
+        np.lib.format.write_array_header_1_0(header, {"descr": "|b1", "fortran_order": False, "shape": shape})
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("cam00.npy", "w") as file:
+            file.write(header.getvalue())
+            for _ in range(min(int(np.prod(shape)), 2**26) >> 20):
+                file.write(bytes(2**20))
+        tracemalloc.start()
+        with pytest.raises(FrogError) as caught:
+            load_masks(path, capture)
+        assert tracemalloc.get_traced_memory()[1] < 20e6
+        tracemalloc.stop()
+        assert str(path) in str(caught.value) and "\n" not in str(caught.value)
