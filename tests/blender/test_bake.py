@@ -106,6 +106,11 @@ def test_a_bake_of_another_version_is_not_used_and_said_once(empty, capture, sta
     shows(capture, static_rig, 4.0)
 
 
+def relabelled(header: bytes, content: bytes) -> bytes:
+    """With a header of another length."""
+    return len(header).to_bytes(8, "little") + header + content[8 + int.from_bytes(content[:8], "little") :]
+
+
 def damaged(content: bytes) -> dict[str, bytes]:
     length = int.from_bytes(content[:8], "little")
     header = content[8 : 8 + length]
@@ -118,6 +123,8 @@ def damaged(content: bytes) -> dict[str, bytes]:
         "no times": content[:8] + header.replace(b"times", b"timez") + content[8 + length :],
         "other columns": content[:8] + header.replace(b'\\"means\\"', b'\\"mean_\\"') + content[8 + length :],
         "other shape": content[:8] + header.replace(b'"shape": [10', b'"shape": [11') + content[8 + length :],
+        "an endless time": relabelled(header.replace(b'"times": "[', b'"times": "[' + b"9" * 400 + b", "), content),
+        "lists for numbers": relabelled(header.replace(b'"shape": [10', b'"shape": [[10]'), content),
         "words for numbers": content[:8] + header.replace(b'"shape": [10', b'"shape": ["') + content[8 + length :],
     }
 
@@ -137,6 +144,21 @@ def test_a_damaged_bake_is_one_sentence_and_frames_are_computed(empty, capture, 
     problem = playback.bake_problem(capture)
     assert problem.startswith(str(path)) and problem.endswith(".") and len(problem) < 600
     assert capfd.readouterr().err.count(str(path)) == 1
+
+
+def test_whatever_else_is_wrong_with_a_bake_the_timeline_goes_on(empty, capture, static_rig, capfd, monkeypatch):
+    """An error that nobody foresaw was raised anew at every frame."""
+    bpy.ops.frog.bake()
+    path = static_rig.with_suffix(".frogbake")
+    opened.let_go_of_bake(path)
+    playback_cache.clear()
+    with monkeypatch.context() as short:
+        short.setattr(Bake, "_read_header", lambda self: [0] * 2**62)  # OverflowError or MemoryError
+        for frame in (3, 4, 5):
+            empty.frame_set(frame)
+            shows(capture, static_rig, frame - 1.0)
+    assert "this bake cannot be used (MemoryError" in playback.bake_problem(capture)
+    assert capfd.readouterr().err.count("this bake cannot be used") == 1
 
 
 def test_a_bake_that_is_cut_while_it_is_open(empty, capture, static_rig):

@@ -50,7 +50,7 @@ def _kept(path: Path, most: int) -> Seeds | None:
     except (FrogError, KeyError):
         return None
     fits = points.dtype == colors.dtype == np.float32 and points.shape == colors.shape == (len(points), 3)
-    whole = fits and len(points) > 0 and np.isfinite(points).all() and (np.abs(colors - 0.5) <= 0.5).all()
+    whole = fits and len(points) > 0 and np.isfinite(points).all() and ((colors >= 0) & (colors <= 1)).all()
     return Seeds(points, colors, str(origin)) if whole and origin.dtype.kind in TEXT and not origin.shape else None
 
 

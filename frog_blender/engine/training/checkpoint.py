@@ -205,10 +205,11 @@ def _differing(values: dict[str, Any], trainer: Trainer) -> str:
     if values.get("method") != trainer.method:
         return "the method"
     stored, recipe = values.get("recipe"), json.loads(json.dumps(settings_json(trainer.recipe)))
-    stored = stored if isinstance(stored, dict) else {}
+    if not isinstance(stored, dict):
+        return "the recipe"
     decides = [key for key in recipe if key not in ("name", "steps", "steps_per_moment")]
     if differing := [key for key in decides if stored.get(key) != recipe[key]]:
-        return ", ".join(differing)
+        return brief(", ".join(differing))
     same = values.get("shots") == len(trainer.capture.shots)
     same &= values.get("cameras") == [camera.name for camera in trainer.capture.cameras]
     return "" if same else "the capture"

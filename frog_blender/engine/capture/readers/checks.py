@@ -59,7 +59,8 @@ def numbers(value: Any, shape: tuple[int, ...], path: Path, what: str, most: flo
         FrogError: if it is missing, has another shape or holds a value that is not finite, or beyond ``most``.
     """
     try:
-        array = np.asarray(value, dtype=np.float64)
+        with np.errstate(invalid="ignore"):  # some NaN warn when they are converted
+            array = np.asarray(value, dtype=np.float64)
     except OverflowError as error:  # a whole number of hundreds of digits
         raise found_instead(path, f"{what} with a number too large", f"at most {most:g}") from error
     except (TypeError, ValueError) as error:

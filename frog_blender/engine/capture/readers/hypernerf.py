@@ -200,7 +200,8 @@ def _points(file: Path) -> np.ndarray | None:
     points = read_npy(file, "points of shape (N, 3)", 3 * _MOST_POINTS)
     if points.ndim != 2 or points.shape[1] != 3:
         raise found_instead(file, f"{points.dtype} of shape {points.shape}", "numbers of shape (N, 3)")
-    points = points.astype(np.float64)
+    with np.errstate(invalid="ignore"):  # some NaN warn when they are converted
+        points = points.astype(np.float64)
     return points[(np.abs(points) <= FARTHEST).all(axis=1)]  # and no NaN
 
 
