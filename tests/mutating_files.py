@@ -27,8 +27,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 import numpy as np
 from filmed import FRAMES, HEIGHT, WIDTH, seeds, write_capture
+from fuzzing.mutating import cut, flipped, in_the_header, lying, torn
 from helpers import plain_camera
-from mutating import cut, flipped, in_the_header, lying, torn
 from playing import spared
 
 from frog_blender.engine.capture import seed_store

@@ -87,6 +87,6 @@ frog_blender.unregister()
 
 
 def test_registering_leaves_the_processs_environment_alone():
-    code = "import os\nbefore = dict(os.environ)\nimport bpy, frog_blender; frog_blender.register()\n"
+    code = "import os, bpy\nbefore = dict(os.environ)\nimport frog_blender; frog_blender.register()\n"
     code += "print({name for name, _ in os.environ.items() ^ before.items()})\nfrog_blender.unregister()"
     assert in_python(code).stdout.splitlines()[-1] == "set()"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from . import patient_threads  # noqa: F401
 
 # isort: split
+import os
 import queue
 import threading
 from collections.abc import Callable, Generator, Iterator, Mapping
@@ -37,6 +38,7 @@ from .start import doubt_of_scale
 from .trainer import Limits, Trainer
 
 Result = TypeVar("Result")
+_PATIENCE = 10.0  # seconds, for work before training that nobody waits for any more
 
 
 @dataclass(frozen=True)
@@ -180,7 +182,7 @@ def _seeds(job: TrainingJob, capture: Capture, store: FrameStore, report: Callab
 
 def _check_output(output: Path) -> None:
     """FrogError where no file can lie: said now, and not when hours of training are to be saved."""
-    if output.is_dir():
+    if os.path.isdir(output):  # asks of names of any length
         raise FrogError(f"{output}: found a folder, expected the name of a .frog file to write.")
     if output.suffix != ".frog":
         raise FrogError(f"{output}: found the ending {output.suffix!r}, expected a file that ends in .frog.")
@@ -202,9 +204,10 @@ def _in_background(
     """Runs ``work(report)`` in a thread, yields its reports as Stage events, returns its result (None if cancelled)."""
     reports: queue.Queue[tuple[int, int]] = queue.Queue()
     outcome: dict[str, Any] = {}
+    abandoned = threading.Event()
 
     def report(done: int, total: int) -> None:
-        if cancelled():
+        if abandoned.is_set() or cancelled():
             raise _Stopped
         reports.put((done, total))
 
@@ -216,15 +219,18 @@ def _in_background(
 
     thread = threading.Thread(target=run, name=f"frog: {name}", daemon=True)
     thread.start()
-    while thread.is_alive() or not reports.empty():
-        try:
-            done, total = reports.get(timeout=0.1)
-        except queue.Empty:
-            continue
-        while not reports.empty():  # only the newest matters
-            done, total = reports.get_nowait()
-        yield events.Stage(name, done, total)
-    thread.join()
+    try:
+        while thread.is_alive() or not reports.empty():
+            try:
+                done, total = reports.get(timeout=0.1)
+            except queue.Empty:
+                continue
+            while not reports.empty():  # only the newest matters
+                done, total = reports.get_nowait()
+            yield events.Stage(name, done, total)
+    finally:  # of whoever does not listen to the end, nothing half-made is to be left
+        abandoned.set()
+        thread.join(_PATIENCE)
     if "error" in outcome and not cancelled():
         raise outcome["error"]
     return None if cancelled() else outcome.get("result")

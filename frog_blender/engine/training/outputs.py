@@ -42,7 +42,7 @@ def check_unused(output: Path) -> None:
 def _found(output: Path) -> Path | None:
     """What a training to ``output`` would replace."""
     files = (output, checkpoint_path(output))
-    return next((path for path in files if os.path.lexists(path) and not path.is_dir()), None)
+    return next((path for path in files if os.path.lexists(path) and not os.path.isdir(path)), None)
 
 
 def free_output(output: Path, capture: Path) -> Path:
