@@ -229,7 +229,7 @@ def test_a_pasted_capture_plays(beside):
 
 
 def test_another_training_of_the_same_file_is_not_imported_again(beside, tmp_path):
-    from frog_blender.operators.train import _importer
+    from frog_blender.operators.trained import importer
 
     other = tmp_path / "other"
     other.mkdir()
@@ -237,7 +237,7 @@ def test_another_training_of_the_same_file_is_not_imported_again(beside, tmp_pat
     scene = bpy.context.scene
     assert "//../" in next(playback.captures(scene.objects)).frog.filepath.replace("\\", "/")
     scene.render.resolution_x = 777
-    _importer(scene.session_uid)(beside)
+    importer(scene)(beside)
     assert len(list(playback.captures(scene.objects))) == 1 and scene.render.resolution_x == 777
 
 
