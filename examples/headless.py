@@ -3,6 +3,7 @@
     blender -b --python examples/headless.py -- CAPTURE OUT [--recipe draft] [--steps N]
     python examples/headless.py CAPTURE OUT [--recipe draft] [--steps N]      (with the bpy module)
 
+The add-on is the one that this Blender has installed, else the one beside this folder.
 Writes OUT/scene.frog, OUT/scene.blend and the animation OUT/frames/0001.png ...
 Leaves with status 1 and one sentence when something cannot be done.
 """
@@ -12,17 +13,44 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from importlib import import_module
 from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from types import ModuleType
+from typing import Any
 
 import bpy
 
-import frog_blender
-from frog_blender import background
-from frog_blender.engine.errors import FrogError
-from frog_blender.operators.materialize import materialize
-from frog_blender.ui.preferences import make_torch_importable
+import addon_utils  # isort: skip  # which the bpy module makes importable
+
+NAME = "frog_blender"
+
+
+def installed() -> str | None:
+    """The module of the add-on that this Blender has, whether as an extension or not: the one that is on, if any."""
+    known = [module.__name__ for module in addon_utils.modules()]
+    names = [name for name in known if name.split(".")[-1] == NAME]
+    return next((name for name in names if name in bpy.context.preferences.addons), next(iter(names), None))
+
+
+def switched_on() -> tuple[ModuleType, bool]:
+    """The add-on, and whether it was switched on here: then it is to be switched off again."""
+    name = installed()
+    if name is not None:
+        was_on = addon_utils.check(name)[1]
+        if not was_on:
+            addon_utils.enable(name)
+        return import_module(name), not was_on
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+    addon = import_module(NAME)
+    addon.register()
+    return addon, True
+
+
+def switch_off(addon: ModuleType) -> None:
+    if addon_utils.check(addon.__name__)[1]:
+        addon_utils.disable(addon.__name__)
+    else:
+        addon.unregister()
 
 
 def arguments() -> argparse.Namespace:
@@ -35,11 +63,13 @@ def arguments() -> argparse.Namespace:
     return parser.parse_args(given)
 
 
-def train(options: argparse.Namespace) -> Path:
-    """Train to OUT/scene.frog, saying how it goes; FrogError if it does not."""
-    make_torch_importable()
+def train(options: argparse.Namespace, part: Any) -> Path:
+    """Train to OUT/scene.frog, saying how it goes; FrogError if it does not. ``part`` gives modules of the add-on."""
+    part("ui.preferences").make_torch_importable()
+    background = part("background")
     output = options.out.resolve() / "scene.frog"
-    request = background.TrainingRequest(options.capture.resolve(), output, options.recipe, steps=options.steps)
+    capture, what = options.capture.resolve(), {"capacity": "auto", "steps": options.steps}
+    request = background.TrainingRequest(capture, output, options.recipe, **what)
     task = background.begin(request.events)
     state, said, warned = task.state, "", 0
     while state.running:
@@ -54,38 +84,43 @@ def train(options: argparse.Namespace) -> Path:
             print(f"Note: {warning}", flush=True)
         warned = len(state.warnings)
     if state.error or state.result is None:
-        raise FrogError(state.error or "Training ended without a scene.")
+        raise part("engine.errors").FrogError(state.error or "Training ended without a scene.")
     quality = f", PSNR {state.psnr:.2f} dB on {state.psnr_split} views" if state.psnr is not None else ""
     print(f"Trained {state.step} steps in {state.seconds:.0f} s{quality}: {state.result}", flush=True)
-    return state.result
+    return Path(state.result)
 
 
-def show_and_render(path: Path, out: Path) -> None:
+def show_and_render(path: Path, out: Path, part: Any) -> None:
     """The scene as Blender objects, saved and rendered."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     scene = bpy.context.scene
-    materialize(path, scene)
+    part("operators.materialize").materialize(path, scene)
     bpy.ops.wm.save_as_mainfile(filepath=str(out / "scene.blend"))
     scene.render.image_settings.file_format = "PNG"
     scene.render.filepath = f"{out}/frames/"
     try:
         bpy.ops.render.render(animation=True)
     except RuntimeError as error:
-        raise FrogError(str(error).strip().splitlines()[0]) from error
+        raise part("engine.errors").FrogError(str(error).strip().splitlines()[0]) from error
     print(f"Rendered {scene.frame_end - scene.frame_start + 1} frames to {out / 'frames'}", flush=True)
 
 
 def main() -> int:
     options = arguments()
-    frog_blender.register()
+    addon, is_ours = switched_on()
+
+    def part(name: str) -> ModuleType:
+        return import_module(f"{addon.__name__}.{name}")
+
     try:
-        path = train(options)
-        show_and_render(path, options.out.resolve())
-    except FrogError as error:
+        path = train(options, part)
+        show_and_render(path, options.out.resolve(), part)
+    except part("engine.errors").FrogError as error:
         print(error, file=sys.stderr, flush=True)
         return 1
     finally:
-        frog_blender.unregister()
+        if is_ours:
+            switch_off(addon)
     return 0
 
 

@@ -24,6 +24,7 @@ _ROOMS = (
     "background",
     "operators",
     "ui.presets",
+    "ui.looking_again",
     "ui.train_panel",
     "ui.captures_panel",
     "ui.render_panels",

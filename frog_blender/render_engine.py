@@ -129,7 +129,10 @@ def _stand_where_the_picture_does(engine: Any, scene: Any) -> None:
 def drawn_passes(engine: Any, depsgraph: Any) -> dict[str, Any]:
     """What Blender is given of the present view, by the passes' names; see ``render_frame``."""
     combined, depth, surface = render_frame(engine, depsgraph)
-    composed_renders.note_drawn(depsgraph.scene.original, surface is not None)
+    scene = depsgraph.scene.original
+    composed_renders.note_drawn(scene, surface is not None)
+    if surface is None and scene.frog.composed_with is None:
+        engine.report({"WARNING"}, f"Scene {scene.name}: found no visible capture; this is its background.")
     vectors = None
     if depsgraph.view_layer.use_pass_vector and not engine.test_break():
         vectors = render_vectors(engine, depsgraph)

@@ -89,6 +89,18 @@ def problem(path: Path) -> str:
     return content if isinstance(content, str) else ""
 
 
+def is_outdated(path: Path) -> bool:
+    """True if the file is another one by now than when it was last needed, or never was needed."""
+    kept = _scenes.get(path)
+    return kept is None or kept.version != version(path)
+
+
+def is_bake_outdated(path: Path, file: Path) -> bool:
+    """The same for a bake: it was changed, deleted or made since."""
+    kept = _bakes.get((path, file))
+    return (kept.version[0] if kept is not None and kept.version else None) != version(path)
+
+
 def is_missing(path: Path) -> bool:
     """True if there was no file when it was last needed."""
     kept = _scenes.get(path)

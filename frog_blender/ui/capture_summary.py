@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -37,18 +39,37 @@ class CaptureSummary:
 
 
 _known: dict[str, CaptureSummary] = {}
+_stamps: dict[str, object] = {}  # of folders that cannot be used, as they were then
+_FILES_LOOKED_AT = 100  # of such a folder, at every redraw of the panel
 
 
 def known(folder: str) -> CaptureSummary | None:
-    """What ``inspect`` found in a folder, or None if it was not asked yet.  Reads nothing."""
+    """What ``inspect`` found in a folder, or None if it was not asked yet.  Opens nothing."""
     return _known.get(folder)
+
+
+def is_outdated(folder: str) -> bool:
+    """Whether a folder that could not be used has changed since, so that the error may be mended."""
+    summary = _known.get(folder)
+    return summary is not None and bool(summary.error) and _stamp(folder) != _stamps.get(folder)
 
 
 def inspect(folder: str) -> CaptureSummary:
     """Look into a folder and remember what was found."""
+    _stamps[folder] = _stamp(folder)
     summary = _inspect(Path(folder)) if folder else CaptureSummary()
     _known[folder] = summary
     return summary
+
+
+def _stamp(folder: str) -> object:
+    """Changes when files of a folder come, go or are written; nothing for a folder that is not there."""
+    try:
+        with os.scandir(folder) as entries:
+            files = [(entry.name, entry.stat()) for entry in islice(entries, _FILES_LOOKED_AT)]
+        return sorted((name, status.st_mtime_ns, status.st_size) for name, status in files)
+    except (OSError, ValueError):
+        return None
 
 
 def _inspect(folder: Path) -> CaptureSummary:

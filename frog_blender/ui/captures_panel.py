@@ -6,11 +6,12 @@ from typing import Any
 
 import bpy
 
-from .. import carrier, playback
+from .. import capture_files, carrier, playback
 from ..nodes import ellipsoid_nodes
 from ..operators.scene_setup import is_set_up
-from ..playing import opened, playback_cache
+from ..playing import opened, playback_cache, retiming
 from ..saved_elsewhere import library_of
+from . import looking_again
 from .text import sentence
 
 
@@ -35,19 +36,27 @@ class FROG_PT_captures(bpy.types.Panel):
             box.label(text=obj.name, icon="OUTLINER_OB_POINTCLOUD")
             box.prop(obj.frog, "filepath", text="")
             _draw_timing(box, obj.frog)
+            problem = retiming.problem(obj, context.scene.frame_current_final)
+            if problem:
+                sentence(box, problem, context, icon="ERROR")
+            if outdated(obj):
+                looking_again.soon()
             error = opened.problem(playback.file_of(obj))
             if error:
                 sentence(box, error, context, icon="ERROR")
                 if opened.is_missing(playback.file_of(obj)) and library_of(obj) is None:
                     box.operator("frog.relink", icon="FILE_FOLDER").object_name = obj.name
             else:
-                box.label(text=f"{carrier.count(obj):,} Gaussians")
+                packed = capture_files.packed_bytes(obj) / playback_cache.MEGABYTE
+                text = f", packed into the .blend ({packed:,.1f} MB)" if packed else ""
+                box.label(text=f"{carrier.count(obj):,} Gaussians{text}")
                 row = box.row()
                 row.enabled = carrier.count(obj) <= ellipsoid_nodes.MOST
                 row.prop(obj.frog, "display")
                 box.prop(obj.frog, "density", slider=True)
                 box.prop(obj.frog, "render_density", slider=True)
                 _draw_bake(box, obj, context)
+        _draw_lock(layout, context)
         row = layout.row(align=True)
         row.label(text=playback_cache.summary(), icon="MEMORY")
         row.operator("frog.clear_cache", text="", icon="TRASH")
@@ -58,6 +67,26 @@ class FROG_PT_captures(bpy.types.Panel):
         row.operator("frog.hide_clips", text="", icon="HIDE_ON")
         layout.operator("frog.align_to_floor", icon="GRID")
         layout.operator_menu_enum("frog.compose", "engine", icon="NODE_COMPOSITING")
+
+
+def outdated(obj: Any) -> bool:
+    """Whether what is known of a capture's files is not what they are by now; linked ones are never read here."""
+    if obj.data.library is not None or obj.data.override_library is not None:
+        return False
+    file = playback.file_of(obj)
+    if opened.is_outdated(file):
+        return True
+    is_played = not opened.problem(file) and not retiming.problem(obj, 0.0)
+    return is_played and opened.is_bake_outdated(playback.bake_path(obj), file)
+
+
+def _draw_lock(layout: Any, context: Any) -> None:
+    """What keeps points where they are in other engines' animations."""
+    render = context.scene.render
+    if render.engine == "FROG" or render.use_lock_interface or not any(playback.captures(context.scene.objects)):
+        return
+    sentence(layout, "Captures stand still in animations of this engine without Lock Interface.", context, icon="INFO")
+    layout.prop(render, "use_lock_interface")
 
 
 def _draw_timing(layout: Any, settings: Any) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from .. import background
 from ..operators.scene_setup import is_set_up
 from ..operators.train import can_resume
 from ..operators.trained import plays
-from . import capture_summary, preferences, presets, preview_picture, training_time
+from . import capture_summary, looking_again, preferences, presets, preview_picture, training_time
 from .text import duration, sentence
 
 
@@ -63,6 +64,8 @@ class FROG_PT_train_advanced(bpy.types.Panel):
 
 def _draw_capture(layout: Any, folder: str, context: Any) -> None:
     summary = capture_summary.known(folder)
+    if capture_summary.is_outdated(folder):
+        looking_again.soon(folder, partial(capture_summary.inspect, folder))
     if summary is None:  # a file that was just opened: looking takes time, so the user says when
         layout.operator("frog.inspect_capture", icon="VIEWZOOM")
         return

@@ -1,0 +1,156 @@
+"""An error that a panel shows goes when its cause does, without anybody pressing a button."""
+
+from __future__ import annotations
+
+import os
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+import pytest
+from scenes import rig_of_three, write_scene
+
+from frog_blender import capture_files, carrier, playback
+from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender.ui import capture_summary, captures_panel, looking_again, train_panel
+
+
+class Layout:
+    """Stands in for a layout, which only a window has: keeps the labels that are written into it."""
+
+    def __init__(self, said):
+        self.said = said
+
+    def label(self, text="", **_):
+        self.said.append(text)
+
+    def box(self, **_):
+        return Layout(self.said)
+
+    row = column = box
+
+    def __getattr__(self, _name):
+        return lambda *_, **__: SimpleNamespace()
+
+
+@pytest.fixture
+def said(empty):
+    """A function that draws a panel, does what Blender does when it is drawn, and gives what it says."""
+
+    def draw(panel):
+        lines = []
+        preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
+        context = SimpleNamespace(
+            scene=bpy.context.scene, region=SimpleNamespace(width=280), preferences=preferences, object=None
+        )
+        panel.draw(SimpleNamespace(layout=Layout(lines)), context)
+        if bpy.app.timers.is_registered(looking_again._look):
+            bpy.app.timers.unregister(looking_again._look)
+            looking_again._look()  # no timer runs without a window
+        return " ".join(lines)
+
+    return draw
+
+
+@pytest.fixture
+def capture(empty, static_rig):
+    bpy.ops.import_scene.frog(filepath=str(static_rig))
+    return next(playback.captures(empty.objects))
+
+
+def test_a_scene_file_that_is_there_again(empty, capture, static_rig, said, tmp_path):
+    content = static_rig.read_bytes()
+    for damage in (b"nonsense", None):
+        static_rig.write_bytes(damage) if damage else static_rig.unlink()
+        empty.frame_set(empty.frame_current + 1)
+        assert static_rig.name in said(captures_panel.FROG_PT_captures)
+        static_rig.write_bytes(content)
+        said(captures_panel.FROG_PT_captures)  # which sees that the file is another one
+        assert "60 Gaussians" in said(captures_panel.FROG_PT_captures)
+        expected = PlayableScene.load(static_rig).at_frame(empty.frame_current - 1.0).means
+        np.testing.assert_array_equal(carrier.read(capture)["position"], expected)
+
+
+def test_a_bake_that_comes_and_goes(empty, capture, static_rig, said):
+    empty.frame_end = 3
+    assert "Baked" not in said(captures_panel.FROG_PT_captures)
+    bpy.ops.frog.bake()
+    bake = playback.bake_path(capture)
+    said(captures_panel.FROG_PT_captures)
+    assert "Baked: 3 frames" in said(captures_panel.FROG_PT_captures)
+    content = bake.read_bytes()
+    bake.write_bytes(b"nonsense")
+    said(captures_panel.FROG_PT_captures)
+    assert "figure.frogbake" in said(captures_panel.FROG_PT_captures)
+    bake.write_bytes(content)
+    said(captures_panel.FROG_PT_captures)
+    assert "Baked: 3 frames" in said(captures_panel.FROG_PT_captures)
+
+
+def test_found_by_blender_it_is_shown_at_once(empty, capture, static_rig, said, tmp_path):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "x.blend"))
+    (tmp_path / "there").mkdir()
+    there = static_rig.rename(tmp_path / "there" / static_rig.name)
+    empty.frame_set(2)
+    bpy.ops.file.find_missing_files(directory=str(tmp_path))
+    said(captures_panel.FROG_PT_captures)
+    expected = PlayableScene.load(there).at_frame(1.0).means
+    np.testing.assert_array_equal(carrier.read(capture)["position"], expected)
+
+
+def test_a_packed_capture_says_so(empty, capture, said):
+    assert "packed" not in said(captures_panel.FROG_PT_captures)
+    bpy.ops.file.pack_all()
+    assert capture_files.packed_bytes(capture) and "packed into the .blend" in said(captures_panel.FROG_PT_captures)
+
+
+def test_what_holds_points_still_is_said_for_other_engines(empty, capture, said):
+    for engine, locked, expected in (("FROG", False, False), ("CYCLES", True, False), ("CYCLES", False, True)):
+        empty.render.engine, empty.render.use_lock_interface = engine, locked
+        assert ("without Lock Interface" in said(captures_panel.FROG_PT_captures)) == expected
+
+
+def test_a_panel_that_cannot_bring_things_up_to_date_rests(empty, capture, monkeypatch):
+    looked = []
+    monkeypatch.setattr(looking_again, "_looked_at", -10.0)
+    first = []
+    monkeypatch.setattr(bpy.app.timers, "register", lambda function, first_interval: first.append(first_interval))
+    looking_again.soon("x", lambda: looked.append(1))
+    looking_again._look()
+    looking_again.soon("x", lambda: looked.append(1))
+    assert looked == [1] and first[0] == 0.0 and 0.5 < first[1] <= looking_again._REST
+
+
+def test_a_calibration_that_is_mended(empty, said, tmp_path):
+    pytest.importorskip("cv2")
+    folder = pytest.importorskip("filmed").write_capture(tmp_path / "capture")
+    poses = folder / "poses_bounds.npy"
+    content = poses.read_bytes()
+    poses.write_bytes(b"no numbers")
+    empty.frog.capture_folder = str(folder)
+    panel = train_panel.FROG_PT_train
+    assert "poses_bounds.npy" in said(panel) and capture_summary.known(str(folder)).error
+    poses.write_bytes(content)
+    said(panel)
+    assert "4 cameras" in said(panel)
+    os.utime(poses, (1, 1))
+    assert not capture_summary.is_outdated(str(folder)), "what can be used is not looked at again at every redraw"
+
+
+def test_a_picture_without_a_capture_says_so(empty, static_rig, capfd, rendered):
+    bpy.ops.import_scene.frog(filepath=str(static_rig))
+    capture = next(playback.captures(empty.objects))
+    rendered(empty)
+    assert "no visible capture" not in capfd.readouterr().out
+    bpy.data.objects.remove(capture)
+    background = rendered(empty)
+    assert "no visible capture" in capfd.readouterr().out
+    assert np.ptp(background.reshape(-1, 4), axis=0).max() == 0
+
+
+def test_a_capture_that_plays_another_file(empty, capture, said, tmp_path):
+    other = write_scene(tmp_path / "other.frog", rig_of_three(), count=40, seed=2)
+    capture.frog.filepath = str(tmp_path / "none.frog")
+    assert "none.frog" in said(captures_panel.FROG_PT_captures)
+    capture.frog.filepath = str(other)
+    assert "40 Gaussians" in said(captures_panel.FROG_PT_captures)
