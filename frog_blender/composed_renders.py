@@ -45,7 +45,8 @@ class _Render:
 
 
 _render = _Render()
-_to_say: list[str] = []  # in a window, when the render is over
+said: list[str] = []
+"""What went wrong in the last render, for the panel."""
 
 
 def leading(scene: Any) -> Any:
@@ -73,7 +74,7 @@ def note_drawn(scene: Any, has_captures: bool) -> None:
     if scene != _render.splats or _render.drawn:
         return
     _render.drawn = True
-    if not has_captures and not _to_say:
+    if not has_captures and not said:
         _say(
             f"{leading(scene).name} shows no capture at frame {leading(scene).frame_current}: the picture has the "
             "objects alone."
@@ -90,14 +91,14 @@ def note_failure(scene: Any, sentence: str) -> bool:
 
 def _say(sentence: str) -> None:
     print(f"FRoG: {sentence}", file=sys.stderr)
-    _to_say.append(sentence)
+    said.append(sentence)
 
 
 @persistent
 def _on_init(scene: Any, *_: Any) -> None:
     global _render
     _restore()
-    _to_say.clear()
+    said.clear()
     _render = _Render(scene)
     if is_main_thread():
         composed_scenes.follow_all()
@@ -132,7 +133,7 @@ def _on_post(scene: Any, *_: Any) -> None:
     failure = _render.failure
     if not failure and _render.splats is not None and not _render.drawn:
         failure = f"{_render.splats.name} was not rendered: the picture lacks the captures."
-    if failure and failure not in _to_say:
+    if failure and failure not in said:
         _say(failure)
     _render.failure = failure
 
@@ -174,26 +175,7 @@ def _on_save_pre(*_: Any) -> None:
 def _on_load_pre(*_: Any) -> None:
     global _render
     _render = _Render()
-    _to_say.clear()
-
-
-@persistent
-def _on_frame(*_: Any) -> None:
-    """Blender changes the frame once more in the main thread when a render is over: the time to say what went wrong."""
-    if _to_say and _render.scene is None and is_main_thread() and not bpy.app.background:
-        sentences = list(_to_say)
-        _to_say.clear()
-        bpy.app.timers.register(lambda: _show(sentences), first_interval=0.1)
-
-
-def _show(sentences: list[str]) -> None:
-    def draw(menu: Any, _context: Any) -> None:
-        for sentence in sentences:
-            menu.layout.label(text=sentence)
-
-    manager = bpy.context.window_manager
-    if manager.windows:
-        manager.popup_menu(draw, title="Render With My Objects", icon="ERROR")
+    said.clear()
 
 
 def _handlers() -> app_handlers.Handlers:
@@ -205,7 +187,6 @@ def _handlers() -> app_handlers.Handlers:
         (on.render_write, _on_write),
         (on.render_complete, _on_end),
         (on.render_cancel, _on_end),
-        (on.frame_change_post, _on_frame),
         (on.save_pre, _on_save_pre),
         (on.load_pre, _on_load_pre),
     ]

@@ -6,7 +6,7 @@ from typing import Any
 
 import bpy
 
-from .. import capture_files, carrier, playback
+from .. import capture_files, carrier, composed_renders, playback
 from ..nodes import ellipsoid_nodes
 from ..operators.scene_setup import is_set_up
 from ..playing import opened, playback_cache, retiming
@@ -67,6 +67,8 @@ class FROG_PT_captures(bpy.types.Panel):
         row.operator("frog.hide_clips", text="", icon="HIDE_ON")
         layout.operator("frog.align_to_floor", icon="GRID")
         layout.operator_menu_enum("frog.compose", "engine", icon="NODE_COMPOSITING")
+        for said in composed_renders.said:
+            sentence(layout, said, context, icon="ERROR")
 
 
 def outdated(obj: Any) -> bool:

@@ -67,3 +67,28 @@ def rendered(tmp_path):
         return read_png(tmp_path / "still.png")
 
     return render
+
+
+@pytest.fixture
+def composed(empty, static_rig):
+    """A scene of a capture and two cards, one of them in a collection, after the button was pressed."""
+    from composing import card, collection_in, compose
+
+    assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
+    card(empty.collection, (0.4, 0.0, 0.0))
+    card(collection_in(empty.collection, "props"), (-0.5, 0.1, 0.2), color=(0.1, 0.8, 0.2))
+    compose(empty)
+    return empty
+
+
+@pytest.fixture
+def in_a_window(monkeypatch):
+    """A function after which renders run as they do in a window, as if in a thread that must not change the scene."""
+
+    from frog_blender import composed_checks, composed_renders
+
+    def begin():
+        for module in (composed_checks, composed_renders):
+            monkeypatch.setattr(module, "is_main_thread", lambda: False)
+
+    return begin

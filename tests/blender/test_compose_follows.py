@@ -1,82 +1,26 @@
-"""After Render With My Objects: whatever a user changes is followed by the next render, or stops it with a sentence."""
+"""After Render With My Objects: whatever a user changes is followed by the next render."""
 
 from __future__ import annotations
-
-import threading
-from contextlib import nullcontext
 
 import bpy
 import numpy as np
 import pytest
-from scenes import glowing, read_png, rig_of_three, write_scene
+from composing import (
+    a_region,
+    cameras,
+    card,
+    collection_in,
+    compose,
+    compose_anew,
+    name_of,
+    nodes_of,
+    splats_of,
+    the_capture,
+    the_node_muted,
+)
+from scenes import read_png
 
-from frog_blender import carrier, composed_checks, composed_renders, compositor, playback
-
-
-def card(collection, place, size=0.4, color=(0.9, 0.1, 0.8)):
-    """A glowing square in the plane x, z."""
-    mesh = bpy.data.meshes.new("card")
-    corners = [(-size, 0, -size), (size, 0, -size), (size, 0, size), (-size, 0, size)]
-    mesh.from_pydata(corners, [], [(0, 1, 2, 3)])
-    obj = bpy.data.objects.new("card", mesh)
-    obj.location = place
-    mesh.materials.append(glowing(color))
-    collection.objects.link(obj)
-    return obj
-
-
-def collection_in(parent, name):
-    made = bpy.data.collections.new(name)
-    parent.children.link(made)
-    return made
-
-
-def compose(scene):
-    assert bpy.ops.frog.compose(engine="CYCLES") == {"FINISHED"}
-    scene.cycles.samples, scene.cycles.use_denoising = 1, False
-
-
-@pytest.fixture
-def composed(empty, static_rig):
-    """A scene of a capture and two cards, one of them in a collection, after the button was pressed."""
-    assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
-    card(empty.collection, (0.4, 0.0, 0.0))
-    card(collection_in(empty.collection, "props"), (-0.5, 0.1, 0.2), color=(0.1, 0.8, 0.2))
-    compose(empty)
-    return empty
-
-
-def compose_anew(scene):
-    """As if the button had not been pressed before."""
-    for other in list(bpy.data.scenes):
-        if other.frog.composed_with is not None:
-            bpy.data.scenes.remove(other)
-    if hasattr(scene, "compositing_node_group"):
-        scene.compositing_node_group = None
-    else:
-        scene.node_tree.nodes.clear()
-        scene.use_nodes = False
-    compose(scene)
-
-
-def the_capture():
-    return next(playback.captures(bpy.data.objects))
-
-
-def splats_of(scene):
-    (found,) = (other for other in bpy.data.scenes if other.frog.composed_with == scene)
-    return found
-
-
-def cameras(scene):
-    return sorted((obj for obj in scene.objects if obj.type == "CAMERA"), key=lambda obj: obj.name)
-
-
-def nodes_of(scene, kind):
-    return [node for node in compositor.tree_of(scene).nodes if node.type == kind]
-
-
-# ------------------------------------------------------------------------------------------------ what is followed
+from frog_blender import carrier, composed_renders, compositor, playback
 
 
 def another_camera(scene):
@@ -98,12 +42,6 @@ def a_camera_that_is_not_rendered(scene):
     scene.camera = cameras(scene)[2].copy()
     hidden.objects.link(scene.camera)
     scene.view_layers[0].layer_collection.children["cameras"].exclude = True
-
-
-def a_region(scene):
-    scene.render.use_border = True
-    scene.render.border_min_x, scene.render.border_max_x = 0.2, 0.7
-    scene.render.border_min_y, scene.render.border_max_y = 0.1, 0.9
 
 
 def a_cropped_region(scene):
@@ -302,21 +240,6 @@ FOLLOWED = [
 ]
 
 
-def name_of(change):
-    return change.__name__
-
-
-@pytest.fixture
-def in_a_window(monkeypatch):
-    """A function after which renders run as they do in a window, as if in a thread that must not change the scene."""
-
-    def begin():
-        for module in (composed_checks, composed_renders):
-            monkeypatch.setattr(module, "is_main_thread", lambda: False)
-
-    return begin
-
-
 @pytest.mark.parametrize("window", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["script", "window"])
 @pytest.mark.parametrize("change", FOLLOWED, ids=name_of)
 def test_it_is_followed(composed, rendered, change, window, in_a_window):
@@ -326,7 +249,7 @@ def test_it_is_followed(composed, rendered, change, window, in_a_window):
     change(composed)
     scene = bpy.context.scene  # which undo makes anew
     found = rendered(scene)
-    assert not composed_renders._to_say or change in (captures_hidden, captures_deleted)
+    assert not composed_renders.said or change in (captures_hidden, captures_deleted)
     assert found.shape != before.shape or (found != before).any(), "the change shows"
     if change is captures_deleted:
         assert not next(playback.captures(bpy.data.objects), None)
@@ -334,11 +257,6 @@ def test_it_is_followed(composed, rendered, change, window, in_a_window):
     else:
         compose_anew(scene)
     np.testing.assert_array_equal(found, rendered(scene))
-
-
-def the_node_muted(scene):
-    (over,) = nodes_of(scene, "ALPHAOVER")
-    over.mute = True
 
 
 def the_node_unlinked(scene):
@@ -378,219 +296,6 @@ def test_captures_that_frog_no_longer_draws_are_drawn_by_the_other_engine(empty,
     np.testing.assert_array_equal(rendered(empty), before)
     compose(empty)
     np.testing.assert_array_equal(rendered(empty), both)
-
-
-# ------------------------------------------------------------------------------------------------- what is refused
-
-
-def a_file_gone(scene):
-    playback.file_of(the_capture()).unlink()
-    return "found no file"
-
-
-def a_file_spoiled(scene):
-    file = playback.file_of(the_capture())
-    file.write_bytes(file.read_bytes()[:2000])
-    return file.name
-
-
-def an_uneven_scale(scene):
-    the_capture().scale.z = 2.0
-    return "scaled unevenly"
-
-
-def a_fisheye(scene):
-    scene.camera.data.type = "PANO"
-    return "expected a perspective"
-
-
-def frog_for_both(scene):
-    scene.render.engine = "FROG"
-    return "is rendered by FRoG"
-
-
-def a_single_layer(scene):
-    scene.render.use_single_layer = True
-    return "renders a single layer"
-
-
-def the_nodes_grouped(scene):
-    """As Ctrl-G does, into a group of their own."""
-    if not hasattr(scene, "compositing_node_group"):
-        pytest.skip("before 5.0 no group can have Render Layers")
-    tree = compositor.tree_of(scene)
-    (over,) = nodes_of(scene, "ALPHAOVER")
-    group = bpy.data.node_groups.new("group", "CompositorNodeTree")
-    group.interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
-    inside = {}
-    for node in (over, *nodes_of(scene, "R_LAYERS")):
-        made = inside[node] = group.nodes.new(node.bl_idname)
-        if node.type == "R_LAYERS":
-            made.scene = node.scene
-    sockets = [[socket for socket in each.inputs if socket.type == "RGBA"] for each in (over, inside[over])]
-    for mine, theirs in zip(*sockets, strict=True):
-        group.links.new(inside[mine.links[0].from_node].outputs["Image"], theirs)
-    group.links.new(inside[over].outputs[0], group.nodes.new("NodeGroupOutput").inputs[0])
-    target = over.outputs[0].links[0].to_socket
-    outer = tree.nodes.new("CompositorNodeGroup")
-    outer.node_tree = group
-    tree.links.new(outer.outputs[0], target)
-    for node in inside:
-        tree.nodes.remove(node)
-    return "from within a group of nodes"
-
-
-def a_simulation(scene):
-    bpy.ops.rigidbody.world_add()
-    scene.rigidbody_world.collection = bpy.data.collections.new("bodies")
-    scene.rigidbody_world.collection.objects.link(bpy.data.objects["card"])
-    return "is moved by a simulation"
-
-
-REFUSED = [
-    *(a_file_gone, a_file_spoiled, an_uneven_scale, a_fisheye, frog_for_both, a_single_layer),
-    *(the_nodes_grouped, a_simulation),
-]
-
-
-@pytest.mark.parametrize("animation", [False, True], ids=["still", "animation"])
-@pytest.mark.parametrize(
-    "change",
-    REFUSED,
-    ids=name_of,
-)
-def test_it_is_refused_in_a_sentence(composed, tmp_path, rendered, change, animation):
-    rendered(composed)
-    sentence = change(composed)
-    bpy.context.view_layer.update()
-    before = [getattr(composed.render, name) for name in ("engine", "use_compositing", "use_sequencer")]
-    composed.frame_end = 2
-    out = tmp_path / "out"
-    composed.render.filepath = str(out / "frame")
-    with pytest.raises(RuntimeError, match=sentence):
-        bpy.ops.render.render(write_still=not animation, animation=animation)
-    assert [getattr(composed.render, name) for name in ("engine", "use_compositing", "use_sequencer")] == before
-    assert composed.frame_current == 1
-    assert not list(out.glob("*.png"))
-
-
-@pytest.mark.parametrize("kind", ["LINK_COPY", "FULL_COPY"])
-def test_a_copied_scene_is_refused_until_it_is_composed_itself(composed, rendered, kind):
-    before = rendered(composed)
-    assert bpy.ops.scene.new(type=kind) == {"FINISHED"}
-    copy = bpy.context.scene
-    assert copy != composed
-    copy.camera = cameras(copy)[2]
-    with pytest.raises(RuntimeError, match=f"run Render With My Objects in {copy.name}"):
-        bpy.ops.render.render(scene=copy.name)
-    compose(copy)
-    assert (rendered(copy) != before).any()
-    np.testing.assert_array_equal(rendered(composed), before)
-
-
-def test_scenes_that_share_their_nodes_each_have_their_own_afterwards(composed, rendered):
-    if not hasattr(composed, "compositing_node_group"):
-        pytest.skip("before 5.0 a scene has its nodes to itself")
-    before = rendered(composed)
-    assert bpy.ops.scene.new(type="LINK_COPY") == {"FINISHED"}
-    copy = bpy.context.scene
-    copy.compositing_node_group = composed.compositing_node_group
-    copy.camera = cameras(copy)[2]
-    compose(copy)
-    assert (rendered(copy) != before).any()
-    np.testing.assert_array_equal(rendered(composed), before)
-
-
-# --------------------------------------------------------------------------------- what nobody could know beforehand
-
-
-def is_striped(picture):
-    """Whether a picture is the pattern that says that there is none."""
-    magenta = (picture[..., :3] == (255, 0, 255)).all(-1)
-    black = (picture[..., :3] == 0).all(-1)
-    return (magenta | black).all() and 0.3 < magenta.mean() < 0.7
-
-
-REFUSED_IN_WINDOWS = [a_file_gone, a_file_spoiled, an_uneven_scale, a_fisheye, frog_for_both, a_simulation]
-
-
-@pytest.mark.parametrize("change", REFUSED_IN_WINDOWS, ids=name_of)
-def test_in_a_window_what_is_refused_is_no_picture_and_ends_the_animation(
-    composed, tmp_path, change, in_a_window, capfd
-):
-    """Blender goes on there whatever a handler finds, unless FRoG is the engine of the scene itself."""
-    in_a_window()
-    sentence = change(composed)
-    bpy.context.view_layer.update()
-    composed.frame_end = 4
-    composed.render.image_settings.file_format = "PNG"
-    composed.render.filepath = str(tmp_path / "out_")
-    stops = change is frog_for_both
-    with pytest.raises(RuntimeError, match=sentence) if stops else nullcontext():
-        bpy.ops.render.render(animation=True)
-    pictures = [read_png(path) for path in sorted(tmp_path.glob("out_*.png"))]
-    assert [is_striped(picture) for picture in pictures] == ([] if stops else [True])
-    assert composed.frame_current == 1 and sentence in "".join(capfd.readouterr())
-
-
-def test_in_a_window_a_copied_scene_is_refused(composed, rendered, in_a_window):
-    bpy.ops.scene.new(type="LINK_COPY")
-    in_a_window()
-    assert is_striped(rendered(bpy.context.scene))
-
-
-@pytest.mark.parametrize("error", [MemoryError(), ValueError("a fault of our own")], ids=["memory", "a bug"])
-def test_what_fails_later_is_no_picture_and_ends_the_animation(composed, tmp_path, monkeypatch, capsys, error):
-    from frog_blender import render_engine
-
-    drawn = []
-
-    def gather(depsgraph):
-        drawn.append(depsgraph.scene.frame_current)
-        if drawn[-1] == 2:
-            raise error
-        return gathered(depsgraph)
-
-    gathered = render_engine.gather
-    monkeypatch.setattr(render_engine, "gather", gather)
-    composed.frame_end = 5
-    composed.render.image_settings.file_format = "PNG"
-    composed.render.filepath = str(tmp_path / "out_")
-    bpy.ops.render.render(animation=True)
-    assert drawn == [1, 2] and composed.frame_current == 1
-    pictures = [read_png(path) for path in sorted(tmp_path.glob("out_*.png"))]
-    assert [is_striped(picture) for picture in pictures] == [False, True]
-    said = "Out of memory" if isinstance(error, MemoryError) else "a fault of our own"
-    assert said in capsys.readouterr().err
-
-
-def test_a_still_that_fails_leaves_the_scene_as_it_was(composed, monkeypatch, rendered):
-    from frog_blender import render_engine
-
-    before = rendered(composed)
-    composed.frame_set(4)
-    with monkeypatch.context() as patch:
-        patch.setattr(render_engine, "gather", lambda depsgraph: (_ for _ in ()).throw(MemoryError()))
-        assert is_striped(rendered(composed))
-    assert composed.frame_current == 4 and composed.render.engine == "CYCLES"
-    composed.frame_set(1)
-    np.testing.assert_array_equal(rendered(composed), before)
-
-
-def test_it_says_that_a_layer_rendered_alone_lacks_the_captures(composed, capsys):
-    bpy.ops.render.render(layer=composed.view_layers[0].name)
-    assert "the picture lacks the captures" in capsys.readouterr().err
-
-
-def test_it_says_once_that_no_capture_is_seen(composed, tmp_path, capsys):
-    the_capture().hide_render = True
-    composed.frame_end = 3
-    composed.render.filepath = str(tmp_path / "out_")
-    bpy.ops.render.render(animation=True)
-    assert capsys.readouterr().err.count("no capture") == 1
-
-
-# ------------------------------------------------------------------------------------------------------ further ones
 
 
 def test_an_animation_follows_cameras_sizes_and_time(composed, rendered, tmp_path):
@@ -644,27 +349,6 @@ def test_each_eye_has_its_own_splats(composed, eyes, rendered):
         camera.matrix_world = moved
         found = rendered(composed).astype(int)
         assert np.abs(found - picture).max() <= 2, "an eye is a camera that stands beside the other one"
-
-
-def test_a_scene_of_another_engine_is_not_looked_at(empty, tmp_path):
-    """Nothing of this is for scenes that were never composed, whatever their captures lack."""
-    path = write_scene(tmp_path / "gone.frog", rig_of_three())
-    bpy.ops.import_scene.frog(filepath=str(path))
-    path.unlink()
-    empty.render.engine = "CYCLES"
-    assert composed_renders.trouble(empty) == ""
-
-
-def test_other_threads_change_nothing(composed):
-    """Where Blender renders in a thread of its own, what the scene lacks is a sentence, not a change."""
-    card(composed.collection, (0.0, -0.6, -0.3))
-    said = []
-    thread = threading.Thread(target=lambda: said.append(composed_renders.trouble(composed)))
-    thread.start()
-    thread.join()
-    assert "has other objects than" in said[0]
-    bpy.context.view_layer.update()
-    assert composed_renders.trouble(composed) == ""
 
 
 def test_pictures_put_together_by_hand_have_the_region_of_the_scene_that_is_rendered(empty, static_rig, rendered):

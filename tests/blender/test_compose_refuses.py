@@ -1,0 +1,234 @@
+"""After Render With My Objects: what cannot be followed stops the render with a sentence, or is no picture."""
+
+from __future__ import annotations
+
+import threading
+from contextlib import nullcontext
+
+import bpy
+import numpy as np
+import pytest
+from composing import cameras, card, compose, is_striped, name_of, nodes_of, the_capture
+from scenes import read_png, rig_of_three, write_scene
+
+from frog_blender import composed_renders, compositor, playback
+
+
+def a_file_gone(scene):
+    playback.file_of(the_capture()).unlink()
+    return "found no file"
+
+
+def a_file_spoiled(scene):
+    file = playback.file_of(the_capture())
+    file.write_bytes(file.read_bytes()[:2000])
+    return file.name
+
+
+def an_uneven_scale(scene):
+    the_capture().scale.z = 2.0
+    return "scaled unevenly"
+
+
+def a_fisheye(scene):
+    scene.camera.data.type = "PANO"
+    return "expected a perspective"
+
+
+def frog_for_both(scene):
+    scene.render.engine = "FROG"
+    return "is rendered by FRoG"
+
+
+def a_single_layer(scene):
+    scene.render.use_single_layer = True
+    return "renders a single layer"
+
+
+def the_nodes_grouped(scene):
+    """As Ctrl-G does, into a group of their own."""
+    if not hasattr(scene, "compositing_node_group"):
+        pytest.skip("before 5.0 no group can have Render Layers")
+    tree = compositor.tree_of(scene)
+    (over,) = nodes_of(scene, "ALPHAOVER")
+    group = bpy.data.node_groups.new("group", "CompositorNodeTree")
+    group.interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
+    inside = {}
+    for node in (over, *nodes_of(scene, "R_LAYERS")):
+        made = inside[node] = group.nodes.new(node.bl_idname)
+        if node.type == "R_LAYERS":
+            made.scene = node.scene
+    sockets = [[socket for socket in each.inputs if socket.type == "RGBA"] for each in (over, inside[over])]
+    for mine, theirs in zip(*sockets, strict=True):
+        group.links.new(inside[mine.links[0].from_node].outputs["Image"], theirs)
+    group.links.new(inside[over].outputs[0], group.nodes.new("NodeGroupOutput").inputs[0])
+    target = over.outputs[0].links[0].to_socket
+    outer = tree.nodes.new("CompositorNodeGroup")
+    outer.node_tree = group
+    tree.links.new(outer.outputs[0], target)
+    for node in inside:
+        tree.nodes.remove(node)
+    return "from within a group of nodes"
+
+
+def a_simulation(scene):
+    bpy.ops.rigidbody.world_add()
+    scene.rigidbody_world.collection = bpy.data.collections.new("bodies")
+    scene.rigidbody_world.collection.objects.link(bpy.data.objects["card"])
+    return "is moved by a simulation"
+
+
+REFUSED = [
+    *(a_file_gone, a_file_spoiled, an_uneven_scale, a_fisheye, frog_for_both, a_single_layer),
+    *(the_nodes_grouped, a_simulation),
+]
+
+
+@pytest.mark.parametrize("animation", [False, True], ids=["still", "animation"])
+@pytest.mark.parametrize(
+    "change",
+    REFUSED,
+    ids=name_of,
+)
+def test_it_is_refused_in_a_sentence(composed, tmp_path, rendered, change, animation):
+    rendered(composed)
+    sentence = change(composed)
+    bpy.context.view_layer.update()
+    before = [getattr(composed.render, name) for name in ("engine", "use_compositing", "use_sequencer")]
+    composed.frame_end = 2
+    out = tmp_path / "out"
+    composed.render.filepath = str(out / "frame")
+    with pytest.raises(RuntimeError, match=sentence):
+        bpy.ops.render.render(write_still=not animation, animation=animation)
+    assert [getattr(composed.render, name) for name in ("engine", "use_compositing", "use_sequencer")] == before
+    assert composed.frame_current == 1
+    assert not list(out.glob("*.png"))
+
+
+@pytest.mark.parametrize("kind", ["LINK_COPY", "FULL_COPY"])
+def test_a_copied_scene_is_refused_until_it_is_composed_itself(composed, rendered, kind):
+    before = rendered(composed)
+    assert bpy.ops.scene.new(type=kind) == {"FINISHED"}
+    copy = bpy.context.scene
+    assert copy != composed
+    copy.camera = cameras(copy)[2]
+    with pytest.raises(RuntimeError, match=f"run Render With My Objects in {copy.name}"):
+        bpy.ops.render.render(scene=copy.name)
+    compose(copy)
+    assert (rendered(copy) != before).any()
+    np.testing.assert_array_equal(rendered(composed), before)
+
+
+def test_scenes_that_share_their_nodes_each_have_their_own_afterwards(composed, rendered):
+    if not hasattr(composed, "compositing_node_group"):
+        pytest.skip("before 5.0 a scene has its nodes to itself")
+    before = rendered(composed)
+    assert bpy.ops.scene.new(type="LINK_COPY") == {"FINISHED"}
+    copy = bpy.context.scene
+    copy.compositing_node_group = composed.compositing_node_group
+    copy.camera = cameras(copy)[2]
+    compose(copy)
+    assert (rendered(copy) != before).any()
+    np.testing.assert_array_equal(rendered(composed), before)
+
+
+REFUSED_IN_WINDOWS = [a_file_gone, a_file_spoiled, an_uneven_scale, a_fisheye, frog_for_both, a_simulation]
+
+
+@pytest.mark.parametrize("change", REFUSED_IN_WINDOWS, ids=name_of)
+def test_in_a_window_what_is_refused_is_no_picture_and_ends_the_animation(
+    composed, tmp_path, change, in_a_window, capfd
+):
+    """Blender goes on there whatever a handler finds, unless FRoG is the engine of the scene itself."""
+    in_a_window()
+    sentence = change(composed)
+    bpy.context.view_layer.update()
+    composed.frame_end = 4
+    composed.render.image_settings.file_format = "PNG"
+    composed.render.filepath = str(tmp_path / "out_")
+    stops = change is frog_for_both
+    with pytest.raises(RuntimeError, match=sentence) if stops else nullcontext():
+        bpy.ops.render.render(animation=True)
+    pictures = [read_png(path) for path in sorted(tmp_path.glob("out_*.png"))]
+    assert [is_striped(picture) for picture in pictures] == ([] if stops else [True])
+    assert composed.frame_current == 1 and sentence in "".join(capfd.readouterr())
+
+
+def test_in_a_window_a_copied_scene_is_refused(composed, rendered, in_a_window):
+    bpy.ops.scene.new(type="LINK_COPY")
+    in_a_window()
+    assert is_striped(rendered(bpy.context.scene))
+
+
+@pytest.mark.parametrize("error", [MemoryError(), ValueError("a fault of our own")], ids=["memory", "a bug"])
+def test_what_fails_later_is_no_picture_and_ends_the_animation(composed, tmp_path, monkeypatch, capsys, error):
+    from frog_blender import render_engine
+
+    drawn = []
+
+    def gather(depsgraph):
+        drawn.append(depsgraph.scene.frame_current)
+        if drawn[-1] == 2:
+            raise error
+        return gathered(depsgraph)
+
+    gathered = render_engine.gather
+    monkeypatch.setattr(render_engine, "gather", gather)
+    composed.frame_end = 5
+    composed.render.image_settings.file_format = "PNG"
+    composed.render.filepath = str(tmp_path / "out_")
+    bpy.ops.render.render(animation=True)
+    assert drawn == [1, 2] and composed.frame_current == 1
+    pictures = [read_png(path) for path in sorted(tmp_path.glob("out_*.png"))]
+    assert [is_striped(picture) for picture in pictures] == [False, True]
+    said = "Out of memory" if isinstance(error, MemoryError) else "a fault of our own"
+    assert said in capsys.readouterr().err and said in composed_renders.said[0], "in the console and in the panel"
+    composed.frame_end = 1
+    assert bpy.ops.render.render(animation=True) == {"FINISHED"} and not composed_renders.said
+
+
+def test_a_still_that_fails_leaves_the_scene_as_it_was(composed, monkeypatch, rendered):
+    from frog_blender import render_engine
+
+    before = rendered(composed)
+    composed.frame_set(4)
+    with monkeypatch.context() as patch:
+        patch.setattr(render_engine, "gather", lambda depsgraph: (_ for _ in ()).throw(MemoryError()))
+        assert is_striped(rendered(composed))
+    assert composed.frame_current == 4 and composed.render.engine == "CYCLES"
+    composed.frame_set(1)
+    np.testing.assert_array_equal(rendered(composed), before)
+
+
+def test_it_says_that_a_layer_rendered_alone_lacks_the_captures(composed, capsys):
+    bpy.ops.render.render(layer=composed.view_layers[0].name)
+    assert "the picture lacks the captures" in capsys.readouterr().err
+
+
+def test_it_says_once_that_no_capture_is_seen(composed, tmp_path, capsys):
+    the_capture().hide_render = True
+    composed.frame_end = 3
+    composed.render.filepath = str(tmp_path / "out_")
+    bpy.ops.render.render(animation=True)
+    assert capsys.readouterr().err.count("no capture") == 1
+
+
+def test_a_scene_of_another_engine_is_not_looked_at(empty, tmp_path):
+    """Nothing of this is for scenes that were never composed, whatever their captures lack."""
+    path = write_scene(tmp_path / "gone.frog", rig_of_three())
+    bpy.ops.import_scene.frog(filepath=str(path))
+    path.unlink()
+    empty.render.engine = "CYCLES"
+    assert composed_renders.trouble(empty) == ""
+
+
+def test_other_threads_change_nothing(composed):
+    """Where Blender renders in a thread of its own, what the scene lacks is a sentence, not a change."""
+    card(composed.collection, (0.0, -0.6, -0.3))
+    said = []
+    thread = threading.Thread(target=lambda: said.append(composed_renders.trouble(composed)))
+    thread.start()
+    thread.join()
+    assert "has other objects than" in said[0]
+    bpy.context.view_layer.update()
+    assert composed_renders.trouble(composed) == ""
