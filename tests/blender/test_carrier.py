@@ -60,5 +60,6 @@ def test_cycles_shows_what_the_engine_draws(empty, rendered):
         expected = picture[..., channel]
         found = (pixels[..., channel] / 255.0) ** 2.2
         correlation = np.corrcoef(expected.ravel(), found.ravel())[0, 1]
-        assert correlation > 0.98, f"{name}: {correlation:.3f}"
+        # Blender's own splats (5.3) fall off a little differently.
+        assert correlation > (0.97 if carrier.draws_splats() else 0.98), f"{name}: {correlation:.3f}"
     assert alpha.max() > 0.85 and pixels[..., :3].max() > 200

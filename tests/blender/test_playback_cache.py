@@ -267,20 +267,29 @@ def test_what_undo_brings_back_is_written_anew(empty, capture, static_rig, tmp_p
             shows(obj, path, frame - 1.0)
 
 
+def disturb(capture, seed):
+    """Changes the geometry that is being edited, by an operator of its own."""
+    if capture.type == "MESH":
+        bpy.ops.mesh.select_all(action="SELECT")
+        bpy.ops.mesh.sort_elements(type="RANDOMIZE", elements={"VERT"}, seed=seed)
+    else:
+        bpy.ops.pointcloud.select_all(action="DESELECT")
+        bpy.ops.pointcloud.select_random(seed=seed)
+        bpy.ops.pointcloud.delete()
+
+
 def test_geometry_that_somebody_changed_is_written_anew(empty, capture, static_rig):
     bpy.context.view_layer.objects.active = capture
     empty.frame_set(2)
     bpy.ops.object.mode_set(mode="EDIT")
-    bpy.ops.mesh.select_all(action="SELECT")
-    bpy.ops.mesh.sort_elements(type="RANDOMIZE", elements={"VERT"}, seed=3)
+    disturb(capture, 3)
     empty.frame_set(4)  # in edit mode there is nothing to write to
     bpy.ops.object.mode_set(mode="OBJECT")
     for frame in (5, 6):
         empty.frame_set(frame)
         shows(capture, static_rig, frame - 1.0)
     bpy.ops.object.mode_set(mode="EDIT")
-    bpy.ops.mesh.select_all(action="SELECT")
-    bpy.ops.mesh.sort_elements(type="RANDOMIZE", elements={"VERT"}, seed=4)
+    disturb(capture, 4)
     bpy.ops.object.mode_set(mode="OBJECT")
     bpy.context.view_layer.update()
     empty.frame_set(7)
