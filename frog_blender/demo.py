@@ -18,9 +18,9 @@ from .engine.atomic_files import write_atomically
 from .engine.capture.camera import Camera
 from .engine.errors import FrogError
 from .engine.evaluation.metrics import psnr, ssim
-from .engine.files import SceneHeader
 from .engine.inference.draw import draw
 from .engine.inference.scene import PlayableScene
+from .engine.scene_header import SceneHeader
 
 _KEY_INTERVAL = 4  # frames between keys of the moving camera
 

@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from frog_blender.engine.capture.camera import Camera
-from frog_blender.engine.files import SceneFile, SceneHeader
+from frog_blender.engine.files import SceneFile
 from frog_blender.engine.rasterizer.arrays import GaussianArrays
+from frog_blender.engine.scene_header import SceneHeader
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 ATTRIBUTES = tuple(field.name for field in fields(GaussianArrays))

@@ -14,10 +14,11 @@ from helpers import scene_file
 
 from frog_blender.engine import blocks, packing
 from frog_blender.engine.blocks import BLOCK
-from frog_blender.engine.files import FORMAT_VERSION, read_scene, write_scene
+from frog_blender.engine.files import read_scene, write_scene
 from frog_blender.engine.inference.draw import draw
 from frog_blender.engine.inference.scene import PlayableScene
 from frog_blender.engine.packing import BITS, pack, unpack
+from frog_blender.engine.scene_header import FORMAT_VERSION
 
 QUANTISED = [name for name, bits in BITS.items() if bits > 1]
 

@@ -11,7 +11,7 @@ import pytest
 from helpers import plain_camera
 
 from frog_blender.engine.clips import Clip, camera_path, capture_folders, find_clips, moves_alone
-from frog_blender.engine.files import SceneHeader
+from frog_blender.engine.scene_header import SceneHeader
 
 
 def header(names, *, layout="n3dv", shots=None, frames=8, path="", test=()):

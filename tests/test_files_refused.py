@@ -14,8 +14,9 @@ from helpers import MODEL, scene_file
 from frog_blender.engine import files
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.files import FORMAT_VERSION, read_scene, write_scene
+from frog_blender.engine.files import read_scene, write_scene
 from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender.engine.scene_header import FORMAT_VERSION
 
 CAPACITY = {"gaussians": 5, "dynamic": 2, "heads": ["means"], "sh_degree": 1, "reductions": []}
 

@@ -19,7 +19,7 @@ from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.video import decode, read_facts, read_picture
 from frog_blender.engine.clips import Clip
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.files import SceneHeader
+from frog_blender.engine.scene_header import SceneHeader
 from frog_blender.engine.straight_clips import clips_folder, straight_clips, straightening
 
 WIDTH, HEIGHT, FRAMES = 96, 72, 5

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..engine.files import METHODS
+from ..engine.scene_header import METHODS
 from ..engine.training.outputs import check_unused
 from ..engine.training.recipe import RECIPES
 from .arguments import add_offset_argument, offsets_of, positive, seed

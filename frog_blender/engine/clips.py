@@ -18,7 +18,7 @@ from .paths import leads_elsewhere
 
 if TYPE_CHECKING:
     from .capture.camera import Camera
-    from .files import SceneHeader
+    from .scene_header import SceneHeader
 
 _NUMBER = re.compile(r"(\D*(?:\d+\D+)*?)(\d+)(\D*)")  # the last digits of a name, and what stands around them
 

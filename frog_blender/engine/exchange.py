@@ -13,10 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from .errors import FrogError
-from .files import SceneFile, SceneHeader, read_scene, write_scene
+from .files import SceneFile, read_scene, write_scene
 from .inference.scene import CANONICAL, PlayableScene
 from .inference.transform import transform
 from .ply import read_splats, write_splats
+from .scene_header import SceneHeader
 from .spatial_order import along_curve
 
 FROM_PLY = "ply"

@@ -17,30 +17,12 @@ from typing import Any
 import numpy as np
 from safetensors.numpy import save as serialize
 
-from .atomic_files import remove_unfinished, write_atomically
+from .atomic_files import write_atomically
 from .errors import FrogError, found_instead
 from .packing import Packed, pack, unpack_scene
 from .plain_values import UnfitValue, entries, plain_json
-from .scene_header import FORMAT_VERSION, METHODS, RESHAPED, SceneHeader
+from .scene_header import SceneHeader
 from .tensor_files import read_tensors
-
-__all__ = [
-    "FADES",
-    "FORMAT_VERSION",
-    "LIFETIMES",
-    "METHODS",
-    "RESHAPED",
-    "SceneFile",
-    "SceneHeader",
-    "packed_arrays",
-    "read_scene",
-    "read_tensors",
-    "remove_unfinished",
-    "scene_bytes",
-    "settings_json",
-    "write_atomically",
-    "write_scene",
-]
 
 LIFETIMES = "lifetimes"
 """Name of the array in which bits say when groups of Gaussians can be seen."""

@@ -31,7 +31,7 @@ from .errors import FrogError
 
 if TYPE_CHECKING:
     from .capture.capture import Capture
-    from .files import SceneHeader
+    from .scene_header import SceneHeader
 
 _INDEX = "clips.json"
 _PARTIAL = ".partial-"

@@ -23,7 +23,7 @@ from ..playing.retiming import TIMING
 from .imported import cameras_of, stored_path
 
 if TYPE_CHECKING:
-    from ..engine.files import SceneHeader
+    from ..engine.scene_header import SceneHeader
 
 OPACITY = 0.5
 _MARK = "frog_clip"  # of the images that this file loads

@@ -20,7 +20,7 @@ from .transaction import all_or_nothing
 
 if TYPE_CHECKING:
     from ..engine.capture.camera import Camera
-    from ..engine.files import SceneHeader
+    from ..engine.scene_header import SceneHeader
 
 
 def materialize(

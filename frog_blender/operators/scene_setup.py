@@ -13,7 +13,7 @@ from .imported import cameras_of, placed_by
 from .transaction import values
 
 if TYPE_CHECKING:
-    from ..engine.files import SceneHeader
+    from ..engine.scene_header import SceneHeader
 
 _BACKGROUND_WORLD = "FRoG Background"
 _LAYERS = 1024  # of splats that rays of Cycles go through: as many as it allows

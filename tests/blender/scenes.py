@@ -8,8 +8,9 @@ import bpy
 import numpy as np
 
 from frog_blender.engine.capture.camera import Camera
-from frog_blender.engine.files import SceneFile, SceneHeader
+from frog_blender.engine.files import SceneFile
 from frog_blender.engine.files import write_scene as write_file
+from frog_blender.engine.scene_header import SceneHeader
 
 HIDDEN, EMBEDDING = 16, 8
 MODEL = {

@@ -8,9 +8,10 @@ from helpers import rotation_of
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.files import SceneFile, SceneHeader
+from frog_blender.engine.files import SceneFile
 from frog_blender.engine.inference.floor import camera_up, find_floor, placement, resting
 from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender.engine.scene_header import SceneHeader
 
 TURNS = [
     np.eye(3),

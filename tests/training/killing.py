@@ -23,7 +23,8 @@ import filmed as film
 
 from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.files import read_scene, read_tensors
+from frog_blender.engine.files import read_scene
+from frog_blender.engine.tensor_files import read_tensors
 from frog_blender.engine.training import job as job_module
 from frog_blender.engine.training.checkpoint import checkpoint_path, load_checkpoint, save_checkpoint
 from frog_blender.engine.training.events import Started

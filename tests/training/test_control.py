@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.files import read_scene, read_tensors
+from frog_blender.engine.files import read_scene
+from frog_blender.engine.tensor_files import read_tensors
 from frog_blender.engine.training import events, loop, preview
 from frog_blender.engine.training.checkpoint import checkpoint_path, checkpoint_settings
 from frog_blender.engine.training.control import Control

@@ -21,9 +21,10 @@ from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.evaluation.metrics import psnr
-from frog_blender.engine.files import read_scene, read_tensors
+from frog_blender.engine.files import read_scene
 from frog_blender.engine.inference.draw import draw
 from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender.engine.tensor_files import read_tensors
 from frog_blender.engine.training import events, job, loop, rescue, trainer
 from frog_blender.engine.training.checkpoint import checkpoint_path
 from frog_blender.engine.training.job import TrainingJob, run_training

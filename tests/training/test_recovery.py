@@ -13,7 +13,8 @@ import torch
 from stepping import train
 
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.files import read_scene, read_tensors
+from frog_blender.engine.files import read_scene
+from frog_blender.engine.tensor_files import read_tensors
 from frog_blender.engine.training import events, job, losses
 from frog_blender.engine.training.checkpoint import checkpoint_path, load_checkpoint, save_checkpoint
 from frog_blender.engine.training.job import TrainingJob, run_training

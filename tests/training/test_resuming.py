@@ -13,7 +13,8 @@ from typing import Any
 import pytest
 
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.files import read_scene, read_tensors
+from frog_blender.engine.files import read_scene
+from frog_blender.engine.tensor_files import read_tensors
 from frog_blender.engine.training import events, resuming
 from frog_blender.engine.training.checkpoint import checkpoint_path, write_checkpoint
 from frog_blender.engine.training.job import TrainingJob, run_training

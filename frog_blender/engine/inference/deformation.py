@@ -14,11 +14,12 @@ from typing import Any
 import numpy as np
 
 from ..errors import FrogError, brief
-from ..files import FADES, LIFETIMES, RESHAPED
+from ..files import FADES, LIFETIMES
 from ..model.fading import Fades
 from ..model.first_layer import first_layer
 from ..rasterizer.arrays import GaussianArrays
 from ..rasterizer.native_deformation import FieldShape, PlayedField
+from ..scene_header import RESHAPED
 from .frame_memory import FrameMemory
 from .groups import group_count, grouped, network_in_columns
 from .lifetimes import GroupLifetimes

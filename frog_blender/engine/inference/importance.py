@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from ..capture.camera import Camera
-from ..files import SceneHeader
 from ..rasterizer.arrays import GaussianArrays
 from ..rasterizer.native import Frame
 from ..rasterizer.options import RasterizeOptions
+from ..scene_header import SceneHeader
 from .scene import PlayableScene
 
 _LOOKS = 8  # pictures at most: a second for 200,000 Gaussians

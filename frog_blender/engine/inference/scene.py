@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 
 from ..capture.time import frame_to_time
-from ..files import FADES, LIFETIMES, RESHAPED, SceneFile, SceneHeader, read_scene
+from ..files import FADES, LIFETIMES, SceneFile, read_scene
 from ..rasterizer.arrays import GaussianArrays
+from ..scene_header import RESHAPED, SceneHeader
 from .deformation import PlayableDeformation
 from .frame_memory import FrameMemory
 from .lifetimes import GroupLifetimes

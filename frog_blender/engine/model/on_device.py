@@ -14,8 +14,9 @@ import torch
 from ..capture.camera import Camera
 from ..capture.time import frame_to_time
 from ..errors import FrogError
-from ..files import FADES, LIFETIMES, RESHAPED, SceneFile
+from ..files import FADES, LIFETIMES, SceneFile
 from ..rasterizer import GaussianArrays, rasterize
+from ..scene_header import RESHAPED
 from .canonical import ATTRIBUTES, CanonicalField
 from .fading import Fades
 from .frog import Frog, FrogSettings

@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 
-from ..files import FADES, RESHAPED, SceneFile
+from ..files import FADES, SceneFile
 from ..inference.scene import PlayableScene
 from ..model.fading import as_tracks
 from ..packing import pack
 from ..rasterizer import GaussianArrays
+from ..scene_header import RESHAPED
 from .compacting import comes_and_goes, in_groups, in_order, milliseconds_between, played_by
 from .motion import FAINT, SHAPE, STATE
 from .parsimony import Parsimony, Reduction

@@ -17,10 +17,11 @@ from torch import nn
 
 from ..atomic_files import write_atomically
 from ..errors import FrogError, brief, found_instead
-from ..files import read_tensors, settings_json
+from ..files import settings_json
 from ..model.canonical import ATTRIBUTES
 from ..model.deformation import UNITS
 from ..model.frog import Frog
+from ..tensor_files import read_tensors
 from .density import COLLECTED
 from .fitting import fitting
 from .motion import Motion

@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 
-from ..files import FADES, LIFETIMES, RESHAPED, SceneFile, packed_arrays
+from ..files import FADES, LIFETIMES, SceneFile, packed_arrays
 from ..inference.deformation import PlayableDeformation
 from ..inference.lifetimes import lifetimes, of_groups, share_deformed, together
 from ..inference.scene import PlayableScene, rows_of
 from ..packing import unpack
 from ..rasterizer import GaussianArrays
+from ..scene_header import RESHAPED
 from ..spatial_order import neighbours_together
 from .parsimony import Parsimony, Reduction
 

@@ -12,9 +12,10 @@ import torch
 
 from ..atomic_files import write_atomically
 from ..errors import FrogError, reason
-from ..files import SceneFile, SceneHeader, scene_bytes, settings_json
+from ..files import SceneFile, scene_bytes, settings_json
 from ..inference.scene import CANONICAL, PlayableScene, rows_of
 from ..model.canonical import ATTRIBUTES
+from ..scene_header import SceneHeader
 from .attributes import spare_attributes
 from .budget import fit_within, keep_within
 from .compacting import arranged, compactions, played_by
