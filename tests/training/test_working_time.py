@@ -10,7 +10,7 @@ from helpers import run_python
 
 from frog_blender.engine.training import working_time
 from frog_blender.engine.training.trainer import Trainer
-from frog_blender.engine.training.working_time import WorkingTime
+from frog_blender.engine.training.working_time import worked_since
 
 
 class Clocks:
@@ -39,9 +39,9 @@ class Clocks:
 )
 def test_what_counts(monkeypatch: pytest.MonkeyPatch, passed: float, computed: float, counted: float) -> None:
     clocks = Clocks(monkeypatch)
-    time_of_work = WorkingTime()
+    began = clocks.passed, clocks.computed
     clocks.go_on(passed, computed)
-    assert time_of_work.seconds == pytest.approx(counted)
+    assert worked_since(*began) == pytest.approx(counted)
 
 
 def test_a_training_stopped_for_an_hour_takes_its_steps(
@@ -65,15 +65,15 @@ def test_a_training_stopped_for_an_hour_takes_its_steps(
 def test_a_process_that_is_really_stopped() -> None:
     code = """
 import os, signal, time
-from frog_blender.engine.training.working_time import WorkingTime
+from frog_blender.engine.training.working_time import worked_since
 child = os.fork()
 if child == 0:  # wakes its parent
     time.sleep(1.5)
     os.kill(os.getppid(), signal.SIGCONT)
     os._exit(0)
-began, working = time.perf_counter(), WorkingTime()
+began = time.perf_counter(), time.process_time()
 os.kill(os.getpid(), signal.SIGSTOP)
-print(time.perf_counter() - began - working.seconds)
+print(time.perf_counter() - began[0] - worked_since(*began))
 os.waitpid(child, 0)
 """
     done = run_python(code)

@@ -115,8 +115,6 @@ def _as_it_is(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[st
     try:
         scene = _scene(job, trainer, scale, metrics)
         return Built(scene, scene_bytes(scene))
-    except MemoryError:
-        raise
     except Exception as error:  # figures that no header holds, a report that cannot be made
         scene = _scene(job, trainer, scale, {}, report=False)
         return Built(scene, scene_bytes(scene), f"The scene's file has no report ({reason(error)}).")

@@ -6,6 +6,7 @@ from . import patient_threads  # noqa: F401
 
 # isort: split
 import math
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -38,7 +39,7 @@ from .sampling import inject_anchors
 from .schedule import Every, ShotPicker, ramp
 from .smoothness import SMOOTHED_EVERY, Neighbourhood
 from .start import first_model, scale_of
-from .working_time import WorkingTime
+from .working_time import worked_since
 
 Played = Callable[[float], GaussianArrays]
 """A scene's Gaussians at a time in [0, 1]."""
@@ -170,7 +171,8 @@ class Trainer:
             self._step()
 
     def _step(self) -> None:
-        before, working = self.progress, WorkingTime()
+        started = time.perf_counter(), time.process_time()
+        before = self.progress
         self.settle()
         self.optimizer.schedule(before)
         shot = self._next_shot(before)
@@ -202,10 +204,11 @@ class Trainer:
         if self.exposures and self.exposures.listens(camera_index, self.step_count, before):
             self.exposures.observe(camera_index, camera, image.rgb, pixels)
         self.step_count += 1
-        self.seconds += working.seconds
-        self.progress, working = self._progress_now(), WorkingTime()
+        self.seconds += worked_since(*started)
+        self.progress = self._progress_now()
+        started = time.perf_counter(), time.process_time()
         self._rounds(before, self.progress, shot)
-        self.seconds += working.seconds
+        self.seconds += worked_since(*started)
 
     def _regularize(self) -> None:
         """Adds the gradients of what keeps the model smooth, of SMOOTHED_EVERY steps at once."""

@@ -7,20 +7,13 @@ import time
 _UNDOUBTED = 0.5  # seconds, which a step may take on a computer that has other things to do
 
 
-class WorkingTime:
-    """Runs from when it is made.
+def worked_since(clock: float, processors: float) -> float:
+    """Seconds of work since ``time.perf_counter()`` was ``clock`` and ``time.process_time()`` was ``processors``.
 
     What computes takes at least as much time of processors as of the clock, and a process that is stopped (Ctrl-Z, a
     laptop's lid) takes none.
     """
-
-    def __init__(self) -> None:
-        self._clock, self._processors = time.perf_counter(), time.process_time()
-
-    @property
-    def seconds(self) -> float:
-        """So far."""
-        passed = time.perf_counter() - self._clock
-        if passed <= _UNDOUBTED:
-            return passed
-        return min(passed, max(_UNDOUBTED, time.process_time() - self._processors))
+    passed = time.perf_counter() - clock
+    if passed <= _UNDOUBTED:
+        return passed
+    return min(passed, max(_UNDOUBTED, time.process_time() - processors))
