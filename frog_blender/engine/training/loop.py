@@ -129,7 +129,6 @@ def _scene(
     job: TrainingJob, trainer: Trainer, scale: float, recovery: Recovery, room: Room
 ) -> Generator[Event, None, tuple[Path, SceneFile]]:
     """Writes the scene; where it is, and what it holds. Nothing that may be left out can cost it."""
-    drop_broken(trainer)
     try:
         fit_budget(job, trainer, scale)
     except FrogError:  # a budget that cannot be kept: the checkpoint is there for a larger one
@@ -146,6 +145,7 @@ def _scene(
         yield events.Evaluated(trainer.step_count, psnr, split, trainer.seconds)
     except Exception as error:
         yield events.Warned(f"How good the scene is could not be measured ({reason(error)}).")
+    drop_broken(trainer)
     built = build_scene(job, trainer, scale, metrics)
     if built.said:
         yield events.Warned(built.said)
