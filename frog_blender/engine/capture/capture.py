@@ -17,8 +17,6 @@ import numpy as np
 from ..errors import FrogError
 from .camera import Camera
 
-MOST_SIDE, MOST_PIXELS = 65_536, 2**26
-"""Pixels of a picture's width or height, and of the whole picture: of more no scene can be written."""
 MOST_FRAMES = 1_000_000
 """Moments of a capture: nine hours at 30 a second. What claims more is mistaken."""
 MOST_PICTURES = 4_000_000

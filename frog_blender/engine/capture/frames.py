@@ -20,7 +20,8 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import FrogError, found_instead
-from .capture import MOST_PIXELS, MOST_SIDE, Capture, Distortion, Shot
+from .camera import MOST_PIXELS, MOST_SIDE
+from .capture import Capture, Distortion, Shot
 from .decoding import decode_shots
 from .sharing import only_here, shared_file
 

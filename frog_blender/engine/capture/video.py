@@ -16,7 +16,7 @@ import numpy as np
 from ..errors import FrogError, found_instead
 from ..imports import is_missing, not_loaded
 from ..regular_file import regular_file
-from .capture import MOST_SIDE
+from .camera import MOST_SIDE
 from .picture_header import size_in_header
 
 VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm"})

@@ -12,7 +12,8 @@ import numpy as np
 
 from ...errors import FrogError, found_instead
 from ...regular_file import regular_file
-from ..capture import MOST_FRAMES, MOST_PICTURES, MOST_SIDE, Capture, Shot
+from ..camera import MOST_SIDE
+from ..capture import MOST_FRAMES, MOST_PICTURES, Capture, Shot
 from ..video import VideoFacts
 
 FARTHEST = 1e12
