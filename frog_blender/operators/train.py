@@ -12,7 +12,7 @@ from bpy.props import BoolProperty
 
 from .. import background
 from ..engine.errors import FrogError, found_instead
-from ..engine.training.outputs import is_of_another, unused_output
+from ..engine.training.outputs import checkpoint_path, is_of_another, unused_output
 from ..ui import capture_summary, preferences
 from .trained import importer
 
@@ -126,7 +126,7 @@ def request_of(settings: Any, resume: bool = False) -> background.TrainingReques
         raise FrogError("No output is chosen: name the .frog file to write.")
     output = output_of(settings)
     if resume and is_of_another(output, capture):
-        raise found_instead(f"{output}.checkpoint", "a training of another capture", f"one of {capture}")
+        raise found_instead(checkpoint_path(output), "a training of another capture", f"one of {capture}")
     return background.TrainingRequest(
         capture,
         output if resume else unused_output(output),
@@ -138,6 +138,7 @@ def request_of(settings: Any, resume: bool = False) -> background.TrainingReques
         device=settings.device,
         preview_camera=settings.preview_camera or None,
         resume=resume,
+        overwrite=False,
     )
 
 
@@ -155,7 +156,7 @@ def can_resume(settings: Any) -> bool:
         output = output_of(settings)
     except FrogError:
         return False
-    if not Path(f"{output}.checkpoint").is_file():
+    if not checkpoint_path(output).is_file():
         return False
     return not is_of_another(output, Path(bpy.path.abspath(settings.capture_folder)))
 
