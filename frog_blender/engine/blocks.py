@@ -13,6 +13,7 @@ import numpy as np
 
 BLOCK = 256
 """Rows that share a range."""
+_TOGETHER = 16 * BLOCK  # rows that are unpacked at once, so that what is in between stays small
 APART_BYTES = 8
 """Of a number that stands apart: where it belongs, and its float32."""
 _WIDEST = 12.0  # a range in extents of the nearest half of its numbers; of a normal distribution it is 4 of them
@@ -72,8 +73,12 @@ def from_stored(content: bytes, rows: int, columns: int, bits: int, apart: int) 
     middle, end = len(content) - APART_BYTES * apart, len(content) - APART_BYTES // 2 * apart
     kind = np.uint8 if bits == 8 else np.dtype("<u2")
     levels = from_significance(content[ranges.nbytes : middle], bits // 8).view(kind).reshape(columns, rows).T
-    block = np.arange(rows) // BLOCK
-    found = (ranges[0][block] + levels.astype(np.float32) * ranges[1][block]).astype(np.float32)
+    found = np.empty((rows, columns), np.float32)
+    for begin in range(0, rows, _TOGETHER):
+        some = slice(begin, begin + _TOGETHER)
+        block = np.arange(begin, min(begin + _TOGETHER, rows)) // BLOCK
+        np.multiply(np.ascontiguousarray(levels[some]), ranges[1][block], out=found[some])
+        found[some] += ranges[0][block]
     if apart:
         places = from_significance(content[middle:end], 4).view("<u4").cumsum(dtype=np.int64)
         if places[-1] >= rows * columns:
