@@ -68,19 +68,20 @@ PRELOAD = $(shell $(CXX) -print-file-name=libasan.so):$(shell $(CXX) -print-file
 POOL := frog_blender/engine/rasterizer/src
 
 test-sanitizers: setup
-	mkdir -p $(SANITIZED)
+	mkdir -p $(SANITIZED)/fuzz
 	$(CXX) -std=c++17 -O1 -g -fsanitize=thread -I$(POOL) tests/rasterizer/thread_pool_races.cpp $(POOL)/thread_pool.cpp \
 		-pthread -o $(SANITIZED)/races
 	$(SANITIZED)/races
 	$(BIN)/cmake -S . -B $(SANITIZED) -G Ninja -DCMAKE_MAKE_PROGRAM=$(abspath $(BIN))/ninja \
 		-DCMAKE_BUILD_TYPE=RelWithDebInfo -DCMAKE_CXX_COMPILER=$(CXX) -DFROG_SANITIZE=ON
 	$(BIN)/cmake --build $(SANITIZED)
-	for set in avx512 avx2 baseline; do FROG_INSTRUCTION_SET=$$set LD_PRELOAD=$(PRELOAD) \
+	for set in avx512 avx2 baseline; do export FROG_INSTRUCTION_SET=$$set LD_PRELOAD="$(PRELOAD)" \
 		FROG_NATIVE_LIBRARY=$(abspath $(SANITIZED))/libfrog_native.so ASAN_OPTIONS=detect_leaks=0:halt_on_error=1 \
-		UBSAN_OPTIONS=halt_on_error=1:print_stacktrace=1 \
+		UBSAN_OPTIONS=halt_on_error=1:print_stacktrace=1; \
 		$(BIN)/python -m pytest -q --capture=sys -p no:cacheprovider --ignore=tests/rasterizer/cuda \
 		tests/rasterizer tests/model/test_fused.py tests/inference \
-		tests/training/test_adam.py tests/training/test_losses.py || exit 1; done
+		tests/training/test_adam.py tests/training/test_losses.py || exit 1; \
+		$(BIN)/python tests/fuzzing/worker.py $(abspath $(SANITIZED))/fuzz 4 0 5000 || exit 1; done
 
 # The oldest Blender that the add-on supports, as a module in an environment of its own.
 BPY45 := .venv-bpy45
