@@ -8,6 +8,7 @@ import random
 import struct
 import zlib
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 HOSTILE: list[Any] = [
@@ -149,7 +150,11 @@ def _opened(content: bytes) -> tuple[dict[str, Any], dict[str, Any], bytes]:
     """The header, what of its metadata is JSON, and the arrays' bytes."""
     size = _header_size(content)
     header = json.loads(content[8 : 8 + size])
-    return header, {name: json.loads(text) for name, text in header["__metadata__"].items()}, content[8 + size :]
+    texts = {}
+    for name, text in header["__metadata__"].items():
+        with suppress(ValueError):  # a bake's are no JSON
+            texts[name] = json.loads(text)
+    return header, texts, content[8 + size :]
 
 
 def _closed(header: dict[str, Any], texts: dict[str, Any], payload: bytes) -> bytes:

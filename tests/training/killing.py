@@ -27,7 +27,7 @@ from frog_blender.engine.files import read_scene
 from frog_blender.engine.tensor_files import read_tensors
 from frog_blender.engine.training import job as job_module
 from frog_blender.engine.training.checkpoint import checkpoint_path, load_checkpoint, save_checkpoint
-from frog_blender.engine.training.events import Started
+from frog_blender.engine.training.events import Progress
 from frog_blender.engine.training.job import TrainingJob, run_training
 from frog_blender.engine.training.recipe import recipe
 from frog_blender.engine.training.trainer import Limits, Trainer
@@ -67,7 +67,7 @@ def killed_after(process: int, seconds: float, begun: int | None = None) -> bool
 def train(task: TrainingJob, begun: int | None = None) -> None:
     resume = checkpoint_path(task.output).is_file()
     for event in run_training(replace(task, resume=resume)):
-        if begun is not None and isinstance(event, Started):
+        if begun is not None and isinstance(event, Progress):
             os.write(begun, b".")
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import statistics
 import time
 from collections.abc import Callable
@@ -26,18 +25,15 @@ if TYPE_CHECKING:
 
 _WORTH_IT = 0.9  # of the groups that move: where more are deformed at a moment, lifetimes save nothing to speak of
 _TIMED = 15  # moments
-_THINNEST = 200.0  # times an axis may be thinner than the median of all: a hundredth of a pixel, or less
 
 
 def arranged(scene: SceneFile, finished: bool = True) -> SceneFile:
     """Neighbours together, each kind of Gaussians in its place; and when training is ``finished``, of those that are
     deformed, those that live at the same times, where that spares playback some of them, which the array ``lifetimes``
-    then says (see inference.lifetimes). None is thinner than anybody could see."""
+    then says (see inference.lifetimes)."""
     deformed, fading = len(scene.arrays.get("embeddings", ())), len(scene.arrays.get(FADES, ()))
     reshaped = scene.header.model.get(RESHAPED, deformed)
-    near = in_order(
-        _no_thinner(scene), neighbours_together(scene.arrays["means"], reshaped, deformed, deformed + fading)
-    )
+    near = in_order(scene, neighbours_together(scene.arrays["means"], reshaped, deformed, deformed + fading))
     if not finished or not comes_and_goes(near):
         return near
     lives = _lives(near)
@@ -45,13 +41,6 @@ def arranged(scene: SceneFile, finished: bool = True) -> SceneFile:
     found = in_order(near, np.concatenate([order, np.arange(deformed, len(near.arrays["means"]))]))
     lives = lives[:, order] | _lives(as_packed(found))  # whose opacities are others, by a little
     return SceneFile(scene.header, found.arrays | {LIFETIMES: of_groups(lives)})
-
-
-def _no_thinner(scene: SceneFile) -> SceneFile:
-    """Axes that training let shrink to nothing would widen the steps in which a packed block tells all others apart."""
-    log_scales = scene.arrays["log_scales"]
-    least = np.float32(np.median(log_scales) - math.log(_THINNEST))
-    return SceneFile(scene.header, scene.arrays | {"log_scales": np.maximum(log_scales, least)})
 
 
 def in_groups(scene: SceneFile) -> bool:

@@ -46,7 +46,7 @@ def choose_device(name: str) -> tuple[torch.device, str]:
         device = torch.device("cuda", torch.cuda.current_device())
         _draw_one_gaussian(device)
     except Exception as error:  # of the driver, the compiler, the kernels: whatever it is, the CPU can go on
-        reason = (str(error).strip() or type(error).__name__).splitlines()[0].rstrip(".")  # a compiler's log follows
+        reason = (str(error).strip() or type(error).__name__).splitlines()[0].rstrip(".")
         if name == "cuda":
             raise FrogError(f"The device 'cuda' cannot be used: {reason}.") from error
         return cpu, f"The GPU is left aside, training on the CPU: {reason}."

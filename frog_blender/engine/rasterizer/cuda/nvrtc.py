@@ -136,7 +136,7 @@ class Compiler:
             )
             if status:
                 log = self._get(program, "ProgramLog").rstrip(b"\0").decode(errors="replace")
-                raise FrogError(f"The CUDA kernel {kernel} did not compile for {target}.\n{log}")
+                raise FrogError(f"The CUDA kernel {kernel} did not compile for {target}.") from RuntimeError(log)
             return self._get(program, "CUBIN" if target.startswith("sm_") else "PTX")
         finally:
             self._library.nvrtcDestroyProgram(byref(program))
