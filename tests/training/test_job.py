@@ -6,6 +6,7 @@ import gc
 import itertools
 import json
 import os
+import weakref
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
@@ -71,6 +72,26 @@ def test_old_objects_are_left_alone_while_it_trains_and_when_nobody_listens_any_
     assert gc.get_freeze_count() > 0
     stream.close()
     assert gc.get_freeze_count() == 0
+
+
+def test_what_a_training_held_is_free_when_it_ends(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without a collector's help, which is rare in a Blender: the frames' lock would keep a full disk full."""
+    trained: list[weakref.ref[Trainer]] = []
+    train = loop.train
+
+    def watched(job: TrainingJob, trainer: Trainer, *others: Any) -> Any:
+        trained.append(weakref.ref(trainer))
+        return train(job, trainer, *others)
+
+    monkeypatch.setattr(job, "train", watched)
+    gc.collect()
+    gc.disable()
+    try:
+        for _ in run_training(task):
+            pass
+        assert len(trained) == 1 and trained[0]() is None
+    finally:
+        gc.enable()
 
 
 def test_a_capture_that_no_scene_could_tell_of_is_refused_before_the_first_step(

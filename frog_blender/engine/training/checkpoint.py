@@ -6,6 +6,7 @@ from . import patient_threads  # noqa: F401
 
 # isort: split
 import json
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -163,9 +164,9 @@ def _parsimony_state(trainer: Trainer) -> dict[str, Any]:
     return {"seed": trainer.parsimony.seed, "reductions": [asdict(each) for each in trainer.parsimony.reductions]}
 
 
-def _read(path: Path) -> State:
+def _read(path: Path, wanted: Callable[[str], bool] = lambda name: True) -> State:
     """FrogError when the file is none that ``write_checkpoint`` wrote, or of another version."""
-    arrays, metadata = read_tensors(path, _WHAT)
+    arrays, metadata = read_tensors(path, _WHAT, wanted)
     try:
         values = json.loads(metadata[_KEY])
         version, settings = values["version"], values["settings"]
@@ -180,7 +181,7 @@ def _read(path: Path) -> State:
 
 def checkpoint_settings(path: Path) -> dict[str, Any]:
     """What ``save_checkpoint`` was given; FrogError when the file cannot be used."""
-    settings: dict[str, Any] = _read(path)[1]["settings"]
+    settings: dict[str, Any] = _read(path, wanted=lambda name: False)[1]["settings"]
     return settings
 
 

@@ -73,6 +73,7 @@ def train(job: TrainingJob, trainer: Trainer, scale: float, control: Control) ->
         raise
     finally:
         room.give_back()
+        trainer.before_round = lambda: None  # the other one would hold on to the trainer, its frames and their lock
     yield events.Saved(str(place))
     if not trainer.finished:
         yield events.Cancelled(trainer.step_count, str(place))

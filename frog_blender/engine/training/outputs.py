@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import json
 import os
-import stat
 from collections.abc import Iterator
 from functools import lru_cache
 from itertools import count
 from pathlib import Path
 
-from safetensors import SafetensorError, safe_open
-
 from ..atomic_files import LONGEST_NAME, beginning
 from ..errors import FrogError
 from ..paths import leads_elsewhere
+from ..tensor_files import read_tensors
 
 
 def checkpoint_path(scene: str | Path) -> Path:
@@ -94,18 +92,15 @@ def trained_from(path: Path) -> str:
         status = path.stat()
     except OSError:
         return ""
-    if not stat.S_ISREG(status.st_mode):  # a pipe would let the panel wait for ever
-        return ""
     return _named_by(str(path), status.st_mtime_ns, status.st_size)
 
 
 @lru_cache(maxsize=32)
 def _named_by(path: str, _changed: int, _size: int) -> str:
     try:
-        with safe_open(path, framework="numpy") as file:
-            metadata = file.metadata() or {}
+        _, metadata = read_tensors(path, "a .frog scene or a checkpoint", wanted=lambda name: False)
         if "frog" in metadata:
             return str(json.loads(metadata["frog"])["capture_path"])
         return str(json.loads(metadata["frog-checkpoint"])["settings"]["capture"])
-    except (SafetensorError, OSError, ValueError, TypeError, KeyError, RecursionError):
+    except (FrogError, ValueError, TypeError, KeyError, RecursionError):
         return ""
