@@ -180,16 +180,14 @@ def begin() -> None:
 
 @persistent
 def _on_other_file(*_: Any) -> None:
-    """What was opened, undone or redone may be of any age."""
+    """What was opened, appended, pasted, undone or redone may be of any age, and was made beside other scenes."""
     begin()
 
 
 def _handlers() -> app_handlers.Handlers:
     on = bpy.app.handlers
-    return [
-        (on.depsgraph_update_post, _on_update),
-        *((functions, _on_other_file) for functions in (on.load_post, on.undo_post, on.redo_post)),
-    ]
+    others = (on.load_post, on.blend_import_post, on.undo_post, on.redo_post)
+    return [(on.depsgraph_update_post, _on_update), *((functions, _on_other_file) for functions in others)]
 
 
 def register() -> None:

@@ -20,7 +20,7 @@ from composing import (
 )
 from scenes import read_png
 
-from frog_blender import carrier, composed_renders, compositor, playback
+from frog_blender import carrier, composed_checks, composed_renders, compositor, playback
 
 
 def another_camera(scene):
@@ -296,6 +296,20 @@ def test_captures_that_frog_no_longer_draws_are_drawn_by_the_other_engine(empty,
     np.testing.assert_array_equal(rendered(empty), before)
     compose(empty)
     np.testing.assert_array_equal(rendered(empty), both)
+
+
+@pytest.mark.parametrize("link", [False, True], ids=["appended", "linked"])
+def test_a_capture_from_a_composed_file_is_drawn_by_the_other_engine(composed, tmp_path, link):
+    """Beside it comes no scene in which FRoG would draw it."""
+    name, composed_file = the_capture().name, str(tmp_path / "composed.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=composed_file)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    (bpy.ops.wm.link if link else bpy.ops.wm.append)(directory=f"{composed_file}/Object/", filename=name)
+    capture, scene = the_capture(), bpy.context.scene
+    assert (capture.library is not None) == link
+    assert not capture.frog.laid_over and carrier.is_drawn_in_renders(capture)
+    scene.render.engine = "CYCLES"
+    assert composed_checks.trouble(scene) == ""
 
 
 def test_an_animation_follows_cameras_sizes_and_time(composed, rendered, tmp_path):
