@@ -14,6 +14,7 @@ from .. import background
 from ..engine.errors import FrogError, found_instead
 from ..engine.training.outputs import checkpoint_path, is_of_another, unused_output
 from ..ui import capture_summary, preferences
+from .imported import stored_path
 from .trained import importer
 
 
@@ -43,9 +44,10 @@ class FROG_OT_train(bpy.types.Operator):
             return {"CANCELLED"}
         if request.output != output_of(settings):
             self.report({"INFO"}, f"{output_of(settings)} stays: this training writes {request.output.name}.")
+            stored = stored_path(request.output)
             if settings.output_path == settings.derived_output:  # another capture still changes it
-                settings.derived_output = str(request.output)
-            settings.output_path = str(request.output)
+                settings.derived_output = stored
+            settings.output_path = stored
         return {"FINISHED"}
 
 

@@ -86,3 +86,20 @@ def test_training_into_another_captures_scene_takes_a_number(empty, captures, tm
     settings.capture_folder, settings.output_path = str(first), str(tmp_path / "mine.frog")
     assert request_of(settings).output == tmp_path / "mine_2.frog", "nor is one's own written over"
     assert can_resume(settings) and request_of(settings, resume=True).output == tmp_path / "mine.frog"
+
+
+def test_training_again_keeps_an_output_relative(empty, captures, tmp_path, monkeypatch):
+    """A project that moves goes on beside its .blend, and another capture still changes the output."""
+    settings, (first, second) = empty.frog, captures
+    settings.capture_folder = str(first)
+    paths = bpy.context.preferences.filepaths
+    monkeypatch.setattr(paths, "use_relative_paths", True)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "project.blend"))
+    settings.output_path = settings.derived_output = "//a.frog"
+    trained(tmp_path / "a.frog", first)
+    monkeypatch.setattr(train.preferences, "make_torch_importable", lambda: None)
+    monkeypatch.setattr(background, "begin", lambda events, after: None)
+    assert bpy.ops.frog.train() == {"FINISHED"}
+    assert settings.output_path == settings.derived_output == "//a_2.frog"
+    settings.capture_folder = str(second)
+    assert settings.output_path.endswith("b.frog")
