@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import glob
 import importlib.util
+import os
 import shutil
 import site
 import subprocess
@@ -14,6 +15,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from .engine.errors import FrogError, brief
@@ -97,12 +99,17 @@ class Installation:
         return not self._thread.is_alive()
 
     def _work(self) -> None:
-        prefix, parent = partial_prefix(self.folder), self.folder.parent
+        new_folder = partial(
+            tempfile.TemporaryDirectory,
+            prefix=partial_prefix(self.folder),
+            dir=self.folder.parent,
+            ignore_cleanup_errors=True,
+        )
         try:
-            with tempfile.TemporaryDirectory(prefix=prefix, dir=parent, ignore_cleanup_errors=True) as partial:
-                self._run(Path(partial))
+            with new_folder() as packages, new_folder() as scratch:
+                self._run(Path(packages), Path(scratch))
                 if not self._cancelled.is_set() and not self.error:
-                    self.folder = switch_to(Path(partial), self.folder)
+                    self.folder = switch_to(Path(packages), self.folder)
                     self.done = True
         except Exception as error:  # nobody else would hear of it
             reason = getattr(error, "strerror", None) or brief(repr(error))
@@ -110,8 +117,8 @@ class Installation:
         finally:
             self.running = False
 
-    def _run(self, partial: Path) -> None:
-        command = [*self._command, "--target", str(partial), *self._arguments, *self._packages]
+    def _run(self, target: Path, scratch: Path) -> None:
+        command = [*self._command, "--target", str(target), *self._arguments, *self._packages]
         said: list[str] = []
         self._process = subprocess.Popen(
             command,
@@ -120,7 +127,9 @@ class Installation:
             stderr=subprocess.STDOUT,
             text=True,
             errors="replace",
-            cwd=partial,  # of ours alone
+            cwd=target,  # of ours alone
+            # Where pip unpacks what it has fetched. It is ended without clearing up, and its room was looked at here.
+            env=os.environ | dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(scratch)),
         )
         if self._cancelled.is_set():  # between the two
             self._process.terminate()
@@ -132,5 +141,5 @@ class Installation:
         if self._process.wait() and not self._cancelled.is_set():
             errors = [line.removeprefix("ERROR: ") for line in said if line.startswith("ERROR")]
             self.error = f"torch could not be installed: {(errors or said or ['pip said nothing'])[-1]}"
-        elif not has_torch(partial) and not self._cancelled.is_set():
+        elif not has_torch(target) and not self._cancelled.is_set():
             self.error = f"torch could not be installed: pip brought none ({(said or ['it said nothing'])[-1]})."

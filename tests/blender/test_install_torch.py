@@ -95,6 +95,33 @@ def test_cancelled_it_leaves_nothing(tmp_path, monkeypatch):
     assert not installation.done and not installation.error and not list((tmp_path / "data").iterdir())
 
 
+@pytest.mark.parametrize("cancelled", [False, True], ids=["done", "cancelled"])
+def test_what_pip_unpacks_lies_on_the_disk_that_is_installed_on_and_goes(tmp_path, monkeypatch, cancelled):
+    """pip, which is ended without clearing up, leaves gigabytes where it unpacks."""
+    code = f"""
+import pathlib, sys, tempfile, time
+torch = pathlib.Path(sys.argv[sys.argv.index("--target") + 1]) / "torch"
+torch.mkdir()
+(torch / "__init__.py").touch()
+print(tempfile.mkdtemp(), flush=True)
+time.sleep(60 * {cancelled:d})
+"""
+    monkeypatch.setattr(torch_install, "pip_command", lambda: [sys.executable, "-c", code])
+    data = tmp_path / "data"
+    installation = Installation(data / "torch").start()
+    deadline = time.monotonic() + 20
+    while installation.line == "Starting" and time.monotonic() < deadline:
+        time.sleep(0.01)
+    if cancelled:
+        installation.cancel()
+    finished(installation)
+    unpacked = Path(installation.line)
+    assert unpacked.is_relative_to(data) and not unpacked.exists()
+    assert [str(path.relative_to(data)) for path in sorted(data.rglob("*"))] == (
+        [] if cancelled else ["torch", "torch/torch", "torch/torch/__init__.py"]
+    )
+
+
 def test_no_room_is_said_before_anything_is_fetched(tmp_path, monkeypatch):
     monkeypatch.setattr(torch_install, "_ROOM", 1e18)
     with pytest.raises(FrogError, match="GB free, torch needs"):
