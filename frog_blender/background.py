@@ -55,8 +55,6 @@ class TrainingRequest:
 
     def events(self, control: Control) -> Iterator[Any]:
         """Run the training; called on the worker, because this is what imports torch."""
-        # torch would import Triton, which nothing here needs: its LLVM and Blender's own in one process end in a crash.
-        sys.modules.setdefault("triton", None)  # type: ignore[arg-type]
         from .engine.training.estimate import remembering
         from .engine.training.job import TrainingJob, run_training
         from .engine.training.recipe import recipe

@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -133,5 +134,20 @@ def test_it_loads_no_compiler() -> None:
         "adam_on(torch.device('cpu'), [{'params': [parameter], 'lr': 0.1}]).step()\n"
         "assert parameter.lt(1).all()\n"
         "sys.exit(any(name in sys.modules for name in ('torch._dynamo', 'triton')))\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.slow
+def test_in_blender_the_compiler_goes_without_triton_and_others_do_not(tmp_path: Path) -> None:
+    (tmp_path / "triton.py").write_text("")
+    (tmp_path / "bpy.py").write_text("")
+    code = (
+        f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
+        "import bpy, torch\n"
+        "from frog_blender.engine.training.adam import adam_on\n"
+        "adam_on(torch.device('cuda'), [{'params': [torch.nn.Parameter(torch.ones(3))]}])\n"
+        "assert 'torch._dynamo' in sys.modules and 'triton' not in sys.modules\n"
+        "import triton\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import ctypes
+import sys
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import torch
@@ -78,4 +80,22 @@ def adam_on(device: torch.device, groups: list[dict[str, Any]]) -> NativeAdam | 
     """The fastest for parameters that lie on ``device``."""
     if device.type == "cpu":
         return NativeAdam(groups, eps=_EPSILON)
-    return torch.optim.Adam(groups, eps=_EPSILON, fused=True)
+    with _without_triton():
+        return torch.optim.Adam(groups, eps=_EPSILON, fused=True)
+
+
+@contextmanager
+def _without_triton() -> Iterator[None]:
+    """Keeps Triton out of a Blender that has not loaded it: making torch's optimizer imports torch's compiler, which
+    imports Triton where it is installed, and the LLVM of that and Blender's own in one process end in a crash.
+
+    Afterwards whoever else wants Triton can import it.
+    """
+    if "bpy" not in sys.modules or "triton" in sys.modules:
+        yield
+        return
+    sys.modules["triton"] = None  # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        del sys.modules["triton"]
