@@ -122,7 +122,7 @@ class TrainingTask:
             except queue.Empty:
                 if not self._has_died():
                     return done
-                event = _Ended("The training ended without a word.")
+                event = _Ended("The training stopped without giving a reason, possibly out of memory.")
             self._apply(event)
             if time.perf_counter() > deadline:
                 return done + 1
@@ -178,7 +178,9 @@ def begin(source: EventSource, on_finished: OnFinished | None = None) -> Trainin
     if is_running():
         raise FrogError("A training is running already; wait for it or cancel it first.")
     if current is not None and current.waiting:
-        raise FrogError("The last training's scene comes in when the render ends; wait for it.")
+        raise FrogError(
+            "The last scene is still waiting to be imported; finish the current render or operation first."
+        )
     task = TrainingTask(source, on_finished)
     try:
         current = task.start()
@@ -204,13 +206,19 @@ def stop() -> None:
     current.cancel()
     current._on_finished = None  # whoever stops a training does not want its result imported into what comes next
     if not current.join(PATIENCE):
-        said = f"FRoG: saving what the training has learned, which may take up to {QUIT_SECONDS:.0f} seconds."
-        print(said, file=sys.stderr, flush=True)
+        has_learned = current.state.step > 0
+        doing = "saving what the training has learned" if has_learned else "ending the training"
+        _say_at_the_end(f"{doing}, which may take up to {QUIT_SECONDS:.0f} seconds.")
         if not current.join(QUIT_SECONDS - PATIENCE):
-            print("FRoG: it took longer; what the last checkpoint holds is kept.", file=sys.stderr, flush=True)
+            kept = "; what the last checkpoint holds, if one was written, is kept" if has_learned else ""
+            _say_at_the_end(f"it took longer{kept}.")
             return
     while current.pump():
         pass
+
+
+def _say_at_the_end(sentence: str) -> None:
+    print(f"FRoG: {sentence}", file=sys.stderr, flush=True)
 
 
 def _tick() -> float | None:

@@ -12,9 +12,15 @@ def is_being_changed() -> bool:
 
 
 def count_as_unsaved() -> None:
-    """Make Blender ask before it quits or opens another file, until the file is saved again; nothing in it changes."""
+    """Make Blender ask before it quits or opens another file, until the file is saved again; nothing in it changes.
+
+    It costs a step of undo in which nothing happens. It must not cost what the user could redo: a file that was saved
+    after an undo stays saved until something new is done in it.
+    """
     windows = bpy.context.window_manager.windows
     if bpy.data.is_dirty or not windows or is_being_changed():
         return
     with bpy.context.temp_override(window=windows[0]):
+        if bpy.ops.ed.redo.poll():  # a push would throw that away
+            return
         bpy.ops.ed.undo_push(message="FRoG training")  # nothing else tells Blender, which has no setting for it

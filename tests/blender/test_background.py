@@ -118,7 +118,7 @@ def test_nothing_is_imported_while_a_render_looks_at_the_scene(addon, monkeypatc
     task.hand_over()
     assert task.waiting is not None and not imported
     monkeypatch.setattr(background, "current", task)
-    with pytest.raises(FrogError, match="wait for it"):  # another training would take its place
+    with pytest.raises(FrogError, match="finish the current render"):  # another training would take its place
         background.begin(lambda cancelled: iter([]))
     renders.clear()
     for _ in range(2):
@@ -170,42 +170,68 @@ def test_opening_another_file_neither_ends_a_training_nor_waits_for_it(endless, 
     assert state.cancelled and state.result == Path("half.frog")
 
 
-def test_at_the_end_there_is_so_much_patience(addon, monkeypatch, capfd):
+@pytest.mark.parametrize("learned", [False, True], ids=["decoding", "training"])
+def test_at_the_end_there_is_so_much_patience(addon, monkeypatch, capfd, learned):
     """What is being saved is waited for; what hangs is not."""
-    gate = threading.Event()
+    gate, taken = threading.Event(), threading.Event()
     monkeypatch.setattr(background, "PATIENCE", 0.01)
     monkeypatch.setattr(background, "QUIT_SECONDS", 0.05)
-    task = background.begin(lambda cancelled: iter([events.Stage("saving", 0, 1) for _ in [gate.wait(20.0)]]))
+
+    def source(cancelled):
+        yield steps(1)[0] if learned else events.Stage("decoding", 0, 1)
+        taken.set()
+        gate.wait(20.0)
+
+    task = background.begin(source)
+    assert taken.wait(20.0) and task.pump() == 1
     addon.unregister()
     try:
         assert not task.join(0.0) and background.current is None
         said = capfd.readouterr().err
-        assert "saving what the training has learned" in said and "the last checkpoint" in said
+        assert ("saving what the training has learned" in said) == learned
+        assert ("the last checkpoint" in said) == learned
+        assert "it took longer" in said
     finally:
         addon.register()
         gate.set()
         assert task.join(20.0)
 
 
-def test_the_file_counts_as_unsaved_while_a_training_runs(endless, monkeypatch):
-    pushed, clean = [], SimpleNamespace(is_dirty=False)
+@pytest.fixture
+def file(monkeypatch):
+    """Stands in for the open one: whether it is unsaved, can redo, and what was pushed on its undo stack."""
+    file = SimpleNamespace(is_dirty=False, can_redo=False, pushed=[])
 
     def push(message):
-        pushed.append(message)
-        clean.is_dirty = True
+        file.pushed.append(message)
+        file.is_dirty = True
 
-    stand_in = SimpleNamespace(data=clean, context=bpy.context, ops=SimpleNamespace(ed=SimpleNamespace(undo_push=push)))
+    ed = SimpleNamespace(undo_push=push, redo=SimpleNamespace(poll=lambda: file.can_redo))
+    stand_in = SimpleNamespace(data=file, context=bpy.context, ops=SimpleNamespace(ed=ed))
     monkeypatch.setattr(unsaved, "bpy", stand_in)
+    return file
+
+
+def test_the_file_counts_as_unsaved_while_a_training_runs(endless, file):
     for _ in range(3):
         assert background._tick() is not None
-    assert len(pushed) == 1
-    clean.is_dirty = False  # the user saves meanwhile
+    assert len(file.pushed) == 1
+    file.is_dirty = False  # the user saves meanwhile
     background._tick()
-    assert len(pushed) == 2
+    assert len(file.pushed) == 2
     endless.cancel()
     finish(endless)
-    clean.is_dirty = False
-    assert background._tick() is None and len(pushed) == 2
+    file.is_dirty = False
+    assert background._tick() is None and len(file.pushed) == 2
+
+
+def test_a_file_that_is_saved_after_an_undo_can_still_redo(endless, file):
+    file.can_redo = True
+    background._tick()
+    assert not file.pushed
+    file.can_redo = False  # something new was done, and saved
+    background._tick()
+    assert len(file.pushed) == 1
 
 
 def test_a_file_becomes_unsaved(empty):
@@ -256,7 +282,7 @@ def test_a_picture_that_cannot_be_shown_ends_nothing(endless, monkeypatch, capfd
 def test_a_worker_that_dies_without_a_word_is_noticed(addon, monkeypatch):
     monkeypatch.setattr(background.TrainingTask, "_work", lambda self: None)
     state = finish(background.TrainingTask(lambda cancelled: iter([])).start())
-    assert state.error == "The training ended without a word." and not state.running
+    assert state.error == "The training stopped without giving a reason, possibly out of memory." and not state.running
 
 
 def test_without_a_thread_there_is_one_sentence(addon, monkeypatch):
