@@ -61,7 +61,7 @@ def test_the_timeline_goes_on(empty, captures, static_rig, capfd, name, value):
         )
     err = capfd.readouterr().err
     assert "Traceback" not in err, err
-    assert err.count("no number") == (1 if not math.isfinite(value if isinstance(value, float) else 0.0) else 0), err
+    assert err.count("not a number") == (1 if not math.isfinite(value if isinstance(value, float) else 0.0) else 0), err
 
 
 @pytest.mark.parametrize("how", ["remap", "curve", "start"])
@@ -78,7 +78,7 @@ def test_no_number_is_a_sentence_in_a_render(empty, captures, capfd, rendered, h
     for frame in (2, 3):
         empty.frame_set(frame)
     assert capfd.readouterr().err.count(bad.name) == 1
-    with pytest.raises(RuntimeError, match="no number"):
+    with pytest.raises(RuntimeError, match="not a number"):
         rendered(empty)
 
 
@@ -131,4 +131,4 @@ def test_something_unforeseen_in_one_capture_holds_up_no_other(empty, captures, 
 def test_the_panel_says_it(empty, captures):
     bad, good = captures
     raw(bad.frog, "start_frame", math.nan)
-    assert "no number" in retiming.problem(bad, 3.0) and retiming.problem(good, 3.0) == ""
+    assert "not a number" in retiming.problem(bad, 3.0) and retiming.problem(good, 3.0) == ""
