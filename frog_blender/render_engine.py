@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 import numpy as np
 
-from . import composed_renders
+from . import composed_renders, said
 from .blender_camera import distance_added, engine_camera
 from .colors import into_working_space
 from .engine.errors import FrogError
@@ -67,6 +67,8 @@ class FrogRenderEngine(bpy.types.RenderEngine):
                 self._give(depsgraph, view, passes)
         except Exception as error:  # a render that goes on without its captures would be worse than any sentence
             sentence = sentence_of(error)
+            if not isinstance(error, (FrogError, MemoryError)):
+                said.unforeseen(f"rendering {scene.name}", error)
             # Not error_set: that neither ends an animation nor makes a script's render call raise.
             self.report({"ERROR"}, sentence)
             if composed_renders.note_failure(scene, sentence):

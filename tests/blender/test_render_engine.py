@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from scenes import expected_png, moving_camera, passes_of, read_png, rig_of_three, write_scene
 
+from frog_blender import render_engine, said
+from frog_blender.engine.errors import FrogError
 from frog_blender.engine.rasterizer import native
 
 
@@ -428,3 +430,20 @@ def test_a_picture_that_takes_long_says_so_once(empty, static_rig, rendered, mon
     assert rendered(empty).std() > 10
     written = "".join(capfd.readouterr())
     assert written.count(f"Warning: {native.takes_long(60)}") == (most == 0)
+
+
+@pytest.mark.parametrize("error", [ZeroDivisionError("of a kind"), FrogError("a.frog: found nothing."), MemoryError()])
+def test_what_nobody_foresaw_leaves_its_traceback(empty, static_rig, monkeypatch, capfd, error):
+    import_scene(static_rig)
+
+    def fail(*_):
+        raise error
+
+    monkeypatch.setattr(render_engine, "drawn_passes", fail)
+    said.forget()
+    for _ in range(2):
+        with pytest.raises(RuntimeError, match=r"of a kind|found nothing|Out of memory"):
+            bpy.ops.render.render()
+    tracebacks = capfd.readouterr().err.split("Traceback")[1:]
+    assert len(tracebacks) == isinstance(error, ZeroDivisionError)
+    assert all("in fail" in traceback for traceback in tracebacks)
