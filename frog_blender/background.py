@@ -178,9 +178,7 @@ def begin(source: EventSource, on_finished: OnFinished | None = None) -> Trainin
     if is_running():
         raise FrogError("A training is running already; wait for it or cancel it first.")
     if current is not None and current.waiting:
-        raise FrogError(
-            "The last scene is still waiting to be imported; finish the current render or operation first."
-        )
+        raise FrogError("The last scene is still waiting to be imported; finish the current render or operation first.")
     task = TrainingTask(source, on_finished)
     try:
         current = task.start()

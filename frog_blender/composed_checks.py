@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import threading
 from typing import Any
 
 from . import composed_scenes, compositor, playback
 from .blender_camera import engine_camera
 from .engine.errors import FrogError
+from .playing.rendering import in_main_thread
 from .rendering.gathering import check_placement
 
 
@@ -55,7 +55,7 @@ def _check_settings(scene: Any, splats: Any) -> None:
         raise FrogError(f"{scene.name} renders a single layer, and so without {splats.name}: switch that off.")
     if splats not in compositor.rendered_scenes(scene):
         raise FrogError(f"Blender does not render {splats.name} from within a group of nodes: ungroup them.")
-    cannot_follow = splats.library is not None or not is_main_thread()
+    cannot_follow = splats.library is not None or not in_main_thread()
     if cannot_follow and composed_scenes.structural_changes(splats):
         raise FrogError(f"{splats.name} has other objects than {scene.name}: render again.")
     if scene.camera is not None:
@@ -90,8 +90,3 @@ def _rendered_captures(scene: Any) -> list[Any]:
                         inside = obj.instance_collection.all_objects
                         found |= dict.fromkeys(each for each in inside if not each.hide_render)
     return list(playback.captures(found))
-
-
-def is_main_thread() -> bool:
-    """Blender renders in a thread of its own, but for scripts and without a window."""
-    return threading.current_thread() is threading.main_thread()

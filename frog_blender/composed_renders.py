@@ -15,8 +15,9 @@ import bpy
 from bpy.app.handlers import persistent
 
 from . import app_handlers, composed_scenes
-from .composed_checks import foreign, is_main_thread, trouble
+from .composed_checks import foreign, trouble
 from .engine.errors import FrogError
+from .playing.rendering import in_main_thread
 
 _PAST_ALL = 1_048_574  # Blender's last frame: an animation that stands there has no further one
 
@@ -100,11 +101,11 @@ def _on_init(scene: Any, *_: Any) -> None:
     _restore()
     said.clear()
     _render = _Render(scene)
-    if is_main_thread():
+    if in_main_thread():
         composed_scenes.follow_all()
     _render.refusal = trouble(scene)
     _render.splats = composed_scenes.laid_over(scene)
-    if _render.refusal and is_main_thread() and scene.render.engine != "FROG":
+    if _render.refusal and in_main_thread() and scene.render.engine != "FROG":
         _stop(scene.render)
 
 
@@ -121,7 +122,7 @@ def _stop(render: Any) -> None:
 def _on_pre(scene: Any, *_: Any) -> None:
     if scene == _render.scene:
         _render.drawn, _render.failure = False, ""
-        if is_main_thread() and not _render.kept:
+        if in_main_thread() and not _render.kept:
             composed_scenes.follow_all(objects_changed=False)  # settings may be animated
 
 

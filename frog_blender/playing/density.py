@@ -11,10 +11,6 @@ from collections import OrderedDict
 from typing import TYPE_CHECKING, Any, TypeAlias
 from weakref import WeakKeyDictionary
 
-import bpy
-from bpy.app.handlers import persistent
-
-from .. import app_handlers
 from ..nodes import ellipsoid_nodes
 
 if TYPE_CHECKING:
@@ -52,7 +48,7 @@ class _Thinned:
 
 _known: WeakKeyDictionary[PlayableScene, _Thinned] = WeakKeyDictionary()
 _lock = threading.Lock()  # of ``_known``
-_is_rendering = False  # with another engine than FROG
+_is_for_render = False  # see show_for_render
 
 
 def thinned(obj: Any, scene: PlayableScene) -> Fewer | None:
@@ -68,51 +64,30 @@ def thinned(obj: Any, scene: PlayableScene) -> Fewer | None:
 def shown_count(obj: Any, total: int) -> int:
     """How many of ``total`` Gaussians an object shows now; never none, and no more ellipsoids than Blender bears."""
     settings = obj.frog
-    share = settings.render_density if _is_rendering else settings.density
+    share = settings.render_density if _is_for_render else settings.density
     count = max(1, round(total * share / 100))
     return min(count, ellipsoid_nodes.MOST) if settings.display == "ELLIPSOIDS" else count
 
 
-def _set_rendering(rendering: bool) -> None:
-    global _is_rendering
+def show_for_render(is_shown: bool) -> None:
+    """Whether captures show from now on what they are to show in another engine's render."""
+    global _is_for_render
     from .. import playback
 
-    if rendering == _is_rendering:
+    if is_shown == _is_for_render:
         return
-    _is_rendering = rendering
+    _is_for_render = is_shown
     for obj, scene in playback.scenes_of_captures().items():
         if obj.frog.density != obj.frog.render_density:
             playback.show(obj, scene.frame_current_final)
 
 
-@persistent
-def _on_render_init(scene: Any, *_: Any) -> None:
-    # A window that is not locked may draw the points while they are written, which Blender does not survive.
-    is_safe = bpy.app.background or scene.render.use_lock_interface
-    _set_rendering(is_safe and scene.render.engine != "FROG")
-
-
-@persistent
-def _on_render_end(*_: Any) -> None:
-    _set_rendering(False)
-
-
-def _handlers() -> app_handlers.Handlers:
-    on = bpy.app.handlers
-    return [
-        (on.render_init, _on_render_init),
-        (on.render_complete, _on_render_end),
-        (on.render_cancel, _on_render_end),
-    ]
-
-
 def register() -> None:
-    app_handlers.add(_handlers())
+    """Nothing to begin with."""
 
 
 def unregister() -> None:
-    global _is_rendering
-    app_handlers.remove(_handlers())
-    _is_rendering = False
+    global _is_for_render
+    _is_for_render = False
     with _lock:
         _known.clear()

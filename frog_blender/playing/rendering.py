@@ -9,32 +9,39 @@ import bpy
 from bpy.app.handlers import persistent
 
 from .. import app_handlers
+from . import density
 
 _is_rendering = False
 
 
 def in_main_thread() -> bool:
-    """Whether Blender's own thread runs this, which alone may look at all of ``bpy.data``."""
+    """Whether Blender's own thread runs this, which alone may look at all of ``bpy.data``.
+
+    Blender renders in a thread of its own, but for scripts and without a window.
+    """
     return threading.current_thread() is threading.main_thread()
 
 
 def may_write_points(scene: Any) -> bool:
-    """Whether captures' points may be written now that a scene is at another frame.
-
-    A window that is not locked may draw the points while a render's thread writes them, which Blender does not
-    survive. The FROG engine needs no points.
-    """
+    """Whether captures' points may be written now that a scene is at another frame. The FROG engine needs none."""
     if in_main_thread() and not bpy.app.background:
         return True
     if _is_rendering and scene.render.engine == "FROG":
         return False
+    return _is_never_drawn_meanwhile(scene)
+
+
+def _is_never_drawn_meanwhile(scene: Any) -> bool:
+    """A window that is not locked may draw the points while a render's thread writes them, which Blender does not
+    survive."""
     return bpy.app.background or scene.render.use_lock_interface
 
 
 @persistent
-def _on_init(*_: Any) -> None:
+def _on_init(scene: Any, *_: Any) -> None:
     global _is_rendering
     _is_rendering = True
+    density.show_for_render(_is_never_drawn_meanwhile(scene) and scene.render.engine != "FROG")
 
 
 @persistent
@@ -44,6 +51,7 @@ def _on_end(*_: Any) -> None:
     from .. import playback
 
     _is_rendering = False
+    density.show_for_render(False)
     if bpy.app.background and in_main_thread():
         playback.refresh_all()
 

@@ -89,6 +89,6 @@ def in_a_window(monkeypatch):
 
     def begin():
         for module in (composed_checks, composed_renders):
-            monkeypatch.setattr(module, "is_main_thread", lambda: False)
+            monkeypatch.setattr(module, "in_main_thread", lambda: False)
 
     return begin

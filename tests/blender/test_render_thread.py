@@ -76,7 +76,7 @@ def test_points_are_written_from_a_renders_thread_only_while_windows_are_locked(
 
 
 def test_never_for_the_frog_engine(empty, capture, in_window):
-    rendering._on_init()
+    rendering._on_init(empty)
     try:
         before = points(capture)
         empty.frame_current = 5
