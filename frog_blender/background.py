@@ -20,7 +20,7 @@ from typing import Any
 
 import bpy
 
-from . import unsaved
+from . import torch_folders, unsaved
 from .engine import memory
 from .engine.errors import FrogError, brief
 from .engine.training.control import Control
@@ -55,6 +55,7 @@ class TrainingRequest:
 
     def events(self, control: Control) -> Iterator[Any]:
         """Run the training; called on the worker, because this is what imports torch."""
+        torch_folders.hold()
         from .engine.training.estimate import remembering
         from .engine.training.job import TrainingJob, run_training
         from .engine.training.recipe import recipe

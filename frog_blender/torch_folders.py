@@ -7,14 +7,32 @@ A folder whose libraries are loaded cannot be replaced on Windows. So each insta
 from __future__ import annotations
 
 import glob
+import importlib.util
 import itertools
 import os
 import re
 import shutil
 import sys
 from pathlib import Path
+from typing import BinaryIO
+
+from .engine.capture.sharing import only_here, shared_file
 
 _POINTER = ".current"
+_held: dict[str, BinaryIO] = {}  # open, and so in use, for as long as this process lives
+
+
+def hold() -> None:
+    """To be called before torch is imported: other processes leave its folder alone until this one ends, as it goes
+    on importing parts of it."""
+    found = _loaded_torch()
+    if found is None:
+        spec = importlib.util.find_spec("torch")
+        found = spec.origin if spec is not None else None
+    if found is not None and found not in _held:
+        file = shared_file(Path(found))
+        if file is not None:
+            _held[found] = file
 
 
 def partial_prefix(folder: Path) -> str:
@@ -56,7 +74,11 @@ def _is_version(name: str, folder: Path) -> bool:
 
 def has_torch(folder: Path) -> bool:
     """Whether the packages in a folder are those that training needs."""
-    return (folder / "torch" / "__init__.py").is_file()
+    return _torch_in(folder).is_file()
+
+
+def _torch_in(folder: Path) -> Path:
+    return folder / "torch" / "__init__.py"
 
 
 def _is_running(process: int) -> bool:
@@ -74,8 +96,8 @@ def _is_running(process: int) -> bool:
 
 def _discard(path: Path, folder: Path) -> None:
     """Removes a folder, or leaves it whole for the next start where something of it is in use."""
-    loaded = getattr(sys.modules.get("torch"), "__file__", None)
-    if loaded and Path(loaded).is_relative_to(path):
+    loaded = _loaded_torch()
+    if (loaded and Path(loaded).is_relative_to(path)) or _is_held(path):
         return
     try:
         # Moved first: on Windows that fails as a whole where removing would leave a half.
@@ -83,6 +105,21 @@ def _discard(path: Path, folder: Path) -> None:
     except OSError:
         return
     shutil.rmtree(trash, ignore_errors=True)
+
+
+def _loaded_torch() -> str | None:
+    return getattr(sys.modules.get("torch"), "__file__", None)
+
+
+def _is_held(folder: Path) -> bool:
+    """Whether any process holds the torch in a folder."""
+    if not has_torch(folder):
+        return False
+    file = shared_file(_torch_in(folder))
+    if file is None:
+        return True
+    with file:
+        return not only_here(file)
 
 
 def switch_to(partial: Path, folder: Path) -> Path:

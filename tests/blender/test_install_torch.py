@@ -16,9 +16,10 @@ from types import SimpleNamespace
 import bpy
 import pytest
 
-from frog_blender import torch_install
+from frog_blender import background, torch_install
 from frog_blender.engine.errors import FrogError
-from frog_blender.torch_folders import clear_remains, installed
+from frog_blender.engine.training.control import Control
+from frog_blender.torch_folders import clear_remains, has_torch, installed
 from frog_blender.torch_install import PACKAGES, Installation, pip_command
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -242,6 +243,35 @@ def test_what_is_in_use_stays_until_the_next_start(tmp_path, quick_pip, monkeypa
     monkeypatch.delitem(sys.modules, "torch")
     clear_remains(folder)
     assert not folder.exists() and installed(folder) == second.folder
+
+
+def test_what_another_blender_trains_with_stays_until_that_ends(tmp_path, quick_pip):
+    folder = tmp_path / "data" / "torch"
+    finished(Installation(folder).start())
+    code = f"""
+import sys; sys.path[:0] = {[str(folder), str(ROOT), *sys.path]!r}
+from frog_blender import torch_folders
+torch_folders.hold()
+print("held", flush=True)
+sys.stdin.read()
+"""
+    command = [sys.executable, "-c", code]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout.readline() == "held\n"
+        second = finished(Installation(folder).start())
+        clear_remains(folder)
+        assert second.done and installed(folder) == second.folder and has_torch(folder)
+    clear_remains(folder)
+    assert not folder.exists() and installed(folder) == second.folder
+
+
+def test_a_training_holds_its_torch_before_it_imports_it(addon, tmp_path, monkeypatch):
+    def hold():
+        raise FrogError("asked")
+
+    monkeypatch.setattr(background.torch_folders, "hold", hold)
+    with pytest.raises(FrogError, match="asked"):
+        background.TrainingRequest(tmp_path, tmp_path / "a.frog").events(Control())
 
 
 @pytest.mark.parametrize("written", [b"", b"torch-7", b"../elsewhere", b"\xff\xfe", b"/etc"])
