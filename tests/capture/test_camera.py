@@ -1,10 +1,15 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from frog_blender.engine.capture.camera import NEUTRAL, Camera
+from frog_blender.engine.capture.readers.checks import pinhole
 from frog_blender.engine.capture.time import frame_to_time, time_to_frame
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.plain_values import UnfitValue
 
 
 def off_centre_camera() -> Camera:
@@ -47,6 +52,25 @@ def test_a_camera_survives_json() -> None:
     assert again.exposure == NEUTRAL and "exposure" not in camera.to_json()
     brighter = camera.with_exposure((1.2, 1.1, 0.9))
     assert Camera.from_json(brighter.to_json()).resized(8, 8).exposure == (1.2, 1.1, 0.9)
+
+
+ROUNDED = {(1, 0): 1e-12, (2, 0): -1e-9, (2, 2): 0.9999999}
+"""What a calibration that was computed has in the lower part of K."""
+
+
+@pytest.mark.parametrize("place", ROUNDED)
+def test_a_calibration_up_to_rounding_is_read_and_written_alike(place: tuple[int, int]) -> None:
+    camera = off_centre_camera()
+    lens = camera.intrinsics.copy()
+    lens[place] = ROUNDED[place]
+    np.testing.assert_array_equal(pinhole(lens, Path("x"), "K"), camera.intrinsics)
+    written = camera.to_json() | {"intrinsics": lens.tolist()}
+    np.testing.assert_array_equal(Camera.from_json(written).intrinsics, camera.intrinsics)
+    lens[place] += 1e-3
+    with pytest.raises(FrogError):
+        pinhole(lens, Path("x"), "K")
+    with pytest.raises(UnfitValue):
+        Camera.from_json(camera.to_json() | {"intrinsics": lens.tolist()})
 
 
 @pytest.mark.parametrize("exposure", [(1.0, 1.0), (1.0, 0.0, 1.0), (1.0, -1.0, 1.0), (1.0, float("nan"), 1.0)])

@@ -26,6 +26,7 @@ _FARTHEST = 1e12  # world units, pixels
 _MOST_EXPOSURE = 1e6
 _LONGEST_NAME = 1024
 _NOTHING = dict.fromkeys(("name", "width", "height", "intrinsics", "world_to_camera"))  # of a camera
+_ZERO, _ONE = 1e-6, 2e-5  # how far a zero and the one of K may be from it: calibrations are computed
 _ROUNDED = 0.05  # how far a rotation times its transpose may be from one
 
 
@@ -151,6 +152,18 @@ class Camera:
         )
 
 
+def exact_pinhole(matrix: np.ndarray) -> np.ndarray | None:
+    """(3, 3) K with the zeros and the one of a pinhole exactly, of one that has them up to rounding; else None."""
+    _, (lean, _, _), (left, right, one) = matrix.tolist()  # plain numbers: a moving camera has thousands
+    if not lean and [left, right, one] == [0, 0, 1]:
+        return matrix
+    if max(abs(lean), abs(left), abs(right)) > _ZERO or abs(one - 1) > _ONE:
+        return None
+    exact = matrix.copy()
+    exact[1, 0], exact[2] = 0, (0, 0, 1)
+    return exact
+
+
 def _exposure(value: Any, what: str) -> tuple[float, float, float]:
     red, green, blue = numbers(value, what, (3,), _MOST_EXPOSURE).tolist()
     if min(red, green, blue) <= 0:
@@ -161,11 +174,11 @@ def _exposure(value: Any, what: str) -> tuple[float, float, float]:
 def _lens(value: Any, what: str) -> np.ndarray:
     """(3, 3) of a header; UnfitValue unless it is a pinhole's."""
     matrix = numbers(value, what, (3, 3), _FARTHEST)
-    (fx, _, _), (lean, fy, _), last = matrix.tolist()
-    number(min(fx, fy), f"a focal length in {what}", 1e-6, _FARTHEST)
-    if lean or last != [0, 0, 1]:
+    number(min(matrix.diagonal().tolist()[:2]), f"a focal length in {what}", 1e-6, _FARTHEST)
+    exact = exact_pinhole(matrix)
+    if exact is None:
         raise UnfitValue(f"{what} with the rows {matrix.tolist()}", "zeros below the focal lengths, and 0, 0, 1")
-    return matrix
+    return exact
 
 
 def _pose(value: Any, what: str) -> np.ndarray:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...errors import FrogError, found_instead
 from ...regular_file import regular_file
-from ..camera import MOST_SIDE
+from ..camera import MOST_SIDE, exact_pinhole
 from ..capture import MOST_FRAMES, MOST_PICTURES, Capture, Shot
 from ..video import VideoFacts
 
@@ -20,7 +20,6 @@ FARTHEST = 1e12
 """World units or pixels: what is larger was not measured, and multiplied it is no number any more."""
 _LONGEST_TEXT = 2**28  # bytes
 _NEAREST = 1e-6  # pixels of a focal length
-_LAST_ROW = (0.0, 0.0, 1.0)
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -101,24 +100,21 @@ def size(value: Any, path: Path, what: str) -> int:
 
 
 def pinhole(value: Any, path: Path, what: str) -> np.ndarray:
-    """``value`` as the matrix K of a camera, (3, 3).
+    """``value`` as the matrix K of a camera, (3, 3), with its zeros and its one exactly.
 
     Raises:
         FrogError: if it is none; one that was transposed, which is the usual mistake, is called so.
     """
     matrix = numbers(value, (3, 3), path, what)
-    if not _is_pinhole(matrix):
+    exact = exact_pinhole(matrix)
+    if exact is None:
         expected = "the rows fx s cx, 0 fy cy and 0 0 1"
-        if _is_pinhole(matrix.T):
+        if exact_pinhole(matrix.T) is not None:
             raise found_instead(path, f"{what} that is transposed: its last row is {_row(matrix[2])}", expected)
         raise found_instead(path, f"{what} with the last rows {_row(matrix[1])} and {_row(matrix[2])}", expected)
     if min(matrix[0, 0], matrix[1, 1]) < _NEAREST:
         raise found_instead(path, f"a focal length of {min(matrix[0, 0], matrix[1, 1]):g} in {what}", "a positive one")
-    return matrix
-
-
-def _is_pinhole(matrix: np.ndarray) -> bool:
-    return bool(np.allclose([*matrix[2], matrix[1, 0]], [*_LAST_ROW, 0.0], atol=1e-6))
+    return exact
 
 
 def _row(values: np.ndarray) -> str:
