@@ -13,8 +13,8 @@ import os
 import shutil
 import tempfile
 import time
+import weakref
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +44,8 @@ class FrameStore:
         """Map a whole store; use ``open``, which makes it where it is missing."""
         self.folder = folder
         self._offsets, self._shapes, total = _layout(capture)
-        self._pixels = np.memmap(folder / _PIXELS, dtype=np.uint8, mode="r", shape=(total,))
+        self._pixels: np.ndarray = np.memmap(folder / _PIXELS, dtype=np.uint8, mode="r", shape=(total,))
+        self._map = weakref.ref(self._pixels._mmap)  # type: ignore[attr-defined]
         self._in_use = shared_file(folder / _INDEX)
 
     @classmethod
@@ -95,15 +96,16 @@ class FrameStore:
         """Deletes the frames from the disk to make room there; they can be decoded again, this store is of no more use.
 
         Returns:
-            The bytes that were freed; 0, and nothing is deleted, where another training reads the same frames.
+            The bytes that were freed; 0, and nothing is deleted, where another training reads the same frames, or
+            somebody here holds a picture: the disk has no room before that goes.
         """
         if not only_here(self._in_use):
             return 0
-        self._in_use = None
-        mapped, size = self._pixels._mmap, self._pixels.size  # type: ignore[attr-defined]
-        self._pixels = np.empty(0, np.uint8)  # type: ignore[assignment]
-        with suppress(BufferError):  # somebody holds a picture: then there is room when it goes
-            mapped.close()
+        size, self._pixels, self._in_use = self._pixels.size, np.empty(0, np.uint8), None
+        mapped = self._map()
+        if mapped is not None:  # never closed by force: who reads a picture then ends the process
+            self._pixels, self._in_use = np.frombuffer(mapped, np.uint8), shared_file(self.folder / _INDEX)
+            return 0
         shutil.rmtree(self.folder, ignore_errors=True)
         return 0 if (self.folder / _PIXELS).exists() else size
 

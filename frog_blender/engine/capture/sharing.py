@@ -5,6 +5,7 @@ The operating system lets go of a lock when its process ends. Windows needs none
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -30,13 +31,15 @@ def shared_file(path: Path) -> BinaryIO | None:
 
 
 def only_here(file: BinaryIO | None) -> bool:
-    """True, and the file is closed, when nobody else has shared it."""
+    """True, and the file is closed, when nobody else has shared it; else it stays shared."""
     if file is None:
         return False
     try:
         if fcntl is not None:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
+        with suppress(OSError):  # asking for the file alone gave the shared lock away
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
         return False
     file.close()
     return True
