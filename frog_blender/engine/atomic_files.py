@@ -17,6 +17,7 @@ from .errors import FrogError
 LONGEST_NAME = 255
 """Bytes that a file's name may have on the usual file systems."""
 _LONGEST_BEGINNING = 100  # bytes of a temporary name that are the file's own
+_OWNERS = stat.S_IRUSR | stat.S_IWUSR
 _BINARY = getattr(os, "O_BINARY", 0)
 
 
@@ -45,13 +46,15 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
     try:
         mode = _mode_of(path)
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | _BINARY
-        with os.fdopen(os.open(temporary, flags, 0o666 if mode is None else mode), "wb") as file:
+        # Its owner may write it until it is whole: Windows does not delete a file that is read-only.
+        with os.fdopen(os.open(temporary, flags, 0o666 if mode is None else mode | _OWNERS), "wb") as file:
             yield file
             file.flush()
             os.fsync(file.fileno())
-        if mode is not None:
-            temporary.chmod(mode)
         temporary.replace(path)
+        if mode is not None:
+            with suppress(OSError):  # the content is there: some disks know no permissions
+                path.chmod(mode)
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
