@@ -111,10 +111,12 @@ def test_a_length_that_lies_is_refused(baked: tuple[Path, Path, PlayableScene]) 
 def test_what_is_no_file_is_not_waited_for(baked: tuple[Path, Path, PlayableScene], tmp_path: Path) -> None:
     _, source, scene = baked
     with pytest.raises(FrogError, match="no file"):
+        Bake(tmp_path / "none.frogbake", source, scene)
+    with pytest.raises(FrogError, match="found a folder"):
         Bake(tmp_path, source, scene)
     if hasattr(os, "mkfifo"):
         os.mkfifo(tmp_path / "pipe.frogbake")
-        with pytest.raises(FrogError, match="no file"):
+        with pytest.raises(FrogError, match="found a pipe"):
             Bake(tmp_path / "pipe.frogbake", source, scene)
 
 

@@ -87,8 +87,6 @@ class Bake:
         self._path, self._lock = path, threading.Lock()
         self._columns = [(name, width_of(name)) for name in scene.changing]
         self._moving, self._row = scene.moving, scene.part_bytes // 4
-        if not path.is_file():  # a pipe would be waited for
-            raise found_instead(path, "no file", _KIND)
         try:
             self._file = regular_file(path, _KIND).open("rb", buffering=0)  # what is read is on the disk now
         except OSError as error:
