@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-import os
+import ctypes
+import errno
 import shutil
+import sys
 import tempfile
 from pathlib import Path
 from typing import BinaryIO
 
 _MOST = 0.25  # of what is free: a disk that is short already is not filled by this
-_BLOCK = 1 << 20
 
 
 class Reserve:
     """A file without a name beside ``output``, as large as its scene may become; it vanishes with the process.
+
+    There is none where only writing it would fill it: outside Linux, and on many disks in a network.
 
     Args:
         output: the scene.
@@ -25,7 +28,7 @@ class Reserve:
         try:
             size = min(size, int(_MOST * shutil.disk_usage(output.parent).free))
             self._file = tempfile.TemporaryFile(dir=output.parent, buffering=0)  # noqa: SIM115
-            _fill(self._file, size)
+            _allocate(self._file, size)
         except OSError:  # a disk on which nothing can be kept may have room in the end all the same
             self.give_back()
 
@@ -38,12 +41,16 @@ class Reserve:
         return True
 
 
-def _fill(file: BinaryIO, size: int) -> None:
-    """Makes the file so large that its blocks are its own, which a hole would not have."""
+def _allocate(file: BinaryIO, size: int) -> None:
+    """Gives the file blocks of its own, which a hole would not have; OSError where the system cannot at once.
+
+    Not os.posix_fallocate: the C library then writes into every block, which takes minutes on a disk in a network.
+    """
     if size <= 0:
         return
-    if hasattr(os, "posix_fallocate"):
-        os.posix_fallocate(file.fileno(), 0, size)
-        return
-    for begin in range(0, size, _BLOCK):
-        file.write(bytes(min(_BLOCK, size - begin)))
+    if sys.platform != "linux":
+        raise OSError(errno.ENOTSUP, "no room can be set aside at once")
+    allocate = ctypes.CDLL(None, use_errno=True).fallocate
+    allocate.argtypes = [ctypes.c_int, ctypes.c_int, ctypes.c_int64, ctypes.c_int64]
+    if allocate(file.fileno(), 0, 0, size):
+        raise OSError(ctypes.get_errno(), "no room can be set aside at once")
