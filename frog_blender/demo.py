@@ -47,7 +47,7 @@ def run_demo(name: str, out: Path, recipe_name: str, seconds: float | None) -> N
         pixel_offsets=capture.pixel_offsets or None,
     )
     with printing_may_fail(), stopping() as asked:  # what was learned is saved
-        finished = show(run_training(job, asked))
+        finished = show(run_training(job, asked), scene_path)
     if not finished:
         goes_on = f"frog train {capture.path} --out {scene_path} --resume"
         kept = f"; {goes_on} goes on with its training" if checkpoint_path(scene_path).is_file() else ""

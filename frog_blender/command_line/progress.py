@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 from tqdm import tqdm
 
@@ -12,6 +13,7 @@ from ..engine.capacity_report import lines, summary
 from ..engine.errors import printable
 from ..engine.training import events
 from ..engine.training.events import Event
+from ..engine.training.outputs import checkpoint_path
 from .printing import complain, say
 
 
@@ -33,8 +35,8 @@ def bar(name: str) -> Iterator[Callable[[int, int], None]]:
         _close(line)
 
 
-def show(stream: Iterator[Event]) -> bool:
-    """Follows a training to its end; True when it finished, False when it was cancelled."""
+def show(stream: Iterator[Event], output: Path) -> bool:
+    """Follows a training to ``output`` to its end; True when it finished, False when it was cancelled."""
     line: tqdm | None = None
 
     def switch(name: str, total: int, done: int) -> tqdm:
@@ -75,12 +77,20 @@ def show(stream: Iterator[Event]) -> bool:
                     return True
                 case events.Cancelled(step, path):
                     _close(line)
-                    kept = f"kept in {path}; --resume goes on" if path else "nothing was written"
-                    complain(f"cancelled at step {step}, {kept}.")
+                    complain(f"cancelled at step {step}, {_kept(path, output)}.")
                     return False
     finally:
         _close(line)
     return False
+
+
+def _kept(path: str | None, output: Path) -> str:
+    """What is left of a training that was cancelled: its checkpoint lies beside ``output``, wherever the scene went."""
+    if path is None:
+        return "nothing was written"
+    if not checkpoint_path(output).is_file():
+        return f"kept in {path}"
+    return f"kept in {path}; --resume goes on" + ("" if Path(path) == output else f" from {checkpoint_path(output)}")
 
 
 def _note(text: str) -> None:

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from ..engine.training.recipe import Recipe
 
 
+_WAYS = "--overwrite replaces it, --resume goes on with its training, and another name keeps both"
+
+
 def add_train_parser(commands: Any) -> None:
     """Adds the command."""
     train = commands.add_parser("train", help="train a scene from a capture")
@@ -83,14 +86,14 @@ def _chosen(options: argparse.Namespace) -> dict[str, str]:
 
 def _train(options: argparse.Namespace) -> int:
     if not (options.overwrite or options.resume):
-        check_unused(options.out)  # before torch is loaded
+        check_unused(options.out, _WAYS)  # before torch is loaded
     with printing_may_fail(), stopping() as asked:  # what was learned is saved
         from ..engine.training.estimate import remembering
         from ..engine.training.job import run_training
         from .progress import show
 
         job = _job(options)
-        finished = show(remembering(run_training(job, asked), job))
+        finished = show(remembering(run_training(job, asked), job), job.output)
     return 0 if finished else 1
 
 

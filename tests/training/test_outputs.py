@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from safetensors.numpy import save_file
 
+from frog_blender.cli import main
 from frog_blender.engine.atomic_files import LONGEST_NAME, write_atomically
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.training import events
@@ -92,6 +93,18 @@ def test_a_new_training_gets_a_name_that_nothing_has(tmp_path: Path) -> None:
     for taken, word in ((output, r"x\.frog: found a file"), (tmp_path / "x_2.frog", r"x_2\.frog\.checkpoint: found")):
         with pytest.raises(FrogError, match=word):
             check_unused(taken)
+
+
+def test_a_taken_name_is_refused_in_the_words_of_where_it_was_chosen(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A panel has no options of a command line."""
+    output = tmp_path / "x.frog"
+    output.write_bytes(b"a scene")
+    with pytest.raises(FrogError, match=r"there already; another name keeps it\.$"):
+        next(run_training(TrainingJob(tmp_path, output, overwrite=False, device="cpu")))
+    assert main(["train", str(tmp_path), "--out", str(output)]) == 1
+    assert "--overwrite replaces it, --resume goes on" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["動" * 80, "Д" * 125, "x" * 250], ids=["kanji", "cyrillic", "latin"])

@@ -25,16 +25,17 @@ def beside(scene: Path, ending: str) -> Path:
     return scene.with_name(beginning(scene.name, LONGEST_NAME - len(ending)) + ending)
 
 
-def check_unused(output: Path) -> None:
-    """FrogError where a scene or a checkpoint lies that nobody said may be replaced."""
+def check_unused(output: Path, advice: str = "another name keeps it") -> None:
+    """FrogError where a scene or a checkpoint lies that nobody said may be replaced.
+
+    Args:
+        advice: what can be done, in the words of where the output was chosen.
+    """
     found = _found(output)
     if found is None:
         return
     kind = "a file" if found == output else "the checkpoint of a training"
-    raise FrogError(
-        f"{found}: found {kind} there already; --overwrite replaces it, --resume goes on with its training, "
-        "and another name keeps both."
-    )
+    raise FrogError(f"{found}: found {kind} there already; {advice}.")
 
 
 def _found(output: Path) -> Path | None:
