@@ -171,7 +171,7 @@ def compare(image: Any, truth: Any, weight: float, gradient: Any, cells: Any, tr
 
 def takes_long(gaussians: int) -> str:
     """A sentence about a picture of MANY_INSTANCES."""
-    return f"Many of the {gaussians:,} Gaussians lie over most of the picture, so that drawing it takes seconds."
+    return f"Many of the {gaussians:,} Gaussians cover most of the picture; drawing it takes seconds."
 
 
 class Frame:
