@@ -18,6 +18,7 @@ from . import composed_renders, said
 from .blender_camera import distance_added, engine_camera
 from .colors import into_working_space
 from .engine.errors import FrogError
+from .engine.notices import leave_to_blender
 from .playing.retiming import raw_frame
 from .rendering import index_pass, vector_pass
 from .rendering.gathering import gather, pass_indices
@@ -285,6 +286,7 @@ def _stock_panels() -> list[Any]:
 
 
 def register() -> None:
+    leave_to_blender(True)
     bpy.utils.register_class(FrogRenderEngine)
     for panel in _stock_panels():
         panel.COMPAT_ENGINES.add(FrogRenderEngine.bl_idname)
@@ -297,3 +299,4 @@ def unregister() -> None:
     bpy.utils.unregister_class(FrogRenderEngine)
     for panel in _stock_panels():
         panel.COMPAT_ENGINES.discard(FrogRenderEngine.bl_idname)
+    leave_to_blender(False)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import bpy
 import mathutils
 import numpy as np
@@ -10,6 +12,7 @@ from scenes import expected_png, moving_camera, passes_of, read_png, rig_of_thre
 
 from frog_blender import render_engine, said
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.notices import Notice
 from frog_blender.engine.rasterizer import native
 
 
@@ -427,9 +430,12 @@ def test_a_picture_that_takes_long_says_so_once(empty, static_rig, rendered, mon
     import_scene(static_rig)
     empty.render.use_motion_blur = blurred
     monkeypatch.setattr(native, "MANY_INSTANCES", most)
-    assert rendered(empty).std() > 10
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        assert rendered(empty).std() > 10
     written = "".join(capfd.readouterr())
     assert written.count(f"Warning: {native.takes_long(60)}") == (most == 0)
+    assert not [each for each in told if each.category is Notice], "said twice"
 
 
 @pytest.mark.parametrize("error", [ZeroDivisionError("of a kind"), FrogError("a.frog: found nothing."), MemoryError()])

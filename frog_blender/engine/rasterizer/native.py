@@ -9,7 +9,6 @@ import ctypes
 import functools
 import os
 import sys
-import warnings
 from ctypes import POINTER, byref, c_char_p, c_float, c_int32, c_int64, c_void_p
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ import numpy as np
 
 from ..capture.camera import MOST_SIDE, Camera
 from ..errors import FrogError, found_instead
-from ..notices import Notice
+from ..notices import say
 from ..regular_file import regular_file
 from . import structs
 from .arrays import GaussianArrays
@@ -218,7 +217,7 @@ class Frame:
                 f"drawing {len(gaussians)} Gaussians at {camera.width} x {camera.height} ran out of memory"
             )
         if not differentiable and self.instances > MANY_INSTANCES:
-            warnings.warn(takes_long(len(gaussians)), Notice, stacklevel=2)
+            say(takes_long(len(gaussians)))
 
     def backward(self, rgb: Any, alpha: Any, gradients: dict[str, Any]) -> None:
         """Fills ``gradients`` from dL/d(rgb, alpha); ``alpha`` is None where the loss does not look at it.
