@@ -145,6 +145,8 @@ def refresh_all(*_: Any) -> None:
 @persistent
 def _on_frame(scene: Any, *_: Any) -> None:
     if not may_write_points(scene):
+        if scene.render.engine != "FROG" and not all(obj.frog.laid_over for obj in captures_in(scene)):
+            said.once(f"{scene.name}: captures stand still in this animation; switch on Render > Lock Interface.")
         return
     for obj in captures_in(scene):
         if not is_known_late(obj):

@@ -21,7 +21,7 @@ def unforeseen(where: str, error: Exception) -> None:
     """Prints the traceback of an error that is being handled, once for each place and kind."""
     if _is_new(f"{where}: {type(error).__name__}"):
         print(
-            f"FRoG: {where}: an unforeseen {type(error).__name__}; it is said once, and the timeline goes on.",
+            f"FRoG: {where}: an unforeseen {type(error).__name__}; it is said once.",
             file=sys.stderr,
         )
         traceback.print_exception(error, file=sys.stderr)

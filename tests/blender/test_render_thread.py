@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 import pytest
 
-from frog_blender import carrier, playback
+from frog_blender import carrier, playback, said
 from frog_blender.engine.inference.scene import PlayableScene
 from frog_blender.playing import density, opened, rendering
 
@@ -64,12 +64,14 @@ def points(obj):
 
 @pytest.mark.parametrize("locked", [True, False])
 def test_points_are_written_from_a_renders_thread_only_while_windows_are_locked(
-    empty, capture, static_rig, in_window, locked
+    empty, capture, static_rig, in_window, locked, capfd
 ):
+    said.forget()
     empty.render.engine, empty.render.use_lock_interface = "CYCLES", locked
     empty.frame_current = 5  # as a render sets it, without the handlers of this thread
     in_another_thread(lambda: playback._on_frame(empty))
     frame = 4.0 if locked else 0.0
+    assert ("stand still" in capfd.readouterr().err) != locked
     np.testing.assert_array_equal(points(capture), PlayableScene.load(static_rig).at_frame(frame).means)
     playback._on_frame(empty)
     np.testing.assert_array_equal(points(capture), PlayableScene.load(static_rig).at_frame(4.0).means)
