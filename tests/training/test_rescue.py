@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import subprocess
@@ -19,7 +20,7 @@ from helpers import run_python
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.files import read_scene
 from frog_blender.engine.inference.scene import PlayableScene
-from frog_blender.engine.training import checkpoint, events, job
+from frog_blender.engine.training import checkpoint, events, job, rescue
 from frog_blender.engine.training.job import TrainingJob, run_training
 from frog_blender.engine.training.outputs import checkpoint_path
 from frog_blender.engine.training.recovery import Recovery
@@ -68,6 +69,29 @@ def test_a_disk_that_takes_nothing_more(filmed: Path, tmp_path: Path, fault: str
     assert done.stdout.rstrip().endswith(f"Finished {place}")
     assert PlayableScene.load(place).header.steps == 40
     assert "left on the disk: []" in done.stdout, "no half-written file"
+
+
+@pytest.mark.parametrize("cancels", [False, True])
+def test_frames_make_room_where_none_could_be_kept(
+    task: TrainingJob, monkeypatch: pytest.MonkeyPatch, cancels: bool
+) -> None:
+    """In the end no picture of them is held, however a training comes to it."""
+    refusals, write, asked = [OSError(errno.ENOSPC, "No space left on device")], rescue.write_atomically, []
+
+    def full_once(path: Path, content: bytes) -> None:
+        if refusals:
+            raise FrogError(f"{path}: full.") from refusals.pop()
+        write(path, content)
+
+    monkeypatch.setattr(rescue.Reserve, "give_back", lambda _: False)
+    monkeypatch.setattr(rescue, "write_atomically", full_once)
+    stream = []
+    for event in run_training(task, lambda: bool(asked)):
+        stream.append(event)
+        if cancels and isinstance(event, events.Progress) and event.step > 0:
+            asked.append(True)
+    assert isinstance(stream[-1], events.Cancelled if cancels else events.Finished)
+    assert "MB of decoded frames were deleted to make room." in warnings(stream)[-1] and task.output.is_file()
 
 
 def test_a_folder_that_is_taken_away_is_made_again(task: TrainingJob) -> None:
