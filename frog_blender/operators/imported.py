@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +60,11 @@ def cameras_of(obj: Any) -> list[Any]:
 
 
 def stored_path(path: Path) -> str:
-    """The path as a .blend keeps it: from its own folder, if that is what the user's other paths do."""
+    """The path as a .blend keeps it: from its own folder, if that is what the user's other paths do.
+
+    A script's may begin at the current folder, which no .blend knows.
+    """
+    absolute = os.path.abspath(path)
     if not (bpy.data.filepath and bpy.context.preferences.filepaths.use_relative_paths):
-        return str(path)
-    return seen_from(Path(bpy.data.filepath).parent, str(path))
+        return absolute
+    return seen_from(Path(bpy.data.filepath).parent, absolute)

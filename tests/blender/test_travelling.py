@@ -56,6 +56,19 @@ def test_the_first_save_keeps_paths_as_the_user_wants_them(project, relative_pat
 
 
 @pytest.mark.parametrize("relative_paths", [True], indirect=True)
+def test_a_scripts_path_from_the_current_folder_is_kept(empty, tmp_path, relative_paths, monkeypatch):
+    write_scene(tmp_path / "a.frog", rig_of_three())
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path)
+    bpy.ops.import_scene.frog(filepath="a.frog")
+    assert the_capture().frog.filepath == str(tmp_path / "a.frog")
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "elsewhere" / "x.blend"))
+    assert stored(the_capture()) == "//../a.frog"
+    bpy.ops.import_scene.frog(filepath="a.frog")
+    assert {stored(obj) for obj in playback.captures(bpy.context.scene.objects)} == {"//../a.frog"}
+
+
+@pytest.mark.parametrize("relative_paths", [True], indirect=True)
 @pytest.mark.parametrize("failing", [False, True], ids=["copy", "nowhere"])
 def test_what_is_not_saved_under_a_name_keeps_its_paths(project, tmp_path, relative_paths, failing):
     bpy.context.scene.frog.output_path = str(project / "b.frog")
