@@ -49,7 +49,9 @@ def at_rest() -> dict[str, float]:
 def train(request: background.TrainingRequest, seconds: float) -> int:
     """One training, as the panel runs it, while somebody scrubs; the frames that were shown."""
     old = list(bpy.data.objects)  # captures and their cameras
-    task = background.begin(request.events, lambda path: bpy.ops.import_scene.frog(filepath=str(path)))
+    task = background.begin(
+        request.events, lambda path: bpy.ops.import_scene.frog(filepath=str(path), set_up_scene=True)
+    )
     scene, shown, end = bpy.context.scene, 0, time.monotonic() + PATIENCE * seconds
     while task.state.running:
         if time.monotonic() > end:
