@@ -73,9 +73,10 @@ def test_a_disk_that_takes_nothing_more(filmed: Path, tmp_path: Path, fault: str
 
 @pytest.mark.parametrize("cancels", [False, True])
 def test_frames_make_room_where_none_could_be_kept(
-    task: TrainingJob, monkeypatch: pytest.MonkeyPatch, cancels: bool
+    task: TrainingJob, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cancels: bool
 ) -> None:
     """In the end no picture of them is held, however a training comes to it."""
+    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))  # other tests may still hold what they share
     refusals, write, asked = [OSError(errno.ENOSPC, "No space left on device")], rescue.write_atomically, []
 
     def full_once(path: Path, content: bytes) -> None:
