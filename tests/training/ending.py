@@ -112,7 +112,7 @@ def by_full_disk(folder: Path, moments: int, chance: random.Random) -> dict[str,
             (disk / name).mkdir()
         out, cancels = disk / "out" / "x.frog", bool(moment % 2)
         options = ["--save-every", "0.2", *(["--lossless"] if moment % 3 == 2 else [])]
-        options += ["--steps", str(STEPS)] if cancels else ["--seconds", "2"]
+        options += ["--steps", str(STEPS)] if cancels else ["--seconds", "4"]
         process = begun_training(folder / "capture", out, folder / "log", options, wait=True)
         time.sleep(chance.uniform(0.0, 1.5))
         fill(disk / "filler")
