@@ -15,7 +15,6 @@ _ROOMS = (
     "playing.playback_cache",
     "playback",
     "playing.rendering",
-    "playing.density",
     "playing.look_ahead",
     "composed_scenes",
     "composed_renders",

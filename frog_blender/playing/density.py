@@ -82,11 +82,8 @@ def show_for_render(is_shown: bool) -> None:
             playback.show(obj, scene.frame_current_final)
 
 
-def register() -> None:
-    """Nothing to begin with."""
-
-
-def unregister() -> None:
+def forget() -> None:
+    """Lets go of every thinned scene."""
     global _is_for_render
     _is_for_render = False
     with _lock:

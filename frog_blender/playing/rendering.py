@@ -69,3 +69,4 @@ def unregister() -> None:
     global _is_rendering
     app_handlers.remove(_handlers())
     _is_rendering = False
+    density.forget()

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import bpy
+import composing
 import numpy as np
 import pytest
-from scenes import glowing, passes_of, rig_of_three
+from scenes import passes_of, rig_of_three
 
 from frog_blender import carrier
 from frog_blender.engine.inference.draw import draw
@@ -19,15 +20,7 @@ def import_scene(path):
 
 
 def card(scene, place, size=20.0, color=(0.9, 0.1, 0.8)):
-    """A glowing square in the plane x, z."""
-    mesh = bpy.data.meshes.new("card")
-    corners = [(-size, 0, -size), (size, 0, -size), (size, 0, size), (-size, 0, size)]
-    mesh.from_pydata(corners, [], [(0, 1, 2, 3)])
-    obj = bpy.data.objects.new("card", mesh)
-    obj.location = place
-    mesh.materials.append(glowing(color))
-    scene.collection.objects.link(obj)
-    return obj
+    return composing.card(scene.collection, place, size, color)
 
 
 def test_splats_end_where_an_object_hides_them(empty, static_rig, tmp_path):

@@ -20,6 +20,7 @@ import numpy as np
 
 from ..atomic_files import remove_unfinished, whole_file
 from ..errors import FrogError, brief, found_instead
+from ..plain_values import whole
 from ..regular_file import regular_file
 from .moving_part import MovingPart, width_of
 from .scene import PlayableScene
@@ -158,7 +159,7 @@ class Bake:
             header = json.loads(text)
             tensor, metadata = header[_TENSOR], header["__metadata__"]
             times, columns = (json.loads(metadata[name]) for name in ("times", "columns"))
-            count, row = (_whole(number) for number in tensor["shape"])
+            count, row = (whole(length, "a length", 0, _LONGEST_AXIS - 1) for length in tensor["shape"])
             needed = 4 * count * row
             fits = header.keys() == {_TENSOR, "__metadata__"} and tensor["dtype"] == "F32"
             fits &= tensor["data_offsets"] == [0, needed] and size == 8 + length + needed
@@ -171,13 +172,6 @@ class Bake:
         if row != self._row or columns != [name for name, _ in self._columns]:
             identity = ""  # another scene's
         return 8 + length, [float(time) for time in times], str(identity)
-
-
-def _whole(number: Any) -> int:
-    """ValueError for what is no length."""
-    if type(number) is not int or not 0 <= number < _LONGEST_AXIS:
-        raise ValueError(f"a length of {brief(repr(number))}")
-    return number
 
 
 def _is_time(time: Any) -> bool:
