@@ -8,7 +8,7 @@ OUT ?= out/$(CAPTURE)
 # Where pip finds a CPU build of torch by itself (as on macOS) nothing is needed here; see the README for Linux and CUDA.
 PIP_FLAGS ?=
 INSTALL := $(BIN)/python -m pip install --disable-pip-version-check -q -c constraints.txt $(PIP_FLAGS)
-NATIVE := $(wildcard frog_blender/engine/rasterizer/src/* frog_blender/engine/rasterizer/src/shared/*) CMakeLists.txt pyproject.toml
+NATIVE := $(wildcard frog_blender/engine/native/src/* frog_blender/engine/native/src/*/*) CMakeLists.txt pyproject.toml
 
 # The CUDA run-time compiler, for tests that compile every kernel; there is none for macOS.
 NVRTC := $(if $(filter Darwin,$(shell uname)),,nvidia-cuda-nvrtc-cu12)
@@ -65,11 +65,11 @@ test-slow: setup
 SANITIZED := build/sanitizers
 PRELOAD = $(shell $(CXX) -print-file-name=libasan.so):$(shell $(CXX) -print-file-name=libubsan.so)
 
-POOL := frog_blender/engine/rasterizer/src
+POOL := frog_blender/engine/native/src
 
 test-sanitizers: setup
 	mkdir -p $(SANITIZED)/fuzz
-	$(CXX) -std=c++17 -O1 -g -fsanitize=thread -I$(POOL) tests/rasterizer/thread_pool_races.cpp $(POOL)/thread_pool.cpp \
+	$(CXX) -std=c++17 -O1 -g -fsanitize=thread -I$(POOL) tests/native/thread_pool_races.cpp $(POOL)/threads/thread_pool.cpp \
 		-pthread -o $(SANITIZED)/races
 	$(SANITIZED)/races
 	$(BIN)/cmake -S . -B $(SANITIZED) -G Ninja -DCMAKE_MAKE_PROGRAM=$(abspath $(BIN))/ninja \
@@ -79,8 +79,8 @@ test-sanitizers: setup
 		FROG_NATIVE_LIBRARY=$(abspath $(SANITIZED))/libfrog_native.so ASAN_OPTIONS=detect_leaks=0:halt_on_error=1 \
 		UBSAN_OPTIONS=halt_on_error=1:print_stacktrace=1; \
 		$(BIN)/python -m pytest -q --capture=sys -p no:cacheprovider --ignore=tests/rasterizer/cuda \
-		tests/rasterizer tests/model/test_fused.py tests/inference \
-		tests/training/test_adam.py tests/training/test_losses.py || exit 1; \
+		tests/rasterizer tests/native tests/model/test_fused.py tests/playback \
+		tests/training/optimize/test_adam.py tests/training/optimize/test_losses.py || exit 1; \
 		$(BIN)/python tests/fuzzing/worker.py $(abspath $(SANITIZED))/fuzz 4 0 5000 || exit 1; done
 
 # The oldest Blender that the add-on supports, as a module in an environment of its own.
@@ -138,4 +138,4 @@ extension: setup
 	$(BIN)/python tools/build_extension.py
 
 clean:
-	rm -rf build dist out .pytest_cache .mypy_cache .ruff_cache frog_blender/engine/rasterizer/*frog_native* $(VENV)/.ready
+	rm -rf build dist out .pytest_cache .mypy_cache .ruff_cache frog_blender/engine/native/*frog_native* $(VENV)/.ready

@@ -25,16 +25,17 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
 import bpy
 import numpy as np
-from helpers import scene_file
 from mathutils import Matrix
+from support.builders import scene_file
 
 import frog_blender
-from frog_blender import playback, render_engine
-from frog_blender.engine.files import SceneFile, write_scene
-from frog_blender.engine.inference.draw import draw
-from frog_blender.engine.inference.scene import PlayableScene
-from frog_blender.rendering.viewport import COARSEST, Viewport
-from frog_blender.rendering.viewport_drawing import picture_of
+from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.render import draw
+from frog_blender.engine.scene.scene_file import SceneFile, write_scene
+from frog_blender.render import frog_engine
+from frog_blender.render.viewport import COARSEST, Viewport
+from frog_blender.render.viewport_drawing import picture_of
+from frog_blender.timeline import playback
 
 
 def median_ms(work: Callable[[int], object], times: int = 15) -> float:
@@ -109,8 +110,8 @@ def still(folder: Path) -> dict[str, float]:
     camera = playable.header.cameras[0]
     engine_ms = median_ms(lambda number: draw(playable.at_frame(0.1 * number), camera), 5)
     inside: list[float] = []
-    original = render_engine.render_moment
-    render_engine.render_moment = noting(original, inside)
+    original = frog_engine.render_moment
+    frog_engine.render_moment = noting(original, inside)
 
     def render(number: int) -> None:
         scene.frame_current = 1 + number % 5
@@ -119,7 +120,7 @@ def still(folder: Path) -> dict[str, float]:
     try:
         whole = median_ms(render, 6)
     finally:
-        render_engine.render_moment = original
+        frog_engine.render_moment = original
     return {
         "deformation and rasterization": engine_ms,
         "in the engine": round(1000 * statistics.median(inside), 2),

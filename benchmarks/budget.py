@@ -17,12 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from frog_blender.commands import evaluate_file
-from frog_blender.engine.files import read_scene, write_scene
-from frog_blender.engine.inference.scene import some_of
-from frog_blender.engine.training.budget import with_budget
-from frog_blender.engine.training.job import TrainingJob, run_training
+from frog_blender.cli.actions import evaluate_file
+from frog_blender.engine.playback.player import some_of
+from frog_blender.engine.scene.scene_file import read_scene, write_scene
+from frog_blender.engine.training.compression.budget import with_budget
 from frog_blender.engine.training.recipe import recipe
+from frog_blender.engine.training.session.job import TrainingJob, run_training
 
 
 def train(options: argparse.Namespace, capture: Path, output: Path, budget: int | None = None) -> Path:

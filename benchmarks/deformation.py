@@ -30,12 +30,12 @@ import numpy as np
 import peak
 import torch
 
-from frog_blender.engine.comparison.timing import moments
-from frog_blender.engine.inference.deformation import PlayableDeformation
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
 from frog_blender.engine.model.frog import FINISHED, Frog, FrogSettings
 from frog_blender.engine.model.fused import FieldPass, field_arrays, pass_field
-from frog_blender.engine.rasterizer import native
+from frog_blender.engine.native import binding
+from frog_blender.engine.playback.deformation import PlayableDeformation
+from frog_blender.experiments.timing import moments
 
 NETWORKS: dict[str, dict[str, Any]] = {
     "shared 64": {"hidden_width": 64, "head_width": 0, "deformed_sh": 1},
@@ -177,7 +177,7 @@ def main() -> None:
     caches.add_argument("--apart", action="store_true", help="one path after the other instead of in turns")
     parser.add_argument("--plain", action="store_true", help="the training path in torch's own operations too")
     options = parser.parse_args()
-    native.set_thread_count(options.threads)
+    binding.set_thread_count(options.threads)
     torch.set_num_threads(1 if not options.plain else options.threads or os.cpu_count() or 1)  # as in a training step
     threads, core = options.threads or os.cpu_count() or 1, peak.measure()
     gigabytes = bandwidth.measure(threads)
@@ -192,7 +192,7 @@ def main() -> None:
             for (path, networks), seconds in in_rounds(groups, options.repeats, displacing).items():
                 operations, moved = work_of(models[networks], path)
                 result: dict[str, Any] = {"network": name, "networks": networks, "count": count, "path": path}
-                result |= {"threads": threads, "isa": native.instruction_set()}
+                result |= {"threads": threads, "isa": binding.instruction_set()}
                 result |= {"cold": options.cold, "apart": options.apart}
                 result |= {"seconds": statistics.median(seconds), "best": min(seconds)}
                 result |= {"arithmetic_bound": operations / (1e9 * core.gflops * threads) if core else None}

@@ -93,7 +93,7 @@ class Check:
             found["memory_gb"] = round(properties.total_memory / 1e9, 1)
         missing = [name for name in ("pytest", "cv2", "safetensors", "gsplat", "tqdm") if find_spec(name) is None]
         found["missing"] = ", ".join(missing) or "nothing"
-        ask = "from frog_blender.engine.rasterizer import native; print(native.instruction_set())"
+        ask = "from frog_blender.engine.native import binding; print(binding.instruction_set())"
         try:
             found["native library"] = self.start("native", ["-c", ask]).strip()
         except Failed as error:

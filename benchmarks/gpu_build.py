@@ -25,7 +25,7 @@ def build(folder: Path) -> Path:
             ["cmake", "--build", str(folder)],
         ]
     else:
-        source = ROOT / "frog_blender/engine/rasterizer/src"
+        source = ROOT / "frog_blender/engine/native/src"
         flags = "-std=gnu++17 -O3 -fPIC -fvisibility=hidden -fno-math-errno -fno-trapping-math -ffp-contract=fast -w"
         common = [compiler, *flags.split()]
         names = ["api", "thread_pool", "frame", "binning", "backward", "deformation", "isa_baseline"]

@@ -32,11 +32,11 @@ from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.seeds import Seeds, find_seeds
 from frog_blender.engine.rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
-from frog_blender.engine.training import start
-from frog_blender.engine.training import trainer as trainer_module
-from frog_blender.engine.training.neighbours import nearest
+from frog_blender.engine.training.optimize import initialization
+from frog_blender.engine.training.optimize import trainer as trainer_module
+from frog_blender.engine.training.optimize.nearest_neighbours import nearest
+from frog_blender.engine.training.optimize.trainer import Limits, Trainer
 from frog_blender.engine.training.recipe import recipe
-from frog_blender.engine.training.trainer import Limits, Trainer
 
 WARM_UP = 20  # steps that are not counted; kernels are compiled in the first ones
 CAMERAS, FRAMES = 4, 5  # of the generated capture
@@ -192,7 +192,7 @@ def runs(capture: Capture, store: Any, seeds: Seeds, steps: int, device: str, na
     """The records for one number of Gaussians; one with "failed" where a run did not come to its end."""
     still = {"densify_from": 2.0, "sampling": "off", "warm_up": 0.0, "dssim_from": 0.0}
     arrived = {"sh_growth": (0.0, 0.0, 0.0), "opacity_ramp": (0.0, 0.0), "fine_rows_until": 0.0}  # as at the end
-    start.spacings = one_spacing
+    initialization.spacings = one_spacing
     settings = recipe("standard", **still, **arrived)
     for pictures, share in (("regions", settings.region_share), ("whole", 0.0)):
         compared: np.ndarray | None = None

@@ -22,13 +22,13 @@ from unittest.mock import patch
 
 import numpy as np
 
-from frog_blender.engine import blocks
-from frog_blender.engine.files import FADES, LIFETIMES, SceneFile, read_scene, write_scene
-from frog_blender.engine.inference.draw import draw, to_uint8
-from frog_blender.engine.inference.scene import PlayableScene
-from frog_blender.engine.packing import BITS
-from frog_blender.engine.scene_header import RESHAPED
-from frog_blender.engine.spatial_order import neighbours_together
+from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.render import draw, to_uint8
+from frog_blender.engine.scene import blocks
+from frog_blender.engine.scene.header import RESHAPED
+from frog_blender.engine.scene.morton_order import neighbours_together
+from frog_blender.engine.scene.quantization import BITS
+from frog_blender.engine.scene.scene_file import FADES, LIFETIMES, SceneFile, read_scene, write_scene
 
 DIM = -5.0  # logit of an opacity that can just be seen
 

@@ -15,8 +15,8 @@ import statistics
 import time
 from pathlib import Path
 
-from frog_blender.engine.inference.scene import PlayableScene
-from frog_blender.engine.rasterizer import native
+from frog_blender.engine.native import binding
+from frog_blender.engine.playback.player import PlayableScene
 
 
 def main() -> None:
@@ -25,7 +25,7 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--repeats", type=int, default=200)
     options = parser.parse_args()
-    native.set_thread_count(options.threads)
+    binding.set_thread_count(options.threads)
     scenes = [PlayableScene.load(path) for path in options.scenes]
     for path, scene in zip(options.scenes, scenes, strict=True):
         if not scene.moving:

@@ -17,12 +17,12 @@ import time
 from pathlib import Path
 from typing import Any
 
-from frog_blender.commands import evaluate_file
+from frog_blender.cli.actions import evaluate_file
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.rasterizer import native
-from frog_blender.engine.training.events import Event, Finished, Started
-from frog_blender.engine.training.job import TrainingJob, run_training
+from frog_blender.engine.native import binding
 from frog_blender.engine.training.recipe import recipe
+from frog_blender.engine.training.session.events import Event, Finished, Started
+from frog_blender.engine.training.session.job import TrainingJob, run_training
 
 FIGURES = (
     "psnr",
@@ -69,7 +69,7 @@ def run(options: argparse.Namespace, seed: int, folder: Path) -> dict[str, Any]:
 def has_native_library() -> bool:
     """True where finished scenes can be drawn on the CPU."""
     try:
-        native.library()
+        binding.library()
     except FrogError:
         return False
     return True

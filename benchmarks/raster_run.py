@@ -21,9 +21,9 @@ import numpy as np
 from raster_scenes import Scene, load
 
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.rasterizer import native
-from frog_blender.engine.rasterizer.arrays import GaussianArrays
-from frog_blender.engine.rasterizer.options import RasterizeOptions
+from frog_blender.engine.gaussians import GaussianArrays
+from frog_blender.engine.native import binding
+from frog_blender.engine.native.options import RasterizeOptions
 
 BACKENDS = ("cpu", "cuda", "gsplat", "reference")
 MIN_REPEATS, MAX_REPEATS = 5, 40
@@ -45,10 +45,10 @@ def cpu_passes(scene: Scene) -> tuple[Pass, Pass]:
     }
     gradients = {name: np.empty_like(getattr(g, name)) for name in _ARRAYS}
     gradients["screen"] = np.empty((len(g), 2), np.float32)
-    frames: list[native.Frame] = []
+    frames: list[binding.Frame] = []
 
     def forward() -> None:
-        frames.append(native.Frame(g, scene.camera, scene.background, RasterizeOptions(), image, differentiable=True))
+        frames.append(binding.Frame(g, scene.camera, scene.background, RasterizeOptions(), image, differentiable=True))
 
     def backward() -> None:
         frames.pop().backward(scene.by_rgb, scene.by_alpha, gradients)
@@ -183,7 +183,7 @@ def measure(path: Path, backend: str, threads: int) -> dict[str, Any]:
     loaded = resident_mb(peak=False)
     on_gpu = backend in ("cuda", "gsplat")
     if backend == "cpu":
-        native.set_thread_count(threads)
+        binding.set_thread_count(threads)
         result = timed(*cpu_passes(scene))
     else:
         import torch
@@ -195,7 +195,7 @@ def measure(path: Path, backend: str, threads: int) -> dict[str, Any]:
     result |= {"peak_rss_mb": resident_mb(peak=True), "loaded_rss_mb": loaded}
     if on_gpu:
         result["device_peak_gflops"] = device_peak_gflops()
-    return {"isa": native.instruction_set() if backend == "cpu" else None, **result, **work(scene)}
+    return {"isa": binding.instruction_set() if backend == "cpu" else None, **result, **work(scene)}
 
 
 def work(scene: Scene) -> dict[str, Any]:
@@ -210,14 +210,14 @@ def work(scene: Scene) -> dict[str, Any]:
         "rgb": np.empty((camera.height, camera.width, 3), np.float32),
         "alpha": np.empty((camera.height, camera.width), np.float32),
     }
-    return native.Frame(scene.gaussians, camera, scene.background, RasterizeOptions(), image).work()
+    return binding.Frame(scene.gaussians, camera, scene.background, RasterizeOptions(), image).work()
 
 
 def absence(backend: str) -> str | None:
     """None, or one sentence that says why the backend cannot run here."""
     if backend == "cpu":
         try:
-            native.library()
+            binding.library()
         except FrogError as error:
             return str(error)
         return None

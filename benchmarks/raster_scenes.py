@@ -17,7 +17,7 @@ import numpy as np
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.errors import FrogError, found_instead
-from frog_blender.engine.rasterizer.arrays import GaussianArrays
+from frog_blender.engine.gaussians import GaussianArrays
 
 SEED = 1234
 FOCAL_LENGTH = 0.85  # in picture widths
@@ -165,7 +165,7 @@ def load(path: Path) -> Scene:
 
 def load_trained(path: Path, camera: int = 0, time: float | None = None) -> Scene:
     """A ``.frog`` file as one of its cameras sees it at ``time`` in [0, 1] (None: in the middle of what it filmed)."""
-    from frog_blender.engine.inference.scene import PlayableScene  # generated scenes need nothing but numpy
+    from frog_blender.engine.playback.player import PlayableScene  # generated scenes need nothing but numpy
 
     played = PlayableScene.load(path)
     header = played.header

@@ -33,7 +33,7 @@ from frog_blender.engine.errors import FrogError, found_instead
 
 INSTRUCTION_SETS = ("avx512", "avx2", "baseline")
 WORKER = Path(__file__).with_name("raster_run.py")
-ASK_INSTRUCTION_SET = "from frog_blender.engine.rasterizer import native; print(native.instruction_set())"
+ASK_INSTRUCTION_SET = "from frog_blender.engine.native import binding; print(binding.instruction_set())"
 
 
 def start(arguments: list[str], isa: str | None = None) -> str:

@@ -24,10 +24,10 @@ from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.seeds import find_seeds
 from frog_blender.engine.memory import old_objects_left_alone
 from frog_blender.engine.model import fused
-from frog_blender.engine.rasterizer import native
-from frog_blender.engine.training.job import prepare_capture
+from frog_blender.engine.native import binding
+from frog_blender.engine.training.optimize.trainer import Limits, Trainer
 from frog_blender.engine.training.recipe import recipe
-from frog_blender.engine.training.trainer import Limits, Trainer
+from frog_blender.engine.training.session.job import prepare_capture
 
 WARM_UP = 10  # steps that are left out of the first tenth
 PARTS = ("rasterizer_forward", "rasterizer_backward", "network_forward", "network_backward", "optimizer", "rounds")
@@ -64,7 +64,7 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=0, help="0: one for each core")
     parser.add_argument("--scale", type=float)
     options = parser.parse_args()
-    native.set_thread_count(options.threads)
+    binding.set_thread_count(options.threads)
     if options.threads:
         torch.set_num_threads(options.threads)
     capture, _ = prepare_capture(options.capture, options.scale, None, None)
@@ -73,13 +73,13 @@ def main() -> None:
     seeds = find_seeds(capture, store, count_limit=settings.seed_gaussians)
     trainer = Trainer(capture, store, seeds, settings, "frog", Limits(options.steps), 0)
     spent: Counter[str] = Counter()
-    watch(spent, native.Frame, "__init__", "rasterizer_forward")
-    watch(spent, native.Frame, "backward", "rasterizer_backward")
+    watch(spent, binding.Frame, "__init__", "rasterizer_forward")
+    watch(spent, binding.Frame, "backward", "rasterizer_backward")
     watch(spent, fused, "deform", "network_forward")
     watch(spent, fused, "deform_backward", "network_backward")
     watch(spent, trainer.optimizer, "step", "optimizer")
     watch(spent, trainer, "_rounds", "rounds")
-    about = {"recipe": options.recipe, "isa": native.instruction_set()}
+    about = {"recipe": options.recipe, "isa": binding.instruction_set()}
     total, all_seconds, all_steps = Counter[str](), 0.0, 0
     with old_objects_left_alone():  # as in a training
         while trainer.step_count < WARM_UP:

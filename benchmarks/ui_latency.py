@@ -27,8 +27,9 @@ import bpy
 import numpy as np
 
 import frog_blender
-from frog_blender import background, playback
-from frog_blender.rendering import viewport_drawing
+from frog_blender.render import viewport_drawing
+from frog_blender.timeline import playback
+from frog_blender.training_task import runner
 
 INTERVAL = 0.01  # seconds
 IDLE_SECONDS = 8.0
@@ -39,7 +40,7 @@ PATIENCE_SECONDS = 300.0  # for the training to reach its first step
 class Watch:
     """The timer: one phase after the other, the lateness of every call noted under its phase."""
 
-    def __init__(self, request: background.TrainingRequest, seconds: float) -> None:
+    def __init__(self, request: runner.TrainingRequest, seconds: float) -> None:
         self.request = request
         self.seconds = seconds
         self.late: dict[str, list[float]] = {"idle": [], "preparing": [], "training": []}
@@ -84,11 +85,11 @@ class Watch:
 
     def advance(self, elapsed: float) -> bool:
         """Go to the next phase when this one has lasted; whether it did."""
-        task = background.current
+        task = runner.current
         if self.phase == "settling" and elapsed > SETTLE_SECONDS:
             self.phase = "idle"
         elif self.phase == "idle" and elapsed > IDLE_SECONDS:
-            background.begin(self.request.events)
+            runner.begin(self.request.events)
             self.phase = "preparing"
         elif self.phase == "preparing" and task is not None and task.state.step:
             self.phase = "training"
@@ -108,11 +109,11 @@ class Watch:
                 figures[phase] = summary(late)
             elif phase in self.own:
                 figures[phase] = {name: summary(taken) for name, taken in self.own[phase].items()}
-        state = background.current.state if background.current else None
+        state = runner.current.state if runner.current else None
         if state is not None:
             figures["steps"], figures["gaussians"], figures["error"] = state.step, state.gaussians, state.error
         print(json.dumps(figures), flush=True)
-        background.stop()
+        runner.stop()
         bpy.ops.wm.quit_blender()
 
 
@@ -134,7 +135,7 @@ def main() -> None:
     bpy.context.preferences.view.show_splash = False
     frog_blender.register()
     output = Path(tempfile.mkdtemp()) / "latency.frog"
-    watch = Watch(background.TrainingRequest(options.capture.resolve(), output, options.recipe), options.seconds)
+    watch = Watch(runner.TrainingRequest(options.capture.resolve(), output, options.recipe), options.seconds)
     if options.play is not None:
         watch.play(options.play)
     bpy.app.timers.register(watch.__call__, first_interval=INTERVAL)

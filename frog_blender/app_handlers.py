@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import wraps
 from typing import Any
 
-from . import said
+from . import reported_once
 
 Handlers = list[tuple[list[Any], Callable[..., Any]]]
 """Lists of ``bpy.app.handlers``, and what is to be called from each."""
@@ -36,6 +36,6 @@ def _guard(function: Callable[..., Any]) -> Callable[..., Any]:
         try:
             function(*arguments)
         except Exception as error:
-            said.unforeseen(f"{function.__module__}.{function.__name__}", error)
+            reported_once.unforeseen(f"{function.__module__}.{function.__name__}", error)
 
     return handler

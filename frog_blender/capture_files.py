@@ -19,7 +19,7 @@ from typing import Any
 
 import bpy
 
-from . import carrier, saved_elsewhere
+from . import point_cloud, relative_paths
 
 _LONGEST_PATH = 1023  # bytes that a volume's path holds
 _lock = threading.Lock()  # a render looks for files in its own thread
@@ -29,7 +29,7 @@ _unpacked: dict[tuple[int, int, int], Path] = {}  # by a volume's session_uid, a
 
 def is_capture(obj: Any) -> bool:
     """Whether an object plays a .frog file."""
-    if obj.type not in carrier.TYPES:
+    if obj.type not in point_cloud.TYPES:
         return False
     settings = obj.frog
     return bool(settings.is_property_set("filepath") and settings.filepath)  # the first is fast, and false for most
@@ -60,13 +60,13 @@ def point_at(settings: Any, path: str) -> None:
 def adopt() -> None:
     """Gives the captures of this .blend that have a path alone a volume for it."""
     for obj in bpy.data.objects:
-        if is_capture(obj) and obj.frog.source is None and saved_elsewhere.library_of(obj) is None:
+        if is_capture(obj) and obj.frog.source is None and relative_paths.library_of(obj) is None:
             point_at(obj.frog, obj.frog.filepath)
 
 
 def named_file(obj: Any) -> Path:
     """The file that an object names, which need not be there where its content is packed into the .blend."""
-    return saved_elsewhere.absolute(obj.frog.source or obj, obj.frog.filepath)
+    return relative_paths.absolute(obj.frog.source or obj, obj.frog.filepath)
 
 
 def file_of(obj: Any) -> Path:

@@ -23,7 +23,7 @@ def one_torch_thread() -> None:
 @pytest.fixture(scope="session")
 def filmed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A capture folder: see ``filmed.write_capture``. Its decoded frames lie in a cache folder beside it."""
-    from filmed import write_capture
+    from support.synthetic_capture import write_capture
 
     return write_capture(tmp_path_factory.mktemp("filmed") / "capture")
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from helpers import REPOSITORY, run_python
+from support.builders import REPOSITORY, run_python
 
 PACKAGE = REPOSITORY / "frog_blender"
 ENGINE = PACKAGE / "engine"
@@ -44,7 +44,7 @@ def imports(path: Path, *, also_inside_functions: bool = True) -> Iterator[str]:
 
 
 def room_of(module: str) -> str | None:
-    """``training`` for ``frog_blender.engine.training.job``; None for what is no room of the engine."""
+    """``training`` for ``frog_blender.engine.training.session.job``; None for what is no room of the engine."""
     parts = module.split(".")
     if parts[:2] != ["frog_blender", "engine"] or len(parts) < 3:
         return None
@@ -121,7 +121,11 @@ print(sorted(name for name, module in sys.modules.items() if module and name.spl
 
 @pytest.mark.parametrize(
     "modules",
-    ["frog_blender", "frog_blender.cli", "frog_blender.engine.inference.scene, frog_blender.engine.inference.draw"],
+    [
+        "frog_blender",
+        "frog_blender.cli.main",
+        "frog_blender.engine.playback.player, frog_blender.engine.playback.render",
+    ],
 )
 def test_importing_needs_neither_blender_nor_torch(modules: str) -> None:
     run = run_python(IMPORTED.format(modules=modules, heavy=("torch", "bpy", "cv2", "matplotlib", "pycolmap")))

@@ -7,7 +7,7 @@ import sys
 import weakref
 
 import pytest
-from helpers import run_python
+from support.builders import run_python
 
 from frog_blender.engine.memory import old_objects_left_alone
 

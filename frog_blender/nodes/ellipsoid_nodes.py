@@ -10,7 +10,7 @@ from typing import Any
 
 import bpy
 
-from ..engine.rasterizer.options import ALPHA_MIN
+from ..engine.native.options import ALPHA_MIN
 from .node_builder import Builder, new_geometry_group, new_material
 from .splat_nodes import display_color
 

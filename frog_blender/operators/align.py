@@ -9,10 +9,10 @@ import numpy as np
 from bpy.props import BoolProperty, FloatProperty
 from mathutils import Matrix
 
-from .. import playback
 from ..engine.errors import FrogError
-from ..engine.inference.floor import Floor, camera_up, find_floor, lowest, placement, resting
-from .imported import cameras_of, chosen, placed_by
+from ..engine.playback.ground_plane import Floor, camera_up, find_floor, lowest, placement, resting
+from ..scene_import.capture_objects import cameras_of, chosen, placed_by
+from ..timeline import playback
 
 
 class FROG_OT_align_to_floor(bpy.types.Operator):

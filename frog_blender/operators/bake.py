@@ -12,12 +12,12 @@ from typing import Any
 import bpy
 from bpy.props import StringProperty
 
-from .. import carrier, playback
+from .. import point_cloud
 from ..engine.errors import FrogError
-from ..playing import opened, playback_cache
-from ..playing.retiming import is_known_late, stretched
-from .imported import named_or_chosen
-from .stepwise import Stepwise, has_window
+from ..scene_import.capture_objects import named_or_chosen
+from ..timeline import open_scenes, playback, playback_cache
+from ..timeline.retiming import is_known_late, stretched
+from .modal_operator import Stepwise, has_window
 
 
 @dataclass
@@ -34,7 +34,7 @@ def begin(obj: Any, scene: Any) -> Baking:
 
     Other objects of the scene that play the same file from the same bake are in it as well.
     """
-    from ..engine.inference.bake import bytes_needed, write_bake
+    from ..engine.playback.bake import bytes_needed, write_bake
 
     file, path = playback.file_of(obj), playback.bake_path(obj)
     playable = playback.open_scene(file)
@@ -48,7 +48,7 @@ def begin(obj: Any, scene: Any) -> Baking:
         needs = f"{len(times):,} frames need {needed / playback_cache.MEGABYTE:,.0f} MB, allowed are {megabytes:,} MB"
         raise FrogError(f"{path.name}: {needs}; allow more, or shorten the scene's frame range.")
     # On Windows a file that is open cannot be replaced; playback opens it again when it is needed.
-    opened.let_go_of_bake(path)
+    open_scenes.let_go_of_bake(path)
     return Baking(path, len(times), write_bake(path, file, playable, times))
 
 
@@ -132,7 +132,7 @@ class FROG_OT_clear_bake(_OnCapture, bpy.types.Operator):
     def execute(self, context: Any) -> set[str]:
         try:
             path = playback.bake_path(self.capture(context))
-            opened.let_go_of_bake(path)
+            open_scenes.let_go_of_bake(path)
             path.unlink()
         except FrogError as error:
             self.report({"ERROR"}, str(error))
@@ -152,7 +152,7 @@ class FROG_OT_clear_cache(bpy.types.Operator):
     def execute(self, context: Any) -> set[str]:
         playback_cache.clear()
         for obj in playback.captures(bpy.data.objects):
-            carrier.distrust(obj.data)
+            point_cloud.distrust(obj.data)
         return {"FINISHED"}
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import bpy
 
-from .scene_setup import look_through
+from ..scene_import.scene_setup import look_through
 
 
 class FROG_OT_look_through(bpy.types.Operator):

@@ -10,10 +10,10 @@ import bpy
 from bpy.props import BoolProperty, FloatProperty, StringProperty
 
 from ..engine.errors import FrogError
-from ..engine.straight_clips import Straightening
-from .camera_clips import OPACITY, add_clips, begin_straightening, hide_clip, revive
-from .imported import cameras_of, chosen, known_by
-from .stepwise import Stepwise, has_window
+from ..engine.source_media.undistorted_clips import Straightening
+from ..scene_import.camera_clips import OPACITY, add_clips, begin_straightening, hide_clip, revive
+from ..scene_import.capture_objects import cameras_of, chosen, known_by
+from .modal_operator import Stepwise, has_window
 
 
 class FROG_OT_add_clips(Stepwise, bpy.types.Operator):

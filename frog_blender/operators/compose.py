@@ -12,7 +12,8 @@ from typing import Any
 import bpy
 from bpy.props import EnumProperty
 
-from .. import composed_scenes, compositor, playback
+from ..compositing import compositor, scenes
+from ..timeline import playback
 
 
 class FROG_OT_compose(bpy.types.Operator):
@@ -46,12 +47,12 @@ class FROG_OT_compose(bpy.types.Operator):
         scene = context.scene
         if scene.render.engine != (engine := _engine_name(self.engine)):
             scene.render.engine = engine
-        splats = composed_scenes.laid_over(scene)
+        splats = scenes.laid_over(scene)
         if splats is None:
             splats = _splat_scene(scene)
             compositor.lay_over(scene, splats)
         splats.frog.composed_with, splats.frog.hold_out = scene, True
-        composed_scenes.begin()
+        scenes.begin()
         self.report({"INFO"}, f"F12 in {scene.name} now renders {splats.name} as well and puts them together.")
         return {"FINISHED"}
 
@@ -74,7 +75,7 @@ def _splat_scene(scene: Any) -> Any:
     name = f"{scene.name} FRoG"
     nodes = getattr(compositor.tree_of(scene), "nodes", ())
     read = [node.scene for node in nodes if node.type == "R_LAYERS" and node.scene is not None]
-    followers = [found for found in composed_scenes.followers() if found.frog.composed_with == scene]
+    followers = [found for found in scenes.followers() if found.frog.composed_with == scene]
     of_before = [found for found in (*read, bpy.data.scenes.get(name)) if found is not None and _is_nobodys(found)]
     return next(iter((*followers, *of_before)), None) or bpy.data.scenes.new(name)
 

@@ -12,14 +12,14 @@ import numpy as np
 from bpy.props import BoolProperty, EnumProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
-from .. import playback
 from ..capture_files import named_file
 from ..engine.errors import FrogError
-from ..engine.inference.transform import Y_DOWN
-from ..playing.retiming import raw_frame
+from ..engine.playback.transform import Y_DOWN
+from ..scene_import.capture_objects import chosen, stored_path
+from ..timeline import playback
+from ..timeline.retiming import raw_frame
 from .frame_export import FrameExport
-from .imported import chosen, stored_path
-from .stepwise import Stepwise, has_window
+from .modal_operator import Stepwise, has_window
 
 RANGES = (
     ("CURRENT", "Current Frame", "One file, of the moment that is shown now"),
@@ -85,7 +85,7 @@ right mouse button stops it"""
 
     def execute(self, context: Any) -> set[str]:
         """Several frames that a user asked for in the file browser are written one by one while Blender goes on."""
-        from ..engine.exchange import numbered
+        from ..engine.interchange.splats import numbered
 
         asked, self._asked = self._asked, False  # whoever repeats the operator waits for it
         obj, path = chosen(context), Path(bpy.path.abspath(self.filepath))
@@ -154,7 +154,7 @@ class FROG_OT_export_scene(bpy.types.Operator, ExportHelper):
         return super().invoke(context, event)
 
     def execute(self, context: Any) -> set[str]:
-        from ..engine.atomic_files import write_atomically
+        from ..engine.io.atomic_files import write_atomically
 
         obj, path = chosen(context), Path(bpy.path.abspath(self.filepath))
         source = playback.file_of(obj)

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 import bpy
 import numpy as np
 
-from .. import playback
 from ..engine.errors import FrogError
-from ..playing.retiming import is_known_late, raw_frame, stretched
-from .imported import known_by
+from ..scene_import.capture_objects import known_by
+from ..timeline import playback
+from ..timeline.retiming import is_known_late, raw_frame, stretched
 
 if TYPE_CHECKING:
-    from ..engine.rasterizer.arrays import GaussianArrays
+    from ..engine.gaussians import GaussianArrays
 
 
 @dataclass
@@ -51,7 +51,7 @@ class FrameExport:
 
     def steps(self) -> Generator[int, None, None]:
         """Writes a file, each whole or not at all, before it yields how many there are; raises FrogError."""
-        from ..engine.ply import write_splats
+        from ..engine.interchange.ply import write_splats
 
         for done, (frame, path) in enumerate(zip(self.frames, self.paths, strict=True), 1):
             write_splats(path, self._gaussians(frame))
@@ -64,7 +64,7 @@ class FrameExport:
             scene.frame_set(self.shown[0], subframe=self.shown[1])
 
     def _gaussians(self, frame: float) -> GaussianArrays:
-        from ..engine.inference.transform import transform
+        from ..engine.playback.transform import transform
 
         obj = known_by(bpy.data.objects, self.capture)
         if obj is None or next(playback.captures([obj]), None) is None:

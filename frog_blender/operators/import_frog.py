@@ -9,10 +9,10 @@ import bpy
 from bpy.props import BoolProperty, FloatProperty, StringProperty
 
 from ..engine.errors import FrogError
-from .camera_clips import clip_of
-from .dropped import DropsIntoViews, OpensDroppedFile
-from .imported import cameras_of, select_alone
-from .materialize import materialize
+from ..scene_import.camera_clips import clip_of
+from ..scene_import.capture_objects import cameras_of, select_alone
+from ..scene_import.create_objects import materialize
+from .file_drop import DropsIntoViews, OpensDroppedFile
 from .set_up_scene import SetsUpScene
 
 

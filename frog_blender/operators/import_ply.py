@@ -10,10 +10,10 @@ from bpy.props import BoolProperty, StringProperty
 from mathutils import Matrix
 
 from ..engine.errors import FrogError
-from ..engine.inference.transform import Y_DOWN
-from .dropped import DropsIntoViews, OpensDroppedFile
-from .imported import placed_by, select_alone
-from .materialize import materialize
+from ..engine.playback.transform import Y_DOWN
+from ..scene_import.capture_objects import placed_by, select_alone
+from ..scene_import.create_objects import materialize
+from .file_drop import DropsIntoViews, OpensDroppedFile
 from .set_up_scene import SetsUpScene
 
 
@@ -45,7 +45,7 @@ class FROG_OT_import_splats(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
     )
 
     def open_file(self, context: Any) -> set[str]:
-        from ..engine.exchange import free_scene_path, import_splats
+        from ..engine.interchange.splats import free_scene_path, import_splats
 
         source = Path(bpy.path.abspath(self.filepath))
         self.decide(context.scene)

@@ -10,8 +10,8 @@ import bpy
 
 from .. import __package__ as base_package
 from ..engine.errors import FrogError
-from ..torch_folders import clear_remains, remains
-from ..torch_install import SIZES, Installation
+from ..torch_install.folders import clear_remains, remains
+from ..torch_install.installer import SIZES, Installation
 from ..ui import preferences
 
 current: Installation | None = None  # the one that runs, or the last that ran

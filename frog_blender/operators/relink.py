@@ -11,10 +11,10 @@ import bpy
 from bpy.props import BoolProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from .. import playback
 from ..engine.errors import FrogError
-from ..saved_elsewhere import library_of
-from .imported import named_or_chosen, stored_path
+from ..relative_paths import library_of
+from ..scene_import.capture_objects import named_or_chosen, stored_path
+from ..timeline import playback
 
 
 def relink(obj: Any, path: Path, *, also_others: bool) -> list[Any]:

@@ -7,11 +7,11 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty
 
-from .. import playback
 from ..engine.errors import FrogError
-from .imported import cameras_of, chosen
-from .scene_setup import is_untouched, set_up
-from .transaction import all_or_nothing
+from ..scene_import.capture_objects import cameras_of, chosen
+from ..scene_import.scene_setup import is_untouched, set_up
+from ..scene_import.transaction import all_or_nothing
+from ..timeline import playback
 
 
 class SetsUpScene:

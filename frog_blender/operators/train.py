@@ -10,12 +10,12 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty
 
-from .. import background
 from ..engine.errors import FrogError, found_instead
-from ..engine.training.outputs import checkpoint_path, is_of_another, unused_output
+from ..engine.training.session.output_paths import checkpoint_path, is_of_another, unused_output
+from ..scene_import.capture_objects import stored_path
+from ..training_task import runner
 from ..ui import capture_summary, preferences
-from .imported import stored_path
-from .trained import importer
+from .training_result import importer
 
 
 class FROG_OT_train(bpy.types.Operator):
@@ -38,7 +38,7 @@ class FROG_OT_train(bpy.types.Operator):
             request = request_of(settings, self.resume)
             preferences.make_torch_importable()
             after = importer(context.scene) if settings.import_when_done else None
-            background.begin(request.events, after)
+            runner.begin(request.events, after)
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -59,11 +59,11 @@ class FROG_OT_cancel_training(bpy.types.Operator):
 
     @classmethod
     def poll(cls, _context: Any) -> bool:
-        return background.is_running()
+        return runner.is_running()
 
     def execute(self, _context: Any) -> set[str]:
-        if background.current is not None:
-            background.current.cancel()
+        if runner.current is not None:
+            runner.current.cancel()
         return {"FINISHED"}
 
 
@@ -75,11 +75,11 @@ class FROG_OT_pause_training(bpy.types.Operator):
 
     @classmethod
     def poll(cls, _context: Any) -> bool:
-        return background.is_running() and not background.is_paused()
+        return runner.is_running() and not runner.is_paused()
 
     def execute(self, _context: Any) -> set[str]:
-        assert background.current is not None
-        background.current.control.pause()
+        assert runner.current is not None
+        runner.current.control.pause()
         return {"FINISHED"}
 
 
@@ -91,11 +91,11 @@ class FROG_OT_resume_training(bpy.types.Operator):
 
     @classmethod
     def poll(cls, _context: Any) -> bool:
-        return background.is_paused()
+        return runner.is_paused()
 
     def execute(self, _context: Any) -> set[str]:
-        assert background.current is not None
-        background.current.control.resume()
+        assert runner.current is not None
+        runner.current.control.resume()
         return {"FINISHED"}
 
 
@@ -114,7 +114,7 @@ class FROG_OT_inspect_capture(bpy.types.Operator):
         return {"FINISHED"}
 
 
-def request_of(settings: Any, resume: bool = False) -> background.TrainingRequest:
+def request_of(settings: Any, resume: bool = False) -> runner.TrainingRequest:
     """What the panel's settings ask for; FrogError if something is missing.
 
     Unless it is resumed, a training writes what is not there yet: the output gets a number where a scene lies.
@@ -129,7 +129,7 @@ def request_of(settings: Any, resume: bool = False) -> background.TrainingReques
     output = output_of(settings)
     if resume and is_of_another(output, capture):
         raise found_instead(checkpoint_path(output), "a training of another capture", f"one of {capture}")
-    return background.TrainingRequest(
+    return runner.TrainingRequest(
         capture,
         output if resume else unused_output(output),
         settings.recipe,

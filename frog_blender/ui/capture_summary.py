@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..engine.errors import FrogError
-from ..engine.imports import is_missing, not_loaded
+from ..engine.optional_imports import is_missing, not_loaded
 
 if TYPE_CHECKING:
     from ..engine.capture.capture import Capture

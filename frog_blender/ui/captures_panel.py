@@ -6,12 +6,13 @@ from typing import Any
 
 import bpy
 
-from .. import capture_files, carrier, composed_renders, playback
+from .. import capture_files, point_cloud
+from ..compositing import renders
 from ..nodes import ellipsoid_nodes
-from ..operators.scene_setup import is_set_up
-from ..playing import opened, playback_cache, retiming
-from ..saved_elsewhere import library_of
-from . import looking_again
+from ..relative_paths import library_of
+from ..scene_import.scene_setup import is_set_up
+from ..timeline import open_scenes, playback, playback_cache, retiming
+from . import refreshing
 from .text import sentence
 
 
@@ -40,18 +41,18 @@ class FROG_PT_captures(bpy.types.Panel):
             if problem:
                 sentence(box, problem, context, icon="ERROR")
             if outdated(obj):
-                looking_again.soon()
-            error = opened.problem(playback.file_of(obj))
+                refreshing.soon()
+            error = open_scenes.problem(playback.file_of(obj))
             if error:
                 sentence(box, error, context, icon="ERROR")
-                if opened.is_missing(playback.file_of(obj)) and library_of(obj) is None:
+                if open_scenes.is_missing(playback.file_of(obj)) and library_of(obj) is None:
                     box.operator("frog.relink", icon="FILE_FOLDER").object_name = obj.name
             else:
                 packed = capture_files.packed_bytes(obj) / playback_cache.MEGABYTE
                 text = f", packed into the .blend ({packed:,.1f} MB)" if packed else ""
-                box.label(text=f"{carrier.count(obj):,} Gaussians{text}")
+                box.label(text=f"{point_cloud.count(obj):,} Gaussians{text}")
                 row = box.row()
-                row.enabled = carrier.count(obj) <= ellipsoid_nodes.MOST
+                row.enabled = point_cloud.count(obj) <= ellipsoid_nodes.MOST
                 row.prop(obj.frog, "display")
                 box.prop(obj.frog, "density", slider=True)
                 box.prop(obj.frog, "render_density", slider=True)
@@ -67,7 +68,7 @@ class FROG_PT_captures(bpy.types.Panel):
         row.operator("frog.hide_clips", text="", icon="HIDE_ON")
         layout.operator("frog.align_to_floor", icon="GRID")
         layout.operator_menu_enum("frog.compose", "engine", icon="NODE_COMPOSITING")
-        for said in composed_renders.said:
+        for said in renders.said:
             sentence(layout, said, context, icon="ERROR")
 
 
@@ -76,10 +77,10 @@ def outdated(obj: Any) -> bool:
     if obj.data.library is not None or obj.data.override_library is not None:
         return False
     file = playback.file_of(obj)
-    if opened.is_outdated(file):
+    if open_scenes.is_outdated(file):
         return True
-    is_played = not opened.problem(file) and not retiming.problem(obj, 0.0)
-    return is_played and opened.is_bake_outdated(playback.bake_path(obj), file)
+    is_played = not open_scenes.problem(file) and not retiming.problem(obj, 0.0)
+    return is_played and open_scenes.is_bake_outdated(playback.bake_path(obj), file)
 
 
 def _draw_lock(layout: Any, context: Any) -> None:

@@ -16,8 +16,9 @@ from bpy.props import (
     StringProperty,
 )
 
-from .. import capture_files, carrier, playback, saved_elsewhere
+from .. import capture_files, point_cloud, relative_paths
 from ..nodes import ellipsoid_nodes
+from ..timeline import playback
 from .path_options import PATH_OPTIONS
 
 DISPLAYS = (
@@ -35,16 +36,16 @@ REPETITIONS = (
 
 def _on_display(settings: Any, context: Any) -> None:
     obj = settings.id_data
-    too_many = settings.display == "ELLIPSOIDS" and carrier.count(obj) > ellipsoid_nodes.MOST
+    too_many = settings.display == "ELLIPSOIDS" and point_cloud.count(obj) > ellipsoid_nodes.MOST
     if too_many:
         settings.display = "POINTS"  # comes back here
     else:
-        carrier.display(obj, settings.display)
+        point_cloud.display(obj, settings.display)
         playback.refresh(context.scene)
 
 
 def _on_play_setting(_settings: Any, context: Any) -> None:
-    if not saved_elsewhere.moving:
+    if not relative_paths.moving:
         playback.refresh(context.scene)
 
 

@@ -12,7 +12,7 @@ from bpy.props import IntProperty, StringProperty
 
 from .. import __package__ as base_package
 from ..engine.errors import FrogError
-from ..playing import playback_cache
+from ..timeline import playback_cache
 
 
 def _on_cache_limit(settings: Any, _context: Any) -> None:
@@ -60,7 +60,7 @@ class FROG_AP_preferences(bpy.types.AddonPreferences):
 def draw_installation(layout: Any) -> None:
     """The button that installs torch, and how its work stands."""
     from ..operators import install_torch
-    from ..torch_install import SIZES
+    from ..torch_install.installer import SIZES
 
     current = install_torch.current
     if current is not None and current.running:
@@ -82,7 +82,7 @@ def cache_megabytes() -> int:
 def torch_path() -> str:
     """The folder named in the preferences, or the one that *Install torch* filled; else an empty string."""
     from ..operators.install_torch import folder
-    from ..torch_folders import installed
+    from ..torch_install.folders import installed
 
     addon = bpy.context.preferences.addons.get(base_package)
     named = addon.preferences.torch_path if addon and addon.preferences else ""

@@ -8,11 +8,11 @@ from typing import Any
 
 import bpy
 
-from .. import background
-from ..operators.scene_setup import is_set_up
 from ..operators.train import can_resume
-from ..operators.trained import plays
-from . import capture_summary, looking_again, preferences, presets, preview_picture, training_time
+from ..operators.training_result import plays
+from ..scene_import.scene_setup import is_set_up
+from ..training_task import runner
+from . import capture_summary, preferences, presets, preview_image, refreshing, training_time
 from .text import duration, sentence
 
 
@@ -40,8 +40,8 @@ class FROG_PT_train(bpy.types.Panel):
         layout.prop(settings, "device")
         layout.prop(settings, "import_when_done")
         _draw_start(layout, settings, context)
-        if background.current is not None:
-            _draw_training(layout, background.current, settings, context)
+        if runner.current is not None:
+            _draw_training(layout, runner.current, settings, context)
 
 
 class FROG_PT_train_advanced(bpy.types.Panel):
@@ -65,7 +65,7 @@ class FROG_PT_train_advanced(bpy.types.Panel):
 def _draw_capture(layout: Any, folder: str, context: Any) -> None:
     summary = capture_summary.known(folder)
     if capture_summary.is_outdated(folder):
-        looking_again.soon(folder, partial(capture_summary.inspect, folder))
+        refreshing.soon(folder, partial(capture_summary.inspect, folder))
     if summary is None:  # a file that was just opened: looking takes time, so the user says when
         layout.operator("frog.inspect_capture", icon="VIEWZOOM")
         return
@@ -82,7 +82,7 @@ def _draw_capture(layout: Any, folder: str, context: Any) -> None:
 
 def _draw_start(layout: Any, settings: Any, context: Any) -> None:
     """What a training would take, and the buttons that begin one."""
-    if background.is_running():
+    if runner.is_running():
         return
     summary = capture_summary.known(bpy.path.abspath(settings.capture_folder)) if settings.capture_folder else None
     if summary is not None and summary.capture is not None:
@@ -98,7 +98,7 @@ def _draw_start(layout: Any, settings: Any, context: Any) -> None:
         row.operator("frog.train", text="Resume", icon="FRAME_NEXT").resume = True
 
 
-def _draw_training(layout: Any, task: background.TrainingTask, settings: Any, context: Any) -> None:
+def _draw_training(layout: Any, task: runner.TrainingTask, settings: Any, context: Any) -> None:
     """The training that runs, or the last one that ran."""
     box, state = layout.box(), task.state
     _draw_progress(box, task, context)
@@ -109,15 +109,15 @@ def _draw_training(layout: Any, task: background.TrainingTask, settings: Any, co
         sentence(box, line, context, icon="MOD_DECIM")
     for warning in state.warnings[-3:]:
         sentence(box, warning, context, icon="INFO")
-    if preview_picture.icon_id():
+    if preview_image.icon_id():
         # As wide as the sidebar: the picture lies in a square of this many rows.
         rows = context.region.width / (20 * context.preferences.system.ui_scale) - 3 if context.region else 8
-        box.template_icon(preview_picture.icon_id(), scale=min(max(rows, 6.0), 16.0))
+        box.template_icon(preview_image.icon_id(), scale=min(max(rows, 6.0), 16.0))
     if state.running:
         box.prop(settings, "preview_camera")
 
 
-def _draw_progress(box: Any, task: background.TrainingTask, context: Any) -> None:
+def _draw_progress(box: Any, task: runner.TrainingTask, context: Any) -> None:
     """How far it is, or how it ended; and the buttons that hold and end it."""
     state = task.state
     if state.running:
@@ -138,7 +138,7 @@ def _draw_progress(box: Any, task: background.TrainingTask, context: Any) -> Non
         box.label(text=f"Finished in {duration(state.seconds)}.", icon="CHECKMARK")
 
 
-def _draw_result(box: Any, state: background.TrainingState, result: Path, context: Any) -> None:
+def _draw_result(box: Any, state: runner.TrainingState, result: Path, context: Any) -> None:
     """Where the scene is, what became of it here, and the button that follows."""
     sentence(box, f"Saved: {result}", context, icon="FILE_TICK")
     if state.running:
@@ -153,7 +153,7 @@ def _draw_result(box: Any, state: background.TrainingState, result: Path, contex
         box.operator("frog.set_up_scene", icon="SCENE_DATA")
 
 
-def _draw_figures(box: Any, state: background.TrainingState, context: Any) -> None:
+def _draw_figures(box: Any, state: runner.TrainingState, context: Any) -> None:
     column = box.column(align=True)
     if state.running and not state.stage and state.step:
         column.label(text=f"Time left: {duration(state.seconds_left)}")

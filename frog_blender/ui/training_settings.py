@@ -9,8 +9,8 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
-from .. import saved_elsewhere
-from ..engine.training.outputs import free_output
+from .. import relative_paths
+from ..engine.training.session.output_paths import free_output
 from .path_options import PATH_OPTIONS
 
 RECIPES = (
@@ -38,7 +38,7 @@ CAPACITIES = (
 
 
 def _on_capture_folder(settings: Any, _context: Any) -> None:
-    if saved_elsewhere.moving:
+    if relative_paths.moving:
         return
     from . import capture_summary, preferences  # imports the readers, so not before someone names a folder
 
@@ -58,10 +58,10 @@ def _camera_names(settings: Any, _context: Any, text: str) -> list[str]:
 
 
 def _on_preview_camera(settings: Any, _context: Any) -> None:
-    from .. import background
+    from ..training_task import runner
 
-    if background.current is not None:
-        background.current.control.preview_camera = settings.preview_camera
+    if runner.current is not None:
+        runner.current.control.preview_camera = settings.preview_camera
 
 
 class FrogTrainingSettings(bpy.types.PropertyGroup):

@@ -9,8 +9,8 @@ from ..engine.capture.capture import Capture
 
 def expected(settings: Any, capture: Capture) -> str:
     """For ``Scene.frog`` and the capture it names. Neither decodes nor imports torch."""
-    from ..engine.training.estimate import Workload, estimate, likely_device, usual_scale
     from ..engine.training.recipe import recipe
+    from ..engine.training.session.time_estimate import Workload, estimate, likely_device, usual_scale
 
     scale = settings.image_scale or usual_scale(capture.cameras)
     work = Workload.of(capture, recipe(settings.recipe), settings.steps or None, scale)

@@ -37,7 +37,7 @@ def empty(addon):
 @pytest.fixture
 def static_rig(tmp_path):
     """A .frog file of three fixed cameras: an ordinary one, a portrait one off centre, one with oblong pixels."""
-    from scenes import rig_of_three, write_scene
+    from small_scenes import rig_of_three, write_scene
 
     return write_scene(tmp_path / "figure.frog", rig_of_three())
 
@@ -45,7 +45,7 @@ def static_rig(tmp_path):
 @pytest.fixture
 def moving_rig(tmp_path):
     """A .frog file of one camera that moves and zooms through six pictures."""
-    from scenes import moving_camera, write_scene
+    from small_scenes import moving_camera, write_scene
 
     cameras = moving_camera(6)
     return write_scene(tmp_path / "walk.frog", cameras, shots=[(frame,) for frame in range(6)], frame_count=6)
@@ -56,7 +56,7 @@ def rendered(tmp_path):
     """A function that renders the scene's current frame and gives its pixels (H, W, 4) uint8, rows from the top."""
 
     def render(scene, **settings) -> np.ndarray:
-        from scenes import read_png
+        from small_scenes import read_png
 
         for name, value in settings.items():
             setattr(scene.render, name, value)
@@ -72,7 +72,7 @@ def rendered(tmp_path):
 @pytest.fixture
 def composed(empty, static_rig):
     """A scene of a capture and two cards, one of them in a collection, after the button was pressed."""
-    from composing import card, collection_in, compose
+    from composed_scene import card, collection_in, compose
 
     assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
     card(empty.collection, (0.4, 0.0, 0.0))
@@ -85,10 +85,10 @@ def composed(empty, static_rig):
 def in_a_window(monkeypatch):
     """A function after which renders run as they do in a window, as if in a thread that must not change the scene."""
 
-    from frog_blender import composed_checks, composed_renders
+    from frog_blender.compositing import checks, renders
 
     def begin():
-        for module in (composed_checks, composed_renders):
+        for module in (checks, renders):
             monkeypatch.setattr(module, "in_main_thread", lambda: False)
 
     return begin

@@ -7,11 +7,11 @@ import math
 import bpy
 import numpy as np
 import pytest
-from scenes import rig_of_three, write_scene
+from small_scenes import rig_of_three, write_scene
 
-from frog_blender import app_handlers, carrier, playback, said
-from frog_blender.engine.inference.scene import PlayableScene
-from frog_blender.playing import look_ahead, retiming
+from frog_blender import app_handlers, point_cloud, reported_once
+from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.timeline import playback, prefetch, retiming
 
 
 def raw(group, name, value):
@@ -51,13 +51,13 @@ ABSURD = [
 def test_the_timeline_goes_on(empty, captures, static_rig, capfd, name, value):
     bad, good = captures
     raw(bad.frog, name, value)
-    said.forget()
+    reported_once.forget()
     capfd.readouterr()
     for frame in (2, 3, 4, 5):
         empty.frame_set(frame)
-        look_ahead.look_ahead(empty)
+        prefetch.look_ahead(empty)
         np.testing.assert_array_equal(
-            carrier.read(good)["position"], PlayableScene.load(good.frog.filepath).at_frame(frame - 1.0).means
+            point_cloud.read(good)["position"], PlayableScene.load(good.frog.filepath).at_frame(frame - 1.0).means
         )
     err = capfd.readouterr().err
     assert "Traceback" not in err, err
@@ -74,7 +74,7 @@ def test_no_number_is_a_sentence_in_a_render(empty, captures, capfd, rendered, h
         curve.keyframe_points[0].co[1] = math.nan
     else:
         raw(bad.frog, "shown_frame" if how == "remap" else "start_frame", math.nan)
-    said.forget()
+    reported_once.forget()
     for frame in (2, 3):
         empty.frame_set(frame)
     assert capfd.readouterr().err.count(bad.name) == 1
@@ -97,7 +97,7 @@ def test_a_handler_that_fails_is_said_once_and_called_again(addon, empty, capfd)
         raise ValueError("of some kind")
 
     handlers = [(bpy.app.handlers.frame_change_pre, failing)]
-    said.forget()
+    reported_once.forget()
     app_handlers.add(handlers)
     app_handlers.add(handlers)
     try:
@@ -111,19 +111,19 @@ def test_a_handler_that_fails_is_said_once_and_called_again(addon, empty, capfd)
 
 def test_something_unforeseen_in_one_capture_holds_up_no_other(empty, captures, capfd, monkeypatch):
     bad, good = captures
-    show = carrier.show
+    show = point_cloud.show
 
     def fails(obj, *rest):
         if obj == bad:
             raise ZeroDivisionError("of some kind")
         show(obj, *rest)
 
-    monkeypatch.setattr(carrier, "show", fails)
-    said.forget()
+    monkeypatch.setattr(point_cloud, "show", fails)
+    reported_once.forget()
     for frame in (3, 5):
         empty.frame_set(frame)
     np.testing.assert_array_equal(
-        carrier.read(good)["position"], PlayableScene.load(good.frog.filepath).at_frame(4.0).means
+        point_cloud.read(good)["position"], PlayableScene.load(good.frog.filepath).at_frame(4.0).means
     )
     assert capfd.readouterr().err.count("ZeroDivisionError: of some kind") == 1
 

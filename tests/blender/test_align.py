@@ -8,11 +8,11 @@ import bpy
 import numpy as np
 import pytest
 from mathutils import Euler, Matrix, Vector
-from scenes import looking_at, write_scene
+from small_scenes import looking_at, write_scene
 
-from frog_blender.engine.files import SceneFile, read_scene
-from frog_blender.engine.files import write_scene as write_file
-from frog_blender.operators.imported import cameras_of
+from frog_blender.engine.scene.scene_file import SceneFile, read_scene
+from frog_blender.engine.scene.scene_file import write_scene as write_file
+from frog_blender.scene_import.capture_objects import cameras_of
 
 HEIGHT = -0.4  # of the floor in the capture's own space, where z is up before it is turned
 

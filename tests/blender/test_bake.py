@@ -7,18 +7,18 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from scenes import rig_of_three, write_scene
+from small_scenes import rig_of_three, write_scene
 from windows import drop_operators, event, started_in_window
 
-from frog_blender import carrier, playback
+from frog_blender import point_cloud
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.files import read_scene
-from frog_blender.engine.files import write_scene as write_file
-from frog_blender.engine.inference.bake import Bake, write_bake
-from frog_blender.engine.inference.importance import most_important, ranking
-from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender.engine.playback.bake import Bake, write_bake
+from frog_blender.engine.playback.importance import most_important, ranking
+from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.scene.scene_file import read_scene
+from frog_blender.engine.scene.scene_file import write_scene as write_file
 from frog_blender.operators import bake
-from frog_blender.playing import opened, playback_cache
+from frog_blender.timeline import open_scenes, playback, playback_cache
 
 
 @pytest.fixture
@@ -26,13 +26,13 @@ def capture(empty, static_rig):
     """Ten frames, shown at 1 to 10."""
     bpy.ops.import_scene.frog(filepath=str(static_rig))
     yield next(playback.captures(bpy.context.scene.objects))
-    opened.forget()
+    open_scenes.forget()
 
 
 def shows(obj, path, frame):
     expected = PlayableScene.load(path).at_frame(frame)
-    np.testing.assert_array_equal(carrier.read(obj)["position"], expected.means)
-    np.testing.assert_array_equal(carrier.read(obj)["radiance:base"][:, 3], expected.opacities)
+    np.testing.assert_array_equal(point_cloud.read(obj)["position"], expected.means)
+    np.testing.assert_array_equal(point_cloud.read(obj)["radiance:base"][:, 3], expected.opacities)
 
 
 def leftovers(folder):
@@ -134,7 +134,7 @@ def test_a_damaged_bake_is_one_sentence_and_frames_are_computed(empty, capture, 
     bpy.ops.frog.bake()
     path = static_rig.with_suffix(".frogbake")
     content = path.read_bytes()
-    opened.let_go_of_bake(path)
+    open_scenes.let_go_of_bake(path)
     playback_cache.clear()
     path.write_bytes(damaged(content)[how])
     assert path.read_bytes() != content
@@ -150,7 +150,7 @@ def test_whatever_else_is_wrong_with_a_bake_the_timeline_goes_on(empty, capture,
     """An error that nobody foresaw was raised anew at every frame."""
     bpy.ops.frog.bake()
     path = static_rig.with_suffix(".frogbake")
-    opened.let_go_of_bake(path)
+    open_scenes.let_go_of_bake(path)
     playback_cache.clear()
     with monkeypatch.context() as short:
         short.setattr(Bake, "_read_header", lambda self: [0] * 2**62)  # OverflowError or MemoryError
@@ -259,7 +259,7 @@ def test_a_bake_is_stopped(static_rig, baking, kind):
 
 
 def test_write_bake_says_when_the_disk_is_too_small(empty, static_rig, monkeypatch):
-    from frog_blender.engine.inference import bake as engine
+    from frog_blender.engine.playback import bake as engine
 
     monkeypatch.setattr(engine.shutil, "disk_usage", lambda folder: SimpleNamespace(free=100))
     scene = PlayableScene.load(static_rig)
@@ -304,7 +304,7 @@ def test_a_thinned_capture_takes_its_share_of_the_bake(empty, tmp_path, computed
     computed.clear()
     for frame, gaussians in expected.items():
         empty.frame_set(frame)
-        shown = carrier.read(capture)
+        shown = point_cloud.read(capture)
         np.testing.assert_array_equal(shown["position"], gaussians.means[kept])
         np.testing.assert_array_equal(shown["rotation"], gaussians.quaternions[kept])
         np.testing.assert_array_equal(shown["radiance:base"][:, 3], gaussians.opacities[kept])
@@ -317,10 +317,10 @@ def test_what_is_thinned_to_nothing_that_moves_stands(empty, tmp_path):
     bpy.ops.frog.bake()
     capture.frog.density = 50
     assert playback.displayed(capture, 1.0).scene.moving == 0
-    shown = carrier.read(capture)["position"]
+    shown = point_cloud.read(capture)["position"]
     empty.frame_set(8)
-    np.testing.assert_array_equal(carrier.read(capture)["position"], shown)
+    np.testing.assert_array_equal(point_cloud.read(capture)["position"], shown)
     capture.frog.density = 100
-    whole = carrier.read(capture)["position"]
+    whole = point_cloud.read(capture)["position"]
     empty.frame_set(3)
-    assert not np.array_equal(carrier.read(capture)["position"], whole)
+    assert not np.array_equal(point_cloud.read(capture)["position"], whole)

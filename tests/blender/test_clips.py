@@ -8,17 +8,17 @@ from dataclasses import replace
 import bpy
 import numpy as np
 import pytest
-from scenes import moving_camera, rig_of_three, write_scene
+from small_scenes import moving_camera, rig_of_three, write_scene
 from windows import drop_operators, event, started_in_window
 
-from frog_blender import playback
-from frog_blender.engine.files import SceneFile, read_scene
-from frog_blender.engine.files import write_scene as write_file
-from frog_blender.engine.straight_clips import clips_folder
+from frog_blender.engine.scene.scene_file import SceneFile, read_scene
+from frog_blender.engine.scene.scene_file import write_scene as write_file
+from frog_blender.engine.source_media.undistorted_clips import clips_folder
 from frog_blender.operators import clips
-from frog_blender.operators.camera_clips import clip_of
-from frog_blender.operators.imported import cameras_of
-from frog_blender.playing.retiming import capture_frame
+from frog_blender.scene_import.camera_clips import clip_of
+from frog_blender.scene_import.capture_objects import cameras_of
+from frog_blender.timeline import playback
+from frog_blender.timeline.retiming import capture_frame
 
 COUNT = 10
 

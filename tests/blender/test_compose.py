@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import bpy
-import composing
+import composed_scene
 import numpy as np
 import pytest
-from scenes import passes_of, rig_of_three
+from small_scenes import passes_of, rig_of_three
 
-from frog_blender import carrier
-from frog_blender.engine.inference.draw import draw
-from frog_blender.engine.inference.scene import PlayableScene
-from frog_blender.engine.rasterizer.options import RasterizeOptions
+from frog_blender import point_cloud
+from frog_blender.engine.native.options import RasterizeOptions
+from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.render import draw
 
 
 def import_scene(path):
@@ -20,7 +20,7 @@ def import_scene(path):
 
 
 def card(scene, place, size=20.0, color=(0.9, 0.1, 0.8)):
-    return composing.card(scene.collection, place, size, color)
+    return composed_scene.card(scene.collection, place, size, color)
 
 
 def test_splats_end_where_an_object_hides_them(empty, static_rig, tmp_path):
@@ -62,14 +62,14 @@ def test_f12_puts_cycles_and_frog_together(empty, static_rig, tmp_path, rendered
     rays = np.stack([x, y, np.ones_like(x)], -1) @ np.linalg.inv(camera.intrinsics).T @ camera.rotation
     limit = -camera.center[1] / rays[..., 1]
     drawing = draw(gaussians, camera, depth_limit=limit.astype(np.float32))
-    from frog_blender.colors import to_display, to_linear
+    from frog_blender.color_spaces import to_display, to_linear
 
     straight = to_linear(np.clip(drawing.rgb / np.maximum(drawing.alpha, 1e-6)[..., None], 0, 1))
     alpha = drawing.alpha[..., None]
     light = straight * alpha + np.array([0.9, 0.1, 0.8]) * (1 - alpha)
     assert np.abs(pixels[..., :3] - to_display(light).clip(0, 1)).max() < 3 / 255
     assert drawing.alpha.max() > 0.5 > drawing.alpha.min()
-    assert not carrier.is_drawn_in_renders(obj)
+    assert not point_cloud.is_drawn_in_renders(obj)
 
 
 def test_run_again_it_follows_the_scene(empty, static_rig):
@@ -137,7 +137,7 @@ def test_run_again_it_leaves_what_was_put_before_the_splats(empty, static_rig):
 
 
 def test_what_the_compositor_did_before_stays(empty, static_rig):
-    from frog_blender.compositor import own_tree
+    from frog_blender.compositing.compositor import own_tree
 
     import_scene(static_rig)
     tree, output = own_tree(empty)

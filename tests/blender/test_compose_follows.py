@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from composing import (
+from composed_scene import (
     a_region,
     cameras,
     card,
@@ -18,9 +18,11 @@ from composing import (
     the_capture,
     the_node_muted,
 )
-from scenes import read_png
+from small_scenes import read_png
 
-from frog_blender import carrier, composed_checks, composed_renders, compositor, playback
+from frog_blender import point_cloud
+from frog_blender.compositing import checks, compositor, renders
+from frog_blender.timeline import playback
 
 
 def another_camera(scene):
@@ -186,7 +188,7 @@ def a_capture_turned(scene):
 
 def points_switched_on(scene):
     """Which the other engine would draw, and FRoG once more."""
-    carrier.draw_in_renders(the_capture(), True)
+    point_cloud.draw_in_renders(the_capture(), True)
     an_object_moved(scene)
 
 
@@ -249,7 +251,7 @@ def test_it_is_followed(composed, rendered, change, window, in_a_window):
     change(composed)
     scene = bpy.context.scene  # which undo makes anew
     found = rendered(scene)
-    assert not composed_renders.said or change in (captures_hidden, captures_deleted)
+    assert not renders.said or change in (captures_hidden, captures_deleted)
     assert found.shape != before.shape or (found != before).any(), "the change shows"
     if change is captures_deleted:
         assert not next(playback.captures(bpy.data.objects), None)
@@ -291,7 +293,7 @@ def test_captures_that_frog_no_longer_draws_are_drawn_by_the_other_engine(empty,
     before = rendered(empty)
     compose(empty)
     both = rendered(empty)
-    assert (both != before).any() and not carrier.is_drawn_in_renders(the_capture())
+    assert (both != before).any() and not point_cloud.is_drawn_in_renders(the_capture())
     change(empty)
     np.testing.assert_array_equal(rendered(empty), before)
     compose(empty)
@@ -307,9 +309,9 @@ def test_a_capture_from_a_composed_file_is_drawn_by_the_other_engine(composed, t
     (bpy.ops.wm.link if link else bpy.ops.wm.append)(directory=f"{composed_file}/Object/", filename=name)
     capture, scene = the_capture(), bpy.context.scene
     assert (capture.library is not None) == link
-    assert not capture.frog.laid_over and carrier.is_drawn_in_renders(capture)
+    assert not capture.frog.laid_over and point_cloud.is_drawn_in_renders(capture)
     scene.render.engine = "CYCLES"
-    assert composed_checks.trouble(scene) == ""
+    assert checks.trouble(scene) == ""
 
 
 def test_an_animation_follows_cameras_sizes_and_time(composed, rendered, tmp_path):
@@ -372,7 +374,7 @@ def test_pictures_put_together_by_hand_have_the_region_of_the_scene_that_is_rend
     whole = rendered(empty)
     splats_of(empty).frog.composed_with = None
     bpy.context.view_layer.update()
-    carrier.draw_in_renders(the_capture(), False)
+    point_cloud.draw_in_renders(the_capture(), False)
     a_region(empty)
     found = rendered(empty)
     height, width = whole.shape[:2]

@@ -8,10 +8,11 @@ from contextlib import nullcontext
 import bpy
 import numpy as np
 import pytest
-from composing import cameras, card, compose, is_striped, name_of, nodes_of, the_capture
-from scenes import read_png, rig_of_three, write_scene
+from composed_scene import cameras, card, compose, is_striped, name_of, nodes_of, the_capture
+from small_scenes import read_png, rig_of_three, write_scene
 
-from frog_blender import composed_renders, compositor, playback
+from frog_blender.compositing import compositor, renders
+from frog_blender.timeline import playback
 
 
 def a_file_gone(scene):
@@ -162,7 +163,7 @@ def test_in_a_window_a_copied_scene_is_refused(composed, rendered, in_a_window):
 
 @pytest.mark.parametrize("error", [MemoryError(), ValueError("a fault of our own")], ids=["memory", "a bug"])
 def test_what_fails_later_is_no_picture_and_ends_the_animation(composed, tmp_path, monkeypatch, capsys, error):
-    from frog_blender import render_engine
+    from frog_blender.render import frog_engine
 
     drawn = []
 
@@ -172,8 +173,8 @@ def test_what_fails_later_is_no_picture_and_ends_the_animation(composed, tmp_pat
             raise error
         return gathered(depsgraph)
 
-    gathered = render_engine.gather
-    monkeypatch.setattr(render_engine, "gather", gather)
+    gathered = frog_engine.gather
+    monkeypatch.setattr(frog_engine, "gather", gather)
     composed.frame_end = 5
     composed.render.image_settings.file_format = "PNG"
     composed.render.filepath = str(tmp_path / "out_")
@@ -182,18 +183,18 @@ def test_what_fails_later_is_no_picture_and_ends_the_animation(composed, tmp_pat
     pictures = [read_png(path) for path in sorted(tmp_path.glob("out_*.png"))]
     assert [is_striped(picture) for picture in pictures] == [False, True]
     said = "Out of memory" if isinstance(error, MemoryError) else "a fault of our own"
-    assert said in capsys.readouterr().err and said in composed_renders.said[0], "in the console and in the panel"
+    assert said in capsys.readouterr().err and said in renders.said[0], "in the console and in the panel"
     composed.frame_end = 1
-    assert bpy.ops.render.render(animation=True) == {"FINISHED"} and not composed_renders.said
+    assert bpy.ops.render.render(animation=True) == {"FINISHED"} and not renders.said
 
 
 def test_a_still_that_fails_leaves_the_scene_as_it_was(composed, monkeypatch, rendered):
-    from frog_blender import render_engine
+    from frog_blender.render import frog_engine
 
     before = rendered(composed)
     composed.frame_set(4)
     with monkeypatch.context() as patch:
-        patch.setattr(render_engine, "gather", lambda depsgraph: (_ for _ in ()).throw(MemoryError()))
+        patch.setattr(frog_engine, "gather", lambda depsgraph: (_ for _ in ()).throw(MemoryError()))
         assert is_striped(rendered(composed))
     assert composed.frame_current == 4 and composed.render.engine == "CYCLES"
     composed.frame_set(1)
@@ -219,16 +220,16 @@ def test_a_scene_of_another_engine_is_not_looked_at(empty, tmp_path):
     bpy.ops.import_scene.frog(filepath=str(path))
     path.unlink()
     empty.render.engine = "CYCLES"
-    assert composed_renders.trouble(empty) == ""
+    assert renders.trouble(empty) == ""
 
 
 def test_other_threads_change_nothing(composed):
     """Where Blender renders in a thread of its own, what the scene lacks is a sentence, not a change."""
     card(composed.collection, (0.0, -0.6, -0.3))
     said = []
-    thread = threading.Thread(target=lambda: said.append(composed_renders.trouble(composed)))
+    thread = threading.Thread(target=lambda: said.append(renders.trouble(composed)))
     thread.start()
     thread.join()
     assert "has other objects than" in said[0]
     bpy.context.view_layer.update()
-    assert composed_renders.trouble(composed) == ""
+    assert renders.trouble(composed) == ""

@@ -7,8 +7,8 @@ import mathutils
 import numpy as np
 import pytest
 
-from frog_blender.engine.inference.scene import PlayableScene
-from frog_blender.engine.rasterizer.options import ALPHA_MIN
+from frog_blender.engine.native.options import ALPHA_MIN
+from frog_blender.engine.playback.player import PlayableScene
 
 
 def import_scene(path):
@@ -51,14 +51,14 @@ def test_every_instance_is_its_gaussian(empty, static_rig, frames):
 
 
 def test_nobody_sees_what_is_transparent(empty):
-    from frog_blender import carrier
-    from frog_blender.engine.rasterizer.arrays import GaussianArrays
+    from frog_blender import point_cloud
+    from frog_blender.engine.gaussians import GaussianArrays
 
     opacities = np.array([0.9, 0.0, 0.5, 0.003, 0.004], np.float32)
     means = np.arange(15, dtype=np.float32).reshape(5, 3)
     turns = np.tile(np.array([1, 0, 0, 0], np.float32), (5, 1))
-    obj = carrier.create("five", GaussianArrays(means, turns, np.ones_like(means), opacities, means[:, None]))
-    carrier.display(obj, "ELLIPSOIDS")
+    obj = point_cloud.create("five", GaussianArrays(means, turns, np.ones_like(means), opacities, means[:, None]))
+    point_cloud.display(obj, "ELLIPSOIDS")
     empty.collection.objects.link(obj)
     np.testing.assert_array_equal(instances(obj)[:, :3, 3], means[[0, 2, 4]])
 
@@ -83,8 +83,8 @@ def test_too_many_stay_splats(empty, static_rig, monkeypatch):
 
 def test_ellipsoids_have_the_gaussians_colours(empty, rendered):
     """One red and one green Gaussian, seen by Cycles."""
-    from frog_blender import carrier
-    from frog_blender.engine.rasterizer.arrays import GaussianArrays
+    from frog_blender import point_cloud
+    from frog_blender.engine.gaussians import GaussianArrays
 
     sh = ((np.eye(3)[:2] - 0.5) / 0.28209479)[:, None].astype(np.float32)
     two = GaussianArrays(
@@ -94,8 +94,8 @@ def test_ellipsoids_have_the_gaussians_colours(empty, rendered):
         np.full(2, 0.9, np.float32),
         sh,
     )
-    obj = carrier.create("two", two)
-    carrier.display(obj, "ELLIPSOIDS")
+    obj = point_cloud.create("two", two)
+    point_cloud.display(obj, "ELLIPSOIDS")
     eye = bpy.data.objects.new("eye", bpy.data.cameras.new("eye"))
     eye.location, eye.rotation_euler = (0, -6, 0), (np.pi / 2, 0, 0)
     for thing in (obj, eye):
@@ -110,11 +110,11 @@ def test_ellipsoids_have_the_gaussians_colours(empty, rendered):
 
 
 def test_frog_draws_the_capture_and_not_its_ellipsoids(empty, static_rig, rendered):
-    from frog_blender.rendering import gathering
+    from frog_blender.render import collect_instances
 
     obj = import_scene(static_rig)
     before = rendered(empty)
     obj.frog.display = "ELLIPSOIDS"
-    found = gathering.visible_captures(bpy.context.evaluated_depsgraph_get())
+    found = collect_instances.visible_captures(bpy.context.evaluated_depsgraph_get())
     assert [capture for capture, *_ in found] == [obj]
     np.testing.assert_array_equal(rendered(empty), before)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import bpy
 import pytest
-from scenes import rig_of_three, write_scene
+from small_scenes import rig_of_three, write_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -11,7 +11,7 @@ import bpy
 import pytest
 from windows import another_blender
 
-from frog_blender.engine.files import read_scene
+from frog_blender.engine.scene.scene_file import read_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 ENABLE = """
@@ -28,7 +28,7 @@ def test_it_trains_and_renders(tmp_path, monkeypatch, has):
     pytest.importorskip("cv2")
     if not bpy.app.binary_path and bpy.app.version < (5, 0):
         pytest.skip("the bpy 4.5 module never leaves while any script's handler is registered")
-    capture = pytest.importorskip("filmed").write_capture(tmp_path / "capture")
+    capture = pytest.importorskip("support.synthetic_capture").write_capture(tmp_path / "capture")
     resources, cache = tmp_path / "user", tmp_path / "cache"
     resources.mkdir()
     environment = os.environ | {"BLENDER_USER_RESOURCES": str(resources), "FROG_CACHE": str(cache)}

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import bpy
 import pytest
-from scenes import rig_of_three, write_scene
+from small_scenes import rig_of_three, write_scene
 
-from frog_blender import carrier
+from frog_blender import point_cloud
 from frog_blender.engine.errors import FrogError
-from frog_blender.operators import materialize as importing
-from frog_blender.operators import scene_setup
-from frog_blender.operators.scene_setup import is_untouched
-from frog_blender.operators.transaction import values
+from frog_blender.scene_import import create_objects as importing
+from frog_blender.scene_import import scene_setup
+from frog_blender.scene_import.scene_setup import is_untouched
+from frog_blender.scene_import.transaction import values
 
 
 def everything():
@@ -37,7 +37,7 @@ def views():
 
 
 STEPS = {
-    "the Gaussians": (carrier, "write"),
+    "the Gaussians": (point_cloud, "write"),
     "a camera": (importing, "apply_lens"),
     "the clips": (importing, "add_clips"),
     "the last of the settings": (scene_setup, "_set_background"),
@@ -181,8 +181,8 @@ def test_set_up_scene_needs_a_capture_that_can_be_read(empty, static_rig):
 
 
 def test_the_users_own_image_of_a_clip_is_not_taken(empty, static_rig, tmp_path, monkeypatch):
-    from frog_blender.engine.clips import Clip
-    from frog_blender.operators import camera_clips
+    from frog_blender.engine.source_media.clips import Clip
+    from frog_blender.scene_import import camera_clips
 
     picture = bpy.data.images.new("picture", 8, 8)
     picture.filepath_raw, picture.file_format = str(tmp_path / "shot.png"), "PNG"

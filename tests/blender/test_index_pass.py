@@ -7,9 +7,9 @@ from dataclasses import replace
 import bpy
 import numpy as np
 import pytest
-from scenes import rig_of_three, write_scene
+from small_scenes import rig_of_three, write_scene
 
-from frog_blender.rendering import index_pass
+from frog_blender.render import index_pass
 
 
 def multilayer(scene, path):
@@ -34,9 +34,9 @@ def rendered_indices(scene, monkeypatch):
 
 def solid(path, seed):
     """A still capture without cameras, whose Gaussians are nearly opaque."""
-    from frog_blender.engine.exchange import import_splats
-    from frog_blender.engine.inference.scene import PlayableScene
-    from frog_blender.engine.ply import write_splats
+    from frog_blender.engine.interchange.ply import write_splats
+    from frog_blender.engine.interchange.splats import import_splats
+    from frog_blender.engine.playback.player import PlayableScene
 
     moving = write_scene(path.with_name("moving.frog"), rig_of_three(), count=60 - seed, seed=seed)
     gaussians = PlayableScene.load(moving).at_frame(0)
@@ -60,7 +60,7 @@ def pair(empty, static_rig, tmp_path):
 
 def alone(scene, captures, seen, tmp_path):
     """Depth of one of the captures."""
-    from scenes import passes_of
+    from small_scenes import passes_of
 
     for obj in captures:
         obj.hide_render = obj is not seen

@@ -16,11 +16,12 @@ from types import SimpleNamespace
 import bpy
 import pytest
 
-from frog_blender import background, torch_install
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.training.control import Control
-from frog_blender.torch_folders import clear_remains, has_torch, installed
-from frog_blender.torch_install import PACKAGES, Installation, pip_command
+from frog_blender.engine.training.session.cancel_token import Control
+from frog_blender.torch_install import installer
+from frog_blender.torch_install.folders import clear_remains, has_torch, installed
+from frog_blender.torch_install.installer import PACKAGES, Installation, pip_command
+from frog_blender.training_task import runner
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -85,7 +86,7 @@ def test_an_older_one_stays_until_a_new_one_is_whole(tmp_path, index):
 
 def test_cancelled_it_leaves_nothing(tmp_path, monkeypatch):
     slow = [sys.executable, "-c", "import time; print('Collecting torch', flush=True); time.sleep(60)"]
-    monkeypatch.setattr(torch_install, "pip_command", lambda: slow)
+    monkeypatch.setattr(installer, "pip_command", lambda: slow)
     installation = Installation(tmp_path / "data" / "torch").start()
     deadline = time.monotonic() + 20
     while installation.line != "Collecting torch" and time.monotonic() < deadline:
@@ -107,7 +108,7 @@ torch.mkdir()
 print(tempfile.mkdtemp(), flush=True)
 time.sleep(60 * {cancelled:d})
 """
-    monkeypatch.setattr(torch_install, "pip_command", lambda: [sys.executable, "-c", code])
+    monkeypatch.setattr(installer, "pip_command", lambda: [sys.executable, "-c", code])
     data = tmp_path / "data"
     installation = Installation(data / "torch").start()
     deadline = time.monotonic() + 20
@@ -124,7 +125,7 @@ time.sleep(60 * {cancelled:d})
 
 
 def test_no_room_is_said_before_anything_is_fetched(tmp_path, monkeypatch):
-    monkeypatch.setattr(torch_install, "_ROOM", 1e18)
+    monkeypatch.setattr(installer, "_ROOM", 1e18)
     with pytest.raises(FrogError, match="GB free, torch needs"):
         Installation(tmp_path / "data" / "torch").start()
 
@@ -138,7 +139,7 @@ def test_a_folder_that_cannot_be_written_ends_in_a_sentence(tmp_path, monkeypatc
         folder.write_bytes(b"")
         return SimpleNamespace(free=1e12)
 
-    monkeypatch.setattr(torch_install.shutil, "disk_usage", taken)
+    monkeypatch.setattr(installer.shutil, "disk_usage", taken)
     failed = finished(Installation(parent / "torch").start())
     assert not failed.done and "\n" not in failed.error
     assert failed.error.startswith(f"{parent / 'torch'}: torch could not be installed (")
@@ -152,16 +153,16 @@ def test_whatever_goes_wrong_ends_in_a_sentence(tmp_path):
 
 def test_what_pip_says_may_be_no_text(tmp_path, monkeypatch):
     speaks = [sys.executable, "-c", "import sys; sys.stdout.buffer.write(b'ERROR: caf\\xe9\\n'); sys.exit(1)"]
-    monkeypatch.setattr(torch_install, "pip_command", lambda: speaks)
+    monkeypatch.setattr(installer, "pip_command", lambda: speaks)
     failed = finished(Installation(tmp_path / "data" / "torch").start())
     assert failed.error.startswith("torch could not be installed: caf")
 
 
 def test_a_python_without_pip_uses_the_one_that_it_brings_along(monkeypatch):
-    real = torch_install.importlib.util.find_spec
+    real = installer.importlib.util.find_spec
     if real("ensurepip") is None:
         pytest.skip("this Python brings no pip along")
-    monkeypatch.setattr(torch_install.importlib.util, "find_spec", lambda name: None if name == "pip" else real(name))
+    monkeypatch.setattr(installer.importlib.util, "find_spec", lambda name: None if name == "pip" else real(name))
     command = pip_command()
     assert command[:2] == [sys.executable, "-I"] and command[-1].endswith(".whl")
 
@@ -169,11 +170,11 @@ def test_a_python_without_pip_uses_the_one_that_it_brings_along(monkeypatch):
 @pytest.fixture(params=["installed", pytest.param("bundled", marks=pytest.mark.slow)])
 def either_pip(request, monkeypatch):
     """The pip of this Python's packages, and the one that Python brings along."""
-    real = torch_install.importlib.util.find_spec
+    real = installer.importlib.util.find_spec
     if real("ensurepip") is None and request.param == "bundled":
         pytest.skip("this Python brings no pip along")
     if request.param == "bundled":
-        found = torch_install.importlib.util
+        found = installer.importlib.util
         monkeypatch.setattr(found, "find_spec", lambda name: None if name == "pip" else real(name))
 
 
@@ -191,7 +192,7 @@ def test_nothing_in_the_current_folder_runs_in_pips_place(tmp_path, index, eithe
 
 def test_a_pip_that_brings_no_torch_has_not_installed_it(tmp_path, monkeypatch):
     silent = [sys.executable, "-c", "print('all is well')"]
-    monkeypatch.setattr(torch_install, "pip_command", lambda: silent)
+    monkeypatch.setattr(installer, "pip_command", lambda: silent)
     failed = finished(Installation(tmp_path / "data" / "torch").start())
     assert not failed.done and "pip brought none (all is well)" in failed.error
     assert not list((tmp_path / "data").iterdir())
@@ -219,7 +220,7 @@ torch = pathlib.Path(sys.argv[sys.argv.index("--target") + 1]) / "torch"
 torch.mkdir()
 (torch / "__init__.py").touch()
 """
-    monkeypatch.setattr(torch_install, "pip_command", lambda: [sys.executable, "-c", code])
+    monkeypatch.setattr(installer, "pip_command", lambda: [sys.executable, "-c", code])
 
 
 def test_another_installation_is_switched_to(tmp_path, quick_pip):
@@ -269,9 +270,9 @@ def test_a_training_holds_its_torch_before_it_imports_it(addon, tmp_path, monkey
     def hold():
         raise FrogError("asked")
 
-    monkeypatch.setattr(background.torch_folders, "hold", hold)
+    monkeypatch.setattr(runner.torch_folders, "hold", hold)
     with pytest.raises(FrogError, match="asked"):
-        background.TrainingRequest(tmp_path, tmp_path / "a.frog").events(Control())
+        runner.TrainingRequest(tmp_path, tmp_path / "a.frog").events(Control())
 
 
 @pytest.mark.parametrize("written", [b"", b"torch-7", b"../elsewhere", b"\xff\xfe", b"/etc"])

@@ -12,11 +12,13 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
-from scenes import rig_of_three, write_scene
+from small_scenes import rig_of_three, write_scene
 from windows import another_blender
 
-from frog_blender import background, carrier, playback
-from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender import point_cloud
+from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.timeline import playback
+from frog_blender.training_task import runner
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -28,7 +30,7 @@ def imported(path):
 
 def shows(obj, path, frame):
     expected = PlayableScene.load(path).at_frame(frame).means
-    np.testing.assert_allclose(carrier.read(obj)["position"], expected, atol=1e-6)
+    np.testing.assert_allclose(point_cloud.read(obj)["position"], expected, atol=1e-6)
 
 
 def select_only(obj):
@@ -125,7 +127,7 @@ def test_a_deleted_capture_is_gone_and_comes_back_by_undo(empty, static_rig):
 
 def test_appended_and_linked_captures_play(empty, static_rig, tmp_path):
     """Blender lets nobody write linked geometry; FROG draws such a capture from its file."""
-    from frog_blender.rendering.gathering import gather
+    from frog_blender.render.collect_instances import gather
 
     name = imported(static_rig).name
     blend = tmp_path / "library.blend"
@@ -170,7 +172,7 @@ def test_switched_off_and_on_again_in_a_file_with_captures(addon, empty, static_
 
 
 def endless(cancelled):
-    from frog_blender.engine.training import events
+    from frog_blender.engine.training.session import events
 
     while not cancelled():
         yield events.Stage("decoding", 0, 1)
@@ -180,12 +182,12 @@ def endless(cancelled):
 
 def test_switched_off_while_training_leaves_no_thread(addon):
     before = threading.active_count()
-    task = background.begin(endless)
+    task = runner.begin(endless)
     assert threading.active_count() == before + 1
     addon.unregister()
     try:
         assert task.join(5.0) and threading.active_count() == before
-        assert not bpy.app.timers.is_registered(background._tick)
+        assert not bpy.app.timers.is_registered(runner._tick)
     finally:
         addon.register()
 
@@ -194,16 +196,16 @@ def test_another_file_while_training_loses_nothing(addon, tmp_path, monkeypatch)
     """A real training of a small filmed scene: what it had learned plays, and can be resumed."""
     pytest.importorskip("torch")
     pytest.importorskip("cv2")
-    film = pytest.importorskip("filmed")
-    from frog_blender.engine.training import job
-    from frog_blender.engine.training.checkpoint import checkpoint_path
+    film = pytest.importorskip("support.synthetic_capture")
+    from frog_blender.engine.training.session import job
+    from frog_blender.engine.training.session.checkpoint import checkpoint_path
 
     monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(job, "stored_seeds", lambda *_, **__: film.seeds())
     capture = film.write_capture(tmp_path / "capture")
     output = tmp_path / "x.frog"
-    request = background.TrainingRequest(capture, output, "draft", "auto", steps=100_000)
-    task = background.begin(request.events)
+    request = runner.TrainingRequest(capture, output, "draft", "auto", steps=100_000)
+    task = runner.begin(request.events)
     deadline = 2000
     while not task.state.step and deadline:
         task.pump()
@@ -218,7 +220,7 @@ def test_another_file_while_training_loses_nothing(addon, tmp_path, monkeypatch)
         threading.Event().wait(0.01)
         deadline -= 1
     assert task.state.step > step, "it goes on"
-    background.stop()
+    runner.stop()
     assert task.join(0.0) and task.state.cancelled
     assert PlayableScene.load(output).header.steps > 0
     assert checkpoint_path(output).is_file()
@@ -248,7 +250,7 @@ sys.path[:0] = [{str(ROOT)!r}]
 import frog_blender
 from frog_blender import background
 frog_blender.register()
-background.begin(training)
+runner.begin(training)
 """
 )
 
@@ -262,7 +264,7 @@ bpy.ops.import_scene.frog(filepath=scene)
 capture = bpy.context.object
 threads = threading.active_count()
 handlers = len(bpy.app.handlers.frame_change_pre)
-task = background.begin(training)
+task = runner.begin(training)
 bpy.utils.load_scripts(reload_scripts=True)  # what Reload Scripts does, in a window and without one
 print("ended", task.join(0.0) and Path(marker).exists() and threading.active_count() == threads)
 print("handlers", len(bpy.app.handlers.frame_change_pre) == handlers)
@@ -270,7 +272,7 @@ bpy.context.scene.frame_set(1)
 first = carrier.read(capture)["position"]
 bpy.context.scene.frame_set(6)
 print("plays", abs(carrier.read(capture)["position"] - first).max() > 1e-3)
-print("trains", background.begin(training).state.running)
+print("trains", runner.begin(training).state.running)
 addon_utils.disable(name, default_set=True)
 """
 )

@@ -8,11 +8,12 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from scenes import rig_of_three, write_scene
+from small_scenes import rig_of_three, write_scene
 
-from frog_blender import capture_files, carrier, playback
-from frog_blender.engine.inference.scene import PlayableScene
-from frog_blender.ui import capture_summary, captures_panel, looking_again, train_panel
+from frog_blender import capture_files, point_cloud
+from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.timeline import playback
+from frog_blender.ui import capture_summary, captures_panel, refreshing, train_panel
 
 
 class Layout:
@@ -44,9 +45,9 @@ def said(empty):
             scene=bpy.context.scene, region=SimpleNamespace(width=280), preferences=preferences, object=None
         )
         panel.draw(SimpleNamespace(layout=Layout(lines)), context)
-        if bpy.app.timers.is_registered(looking_again._look):
-            bpy.app.timers.unregister(looking_again._look)
-            looking_again._look()  # no timer runs without a window
+        if bpy.app.timers.is_registered(refreshing._look):
+            bpy.app.timers.unregister(refreshing._look)
+            refreshing._look()  # no timer runs without a window
         return " ".join(lines)
 
     return draw
@@ -68,7 +69,7 @@ def test_a_scene_file_that_is_there_again(empty, capture, static_rig, said, tmp_
         said(captures_panel.FROG_PT_captures)  # which sees that the file is another one
         assert "60 Gaussians" in said(captures_panel.FROG_PT_captures)
         expected = PlayableScene.load(static_rig).at_frame(empty.frame_current - 1.0).means
-        np.testing.assert_array_equal(carrier.read(capture)["position"], expected)
+        np.testing.assert_array_equal(point_cloud.read(capture)["position"], expected)
 
 
 def test_a_bake_that_comes_and_goes(empty, capture, static_rig, said):
@@ -95,7 +96,7 @@ def test_found_by_blender_it_is_shown_at_once(empty, capture, static_rig, said, 
     bpy.ops.file.find_missing_files(directory=str(tmp_path))
     said(captures_panel.FROG_PT_captures)
     expected = PlayableScene.load(there).at_frame(1.0).means
-    np.testing.assert_array_equal(carrier.read(capture)["position"], expected)
+    np.testing.assert_array_equal(point_cloud.read(capture)["position"], expected)
 
 
 def test_a_packed_capture_says_so(empty, capture, said):
@@ -112,18 +113,18 @@ def test_what_holds_points_still_is_said_for_other_engines(empty, capture, said)
 
 def test_a_panel_that_cannot_bring_things_up_to_date_rests(empty, capture, monkeypatch):
     looked = []
-    monkeypatch.setattr(looking_again, "_looked_at", -10.0)
+    monkeypatch.setattr(refreshing, "_looked_at", -10.0)
     first = []
     monkeypatch.setattr(bpy.app.timers, "register", lambda function, first_interval: first.append(first_interval))
-    looking_again.soon("x", lambda: looked.append(1))
-    looking_again._look()
-    looking_again.soon("x", lambda: looked.append(1))
-    assert looked == [1] and first[0] == 0.0 and 0.5 < first[1] <= looking_again._REST
+    refreshing.soon("x", lambda: looked.append(1))
+    refreshing._look()
+    refreshing.soon("x", lambda: looked.append(1))
+    assert looked == [1] and first[0] == 0.0 and 0.5 < first[1] <= refreshing._REST
 
 
 def test_a_calibration_that_is_mended(empty, said, tmp_path):
     pytest.importorskip("cv2")
-    folder = pytest.importorskip("filmed").write_capture(tmp_path / "capture")
+    folder = pytest.importorskip("support.synthetic_capture").write_capture(tmp_path / "capture")
     poses = folder / "poses_bounds.npy"
     content = poses.read_bytes()
     poses.write_bytes(b"no numbers")

@@ -5,21 +5,21 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from scenes import rig_of_three, write_scene
+from small_scenes import rig_of_three, write_scene
 
-from frog_blender import carrier
-from frog_blender.engine.inference.scene import PlayableScene
-from frog_blender.rendering import gathering
+from frog_blender import point_cloud
+from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.render import collect_instances
 
-NATIVE = carrier.draws_splats()
+NATIVE = point_cloud.draws_splats()
 can_hold_them = pytest.mark.skipif(bpy.app.version < (5, 2, 0), reason="point clouds cannot be resized")
 
 
 @pytest.fixture
 def capture(empty, static_rig, monkeypatch):
     if not NATIVE:
-        monkeypatch.setattr(carrier, "draws_splats", lambda: True)
-        monkeypatch.setattr(carrier, "_make_splats", lambda cloud: None)
+        monkeypatch.setattr(point_cloud, "draws_splats", lambda: True)
+        monkeypatch.setattr(point_cloud, "_make_splats", lambda cloud: None)
     bpy.ops.import_scene.frog(filepath=str(static_rig))
     return bpy.context.object
 
@@ -36,7 +36,7 @@ def test_attributes_are_those_of_blenders_own_splats(empty, capture, static_rig)
         **{f"radiance:sh_{k}": ("FLOAT_VECTOR", "POINT") for k in range(3)},
     }
     empty.frame_set(6)
-    shown, gaussians = carrier.read(capture), PlayableScene.load(static_rig).at_frame(5)
+    shown, gaussians = point_cloud.read(capture), PlayableScene.load(static_rig).at_frame(5)
     np.testing.assert_allclose(shown["position"], gaussians.means, atol=1e-5)
     np.testing.assert_allclose(shown["rotation"], gaussians.quaternions, atol=1e-5)
     np.testing.assert_allclose(shown["radiance:base"][:, :3], gaussians.sh[:, 0], atol=1e-5)
@@ -50,38 +50,38 @@ def test_frog_draws_it_once_however_it_is_shown(empty, capture, rendered):
     assert before.std() > 10
     for kind in ("ELLIPSOIDS", "POINTS"):
         capture.frog.display = kind
-        found = gathering.visible_captures(bpy.context.evaluated_depsgraph_get())
+        found = collect_instances.visible_captures(bpy.context.evaluated_depsgraph_get())
         assert [obj for obj, *_ in found] == [capture]
         np.testing.assert_array_equal(rendered(empty), before)
-    carrier.draw_in_renders(capture, False)
+    point_cloud.draw_in_renders(capture, False)
     np.testing.assert_array_equal(rendered(empty), before)
-    carrier.draw_in_renders(capture, True)
+    point_cloud.draw_in_renders(capture, True)
     assert not capture.modifiers[:]
 
 
 @can_hold_them
 def test_saved_thinned_and_changed(empty, capture, static_rig, tmp_path):
     capture.frog.density = 50
-    assert carrier.count(capture) == 30
+    assert point_cloud.count(capture) == 30
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "x.blend"))
-    assert carrier.count(capture) == 30
+    assert point_cloud.count(capture) == 30
     name = capture.name
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "x.blend"))
     again = bpy.data.objects[name]
-    assert again.type == "POINTCLOUD" and carrier.count(again) == 30
+    assert again.type == "POINTCLOUD" and point_cloud.count(again) == 30
     write_scene(static_rig, rig_of_three(), count=44, sh_count=1)
     bpy.context.scene.frame_set(3)
-    assert carrier.count(again) == 22 and "radiance:sh_0" not in carrier.read(again)
+    assert point_cloud.count(again) == 22 and "radiance:sh_0" not in point_cloud.read(again)
 
 
 def test_what_is_refused_leaves_points(empty, static_rig, monkeypatch, capfd):
     """Here by a Blender that knows no such type of point cloud, or says so."""
-    monkeypatch.setattr(carrier, "draws_splats", lambda: True)
+    monkeypatch.setattr(point_cloud, "draws_splats", lambda: True)
 
     def refuse(cloud):
         raise TypeError("no such type")
 
-    monkeypatch.setattr(carrier, "_make_splats", refuse)
+    monkeypatch.setattr(point_cloud, "_make_splats", refuse)
     bpy.ops.import_scene.frog(filepath=str(static_rig))
-    assert bpy.context.object.type == "MESH" and carrier.count(bpy.context.object) == 60
+    assert bpy.context.object.type == "MESH" and point_cloud.count(bpy.context.object) == 60
     assert not bpy.data.pointclouds[:] and "no such type" in capfd.readouterr().err

@@ -11,7 +11,7 @@ from frog_blender.ui import capture_summary
 @pytest.fixture
 def capture(tmp_path):
     pytest.importorskip("cv2")
-    return pytest.importorskip("filmed").write_capture(tmp_path / "capture")
+    return pytest.importorskip("support.synthetic_capture").write_capture(tmp_path / "capture")
 
 
 def drop(folder, *names):

@@ -9,14 +9,14 @@ import bpy
 import numpy as np
 import pytest
 from safetensors.numpy import save_file
-from scenes import rig_of_three, write_scene
+from small_scenes import rig_of_three, write_scene
 
-from frog_blender import background
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.files import SceneFile, read_scene
-from frog_blender.engine.files import write_scene as write_file
+from frog_blender.engine.scene.scene_file import SceneFile, read_scene
+from frog_blender.engine.scene.scene_file import write_scene as write_file
 from frog_blender.operators import train
 from frog_blender.operators.train import can_resume, request_of
+from frog_blender.training_task import runner
 
 
 def trained(path, capture):
@@ -79,7 +79,7 @@ def test_training_into_another_captures_scene_takes_a_number(empty, captures, tm
         bpy.ops.frog.train(resume=True)
     asked = []
     monkeypatch.setattr(train.preferences, "make_torch_importable", lambda: None)
-    monkeypatch.setattr(background, "begin", lambda events, after: asked.append(events.__self__))
+    monkeypatch.setattr(runner, "begin", lambda events, after: asked.append(events.__self__))
     assert bpy.ops.frog.train() == {"FINISHED"}
     assert asked[0].output == tmp_path / "mine_2.frog" and settings.output_path == str(tmp_path / "mine_2.frog")
     assert (tmp_path / "mine.frog").read_bytes() == before
@@ -98,7 +98,7 @@ def test_training_again_keeps_an_output_relative(empty, captures, tmp_path, monk
     settings.output_path = settings.derived_output = "//a.frog"
     trained(tmp_path / "a.frog", first)
     monkeypatch.setattr(train.preferences, "make_torch_importable", lambda: None)
-    monkeypatch.setattr(background, "begin", lambda events, after: None)
+    monkeypatch.setattr(runner, "begin", lambda events, after: None)
     assert bpy.ops.frog.train() == {"FINISHED"}
     assert settings.output_path == settings.derived_output == "//a_2.frog"
     settings.capture_folder = str(second)

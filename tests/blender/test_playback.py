@@ -5,21 +5,21 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from scenes import rig_of_three, write_scene
+from small_scenes import rig_of_three, write_scene
 
-from frog_blender import carrier, playback
-from frog_blender.playing import opened
-from frog_blender.playing.retiming import repeated
+from frog_blender import point_cloud
+from frog_blender.timeline import open_scenes, playback
+from frog_blender.timeline.retiming import repeated
 
 
 def engine_at(path, frame):
-    from frog_blender.engine.inference.scene import PlayableScene
+    from frog_blender.engine.playback.player import PlayableScene
 
     return PlayableScene.load(path).at_frame(frame)
 
 
 def assert_shows(obj, gaussians):
-    shown = carrier.read(obj)
+    shown = point_cloud.read(obj)
     np.testing.assert_allclose(shown["position"], gaussians.means, atol=1e-5)
     np.testing.assert_allclose(shown["rotation"], gaussians.quaternions, atol=1e-5)
     np.testing.assert_allclose(shown["scale"], gaussians.scales, atol=1e-5)
@@ -42,7 +42,7 @@ def test_frames_in_random_order(empty, capture, static_rig):
         subframe = float(random.choice([0.0, 0.5]))
         empty.frame_set(int(frame) + 1, subframe=subframe)
         assert_shows(capture, engine_at(static_rig, frame + subframe))
-        moved.append(carrier.read(capture)["position"][0])
+        moved.append(point_cloud.read(capture)["position"][0])
     assert np.ptp(moved, axis=0).max() > 1e-3, "the test's own scene does not move"
 
 
@@ -85,13 +85,13 @@ def test_importing_shows_the_capture_at_once(empty, static_rig):
 
 
 def test_a_missing_file_is_told_once(empty, capture, static_rig, capfd):
-    before = carrier.count(capture)
+    before = point_cloud.count(capture)
     static_rig.unlink()
     for frame in (3, 4, 5):
         empty.frame_set(frame)
     assert capfd.readouterr().err.count("found no file") == 1
-    assert "found no file" in opened.problem(static_rig)
-    assert carrier.count(capture) == before
+    assert "found no file" in open_scenes.problem(static_rig)
+    assert point_cloud.count(capture) == before
 
 
 def test_a_damaged_file_is_told_once_and_mended_by_a_good_one(empty, capture, static_rig, capfd):
@@ -101,7 +101,7 @@ def test_a_damaged_file_is_told_once_and_mended_by_a_good_one(empty, capture, st
     assert capfd.readouterr().err.count(str(static_rig)) == 1
     write_scene(static_rig, rig_of_three(), count=33, seed=5, sh_count=9)
     empty.frame_set(5)
-    assert opened.problem(static_rig) == ""
+    assert open_scenes.problem(static_rig) == ""
     assert_shows(capture, engine_at(static_rig, 4.0))
 
 
@@ -117,9 +117,9 @@ def test_saved_file_is_small_and_plays_when_reopened(empty, tmp_path):
     path = write_scene(tmp_path / "many.frog", rig_of_three(), count=20_000)
     bpy.ops.import_scene.frog(filepath=str(path))
     empty.frame_set(4)
-    before = carrier.read(bpy.context.object)["position"]
+    before = point_cloud.read(bpy.context.object)["position"]
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"), compress=False)
-    np.testing.assert_array_equal(carrier.read(bpy.context.object)["position"], before)  # refilled after saving
+    np.testing.assert_array_equal(point_cloud.read(bpy.context.object)["position"], before)  # refilled after saving
     assert (tmp_path / "scene.blend").stat().st_size < 1_500_000
     name = bpy.context.object.name
 
@@ -136,7 +136,7 @@ def test_geometry_is_saved_when_its_file_is_gone(empty, capture, static_rig, tmp
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
     name = capture.name
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "scene.blend"))
-    assert carrier.count(bpy.data.objects[name]) == 60
+    assert point_cloud.count(bpy.data.objects[name]) == 60
 
 
 def test_what_nobody_plays_is_let_go(empty, tmp_path):
@@ -148,10 +148,10 @@ def test_what_nobody_plays_is_let_go(empty, tmp_path):
         next(obj for obj in playback.captures(empty.objects) if playback.file_of(obj) == p) for p in paths[:2]
     )
     bpy.data.objects.remove(first)
-    assert set(opened._scenes) == set(paths[:2])
+    assert set(open_scenes._scenes) == set(paths[:2])
     kept = playback.open_scene(paths[1])
     assert bpy.ops.import_scene.frog(filepath=str(paths[2])) == {"FINISHED"}
-    assert set(opened._scenes) == set(paths[1:]) and playback.open_scene(paths[1]) is kept
+    assert set(open_scenes._scenes) == set(paths[1:]) and playback.open_scene(paths[1]) is kept
     empty.frame_set(4)
     assert_shows(second, engine_at(paths[1], 3.0))
 

@@ -7,12 +7,13 @@ import threading
 import bpy
 import numpy as np
 import pytest
-from scenes import rig_of_three, write_scene
+from small_scenes import rig_of_three, write_scene
 
-from frog_blender import background, carrier, playback
-from frog_blender.engine.inference.scene import PlayableScene
-from frog_blender.engine.training import events
-from frog_blender.playing import look_ahead, playback_cache
+from frog_blender import point_cloud
+from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.training.session import events
+from frog_blender.timeline import playback, playback_cache, prefetch
+from frog_blender.training_task import runner
 
 
 @pytest.fixture
@@ -31,7 +32,7 @@ def threads():
 
 def shows(obj, path, frame):
     """Bit for bit what a new player of the file computes."""
-    expected, found = PlayableScene.load(path).at_frame(frame), carrier.read(obj)
+    expected, found = PlayableScene.load(path).at_frame(frame), point_cloud.read(obj)
     np.testing.assert_array_equal(found["position"], expected.means)
     np.testing.assert_array_equal(found["rotation"], expected.quaternions)
     np.testing.assert_array_equal(found["scale"], expected.scales)
@@ -44,13 +45,13 @@ def shows(obj, path, frame):
 def frames_ahead(scene, obj):
     """The capture's frames that would be computed next, after the scene was shown at its present frame."""
     frame = scene.frame_current_final
-    moments = look_ahead.moments_after(scene, frame, look_ahead.step_to(scene, frame))
+    moments = prefetch.moments_after(scene, frame, prefetch.step_to(scene, frame))
     return [round(moment.time * 9, 4) for moment in moments]
 
 
 def test_frames_ahead_are_computed_in_another_thread_and_shown_as_they_are(empty, capture, static_rig, monkeypatch):
     empty.frame_set(1)
-    look_ahead.look_ahead(empty)
+    prefetch.look_ahead(empty)
     assert playback_cache.worker.wait(20.0) and len(threads()) == 1
     assert len(playback_cache.frames) == 10
     by_main_thread = []
@@ -110,22 +111,22 @@ def test_a_training_leaves_the_thread_little_to_do(empty, capture):
     empty.frame_set(3)
     assert len(frames_ahead(empty, capture)) == 10
     playback_cache.clear()
-    task = background.begin(training)
+    task = runner.begin(training)
     try:
         for frame in (4, 5, 6):
             assert frame == 4 or playback.displayed(capture, frame).key in playback_cache.frames, "it was not ready"
             empty.frame_set(frame)
-            look_ahead.look_ahead(empty)
+            prefetch.look_ahead(empty)
             assert playback_cache.worker.wait(20.0)
-            assert len(playback_cache.frames) == frame - 3 + look_ahead.AHEAD_WHILE_TRAINING
+            assert len(playback_cache.frames) == frame - 3 + prefetch.AHEAD_WHILE_TRAINING
         assert frames_ahead(empty, capture) == [6, 7]
         task.control.pause()
         assert len(frames_ahead(empty, capture)) == 10
         task.control.resume()
         assert frames_ahead(empty, capture) == [6, 7]
     finally:
-        background.stop()
-    assert not background.is_running() and len(frames_ahead(empty, capture)) == 10
+        runner.stop()
+    assert not runner.is_running() and len(frames_ahead(empty, capture)) == 10
 
 
 def test_memory_is_bounded_and_said(empty, capture, static_rig):
@@ -136,7 +137,7 @@ def test_memory_is_bounded_and_said(empty, capture, static_rig):
     assert len(frames_ahead(empty, capture)) == 2, "half of the cache, the rest keeps what was shown"
     for frame in range(1, 11):
         empty.frame_set(frame)
-        look_ahead.look_ahead(empty)
+        prefetch.look_ahead(empty)
         assert playback_cache.frames.bytes <= 4 * size
     assert playback_cache.worker.wait(20.0) and len(playback_cache.frames) == 4
     playback_cache.frames.limit = 0
@@ -152,7 +153,7 @@ def test_memory_is_bounded_and_said(empty, capture, static_rig):
 
 
 def test_another_version_of_a_file_is_another_scene(empty, capture, static_rig):
-    look_ahead.look_ahead(empty)
+    prefetch.look_ahead(empty)
     assert playback_cache.worker.wait(20.0)
     write_scene(static_rig, rig_of_three(), count=60, seed=8)
     empty.frame_set(3)
@@ -162,7 +163,7 @@ def test_another_version_of_a_file_is_another_scene(empty, capture, static_rig):
 
 @pytest.mark.parametrize("how", ["another file", "add-on off"])
 def test_the_thread_ends(addon, empty, capture, how):
-    look_ahead.look_ahead(empty)
+    prefetch.look_ahead(empty)
     assert len(threads()) == 1
     if how == "another file":
         bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
@@ -180,11 +181,11 @@ def test_the_thread_survives_what_cannot_be_computed(empty, capture, static_rig,
         raise MemoryError("none left")
 
     monkeypatch.setattr(PlayableScene, "part_at", broken)
-    look_ahead.look_ahead(empty)
+    prefetch.look_ahead(empty)
     assert playback_cache.worker.wait(20.0)
     assert "MemoryError: none left" in capfd.readouterr().err
     monkeypatch.undo()
-    look_ahead.look_ahead(empty)
+    prefetch.look_ahead(empty)
     assert playback_cache.worker.wait(20.0) and len(playback_cache.frames) >= 9
 
 
@@ -199,7 +200,7 @@ def test_blender_quits_with_a_thread_at_work(tmp_path):
     code = """
 import atexit, os, bpy, frog_blender
 atexit.register(os._exit, 0)  # after the add-on's: bpy 4.5 may wait for a thread of its own for ever
-from frog_blender.playing import look_ahead, playback_cache
+from frog_blender.timeline import look_ahead, playback_cache
 bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
 frog_blender.register()
 bpy.ops.import_scene.frog(filepath=sys.argv[1])
@@ -217,8 +218,10 @@ print("busy", playback_cache.worker.is_alive, flush=True)
 
 def test_the_same_moment_is_not_written_twice_and_rest_only_once(empty, capture, static_rig, monkeypatch):
     written = []
-    write = carrier._set
-    monkeypatch.setattr(carrier, "_set", lambda mesh, name, values: written.append(name) or write(mesh, name, values))
+    write = point_cloud._set
+    monkeypatch.setattr(
+        point_cloud, "_set", lambda mesh, name, values: written.append(name) or write(mesh, name, values)
+    )
     empty.frame_set(2)
     assert len(written) == 7
     written.clear()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import bpy
 import pytest
-from scenes import rig_of_three, write_scene
+from small_scenes import rig_of_three, write_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -25,7 +25,7 @@ def footprint():
 
 
 def test_twice_on_and_off_leaves_nothing(addon):
-    from frog_blender import background
+    from frog_blender.training_task import runner
 
     addon.unregister()
     try:
@@ -36,7 +36,7 @@ def test_twice_on_and_off_leaves_nothing(addon):
             assert footprint() != clean
             addon.unregister()
             assert footprint() == clean
-            assert not bpy.app.timers.is_registered(background._tick) and background.current is None
+            assert not bpy.app.timers.is_registered(runner._tick) and runner.current is None
     finally:
         addon.register()
 

@@ -5,16 +5,16 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from scenes import rig_of_three, write_scene
+from small_scenes import rig_of_three, write_scene
 from windows import viewport
 
-from frog_blender import carrier, playback
-from frog_blender.engine.inference.scene import PlayableScene
-from frog_blender.playing import opened
+from frog_blender import point_cloud
+from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.timeline import open_scenes, playback
 
 
 def shows(obj, path, frame):
-    np.testing.assert_array_equal(carrier.read(obj)["position"], PlayableScene.load(path).at_frame(frame).means)
+    np.testing.assert_array_equal(point_cloud.read(obj)["position"], PlayableScene.load(path).at_frame(frame).means)
 
 
 @pytest.fixture
@@ -30,7 +30,7 @@ def lost(empty, tmp_path):
     empty.collection.objects.link(twin)
     here.rename(there)
     empty.frame_set(3)
-    assert all(opened.is_missing(playback.file_of(obj)) for obj in (first, second, twin))
+    assert all(open_scenes.is_missing(playback.file_of(obj)) for obj in (first, second, twin))
     return first, second, twin, there
 
 
@@ -40,7 +40,7 @@ def test_one_choice_mends_all(empty, lost):
     assert [obj.frog.filepath for obj in (first, twin)] == [str(there / "a.frog")] * 2
     assert second.frog.filepath == str(there / "b.frog")
     for obj, name in ((first, "a"), (second, "b"), (twin, "a")):
-        assert opened.problem(playback.file_of(obj)) == ""
+        assert open_scenes.problem(playback.file_of(obj)) == ""
         shows(obj, there / f"{name}.frog", 2.0)
 
 
@@ -48,7 +48,7 @@ def test_or_only_the_one(empty, lost):
     first, second, twin, there = lost
     bpy.ops.frog.relink(object_name=second.name, filepath=str(there / "b.frog"), all_missing=False)
     assert second.frog.filepath == str(there / "b.frog")
-    assert opened.is_missing(playback.file_of(first)) and opened.is_missing(playback.file_of(twin))
+    assert open_scenes.is_missing(playback.file_of(first)) and open_scenes.is_missing(playback.file_of(twin))
 
 
 def test_a_renamed_file_is_found_for_all_who_played_it(empty, lost):
@@ -180,7 +180,7 @@ def overridden_here(linked):
 
 def test_an_override_plays_what_its_library_does(beside, tmp_path):
     """And saving what overrides it elsewhere does not touch that."""
-    from frog_blender.rendering.gathering import gather
+    from frog_blender.render.collect_instances import gather
 
     obj = overridden_here(linked_into(tmp_path / "mine.blend", beside))
     (tmp_path / "other").mkdir()
@@ -235,7 +235,7 @@ def test_a_pasted_capture_plays(beside):
 
 
 def test_another_training_of_the_same_file_is_not_imported_again(beside, tmp_path):
-    from frog_blender.operators.trained import importer
+    from frog_blender.operators.training_result import importer
 
     other = tmp_path / "other"
     other.mkdir()

@@ -6,12 +6,12 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from scenes import expected_png, read_png, rig_of_three
+from small_scenes import expected_png, read_png, rig_of_three
 
-from frog_blender import carrier, playback
-from frog_blender.engine.inference.scene import PlayableScene
-from frog_blender.engine.ply import read_splats
-from frog_blender.playing import retiming
+from frog_blender import point_cloud
+from frog_blender.engine.interchange.ply import read_splats
+from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.timeline import playback, retiming
 
 
 def driven(obj):
@@ -65,7 +65,7 @@ def test_the_timeline_shows_it(empty, capture, static_rig):
     for frame in (6, 3, 4, 12):
         empty.frame_set(frame)
         np.testing.assert_array_equal(
-            carrier.read(capture)["position"], PlayableScene.load(static_rig).at_frame(frame / 2).means
+            point_cloud.read(capture)["position"], PlayableScene.load(static_rig).at_frame(frame / 2).means
         )
 
 
@@ -127,7 +127,9 @@ def test_a_muted_curve_says_nothing(empty, plain, static_rig):
     (curve,) = retiming._curves(plain.animation_data)
     curve.mute, plain.frog.shown_frame = True, 7.0
     empty.frame_set(4)
-    np.testing.assert_array_equal(carrier.read(plain)["position"], PlayableScene.load(static_rig).at_frame(7.0).means)
+    np.testing.assert_array_equal(
+        point_cloud.read(plain)["position"], PlayableScene.load(static_rig).at_frame(7.0).means
+    )
 
 
 @pytest.fixture

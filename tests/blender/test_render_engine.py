@@ -8,12 +8,14 @@ import bpy
 import mathutils
 import numpy as np
 import pytest
-from scenes import expected_png, moving_camera, passes_of, read_png, rig_of_three, write_scene
+from small_scenes import expected_png, moving_camera, passes_of, read_png, rig_of_three, write_scene
 
-from frog_blender import render_engine, said
+from frog_blender import reported_once
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.native import binding
 from frog_blender.engine.notices import Notice
-from frog_blender.engine.rasterizer import native
+from frog_blender.engine.playback.render import draw
+from frog_blender.render import frog_engine
 
 
 def import_scene(path, **options):
@@ -79,9 +81,9 @@ def test_panoramic_camera_is_refused_in_a_sentence(empty, static_rig, rendered):
 
 def without_memory_after(calls, monkeypatch):
     """Drawing goes well so many times, and then there is no memory left."""
-    from frog_blender.engine.inference import draw
+    from frog_blender.engine.playback import render
 
-    real, left = draw.draw, [calls]
+    real, left = render.draw, [calls]
 
     def drawing(*arguments, **options):
         left[0] -= 1
@@ -89,7 +91,7 @@ def without_memory_after(calls, monkeypatch):
             raise MemoryError("drawing 60 Gaussians at 96 x 64 ran out of memory")
         return real(*arguments, **options)
 
-    monkeypatch.setattr(draw, "draw", drawing)
+    monkeypatch.setattr(render, "draw", drawing)
 
 
 def test_without_memory_there_is_one_sentence(empty, static_rig, rendered, monkeypatch, capfd):
@@ -110,20 +112,19 @@ def test_a_motion_blur_that_fails_leaves_the_frame(empty, static_rig, rendered, 
 
 
 def test_vectors_that_fail_leave_the_frame(empty, static_rig, rendered, monkeypatch):
-    from frog_blender import render_engine
     from frog_blender.engine.errors import FrogError
 
     import_scene(static_rig)
     empty.frame_set(5, subframe=0.25)
     bpy.context.view_layer.use_pass_vector = True
-    real = render_engine.gather
+    real = frog_engine.gather
 
     def gather(depsgraph):
         if depsgraph.scene.frame_current_final != 5.25:
             raise FrogError("x.frog: found no file, expected a .frog scene.")
         return real(depsgraph)
 
-    monkeypatch.setattr(render_engine, "gather", gather)
+    monkeypatch.setattr(frog_engine, "gather", gather)
     with pytest.raises(RuntimeError, match="found no file"):
         rendered(empty)
     assert empty.frame_current_final == 5.25
@@ -135,7 +136,7 @@ def test_orthographic_camera_sees_no_perspective(empty, static_rig, tmp_path):
     data = empty.camera.data
     data.type, data.ortho_scale, data.shift_x, data.shift_y, data.frog.focal_ratio = "ORTHO", 3.0, 0.0, 0.0, 1.0
     combined, depth = passes_of(empty, tmp_path)
-    from frog_blender.engine.inference.scene import PlayableScene
+    from frog_blender.engine.playback.player import PlayableScene
 
     means = PlayableScene.load(static_rig).at_frame(0.0).means
     to_eye = np.linalg.inv(np.array(empty.camera.matrix_world))
@@ -180,7 +181,7 @@ def test_motion_blur_is_the_light_of_the_open_shutter(empty, static_rig, tmp_pat
 
 
 def test_the_shutter_is_open_where_blender_says():
-    from frog_blender.render_engine import SHUTTER_SAMPLES, shutter_moments
+    from frog_blender.render.frog_engine import SHUTTER_SAMPLES, shutter_moments
 
     for position, first, last in (("START", 7.0, 7.5), ("CENTER", 6.75, 7.25), ("END", 6.5, 7.0)):
         moments = shutter_moments(7.0, 0.5, position)
@@ -205,7 +206,7 @@ def test_moving_capture_becomes_one_animated_camera(empty, moving_rig, rendered)
 
 
 def test_animation_is_frame_exact(empty, static_rig, tmp_path):
-    from scenes import read_png
+    from small_scenes import read_png
 
     import_scene(static_rig)
     empty.frame_start, empty.frame_end = 2, 4
@@ -218,9 +219,8 @@ def test_animation_is_frame_exact(empty, static_rig, tmp_path):
 
 
 def test_two_captures_are_drawn_together(empty, static_rig, tmp_path, rendered):
-    from frog_blender.engine.inference.draw import draw
-    from frog_blender.engine.inference.scene import PlayableScene
-    from frog_blender.rendering.gathering import joined
+    from frog_blender.engine.playback.player import PlayableScene
+    from frog_blender.render.collect_instances import joined
 
     other = write_scene(tmp_path / "other.frog", rig_of_three(), seed=1, sh_count=1)
     import_scene(static_rig)
@@ -233,8 +233,7 @@ def test_two_captures_are_drawn_together(empty, static_rig, tmp_path, rendered):
 
 
 def test_depth_is_planar_and_in_world_units(empty, static_rig, tmp_path):
-    from frog_blender.engine.inference.draw import draw
-    from frog_blender.engine.inference.scene import PlayableScene
+    from frog_blender.engine.playback.player import PlayableScene
 
     root = import_scene(static_rig).parent
     root.scale = (2.0, 2.0, 2.0)
@@ -263,9 +262,8 @@ def test_depth_arrives_in_a_file(empty, static_rig, tmp_path):
 
 
 def test_transparent_film_is_premultiplied_linear(empty, static_rig, tmp_path):
-    from frog_blender.colors import to_linear
-    from frog_blender.engine.inference.draw import draw
-    from frog_blender.engine.inference.scene import PlayableScene
+    from frog_blender.color_spaces import to_linear
+    from frog_blender.engine.playback.player import PlayableScene
 
     import_scene(static_rig)
     empty.render.film_transparent = True
@@ -292,7 +290,7 @@ def test_world_colour_is_the_background(empty, static_rig, tmp_path):
 
 
 def test_any_camera_survives_the_way_through_blender(empty):
-    from frog_blender.blender_camera import apply_lens, engine_camera, pose_of
+    from frog_blender.cameras import apply_lens, engine_camera, pose_of
 
     scene = empty
     for camera in rig_of_three():
@@ -310,7 +308,7 @@ def test_any_camera_survives_the_way_through_blender(empty):
 def test_camera_projects_as_blender_does(empty, fit, size, aspect):
     from bpy_extras.object_utils import world_to_camera_view
 
-    from frog_blender.blender_camera import engine_camera
+    from frog_blender.cameras import engine_camera
 
     scene = empty
     data = bpy.data.cameras.new("made by hand")
@@ -429,12 +427,12 @@ def test_a_picture_that_takes_long_says_so_once(empty, static_rig, rendered, mon
     """Here every picture does, or none."""
     import_scene(static_rig)
     empty.render.use_motion_blur = blurred
-    monkeypatch.setattr(native, "MANY_INSTANCES", most)
+    monkeypatch.setattr(binding, "MANY_INSTANCES", most)
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
         assert rendered(empty).std() > 10
     written = "".join(capfd.readouterr())
-    assert written.count(f"Warning: {native.takes_long(60)}") == (most == 0)
+    assert written.count(f"Warning: {binding.takes_long(60)}") == (most == 0)
     assert not [each for each in told if each.category is Notice], "said twice"
 
 
@@ -445,8 +443,8 @@ def test_what_nobody_foresaw_leaves_its_traceback(empty, static_rig, monkeypatch
     def fail(*_):
         raise error
 
-    monkeypatch.setattr(render_engine, "drawn_passes", fail)
-    said.forget()
+    monkeypatch.setattr(frog_engine, "drawn_passes", fail)
+    reported_once.forget()
     for _ in range(2):
         with pytest.raises(RuntimeError, match=r"of a kind|found nothing|Out of memory"):
             bpy.ops.render.render()

@@ -11,9 +11,9 @@ import bpy
 import numpy as np
 import pytest
 
-from frog_blender import carrier, playback, said
-from frog_blender.engine.inference.scene import PlayableScene
-from frog_blender.playing import density, opened, rendering
+from frog_blender import point_cloud, reported_once
+from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.timeline import level_of_detail, open_scenes, playback, render_thread
 
 
 @pytest.fixture
@@ -39,7 +39,7 @@ def in_window(monkeypatch):
         def __getattr__(self, name):
             return getattr(bpy, name)
 
-    monkeypatch.setattr(rendering, "bpy", Bpy())
+    monkeypatch.setattr(render_thread, "bpy", Bpy())
 
 
 def in_another_thread(function):
@@ -59,14 +59,14 @@ def in_another_thread(function):
 
 
 def points(obj):
-    return carrier.read(obj)["position"]
+    return point_cloud.read(obj)["position"]
 
 
 @pytest.mark.parametrize("locked", [True, False])
 def test_points_are_written_from_a_renders_thread_only_while_windows_are_locked(
     empty, capture, static_rig, in_window, locked, capfd
 ):
-    said.forget()
+    reported_once.forget()
     empty.render.engine, empty.render.use_lock_interface = "CYCLES", locked
     empty.frame_current = 5  # as a render sets it, without the handlers of this thread
     in_another_thread(lambda: playback._on_frame(empty))
@@ -78,7 +78,7 @@ def test_points_are_written_from_a_renders_thread_only_while_windows_are_locked(
 
 
 def test_never_for_the_frog_engine(empty, capture, in_window):
-    rendering._on_init(empty)
+    render_thread._on_init(empty)
     try:
         before = points(capture)
         empty.frame_current = 5
@@ -87,15 +87,17 @@ def test_never_for_the_frog_engine(empty, capture, in_window):
         playback._on_frame(empty)  # somebody who scrubs meanwhile
         assert np.abs(points(capture) - before).max() > 0
     finally:
-        rendering._on_end()
+        render_thread._on_end()
 
 
 def test_an_animation_by_frog_writes_no_points_and_leaves_the_right_ones(
     empty, capture, static_rig, tmp_path, monkeypatch
 ):
     written = []
-    write = carrier._set
-    monkeypatch.setattr(carrier, "_set", lambda *given: written.append(rendering._is_rendering) or write(*given))
+    write = point_cloud._set
+    monkeypatch.setattr(
+        point_cloud, "_set", lambda *given: written.append(render_thread._is_rendering) or write(*given)
+    )
     empty.render.use_motion_blur = True
     empty.frame_start, empty.frame_end = 3, 5
     empty.render.resolution_percentage = 25
@@ -108,8 +110,10 @@ def test_an_animation_by_frog_writes_no_points_and_leaves_the_right_ones(
 
 def test_cycles_still_gets_the_points_of_its_frames(empty, capture, monkeypatch, tmp_path):
     written = []
-    write = carrier._set
-    monkeypatch.setattr(carrier, "_set", lambda *given: written.append(rendering._is_rendering) or write(*given))
+    write = point_cloud._set
+    monkeypatch.setattr(
+        point_cloud, "_set", lambda *given: written.append(render_thread._is_rendering) or write(*given)
+    )
     empty.render.engine, empty.cycles.samples = "CYCLES", 1
     empty.frame_start, empty.frame_end, empty.render.resolution_percentage = 3, 4, 25
     empty.render.filepath = str(tmp_path / "film_")
@@ -120,8 +124,10 @@ def test_cycles_still_gets_the_points_of_its_frames(empty, capture, monkeypatch,
 def test_threads_share_what_is_kept_of_files(empty, capture, tmp_path, monkeypatch):
     """A render's thread and Blender's own ask for scenes, bakes and thinned scenes while others are dropped."""
     ready = PlayableScene.load(playback.file_of(capture))
-    monkeypatch.setattr(opened, "_read", lambda path: copy.copy(ready))  # reading takes long and is not looked at here
-    monkeypatch.setattr(opened, "_read_bake", lambda *_: SimpleNamespace(close=lambda: None, problem=""))
+    monkeypatch.setattr(
+        open_scenes, "_read", lambda path: copy.copy(ready)
+    )  # reading takes long and is not looked at here
+    monkeypatch.setattr(open_scenes, "_read_bake", lambda *_: SimpleNamespace(close=lambda: None, problem=""))
     paths = [tmp_path / f"{number}.frog" for number in range(200)]
     for path in (*paths, bake := tmp_path / "x.frogbake"):
         path.touch()
@@ -131,16 +137,16 @@ def test_threads_share_what_is_kept_of_files(empty, capture, tmp_path, monkeypat
     def ask(number):
         for turn in range(80):
             path = paths[(50 * number + turn) % len(paths)]
-            scene = opened.scene(path)
-            assert density.thinned(capture, scene)[0].count == 6
-            assert opened.bake(bake, path, scene) is not None and opened.bake_problem(bake, path) == ""
-            assert opened.problem(path) == "" and not opened.is_missing(path)
+            scene = open_scenes.scene(path)
+            assert level_of_detail.thinned(capture, scene)[0].count == 6
+            assert open_scenes.bake(bake, path, scene) is not None and open_scenes.bake_problem(bake, path) == ""
+            assert open_scenes.problem(path) == "" and not open_scenes.is_missing(path)
 
     def drop():
         while not stop.is_set():
-            opened.forget_all_but(paths[:2])
-            opened.let_go_of_bake(bake)
-            opened.forget()
+            open_scenes.forget_all_but(paths[:2])
+            open_scenes.let_go_of_bake(bake)
+            open_scenes.forget()
 
     def guarded(function, *given):
         try:

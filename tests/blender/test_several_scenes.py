@@ -5,10 +5,11 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from scenes import rig_of_three, write_scene
+from small_scenes import rig_of_three, write_scene
 
-from frog_blender import carrier, playback
-from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender import point_cloud
+from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.timeline import playback
 
 
 @pytest.fixture
@@ -18,7 +19,7 @@ def capture(empty, static_rig):
 
 
 def shows(obj, path, frame):
-    np.testing.assert_array_equal(carrier.read(obj)["position"], PlayableScene.load(path).at_frame(frame).means)
+    np.testing.assert_array_equal(point_cloud.read(obj)["position"], PlayableScene.load(path).at_frame(frame).means)
 
 
 def the_capture():
@@ -57,7 +58,7 @@ def test_an_instanced_collection_plays_and_is_saved(empty, capture, static_rig, 
 
 def test_what_was_opened_without_the_add_on_plays_when_it_comes(addon, empty, capture, static_rig):
     empty.frame_set(4)
-    carrier.clear(capture)
+    point_cloud.clear(capture)
     addon.unregister()
     addon.register()
     assert bpy.app.timers.is_registered(playback._take_over)

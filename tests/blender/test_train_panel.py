@@ -9,9 +9,9 @@ import bpy
 import numpy as np
 import pytest
 
-from frog_blender import background
-from frog_blender.engine.training import events
-from frog_blender.ui import capture_summary, preview_picture, train_panel
+from frog_blender.engine.training.session import events
+from frog_blender.training_task import runner
+from frog_blender.ui import capture_summary, preview_image, train_panel
 
 
 class Written:
@@ -55,25 +55,25 @@ def drawn(empty):
         return " ".join(panel.layout.said)
 
     yield draw
-    background.stop()
-    background.current = None
+    runner.stop()
+    runner.current = None
 
 
 @pytest.fixture
 def capture(tmp_path, monkeypatch):
     """A folder of four filmed cameras."""
     pytest.importorskip("cv2")
-    film = pytest.importorskip("filmed")
+    film = pytest.importorskip("support.synthetic_capture")
     monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
     return film.write_capture(tmp_path / "capture")
 
 
 def told(*said):
     """A training that has said this and is still running."""
-    task = background.TrainingTask(lambda control: iter(said))
+    task = runner.TrainingTask(lambda control: iter(said))
     for event in said:
         task._apply(event)
-    background.current = task
+    runner.current = task
     return task
 
 
@@ -88,8 +88,8 @@ def test_a_capture_is_described_and_its_training_timed(empty, drawn, capture):
 
 
 def test_estimates_follow_what_finished_trainings_took(empty, drawn, capture):
-    from frog_blender.engine.training.estimate import Measured, Workload, about, remember
     from frog_blender.engine.training.recipe import recipe
+    from frog_blender.engine.training.session.time_estimate import Measured, Workload, about, remember
 
     empty.frog.capture_folder, empty.frog.device = str(capture), "cpu"
     remember(Measured("cpu", "standard", modelled=1.0, seconds=7.0))
@@ -118,7 +118,7 @@ def test_a_running_training(drawn):
 def test_an_ended_training(drawn, tmp_path):
     path = tmp_path / ("a long name " * 8).strip() / "x.frog"
     capacity = {"gaussians": 300, "dynamic": 40, "heads": ["means"], "sh_degree": 1, "reductions": []}
-    ended = background._Ended("")
+    ended = runner._Ended("")
     told(events.Progress(9, 9, 61.0, 0.0, 0.1, 300), events.Finished(str(path), 9, 61.0, 28.0, 300, capacity), ended)
     said = drawn()
     assert "Finished in 1 min 1 s." in said and "frog.train" in said and "300 (40 move)" in said
@@ -128,7 +128,7 @@ def test_an_ended_training(drawn, tmp_path):
 
 
 def pixels():
-    icon = preview_picture._icons["training"]
+    icon = preview_image._icons["training"]
     width, height = icon.image_size
     values = np.empty(width * height, np.int32)
     icon.image_pixels.foreach_get(values)
@@ -137,11 +137,11 @@ def pixels():
 
 def test_the_picture_is_what_training_drew(addon):
     image = np.random.default_rng(0).integers(0, 255, (30, 40, 3), np.uint8)
-    preview_picture.show(image)
+    preview_image.show(image)
     np.testing.assert_array_equal(pixels()[:, :, :3], image)
     assert (pixels()[:, :, 3] == 255).all()
-    preview_picture.show(None)
-    assert preview_picture.icon_id() == 0 and not len(preview_picture._icons)
+    preview_image.show(None)
+    assert preview_image.icon_id() == 0 and not len(preview_image._icons)
 
 
 def test_many_pictures_leave_nothing_behind(addon):
@@ -149,35 +149,35 @@ def test_many_pictures_leave_nothing_behind(addon):
     images = [np.full((400, side, 3), 7, np.uint8) for side in (512, 300)]
     data_blocks = len(bpy.data.images)
     for image in images:
-        preview_picture.show(image)
+        preview_image.show(image)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     for turn in range(300):
-        preview_picture.show(images[turn % 2].copy())  # 250 MB in all
+        preview_image.show(images[turn % 2].copy())  # 250 MB in all
     grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
     assert grown < (50e6 if bpy.app.build_platform == b"Darwin" else 50e3)
-    assert len(preview_picture._icons) == 1 and len(bpy.data.images) == data_blocks
-    preview_picture.show(None)
+    assert len(preview_image._icons) == 1 and len(bpy.data.images) == data_blocks
+    preview_image.show(None)
 
 
 def test_switching_off_takes_the_picture_away(addon):
-    preview_picture.show(np.zeros((8, 8, 3), np.uint8))
+    preview_image.show(np.zeros((8, 8, 3), np.uint8))
     addon.unregister()
     try:
-        assert preview_picture._icons is None and preview_picture.icon_id() == 0
-        preview_picture.show(np.zeros((8, 8, 3), np.uint8))  # a late one
-        assert preview_picture._icons is None
+        assert preview_image._icons is None and preview_image.icon_id() == 0
+        preview_image.show(np.zeros((8, 8, 3), np.uint8))  # a late one
+        assert preview_image._icons is None
     finally:
         addon.register()
 
 
 def test_a_preview_reaches_the_panel_by_the_timer(addon):
     image = np.full((9, 12, 3), 200, np.uint8)
-    task = background.begin(lambda control: iter([events.Preview(1, image)]))
+    task = runner.begin(lambda control: iter([events.Preview(1, image)]))
     assert task.join(20.0)
-    while background._tick() is not None:
+    while runner._tick() is not None:
         pass
     np.testing.assert_array_equal(pixels()[:, :, :3], image)
-    preview_picture.show(None)
+    preview_image.show(None)
 
 
 def test_the_preview_camera_is_searched_among_the_captures(empty, capture):
@@ -189,7 +189,7 @@ def test_the_preview_camera_is_searched_among_the_captures(empty, capture):
     task = told(events.Stage("decoding frames", 3, 10))
     empty.frog.preview_camera = "cam02"
     assert task.control.preview_camera == "cam02"
-    background.current = None
+    runner.current = None
 
 
 def test_presets_keep_how_to_train_and_not_what(empty, tmp_path, monkeypatch):

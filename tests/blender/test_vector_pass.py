@@ -5,12 +5,12 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from scenes import rig_of_three
+from small_scenes import rig_of_three
 
-from frog_blender import render_engine
-from frog_blender.engine.rasterizer.options import RasterizeOptions
-from frog_blender.rendering.gathering import gather
-from frog_blender.rendering.vector_pass import vectors
+from frog_blender.engine.native.options import RasterizeOptions
+from frog_blender.render import frog_engine
+from frog_blender.render.collect_instances import gather
+from frog_blender.render.vector_pass import vectors
 
 SIZE = (64, 48)
 
@@ -31,8 +31,8 @@ def moving_eye(scene):
 def spied(scene, monkeypatch):
     """The vectors that a render with FROG makes."""
     taken = []
-    real = render_engine.render_vectors
-    monkeypatch.setattr(render_engine, "render_vectors", lambda *given: taken.append(real(*given)) or taken[-1])
+    real = frog_engine.render_vectors
+    monkeypatch.setattr(frog_engine, "render_vectors", lambda *given: taken.append(real(*given)) or taken[-1])
     scene.render.engine = "FROG"
     bpy.context.view_layer.use_pass_vector = True
     bpy.ops.render.render()
@@ -41,7 +41,7 @@ def spied(scene, monkeypatch):
 
 def cycles_vectors(scene, path):
     """(4,) at the middle of a still card 5 before the moving camera."""
-    from frog_blender.compositor import own_tree
+    from frog_blender.compositing.compositor import own_tree
 
     bpy.ops.mesh.primitive_plane_add(size=30, rotation=(np.pi / 2, 0, 0))
     scene.render.engine = "CYCLES"
@@ -59,8 +59,8 @@ def cycles_vectors(scene, path):
 
 
 def test_it_is_what_cycles_says(empty, tmp_path):
-    from frog_blender.blender_camera import engine_camera
-    from frog_blender.engine.rasterizer.arrays import GaussianArrays
+    from frog_blender.cameras import engine_camera
+    from frog_blender.engine.gaussians import GaussianArrays
 
     moving_eye(empty)
     wide = GaussianArrays(
@@ -104,7 +104,7 @@ def test_a_still_scene_before_a_moving_camera(empty, static_rig, monkeypatch):
 
 def test_who_cannot_be_seen_a_frame_away_goes_on_as_it_came(empty):
     """It is not where its way leads then (see inference.lifetimes)."""
-    from frog_blender.engine.rasterizer.arrays import GaussianArrays
+    from frog_blender.engine.gaussians import GaussianArrays
 
     camera = rig_of_three()[0]
     ahead = camera.rotation.T @ (np.array([0, 0, 4.0]) - camera.world_to_camera[:3, 3])

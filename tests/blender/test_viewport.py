@@ -8,14 +8,14 @@ import bpy
 import numpy as np
 import pytest
 import windows
-from scenes import expected_png, rig_of_three, write_scene
+from small_scenes import expected_png, rig_of_three, write_scene
 
-from frog_blender import playback, said
-from frog_blender.blender_camera import engine_camera, view_camera
+from frog_blender import reported_once
+from frog_blender.cameras import engine_camera, view_camera
 from frog_blender.engine.errors import FrogError
-from frog_blender.playing import opened
-from frog_blender.rendering import viewport, viewport_drawing
-from frog_blender.rendering.gathering import gather, visible_captures
+from frog_blender.render import viewport, viewport_drawing
+from frog_blender.render.collect_instances import gather, visible_captures
+from frog_blender.timeline import open_scenes, playback
 
 SIZE = (120, 70)
 
@@ -139,14 +139,14 @@ def test_another_background_is_another_picture(empty, static_rig, monkeypatch):
 
 
 def test_without_memory_it_is_a_sentence_in_the_header(empty, static_rig, monkeypatch, capfd):
-    from frog_blender.engine.inference import draw
+    from frog_blender.engine.playback import render
 
     def exhausted(*_, **__):
         raise MemoryError("drawing 60 Gaussians ran out of memory")
 
     assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
-    monkeypatch.setattr(draw, "draw", exhausted)
-    said.forget()
+    monkeypatch.setattr(render, "draw", exhausted)
+    reported_once.forget()
     view, window = matrices(empty.camera, *SIZE)
     region, data = (
         SimpleNamespace(width=SIZE[0], height=SIZE[1]),
@@ -209,8 +209,8 @@ def test_the_captures_that_are_seen(empty, static_rig):
     capture = bpy.context.object
     (found,) = visible_captures(bpy.context.evaluated_depsgraph_get())
     assert found[0] == capture
-    before = opened.version(playback.file_of(capture))
-    assert before == opened.version(playback.file_of(capture)) is not None
+    before = open_scenes.version(playback.file_of(capture))
+    assert before == open_scenes.version(playback.file_of(capture)) is not None
     capture.hide_set(True)
     assert visible_captures(bpy.context.evaluated_depsgraph_get()) == []
 

@@ -9,10 +9,12 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
-from scenes import glowing
+from small_scenes import glowing
 
-from frog_blender import background, carrier, playback
-from frog_blender.operators.imported import cameras_of
+from frog_blender import point_cloud
+from frog_blender.scene_import.capture_objects import cameras_of
+from frog_blender.timeline import playback
+from frog_blender.training_task import runner
 
 CAPTURE = Path(__file__).resolve().parents[2] / "examples" / "captures" / "room"
 GLOW = (0.9, 0.1, 0.8)
@@ -41,8 +43,8 @@ def test_film_train_scrub_render(empty, tmp_path, rendered, monkeypatch):
     settings = empty.frog
     settings.output_path, settings.recipe = str(tmp_path / "room.frog"), "draft"
     assert bpy.ops.frog.train() == {"FINISHED"}
-    task = background.current
-    seconds_patient(lambda: background._tick() is None, 3000.0)
+    task = runner.current
+    seconds_patient(lambda: runner._tick() is None, 3000.0)
     state = task.state
     assert not state.error and state.result == tmp_path / "room.frog"
     assert state.psnr > 25.0 and 0 < state.moving < state.gaussians
@@ -50,11 +52,11 @@ def test_film_train_scrub_render(empty, tmp_path, rendered, monkeypatch):
     (obj,) = playback.captures(empty.objects)
     assert empty.render.engine == "FROG" and empty.frame_end == 30
     assert all(camera.data.show_background_images for camera in cameras_of(obj))
-    first = carrier.read(obj)["position"].copy()
+    first = point_cloud.read(obj)["position"].copy()
     empty.frame_set(20)
-    later = carrier.read(obj)["position"].copy()
+    later = point_cloud.read(obj)["position"].copy()
     empty.frame_set(1)
-    np.testing.assert_array_equal(carrier.read(obj)["position"], first)
+    np.testing.assert_array_equal(point_cloud.read(obj)["position"], first)
     travelled = np.linalg.norm(later - first, axis=1)
     assert travelled.max() > 0.05 and (travelled == 0).any()
 

@@ -18,7 +18,7 @@ ROOT, SCENE, PLY, CAPTURE, RESULT = map(Path, sys.argv[sys.argv.index("--") + 1 
 sys.path[:0] = [str(ROOT)]
 
 import frog_blender  # noqa: E402
-from frog_blender import playback  # noqa: E402
+from frog_blender.timeline import playback  # noqa: E402
 
 frog_blender.register()
 found = {"errors": [], "tabs": [], "operators": {}}

@@ -9,7 +9,7 @@ from frog_blender.engine.capture.camera import NEUTRAL, Camera
 from frog_blender.engine.capture.readers.checks import pinhole
 from frog_blender.engine.capture.time import frame_to_time, time_to_frame
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.plain_values import UnfitValue
+from frog_blender.engine.io.plain_values import UnfitValue
 
 
 def off_centre_camera() -> Camera:

@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from helpers import REPOSITORY
+from support.builders import REPOSITORY
 
 from frog_blender.engine.capture import frames as frames_module
 from frog_blender.engine.capture.camera import Camera

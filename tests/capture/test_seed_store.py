@@ -7,9 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import filmed
 import numpy as np
 import pytest
+from support import synthetic_capture
 
 from frog_blender.engine.capture import seed_store
 from frog_blender.engine.capture.capture import Capture
@@ -21,7 +21,7 @@ from frog_blender.engine.capture.seeds import Seeds
 
 @pytest.fixture
 def capture(tmp_path: Path) -> Capture:
-    return open_capture(filmed.write_capture(tmp_path / "capture"))
+    return open_capture(synthetic_capture.write_capture(tmp_path / "capture"))
 
 
 @pytest.fixture
@@ -36,7 +36,7 @@ def searches(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
     def search(*_: Any, seed: int, **__: Any) -> Seeds:
         calls.append(seed)
-        return replace(filmed.seeds(), points=filmed.seeds().points + np.float32(len(calls)))
+        return replace(synthetic_capture.seeds(), points=synthetic_capture.seeds().points + np.float32(len(calls)))
 
     monkeypatch.setattr(seed_store, "find_seeds", search)
     return calls

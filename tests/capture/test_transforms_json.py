@@ -11,7 +11,7 @@ from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
 
-from .posed_pictures import rewrite, write
+from .posed_images import rewrite, write
 
 
 def test_opengl_becomes_opencv_and_every_eighth_frame_is_held_out(tmp_path: Path) -> None:

@@ -9,19 +9,19 @@ from io import BytesIO
 from pathlib import Path
 
 import cv2
-import filmed as film
 import numpy as np
 import pytest
-from helpers import scene_file
+from support import synthetic_capture as film
+from support.builders import scene_file
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.evaluation.evaluate import evaluate, load_masks, moving_mask
-from frog_blender.engine.files import SceneFile
-from frog_blender.engine.inference.draw import draw
-from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.render import draw
+from frog_blender.engine.scene.scene_file import SceneFile
 
 MIDDLE = 3
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from helpers import odd_camera, scene_file
-from playing import spared
+from support.builders import odd_camera, scene_file
+from support.played_scenes import spared
 
-from frog_blender.engine.files import SceneFile, scene_bytes
-from frog_blender.engine.inference.scene import CANONICAL
+from frog_blender.engine.playback.player import CANONICAL
+from frog_blender.engine.scene.scene_file import SceneFile, scene_bytes
 
 _SCENES_OWN = ("means", "log_scales", "quaternions", "opacity_logits", "sh")
 

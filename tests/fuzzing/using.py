@@ -9,15 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
-from frog_blender.blender_camera import lens_of, pose_of
-from frog_blender.cli import main
-from frog_blender.commands import render_frames
-from frog_blender.engine.clips import camera_path, capture_folders, find_clips, moves_alone
+from frog_blender.cameras import lens_of, pose_of
+from frog_blender.cli.actions import render_frames
+from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError, printable
-from frog_blender.engine.exchange import export_frames
-from frog_blender.engine.inference.draw import draw
-from frog_blender.engine.inference.importance import most_important, ranking
-from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender.engine.interchange.splats import export_frames
+from frog_blender.engine.playback.importance import most_important, ranking
+from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.render import draw
+from frog_blender.engine.source_media.clips import camera_path, capture_folders, find_clips, moves_alone
 
 _LARGEST = 2**20  # pixels of pictures that are drawn with all that there is to know; `frog render` draws larger ones
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 import torch
-from helpers import plain_camera
+from support.builders import plain_camera
 
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
 from frog_blender.engine.rasterizer import rasterize
-from frog_blender.engine.training.neighbours import nearest, spacings
+from frog_blender.engine.training.optimize.nearest_neighbours import nearest, spacings
+from frog_blender.engine.training.optimize.smoothness import add_embedding_smoothness, neighbour_weights
 from frog_blender.engine.training.recipe import RECIPES
-from frog_blender.engine.training.smoothness import add_embedding_smoothness, neighbour_weights
 
 
 def test_fresh_gaussians_are_what_they_were_made_from() -> None:

@@ -10,16 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from drawing import relative_error
-from fields import field_arrays, output_arrays
-from helpers import run_python
-from models import model_of
+from support.builders import run_python
+from support.deformation_fields import field_arrays, output_arrays
+from support.random_models import model_of
+from support.torch_drawing import relative_error
 
 from frog_blender.engine.model.frog import Frog, FrogSettings, Progressing
 from frog_blender.engine.model.fused import deform_fused
 from frog_blender.engine.model.fusion import network_count
-from frog_blender.engine.rasterizer import GaussianArrays, native
-from frog_blender.engine.rasterizer.native_deformation import FieldShape, deform_backward
+from frog_blender.engine.native import binding
+from frog_blender.engine.native.deformation import FieldShape, deform_backward
+from frog_blender.engine.rasterizer import GaussianArrays
 
 SETTINGS = FrogSettings(
     temporal_rows=6, coarse_rows=3, temporal_size=7, embedding_size=8, hidden_width=32, motion_unit=0.7
@@ -32,7 +33,7 @@ OUTPUTS = ("means", "quaternions", "scales", "opacities", "sh")
 @pytest.fixture(autouse=True)
 def all_threads_afterwards() -> Iterator[None]:
     yield
-    native.set_thread_count(0)
+    binding.set_thread_count(0)
 
 
 def temporal_of(settings: FrogSettings) -> torch.Tensor:
@@ -235,10 +236,10 @@ def test_the_model_takes_the_fused_way() -> None:
 def test_the_same_bits_on_any_number_of_threads() -> None:
     for head_width, fusion in ((0, "product"), (24, "product"), (24, "dual")):
         model = model_of(replace(ODD, head_width=head_width, fusion=fusion), 5000)
-        native.set_thread_count(1)
+        binding.set_thread_count(1)
         expected = looked_at(model, True, 1.0, 16)
         for threads in (2, 7, 1):
-            native.set_thread_count(threads)
+            binding.set_thread_count(threads)
             for found, values in zip(looked_at(model, True, 1.0, 16), expected, strict=True):
                 assert all(found[name].tobytes() == values[name].tobytes() for name in values)
 
@@ -246,9 +247,9 @@ def test_the_same_bits_on_any_number_of_threads() -> None:
 DEFORM = """
 import sys
 import numpy as np
-from fields import field_arrays, in_groups, output_arrays
-from frog_blender.engine.rasterizer import native
-from frog_blender.engine.rasterizer.native_deformation import FieldShape, PlayedField, deform, deform_backward
+from support.deformation_fields import field_arrays, in_groups, output_arrays
+from frog_blender.engine.native import binding
+from frog_blender.engine.native.deformation import FieldShape, PlayedField, deform, deform_backward
 
 found = {}
 cases = [(33, 3, 0, "unit", 1), (33, 3, 24, "paper", 1), (64, 32, 0, "off", 1)]
@@ -269,7 +270,7 @@ for case, (hidden, embedding, head, form, networks) in enumerate(cases):
             PlayedField(shape, in_groups(shape, arrays, kept), kept, reshaped).deform({}, played)
             found |= {f"{case}/played/{kept}/{reshaped}/{name}": array for name, array in played.items()}
 np.savez(sys.argv[1], **found)
-print(native.instruction_set())
+print(binding.instruction_set())
 """
 
 

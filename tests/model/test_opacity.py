@@ -7,7 +7,7 @@ import math
 import pytest
 import torch
 
-from frog_blender.engine.model.choices import FORMS
+from frog_blender.engine.field.names import FORMS
 from frog_blender.engine.model.opacity import reduction_factor
 
 CHANGES = torch.linspace(-3, 3, 601)

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import torch
-from drawing import draw_with_gradients, tensors
-from helpers import ATTRIBUTES, join, odd_camera, one_gaussian, plain_camera, random_gaussians
+from support.builders import ATTRIBUTES, join, odd_camera, one_gaussian, plain_camera, random_gaussians
+from support.torch_drawing import draw_with_gradients, tensors
 
 from frog_blender.engine.rasterizer import GaussianArrays, rasterize
 

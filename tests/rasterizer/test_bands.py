@@ -8,12 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import run_python
+from support.builders import run_python
 
 from frog_blender.engine import notices
 from frog_blender.engine.capture.camera import Camera
-from frog_blender.engine.inference.draw import draw
-from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions, native
+from frog_blender.engine.native import binding
+from frog_blender.engine.playback.render import draw
+from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions
 
 SIZE = (1352, 1014)
 CAMERA = Camera("c", *SIZE, np.array([[1000, 0, 676], [0, 1000, 507], [0, 0, 1.0]]), np.eye(4))
@@ -29,14 +30,14 @@ def giants(count: int, opacity: float = 0.02) -> GaussianArrays:
     return GaussianArrays(means, random.normal(size=(count, 4)), scales, opacities, random.normal(size=(count, 1, 3)))
 
 
-def drawn(gaussians: GaussianArrays, whole: bool) -> tuple[dict[str, np.ndarray], native.Frame]:
+def drawn(gaussians: GaussianArrays, whole: bool) -> tuple[dict[str, np.ndarray], binding.Frame]:
     """All pictures of the view; with weights, which need all instances in memory at once, or without."""
     width, height = SIZE
     image = {"rgb": np.empty((height, width, 3), np.float32), "median_index": np.empty((height, width), np.int32)}
     image |= {name: np.empty((height, width), np.float32) for name in ("alpha", "mean_depth")}
     weights = {"max_weights": np.empty(len(gaussians), np.float32)} if whole else {}
     options = RasterizeOptions(depth=True, weights=whole)
-    return image, native.Frame(gaussians, CAMERA, (0.1, 0.2, 0.3), options, image | weights)
+    return image, binding.Frame(gaussians, CAMERA, (0.1, 0.2, 0.3), options, image | weights)
 
 
 def test_bands_have_the_bits_of_the_whole_picture() -> None:
@@ -76,11 +77,11 @@ def test_memory_is_bounded() -> None:
 
 @pytest.mark.parametrize("most", [10, 10**9])
 def test_a_view_that_takes_long_says_so(most: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(native, "MANY_INSTANCES", most)
+    monkeypatch.setattr(binding, "MANY_INSTANCES", most)
     monkeypatch.setattr(notices, "_left_to_blender", False)  # as where the add-on is not enabled
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("default")
         for _ in range(3):
             draw(giants(20), CAMERA)
     sentences = [str(each.message) for each in said if each.category is notices.Notice]
-    assert sentences == ([native.takes_long(20)] if most == 10 else [])
+    assert sentences == ([binding.takes_long(20)] if most == 10 else [])

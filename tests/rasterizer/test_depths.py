@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from drawing import EVERYTHING, tensors
-from helpers import join, one_gaussian, plain_camera
+from support.builders import join, one_gaussian, plain_camera
+from support.torch_drawing import EVERYTHING, tensors
 
 from frog_blender.engine.rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
 

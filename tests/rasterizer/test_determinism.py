@@ -11,10 +11,11 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 import torch
-from drawing import draw_with_gradients, native_picture
-from helpers import join, odd_camera, one_gaussian, random_gaussians
+from support.builders import join, odd_camera, one_gaussian, random_gaussians
+from support.torch_drawing import draw_with_gradients, native_picture
 
-from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions, native
+from frog_blender.engine.native import binding
+from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions
 
 CAMERA = odd_camera(75, 51)
 
@@ -22,7 +23,7 @@ CAMERA = odd_camera(75, 51)
 @pytest.fixture(autouse=True)
 def all_threads_afterwards() -> Iterator[None]:
     yield
-    native.set_thread_count(0)
+    binding.set_thread_count(0)
 
 
 @pytest.fixture(scope="module")
@@ -39,12 +40,12 @@ def assert_same_bits(found: dict[str, np.ndarray], expected: dict[str, np.ndarra
 
 
 def test_any_number_of_threads(crowd: GaussianArrays) -> None:
-    native.set_thread_count(1)
+    binding.set_thread_count(1)
     expected, everything = native_picture(crowd, CAMERA), with_everything(crowd)
-    assert native.library().frog_thread_count() == 1
+    assert binding.library().frog_thread_count() == 1
     for threads in (2, 3, 7, 1):
-        native.set_thread_count(threads)
-        assert native.library().frog_thread_count() == threads
+        binding.set_thread_count(threads)
+        assert binding.library().frog_thread_count() == threads
         assert_same_bits(native_picture(crowd, CAMERA), expected)
         assert_same_bits(with_everything(crowd), everything)
 
@@ -53,10 +54,10 @@ def test_more_gaussians_than_one_block_of_the_sorting() -> None:
     """Blocks of 8192 are counted and placed separately; many lie at the same depth."""
     gaussians = random_gaussians(CAMERA, 20_000, 0, seed=3, opacity=(0.02, 0.1))
     gaussians.means[::2] = gaussians.means[1]
-    native.set_thread_count(1)
+    binding.set_thread_count(1)
     expected = native_picture(gaussians, CAMERA)
     for threads in (2, 7):
-        native.set_thread_count(threads)
+        binding.set_thread_count(threads)
         assert_same_bits(native_picture(gaussians, CAMERA), expected)
 
 
@@ -103,7 +104,7 @@ def test_beside_a_busy_machine(crowd: GaussianArrays) -> None:
     try:
         busy += [subprocess.Popen([sys.executable, "-c", burn]) for _ in range(2 * cores)]
         for threads in (2, 5, 12):
-            native.set_thread_count(threads)
+            binding.set_thread_count(threads)
             for _ in range(15):
                 assert_same_bits(native_picture(crowd, CAMERA), expected)
     finally:
@@ -123,9 +124,9 @@ def with_everything(gaussians: GaussianArrays) -> dict[str, np.ndarray]:
 def test_bands_have_the_bits_of_the_whole(crowd: GaussianArrays, slots: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Backward passes of large frames go through the tile rows in bands, to bound their memory: of one row each, and of
     one or two. Each Gaussian's tiles are still added up in the same order."""
-    native.set_thread_count(1)
+    binding.set_thread_count(1)
     whole = with_everything(crowd)
-    monkeypatch.setattr(native, "SLOT_LIMIT", slots)
+    monkeypatch.setattr(binding, "SLOT_LIMIT", slots)
     for threads in (1, 2, 7):
-        native.set_thread_count(threads)
+        binding.set_thread_count(threads)
         assert_same_bits(with_everything(crowd), whole)

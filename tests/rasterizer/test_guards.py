@@ -10,11 +10,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from drawing import BACKGROUND, EVERYTHING, draw_with_gradients, relative_error, tensors
-from helpers import ATTRIBUTES, join, odd_camera, one_gaussian, plain_camera, random_gaussians
+from support.builders import ATTRIBUTES, join, odd_camera, one_gaussian, plain_camera, random_gaussians
+from support.torch_drawing import BACKGROUND, EVERYTHING, draw_with_gradients, relative_error, tensors
 
 from frog_blender.engine.capture.camera import Camera
-from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions, native, rasterize
+from frog_blender.engine.native import binding
+from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions, rasterize
 
 IMPLEMENTATIONS = pytest.mark.parametrize("implementation", ["cpu", "reference"])
 FOCAL, LOW_PASS = 40.0, 0.3
@@ -69,7 +70,7 @@ def test_what_is_counted_is_what_is_drawn() -> None:
         gaussians = random_gaussians(camera, 1, 0, seed).checked()
         alpha = np.empty((51, 75), np.float32)
         image = {"rgb": np.empty((51, 75, 3), np.float32), "alpha": alpha}
-        work = native.Frame(gaussians, camera, (0, 0, 0), RasterizeOptions(), image).work()
+        work = binding.Frame(gaussians, camera, (0, 0, 0), RasterizeOptions(), image).work()
         assert work["pairs"] == np.count_nonzero(alpha)
         assert work["gaussians"] <= 1 and work["pairs"] <= 256 * work["instances"]
 

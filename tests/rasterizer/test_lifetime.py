@@ -11,11 +11,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from drawing import BACKGROUND, EVERYTHING, draw_with_gradients, tensors
-from helpers import ATTRIBUTES, odd_camera, random_gaussians, run_python
+from support.builders import ATTRIBUTES, odd_camera, random_gaussians, run_python
+from support.torch_drawing import BACKGROUND, EVERYTHING, draw_with_gradients, tensors
 
-from frog_blender.engine.inference.draw import draw
-from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions, native, rasterize
+from frog_blender.engine.native import binding
+from frog_blender.engine.playback.render import draw
+from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions, rasterize
 
 CAMERA = odd_camera()
 
@@ -24,13 +25,13 @@ CAMERA = odd_camera()
 def frames(monkeypatch: pytest.MonkeyPatch) -> Iterator[weakref.WeakSet]:
     """The native frames that are alive; cyclic garbage collection is off, so that nothing hides behind it."""
     alive: weakref.WeakSet = weakref.WeakSet()
-    create = native.Frame.__init__
+    create = binding.Frame.__init__
 
-    def watched(self: native.Frame, *arguments: object) -> None:
+    def watched(self: binding.Frame, *arguments: object) -> None:
         create(self, *arguments)
         alive.add(self)
 
-    monkeypatch.setattr(native.Frame, "__init__", watched)
+    monkeypatch.setattr(binding.Frame, "__init__", watched)
     gc.disable()
     yield alive
     gc.enable()
@@ -91,7 +92,7 @@ def test_a_frame_drawn_for_no_way_back_has_none() -> None:
     gaussians = random_gaussians(CAMERA, 20).checked()
     image = {"rgb": np.empty((CAMERA.height, CAMERA.width, 3), np.float32)}
     image["alpha"] = np.empty((CAMERA.height, CAMERA.width), np.float32)
-    frame = native.Frame(gaussians, CAMERA, BACKGROUND, RasterizeOptions(), image)
+    frame = binding.Frame(gaussians, CAMERA, BACKGROUND, RasterizeOptions(), image)
     with pytest.raises(ValueError, match="expected differentiable=True"):
         frame.backward(image["rgb"], None, {})
 
@@ -114,10 +115,10 @@ def test_a_forked_process_draws_with_threads_of_its_own() -> None:
     script = """
 import os, sys
 import numpy as np
-from helpers import plain_camera, random_gaussians
-from frog_blender.engine.inference.draw import draw
-from frog_blender.engine.rasterizer import native
-native.set_thread_count(3)
+from support.builders import plain_camera, random_gaussians
+from frog_blender.engine.playback.render import draw
+from frog_blender.engine.native import binding
+binding.set_thread_count(3)
 camera = plain_camera(64, 64)
 gaussians = random_gaussians(camera, 3000)
 expected = draw(gaussians, camera).rgb

@@ -8,18 +8,19 @@ import weakref
 import torch
 
 from frog_blender.engine.capture.camera import Camera
-from frog_blender.engine.rasterizer import GaussianArrays, native, rasterize
+from frog_blender.engine.native import binding
+from frog_blender.engine.rasterizer import GaussianArrays, rasterize
 
 
 def test_frames_are_freed_after_the_backward_pass(monkeypatch):
     frames: list[weakref.ref] = []
-    made = native.Frame.__init__
+    made = binding.Frame.__init__
 
     def remember(self, *arguments):
         made(self, *arguments)
         frames.append(weakref.ref(self))
 
-    monkeypatch.setattr(native.Frame, "__init__", remember)
+    monkeypatch.setattr(binding.Frame, "__init__", remember)
     camera = Camera("c", 20, 16, [[20, 0, 10], [0, 20, 8], [0, 0, 1]], torch.eye(4).numpy())
     means = torch.tensor([[0.0, 0.0, 2.0]], requires_grad=True)
     gaussians = GaussianArrays(

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers import odd_camera, plain_camera
+from support.builders import odd_camera, plain_camera
 
 from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.native.options import RasterizeOptions
 from frog_blender.engine.rasterizer.mesh_depth import mesh_depth
-from frog_blender.engine.rasterizer.options import RasterizeOptions
 
 
 def by_rays(vertices: np.ndarray, triangles: np.ndarray, camera: Camera, near: float = 0.01) -> np.ndarray:

@@ -7,10 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from drawing import BACKGROUND, EVERYTHING, cut, draw_with_gradients, image_weights, relative_error, tensors
-from helpers import ATTRIBUTES, join, odd_camera, one_gaussian, plain_camera, random_gaussians
+from support.builders import ATTRIBUTES, join, odd_camera, one_gaussian, plain_camera, random_gaussians
+from support.torch_drawing import (
+    BACKGROUND,
+    EVERYTHING,
+    cut,
+    draw_with_gradients,
+    image_weights,
+    relative_error,
+    tensors,
+)
 
-from frog_blender.engine.rasterizer import GaussianArrays, Image, RasterizeOptions, native, rasterize
+from frog_blender.engine.native import binding
+from frog_blender.engine.rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
 
 CAMERA = odd_camera(90, 61)
 IMPLEMENTATIONS = pytest.mark.parametrize("implementation", ["cpu", "reference"])
@@ -92,7 +101,7 @@ def test_gradients_of_a_region_are_those_of_a_loss_on_it(
     expected = {name: getattr(leaves, name).grad for name in ATTRIBUTES}
     expected |= {"screen": image.screen.grad, "screen_absolute": image.screen_absolute, "pose": moving.grad}
     # Positions round differently where tiles begin elsewhere, most without fused multiply-adds.
-    most = 1e-12 if region in ALIGNED else 2e-6 if native.instruction_set() == "baseline" else 1e-6
+    most = 1e-12 if region in ALIGNED else 2e-6 if binding.instruction_set() == "baseline" else 1e-6
     for name, gradient in expected.items():
         assert relative_error(found[name], gradient.double().numpy()) <= most, name
 

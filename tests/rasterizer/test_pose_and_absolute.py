@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from drawing import BACKGROUND, draw_with_gradients, image_weights, relative_error, tensors
-from helpers import ATTRIBUTES, odd_camera, one_gaussian, plain_camera, random_gaussians, rotation_of
+from support.builders import ATTRIBUTES, odd_camera, one_gaussian, plain_camera, random_gaussians, rotation_of
+from support.torch_drawing import BACKGROUND, draw_with_gradients, image_weights, relative_error, tensors
 
 from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions, rasterize, rasterize_batch
 

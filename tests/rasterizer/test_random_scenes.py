@@ -17,9 +17,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import torch
-from drawing import draw_with_gradients, relative_error
 from hypothesis import HealthCheck, given, settings
-from random_scenes import Scene, scenes
+from support.random_scenes import Scene, scenes
+from support.torch_drawing import draw_with_gradients, relative_error
 
 EXAMPLES = 500
 FLIP, FLIPPED_SHARE, FLIPS_IN_ONE = 1e-4, 3e-4, 8

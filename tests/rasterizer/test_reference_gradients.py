@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from drawing import BACKGROUND, image_weights, relative_error
-from helpers import ATTRIBUTES, odd_camera, random_gaussians
+from support.builders import ATTRIBUTES, odd_camera, random_gaussians
+from support.torch_drawing import BACKGROUND, image_weights, relative_error
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.rasterizer import GaussianArrays, rasterize

@@ -7,12 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import one_gaussian, plain_camera, random_gaussians
+from support.builders import one_gaussian, plain_camera, random_gaussians
 
 from frog_blender.engine.capture.camera import NEUTRAL, Camera
-from frog_blender.engine.inference import draw as drawing
-from frog_blender.engine.inference.draw import draw, picture, to_uint8
-from frog_blender.engine.rasterizer import RasterizeOptions, native, structs
+from frog_blender.engine.native import binding, structs
+from frog_blender.engine.playback import render as drawing
+from frog_blender.engine.playback.render import draw, picture, to_uint8
+from frog_blender.engine.rasterizer import RasterizeOptions
 from frog_blender.engine.rasterizer.mesh_depth import mesh_depth
 
 ABSURD = [
@@ -52,22 +53,22 @@ def test_the_library_does_nothing_for_absurd_sizes(size: tuple[int, int], region
         region = (0, 0, *size)
     options = structs.options_struct(RasterizeOptions(), (0.0, 0.0, 0.0), region, None)
     image = structs.pointers(structs.Image, structs.IMAGE, {})
-    found = native.library().frog_draw(
+    found = binding.library().frog_draw(
         byref(structs.gaussians_struct(gaussians)), byref(camera), byref(options), byref(image), 1
     )
     assert found is None
     four = (c_int32 * 4)(*region)
-    assert native.library().frog_mesh_depth(None, 0, None, 0, byref(camera), byref(four), 0.01, None) == 2
+    assert binding.library().frog_mesh_depth(None, 0, None, 0, byref(camera), byref(four), 0.01, None) == 2
 
 
 @pytest.mark.parametrize("size", ABSURD, ids=str)
 def test_pictures_of_absurd_sizes_are_not_compared(size: tuple[int, int]) -> None:
     width, height = size
     value = c_float()
-    assert native.library().frog_similarity(height, width, None, None, None, None) == 2
-    assert native.library().frog_compare(byref(structs.Comparison(height=height, width=width)), byref(value)) == 2
+    assert binding.library().frog_similarity(height, width, None, None, None, None) == 2
+    assert binding.library().frog_compare(byref(structs.Comparison(height=height, width=width)), byref(value)) == 2
     with pytest.raises(ValueError, match="sizes that cannot be"):
-        native.check_status(2, "comparing")
+        binding.check_status(2, "comparing")
 
 
 @pytest.mark.parametrize("size", [(65_536, 1), (1, 65_536), (65_536, 17)], ids=str)

@@ -6,18 +6,19 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import filmed as film
 import numpy as np
 import pytest
 import torch
+from support import synthetic_capture as film
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.seeds import Seeds
-from frog_blender.engine.training import job, parsimony
+from frog_blender.engine.training.compression import schedule
+from frog_blender.engine.training.optimize.trainer import Limits, Trainer
 from frog_blender.engine.training.recipe import Recipe, recipe
-from frog_blender.engine.training.trainer import Limits, Trainer
+from frog_blender.engine.training.session import job
 
 # Rates at which six hundred steps are enough to follow the ball (four hundred are not, with most seeds).
 LIVELY = {"steps_per_moment": 0, "network_rate": 1e-3, "embedding_rate": 3e-2, "mean_rate": 2e-4, "max_gaussians": 600}
@@ -83,7 +84,7 @@ def halfway(make_trainer: Callable[..., Trainer]) -> Callable[..., Trainer]:
     def make(**changes: Any) -> Trainer:
         trainer = make_trainer(120, capacity="auto", **changes)
         with pytest.MonkeyPatch.context() as patched:
-            patched.setattr(parsimony, "rest_unchanged", lambda *_: None)
+            patched.setattr(schedule, "rest_unchanged", lambda *_: None)
             while trainer.step_count < 90:
                 trainer.step()
         return trainer

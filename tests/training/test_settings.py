@@ -11,11 +11,11 @@ from typing import Any
 import pytest
 
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.files import settings_json
+from frog_blender.engine.scene.scene_file import settings_json
 from frog_blender.engine.training.methods import METHODS, method_named
+from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.recipe import RECIPES, Recipe, recipe, stored_recipe
 from frog_blender.engine.training.setting import Choice, Fractions, Name, Number, check_all, kinds_of
-from frog_blender.engine.training.trainer import Trainer
 
 KINDS = kinds_of(Recipe)
 NEVER: list[Any] = [math.nan, math.inf, -math.inf, 10**400, -(10**400), None, [], {}, "", "x\ny" * 60, (0.5, "a", 1)]

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import brief, printable
-from ..plain_values import UnfitValue, entries, number, numbers, text, whole
+from ..io.plain_values import UnfitValue, entries, number, numbers, text, whole
 
 NEUTRAL = (1.0, 1.0, 1.0)
 """The exposure of a camera whose pictures are as bright as the scene is."""

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import FrogError
-from ..numpy_files import NUMBERS, TEXT, read_npz
+from ..io.numpy_files import NUMBERS, TEXT, read_npz
 from .capture import Capture
 from .frames import FrameStore
 from .seeds import Seeds, find_seeds

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from ..errors import FrogError, found_instead
-from ..imports import is_missing, not_loaded
-from ..regular_file import regular_file
+from ..io.regular_file import regular_file
+from ..optional_imports import is_missing, not_loaded
 from .camera import MOST_SIDE
-from .picture_header import size_in_header
+from .image_header import size_in_header
 
 VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm"})
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp")

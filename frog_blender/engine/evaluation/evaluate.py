@@ -11,13 +11,13 @@ import numpy as np
 
 from ..capture.capture import Capture
 from ..capture.frames import FrameStore
-from ..capture.picture_size import picture_size
+from ..capture.image_size import picture_size
 from ..capture.video import read_gray
 from ..errors import FrogError, found_instead
-from ..inference.draw import draw
-from ..inference.scene import PlayableScene
-from ..numpy_files import read_npz
-from ..regular_file import regular_file
+from ..io.numpy_files import read_npz
+from ..io.regular_file import regular_file
+from ..playback.player import PlayableScene
+from ..playback.render import draw
 from .metrics import gradient_energy, psnr_of, ssim
 
 Measure = Callable[[np.ndarray, np.ndarray], float]

@@ -12,16 +12,16 @@ from torch import nn
 from torch.nn import functional
 
 from ..capture.camera import Camera
+from ..field.temporal_table import temporal_weights
+from ..native.deformation import FieldShape
 from ..rasterizer import GaussianArrays, RasterizeOptions
-from ..rasterizer.native_deformation import FieldShape
 from .canonical import CanonicalField
 from .deformation import DeformationField
 from .fused import deform_fused, field_arrays
-from .fused_drawing import draw_fused
+from .fused_rendering import draw_fused
 from .fusion import fuse, fused_size, network_count
 from .interface import FINISHED, Drawn, Progressing, SceneModel
 from .opacity import reduction_factor
-from .temporal import temporal_weights
 
 
 @dataclass(frozen=True)

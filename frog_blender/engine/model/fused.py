@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import torch
 
+from ..field.first_layer import first_layer, first_layer_gradients
+from ..native.deformation import FieldShape, deform, deform_backward
 from ..rasterizer import GaussianArrays
-from ..rasterizer.native_deformation import FieldShape, deform, deform_backward
 from .canonical import ATTRIBUTES, CanonicalField
 from .deformation import DeformationField
-from .first_layer import first_layer, first_layer_gradients
 
 _OUTPUTS = ("means", "quaternions", "scales", "opacities", "sh")
 _NETWORK = ("output_weight", "output_bias")

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from ..capture.camera import NEUTRAL, Camera
-from .arrays import GaussianArrays
-from .options import RasterizeOptions
+from ..gaussians import GaussianArrays
+from ..native.options import RasterizeOptions
 
 if TYPE_CHECKING:
     import torch

@@ -9,9 +9,10 @@ from typing import Any
 import torch
 
 from ..capture.camera import Camera
-from . import Image, native, structs
-from .arrays import GaussianArrays
-from .options import RasterizeOptions
+from ..gaussians import GaussianArrays
+from ..native import binding, structs
+from ..native.options import RasterizeOptions
+from . import Image
 
 # The library is given addresses alone: torch's defaults, which anybody may set, must not decide what lies there.
 _FLOATS: dict[str, Any] = {"dtype": torch.float32, "device": "cpu"}
@@ -35,7 +36,7 @@ class Drawing:
     camera: Camera
     size: tuple[int, int]
     extras: dict[str, torch.Tensor]
-    frame: native.Frame
+    frame: binding.Frame
 
     def backward(
         self, by_rgb: torch.Tensor, by_alpha: torch.Tensor | None, pose: tuple[int, ...] | None, absolute: Any = None
@@ -86,7 +87,7 @@ def draw(
     if options.weights:
         extras["max_weights"] = torch.empty(count, **_FLOATS)
     outputs = {"rgb": rgb, "alpha": alpha, **extras}
-    frame = native.Frame(gaussians, camera, background, options, outputs, depth_limit, differentiable)
+    frame = binding.Frame(gaussians, camera, background, options, outputs, depth_limit, differentiable)
     return Drawing(gaussians, camera, size, extras, frame), rgb, alpha
 
 

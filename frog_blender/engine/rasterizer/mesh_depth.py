@@ -7,9 +7,9 @@ from ctypes import byref, c_int32
 import numpy as np
 
 from ..capture.camera import Camera
-from . import structs
-from .native import check_status, library
-from .options import RasterizeOptions
+from ..native import structs
+from ..native.binding import check_status, library
+from ..native.options import RasterizeOptions
 
 
 def mesh_depth(

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import torch
 
 from ..capture.camera import Camera
+from ..gaussians import GaussianArrays
+from ..native.options import ALPHA_MAX, ALPHA_MIN, COMPENSATION_MIN, TRANSMITTANCE_MIN, RasterizeOptions
 from . import Image
-from .arrays import GaussianArrays
-from .options import ALPHA_MAX, ALPHA_MIN, COMPENSATION_MIN, TRANSMITTANCE_MIN, RasterizeOptions
 
 _STRIP_ELEMENTS = 8_000_000  # pixels times Gaussians held at once
 

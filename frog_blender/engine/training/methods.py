@@ -5,7 +5,7 @@ All share canonical Gaussians, rasterizer, losses and schedules, so that a compa
 
 from __future__ import annotations
 
-from . import patient_threads  # noqa: F401
+from . import passive_threads  # noqa: F401
 
 # isort: split
 from collections.abc import Callable

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ..errors import FrogError, brief
-from ..model.choices import FORMS, FUSIONS
+from ..field.names import FORMS, FUSIONS
 from . import setting
 from .setting import check_all, choice, flag, fractions, kinds_of, number, whole
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from drawing import BACKGROUND, relative_error, tensors
-from helpers import ATTRIBUTES, join, odd_camera, one_gaussian, plain_camera, random_gaussians
+from support.builders import ATTRIBUTES, join, odd_camera, one_gaussian, plain_camera, random_gaussians
+from support.torch_drawing import BACKGROUND, relative_error, tensors
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions, rasterize

@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from drawing import BACKGROUND, tensors
 from emulated import HERE, Emulator, build
 from equality import EVERYTHING, Scene, assert_equal, draw, scenes
-from helpers import ATTRIBUTES, join, odd_camera, one_gaussian, random_gaussians
+from support.builders import ATTRIBUTES, join, odd_camera, one_gaussian, random_gaussians
+from support.torch_drawing import BACKGROUND, tensors
 
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.rasterizer import GaussianArrays, rasterize, structs
+from frog_blender.engine.native import structs
+from frog_blender.engine.rasterizer import GaussianArrays, rasterize
 from frog_blender.engine.rasterizer.cuda import binning, launch
 from frog_blender.engine.rasterizer.cuda import rasterize as module
 

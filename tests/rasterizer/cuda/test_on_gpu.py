@@ -7,9 +7,9 @@ import threading
 import numpy as np
 import pytest
 import torch
-from drawing import BACKGROUND, tensors
 from equality import EVERYTHING, Scene, assert_equal, draw, scenes
-from helpers import ATTRIBUTES, odd_camera, one_gaussian, plain_camera, random_gaussians
+from support.builders import ATTRIBUTES, odd_camera, one_gaussian, plain_camera, random_gaussians
+from support.torch_drawing import BACKGROUND, tensors
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.rasterizer import GaussianArrays, rasterize

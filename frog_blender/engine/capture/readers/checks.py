@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import FrogError, found_instead
-from ...regular_file import regular_file
+from ...io.regular_file import regular_file
 from ..camera import MOST_SIDE, exact_pinhole
 from ..capture import MOST_FRAMES, MOST_PICTURES, Capture, Shot
 from ..video import VideoFacts

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import FrogError, found_instead
-from ...numpy_files import read_npy
+from ...io.numpy_files import read_npy
 from ..camera import Camera
 from ..capture import Capture, Distortion, Shot
 from ..video import read_picture, with_ending

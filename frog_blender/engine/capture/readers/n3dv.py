@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import FrogError, found_instead
-from ...numpy_files import read_npy
+from ...io.numpy_files import read_npy
 from ..camera import Camera
 from ..capture import Capture, Shot
 from ..video import find_pictures, find_videos, read_facts, read_picture

@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import FrogError, found_instead
-from ...regular_file import regular_file
+from ...io.regular_file import regular_file
 from ..camera import Camera
 from ..capture import Capture, Distortion, Shot
-from ..picture_header import PNG_HEADER, png_size
+from ..image_header import PNG_HEADER, png_size
 from ..video import check_picture_size
 from .checks import check_length, moments, numbers, pose
 

@@ -18,10 +18,10 @@ import numpy as np
 from ...errors import FrogError, found_instead
 from ..camera import Camera
 from ..capture import Capture, Distortion, Shot
-from ..picture_size import picture_size
+from ..image_size import picture_size
 from ..video import with_ending
 from .checks import number, pose, read_json, rigid, rotation, size
-from .standing import camera_names, first_pictures
+from .static_cameras import camera_names, first_pictures
 
 _SINGLE = "transforms.json"
 _TRAIN = "transforms_train.json"

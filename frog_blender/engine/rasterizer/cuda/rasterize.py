@@ -9,9 +9,10 @@ import torch
 from torch.autograd.function import once_differentiable
 
 from ...capture.camera import Camera
-from .. import Image, structs
-from ..arrays import GaussianArrays
-from ..options import RasterizeOptions
+from ...gaussians import GaussianArrays
+from ...native import structs
+from ...native.options import RasterizeOptions
+from .. import Image
 from . import launch
 from .binning import TILE, Bins, bin_splats, blocks_for
 from .sources import kernel

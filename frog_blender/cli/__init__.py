@@ -1,0 +1,1 @@
+"""``frog``: parse, call the engine, print; one file a command."""

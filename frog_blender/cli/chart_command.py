@@ -1,0 +1,139 @@
+"""``frog chart``: trains every method on captures, over seeds, and draws speed against accuracy."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..engine.errors import FrogError
+from ..engine.training.recipe import RECIPES
+from ..experiments.grid import ABLATIONS
+from .arguments import positive
+from .grid_command import add_grid_arguments, do_runs, names, say_failed, say_plan, setting
+from .printing import say
+
+if TYPE_CHECKING:
+    from ..experiments.grid import Run
+
+_ALL_ABLATIONS = ",".join(ABLATIONS)
+
+
+def add_chart_parser(commands: Any) -> None:
+    """Adds the command."""
+    chart = commands.add_parser("chart", help="train every method on captures and chart speed against accuracy")
+    chart.add_argument("captures", type=Path, nargs="+", metavar="CAPTURE")
+    chart.add_argument("--out", type=Path, required=True, metavar="DIR", help="results, tables and charts")
+    chart.add_argument(
+        "--protocol", metavar="NAME", help="CAPTURE holds a paper's data set: n3dv, hypernerf, technicolor"
+    )
+    chart.add_argument("--methods", type=names, metavar="A,B", help="default: all of them")
+    chart.add_argument("--seeds", type=positive(int), default=3, metavar="N", help="of FRoG and E-D3DGS")
+    chart.add_argument("--other-seeds", type=positive(int), default=1, metavar="N", help="of the other methods")
+    chart.add_argument("--recipe", choices=RECIPES, help="default: draft, or the protocol's")
+    chart.add_argument("--steps", type=positive(int), help="default: the recipe's")
+    chart.add_argument("--scale", type=positive(float), help="picture size factor, such as 0.5")
+    chart.add_argument("--holdout-frames", type=int, metavar="K", help="withhold every K-th moment")
+    chart.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", help="a setting of the recipe, for all"
+    )
+    chart.add_argument(
+        "--row",
+        action="append",
+        default=[],
+        metavar="LABEL=METHOD,NAME=VALUE,...",
+        help="one more row: a method with settings of its own",
+    )
+    chart.add_argument("--equal-time", action="store_true", help="the others again, for as long as FRoG took")
+    chart.add_argument("--ablation", nargs="?", const=_ALL_ABLATIONS, metavar="A,B", help=f"default: {_ALL_ABLATIONS}")
+    chart.add_argument("--ablation-seeds", type=positive(int), metavar="N", help="default: --seeds")
+    chart.add_argument("--timing", action="store_true", help="then time all methods, one after the other")
+    chart.add_argument("--timing-steps", type=positive(int), default=300, metavar="N")
+    add_grid_arguments(chart)
+    chart.set_defaults(run=_chart)
+
+
+def _chart(options: argparse.Namespace) -> int:
+    from ..experiments.report import write_report
+
+    published = _published(options.protocol)
+    failed = 0
+    if not options.only_report:
+        from ..experiments.runs import Conditions
+        from ..experiments.timing import WARM_UP
+
+        if options.timing_steps <= WARM_UP:
+            raise FrogError(f"--timing-steps {options.timing_steps}: expected more than the {WARM_UP} that warm up.")
+        runs = _grid(options)
+        conditions = Conditions(options.out, options.device)
+        say_plan(runs, conditions, options.jobs)
+        if options.plan:
+            return 0
+        ended = do_runs(runs, conditions, options.jobs, options.timing_steps if options.timing else None)
+        if ended is None:
+            return 1
+        failed = ended
+    for path in write_report(options.out, published):
+        say(path)
+    return say_failed(failed)
+
+
+def _published(protocol: str | None) -> str:
+    """A protocol's published table; FrogError for a protocol that does not exist."""
+    if not protocol:
+        return ""
+    from ..experiments.protocols import protocol_named, published_table
+
+    return published_table(protocol_named(protocol))
+
+
+def _grid(options: argparse.Namespace) -> list[Run]:
+    """The runs that the options ask for."""
+    from ..engine.training.methods import METHODS as KNOWN
+    from ..experiments.grid import AUTO_ROW, ROWS, chart_grid, extra_rows, in_order, named_captures
+
+    captures, recipe = named_captures(options.captures), options.recipe or "draft"
+    if options.protocol:
+        captures, recipe = _protocol_captures(options)
+        options.scale = options.scale or 1.0  # their captures have the paper's size
+    common = dict(setting(text, "--set") for text in options.set)
+    shared = {
+        "recipe": recipe,
+        "overrides": common,
+        "seeds": options.seeds,
+        "steps": options.steps,
+        "scale": options.scale,
+        "holdout_frames": options.holdout_frames,
+        "protocol": options.protocol or "",
+    }
+    runs = chart_grid(
+        captures,
+        methods=options.methods or [name for name in ROWS if name in KNOWN or name == AUTO_ROW],
+        other_seeds=options.other_seeds,
+        ablation=names(options.ablation or ""),
+        ablation_seeds=options.ablation_seeds,
+        equal_time=options.equal_time,
+        **shared,
+    )
+    rows = [_row(text) for text in options.row]
+    return in_order([*runs, *extra_rows(captures, rows, **{**shared, "seeds": options.other_seeds})])
+
+
+def _protocol_captures(options: argparse.Namespace) -> tuple[dict[str, Path], str]:
+    """A folder for each scene of a protocol, and the recipe."""
+    from ..experiments.protocols import captures, protocol_named
+
+    if len(options.captures) != 1:
+        raise FrogError(f"--protocol {options.protocol}: found {len(options.captures)} folders, expected one.")
+    folder = options.captures[0]
+    names = [name for name, _ in captures(options.protocol, folder)]
+    return dict.fromkeys(names, folder), options.recipe or protocol_named(options.protocol).recipe
+
+
+def _row(text: str) -> tuple[str, str, dict[str, Any]]:
+    """``LABEL=METHOD,NAME=VALUE,...`` as label, method and settings."""
+    label, equals, rest = text.partition("=")
+    method, *settings = rest.split(",")
+    if not (label and equals and method):
+        raise FrogError(f"--row {text}: expected LABEL=METHOD,NAME=VALUE,... with as many settings as you like.")
+    return label.strip(), method.strip(), dict(setting(text, "--row") for text in settings)

@@ -1,0 +1,223 @@
+"""The main job from end to end, with Blender as a module: train, make a .blend, render a video, compare."""
+
+from __future__ import annotations
+
+import io
+import sys
+import time
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..engine.capture.camera import Camera
+from ..engine.errors import FrogError
+from ..engine.evaluation.metrics import psnr, ssim
+from ..engine.io.atomic_files import write_atomically
+from ..engine.playback.player import PlayableScene
+from ..engine.playback.render import draw
+from ..engine.scene.header import SceneHeader
+from .actions import evaluate_file, open_evaluated
+from .demo_captures import demo_capture
+
+_KEY_INTERVAL = 4  # frames between keys of the moving camera
+
+
+def run_demo(name: str, out: Path, recipe_name: str, seconds: float | None) -> None:
+    """Leaves ``scene.frog``, ``scene.blend``, ``video.mp4`` and ``comparison.png`` in ``out``."""
+    from ..engine.training.recipe import recipe
+    from ..engine.training.session.checkpoint import checkpoint_path
+    from ..engine.training.session.job import TrainingJob, run_training
+    from .progress import show
+    from .stopping import stopping
+    from .streams import printing_may_fail
+
+    _check_modules()
+    started = time.monotonic()
+    capture = demo_capture(name)
+    scene_path = out / "scene.frog"
+    job = TrainingJob(
+        capture.path,
+        scene_path,
+        recipe=recipe(recipe_name, capacity="auto"),
+        seconds=seconds or capture.seconds,
+        scale=capture.scale,
+        pixel_offsets=capture.pixel_offsets or None,
+    )
+    with printing_may_fail(), stopping() as asked:  # what was learned is saved
+        finished = show(run_training(job, asked), scene_path)
+    if not finished:
+        goes_on = f"frog train {capture.path} --out {scene_path} --resume"
+        kept = f"; {goes_on} goes on with its training" if checkpoint_path(scene_path).is_file() else ""
+        raise FrogError(f"The demo was cancelled{kept}.")
+    comparison = out / "comparison.png"
+    write_comparison(scene_path, capture.path, comparison)
+    result = evaluate_file(scene_path, capture.path)
+    print(f"{result['split']} views: PSNR {result['psnr']:.2f} dB, SSIM {result['ssim']:.3f}", flush=True)
+    blend, video = out / "scene.blend", out / "video.mp4"
+    render_video(scene_path, blend, video)
+    print(f"Done in {time.monotonic() - started:.0f} s: {scene_path}, {blend}, {video}, {comparison}", flush=True)
+
+
+def _check_modules() -> None:
+    """ModuleNotFoundError before minutes of training for what is needed only after them."""
+    for name in ("matplotlib", "bpy"):
+        if find_spec(name) is None:
+            raise ModuleNotFoundError(name=name)
+
+
+def write_comparison(scene_path: Path, capture_path: Path, out: Path, frame: int | None = None) -> None:
+    """A picture of truth, render and error (four times) of a held-out view (or a training view when none is)."""
+    from matplotlib.figure import Figure
+
+    scene = PlayableScene.load(scene_path)
+    capture, store = open_evaluated(scene, capture_path)
+    header = scene.header
+    shots = [i for i, shot in enumerate(capture.shots) if header.is_test(capture.cameras[shot.camera].name, shot.frame)]
+    held_out = bool(shots)
+    shots = shots or list(range(len(capture.shots)))
+    wanted = capture.frame_count // 2 if frame is None else frame
+    index = min(shots, key=lambda i: abs(capture.shots[i].frame - wanted))
+    shot = capture.shots[index]
+    camera = capture.cameras[shot.camera]
+    truth = store.image(index).astype(np.float32) / 255
+    picture = draw(scene.at_frame(shot.frame), camera, header.background).rgb.clip(0, 1)
+    error = np.abs(picture - truth).clip(0, 0.25) * 4
+
+    width = 5.0
+    figure = Figure(figsize=(3 * width, width * camera.height / camera.width + 0.5), layout="constrained")
+    seen = "held out" if held_out else "seen in training"
+    titles = (
+        f"truth: {camera.name}, frame {shot.frame} ({seen})",
+        f"render: PSNR {psnr(picture, truth):.2f} dB, SSIM {ssim(picture, truth):.3f}",
+        "error, four times",
+    )
+    for axes, title, panel in zip(figure.subplots(1, 3), titles, (truth, picture, error), strict=True):
+        axes.imshow(panel)
+        axes.set_title(title)
+        axes.axis("off")
+    content = io.BytesIO()
+    figure.savefig(content, format="png", dpi=110)
+    write_atomically(out, content.getvalue())
+
+
+def render_video(scene_path: Path, blend: Path, video: Path) -> None:
+    """Imports the scene, flies a camera through it, saves the .blend and renders it with the FROG engine."""
+    import bpy
+
+    import frog_blender
+
+    from ..scene_import.create_objects import materialize
+    from ..scene_import.scene_setup import look_through
+
+    frog_blender.register()
+    try:
+        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+        blender_scene = bpy.context.scene
+        carrier = materialize(scene_path.resolve(), blender_scene)
+        header = PlayableScene.load(scene_path).header
+        if not header.is_moving:  # a capture by a moving camera is seen through that camera
+            look_through(blender_scene, _flying_camera(header, carrier))
+        render = blender_scene.render
+        if hasattr(render.image_settings, "media_type"):  # Blender 5.0 and later
+            render.image_settings.media_type = "VIDEO"
+        render.image_settings.file_format = "FFMPEG"
+        render.ffmpeg.format, render.ffmpeg.codec = "MPEG4", "H264"
+        render.ffmpeg.constant_rate_factor = "HIGH"
+        # H.264 wants even sizes.
+        render.resolution_x -= render.resolution_x % 2
+        render.resolution_y -= render.resolution_y % 2
+        render.use_file_extension = False
+        render.filepath = str(video.resolve())
+        bpy.ops.wm.save_as_mainfile(filepath=str(blend.resolve()))
+        frames = blender_scene.frame_end - blender_scene.frame_start + 1
+        print(f"Rendering {frames} frames with the FROG engine", flush=True)
+        _quietly(lambda: bpy.ops.render.render(animation=True))
+    finally:
+        frog_blender.unregister()
+    if not video.is_file():
+        raise FrogError(f"{video}: Blender rendered no video.")
+
+
+def _quietly(work: Callable[[], Any]) -> None:
+    """Blender reports every frame on the standard output, past Python; keep the terminal for what matters."""
+    import os
+
+    sys.stdout.flush()
+    kept = os.dup(1)
+    silence = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(silence, 1)
+    try:
+        work()
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
+        os.close(silence)
+
+
+def flight(header: SceneHeader, share: float) -> Camera:
+    """The camera at ``share`` of a closed path (0 and 1 are the same place).
+
+    An ellipse around the first held-out camera (or the first), small enough to stay among the cameras, always looking
+    at what they look at.
+    """
+    base = next((c for c in header.cameras if c.name in header.test_cameras), header.cameras[0])
+    centers = np.array([camera.center for camera in header.cameras])
+    target = _focus(header.cameras, base)
+    distance = float(np.linalg.norm(target - base.center))
+    others = np.linalg.norm(centers - base.center, axis=1)
+    nearest = float(np.min(others[others > 1e-9], initial=distance))
+    reach = min(0.7 * nearest, 0.2 * distance)
+    angle = 2 * np.pi * share
+    right, down = base.rotation[0], base.rotation[1]
+    center = base.center + reach * (np.sin(angle) * right + 0.4 * (1 - np.cos(angle)) / 2 * -down)
+    forward = (target - center) / np.linalg.norm(target - center)
+    side = np.cross(down, forward)
+    side /= np.linalg.norm(side)
+    rotation = np.stack([side, np.cross(forward, side), forward])
+    # Turn as the base camera is turned against the line to the target, so that the path starts at its own view.
+    base_forward = (target - base.center) / distance
+    base_side = np.cross(down, base_forward)
+    base_side /= np.linalg.norm(base_side)
+    looking = np.stack([base_side, np.cross(base_forward, base_side), base_forward])
+    matrix = np.eye(4)
+    matrix[:3, :3] = base.rotation @ looking.T @ rotation
+    matrix[:3, 3] = -matrix[:3, :3] @ center
+    return Camera("Flight", base.width, base.height, base.intrinsics, matrix)
+
+
+def _focus(cameras: tuple[Camera, ...], base: Camera) -> np.ndarray:
+    """(3,) where the optical axes come closest to meeting; ahead of ``base`` when they are parallel."""
+    lines = [np.eye(3) - np.outer(camera.forward, camera.forward) for camera in cameras]
+    offsets = sum(line @ camera.center for line, camera in zip(lines, cameras, strict=True))
+    spread = float(np.ptp([camera.center for camera in cameras], axis=0).max()) or 1.0
+    point = np.linalg.lstsq(np.sum(lines, axis=0), offsets, rcond=None)[0]
+    depth = float((point - base.center) @ base.forward)
+    return base.center + base.forward * (depth if 0 < depth < 50 * spread else 2 * spread)
+
+
+def _flying_camera(header: SceneHeader, carrier: Any) -> Any:
+    import bpy
+    from mathutils import Matrix
+
+    from ..cameras import apply_lens, pose_of
+
+    data = bpy.data.cameras.new("Flight")
+    obj = bpy.data.objects.new("Flight", data)
+    carrier.users_collection[0].objects.link(obj)
+    obj.parent = carrier.parent
+    obj.rotation_mode = "QUATERNION"
+    apply_lens(data, flight(header, 0.0))
+    before = None
+    last = header.frame_count - 1
+    for frame in sorted({*range(0, last, _KEY_INTERVAL), last}):
+        location, rotation, _ = Matrix(pose_of(flight(header, frame / max(last, 1))).tolist()).decompose()
+        if before is not None:
+            rotation.make_compatible(before)
+        before = rotation
+        obj.location, obj.rotation_quaternion = location, rotation
+        obj.keyframe_insert("location", frame=1 + frame)
+        obj.keyframe_insert("rotation_quaternion", frame=1 + frame)
+    return obj

@@ -1,0 +1,27 @@
+"""``frog demo``: the main job on a capture that is shipped."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from ..engine.training.recipe import RECIPES
+from .arguments import positive
+
+
+def add_demo_parser(commands: Any) -> None:
+    """Adds the command."""
+    demo = commands.add_parser("demo", help="train, play and render a demo capture inside Blender's module")
+    demo.add_argument("--capture", choices=["room", "dim", "fast", "walk"], default="room")
+    demo.add_argument("--out", type=Path, default=Path("out"))
+    demo.add_argument("--recipe", choices=RECIPES, default="standard")
+    demo.add_argument("--seconds", type=positive(float), help="of training; default: 300, and 900 for walk")
+    demo.set_defaults(run=_demo)
+
+
+def _demo(options: argparse.Namespace) -> int:
+    from .demo import run_demo
+
+    run_demo(options.capture, options.out, options.recipe, options.seconds)
+    return 0

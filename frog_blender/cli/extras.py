@@ -1,0 +1,25 @@
+"""What only some commands import, and how to get it."""
+
+from __future__ import annotations
+
+from ..engine.optional_imports import is_missing, not_loaded
+
+EXTRAS = {
+    "torch": ("train",),
+    "cv2": ("render", "train"),
+    "tqdm": ("render", "train"),
+    "matplotlib": ("chart", "pictures"),
+    "flip_evaluator": ("chart",),
+    "bpy": ("blender",),
+}
+"""The extras of ``pyproject.toml`` that bring a module, the smallest first."""
+
+
+def unusable(error: ImportError) -> str:
+    """One sentence about a package that could not be imported: what to install, or why what is there does not load."""
+    if not is_missing(error):
+        return f"{not_loaded(error)}."
+    module = str(error.name).split(".")[0]
+    extras = " or ".join(f'".[{extra}]"' for extra in EXTRAS.get(module, ()))
+    advice = f"pip install {extras} brings it" if extras else "see the README for the extras to install"
+    return f"the Python package {module!r} is missing; {advice}."

@@ -1,0 +1,128 @@
+"""What the commands that train a grid of runs share: saying the plan, doing it with progress, stopping well."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from ..engine.errors import FrogError, printable
+from .arguments import positive
+from .printing import complain, say
+from .stopping import stopping
+from .streams import printing_may_fail
+
+if TYPE_CHECKING:
+    from ..experiments.execute import Progress
+    from ..experiments.grid import Run
+    from ..experiments.runs import Conditions
+
+
+def add_grid_arguments(command: argparse.ArgumentParser) -> None:
+    """Those that decide how a grid is done, not what it holds."""
+    command.add_argument("--jobs", type=positive(int), default=1, metavar="N", help="runs at once, sharing the cores")
+    command.add_argument("--device", choices=["auto", "cpu", "cuda"], default="auto")
+    command.add_argument("--plan", action="store_true", help="say what would run, and stop")
+    command.add_argument("--only-report", action="store_true", help="draw what has been done so far")
+
+
+def names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def setting(text: str, option: str) -> tuple[str, Any]:
+    """``NAME=VALUE``; the value as JSON where it is any, else as text."""
+    name, equals, value = text.partition("=")
+    if not (name and equals and value):
+        raise FrogError(f"{option} {text}: expected NAME=VALUE, such as network_rate=1e-3.")
+    try:
+        parsed = json.loads(value)
+    except ValueError:
+        parsed = value
+    return name.strip(), tuple(parsed) if isinstance(parsed, list) else parsed
+
+
+def say_plan(runs: Sequence[Run], conditions: Conditions, jobs: int) -> None:
+    """What the grid is, before it runs."""
+    from collections import Counter
+
+    from ..experiments.execute import seconds_left
+    from ..experiments.results import read
+    from ..experiments.runs import is_done
+    from ..experiments.tables import duration
+
+    records = read(conditions.results)
+    waiting = [run for run in runs if not is_done(run, records)]
+    rows = Counter((run.condition or run.scene, run.label, run.equal_time) for run in runs)
+    for (scene, label, equal_time), count in rows.items():
+        how = "at FRoG's time" if equal_time else "at equal steps"
+        say(f"{scene}: {label}, {how}, {count} {'seed' if count == 1 else 'seeds'}")
+    left = seconds_left(waiting, {}, records, jobs)
+    estimate = f", about {duration(left)}" if left is not None and waiting else ""
+    print(f"{len(runs)} runs, {len(waiting)} to do{estimate}", flush=True)
+
+
+def do_runs(runs: Sequence[Run], conditions: Conditions, jobs: int, timing_steps: int | None = None) -> int | None:
+    """Does the grid, and with ``timing_steps`` the timings; how many runs failed, or None when it was stopped."""
+    import numpy
+
+    from ..experiments.execute import run_grid
+    from ..experiments.runs import Stopped
+    from ..experiments.timing_pass import time_grid
+    from .progress import bar
+
+    numpy.finfo(numpy.float64)  # looked up once; later, with denormals flushed by training, it would warn
+    with printing_may_fail(), stopping() as cancelled:
+        failed, stopped = 0, False
+        try:
+            with _shown(len(runs)) as told:
+                failed = run_grid(runs, conditions, jobs=jobs, told=told, cancelled=cancelled).failed
+        except Stopped:
+            stopped = True
+        if timing_steps and not stopped:
+            with bar("Timing") as report:
+                records = time_grid(runs, conditions, timing_steps, report, cancelled)
+            failed += sum(record["kind"] == "failed" for record in records)
+        if stopped or cancelled():
+            print("frog: stopped; the same command goes on from here.", file=sys.stderr)
+            return None
+    return failed
+
+
+def say_failed(failed: int) -> int:
+    """The exit status, after a sentence where runs failed."""
+    if failed:
+        complain(f"{failed} runs failed; the tables say why.")
+    return 1 if failed else 0
+
+
+@contextmanager
+def _shown(total: int) -> Iterator[Callable[[Progress], None]]:
+    """Yields what takes the grid's progress: one bar over all runs, and a line for each that ended."""
+    from tqdm import tqdm
+
+    from ..experiments.tables import duration
+
+    layout = "{desc} |{bar}| {n:.2f}/{total} runs{postfix}"
+    with tqdm(desc="Grid", total=total, file=sys.stderr, bar_format=layout) as line:
+
+        def show(progress: Progress) -> None:
+            line.n = progress.done + progress.failed + sum(progress.shares.values())
+            working = [f"{run.condition or run.scene} {run.label} {run.seed}" for run in progress.shares]
+            left = "" if progress.seconds_left is None else f"about {duration(progress.seconds_left)} left"
+            line.set_postfix_str(" ".join([", ".join(working), left]).strip(), refresh=progress.record is None)
+            if progress.record is not None:
+                tqdm.write(printable(_sentence(progress)), file=sys.stderr)
+
+        yield show
+
+
+def _sentence(progress: Progress) -> str:
+    record = progress.record or {}
+    name = f"{record.get('condition') or record['scene']}, {record['label']}, seed {record['seed']}"
+    if record["kind"] == "failed":
+        return f"{name}: failed: {record['error']}"
+    return f"{name}: {record['psnr']:.2f} dB, {record['gaussians']} Gaussians, {record['train_seconds']:.0f} s"

@@ -1,0 +1,67 @@
+"""``frog``: the engine without a window. Exit status 0 only when it did what was asked."""
+
+from __future__ import annotations
+
+import argparse
+import errno
+import io
+import sys
+from collections.abc import Sequence
+
+from ..engine.errors import FrogError
+from ..engine.notices import as_sentences
+from .chart_command import add_chart_parser
+from .demo_command import add_demo_parser
+from .extras import unusable
+from .printing import complain
+from .scene_commands import add_scene_parsers
+from .stability_command import add_stability_parser
+from .stopping import leaving_cleanly
+from .train_command import add_train_parser
+from .view_commands import add_view_parsers
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs a command; errors go to standard error in one sentence."""
+    _print_anything()
+    as_sentences()
+    options = _parser().parse_args(arguments)
+    try:
+        with leaving_cleanly():
+            return options.run(options)
+    except FrogError as error:
+        complain(error)
+    except KeyboardInterrupt:
+        complain("interrupted.")
+    except MemoryError as error:
+        complain(f"out of memory ({error}).")
+    except ImportError as error:
+        complain(unusable(error))
+    except BrokenPipeError:
+        return 1
+    except OSError as error:
+        if error.errno == errno.ENOMEM:
+            complain(f"out of memory ({error.strerror}).")
+            return 1
+        where = f"{error.filename}: the file or folder" if error.filename else "A file or folder"
+        complain(f"{where} could not be used ({error.strerror or error}).")
+    return 1
+
+
+def _print_anything() -> None:
+    """Names of files may hold characters that a console's encoding lacks; they are printed as escapes."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="frog", description="Dynamic Gaussian scenes: train, evaluate, render.")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    add_train_parser(commands)
+    add_view_parsers(commands)
+    add_scene_parsers(commands)
+    add_chart_parser(commands)
+    add_stability_parser(commands)
+    add_demo_parser(commands)
+    return parser

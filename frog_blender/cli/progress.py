@@ -1,0 +1,103 @@
+"""Training events and other long work as progress bars on a terminal (tqdm)."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from tqdm import tqdm
+
+from ..engine.errors import printable
+from ..engine.scene.compression_report import lines, summary
+from ..engine.training.session import events
+from ..engine.training.session.events import Event
+from ..engine.training.session.output_paths import checkpoint_path
+from .printing import complain, say
+
+
+@contextmanager
+def bar(name: str) -> Iterator[Callable[[int, int], None]]:
+    """Yields ``report(done, total)``; nothing is shown before its first call."""
+    line: tqdm | None = None
+
+    def report(done: int, total: int) -> None:
+        nonlocal line
+        if line is None:
+            line = tqdm(desc=name, file=sys.stderr, leave=False)
+        line.total = total
+        line.update(done - line.n)
+
+    try:
+        yield report
+    finally:
+        _close(line)
+
+
+def show(stream: Iterator[Event], output: Path) -> bool:
+    """Follows a training to ``output`` to its end; True when it finished, False when it was cancelled."""
+    line: tqdm | None = None
+
+    def switch(name: str, total: int, done: int) -> tqdm:
+        nonlocal line
+        if line is None or line.desc != name:
+            if line is not None:
+                line.close()
+            line = tqdm(desc=name, total=total, file=sys.stderr, smoothing=0.1)
+        line.total = total
+        line.update(done - line.n)
+        return line
+
+    try:
+        for event in stream:
+            match event:
+                case events.Stage(name, done, total):
+                    switch(name, total, done)
+                case events.Started(device="cuda"):
+                    _note("training on the GPU")
+                case events.Progress(step=step, steps=steps, loss=loss, gaussians=gaussians, moving=moving):
+                    postfix = {"loss": f"{loss:.4f}", "gaussians": gaussians, "moving": moving}
+                    switch("Training", steps, step).set_postfix(postfix)
+                case events.Reduced(_, message):
+                    _note(message)
+                case events.Evaluated(step=step, psnr=psnr, split=split):
+                    _note(f"step {step}: {split} PSNR {psnr:.2f} dB")
+                case events.Pictured(path, _):
+                    text = f"{path}: what moves is orange, what rests blue, red dots were left out"
+                    _note(text)
+                case events.Warned(message):
+                    _note(f"warning: {message}")
+                case events.Finished(path, steps, seconds, psnr, gaussians, capacity):
+                    _close(line)
+                    quality = "PSNR not measured" if psnr is None else f"PSNR {psnr:.2f} dB"
+                    say(f"{path}: {steps} steps in {seconds:.0f} s, {gaussians} Gaussians, {quality}")
+                    for text in [summary(capacity), *lines(capacity)] if capacity else []:
+                        say(f"  {text}")
+                    return True
+                case events.Cancelled(step, path):
+                    _close(line)
+                    complain(f"cancelled at step {step}, {_kept(path, output)}.")
+                    return False
+    finally:
+        _close(line)
+    return False
+
+
+def _kept(path: str | None, output: Path) -> str:
+    """What is left of a training that was cancelled: its checkpoint lies beside ``output``, wherever the scene went."""
+    if path is None:
+        return "nothing was written"
+    if not checkpoint_path(output).is_file():
+        return f"kept in {path}"
+    return f"kept in {path}; --resume goes on" + ("" if Path(path) == output else f" from {checkpoint_path(output)}")
+
+
+def _note(text: str) -> None:
+    """A line above the bars."""
+    tqdm.write(printable(text), file=sys.stderr)
+
+
+def _close(line: tqdm | None) -> None:
+    if line is not None:
+        line.close()

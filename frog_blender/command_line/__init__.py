@@ -1,1 +1,0 @@
-"""What the command line's subcommands do, and how they say how far they are."""

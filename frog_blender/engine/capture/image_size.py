@@ -1,0 +1,28 @@
+"""The size of a picture from its file's first bytes: captures list hundreds of them, and decoding them takes long."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..errors import found_instead
+from ..io.regular_file import regular_file
+from .image_header import size_in_header
+from .video import check_picture_size, read_picture
+
+
+def picture_size(path: Path) -> tuple[int, int]:
+    """(width, height) as ``read_picture`` decodes them; PNG and JPEG are not decoded for it.
+
+    Raises:
+        FrogError: if the file is missing or no picture, or one too large to be decoded.
+    """
+    try:
+        with regular_file(path, "a picture").open("rb") as file:
+            size = size_in_header(file)
+    except OSError as error:
+        raise found_instead(path, f"a file that cannot be read ({error.strerror})", "a picture") from error
+    if size is None or min(size) < 1:
+        height, width = read_picture(path).shape[:2]
+        return width, height
+    check_picture_size(path, size)
+    return size

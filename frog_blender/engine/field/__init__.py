@@ -1,0 +1,1 @@
+"""What training and playback both know of the deformable field, in numpy: names, temporal table, first layer."""

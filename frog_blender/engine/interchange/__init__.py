@@ -1,0 +1,1 @@
+"""Scenes to and from other programs: 3DGS .ply files."""

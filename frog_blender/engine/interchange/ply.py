@@ -1,0 +1,176 @@
+"""3DGS ``.ply`` files: Gaussians of one moment in the layout that splat viewers share. Numpy alone.
+
+``x y z nx ny nz f_dc_0..2 f_rest_* opacity scale_0..2 rot_0..3``: opacities as logits, scales as logarithms,
+quaternions w, x, y, z, ``f_rest`` by channel (all of red, then green, then blue). Written as little-endian float32;
+read in either byte order, any order of properties, and floats of 16 (which PLY can only name whole numbers), 32 and 64
+bits. Which way is up no file says: see exchange.
+
+plyfile was tried for this. Its current release wants numpy 2, which Blender 4.5 and 5.0 do not have; and for lists
+before the vertices, text, or a header without an end it asks for what the file says (30 GB for 200 bytes; 86 s for
+100 MB), so the header has to be checked before it sees a file. Then one call of numpy is left to do. The tests read
+with it what is written here.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from ..errors import FrogError, found_instead
+from ..gaussians import GaussianArrays
+from ..io.atomic_files import write_atomically
+from ..io.regular_file import regular_file
+from .ply_values import cleaned, floats
+
+_EXPECTED = "a binary 3DGS .ply"
+_LONGEST_HEADER = 1 << 16
+_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
+_NAMES = {
+    "i1": ("char", "int8"),
+    "u1": ("uchar", "uint8"),
+    "i2": ("short", "int16"),
+    "u2": ("ushort", "uint16"),
+    "i4": ("int", "int32"),
+    "u4": ("uint", "uint32"),
+    "f2": ("half", "float16"),
+    "f4": ("float", "float32"),
+    "f8": ("double", "float64"),
+}
+_TYPES = {name: code for code, names in _NAMES.items() for name in names}
+_RESTS = {0: 1, 9: 4, 24: 9, 45: 16}  # f_rest properties -> SH coefficients a channel
+
+
+@dataclass(frozen=True)
+class Splats:
+    """What a 3DGS ``.ply`` holds.
+
+    Attributes:
+        arrays: ``means`` (N, 3), ``quaternions`` (N, 4) of length one, ``log_scales`` (N, 3),
+            ``opacity_logits`` (N,) and ``sh`` (N, K, 3), float32, as a static scene file has them.
+        left_out: rows whose numbers are not finite or too large to be drawn, and which are not among the N.
+    """
+
+    arrays: dict[str, np.ndarray]
+    left_out: int
+
+
+def write_splats(path: str | Path, gaussians: GaussianArrays) -> None:
+    """Writes Gaussians as they are, atomically; FrogError when it cannot, and then an earlier file is untouched."""
+    write_atomically(path, splat_bytes(gaussians))
+
+
+def splat_bytes(gaussians: GaussianArrays) -> bytes:
+    """What ``write_splats`` writes."""
+    g = gaussians.checked()
+    rest = g.sh[:, 1:].transpose(0, 2, 1).reshape(len(g), -1)  # channel by channel
+    names = [*"xyz", "nx", "ny", "nz", *(f"f_dc_{i}" for i in range(3)), *(f"f_rest_{i}" for i in range(rest.shape[1]))]
+    names += ["opacity", *(f"scale_{i}" for i in range(3)), *(f"rot_{i}" for i in range(4))]
+    opacities = np.clip(g.opacities.astype(np.float64), 1e-12, 1 - 2.0**-26)[:, None]
+    columns = [g.means, np.zeros_like(g.means), g.sh[:, 0], rest, np.log(opacities) - np.log1p(-opacities)]
+    columns += [np.log(np.maximum(g.scales.astype(np.float64), 1e-30)), g.quaternions]
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(g)}"]
+    header += [*(f"property float {name}" for name in names), "end_header\n"]
+    return "\n".join(header).encode() + np.concatenate(columns, axis=1).astype("<f4").tobytes()
+
+
+def read_splats(path: str | Path) -> Splats:
+    """FrogError in one sentence for anything but a whole 3DGS ``.ply``; no more memory than a few times its size."""
+    try:
+        with regular_file(path, _EXPECTED).open("rb") as file:
+            start, count, dtype = _layout(path, file)
+            size = count * dtype.itemsize
+            found = max(file.seek(0, 2) - start, 0)
+            if found < size:
+                raise found_instead(path, f"{found:,} bytes of Gaussians", f"the {size:,} that its header announces")
+            file.seek(start)
+            content = file.read(size)
+    except OSError as error:
+        raise FrogError(f"{path}: could not be read ({error.strerror or error}).") from error
+    if len(content) != size:
+        raise found_instead(path, f"{len(content):,} bytes of Gaussians", f"the {size:,} that its header announces")
+    return _splats(path, np.frombuffer(content, dtype, count))
+
+
+def _layout(path: str | Path, file: BinaryIO) -> tuple[int, int, np.dtype]:
+    """Byte at which the vertices begin, how many there are, and the structure of one."""
+    head = file.read(_LONGEST_HEADER)
+    if not head.startswith((b"ply\n", b"ply\r\n")):
+        raise found_instead(path, "no PLY file", _EXPECTED)
+    end = head.find(b"\nend_header")
+    line_end = head.find(b"\n", end + 1)
+    if end < 0 or line_end < 0:
+        raise found_instead(path, "a header that does not end", _EXPECTED)
+    order, start, before, inside = "", line_end + 1, True, False
+    count, fields = -1, []  # of the vertices
+    rows, row_size = 0, 0  # of the element before them
+    for line in head[:end].decode("ascii", "replace").splitlines()[1:]:
+        match line.split():
+            case ["format", name, *_]:
+                if name not in _ORDERS:
+                    raise found_instead(path, f"the format {name}", _EXPECTED)
+                order = _ORDERS[name]
+            case ["element", name, number]:
+                start += rows * row_size if before else 0
+                inside, before, rows, row_size = name == "vertex", before and name != "vertex", _count(path, number), 0
+                if inside:
+                    if count >= 0:
+                        raise found_instead(path, "vertices twice", _EXPECTED)
+                    count = rows
+            case ["property", "list", *_] if inside or before:
+                raise found_instead(path, "lists among or before its vertices", _EXPECTED)
+            case ["property", kind, name] if inside or before:
+                if kind not in _TYPES:
+                    raise found_instead(path, f"numbers of the type {kind}", _EXPECTED)
+                row_size += np.dtype(_TYPES[kind]).itemsize
+                if inside:
+                    fields.append((name, order + _TYPES[kind]))
+            case ["property" | "comment" | "obj_info", *_] | []:
+                pass
+            case _:
+                raise found_instead(path, f"the line {line!r} in its header", _EXPECTED)
+    if not order or count < 1 or not fields:
+        raise found_instead(path, "no Gaussians", _EXPECTED)
+    try:
+        return start, count, np.dtype(fields)
+    except ValueError as error:  # a name twice
+        raise found_instead(path, f"a header that cannot be ({error})", _EXPECTED) from error
+
+
+def _count(path: str | Path, text: str) -> int:
+    if not (text.isascii() and text.isdigit() and len(text) <= 12):
+        raise found_instead(path, f"a number of rows of {text}", _EXPECTED)
+    return int(text)
+
+
+def _splats(path: str | Path, table: np.ndarray) -> Splats:
+    names = set(table.dtype.names or ())
+    rest = next(i for i in itertools.count() if f"f_rest_{i}" not in names)
+    wanted = {
+        "means": [*"xyz"],
+        "quaternions": [f"rot_{i}" for i in range(4)],
+        "log_scales": [f"scale_{i}" for i in range(3)],
+        "opacity_logits": ["opacity"],
+        "sh": [*(f"f_dc_{i}" for i in range(3)), *(f"f_rest_{i}" for i in range(rest))],
+    }
+    missing = [name for columns in wanted.values() for name in columns if name not in names]
+    if missing:
+        found = "a compressed one" if "packed_position" in names else f"no {', '.join(missing)}"
+        raise found_instead(path, found, f"{_EXPECTED} with every property of a Gaussian")
+    if rest not in _RESTS:
+        raise found_instead(path, f"{rest} properties f_rest", "0, 9, 24 or 45 of them")
+    with np.errstate(over="ignore"):  # doubles that no float32 holds become infinite, and are left out
+        arrays = {
+            name: np.stack([floats(path, table[column]) for column in columns], axis=1)
+            for name, columns in wanted.items()
+        }
+    arrays["opacity_logits"] = arrays["opacity_logits"][:, 0]
+    halves = any(table.dtype[column].kind != "f" for columns in wanted.values() for column in columns)
+    arrays, left_out = cleaned(path, arrays, halves=halves)
+    flat = arrays["sh"]
+    further = flat[:, 3:].reshape(len(flat), 3, -1).transpose(0, 2, 1)
+    arrays["sh"] = np.ascontiguousarray(np.concatenate([flat[:, None, :3], further], axis=1))
+    return Splats(arrays, left_out)

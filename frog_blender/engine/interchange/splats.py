@@ -1,0 +1,128 @@
+"""Scenes to and from other programs: moments as 3DGS ``.ply`` files, and such a file as a still scene.
+
+No ``.ply`` says which way is up; most viewers take y for down. Here numbers go in and out with the axes that they have,
+unless a turn is asked for; in Blender's menus, where z is up, the export turns to y down and the import back again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import FrogError
+from ..playback.player import CANONICAL, PlayableScene
+from ..playback.transform import transform
+from ..scene.header import SceneHeader
+from ..scene.morton_order import along_curve
+from ..scene.scene_file import SceneFile, read_scene, write_scene
+from .ply import read_splats, write_splats
+
+FROM_PLY = "ply"
+"""``capture_format`` of a scene that is a ``.ply`` of another program."""
+
+
+@dataclass(frozen=True)
+class Imported:
+    """Attributes:
+    path: of the ``.frog`` that was written.
+    gaussians: how many are in it.
+    left_out: rows of the ``.ply`` whose numbers are not finite or too large.
+    """
+
+    path: Path
+    gaussians: int
+    left_out: int
+
+    @property
+    def warning(self) -> str:
+        """A sentence about what was left out; "" for nothing."""
+        if not self.left_out:
+            return ""
+        return f"{self.left_out:,} Gaussians were left out: their numbers are not finite or too large."
+
+
+def import_splats(source: Path, target: Path, *, compact: bool = False) -> Imported:
+    """Writes a 3DGS ``.ply`` as a still scene without cameras; FrogError when it cannot, and nothing is changed then.
+
+    Args:
+        compact: pack the scene (see packing): several times smaller, and different by less than can be seen.
+    """
+    if target.suffix != ".frog":
+        raise FrogError(f"{target}: found the ending {target.suffix!r}, expected a file that ends in .frog.")
+    splats = read_splats(source)
+    arrays = splats.arrays
+    if compact:  # neighbours in the file are packed well if they are neighbours in the scene
+        order = along_curve(arrays["means"])
+        arrays = {name: array[order] for name, array in arrays.items()}
+    assert arrays.keys() == CANONICAL
+    header = SceneHeader(
+        method="static",
+        recipe={"name": "imported"},
+        model={},
+        cameras=(),
+        camera_shots=(),
+        test_cameras=(),
+        test_frames=(),
+        frame_count=1,
+        frames_per_second=24.0,
+        background=(0.0, 0.0, 0.0),
+        capture_path=str(source.resolve()),
+        capture_format=FROM_PLY,
+        scale=1.0,
+    )
+    write_scene(target, SceneFile(header, arrays), compact=compact)
+    return Imported(target, len(arrays["means"]), splats.left_out)
+
+
+def free_scene_path(source: Path) -> Path:
+    """Where a ``.ply`` becomes a ``.frog`` when nobody says where: beside it, over nothing but an earlier import of it.
+
+    It often lies beside the trained scene that it was exported from.
+    """
+    names = [source.stem, f"{source.stem}_ply", *(f"{source.stem}_ply{number}" for number in range(2, 1000))]
+    for name in names:
+        path = source.with_name(f"{name}.frog")
+        if not path.exists() or _was_imported_from(source, path):
+            return path
+    raise FrogError(f"{source}: there are a thousand .frog files of that name beside it; name one to write.")
+
+
+def _was_imported_from(source: Path, path: Path) -> bool:
+    try:
+        header = read_scene(path).header
+    except FrogError:
+        return False
+    return header.capture_format == FROM_PLY and header.capture_path == str(source.resolve())
+
+
+def numbered(path: Path, frame: int) -> Path:
+    """The file of one frame of several that are written as ``path``: ``NAME_0007.ply``."""
+    return path.with_name(f"{path.stem}_{frame:04d}{path.suffix}")
+
+
+def export_frames(
+    scene: PlayableScene,
+    frames: Iterable[int],
+    folder: Path,
+    stem: str,
+    report: Callable[[int], None] | None = None,
+    turn: np.ndarray | None = None,
+) -> list[Path]:
+    """Writes frames (counted from 0) of a scene as ``STEM_0000.ply`` and so on, each atomically; returns their paths.
+
+    Args:
+        report: is told how many are done after each.
+        turn: (4, 4) from the scene's own axes to those of the files, such as Y_DOWN; None to leave them.
+    """
+    paths: list[Path] = []
+    for frame in frames:
+        path = numbered(folder / f"{stem}.ply", frame)
+        gaussians = scene.at_frame(frame)
+        write_splats(path, gaussians if turn is None else transform(gaussians, turn))
+        paths.append(path)
+        if report is not None:
+            report(len(paths))
+    return paths

@@ -1,0 +1,108 @@
+"""Files that appear under their names when they are whole, with the permissions that the user wants."""
+
+from __future__ import annotations
+
+import glob
+import hashlib
+import os
+import secrets
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import BinaryIO
+
+from ..errors import FrogError
+
+LONGEST_NAME = 255
+"""Bytes that a file's name may have on the usual file systems."""
+_LONGEST_BEGINNING = 100  # bytes of a temporary name that are the file's own
+_OWNERS = stat.S_IRUSR | stat.S_IWUSR
+_BINARY = getattr(os, "O_BINARY", 0)
+
+
+def write_atomically(path: str | Path, content: bytes) -> None:
+    """To a temporary name beside ``path``, flushed to the disk, then renamed: never half a file under that name.
+
+    FrogError when it cannot be written; its cause is the OSError.
+    """
+    path = Path(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(path) as file:
+            file.write(content)
+    except OSError as error:
+        raise FrogError(f"{path}: could not be written ({error.strerror or error}); nothing was changed.") from error
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[BinaryIO]:
+    """A file to write, which becomes ``path`` when the block ends; whatever ends it early leaves nothing behind.
+
+    It gets the permissions of the file that it replaces, else those that the process gives to new files (umask).
+    OSError when it cannot be written.
+    """
+    temporary = path.with_name(_temporary_name(path.name))  # known before it exists: a signal can come at any moment
+    try:
+        mode = _mode_of(path)
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | _BINARY
+        # Its owner may write it until it is whole: Windows does not delete a file that is read-only.
+        with os.fdopen(os.open(temporary, flags, 0o666 if mode is None else mode | _OWNERS), "wb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+        if mode is not None:
+            with suppress(OSError):  # the content is there: some disks know no permissions
+                path.chmod(mode)
+    finally:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def try_name(path: Path) -> None:
+    """FrogError when no file could be written under that name: it is too long, or the folder takes none."""
+    temporary = path.with_name(_temporary_name(path.name))
+    try:
+        os.lstat(path)  # says so of a name that is too long
+    except FileNotFoundError:
+        pass
+    except OSError as error:
+        raise FrogError(f"{path}: no file can have this name ({error.strerror or error}).") from error
+    try:
+        temporary.open("xb").close()
+    except OSError as error:
+        raise FrogError(f"{path.parent}: no file can be written here ({error.strerror or error}).") from error
+    finally:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def remove_unfinished(path: str | Path) -> None:
+    """What processes left that were killed while they wrote ``path``."""
+    path = Path(path)
+    for part in path.parent.glob(f".{glob.escape(beginning(path.name))}.*.part"):
+        with suppress(OSError):
+            part.unlink()
+
+
+def beginning(name: str, most: int = _LONGEST_BEGINNING) -> str:
+    """A file's name, or where it has more than ``most`` bytes its beginning and a hash of all of it: no longer, and no
+    two alike."""
+    if len(os.fsencode(name)) <= most:
+        return name
+    tag = hashlib.blake2b(os.fsencode(name), digest_size=4).hexdigest()
+    kept = os.fsencode(name)[: most - len(tag) - 1].decode(errors="ignore")
+    return f"{kept}-{tag}"
+
+
+def _temporary_name(name: str) -> str:
+    return f".{beginning(name)}.{secrets.token_hex(4)}.part"
+
+
+def _mode_of(path: Path) -> int | None:
+    """Permissions of the file that lies there, if one does."""
+    try:
+        return stat.S_IMODE(path.stat().st_mode)
+    except OSError:
+        return None

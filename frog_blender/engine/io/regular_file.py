@@ -1,0 +1,33 @@
+"""Files that can be read to their end: reading a pipe, a socket or a device would wait for ever, or never end."""
+
+from __future__ import annotations
+
+import stat
+from pathlib import Path
+
+from ..errors import FrogError, found_instead
+
+_KINDS = {
+    stat.S_IFDIR: "a folder",
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+}
+
+
+def regular_file(path: str | Path, expected: str) -> Path:
+    """The path of a file that is there, through links; FrogError in one sentence for anything else. Opens nothing.
+
+    Args:
+        expected: what the file should be, such as "a .frog scene".
+    """
+    try:
+        mode = Path(path).stat().st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        raise found_instead(path, "no file", expected) from None
+    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
+        raise FrogError(f"{path}: could not be read ({getattr(error, 'strerror', None) or error}).") from error
+    if not stat.S_ISREG(mode):
+        raise found_instead(path, _KINDS.get(stat.S_IFMT(mode), "no regular file"), expected)
+    return Path(path)

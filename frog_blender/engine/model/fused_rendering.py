@@ -1,0 +1,91 @@
+"""A picture of the fused field and its way back, by native calls one after the other.
+
+The same bits as ``deform_fused`` and ``rasterize`` with automatic differentiation, which keeps track of some twenty
+arrays between them: that takes a tenth of a training's step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+
+from ..capture.camera import NEUTRAL, Camera
+from ..native.deformation import FieldShape
+from ..rasterizer import GaussianArrays, RasterizeOptions, exposed
+from ..rasterizer.cpu import Drawing, draw
+from .fused import FieldPass, pass_field
+from .interface import Drawn
+
+
+@dataclass(frozen=True)
+class FusedDrawn(Drawn):
+    """See Drawn.
+
+    Attributes:
+        arrays: what was drawn, by name: parameters, and ``temporal`` with the gradients' way to the table.
+        pose: the camera's, to receive its gradient, or None.
+        field, drawing: for the way back.
+        silent: rows of the network's outputs that no gradient passes.
+        versions: of arrays and Gaussians, when they were drawn.
+    """
+
+    arrays: dict[str, torch.Tensor]
+    pose: torch.Tensor | None
+    field: FieldPass
+    drawing: Drawing
+    silent: list[slice]
+    versions: list[int]
+
+    def backward(self, by_rgb: torch.Tensor) -> None:
+        """See Drawn; RuntimeError when an array has been changed in place since."""
+        if _versions(self.arrays, self.gaussians) != self.versions:
+            raise RuntimeError("one of the scene's arrays has been changed since the picture was drawn")
+        if self.drawing.camera.exposure != NEUTRAL:
+            by_rgb = by_rgb * by_rgb.new_tensor(self.drawing.camera.exposure)
+        by_gaussians = self.drawing.backward(by_rgb, None, None if self.pose is None else self.pose.shape)
+        self.image.screen.grad = by_gaussians.pop("screen")
+        if self.pose is not None:
+            self.pose.grad = by_gaussians.pop("pose")
+        gradients = self.field.backward(by_gaussians)
+        for name in ("output_weight", "output_bias"):
+            for rows in self.silent:
+                gradients[name][rows] = 0
+        self.arrays["temporal"].backward(gradients.pop("temporal"))
+        for name, gradient in gradients.items():
+            parameter = self.arrays[name]
+            parameter.grad = gradient if parameter.grad is None else parameter.grad + gradient
+
+
+def draw_fused(
+    shape: FieldShape,
+    arrays: dict[str, torch.Tensor],
+    camera: Camera,
+    background: tuple[float, float, float],
+    options: RasterizeOptions,
+    pose: torch.Tensor | None,
+    silent: list[slice],
+    by_attribute: Callable[[torch.Tensor], dict[str, torch.Tensor]],
+) -> FusedDrawn:
+    """A picture whose colours, alpha and Gaussians are without gradients of their own.
+
+    Args:
+        shape, arrays: see ``pass_field``; parameters but for ``temporal``.
+        camera, background, options, pose: see ``rasterizer.rasterize``; without ``options.absolute``.
+        silent: see FusedDrawn.
+        by_attribute: see DeformationField.
+    """
+    if pose is not None:
+        camera = camera.with_pose(pose.detach().numpy())
+    field, gaussians, changes = pass_field(shape, arrays)
+    drawing, rgb, alpha = draw(gaussians, camera, background, options)
+    screen = torch.empty((len(gaussians), 2), dtype=torch.float32, device="cpu")  # for its gradient alone
+    image = exposed(drawing.image(rgb, alpha, screen), camera)
+    versions = _versions(arrays, gaussians)
+    return FusedDrawn(image, gaussians, by_attribute(changes), arrays, pose, field, drawing, silent, versions)
+
+
+def _versions(arrays: dict[str, torch.Tensor], gaussians: GaussianArrays) -> list[int]:
+    """How often each array, and each of what was drawn from them, has been changed in place."""
+    return [array._version for array in (*arrays.values(), *vars(gaussians).values())]

@@ -1,0 +1,1 @@
+"""The C++ library (``src/``) and its ctypes binding."""

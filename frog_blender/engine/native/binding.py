@@ -1,0 +1,255 @@
+"""The native library through ctypes: no torch needed, and the interpreter runs on while it works.
+
+Arrays may be numpy arrays or CPU torch tensors, float32 and contiguous; only their addresses cross the border.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import os
+import sys
+from ctypes import POINTER, byref, c_char_p, c_float, c_int32, c_int64, c_void_p
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..capture.camera import MOST_SIDE, Camera
+from ..errors import FrogError, found_instead
+from ..gaussians import GaussianArrays
+from ..io.regular_file import regular_file
+from ..notices import say
+from . import structs
+from .options import RasterizeOptions
+
+ABI_VERSION = 14
+CELL = 16  # FROG_CELL: pixels a side of the cells of ``compare``, which are the rasterizer's tiles
+_EXPECTED = "the native rasterizer"
+MANY_INSTANCES = 60_000_000
+"""(Gaussian, tile) pairs of a picture that takes seconds; a scene of a million Gaussians at 4K has a third of them."""
+SLOT_LIMIT = 6_000_000  # (Gaussian, tile) pairs that a backward pass keeps gradients of at a time, 36 bytes each
+
+
+def library_path() -> Path:
+    """Where the library lies: beside this file, or where FROG_NATIVE_LIBRARY says."""
+    name = {"win32": "frog_native.dll", "darwin": "libfrog_native.dylib"}.get(sys.platform, "libfrog_native.so")
+    return Path(os.environ.get("FROG_NATIVE_LIBRARY") or Path(__file__).parent / name)
+
+
+@functools.cache
+def library() -> ctypes.CDLL:
+    """The loaded library; FrogError when it is missing or of another version."""
+    path = library_path()
+    if path.exists():
+        regular_file(path, _EXPECTED)  # the system's loader would wait for a pipe
+    try:
+        loaded = ctypes.CDLL(str(path))
+    except OSError as error:
+        advice = "" if path.exists() else "; build it with 'make'"
+        raise FrogError(f"{path}: {_EXPECTED} could not be loaded ({error}){advice}.") from error
+    try:
+        return _with_signatures(path, loaded)
+    except AttributeError as error:
+        raise found_instead(path, f"another library ({error})", _EXPECTED) from error
+
+
+def _with_signatures(path: Path, loaded: ctypes.CDLL) -> ctypes.CDLL:
+    """The library, with the types of its functions; AttributeError when it has not all of them, FrogError when it is of
+    another version."""
+    loaded.frog_abi_version.restype = c_int32
+    version = loaded.frog_abi_version()
+    if version != ABI_VERSION:
+        raise FrogError(
+            f"{path}: found interface version {version}, expected {ABI_VERSION}; build it again with 'make'."
+        )
+    loaded.frog_instruction_set.restype = c_char_p
+    loaded.frog_thread_count.restype = c_int32
+    loaded.frog_set_thread_count.argtypes = [c_int32]
+    loaded.frog_set_thread_count.restype = None
+    loaded.frog_draw.argtypes = [
+        POINTER(structs.Gaussians),
+        POINTER(structs.Camera),
+        POINTER(structs.Options),
+        POINTER(structs.Image),
+        c_int32,
+    ]
+    loaded.frog_draw.restype = c_void_p
+    loaded.frog_backward.argtypes = [
+        c_void_p,
+        POINTER(structs.Gaussians),
+        POINTER(structs.ImageGradient),
+        POINTER(structs.Gradients),
+    ]
+    loaded.frog_backward.restype = c_int32
+    loaded.frog_count_instances.argtypes = [c_void_p]
+    loaded.frog_count_instances.restype = c_int64
+    loaded.frog_count_work.argtypes = [c_void_p, POINTER(c_int64 * 3)]
+    loaded.frog_count_work.restype = c_int32
+    loaded.frog_free.argtypes = [c_void_p]
+    loaded.frog_free.restype = None
+    loaded.frog_similarity.argtypes = [c_int32, c_int32, *[c_void_p] * 4]
+    loaded.frog_similarity.restype = c_int32
+    loaded.frog_mesh_depth.argtypes = [
+        *(c_void_p, c_int32, c_void_p, c_int32),
+        *(POINTER(structs.Camera), POINTER(c_int32 * 4), c_float, c_void_p),
+    ]
+    loaded.frog_mesh_depth.restype = c_int32
+    loaded.frog_deform.argtypes = [POINTER(structs.Field), POINTER(structs.Deformed)]
+    loaded.frog_deform.restype = c_int32
+    loaded.frog_deform_backward.argtypes = [
+        POINTER(structs.Field),
+        POINTER(structs.Deformed),
+        POINTER(structs.FieldGradients),
+    ]
+    loaded.frog_deform_backward.restype = c_int32
+    loaded.frog_compare.argtypes = [POINTER(structs.Comparison), POINTER(c_float)]
+    loaded.frog_compare.restype = c_int32
+    loaded.frog_adam.argtypes = [POINTER(structs.Adam), c_int32]
+    loaded.frog_adam.restype = c_int32
+    return loaded
+
+
+def instruction_set() -> str:
+    """The kernels in use: "avx512", "avx2" or "baseline" (FROG_INSTRUCTION_SET forces one, before the first call)."""
+    return library().frog_instruction_set().decode()
+
+
+def set_thread_count(count: int) -> None:
+    """Threads of the library's own pool; 0 means one for each core."""
+    library().frog_set_thread_count(count)
+
+
+def check_status(status: int, what: str) -> None:
+    """MemoryError or ValueError for what a function of the library returned, where that is not 0."""
+    if status == 2:
+        raise ValueError(f"{what} is not possible: found sizes that cannot be, expected 1 to {MOST_SIDE} pixels a side")
+    if status:
+        raise MemoryError(f"{what} ran out of memory")
+
+
+def similarity(image: Any, truth: Any, gradient: Any) -> float:
+    """Mean structural similarity of two pictures (H, W, 3) in [0, 1], window of 3DGS; fills ``gradient`` (H, W, 3)
+    with its gradient by ``image``."""
+    height, width = image.shape[:2]
+    value = c_float()
+    addresses = [structs.address(array) for array in (image, truth)]
+    check_status(
+        library().frog_similarity(height, width, *addresses, ctypes.addressof(value), structs.address(gradient)),
+        f"comparing two pictures of {width} x {height}",
+    )
+    return value.value
+
+
+def compare(image: Any, truth: Any, weight: float, gradient: Any, cells: Any, truth_floats: Any = None) -> float:
+    """Mean absolute difference of a drawing (H, W, 3) and the picture it should be, in one pass on all threads.
+
+    Args:
+        image: contiguous float32.
+        truth: (H, W, 3) uint8 in a numpy array whose rows are contiguous.
+        weight: of the gradient.
+        gradient: (H, W, 3), filled with ``weight`` times the gradient by ``image``.
+        cells: (rows, columns) for cells of CELL x CELL pixels, filled with their mean squared differences.
+        truth_floats: (H, W, 3), filled with the truth in [0, 1]; or None.
+    """
+    (height, width, _), absolute = truth.shape, c_float()
+    sizes = {tuple(array.shape) for array in (image, gradient, truth_floats) if array is not None}
+    if truth.dtype != np.uint8 or truth.strides[1:] != (3, 1) or sizes != {truth.shape}:
+        raise ValueError(f"expected pictures of {truth.shape}, truth in uint8 and rows, found {sizes}, {truth.dtype}")
+    if tuple(cells.shape) != (-(-height // CELL), -(-width // CELL)):
+        raise ValueError(f"expected a cell for {CELL} x {CELL} pixels of {height} x {width}, found {cells.shape}")
+    comparison = structs.Comparison(
+        *(height, width, structs.address(image), structs.address(truth), truth.strides[0], weight),
+        *(structs.address(array) for array in (gradient, cells, truth_floats)),
+    )
+    check_status(
+        library().frog_compare(byref(comparison), byref(absolute)), f"comparing two pictures of {width} x {height}"
+    )
+    return absolute.value
+
+
+def takes_long(gaussians: int) -> str:
+    """A sentence about a picture of MANY_INSTANCES."""
+    return f"Many of the {gaussians:,} Gaussians cover most of the picture; drawing it takes seconds."
+
+
+class Frame:
+    """One drawing and what its backward pass needs. Frees itself.
+
+    Args:
+        gaussians: contiguous float32 arrays.
+        camera: the view.
+        background: three floats, display-referred.
+        options: how to draw.
+        image: arrays by name, with (H, W) of the options' region: ``rgb`` (H, W, 3), ``alpha`` (H, W) and, where
+            wanted, ``median_index`` (H, W) int32 with ``mean_depth`` (H, W), ``max_weights`` (N,), ``radii`` (N,),
+            ``at_fault`` (1,) int32. They are written here.
+        depth_limit: (H, W) planar depth beyond which nothing is drawn, or None.
+        differentiable: whether ``backward`` will be called.
+    """
+
+    def __init__(
+        self,
+        gaussians: GaussianArrays,
+        camera: Camera,
+        background: tuple[float, float, float],
+        options: RasterizeOptions,
+        image: dict[str, Any],
+        depth_limit: Any = None,
+        differentiable: bool = False,
+    ) -> None:
+        self._handle = None
+        self._free = library().frog_free
+        self._arrays = gaussians, depth_limit  # kept alive as long as the library may read them
+        self._gaussians = structs.gaussians_struct(gaussians)
+        native_camera = structs.camera_struct(camera)
+        native_options = structs.options_struct(options, background, options.region_of(camera), depth_limit)
+        self._handle = library().frog_draw(
+            byref(self._gaussians),
+            byref(native_camera),
+            byref(native_options),
+            byref(structs.pointers(structs.Image, structs.IMAGE, image)),
+            differentiable,
+        )
+        self._differentiable = differentiable
+        if not self._handle:
+            raise MemoryError(
+                f"drawing {len(gaussians)} Gaussians at {camera.width} x {camera.height} ran out of memory"
+            )
+        if not differentiable and self.instances > MANY_INSTANCES:
+            say(takes_long(len(gaussians)))
+
+    def backward(self, rgb: Any, alpha: Any, gradients: dict[str, Any]) -> None:
+        """Fills ``gradients`` from dL/d(rgb, alpha); ``alpha`` is None where the loss does not look at it.
+
+        ``gradients`` are arrays by name: those of the Gaussians, ``screen`` (N, 2), and where wanted
+        ``screen_absolute`` (N, 2) and ``pose`` (3, 4), see Image and rasterize.
+        """
+        if not self._differentiable:
+            raise ValueError("this frame was drawn without what its backward pass needs: expected differentiable=True")
+        image_gradient = structs.ImageGradient(structs.address(rgb), structs.address(alpha), SLOT_LIMIT)
+        native = structs.pointers(structs.Gradients, structs.GRADIENTS, gradients)
+        if library().frog_backward(
+            self._handle,
+            byref(self._gaussians),
+            byref(image_gradient),
+            byref(native),
+        ):
+            raise MemoryError("the rasterizer's backward pass ran out of memory")
+
+    @property
+    def instances(self) -> int:
+        """(Gaussian, tile) pairs that were gone through, at no cost; see ``work``."""
+        return int(library().frog_count_instances(self._handle))
+
+    def work(self) -> dict[str, int]:
+        """How much was drawn: ``gaussians``, ``instances`` (Gaussian, tile) and blended ``pairs`` (Gaussian, pixel)."""
+        counts = (c_int64 * 3)()
+        if library().frog_count_work(self._handle, byref(counts)):
+            raise MemoryError("counting a frame's work ran out of memory")
+        return dict(zip(("gaussians", "instances", "pairs"), counts, strict=True))
+
+    def __del__(self) -> None:
+        if self._handle:
+            self._free(self._handle)
+            self._handle = None

@@ -1,0 +1,239 @@
+// The exported functions: choose the kernels for this processor, and run them over the pool.
+#include <algorithm>
+#include <atomic>
+#include <cstdlib>
+#include <cstring>
+#include <new>
+#include <vector>
+
+#include "raster/backward.h"
+#include "deformation/deformation.h"
+#include "raster/mesh_depth.h"
+#include "threads/thread_pool.h"
+
+namespace {
+
+const Kernels *choose_kernels() {
+#if defined(FROG_X86)
+  const char *wanted = std::getenv("FROG_INSTRUCTION_SET");  // "baseline" or "avx2": for tests and measurements
+  const bool any = !wanted || !*wanted;
+  __builtin_cpu_init();
+  if ((any || !std::strcmp(wanted, "avx512")) && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
+      __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512bw"))
+    return kernels_avx512();
+  if ((any || std::strcmp(wanted, "baseline")) && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"))
+    return kernels_avx2();
+#endif
+  return kernels_baseline();
+}
+
+const Kernels &kernels() {
+  static const Kernels *chosen = choose_kernels();
+  return *chosen;
+}
+
+// Threads write the weights of slots, which are theirs alone; each Gaussian's largest comes of its own afterwards.
+void begin_weights(FrogFrame &frame) {
+  const size_t slots = frame.row_instances.back();
+  if (slots > UINT32_MAX) throw std::bad_alloc();
+  frame.view.slot_weights = frame.slot_weights.resize(slots);
+  std::fill_n(frame.view.slot_weights, slots, 0.0f);
+}
+
+void end_weights(const FrogFrame &frame, float *max_weights) {
+  frog::parallel_for(frame.view.count, 4096, [&](int begin, int end) {
+    for (int i = begin; i < end; ++i) {
+      const float *slot = frame.view.slot_weights + frame.slot_base[i];
+      max_weights[i] = 0;
+      for (uint32_t s = 0; s < frame.slot_count[i]; ++s) max_weights[i] = std::max(max_weights[i], slot[s]);
+    }
+  });
+}
+
+// Splats over the whole picture have thousands of instances each: 60,000 of them took 2.6 GB.
+constexpr uint64_t BAND_INSTANCES = 24ull << 20;  // of 8 bytes
+
+// Has `use` look at frame.tiles: all of them, or those of a band of tile rows after another.
+template <class Use>
+void each_band(FrogFrame &frame, Use use) {
+  const uint64_t most = frame.in_bands ? BAND_INSTANCES : UINT64_MAX;
+  for (int row = 0; row < frame.view.tiles_y;) {
+    row = frog::list_tiles(frame, row, most);
+    use();
+  }
+}
+
+void draw(FrogFrame &frame, const FrogGaussians &gaussians, const FrogImage &image) {
+  const int count = gaussians.count;
+  frame.view.splats = frame.splats.resize(count);
+  std::atomic<int32_t> at_fault{0};
+  frog::parallel_for(count, 1024,
+                     [&](int begin, int end) { at_fault += kernels().project(frame.view, gaussians, begin, end); });
+  if (image.at_fault) *image.at_fault = at_fault;
+  frog::bin_splats(frame);
+  if (image.max_weights) begin_weights(frame);
+  if (image.radii)
+    frog::parallel_for(count, 4096, [&](int begin, int end) {
+      for (int i = begin; i < end; ++i) image.radii[i] = frame.splats[i].radius;
+    });
+  // Whoever goes back, or asks for weights, needs all instances at once.
+  frame.in_bands = !frame.view.transmittance && !image.max_weights && frame.row_instances.back() > BAND_INSTANCES;
+  each_band(frame, [&] {
+    frog::parallel_for(static_cast<int>(frame.tiles.size()), 1, [&](int begin, int end) {
+      for (int t = begin; t < end; ++t) kernels().blend(frame.view, frame.tiles[t], image);
+    });
+  });
+  if (image.max_weights) end_weights(frame, image.max_weights);
+}
+
+// Sizes of pictures that the code below can count: tiles in 16 bits, and no side's pixels lost in a float.
+constexpr int32_t MOST_SIDE = 65536;
+constexpr int64_t MOST_PIXELS = int64_t{1} << 30;
+
+bool is_drawable(int32_t width, int32_t height) {
+  return width >= 1 && height >= 1 && width <= MOST_SIDE && height <= MOST_SIDE &&
+         static_cast<int64_t>(width) * height <= MOST_PIXELS;
+}
+
+bool lies_within(const FrogCamera &camera, const int32_t region[4]) {
+  return is_drawable(region[2], region[3]) && camera.width <= MOST_SIDE && camera.height <= MOST_SIDE && region[0] >= 0 &&
+         region[1] >= 0 && region[0] <= camera.width - region[2] && region[1] <= camera.height - region[3];
+}
+
+constexpr int32_t BAD_SIZE = 2;  // what functions return then, besides 0 and 1
+
+// 0, or 1 when memory ran out: exceptions stay on this side of the interface.
+template <class Work>
+int32_t attempt(Work work) {
+  try {
+    work();
+    return 0;
+  } catch (const std::bad_alloc &) {
+    return 1;
+  }
+}
+
+}  // namespace
+
+extern "C" {
+
+int32_t frog_abi_version(void) { return 14; }
+const char *frog_instruction_set(void) { return kernels().name; }
+void frog_set_thread_count(int32_t count) { frog::set_thread_count(count); }
+int32_t frog_thread_count(void) { return frog::thread_count(); }
+
+FrogFrame *frog_draw(const FrogGaussians *gaussians, const FrogCamera *camera, const FrogOptions *options,
+                     FrogImage *image, int32_t differentiable) {
+  if (gaussians->count < 0 || !lies_within(*camera, options->region)) return nullptr;
+  FrogFrame *frame = nullptr;
+  try {
+    frame = frog::take_frame();
+    frame->view.camera = *camera;
+    frame->view.options = *options;
+    frame->view.count = gaussians->count;
+    frame->view.tiles_x = (options->region[2] + TILE - 1) / TILE;
+    frame->view.tiles_y = (options->region[3] + TILE - 1) / TILE;
+    const size_t pixels = static_cast<size_t>(options->region[2]) * options->region[3];
+    frame->view.transmittance = differentiable ? frame->transmittance.resize(pixels) : nullptr;
+    frame->view.reached = differentiable ? frame->reached.resize(pixels) : nullptr;
+    frame->view.slot_weights = nullptr;
+    draw(*frame, *gaussians, *image);
+    return frame;
+  } catch (const std::bad_alloc &) {
+    delete frame;
+    return nullptr;
+  }
+}
+
+int32_t frog_backward(FrogFrame *frame, const FrogGaussians *gaussians, const FrogImageGradient *gradient,
+                      const FrogGradients *result) {
+  return attempt([&] { frog::go_backward(kernels(), *frame, *gaussians, *gradient, *result); });
+}
+
+int64_t frog_count_instances(const FrogFrame *frame) { return static_cast<int64_t>(frame->row_instances.back()); }
+
+int32_t frog_count_work(FrogFrame *frame, int64_t work[3]) {
+  return attempt([&] {
+    std::atomic<int64_t> pairs{0};
+    each_band(*frame, [&] {
+      frog::parallel_for(static_cast<int>(frame->tiles.size()), 1, [&](int begin, int end) {
+        for (int t = begin; t < end; ++t) pairs += kernels().count_blended(frame->view, frame->tiles[t]);
+      });
+    });
+    work[0] = frame->drawn;
+    work[1] = frog_count_instances(frame);
+    work[2] = pairs;
+  });
+}
+
+void frog_free(FrogFrame *frame) { frog::recycle(frame); }
+
+int32_t frog_deform(const FrogDeformation *field, const FrogDeformed *result) {
+  return attempt([&] { frog::deform(kernels(), *field, *result); });
+}
+
+int32_t frog_deform_backward(const FrogDeformation *field, const FrogDeformed *gradients,
+                             const FrogDeformationGradients *result) {
+  return attempt([&] { frog::deform_backward(kernels(), *field, *gradients, *result); });
+}
+
+int32_t frog_adam(const FrogAdam *parameters, int32_t count) {
+  return attempt([&] {
+    constexpr int64_t PIECE = 8192;  // numbers that a thread takes at a time
+    std::vector<int> ends(count);    // of each parameter's pieces
+    int pieces = 0;
+    for (int p = 0; p < count; ++p) ends[p] = pieces += static_cast<int>((parameters[p].size + PIECE - 1) / PIECE);
+    frog::parallel_for(pieces, 1, [&](int begin, int end) {
+      for (int piece = begin; piece < end; ++piece) {
+        const auto p = std::upper_bound(ends.begin(), ends.end(), piece) - ends.begin();
+        const int64_t first = (piece - (p ? ends[p - 1] : 0)) * PIECE;
+        kernels().adam(parameters[p], first, std::min(parameters[p].size, first + PIECE));
+      }
+    });
+  });
+}
+
+int32_t frog_compare(const FrogComparison *comparison, float *absolute) {
+  if (!is_drawable(comparison->width, comparison->height)) return BAD_SIZE;
+  return attempt([&] {
+    const FrogComparison &c = *comparison;
+    std::vector<double> sums((c.height + FROG_CELL - 1) / FROG_CELL);
+    frog::parallel_for(static_cast<int>(sums.size()), 1, [&](int begin, int end) {
+      for (int row = begin; row < end; ++row) sums[row] = kernels().compare(c, row);
+    });
+    double total = 0;
+    for (double each : sums) total += each;
+    *absolute = static_cast<float>(total / (3.0 * c.height * c.width));
+  });
+}
+
+int32_t frog_mesh_depth(const float *vertices, int32_t vertex_count, const int32_t *triangles, int32_t triangle_count,
+                        const FrogCamera *camera, const int32_t region[4], float near_plane, float *depth) {
+  if (vertex_count < 0 || triangle_count < 0 || !lies_within(*camera, region)) return BAD_SIZE;
+  return attempt([&] {
+    frog::draw_mesh_depth(vertices, vertex_count, triangles, triangle_count, *camera, region, near_plane, depth);
+  });
+}
+
+int32_t frog_similarity(int32_t height, int32_t width, const float *image, const float *truth, float *similarity,
+                        float *gradient) {
+  if (!is_drawable(width, height)) return BAD_SIZE;
+  return attempt([&] {
+    const int strips = (height + SSIM_STRIP - 1) / SSIM_STRIP;
+    std::vector<double> sums(3 * static_cast<size_t>(strips));
+    frog::parallel_for(3 * strips, 1, [&](int begin, int end) {
+      frog::Buffer<float> scratch;
+      scratch.resize(kernels().similarity_scratch(width));
+      for (int job = begin; job < end; ++job) {
+        const int first = job % strips * SSIM_STRIP, last = std::min(height, first + SSIM_STRIP);
+        sums[job] = kernels().similarity(height, width, image, truth, job / strips, first, last, gradient, scratch.data());
+      }
+    });
+    double total = 0;
+    for (double sum : sums) total += sum;
+    const float share = 1 / (3.0f * height * width);
+    *similarity = static_cast<float>(total) * share;
+    for (long long i = 0; i < 3ll * height * width; ++i) gradient[i] *= share;
+  });
+}
+}

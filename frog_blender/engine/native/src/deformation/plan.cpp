@@ -1,0 +1,188 @@
+// The deformation network's weights, packed and padded as its kernels read them.
+#include "deformation/plan.h"
+
+#include <algorithm>
+
+namespace frog {
+namespace {
+
+// `count` rows of `length` numbers to rows of padded length. What pads is zero.
+float *pad(Memory &memory, const float *from, int count, int length) {
+  memory.emplace_back(static_cast<size_t>(count * padded(length)), 0.0f);
+  float *to = memory.back().data();
+  for (long long r = 0; r < count; ++r) std::copy_n(from + r * length, length, to + r * padded(length));
+  return to;
+}
+
+// A matrix of `inner` rows in panels of DEFORM_PAD columns (see gemm.inl).
+struct Panels {
+  float *data;
+  int inner;
+
+  // Elements (r, c) from from[r * by_row + c * by_column].
+  void put(const float *from, int rows, int columns, long long by_row, long long by_column, int first_row, int first_column) const {
+    for (int r = 0; r < rows; ++r)
+      for (int c = 0; c < columns; ++c) {
+        const int row = first_row + r, column = first_column + c;
+        const long long panel = column / DEFORM_PAD;
+        data[(panel * inner + row) * DEFORM_PAD + column % DEFORM_PAD] = from[r * by_row + c * by_column];
+      }
+  }
+};
+
+Panels panels(Memory &memory, long long rows, long long columns) {
+  memory.emplace_back(static_cast<size_t>(rows * padded(columns)), 0.0f);
+  return {memory.back().data(), static_cast<int>(rows)};
+}
+
+// A matrix (rows, columns) whose rows are `length` apart, and its transpose.
+const float *pack(Memory &memory, const float *from, int rows, int columns, long long length) {
+  const Panels to = panels(memory, rows, columns);
+  to.put(from, rows, columns, length, 1, 0, 0);
+  return to.data;
+}
+const float *pack_transposed(Memory &memory, const float *from, int rows, int columns, long long length) {
+  const Panels to = panels(memory, columns, rows);
+  to.put(from, columns, rows, 1, length, 0, 0);
+  return to.data;
+}
+
+// Playback's weights come as they are read; what of the first layer depends on the moment is put together here.
+void plan_groups(Packed &packed) {
+  DeformationPlan &plan = packed.plan;
+  const FrogDeformation &field = *plan.field;
+  const long long row = padded(plan.hidden);
+  packed.memory.emplace_back(field.shared, field.shared + row);
+  float *shared = packed.memory.back().data();
+  plan.shared = shared, plan.output_rows = field.output_weight, plan.output_bias = field.output_bias;
+  plan.embedding_rows = field.embedding_weight;
+  float *weights = nullptr;
+  if (field.modulation_weight) {
+    packed.memory.emplace_back(static_cast<size_t>(field.embedding_size * row), 0.0f);
+    plan.embedding_rows = weights = packed.memory.back().data();
+  }
+  for (int n = 0; n < (field.temporal ? field.networks : 0); ++n) {
+    const float *temporal = field.temporal + n * field.temporal_size;
+    const long long begin = n * field.hidden_width, end = begin + field.hidden_width;
+    for (int t = 0; t < field.temporal_size; ++t)
+      for (long long u = begin; u < end; ++u) shared[u] += field.temporal_weight[t * row + u] * temporal[t];
+    for (int k = 0; k < (weights ? field.embedding_size : 0); ++k)
+      for (long long u = k * row + begin; u < k * row + end; ++u)
+        weights[u] = field.embedding_weight[u] + field.modulation_weight[u] * (temporal[k] - 1);
+  }
+}
+
+// The output layer's parts: one for each head that has a layer of its own, else one for everything. A silenced head's outputs
+// are its bias whatever its layer says, so nobody reads that one; a backward pass asks all of them, since outputs that are
+// zero at the start learn.
+struct Heads {
+  int count, read = 0;
+  int sizes[5];
+  int place[5];  // among those that are read, or -1
+
+  Heads(const FrogDeformation &field, bool backward) : sizes{3, 3, 4, 1, 3 * field.sh_deformed} {
+    if (!field.head_width) {
+      count = read = 1, sizes[0] = 11 + sizes[4], place[0] = 0;
+      return;
+    }
+    count = field.sh_deformed ? 5 : 4;
+    const long long length = static_cast<long long>(field.networks) * field.head_width;
+    const float *weight = field.output_weight;
+    for (int head = 0; head < count; ++head) {
+      const float *end = weight + sizes[head] * length;
+      place[head] = backward || std::any_of(weight, end, [](float w) { return w != 0; }) ? read++ : -1;
+      weight = end;
+    }
+  }
+};
+
+void plan_first(Packed &packed, bool backward) {
+  DeformationPlan &plan = packed.plan;
+  const FrogDeformation &field = *plan.field;
+  const int row = static_cast<int>(padded(plan.hidden)), parts = plan.networks;
+  plan.shared = pad(packed.memory, field.shared, parts, plan.hidden);
+  const Panels forward = panels(packed.memory, plan.embedding, parts * row);
+  for (int n = 0; n < parts; ++n) {
+    const float *weight = field.embedding_weight + static_cast<long long>(n) * plan.hidden * plan.embedding;
+    forward.put(weight, plan.embedding, plan.hidden, 1, plan.embedding, 0, n * row);
+  }
+  plan.embedding_forward = forward.data;
+  if (!backward) return;
+  const Panels to = panels(packed.memory, parts * row, plan.embedding);
+  for (int n = 0; n < parts; ++n) {
+    const float *weight = field.embedding_weight + static_cast<long long>(n) * plan.hidden * plan.embedding;
+    to.put(weight, plan.hidden, plan.embedding, plan.embedding, 1, n * row, 0);
+  }
+  plan.embedding_backward = to.data;
+}
+
+void plan_heads(Packed &packed, const Heads &heads, bool backward) {
+  DeformationPlan &plan = packed.plan;
+  const FrogDeformation &field = *plan.field;
+  const int width = field.head_width;
+  packed.memory.emplace_back(static_cast<size_t>(plan.networks * padded(plan.heads)), 0.0f);
+  float *bias = packed.memory.back().data();
+  plan.head_bias = bias;
+  for (int n = 0; n < plan.networks; ++n) {
+    const Panels forward = panels(packed.memory, plan.hidden, plan.heads);
+    const Panels back = backward ? panels(packed.memory, plan.heads, plan.hidden) : Panels{nullptr, 0};
+    plan.head_forward[n] = forward.data, plan.head_backward[n] = back.data;
+    for (int head = 0; head < heads.count; ++head) {
+      const int first = heads.place[head] * width;
+      if (first < 0) continue;
+      const long long unit = static_cast<long long>(n * heads.count + head) * width;
+      const float *weight = field.head_weight + unit * plan.hidden;
+      forward.put(weight, plan.hidden, width, 1, plan.hidden, 0, first);
+      if (backward) back.put(weight, width, plan.hidden, plan.hidden, 1, first, 0);
+      std::copy_n(field.head_bias + unit, width, bias + n * padded(plan.heads) + first);
+    }
+  }
+}
+
+void plan_outputs(Packed &packed, const Heads &heads, bool backward) {
+  DeformationPlan &plan = packed.plan;
+  const FrogDeformation &field = *plan.field;
+  const int inputs = field.head_width ? field.head_width : plan.hidden;
+  // Padded as the outputs' rows are: a branch's padding may reach over the last one.
+  packed.memory.emplace_back(static_cast<size_t>(padded(plan.outputs) + DEFORM_PAD), 0.0f);
+  plan.output_bias = packed.memory.back().data();
+  std::copy_n(field.output_bias, plan.outputs, packed.memory.back().data());
+  for (int n = 0; n < plan.networks; ++n) {
+    int output = 0;
+    for (int head = 0; head < heads.count; ++head) {
+      const int place = heads.place[head];
+      Branch &branch = plan.branches[plan.branch_count++];
+      branch = {n, std::max(0, place) * inputs, place < 0 ? 0 : inputs, output, heads.sizes[head], nullptr, nullptr};
+      const long long length = static_cast<long long>(plan.networks) * inputs;
+      const float *weight = field.output_weight + output * length + n * inputs;
+      branch.forward = pack_transposed(packed.memory, weight, branch.size, inputs, length);
+      if (backward) branch.backward = pack(packed.memory, weight, branch.size, inputs, length);
+      output += branch.size;
+    }
+  }
+}
+
+}  // namespace
+
+Packed plan_of(const FrogDeformation &field, bool backward) {
+  Packed packed;
+  DeformationPlan &plan = packed.plan;
+  plan.field = &field;
+  plan.networks = field.head_width ? field.networks : 1;
+  plan.embedding = field.embedding_size;
+  plan.hidden = field.head_width ? field.hidden_width : field.networks * field.hidden_width;
+  const Heads heads(field, backward);
+  plan.heads = field.head_width * heads.read;
+  plan.outputs = 11 + 3 * field.sh_deformed;
+  packed.memory.reserve(9 + 2 * MAX_BRANCHES);
+  if (field.groups) {
+    plan_groups(packed);
+    return packed;
+  }
+  plan_first(packed, backward);
+  if (plan.heads) plan_heads(packed, heads, backward);
+  plan_outputs(packed, heads, backward);
+  return packed;
+}
+
+}  // namespace frog

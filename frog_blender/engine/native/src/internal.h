@@ -1,0 +1,64 @@
+// What the parts of the CPU rasterizer share: a drawn frame as raw views, and the table of kernels.
+#pragma once
+#include "deformation/types.h"
+#include "frog_native.h"
+
+struct Instance {  // a splat in one tile
+  uint32_t splat;  // index of the Gaussian
+  uint32_t slot;   // among all instances, ordered by Gaussians and each one's by its tiles
+};
+
+struct Tile {  // one tile's job
+  int32_t x, y;
+  uint32_t begin, end;  // range of instances
+};
+
+// Raw views of a frame's arrays, so that kernels compiled for one instruction set never instantiate shared templates.
+struct FrameView {
+  FrogCamera camera;
+  FrogOptions options;
+  int32_t count;
+  int32_t tiles_x, tiles_y;
+  Splat *splats;              // (N,)
+  const Instance *instances;  // tile by tile, each in depth order
+  // Where the way back begins, (H, W), or null where there is none: the transmittance behind all that a pixel blended,
+  // and how many of its tile's instances it went through until then.
+  float *transmittance;
+  int32_t *reached;
+  float *slot_weights;  // the largest blending weight of each slot, zero before; or null where nobody asks
+};
+
+// Where the backward pass of some tile rows puts its numbers: those of slot s of Gaussian i at (s + moved[i]) * width.
+struct SlotView {
+  float *gradients;
+  const uint32_t *moved;  // (N,), null for a whole frame: nothing to look up
+  int32_t width;              // SPLAT_GRADIENTS, or BY_BLUE + 1 where absolute gradients are not wanted
+};
+
+constexpr int SSIM_STRIP = 32;  // rows of a strip
+
+struct Kernels {
+  const char *name;
+  int (*project)(const FrameView &, const FrogGaussians &, int begin, int end);  // returns how many are at fault
+  void (*blend)(const FrameView &, const Tile &, const FrogImage &);
+  int64_t (*count_blended)(const FrameView &, const Tile &);
+  void (*blend_backward)(const FrameView &, const SlotView &, const Tile &, const FrogImageGradient &);
+  // `sums` are (N, SPLAT_GRADIENTS); `pose` is (12,) or null, and is added to.
+  void (*project_backward)(const FrameView &, const FrogGaussians &, const float *sums, const FrogGradients &, float *pose,
+                           int begin, int end);
+  // `scratch` has a block's layers; `partial` takes the weight gradients of a chunk, added to what is there.
+  void (*deform)(const DeformationPlan &, const FrogDeformed &, int begin, int end, float *scratch);
+  void (*play)(const DeformationPlan &, const FrogDeformed &, int begin, int end, float *scratch);
+  void (*deform_backward)(const DeformationPlan &, const FrogDeformed &gradients, const FrogDeformationGradients &, int begin,
+                          int end, float *scratch, float *partial);
+  // Structural similarity summed over the rows of a strip of one channel; `scratch` has similarity_scratch(width) floats.
+  long long (*similarity_scratch)(int width);
+  double (*similarity)(int height, int width, const float *image, const float *truth, int channel, int begin, int end,
+                       float *gradient, float *scratch);
+  void (*adam)(const FrogAdam &, long long begin, long long end);
+  double (*compare)(const FrogComparison &, int row);  // returns the sum of the absolute differences in a row of cells
+};
+
+const Kernels *kernels_baseline();
+const Kernels *kernels_avx2();
+const Kernels *kernels_avx512();

@@ -1,0 +1,201 @@
+// From projected splats to a depth-ordered list for every tile. Every step counts in blocks and then writes to places
+// known in advance, so that threads never meet and the result does not depend on their number.
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <numeric>
+
+#include "raster/frame.h"
+#include "threads/thread_pool.h"
+
+namespace frog {
+namespace {
+
+#include "shared/mathematics.h"
+#include "shared/projection.h"
+
+constexpr size_t BLOCK = 8192;        // splats that are sorted at a time, each block with a histogram
+constexpr size_t ONE_THREAD = 32768;  // so few are sorted sooner than shared
+constexpr size_t ROW_BLOCK = 1024;    // splats whose rows are listed at a time
+constexpr size_t AHEAD = 12;          // places that are fetched before their turn, where one after the other is anywhere
+
+// Pieces of `count` splats.
+struct Blocks {
+  size_t count, size;
+
+  int number() const { return static_cast<int>((count + size - 1) / size); }
+  template <class Use>
+  void each(Use use) const {  // use(block, begin, end)
+    parallel_for(number(), 1, [&](int first, int last) {
+      for (int block = first; block < last; ++block) use(block, block * size, std::min(count, (block + 1) * size));
+    });
+  }
+};
+
+// Turns counts [block][bucket] into where each block writes each bucket's first element; returns the buckets' beginnings.
+std::vector<size_t> places(uint32_t *counts, int blocks, int buckets) {
+  std::vector<size_t> begin(buckets + 1, 0);
+  size_t total = 0;
+  for (int bucket = 0; bucket < buckets; ++bucket) {
+    begin[bucket] = total;
+    for (int block = 0; block < blocks; ++block) {
+      uint32_t &entry = counts[static_cast<size_t>(block) * buckets + bucket];
+      const uint32_t here = entry;
+      entry = static_cast<uint32_t>(total);
+      total += here;
+    }
+  }
+  begin[buckets] = total;
+  if (total > UINT32_MAX) throw std::bad_alloc();
+  return begin;
+}
+
+// The drawn splats by depth: stable least-significant-digit radix sort. Positive floats order like their bits; equal
+// depths keep index order. Leaves the result in frame.order.
+size_t sort_by_depth(FrogFrame &frame) {
+  const size_t count = frame.view.count;
+  const Blocks all{count, BLOCK};
+  constexpr int BITS = 11, BUCKETS = 1 << BITS;
+  uint32_t *counts = frame.histogram.resize(static_cast<size_t>(all.number()) * BUCKETS);
+  all.each([&](int block, size_t begin, size_t end) {
+    counts[block] = 0;
+    for (size_t i = begin; i < end; ++i) counts[block] += frame.splats[i].radius > 0;
+  });
+  const size_t drawn = places(counts, all.number(), 1).back();
+  const Blocks blocks{drawn, drawn <= ONE_THREAD ? ONE_THREAD : BLOCK};
+  Keyed *from = frame.order.resize(drawn), *to = frame.spare_order.resize(drawn);
+  all.each([&](int block, size_t begin, size_t end) {
+    uint32_t at = counts[block];
+    for (size_t i = begin; i < end; ++i)
+      if (frame.splats[i].radius > 0) {
+        std::memcpy(&from[at].key, &frame.splats[i].depth, 4);
+        from[at++].splat = static_cast<uint32_t>(i);
+      }
+  });
+  for (int shift = 0; shift < 32; shift += BITS) {
+    blocks.each([&](int block, size_t begin, size_t end) {
+      uint32_t *mine = counts + static_cast<size_t>(block) * BUCKETS;
+      std::fill_n(mine, BUCKETS, 0);
+      for (size_t i = begin; i < end; ++i) ++mine[(from[i].key >> shift) & (BUCKETS - 1)];
+    });
+    places(counts, blocks.number(), BUCKETS);
+    blocks.each([&](int block, size_t begin, size_t end) {
+      uint32_t *mine = counts + static_cast<size_t>(block) * BUCKETS;
+      for (size_t i = begin; i < end; ++i) to[mine[(from[i].key >> shift) & (BUCKETS - 1)]++] = from[i];
+    });
+    std::swap(from, to);
+  }
+  if (from != frame.order.data()) std::copy_n(from, drawn, frame.order.data());
+  return drawn;
+}
+
+// What each splat covers in each of its tile rows, row by row in depth order.
+void list_rows(FrogFrame &frame, size_t drawn) {
+  const FrameView &view = frame.view;
+  const Blocks blocks{drawn, ROW_BLOCK};
+  const Keyed *order = frame.order.data();
+  const int rows = view.tiles_y, width = view.options.region[2];
+  uint32_t *counts = frame.histogram.resize(static_cast<size_t>(blocks.number()) * rows);
+  blocks.each([&](int block, size_t begin, size_t end) {
+    uint32_t *mine = counts + static_cast<size_t>(block) * rows;
+    std::fill_n(mine, rows, 0);
+    for (size_t k = begin; k < end; ++k) {
+      __builtin_prefetch(&frame.splats[order[std::min(k + AHEAD, end - 1)].splat]);
+      const Splat &splat = frame.splats[order[k].splat];
+      for (int row = splat.first_row; row <= splat.last_row; ++row) ++mine[row];
+    }
+  });
+  frame.row_begin = places(counts, blocks.number(), rows);
+  RowEntry *entries = frame.entries.resize(frame.row_begin.back());
+  blocks.each([&](int block, size_t begin, size_t end) {
+    uint32_t *mine = counts + static_cast<size_t>(block) * rows;
+    for (size_t k = begin; k < end; ++k) {
+      __builtin_prefetch(&frame.splats[order[std::min(k + AHEAD, end - 1)].splat]);
+      const uint32_t index = order[k].splat;
+      const Splat &splat = frame.splats[index];
+      uint32_t slots = 0;
+      for (int row = splat.first_row; row <= splat.last_row; ++row) {
+        int first, last;
+        tile_span(splat, row, width, first, last);
+        entries[mine[row]++] = {index, slots, static_cast<int16_t>(first), static_cast<int16_t>(last)};
+        slots += last - first + 1;
+      }
+      frame.slot_count[index] = slots;
+    }
+  });
+}
+
+}  // namespace
+
+void bin_splats(FrogFrame &frame) {
+  const FrameView &view = frame.view;
+  std::fill_n(frame.slot_count.resize(view.count), view.count, 0u);
+  const size_t drawn = sort_by_depth(frame);
+  frame.drawn = static_cast<int32_t>(drawn);
+  list_rows(frame, drawn);
+
+  // Instances of each tile: spans begin and end, their running sum counts.
+  const int columns = view.tiles_x, rows = view.tiles_y;
+  frame.tile_begin.assign(static_cast<size_t>(rows) * (columns + 1), 0);
+  frame.row_instances.assign(rows + 1, 0);
+  parallel_for(rows, 1, [&](int begin, int end) {
+    for (int row = begin; row < end; ++row) {
+      uint32_t *changes = frame.tile_begin.data() + static_cast<size_t>(row) * (columns + 1);
+      for (size_t e = frame.row_begin[row]; e < frame.row_begin[row + 1]; ++e) {
+        const RowEntry &entry = frame.entries[e];
+        if (entry.last < entry.first) continue;
+        ++changes[entry.first];
+        --changes[entry.last + 1];
+      }
+      uint64_t total = 0;
+      uint32_t here = 0;
+      for (int x = 0; x <= columns; ++x) {
+        here += changes[x];
+        changes[x] = static_cast<uint32_t>(total);
+        total += here;
+      }
+      frame.row_instances[row + 1] = total;
+    }
+  });
+  std::partial_sum(frame.row_instances.begin(), frame.row_instances.end(), frame.row_instances.begin());
+  uint32_t *slot_base = frame.slot_base.resize(view.count);
+  std::exclusive_scan(frame.slot_count.data(), frame.slot_count.data() + view.count, slot_base, 0u);
+}
+
+int list_tiles(FrogFrame &frame, int first, uint64_t most) {
+  FrameView &view = frame.view;
+  const int columns = view.tiles_x;
+  const uint64_t before = frame.row_instances[first];
+  int last = first + 1;
+  while (last < view.tiles_y && frame.row_instances[last + 1] - before <= most) ++last;
+  const uint64_t total = frame.row_instances[last] - before;
+  if (total > UINT32_MAX) throw std::bad_alloc();
+  Instance *instances = frame.instances.resize(total);
+  const uint32_t *slot_base = frame.slot_base.data();
+  frame.tiles.resize(static_cast<size_t>(last - first) * columns);
+  parallel_for(last - first, 1, [&](int begin, int end) {
+    for (int row = first + begin; row < first + end; ++row) {
+      uint32_t *next = frame.tile_begin.data() + static_cast<size_t>(row) * (columns + 1);
+      const uint32_t base = static_cast<uint32_t>(frame.row_instances[row] - before);
+      for (int x = 0; x < columns; ++x)
+        frame.tiles[static_cast<size_t>(row - first) * columns + x] = {x, row, base + next[x], base + next[x + 1]};
+      for (size_t e = frame.row_begin[row]; e < frame.row_begin[row + 1]; ++e) {
+        const RowEntry &entry = frame.entries[e];
+        __builtin_prefetch(slot_base + frame.entries[std::min(e + AHEAD, frame.row_begin[row + 1] - 1)].splat);
+        uint32_t slot = slot_base[entry.splat] + entry.slot;
+        for (int x = entry.first; x <= entry.last; ++x) instances[base + next[x]++] = {entry.splat, slot++};
+      }
+      std::memmove(next + 1, next, columns * sizeof(uint32_t));  // each tile's next is where the one after it begins
+      next[0] = 0;
+    }
+  });
+  // Dearest first, so that no thread is left alone with a crowded tile at the end; but only roughly, since neighbours
+  // share cache lines and pages.
+  auto dearness = [](const Tile &tile) { return std::ilogb(static_cast<float>(tile.end - tile.begin + 1)); };
+  std::stable_sort(frame.tiles.begin(), frame.tiles.end(),
+                   [&](const Tile &p, const Tile &q) { return dearness(p) > dearness(q); });
+  view.instances = instances;
+  return last;
+}
+
+}  // namespace frog

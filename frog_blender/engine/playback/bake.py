@@ -1,0 +1,196 @@
+"""Baked playback: moments of a scene in a file of their own, so that showing them needs no network.
+
+A safetensors file with one tensor, a row for each moment: the changing columns of the Gaussians that move (see
+moving_part), one column after the other.  It names the scene file it was made from by a hash.  Rows are read one by one
+instead of being mapped into memory: a mapped file that another program cuts short would end Blender.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import threading
+from collections.abc import Generator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import FrogError, brief, found_instead
+from ..io.atomic_files import remove_unfinished, whole_file
+from ..io.plain_values import whole
+from ..io.regular_file import regular_file
+from .frame_delta import MovingPart, width_of
+from .player import PlayableScene
+
+SUFFIX = ".frogbake"
+_TENSOR, _KIND = "moments", "a bake of a .frog scene"
+_LONGEST_HEADER, _MOST_LISTS, _LONGEST_AXIS = 1 << 25, 64, 1 << 40
+
+
+def bytes_needed(scene: PlayableScene, moments: int) -> int:
+    """How large a bake of so many moments gets, but for its header."""
+    return moments * scene.part_bytes
+
+
+def write_bake(path: Path, source: Path, scene: PlayableScene, times: Sequence[float]) -> Generator[int, None, None]:
+    """Writes the moments at ``times``; yields how many are done.  The file appears when the last one is.
+
+    Closing the iterator before its end leaves nothing behind.
+
+    Args:
+        path: of the bake.
+        source: the .frog file that ``scene`` was read from.
+        times: in [0, 1], each once.
+
+    Raises:
+        FrogError: the disk is full, the folder cannot be written, or ``source`` changed meanwhile.
+    """
+    try:
+        identity = fingerprint(source)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        remove_unfinished(path)
+        needed, free = bytes_needed(scene, len(times)), shutil.disk_usage(path.parent).free
+        if needed > free:
+            raise FrogError(f"{path}: the bake needs {needed / 1e6:,.0f} MB, found {free / 1e6:,.0f} MB on the disk.")
+        with whole_file(path) as file:
+            file.write(_header(scene, times, identity))
+            for done, time in enumerate(times):
+                yield done
+                for column in scene.part_at(time).columns.values():
+                    file.write(np.ascontiguousarray(column, "<f4").data)
+            if fingerprint(source) != identity:
+                raise FrogError(f"{source}: found another version of it than when baking began; bake again.")
+        yield len(times)
+    except OSError as error:
+        raise FrogError(f"{path}: could not be written ({error.strerror or error}); nothing was changed.") from error
+
+
+class Bake:
+    """An open bake; safe to use from any thread.
+
+    Args:
+        path: the file.
+        source, scene: the .frog file it has to belong to, and what was read from it.
+
+    Attributes:
+        bytes: of the file.
+        problem: a sentence once a moment could not be read; empty before.
+
+    Raises:
+        FrogError: damaged, of another kind, or made from another version of the scene.
+    """
+
+    def __init__(self, path: Path, source: Path, scene: PlayableScene) -> None:
+        self.problem = ""
+        self._path, self._lock = path, threading.Lock()
+        self._columns = [(name, width_of(name)) for name in scene.changing]
+        self._moving, self._row = scene.moving, scene.part_bytes // 4
+        try:
+            self._file = regular_file(path, _KIND).open("rb", buffering=0)  # what is read is on the disk now
+        except OSError as error:
+            raise found_instead(path, f"a file that cannot be opened ({error.strerror or error})", _KIND) from error
+        try:
+            self._begin, times, identity = self._read_header()
+            self.bytes = path.stat().st_size
+            if identity != fingerprint(source):
+                message = f"{path}: found a bake of another version of {source.name}, expected one of the present; "
+                raise FrogError(f"{message}bake again or clear it.")
+        except OSError as error:
+            self._file.close()
+            raise found_instead(path, f"a file that cannot be read ({error.strerror or error})", _KIND) from error
+        except Exception:
+            self._file.close()
+            raise
+        self._places = {time: place for place, time in enumerate(times)}
+
+    def __len__(self) -> int:
+        """Moments."""
+        return len(self._places)
+
+    def find(self, time: float, rows: np.ndarray | None = None) -> MovingPart | None:
+        """What was baked of a time in [0, 1], bit for bit as computed; None where it was not, or cannot be read.
+
+        Args:
+            rows: (K,) which of the Gaussians that move are wanted, ascending; None for all of them.
+        """
+        place = self._places.get(time)
+        if place is None or self.problem:
+            return None
+        content = bytearray(4 * self._row)
+        try:
+            with self._lock:
+                self._file.seek(self._begin + 4 * place * self._row)
+                length = self._file.readinto(content)
+        except (OSError, ValueError) as error:  # ValueError: closed meanwhile
+            self.problem = (
+                f"{self._path}: the bake cannot be read any more ({brief(error)}); frames are computed instead."
+            )
+            return None
+        if length != len(content):
+            self.problem = f"{self._path}: found a bake that was cut short; frames are computed instead."
+            return None
+        row = np.frombuffer(content, "<f4")
+        columns, begin = {}, 0
+        for name, width in self._columns:
+            end = begin + self._moving * width
+            column = row[begin:end].reshape(self._moving, width)
+            columns[name] = column if rows is None else column.take(rows, axis=0)  # indexing takes four times as long
+            begin = end
+        return MovingPart(columns)
+
+    def close(self) -> None:
+        """Lets go of the file, which some systems ask for before it can be replaced or deleted."""
+        with self._lock:
+            self._file.close()
+
+    def _read_header(self) -> tuple[int, list[float], str]:
+        """Where the rows begin, their times and the scene's fingerprint."""
+        size = os.fstat(self._file.fileno()).st_size
+        length = int.from_bytes(self._file.read(8), "little")
+        if length > min(size, _LONGEST_HEADER):
+            raise found_instead(self._path, f"{size} bytes that do not fit their header", _KIND)
+        text = self._file.read(length)
+        try:
+            if text.count(b"[") + text.count(b"{") > _MOST_LISTS:  # each takes much more memory than text
+                raise ValueError("too many lists")
+            header = json.loads(text)
+            tensor, metadata = header[_TENSOR], header["__metadata__"]
+            times, columns = (json.loads(metadata[name]) for name in ("times", "columns"))
+            count, row = (whole(length, "a length", 0, _LONGEST_AXIS - 1) for length in tensor["shape"])
+            needed = 4 * count * row
+            fits = header.keys() == {_TENSOR, "__metadata__"} and tensor["dtype"] == "F32"
+            fits &= tensor["data_offsets"] == [0, needed] and size == 8 + length + needed
+            fits &= isinstance(times, list) and len(times) == count and all(map(_is_time, times))
+            identity = metadata["scene"]
+        except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
+            raise found_instead(self._path, f"a damaged or foreign file ({error!r})", _KIND) from error
+        if not fits:
+            raise found_instead(self._path, f"{size} bytes that do not fit their header", _KIND)
+        if row != self._row or columns != [name for name, _ in self._columns]:
+            identity = ""  # another scene's
+        return 8 + length, [float(time) for time in times], str(identity)
+
+
+def _is_time(time: Any) -> bool:
+    return type(time) in (int, float) and 0 <= time <= 1
+
+
+def fingerprint(path: Path) -> str:
+    """Of a file's content; FrogError if it cannot be read."""
+    try:
+        with regular_file(path, "a .frog scene").open("rb") as file:
+            return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=20)).hexdigest()
+    except OSError as error:
+        raise found_instead(path, f"a file that cannot be read ({error.strerror or error})", "a .frog scene") from error
+
+
+def _header(scene: PlayableScene, times: Sequence[float], identity: str) -> bytes:
+    row = scene.part_bytes // 4
+    tensor = {"dtype": "F32", "shape": [len(times), row], "data_offsets": [0, 4 * len(times) * row]}
+    metadata = {"scene": identity, "columns": json.dumps(scene.changing), "times": json.dumps(list(times))}
+    text = json.dumps({"__metadata__": metadata, _TENSOR: tensor}).encode()
+    text += b" " * (-len(text) % 8)
+    return len(text).to_bytes(8, "little") + text

@@ -1,0 +1,194 @@
+"""The deformation network at playback (FRoG's, and E-D3DGS's two): numpy and the native library.
+
+What does not depend on time is computed once: the first layer's product with the Gaussians' embeddings, where nothing
+modulates it; Gaussians at rest and colours that do not deform lie in the frames' memory already. What cannot be seen at
+a moment is not deformed, and what only fades never is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..errors import FrogError, brief
+from ..field.first_layer import first_layer
+from ..field.opacity_tracks import Fades
+from ..gaussians import GaussianArrays
+from ..native.deformation import FieldShape, PlayedField
+from ..scene.header import RESHAPED
+from ..scene.scene_file import FADES, LIFETIMES
+from .buffer_pool import FrameMemory
+from .canonical import at_rest
+from .frame_delta import MovingPart, taken_from
+from .simd_layout import group_count, grouped, network_in_columns
+from .temporal import TemporalEmbedding, checked
+from .visibility import GroupLifetimes
+
+_SHAPE = ("quaternions", "scales")
+_CANONICAL = ("means", "log_scales", "quaternions", "opacity_logits")
+
+
+def _checked_arrays(arrays: dict[str, np.ndarray], model: dict, temporal: TemporalEmbedding) -> dict[str, np.ndarray]:
+    """Contiguous float32 by the native library's names.
+
+    KeyError or ValueError unless every array is what the settings say: the library only sees addresses.
+    """
+    count, networks, embedding = len(arrays["means"]), temporal.networks, int(model["embedding_size"])
+    deformed, fading = len(arrays["embeddings"]), len(arrays.get(FADES, ()))
+    if deformed + fading > count:
+        raise ValueError(f"{deformed + fading} of its {count} Gaussians move")
+    hidden, heads, colors = (int(model[name]) for name in ("hidden_width", "head_width", "deformed_sh"))
+    outputs = 11 + 3 * colors  # means 3, scales 3, quaternions 4, opacity 1
+    if not 0 <= colors <= arrays["sh"].shape[1]:
+        raise ValueError("it deforms more colours than there are")
+    shapes = {name: (count, *size) for name, size in zip(_CANONICAL, ((3,), (3,), (4,), ()), strict=True)}
+    shapes |= {"sh": (count, arrays["sh"].shape[1], 3)}
+    if deformed or not fading:  # of a part of a scene all may only fade
+        shapes |= {"embeddings": (deformed, embedding)}
+    shapes |= {
+        "network.embedding_weight": (networks * hidden, embedding),
+        "network.temporal_weight": (networks * hidden, temporal.size),
+        "network.bias": (networks * hidden,),
+        "network.output_weight": (outputs, networks * (heads or hidden)),
+        "network.output_bias": (outputs,),
+    }
+    if model.get("modulation", False):  # scenes of the first versions have no such setting
+        if embedding > temporal.size:
+            raise ValueError(f"embeddings of {embedding} are modulated by {temporal.size} numbers")
+        shapes["network.modulation_weight"] = (networks * hidden, embedding)
+    if heads:
+        width = networks * heads * (5 if colors else 4)
+        shapes |= {"network.head_weight": (width, hidden), "network.head_bias": (width,)}
+    result = {name.removeprefix("network."): checked(arrays, name, shape) for name, shape in shapes.items()}
+    return {"embeddings": np.empty((0, embedding), np.float32)} | result
+
+
+def _shape(model: dict, sh_count: int, networks: int) -> FieldShape:
+    """KeyError or ValueError for settings that cannot be."""
+    form, sharpness = model["opacity_reduction"], float(model["opacity_sharpness"])
+    if form not in ("paper", "unit", "off") or not sharpness >= 0:
+        raise ValueError(f"the opacity reduction is {form!r}, {sharpness}")
+    share = float(model.get("opacity_share", 1.0))
+    if not 0 <= share <= 1:
+        raise ValueError(f"the opacity reduction's share is {share}")
+    head_width, deformed, unit = int(model["head_width"]), int(model["deformed_sh"]), float(model["motion_unit"])
+    return FieldShape(head_width, sh_count, deformed, form, sharpness, share, unit, networks)
+
+
+def _reshaped(model: dict, deformed: int) -> int:
+    """ValueError for a number that cannot be, or with heads, which have no groups that could keep their shape."""
+    reshaped = model.get(RESHAPED, deformed)
+    if type(reshaped) is not int or not 0 <= reshaped <= deformed or (model["head_width"] and RESHAPED in model):
+        raise ValueError(f"{reshaped!r} of its {deformed} deformed Gaussians turn and grow")
+    return reshaped
+
+
+def _changing(arrays: dict[str, np.ndarray], deformed: int) -> frozenset[str]:
+    """The columns that some output of the network reaches."""
+    reached = arrays["output_weight"].any(axis=1) | (arrays["output_bias"] != 0)
+    outputs = {"means": (0, 3), "scales": (3, 6), "quaternions": (6, 10), "base": (10, 14)}
+    outputs |= {f"sh_{k}": (11 + 3 * k, 14 + 3 * k) for k in range(1, deformed)}
+    return frozenset(name for name, (first, last) in outputs.items() if reached[first:last].any())
+
+
+class PlayableDeformation:
+    """Deformed Gaussians at a time, exactly as the training path computes them, but for rounding.
+
+    Args:
+        arrays: the scene file's arrays.
+        model: the scene header's model settings.
+
+    Attributes:
+        moving: Gaussians that are not the same at all times; they come first, and first of them ``deformed`` that the
+            network moves. The others only fade.
+        changing: their columns (see moving_part) that are not the same at all times; a head that was silenced
+            changes nothing.
+        lifetimes: when groups of those that are deformed can be seen, where the file says so.
+    """
+
+    gives_checked = True  # ``at`` gives unit quaternions, contiguous and float32 as all the others
+
+    def __init__(self, arrays: dict[str, np.ndarray], model: dict) -> None:
+        try:
+            self._temporal = TemporalEmbedding(arrays, model)
+            a = _checked_arrays(arrays, model, self._temporal)
+            self._shape = _shape(model, a["sh"].shape[1], self._temporal.networks)
+            self.deformed = len(a["embeddings"])
+            self.lifetimes = GroupLifetimes(arrays[LIFETIMES], self.deformed) if LIFETIMES in arrays else None
+            self._fades = Fades(arrays[FADES]) if FADES in arrays else None
+            self._reshaped = _reshaped(model, self.deformed)
+        except (KeyError, ValueError, TypeError, AttributeError, IndexError, OverflowError) as error:
+            raise FrogError(
+                f"The scene's deformation network cannot be used ({brief(error)}); train it again."
+            ) from error
+        a["shared"] = a.pop("bias")
+        self.moving = self.deformed + (len(self._fades) if self._fades else 0)
+        colors = self._shape.sh_deformed
+        self.changing = _changing(a, colors) if self.deformed else frozenset()
+        if not self._reshaped:
+            self.changing -= set(_SHAPE)
+        if self.lifetimes or self._fades:
+            self.changing |= {"base"}  # in which opacities are
+        self._still = vars(at_rest(a))
+        stirred = {"stirred": np.ones(group_count(self.deformed), np.float32)} if self.lifetimes else {}
+        self._memory = FrameMemory({k: v for k, v in self._still.items() if k != "sh" or colors} | stirred)
+        for name in _CANONICAL:
+            a[name] = a[name][: self.deformed]
+        a["sh"] = np.ascontiguousarray(a["sh"][: self.deformed, :colors])  # the others are in the frames' memory
+        kept = "modulation_weight" not in a  # the first layer's product with the embeddings is the same at all times
+        self._first_layer = a["shared"], a["embedding_weight"], a["temporal_weight"], a.get("modulation_weight")
+        if not self._shape.head_width:  # heads are nearly all of the arithmetic: how Gaussians lie matters little
+            a = {"means": a["means"], "groups": grouped(a, kept), **network_in_columns(a)}
+        # Of frames, which have all colours, and of parts, which have those that deform.
+        self._field, self._part_field = (
+            PlayedField(shape, a, kept, self._reshaped)
+            for shape in (self._shape, replace(self._shape, sh_active=colors))
+        )
+
+    def temporal(self, time: float) -> np.ndarray:
+        """(networks, T) what each network is given at a time in [0, 1]."""
+        return self._temporal.at(time)
+
+    def _moment(self, time: float) -> dict[str, np.ndarray]:
+        """What the native library is given of a moment: it computes the first layer where Gaussians lie in groups."""
+        temporal = self.temporal(time)
+        if not self._shape.head_width:
+            return {"temporal": temporal}
+        bias, embedding_weight, temporal_weight, modulation_weight = self._first_layer
+        found = first_layer(temporal, temporal_weight, bias, embedding_weight, modulation_weight)
+        return dict(zip(("shared", "embedding_weight"), found, strict=True))
+
+    def _deform(
+        self, field: PlayedField, time: float, result: dict[str, np.ndarray], places: dict[str, Any] | None = None
+    ) -> None:
+        """Fills the first of ``result``: those that move. ``places`` are its arrays, or where they lie if known."""
+        if self.deformed:
+            active = self.lifetimes.at(time) if self.lifetimes else None
+            field.deform(self._moment(time), places or result, active)
+        if self._fades:
+            self._fades.at(time, result["opacities"][self.deformed : self.moving])
+
+    def at(self, time: float) -> GaussianArrays:
+        """The Gaussians at a time in [0, 1], activated, with unit quaternions; the arrays are not to be changed."""
+        memory, addresses = self._memory.take_for_library()
+        result = {"sh": self._still["sh"]} | memory
+        self._deform(self._field, time, result, result | addresses)
+        result.pop("stirred", None)
+        return GaussianArrays(**result)
+
+    def part_at(self, time: float, names: Collection[str]) -> MovingPart:
+        """Columns of the Gaussians that move, at a time in [0, 1]: the same bits as in ``at``."""
+        count, colors = self.moving, self._shape.sh_deformed
+        sizes = {"means": (3,), "quaternions": (4,), "scales": (3,), "opacities": (), "sh": (colors, 3)}
+        moved = {name: np.empty((count, *size), np.float32) for name, size in sizes.items()}
+        for name, values in moved.items():  # what keeps its shape, and what only fades
+            first = self._reshaped if name in _SHAPE else self.deformed
+            still = self._still[name][first:count]
+            values[first:] = still[:, :colors] if name == "sh" else still
+        self._deform(self._part_field, time, moved)
+        if not colors:
+            moved["sh"] = self._still["sh"][:count]
+        return taken_from(GaussianArrays(**moved), names)

@@ -1,0 +1,100 @@
+"""Drawing finished Gaussians without torch, and moving them about."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..capture.camera import NEUTRAL, Camera
+from ..gaussians import GaussianArrays
+from ..native.binding import Frame
+from ..native.options import RasterizeOptions
+
+_BAND = 2**22  # pixels of a large picture that are drawn at a time
+
+
+@dataclass
+class Drawing:
+    """One picture, all float32.
+
+    Attributes:
+        rgb: (H, W, 3) display-referred, over the background (over black: premultiplied by alpha).
+        alpha: (H, W) coverage.
+        median_depth: (H, W) Euclidean distance to the centre of the Gaussian that takes transmittance through one half.
+        median_z: (H, W) planar depth of the same.
+        mean_depth: (H, W) planar depth averaged by blending weight. All depths are NaN where nothing is.
+        median_index: (H, W) int32, which Gaussian the median depth is that of; -1 where nothing is.
+        instances: (Gaussian, tile) pairs that were gone through, see native.MANY_INSTANCES.
+    """
+
+    rgb: np.ndarray
+    alpha: np.ndarray
+    median_depth: np.ndarray
+    median_z: np.ndarray
+    mean_depth: np.ndarray
+    median_index: np.ndarray
+    instances: int = 0
+
+
+def draw(
+    gaussians: GaussianArrays,
+    camera: Camera,
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    options: RasterizeOptions | None = None,
+    depth_limit: np.ndarray | None = None,
+) -> Drawing:
+    """What ``camera`` sees of ``gaussians``, exactly as in training; arguments as in ``rasterizer.rasterize``."""
+    gaussians = gaussians.checked()
+    options = replace(options or RasterizeOptions(), depth=True)
+    size = options.region_of(camera)[3:1:-1]
+    if depth_limit is not None:
+        depth_limit = np.ascontiguousarray(depth_limit, np.float32)
+        if depth_limit.shape != size:
+            raise ValueError(f"depth_limit: shape {depth_limit.shape}, expected {size}")
+    median_index = np.empty(size, np.int32)
+    image = {
+        "rgb": np.empty((*size, 3), np.float32),
+        "alpha": np.empty(size, np.float32),
+        "median_index": median_index,
+        "mean_depth": np.empty(size, np.float32),
+    }
+    instances = Frame(gaussians, camera, background, options, image, depth_limit).instances
+    if camera.exposure != NEUTRAL:
+        np.multiply(image["rgb"], np.asarray(camera.exposure, np.float32), out=image["rgb"])
+    offsets = gaussians.means - camera.center.astype(np.float32)
+    missing = np.full(1, np.nan, np.float32)  # index -1 picks it
+    distances = np.concatenate([np.linalg.norm(offsets, axis=1), missing]).astype(np.float32)
+    planar = np.concatenate([offsets @ camera.forward.astype(np.float32), missing])
+    return Drawing(
+        image["rgb"],
+        image["alpha"],
+        distances[median_index],
+        planar[median_index],
+        mean_depth=image["mean_depth"],
+        median_index=median_index,
+        instances=instances,
+    )
+
+
+def picture(
+    gaussians: GaussianArrays, camera: Camera, background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> np.ndarray:
+    """(H, W, 3) uint8: the colours of ``draw`` alone, in little more memory than the result takes."""
+    gaussians = gaussians.checked()
+    _, _, width, height = RasterizeOptions().region_of(camera)
+    result = np.empty((height, width, 3), np.uint8)
+    rows = max(1, _BAND // width)
+    for top in range(0, height, rows):
+        band = min(rows, height - top)
+        image = {"rgb": np.empty((band, width, 3), np.float32), "alpha": np.empty((band, width), np.float32)}
+        Frame(gaussians, camera, background, RasterizeOptions(region=(0, top, width, band)), image)
+        if camera.exposure != NEUTRAL:
+            image["rgb"] *= np.asarray(camera.exposure, np.float32)
+        result[top : top + band] = to_uint8(image["rgb"])
+    return result
+
+
+def to_uint8(rgb: np.ndarray) -> np.ndarray:
+    """Display-referred floats to bytes, rounded."""
+    return (np.clip(rgb, 0, 1) * 255 + 0.5).astype(np.uint8)

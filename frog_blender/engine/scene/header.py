@@ -1,0 +1,171 @@
+"""What a scene file says of itself, and the one place that checks it before anything is made of it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from typing import Any
+
+from ..capture.camera import Camera
+from ..io.plain_values import UnfitValue, entries, finite_entries, items, number, numbers, plain_json, text, whole
+from .compression_report import lines, summary
+
+FORMAT_VERSION = 5
+"""1 had every array as it is; 2 may have them packed; 3 may have lifetimes; 4 may have some that only fade; 5 may have
+numbers that are packed apart from their block."""
+METHODS = ("frog", "ed3dgs", "static", "d3dgs", "hexplane", "curves")
+RESHAPED = "reshaped"
+"""The model setting that says how many of those that are deformed, the first, turn and grow; the others keep their
+shape. All of them where it is missing."""
+
+MOST_FRAMES = 1_048_574
+"""Of a capture: where Blender's timeline ends, ten hours of film."""
+MOST_CAMERAS = 65_536
+"""Of a scene. A moving camera is one for each of its pictures."""
+MOST_STANDING = 4096
+"""Of those, where they are no moving camera's: each becomes an object in Blender."""
+_LONGEST_NAME, _LONGEST_PATH = 1024, 32_768  # characters
+_FASTEST = 1e6  # frames a second
+
+
+@dataclass(frozen=True)
+class SceneHeader:
+    """What a scene file says of itself.
+
+    Attributes:
+        method: one of METHODS.
+        recipe: every setting of the training, as plain values.
+        model: the model's settings (see FrogSettings), empty for a scene in which nothing moves.
+        cameras: the capture's cameras at the size they were trained at; none for splats from elsewhere.
+        camera_shots: for each camera the frames it saw; one frame each for a moving camera.
+        test_cameras, test_frames: what training did not see.
+        frame_count, frames_per_second: the capture's time axis; frame f has time f / (frame_count - 1).
+        background: display-referred colour behind the Gaussians.
+        capture_path, capture_format, scale, pixel_offsets: where the frames came from and how they were read.
+        metrics: PSNR and so on as measured at the end of training.
+        steps, train_seconds: how much training is in it (decoding and seeding not counted).
+        capacity: what the training took out of the model (see training.parsimony), empty where it took nothing.
+    """
+
+    method: str
+    recipe: dict[str, Any]
+    model: dict[str, Any]
+    cameras: tuple[Camera, ...]
+    camera_shots: tuple[tuple[int, ...], ...]
+    test_cameras: tuple[str, ...]
+    test_frames: tuple[int, ...]
+    frame_count: int
+    frames_per_second: float
+    background: tuple[float, float, float]
+    capture_path: str
+    capture_format: str
+    scale: float
+    pixel_offsets: dict[str, tuple[float, float]] = field(default_factory=dict)
+    metrics: dict[str, Any] = field(default_factory=dict)
+    steps: int = 0
+    train_seconds: float = 0.0
+    format_version: int = FORMAT_VERSION
+    capacity: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def is_moving(self) -> bool:
+        """One moving camera: every entry of ``cameras`` is one moment of it, or a withheld picture."""
+        if any(len(frames) != 1 for frames in self.camera_shots):
+            return False
+        named = zip(self.cameras, self.camera_shots, strict=True)
+        moments = [frame for camera, (frame,) in named if not self.is_test(camera.name, frame)]
+        return len(moments) > 1 and len(set(moments)) == len(moments)
+
+    def is_test(self, camera_name: str, frame: int) -> bool:
+        """True for a picture that training did not see."""
+        return camera_name in self.test_cameras or frame in self.test_frames
+
+    def to_json(self) -> str:
+        values = {name: getattr(self, name) for name in self.__dataclass_fields__ if name != "cameras"}
+        return json.dumps({**values, "cameras": [camera.to_json() for camera in self.cameras]}, allow_nan=False)
+
+    @classmethod
+    def from_json(cls, content: str) -> SceneHeader:
+        """Raises UnfitValue for a header that nobody could play, draw or import."""
+        data = entries(plain_json(content, "a header"), "a header")
+        missing = [name for name in cls.__dataclass_fields__ if name not in data and name != "capacity"]
+        if missing:
+            raise UnfitValue(f"a header without {', '.join(missing)}", "all that a scene needs")
+        version = whole(data["format_version"], "format version", 1, 2**31)
+        if version > FORMAT_VERSION:
+            raise UnfitValue(f"format version {version}", f"at most {FORMAT_VERSION}; a newer frog_blender reads it")
+        method = text(data["method"], "the method", _LONGEST_NAME)
+        if method not in METHODS:
+            raise UnfitValue(f"the method {method!r}", f"one of {', '.join(METHODS)}")
+        red, green, blue = numbers(data["background"], "background", (3,), 1e3).tolist()
+        header = cls(
+            method=method,
+            recipe=finite_entries(data["recipe"], "recipe"),
+            model=_model(data["model"]),
+            **_filmed(data),
+            frames_per_second=number(data["frames_per_second"], "frames_per_second", 1e-6, _FASTEST),
+            background=(red, green, blue),
+            capture_path=text(data["capture_path"], "capture_path", _LONGEST_PATH),
+            capture_format=text(data["capture_format"], "capture_format", _LONGEST_NAME),
+            scale=number(data["scale"], "scale", 1e-6, 1e6),
+            pixel_offsets=_offsets(data["pixel_offsets"]),
+            metrics=finite_entries(data["metrics"], "metrics"),
+            steps=whole(data["steps"], "steps", 0, 2**62),
+            train_seconds=number(data["train_seconds"], "train_seconds", 0, 1e15),
+            format_version=version,
+            capacity=_capacity(data.get("capacity", {})),  # version 1 had none
+        )
+        if len(header.cameras) > MOST_STANDING and not header.is_moving:
+            raise UnfitValue(f"{len(header.cameras)} cameras that do not move", f"at most {MOST_STANDING}")
+        return header
+
+
+def _model(value: Any) -> dict[str, Any]:
+    """What is asked of a model by others than those who play it; these check what they need."""
+    model = finite_entries(value, "model")
+    for name in items(model.get("silent_heads", []), "silent_heads", 64):
+        text(name, "a silent head", _LONGEST_NAME)
+    whole(model.get(RESHAPED, 0), RESHAPED, 0, 2**31)
+    return model
+
+
+def _filmed(data: dict[str, Any]) -> dict[str, Any]:
+    """The fields that say which cameras saw which frames."""
+    cameras = tuple(Camera.from_json(camera) for camera in items(data["cameras"], "cameras", MOST_CAMERAS))
+    shots = items(data["camera_shots"], "camera_shots", MOST_CAMERAS)
+    if len(shots) != len(cameras):
+        raise UnfitValue(f"{len(shots)} camera_shots of {len(cameras)} cameras", "what each of them saw")
+    return {
+        "cameras": cameras,
+        "camera_shots": tuple(_frames(seen, "camera_shots") for seen in shots),
+        "test_cameras": tuple(
+            text(name, "test_cameras", _LONGEST_NAME)
+            for name in items(data["test_cameras"], "test_cameras", MOST_CAMERAS)
+        ),
+        "test_frames": _frames(data["test_frames"], "test_frames"),
+        "frame_count": whole(data["frame_count"], "frame_count", 1, MOST_FRAMES),
+    }
+
+
+def _frames(value: Any, what: str) -> tuple[int, ...]:
+    return tuple(whole(frame, f"a frame of {what}", 0, MOST_FRAMES - 1) for frame in items(value, what, MOST_FRAMES))
+
+
+def _offsets(value: Any) -> dict[str, tuple[float, float]]:
+    found = {}
+    for name, offset in entries(value, "pixel_offsets").items():
+        dx, dy = numbers(offset, "a pixel offset", (2,), 1e6).tolist()
+        found[text(name, "a camera's name", _LONGEST_NAME)] = (dx, dy)
+    return found
+
+
+def _capacity(value: Any) -> dict[str, Any]:
+    """UnfitValue for a report that nobody could read out."""
+    capacity = finite_entries(value, "capacity")
+    if capacity:
+        try:
+            summary(capacity)
+            lines(capacity)
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+            raise UnfitValue(f"a capacity report that cannot be read out ({error!r})", "one of a training") from error
+    return capacity

@@ -1,0 +1,138 @@
+"""The ``.frog`` scene file: one safetensors file with a JSON header. No pickle, no torch.
+
+Tensors of a FRoG scene: ``means, log_scales, quaternions, opacity_logits, sh`` by Gaussian,
+``embeddings`` of those that are deformed, which come first, ``temporal_table`` and ``network.*``, and where that saves
+time at playback LIFETIMES (see inference.lifetimes) and, of those that come next, FADES (see model.fading). The
+header holds what playback and evaluation need besides.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from safetensors.numpy import save as serialize
+
+from ..errors import FrogError, found_instead
+from ..io.atomic_files import write_atomically
+from ..io.plain_values import UnfitValue, entries, plain_json
+from ..io.tensor_files import read_tensors
+from .header import SceneHeader
+from .quantization import Packed, pack, unpack_scene
+
+LIFETIMES = "lifetimes"
+"""Name of the array in which bits say when groups of Gaussians can be seen."""
+FADES = "fades"
+"""Name of the array (F, frames) in which opacities stand of those that only fade."""
+_HEADER_KEY = "frog"
+_PACKING_KEY = "packing"
+_CANONICAL = {"means", "log_scales", "quaternions", "opacity_logits", "sh"}
+_FROG = {"embeddings", "temporal_table", "attention_weight", "attention_query", LIFETIMES, FADES}
+_OF_METHOD = {"frog": _FROG, "ed3dgs": _FROG, "curves": {"embeddings"}}
+_NETWORK = re.compile(r"network\.[a-z0-9_.]{1,80}")
+
+
+@dataclass(frozen=True)
+class SceneFile:
+    """A scene as it lies on disk: header and arrays by name."""
+
+    header: SceneHeader
+    arrays: dict[str, np.ndarray]
+
+
+def settings_json(settings: Any) -> dict[str, Any]:
+    """A settings dataclass as plain values for a header."""
+    return asdict(settings)
+
+
+def write_scene(path: str | Path, scene: SceneFile, *, compact: bool = False) -> None:
+    """Writes atomically; FrogError when it cannot, and then an earlier file of that name is untouched.
+
+    Args:
+        compact: quantise and compress (see packing), which changes numbers by less than can be seen.
+    """
+    write_atomically(path, scene_bytes(scene, compact=compact))
+
+
+def scene_bytes(scene: SceneFile, *, compact: bool = False) -> bytes:
+    """What ``write_scene`` writes."""
+    metadata = {_HEADER_KEY: scene.header.to_json()}
+    arrays = scene.arrays
+    if compact:
+        packed = packed_arrays(arrays)
+        arrays = {name: each.content for name, each in packed.items()}
+        metadata[_PACKING_KEY] = json.dumps({name: each.description for name, each in packed.items()})
+    return serialize(_contiguous(arrays), metadata=metadata)
+
+
+def packed_arrays(arrays: dict[str, np.ndarray]) -> dict[str, Packed]:
+    """FrogError for numbers that no packed file can hold."""
+    try:
+        return {name: pack(name, array) for name, array in arrays.items()}
+    except ValueError as error:
+        raise FrogError(f"The scene cannot be packed: {error}.") from error
+
+
+def read_scene(path: str | Path) -> SceneFile:
+    """FrogError in one sentence when it is missing, truncated, of another kind or of a newer version.
+
+    Arrays that no scene of its method has are passed over.
+    """
+    arrays, metadata = read_tensors(path, "a .frog scene", _is_known)
+    try:
+        if _HEADER_KEY not in metadata:
+            raise UnfitValue("a file without a scene's header", "a .frog scene")
+        header = SceneHeader.from_json(metadata[_HEADER_KEY])
+        arrays = {name: array for name, array in arrays.items() if _is_known(name, header.method)}
+        packing = entries(plain_json(metadata.get(_PACKING_KEY, "{}"), "packing"), "packing")
+        described = {name: entries(packing[name], f"packing of {name}") for name in arrays if name in packing}
+        if described:
+            arrays |= _unpacked(arrays, described)
+        _check_arrays(arrays)
+    except UnfitValue as error:
+        raise found_instead(path, error.found, error.expected) from error
+    return SceneFile(header, arrays)
+
+
+def _unpacked(arrays: dict[str, np.ndarray], described: dict[str, Any]) -> dict[str, np.ndarray]:
+    """UnfitValue for bytes and descriptions that ``packed_arrays`` does not write."""
+    try:
+        return unpack_scene(arrays, described)
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError, MemoryError) as error:
+        raise UnfitValue(f"packed arrays that cannot be read ({error})", "a .frog scene") from error
+
+
+def _contiguous(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return {name: np.ascontiguousarray(array) for name, array in arrays.items()}
+
+
+def _is_known(name: str, method: str = "frog") -> bool:
+    """Whether a scene of that method has such an array; FRoG's have all that others have, but for the networks'."""
+    named = name in _CANONICAL or name in _OF_METHOD.get(method, ())
+    return named or (method != "static" and _NETWORK.fullmatch(name) is not None)
+
+
+def _check_arrays(arrays: dict[str, np.ndarray]) -> None:
+    """UnfitValue for types and shapes that playback does not rely on."""
+    for name, array in arrays.items():
+        expected = np.uint8 if name in (LIFETIMES, FADES) else np.float32
+        if array.dtype != expected:
+            raise UnfitValue(f"{name} of type {array.dtype}", f"{expected.__name__}")
+    count = (arrays["means"].shape or (0,))[0] if "means" in arrays else 0
+    shapes: dict[str, tuple[int, ...]] = {
+        "means": (count, 3),
+        "log_scales": (count, 3),
+        "quaternions": (count, 4),
+        "opacity_logits": (count,),
+    }
+    for name, shape in shapes.items():
+        found = arrays[name].shape if name in arrays else "nothing"
+        if found != shape or not count:
+            raise UnfitValue(f"{name} of shape {found}", f"shape {shape} with at least one Gaussian")
+    sh = arrays.get("sh")
+    if sh is None or sh.ndim != 3 or sh.shape[0] != count or sh.shape[1] not in (1, 4, 9, 16) or sh.shape[2] != 3:
+        raise UnfitValue("no usable colours (sh)", f"shape ({count}, 1 | 4 | 9 | 16, 3)")

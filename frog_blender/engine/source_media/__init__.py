@@ -1,0 +1,1 @@
+"""The capture's own videos: where they lie, and copies without lens distortion."""

@@ -1,0 +1,143 @@
+"""Where the pictures lie that a scene's cameras took: found again by the header, with nothing opened or decoded.
+
+Video programs name a picture by one number. A video's first frame is number 1; a sequence of picture files is numbered
+by the last digits in the files' names. A clip says how that number follows from the capture's frame.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path, PureWindowsPath
+from typing import TYPE_CHECKING
+
+from ..capture.readers import transforms_json
+from ..capture.video import VIDEO_SUFFIXES, composed, find_pictures, find_videos
+from ..errors import FrogError
+from ..io.paths import leads_elsewhere
+
+if TYPE_CHECKING:
+    from ..capture.camera import Camera
+    from ..scene.header import SceneHeader
+
+_NUMBER = re.compile(r"(\D*(?:\d+\D+)*?)(\d+)(\D*)")  # the last digits of a name, and what stands around them
+
+
+@dataclass(frozen=True)
+class Clip:
+    """What one camera filmed.
+
+    Attributes:
+        path: the video, or the first picture.
+        kind: "VIDEO", "SEQUENCE" of numbered pictures, or "PICTURE".
+        first: number of the picture that shows the capture's frame 0.
+        step: how much that number grows from one frame of the capture to the next.
+        count: frames of the capture.
+    """
+
+    path: Path
+    kind: str
+    first: int = 1
+    step: int = 1
+    count: int = 1
+
+
+def capture_folders(header: SceneHeader, scene_file: Path) -> list[Path]:
+    """Folders in which a scene's capture may lie, the likeliest first: as stored, then near the scene's own file.
+
+    A stored path to another machine is left out: nothing that a file says may make a computer call others.
+    """
+    stored = header.capture_path
+    name = PureWindowsPath(stored).name  # of paths with either kind of stroke
+    nearby = [scene_file.parent / name, scene_file.parent, scene_file.parent.parent / name] if name else []
+    return [Path(stored), *nearby] if stored and not leads_elsewhere(stored) else nearby
+
+
+def find_clips(header: SceneHeader, folder: Path) -> dict[str, Clip]:
+    """Clips by camera name, of the cameras whose pictures are in a capture's folder; {} where there is none.
+
+    The path of one moving camera has the name of its first picture's camera (see ``camera_path``).
+    """
+    try:
+        found = _files(header, folder) if folder.is_dir() else {}
+    except (FrogError, OSError):
+        return {}
+    composed_files = {composed(name): file for name, file in found.items()}
+    files = {each.name: composed_files.get(composed(each.name), []) for each in header.cameras}
+    if moves_alone(header):
+        path = [(frame, camera.name) for frame, camera in camera_path(header)]
+        shown = [(frame, of[0]) for frame, name in path if (of := files[name])]
+        clip = _sequence(shown, header.frame_count)
+        return {path[0][1]: clip} if clip is not None else {}
+    clips = {}
+    for camera, frames in zip(header.cameras, header.camera_shots, strict=True):
+        of = files[camera.name]
+        if not of:
+            continue
+        sequence = None
+        if len(of) == len(frames):  # a standing camera's
+            sequence = _sequence(list(zip(sorted(frames), of, strict=True)), header.frame_count)
+        is_video = of[0].suffix.lower() in VIDEO_SUFFIXES
+        alone = Clip(of[0], "VIDEO", count=header.frame_count) if is_video else Clip(of[0], "PICTURE")
+        clips[camera.name] = sequence or alone
+    return clips
+
+
+def moves_alone(header: SceneHeader) -> bool:
+    """One moving camera, whose pictures are the moments of one path."""
+    return header.is_moving and header.frame_count > 1
+
+
+def camera_path(header: SceneHeader) -> list[tuple[int, Camera]]:
+    """The moments of a moving camera in order: frame, and the camera there; pictures to train on go before others."""
+    by_frame: dict[int, Camera] = {}
+    for camera, frames in zip(header.cameras, header.camera_shots, strict=True):
+        for frame in frames:
+            if frame not in by_frame or by_frame[frame].name in header.test_cameras:
+                by_frame[frame] = camera
+    return sorted(by_frame.items(), key=lambda moment: moment[0])
+
+
+def _files(header: SceneHeader, folder: Path) -> dict[str, list[Path]]:
+    """The video, or the pictures in order of time, of each camera by its name, as the reader of that format named
+    them."""
+    match header.capture_format:
+        case "n3dv" | "calibrated_videos":
+            videos = {video.stem: [video] for video in find_videos(folder)}
+            return videos or _by_stem(folder / "images")
+        case "transforms":
+            return transforms_json.pictures_by_camera(folder) if transforms_json.matches(folder) else {}
+        case "hypernerf":
+            folders = [folder / "rgb" / "2x", *sorted((folder / "rgb").glob("*x"))]
+            return next((files for each in folders if (files := _by_stem(each))), {})
+    return {}  # names of Technicolor's pictures end with the camera's number: no program takes them for a sequence
+
+
+def _by_stem(folder: Path) -> dict[str, list[Path]]:
+    if not folder.is_dir():
+        return {}
+    return {picture.stem: [picture] for picture in find_pictures(folder)}
+
+
+def _sequence(files: list[tuple[int, Path]], count: int) -> Clip | None:
+    """Pictures by frame as one sequence; None where their numbers do not follow the frames in equal steps."""
+    if len(files) < 2:
+        return None
+    numbers: list[tuple[int, int]] = []
+    pattern = None
+    for frame, file in files:
+        match = _NUMBER.fullmatch(file.stem)
+        if match is None:
+            return None
+        around = (file.parent, match[1], match[3], file.suffix)
+        digits = len(match[2]) if pattern is None else pattern[1]
+        pattern = pattern or (around, digits)
+        if around != pattern[0] or match[2] != f"{int(match[2]):0{digits}d}":
+            return None
+        numbers.append((frame, int(match[2])))
+    (frame, number), (other_frame, other) = numbers[0], numbers[-1]
+    step = (other - number) // (other_frame - frame)
+    first = number - step * frame
+    if any(value != first + step * frame for frame, value in numbers):
+        return None
+    return Clip(files[0][1], "SEQUENCE", first, step, count)

@@ -1,0 +1,243 @@
+"""Films of a capture's cameras as training saw them, for video programs: free of lens distortion, one for each camera.
+
+Needed where lenses distort, or where a video program cannot read a layout's pictures as a film (Technicolor's end with
+the camera's number). They lie in a folder beside the scene's file, with an index that says what they were made from,
+and that they are whole.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
+
+import numpy as np
+
+from ..capture.decoding import decode_shots
+from ..capture.frames import decoding_key
+from ..capture.readers import open_capture
+from ..capture.video import load_opencv, read_facts
+from ..errors import FrogError
+from ..io.atomic_files import write_atomically
+from .clips import Clip, camera_path, find_clips, moves_alone
+
+if TYPE_CHECKING:
+    from ..capture.capture import Capture
+    from ..scene.header import SceneHeader
+
+_INDEX = "clips.json"
+_PARTIAL = ".partial-"
+_ABANDONED_AFTER = 86_400.0  # seconds after which no process writes its films any more
+_NEVER_DISTORTED = frozenset({"n3dv"})  # formats that know no distortion, of which many captures are: not even opened
+_writing: set[Path] = set()
+
+
+@dataclass(frozen=True)
+class Straightening:
+    """Films on their way.
+
+    Attributes:
+        total: pictures to write.
+        steps: yields how many are written, after each; closed early it leaves no films. Raises FrogError.
+    """
+
+    total: int
+    steps: Generator[int, None, None]
+
+
+def clips_folder(scene_file: Path) -> Path:
+    """Where the straight clips of a scene lie, if there are any."""
+    return scene_file.with_suffix(".clips")
+
+
+def straight_clips(header: SceneHeader, scene_file: Path) -> dict[str, Clip]:
+    """Clips by camera name that were written for this scene; {} where there are none, or not all of them."""
+    folder = clips_folder(scene_file)
+    index = _index(folder)
+    if not index or index.get("scene") != _decides(header):
+        return {}
+    clips = {}
+    for name, moments in _moments(header).items():
+        file = _file(folder, name, len(moments))
+        clips[name] = Clip(file, "VIDEO", count=header.frame_count) if len(moments) > 1 else Clip(file, "PICTURE")
+    return clips if all(clip.path.is_file() for clip in clips.values()) else {}
+
+
+def straightening(header: SceneHeader, scene_file: Path, capture_folder: Path) -> Straightening | None:
+    """What has to be written for a video program to show a capture; None where it can as it is, or has been written.
+
+    Raises:
+        FrogError: if the capture cannot be opened, is not that of the scene, or something else lies where films go.
+    """
+    if not os.path.isdir(capture_folder):
+        return None
+    shown = find_clips(header, capture_folder)
+    if shown and header.capture_format in _NEVER_DISTORTED:
+        return None
+    capture = open_capture(capture_folder, pixel_offsets=header.pixel_offsets or None)
+    if shown and not any(capture.distortions):
+        return None
+    films = _films(header, capture, capture_folder)
+    folder, seen = clips_folder(scene_file), _at_size(capture, header)
+    key, index = decoding_key(seen), _index(folder)
+    if index and index.get("made_from") == key and straight_clips(header, scene_file):
+        return None
+    if folder in _writing:
+        raise FrogError(f"{folder}: the clips are being written already.")
+    if folder.is_symlink() or (index is None and _holds_others(folder)):  # a link leads where nobody asked to write
+        raise FrogError(f"{folder}: found something that is none of our clips, expected this name to be free for them.")
+    marks = {"scene": _decides(header), "made_from": key}
+    return Straightening(sum(map(len, films.values())), _write(header, seen, films, folder, marks))
+
+
+def _holds_others(folder: Path) -> bool:
+    """True unless there is nothing at all in a folder, or of that name, but films that were begun."""
+    if not folder.is_dir():
+        return folder.exists()
+    return any(not entry.name.startswith(_PARTIAL) for entry in folder.iterdir())
+
+
+def _films(header: SceneHeader, capture: Capture, folder: Path) -> dict[str, list[int]]:
+    """The shots of each clip, ordered by frame; FrogError where the capture is not that of the scene."""
+    if capture.frame_count != header.frame_count:
+        raise FrogError(
+            f"{folder}: found {capture.frame_count} frames, expected {header.frame_count} as the scene was trained on."
+        )
+    index = {camera.name: i for i, camera in enumerate(capture.cameras)}
+    films = {}
+    for name, moments in _moments(header).items():
+        shots = [capture.shot_index(index.get(camera, -1), frame) for frame, camera in moments]
+        films[name] = [shot for shot in shots if shot is not None]
+        if not shots or None in shots:
+            raise FrogError(f"{folder}: not all pictures of {name} are there, expected those that were trained on.")
+    return films
+
+
+def _moments(header: SceneHeader) -> dict[str, list[tuple[int, str]]]:
+    """For each clip, by the camera that it is shown behind: the moments that were filmed, and by which camera."""
+    if moves_alone(header):
+        path = [(frame, camera.name) for frame, camera in camera_path(header)]
+        return {path[0][1]: path}
+    filmed = zip(header.cameras, header.camera_shots, strict=True)
+    return {camera.name: [(frame, camera.name) for frame in sorted(frames)] for camera, frames in filmed}
+
+
+def _at_size(capture: Capture, header: SceneHeader) -> Capture:
+    """The capture at the size that was trained at; videos have even sides."""
+    sizes = {camera.name: (camera.width, camera.height) for camera in header.cameras}
+    cameras = []
+    for camera in capture.cameras:
+        width, height = sizes.get(camera.name, (camera.width, camera.height))
+        cameras.append(camera.resized(width + width % 2, height + height % 2))
+    return capture.with_cameras(cameras)
+
+
+def _decides(header: SceneHeader) -> dict[str, Any]:
+    """What of a scene decides its clips, as it is kept beside them."""
+    lenses = {camera.name: np.round(camera.intrinsics, 6).tolist() for camera in header.cameras}
+    return {"capture": header.capture_path, "frames": header.frame_count, "lenses": lenses}
+
+
+def _index(folder: Path) -> dict[str, Any] | None:
+    """What the folder's index says; {} where films were begun and not finished, None where there is no index."""
+    try:
+        index = json.loads((folder / _INDEX).read_text(encoding="utf-8"))
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return index if isinstance(index, dict) else {}
+
+
+def _file(folder: Path, name: str, count: int) -> Path:
+    """The file of a camera's clip of so many moments. Names of cameras may hold strokes, files' may not."""
+    return folder / f"{quote(name, safe=' ')}.{'mp4' if count > 1 else 'png'}"
+
+
+def _write(
+    header: SceneHeader, capture: Capture, films: Mapping[str, Sequence[int]], folder: Path, marks: dict[str, Any]
+) -> Generator[int, None, None]:
+    """Films into the folder, whose index says nothing until all of them are whole.
+
+    They are written into a new folder in there and then put in their places: the folder may have come with the scene,
+    and under a film's name it may hold a link to anything.
+    """
+    done, index, placing, whole = 0, folder / _INDEX, False, False
+    files = {name: _file(folder, name, len(shots)) for name, shots in films.items()}
+    partial = None
+    _writing.add(folder)
+    try:
+        folder.mkdir(exist_ok=True)
+        _remove_abandoned(folder)
+        partial = Path(tempfile.mkdtemp(prefix=_PARTIAL, dir=folder))
+        for name, shots in films.items():
+            for _ in _write_clip(partial / files[name].name, round(header.frames_per_second) or 1, capture, shots):
+                done += 1
+                yield done
+        placing = True
+        write_atomically(index, b"{}")
+        for file in files.values():
+            os.replace(partial / file.name, file)  # of a link the link itself
+        write_atomically(index, json.dumps(marks).encode())
+        whole = True
+    except OSError as error:
+        where = error.filename2 or folder  # of what is put in its place, the place
+        raise FrogError(f"{where}: the clips cannot be written here ({error.strerror or error}).") from error
+    finally:
+        _writing.discard(folder)
+        if partial is not None:
+            shutil.rmtree(partial, ignore_errors=True)
+        for file in (*files.values(), index) if placing and not whole else ():
+            with suppress(OSError):
+                file.unlink(missing_ok=True)
+        if not whole:
+            with suppress(OSError):
+                os.rmdir(folder)  # unless there is something else in it
+
+
+def _remove_abandoned(folder: Path) -> None:
+    """What processes left that were killed while they wrote films."""
+    for partial in folder.glob(f"{_PARTIAL}*"):
+        if time.time() - partial.lstat().st_mtime > _ABANDONED_AFTER:
+            shutil.rmtree(partial, ignore_errors=True)
+
+
+def _write_clip(path: Path, rate: int, capture: Capture, shots: Sequence[int]) -> Generator[None, None, None]:
+    """One camera's shots, ordered by frame: a picture, or a video of all moments that repeats one where one lacks.
+
+    Whoever shows it asks for pictures by number, so a whole rate will do; MPEG-4 cannot say every other.
+    """
+    cv2 = load_opencv()
+    pictures = (cv2.cvtColor(picture, cv2.COLOR_RGB2BGR) for picture in decode_shots(capture, shots))
+    if len(shots) == 1:
+        path.write_bytes(cv2.imencode(".png", next(pictures))[1].tobytes())
+        yield
+        return
+    camera = capture.cameras[capture.shots[shots[0]].camera]
+    size = (camera.width, camera.height)
+    video = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), float(rate), size)
+    try:
+        if not video.isOpened():
+            raise FrogError(f"{path}: OpenCV cannot write this video (no encoder for MPEG-4, or no room).")
+        changes = [capture.shots[shot].frame for shot in shots[1:]]
+        for picture, first, end in zip(pictures, [0, *changes], [*changes, capture.frame_count], strict=True):
+            shown = picture if picture.shape[1::-1] == size else cv2.resize(picture, size)
+            for _ in range(first, end):
+                video.write(shown)
+            yield
+    finally:
+        video.release()
+    try:
+        written = read_facts(path).frame_count
+    except FrogError:
+        written = 0
+    if written != capture.frame_count:  # an encoder does not say that a disk is full
+        raise FrogError(f"{path}: {written} of {capture.frame_count} pictures could be written; is the disk full?")

@@ -1,0 +1,237 @@
+"""What of each Gaussian can be seen: its motion, what it adds to pictures, and how it looks on average.
+
+Everything is measured by looking: a sample of training views at jittered times is drawn, so that what no picture shows
+counts as nothing, and training's own moments are not over-fitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import torch
+
+from ...capture.camera import Camera
+from ...capture.capture import Capture
+from ...capture.time import frame_to_time
+from ...model.canonical import SH_DC
+from ...rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
+
+PIXELS_OF_A_CHANGE = 64.0
+"""A change of the whole display range counts as motion by so many pixels: one pixel of motion across an edge of a fifth
+of the range changes about as much as a whole Gaussian by a hundredth of it."""
+_ATTRIBUTES = ("means", "quaternions", "scales", "opacities", "sh")
+STATE, SHAPE = ("means", "quaternions", "scales", "sh"), ("quaternions", "scales")
+"""Attributes but opacity, and those that a Gaussian's shape is."""
+FAINT = 1e-4
+"""Opacity that counts at least where states are weighed by it: of who is never seen, too, there is one."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """One view at one moment; times are jittered by up to half a frame."""
+
+    camera: int
+    time: float
+
+
+def draw_looks(capture: Capture, shots: Sequence[int], count: int, generator: torch.Generator) -> list[Look]:
+    """``count`` looks at ``shots`` (more than there are: some twice), one from each of as many stretches of time with
+    equally many shots: what shows for a few moments only must not be missed. They are in order of time."""
+    shuffled = [shots[int(k)] for k in torch.randperm(len(shots), generator=generator, device="cpu")]
+    in_time = sorted(shuffled, key=lambda index: capture.shots[index].frame)
+    choice, jitter = torch.rand(2, count, generator=generator, device="cpu").tolist()
+    looks = []
+    for k in range(count):
+        shot = capture.shots[in_time[int((k + choice[k]) / count * len(in_time))]]
+        frame = min(max(shot.frame + jitter[k] - 0.5, 0.0), capture.frame_count - 1.0)
+        looks.append(Look(shot.camera, frame_to_time(frame, capture.frame_count)))
+    return looks
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Of those that move.
+
+    Attributes:
+        score: (M,) pixels that they move, grow or turn by at most, and PIXELS_OF_A_CHANGE times their change of colour
+            and opacity, each times their blending weight in the look where that is most.
+        rest_energy: (M,) the mean over the looks of the sum of squares over pixels and channels by which a picture
+            would change, to first order, if this Gaussian alone were in its mean state.
+        fade_energy, shape_energy: (M,) the same, if it were as in the mean over the moments at which it is seen, all
+            but its opacity, or its SHAPE alone.
+    """
+
+    score: torch.Tensor
+    rest_energy: torch.Tensor
+    fade_energy: torch.Tensor
+    shape_energy: torch.Tensor
+
+    def of(self, who: torch.Tensor) -> Motion:
+        """Of the movers ``who`` (indices, or true where they are) alone."""
+        return Motion(self.score[who], self.rest_energy[who], self.fade_energy[who], self.shape_energy[who])
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What looks show of Gaussians.
+
+    Attributes:
+        motion: of those that move.
+        contribution: (N,) by how much a look's picture would change if this Gaussian alone were left out: root of the
+            sum of squares over its pixels and channels, of the display range, in the look where that is most.
+        energy: (N,) the mean of that sum of squares over the looks: what all pictures together would lose.
+        state: how those that move look on average over the looks, as the canonical field's attributes but embeddings.
+    """
+
+    motion: Motion
+    contribution: torch.Tensor
+    energy: torch.Tensor
+    state: dict[str, torch.Tensor]
+
+
+class _Range:
+    """Least, largest and mean of tensors that come one after the other."""
+
+    def __init__(self) -> None:
+        self.least = self.largest = self.sum = torch.empty(0, device="cpu")
+        self.count = 0
+
+    def add(self, value: torch.Tensor) -> None:
+        if self.count:
+            self.least, self.largest = torch.minimum(self.least, value), torch.maximum(self.largest, value)
+            self.sum = self.sum + value
+        else:
+            self.least = self.largest = self.sum = value
+        self.count += 1
+
+    @property
+    def mean(self) -> torch.Tensor:
+        return self.sum / self.count
+
+    @property
+    def half(self) -> torch.Tensor:
+        return (self.largest - self.least) / 2
+
+
+def measure(
+    gaussians_at: Callable[[float], GaussianArrays],
+    moving: int,
+    capture: Capture,
+    looks: Sequence[Look],
+    generator: torch.Generator,
+) -> Measured:
+    """Draws every look, at least one.
+
+    Args:
+        gaussians_at: all Gaussians at a time, those that move first.
+        moving: how many they are, M.
+    """
+    ranges = {name: _Range() for name in _ATTRIBUTES}
+    seen, total = {name: _Range() for name in STATE}, _Range()
+    contribution, energy, rest_energy, fade_energy, shape_energy, weight, reach = (_Range() for _ in range(7))
+    with torch.no_grad():
+        for look in looks:
+            gaussians = gaussians_at(look.time)
+            for name, values in ranges.items():
+                values.add(getattr(gaussians, name)[:moving])
+            opacity = gaussians.opacities[:moving].clamp(min=FAINT).square()
+            total.add(opacity)
+            for name, values in seen.items():
+                values.add(_times(opacity, getattr(gaussians, name)[:moving]))
+    mean = {name: values.mean for name, values in ranges.items()}
+    mean_seen = {name: _times(1 / total.mean, values.mean) for name, values in seen.items()}
+    for look in looks:
+        camera = capture.cameras[look.camera]
+        with torch.no_grad():
+            gaussians = gaussians_at(look.time)
+        image, slopes = _seen_from(gaussians, camera, capture.background, generator)
+        assert image.max_weights is not None
+        change = (slopes["opacities"] * gaussians.opacities).abs()
+        contribution.add(change)
+        energy.add(change.square())
+        rest_energy.add(_squares(gaussians, slopes, mean))
+        fade_energy.add(_squares(gaussians, slopes, mean_seen))
+        shape_energy.add(_squares(gaussians, slopes, {name: mean_seen[name] for name in SHAPE}))
+        weight.add(image.max_weights[:moving])
+        reach.add((image.max_weights * _pixels_per_unit(gaussians, image, camera))[:moving])
+    score = _score(ranges, weight.largest, reach.largest)
+    motion = Motion(score, rest_energy.mean, fade_energy.mean, shape_energy.mean)
+    return Measured(motion, contribution.largest, energy.mean, canonical_state(mean))
+
+
+def mean_state(gaussians_at: Callable[[float], GaussianArrays], looks: Sequence[Look]) -> dict[str, torch.Tensor]:
+    """How Gaussians look on average over the looks, see Measured.state."""
+    ranges = {name: _Range() for name in _ATTRIBUTES}
+    for look in looks:
+        gaussians = gaussians_at(look.time)
+        for name, values in ranges.items():
+            values.add(getattr(gaussians, name))
+    return canonical_state({name: values.mean for name, values in ranges.items()})
+
+
+def canonical_state(drawn: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+    """The canonical field's attributes but embeddings, of Gaussians as they are drawn (GaussianArrays, by name)."""
+    return {
+        "means": drawn["means"],
+        "quaternions": drawn["quaternions"],
+        "log_scales": drawn["scales"].clamp(min=1e-12).log(),
+        "opacity_logits": drawn["opacities"].clamp(1e-6, 1 - 1e-6).logit(),
+        "sh": drawn["sh"],  # of the degrees that have begun
+    }
+
+
+def _score(ranges: dict[str, _Range], weight: torch.Tensor, reach: torch.Tensor) -> torch.Tensor:
+    """See Motion; ``reach`` (M,) is the largest product of blending weight and pixels of a world unit."""
+    means, quaternions, scales, opacities, sh = (ranges[name] for name in _ATTRIBUTES)
+    length = quaternions.mean.norm(dim=1).clamp(min=1e-12)
+    turn = 2 * quaternions.half.norm(dim=1) / length * scales.largest.amax(1)
+    fade = opacities.half / opacities.largest.clamp(min=1e-6)
+    tint = SH_DC * sh.half[:, 0].amax(1)
+    moved = means.half.norm(dim=1) + scales.half.amax(1) + turn
+    return reach * moved + PIXELS_OF_A_CHANGE * weight * (fade + tint)
+
+
+def _squares(
+    gaussians: GaussianArrays, slopes: dict[str, torch.Tensor], state: dict[str, torch.Tensor]
+) -> torch.Tensor:
+    """(M,) by how much a look's picture changes when those that move are as in ``state``, see ``_seen_from``."""
+    change = torch.zeros((), device=gaussians.means.device)
+    for name, values in state.items():
+        ways = (values - getattr(gaussians, name)[: len(values)]) * slopes[name][: len(values)]
+        change = change + (ways.flatten(1).sum(1) if ways.dim() > 1 else ways)
+    return change.square()
+
+
+def _times(each: torch.Tensor, values: torch.Tensor) -> torch.Tensor:
+    """(M, ...) values times one number (M,) of each."""
+    return values * each.view(-1, *[1] * (values.dim() - 1))
+
+
+def _seen_from(
+    gaussians: GaussianArrays, camera: Camera, background: tuple[float, float, float], generator: torch.Generator
+) -> tuple[Image, dict[str, torch.Tensor]]:
+    """What a camera sees, and gradients by attribute.
+
+    Such a gradient times a change of one Gaussian's attributes, squared, is in the mean the sum of squares by which the
+    picture changes (see backward_by_signs): to first order, and exactly for opacities, in each of which it is affine.
+    """
+    drawn = GaussianArrays(*(value.detach().clone().requires_grad_() for value in vars(gaussians).values()))
+    image = rasterize(drawn, camera, background, RasterizeOptions(weights=True))
+    backward_by_signs(image, generator)
+    return image, {name: value.grad for name, value in vars(drawn).items()}
+
+
+def backward_by_signs(image: Image, generator: torch.Generator) -> None:
+    """One backward pass with random signs at the pixels: the square of each gradient that it gives is, in the mean, the
+    squared norm of the picture's derivative (Hutchinson's estimator)."""
+    signs = torch.randint(2, image.rgb.shape, generator=generator, dtype=torch.float32, device="cpu")
+    signs.mul_(2).sub_(1)
+    image.rgb.backward(signs.to(image.rgb.device))
+
+
+def _pixels_per_unit(gaussians: GaussianArrays, image: Image, camera: Camera) -> torch.Tensor:
+    """(N,) pixels that a world unit takes at each Gaussian's depth, 0 where it is not drawn."""
+    row = torch.from_numpy(camera.world_to_camera[2]).to(gaussians.means)
+    depth = gaussians.means @ row[:3] + row[3]
+    return torch.where(image.radii > 0, float(camera.intrinsics[0, 0]) / depth.clamp(min=1e-6), 0.0)

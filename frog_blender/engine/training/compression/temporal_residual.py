@@ -1,0 +1,88 @@
+"""What changes over time where each Gaussian is: the error that its motion leaves, and the pictures themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import torch
+
+from ...capture.camera import Camera
+from ...capture.capture import Capture
+from ...capture.time import frame_to_time
+from ...model.canonical import SH_DC
+from ...rasterizer import GaussianArrays, Image, rasterize
+from .sensitivity import Look
+from .static_regions import Changes
+
+
+def unrest(
+    gaussians_at: Callable[[float], GaussianArrays],
+    truth_of: Callable[[int], torch.Tensor],
+    capture: Capture,
+    shots: Sequence[Sequence[int]],
+) -> torch.Tensor:
+    """(N,) how much the error at each Gaussian changes over time: standard deviation of the mean difference (of the
+    display range) of its pixels, weighted by blending weight, over the moments of a camera; what nothing but motion
+    explains. 0 where a Gaussian was not seen twice.
+
+    Args:
+        truth_of: (H, W, 3) picture of a shot.
+        shots: some shots of each of some cameras, at several moments.
+    """
+    variance = looks = torch.zeros(0, device="cpu")
+    for of_camera in shots:
+        count = total = square = torch.zeros(0, device="cpu")
+        for index in of_camera:
+            shot = capture.shots[index]
+            gaussians = gaussians_at(frame_to_time(shot.frame, capture.frame_count))
+            image, colors = _drawn(gaussians, capture.cameras[shot.camera], capture.background)
+            pixels, error = _coloured(image, colors, (truth_of(index) - image.rgb.detach()).mean(2))
+            seen = pixels >= 1.0
+            error = torch.where(seen, error / pixels.clamp(min=1.0), 0.0)
+            if not len(count):
+                count, total, square = (torch.zeros_like(error) for _ in range(3))
+            count, total, square = count + seen, total + error, square + error.square()
+        n = count.clamp(min=2)
+        of_all = torch.where(count >= 2, (square - total.square() / n).clamp(min=0), 0.0)
+        variance = variance + of_all if len(variance) else of_all
+        looks = looks + (count - 1).clamp(min=0) if len(looks) else (count - 1).clamp(min=0)
+    return (variance / looks.clamp(min=1)).sqrt()
+
+
+def change(
+    gaussians_at: Callable[[float], GaussianArrays], capture: Capture, looks: Sequence[Look], changes: Changes
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """(N,) pixels that each Gaussian colours, in all looks together, and the sum over them of ``changes``: what the
+    pictures lose, squared, if it looks at all times as they do in the mean, and more where others pass before it."""
+    pixels = lost = torch.zeros(1, device="cpu")
+    for look in looks:
+        camera = capture.cameras[look.camera]
+        gaussians = gaussians_at(look.time)
+        grey = replace(gaussians, sh=torch.zeros_like(gaussians.sh[:, :1]))  # no colour is clamped
+        of_pixels = torch.from_numpy(changes.map_of(look.camera, camera.height, camera.width)).to(grey.means.device)
+        found = _coloured(*_drawn(grey, camera, capture.background), of_pixels)
+        pixels, lost = pixels.to(found[0]) + found[0], lost.to(found[1]) + found[1]
+    return pixels, lost
+
+
+def _drawn(
+    gaussians: GaussianArrays, camera: Camera, background: tuple[float, float, float]
+) -> tuple[Image, torch.Tensor]:
+    """A picture, and the colours it was drawn with, which ask for gradients as nothing else does."""
+    colors = gaussians.sh.detach().clone().requires_grad_()
+    g = gaussians
+    image = rasterize(GaussianArrays(g.means, g.quaternions, g.scales, g.opacities, colors), camera, background)
+    return image, colors
+
+
+def _coloured(image: Image, colors: torch.Tensor, values: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """(N,) pixels that each Gaussian colours, each by its blending weight, and the sum over them of ``values`` (H, W).
+
+    A Gaussian's red is in the picture's red by its blending weights: the backward pass sums what it is given in their
+    proportion. It is given the values in red and ones in green, which counts the weights.
+    """
+    image.rgb.backward(torch.stack([values, torch.ones_like(values), torch.zeros_like(values)], dim=2))
+    assert colors.grad is not None
+    sums = colors.grad[:, 0] / SH_DC
+    return sums[:, 1], sums[:, 0]

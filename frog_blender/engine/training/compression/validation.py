@@ -1,0 +1,126 @@
+"""Training pictures that judge what may be taken from a model; nothing is learned from them for a while before that.
+
+Never a test picture: those are for people to look at afterwards.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+
+import numpy as np
+import torch
+
+from ...capture.capture import Capture
+from ...capture.frames import FrameStore
+from ...evaluation.metrics import psnr_of
+from ...rasterizer import GaussianArrays, rasterize
+from ..optimize.device import picture_on
+
+_SHARE = 0.06
+_LEAST, _MOST = 4, 8
+_ENOUGH, _AIM, _STEP = 0.75, 0.9, 10.0  # of what may be lost: good enough, tried next; and by how much more at most
+_TINY = 1e-30
+_TOGETHER = 8.0  # times the sum of what each costs, cost all of them: what is similar is wrong in the same places
+_FEW = 20  # training pictures: with fewer none is spared
+
+
+def withheld_shots(capture: Capture, seed: int) -> tuple[int, ...]:
+    """Shots of the training's share, spread over the moments, cameras at random; none where there are few."""
+    training = capture.train_indices
+    if len(training) < _FEW:
+        return ()
+    random = np.random.default_rng([seed, 5])
+    training.sort(key=lambda i: (capture.shots[i].frame, random.random()))
+    count = min(max(round(_SHARE * len(training)), _LEAST), _MOST)
+    edges = np.linspace(0, len(training), count + 1).astype(int)
+    return tuple(sorted(training[int(random.integers(a, b))] for a, b in pairwise(edges)))
+
+
+class Judge:
+    """PSNR of Gaussians on some shots, as they stand and as they are proposed.
+
+    Args:
+        shots: what to look at.
+        gaussians_of: the Gaussians at a shot's moment, as they stand.
+    """
+
+    def __init__(
+        self, capture: Capture, store: FrameStore, shots: Sequence[int], gaussians_of: Callable[[int], GaussianArrays]
+    ) -> None:
+        self._capture, self._store, self._shots, self._gaussians_of = capture, store, shots, gaussians_of
+        self._gaussians: dict[int, GaussianArrays] = {}  # as they stand, by shot
+        self._now: float | None = None
+
+    @property
+    def now(self) -> float:
+        """PSNR as the Gaussians stand."""
+        if self._now is None:
+            self._now = self._psnr(lambda gaussians: gaussians)
+        return self._now
+
+    def loss(self, change: Callable[[GaussianArrays], GaussianArrays]) -> float:
+        """How many dB ``change`` costs on average; negative where it gains."""
+        return self.now - self._psnr(change)
+
+    def expected(self, energies: torch.Tensor) -> np.ndarray:
+        """(N,) dB that the first change costs, the first two and so on, about.
+
+        Args:
+            energies: (N,) by how much a picture changes with each alone: sum of squares over pixels and channels.
+        """
+        cameras = [self._capture.cameras[self._capture.shots[index].camera] for index in self._shots]
+        squares = 10 ** (-self.now / 10) * 3 * np.mean([camera.width * camera.height for camera in cameras])
+        return np.asarray(10 * np.log10(1 + _TOGETHER * energies.double().cumsum(0).cpu().numpy() / squares))
+
+    def accept(self, loss: float) -> None:
+        """The Gaussians have been changed for ``loss`` dB: they stand otherwise now."""
+        self._now = self.now - loss
+        self._gaussians = {}
+
+    @torch.no_grad()
+    def _psnr(self, change: Callable[[GaussianArrays], GaussianArrays]) -> float:
+        """Mean over the shots after ``change``."""
+        self._gaussians = self._gaussians or {index: self._gaussians_of(index) for index in self._shots}
+        values = []
+        for index, gaussians in self._gaussians.items():
+            camera = self._capture.cameras[self._capture.shots[index].camera]
+            image = rasterize(change(gaussians), camera, self._capture.background)
+            truth = picture_on(image.rgb.device, self._store.image(index))
+            values.append(psnr_of(float((image.rgb.clamp(0, 1) - truth).square().mean())))
+        return float(np.mean(values))
+
+
+def most_within(
+    loss: Callable[[int], float], expected: np.ndarray, allowed: float, tries: int = 4
+) -> tuple[int, float]:
+    """About the largest number of candidates, from the first, whose loss is allowed: (number, its loss).
+
+    Args:
+        loss: of that many candidates; grows with them.
+        expected: (candidates,) ascending, what it is about.
+        tries: calls of ``loss`` at most.
+    """
+    low, cost, high = 0, 0.0, len(expected) + 1
+    power, number = 1.0, int(np.searchsorted(expected, _AIM * allowed))  # by which loss grows with what was expected
+    tried: list[tuple[float, float]] = []  # logarithms of what was expected, and found
+    for _ in range(tries):
+        margin = (high - low) // 10  # of what is in question: every try leaves less of it
+        most = high - 1 - margin if high <= len(expected) else len(expected)
+        number = min(max(number, low + 1 + margin), most)
+        if not low < number < high:
+            break
+        found = loss(number)
+        if found <= allowed:
+            low, cost = number, found
+        else:
+            high = number
+        tried.append((math.log(max(expected[number - 1], _TINY)), math.log(max(found, allowed / _STEP, _TINY))))
+        if len(tried) > 1 and tried[-1][0] != tried[-2][0]:
+            power = float(np.clip((tried[-1][1] - tried[-2][1]) / (tried[-1][0] - tried[-2][0]), 0.5, 3.0))
+        wanted = math.exp(tried[-1][0] + (math.log(max(_AIM * allowed, _TINY)) - tried[-1][1]) / power)
+        number = int(np.searchsorted(expected, wanted))
+        if cost > _ENOUGH * allowed or 0 < low >= number:
+            break
+    return low, cost

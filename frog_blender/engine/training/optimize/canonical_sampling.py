@@ -1,0 +1,150 @@
+"""Canonical field sampling (FRoG, section of that name): new anchors where a training view shows high error.
+
+Pixels of high error are sent along their rays to the median depth, and the points are put into the canonical field as
+they are: low-cost anchors, whose small deformation is learned from the embedding of the Gaussian that moves least.
+The paper's two variants are here too: mean depth, and points taken back by an inverse deformation.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+from torch.nn import functional
+
+from ...capture.camera import Camera
+from ...model.canonical import ATTRIBUTES, new_gaussians
+from ...model.frog import total_deformation
+from ...rasterizer import Image, RasterizeOptions
+from .device import picture_on
+from .gaussian_order import all_but
+from .nearest_neighbours import nearest, spacings
+
+if TYPE_CHECKING:
+    from .trainer import Trainer
+
+_WHILE_FEW = 0.01  # anchors of half the limit of Gaussians, a round
+_PATCH = 7  # pixels: single bright pixels are noise
+_BRIGHTNESS_FLOOR = 0.05  # of the display range: below it, error counts as it is
+
+
+def error_map(rgb: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
+    """(H, W) mean absolute error over a patch, relative to the patch's brightness, so that dim places count too."""
+
+    def smooth(picture: torch.Tensor) -> torch.Tensor:
+        return functional.avg_pool2d(picture[None, None], _PATCH, 1, _PATCH // 2, count_include_pad=False)[0, 0]
+
+    return smooth((rgb - truth).abs().mean(2)) / (smooth(truth.mean(2)) + _BRIGHTNESS_FLOOR)
+
+
+def choose_pixels(score: torch.Tensor, depth: torch.Tensor, count: int, generator: torch.Generator) -> torch.Tensor:
+    """(<= count,) flat indices of pixels drawn in proportion to score among the worst tenth that have a depth."""
+    usable = torch.isfinite(depth) & torch.isfinite(score)
+    score = torch.where(usable, score, 0).flatten()
+    candidates = score.topk(max(1, score.numel() // 10)).indices
+    candidates = candidates[score[candidates] > 0]
+    if len(candidates) == 0:
+        return candidates
+    weights = score[candidates].cpu()  # where the generator is
+    drawn = torch.multinomial(weights, min(count, len(candidates)), generator=generator)
+    return candidates[drawn.to(candidates.device)]
+
+
+def distances_along_rays(image: Image, camera: Camera, kind: str) -> torch.Tensor:
+    """(H, W) Euclidean distance to the surface: the median depth as it is, or the mean planar depth made Euclidean."""
+    if kind == "median":
+        assert image.median_depth is not None
+        return image.median_depth
+    assert image.mean_depth is not None
+    height, width = image.mean_depth.shape
+    y, x = np.mgrid[:height, :width] + 0.5
+    rays = camera.ray_directions(np.stack([x.ravel(), y.ravel()], axis=1))
+    planar = (rays @ camera.forward).reshape(height, width)
+    return image.mean_depth / torch.from_numpy(planar).to(image.mean_depth)
+
+
+@torch.no_grad()
+def worst_points(
+    image: Image, truth: torch.Tensor, camera: Camera, count: int, depth: str, generator: torch.Generator
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Points (M, 3) in the deformed scene, and colours (M, 3), of at most ``count`` pixels of high error.
+
+    Args:
+        image: drawn with depth.
+        truth: (H, W, 3) the training picture.
+        depth: "median" or "mean".
+    """
+    distances = distances_along_rays(image, camera, depth)
+    # Coverage is a second cue: what nothing covers shows no error against a dark truth.
+    score = error_map(image.rgb, truth) + (1 - image.alpha)
+    chosen = choose_pixels(score, distances, count, generator)
+    width = distances.shape[1]
+    pixels = torch.stack([chosen % width, torch.div(chosen, width, rounding_mode="floor")], dim=1) + 0.5
+    places = camera.unproject(pixels.double().cpu().numpy(), distances.flatten()[chosen].double().cpu().numpy())
+    return torch.from_numpy(places).float().to(truth.device), truth.reshape(-1, 3)[chosen]
+
+
+@torch.no_grad()
+def undeformed(
+    points: torch.Tensor, deformed: torch.Tensor, motion: torch.Tensor, embeddings: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Where points (M, 3) of the deformed scene lie in the canonical field if they move as the nearest Gaussian does,
+    and that Gaussian's embeddings (M, E): the paper's inverse deformation, which it shows to be unstable.
+
+    Args:
+        deformed, motion: (M, 3) means at the moment, and what was added to the canonical ones, of those that move.
+        embeddings: (M, E).
+    """
+    if len(points) == 0:
+        return points, embeddings.new_empty(0, embeddings.shape[1])
+    closest = nearest(points, deformed.detach(), 1, skip_self=False)[1][:, 0]
+    return points - motion.detach()[closest], embeddings.detach()[closest]
+
+
+@torch.no_grad()
+def new_anchors(
+    points: torch.Tensor, colors: torch.Tensor, embeddings: torch.Tensor, existing: torch.Tensor, sh_count: int
+) -> dict[str, torch.Tensor]:
+    """New Gaussians by attribute (see new_gaussians) at canonical ``points`` (M, 3), with ``embeddings`` (M, E).
+
+    Args:
+        existing: (N, 3) canonical means, for the size of the new ones.
+    """
+    sizes = spacings(points, existing) if len(points) else points.new_empty(0)
+    new = new_gaussians(points, colors, sizes, sh_count, embeddings.shape[1])
+    new["embeddings"] = embeddings.detach().clone()
+    return new
+
+
+@torch.no_grad()
+def inject_anchors(trainer: Trainer, progress: float, shot_index: int) -> None:
+    """A round: new anchors where the drawing of a shot is wrong, at the end of the Gaussians that move. At the limit
+    they take the places of those that are least needed (see training.density)."""
+    recipe, canonical = trainer.recipe, trainer.model.canonical
+    newcomers = recipe.newcomers(trainer.count, recipe.sampling_share, _WHILE_FEW)
+    room = max(recipe.growth_limit_at(progress) - trainer.count, 0)
+    replaced = trainer.density.least_needed(newcomers - room)
+    newcomers = min(newcomers, room + len(replaced))
+    if not newcomers:
+        return
+    pixels, drawn = trainer.draw(shot_index, progress, RasterizeOptions(depth=True))
+    changes = drawn.changes
+    if not changes:
+        return
+    camera = trainer.camera_at(trainer.capture.shots[shot_index].camera, progress)
+    truth = picture_on(trainer.device, pixels)
+    points, colors = worst_points(drawn.image, truth, camera, newcomers, recipe.sampling_depth, trainer.generator)
+    if recipe.sampling == "inverse":
+        moved = drawn.gaussians.means[: canonical.moving]
+        points, embeddings = undeformed(points, moved, changes["means"], canonical.embeddings)
+    else:
+        calmest = canonical.embeddings[int(total_deformation(changes).argmin())]
+        embeddings = calmest.expand(len(points), -1)
+    new = new_anchors(points, colors, embeddings, canonical.means.detach(), canonical.sh.shape[1])
+    replaced = replaced[: max(len(points) - room, 0)]  # fewer pixels than asked for may have a depth
+    kept = all_but(replaced, trainer.count).nonzero().squeeze(1)
+    who = trainer.optimizer.replace_gaussians(kept, {name: new[name] for name in ATTRIBUTES})
+    trainer.density.arrange(who)
+    if trainer.neighbourhood is not None and len(replaced):  # new ones alone come behind those that move
+        trainer.neighbourhood = trainer.neighbourhood.arranged(who)

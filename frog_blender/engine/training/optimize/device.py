@@ -1,0 +1,117 @@
+"""Where a training computes: the choice between processor and GPU, and how pictures get there."""
+
+from __future__ import annotations
+
+from .. import passive_threads  # noqa: F401
+
+# isort: split
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import torch
+
+from ...capture.camera import Camera
+from ...errors import FrogError
+from ...rasterizer import GaussianArrays, rasterize
+
+DEVICES = ("auto", "cpu", "cuda")
+
+EXPERIMENTAL = (
+    "Computing on the GPU is experimental: the CUDA kernels were tested by emulation and have not run on a GPU yet. "
+    "Choose the device cpu for what was tested."
+)
+"""Said whenever a GPU is used; it goes once ``benchmarks/gpu.py`` has passed on one."""
+
+
+def choose_device(name: str) -> tuple[torch.device, str]:
+    """The device that ``name`` asks for, and what its user is to know: that a GPU is experimental, or why "auto" left
+    it aside ("" for the CPU without a GPU).
+
+    "auto" is the GPU where torch sees one and the CUDA rasterizer draws on it, else the CPU.
+
+    Raises:
+        FrogError: an unknown name, or "cuda" where nothing can be drawn on a GPU.
+    """
+    if name not in DEVICES:
+        raise FrogError(f"There is no device {name!r}; there are {', '.join(DEVICES)}.")
+    cpu = torch.device("cpu")
+    if name == "cpu":
+        return cpu, ""
+    if not torch.cuda.is_available():
+        if name == "cuda":
+            raise FrogError("The device 'cuda' cannot be used: this torch sees no NVIDIA GPU.")
+        return cpu, ""
+    try:
+        device = torch.device("cuda", torch.cuda.current_device())
+        _draw_one_gaussian(device)
+    except Exception as error:  # of the driver, the compiler, the kernels: whatever it is, the CPU can go on
+        reason = (str(error).strip() or type(error).__name__).splitlines()[0].rstrip(".")
+        if name == "cuda":
+            raise FrogError(f"The device 'cuda' cannot be used: {reason}.") from error
+        return cpu, f"The GPU is left aside, training on the CPU: {reason}."
+    return device, EXPERIMENTAL
+
+
+def _draw_one_gaussian(device: torch.device) -> None:
+    """Compiles and runs the kernels once, forward and backward; FrogError when the picture or a gradient is wrong."""
+    values = {
+        "means": [[0.0, 0.0, 2.0]],
+        "quaternions": [[1.0, 0.0, 0.0, 0.0]],
+        "scales": [[100.0, 100.0, 100.0]],
+        "opacities": [0.6],
+        "sh": [[[0.0, 0.0, 0.0]]],  # a colour of one half
+    }
+    leaves = {
+        name: torch.tensor(value, dtype=torch.float32, device=device, requires_grad=True)
+        for name, value in values.items()
+    }
+    camera = Camera("trial", 16, 16, np.array([[16.0, 0, 8], [0, 16, 8], [0, 0, 1]]), np.eye(4))
+    rgb = rasterize(GaussianArrays(**leaves), camera).rgb
+    rgb.mean().backward()
+    by_opacity = leaves["opacities"].grad
+    assert by_opacity is not None
+    found, slope = float(rgb.detach().mean()), float(by_opacity)
+    if not (abs(found - 0.3) < 1e-3 and abs(slope - 0.5) < 1e-3):
+        raise FrogError(f"The CUDA rasterizer found {found:.4f} and {slope:.4f}, expected 0.3 and 0.5.")
+
+
+@contextmanager
+def torch_threads(count: int) -> Iterator[None]:
+    """Torch's own CPU threads inside the block.
+
+    A training step keeps them at one: what is left for torch is small, and its idle OpenMP threads spin on the cores
+    that the native library's threads want (a step took 1.45 times as long on two cores).
+    """
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+class OnItsWay:
+    """A tensor's numbers, asked for without waiting: on a GPU the copy is queued behind what was asked of it before."""
+
+    def __init__(self, tensor: torch.Tensor) -> None:
+        self._copy = tensor.detach().to("cpu", non_blocking=True)
+        on_gpu = tensor.device.type == "cuda"
+        self._arrived = torch.cuda.current_stream(tensor.device).record_event() if on_gpu else None
+
+    def here(self) -> torch.Tensor:
+        """The tensor on the CPU, once it is there."""
+        if self._arrived is not None:
+            self._arrived.synchronize()
+        return self._copy
+
+
+def picture_on(device: torch.device, pixels: np.ndarray) -> torch.Tensor:
+    """(H, W, 3) float32 in [0, 1] on ``device`` from bytes (H, W, 3)."""
+    if device.type == "cpu":
+        return torch.from_numpy(pixels.astype(np.float32)) / 255
+    # Bytes cross the bus, a quarter of what floats would be, and from pinned memory nobody waits for them: torch gives
+    # the buffer out again only when the copy is done.
+    staged = torch.empty(pixels.shape, dtype=torch.uint8, device="cpu", pin_memory=device.type == "cuda")
+    staged.numpy()[...] = pixels
+    return staged.to(device, non_blocking=True).float() / 255

@@ -1,0 +1,46 @@
+"""What a training begins with: the scene's scale, and a model made of the seed points."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from ...capture.capture import Capture
+from ...capture.seeds import Seeds
+from ...model.canonical import CanonicalField, new_gaussians
+from ...model.interface import SceneModel
+from ...rasterizer import RasterizeOptions
+from ..methods import Beginning, method_named
+from ..recipe import Recipe
+from .nearest_neighbours import spacings
+
+
+def scale_of(capture: Capture, points: np.ndarray) -> float:
+    """Median distance from camera to seed point (N, 3), world units."""
+    centers = np.array([camera.center for camera in capture.cameras])
+    some = points[:: max(1, len(points) // 2000)]
+    distances = np.linalg.norm(some[:, None] - centers[None, :: max(1, len(centers) // 20)], axis=2)
+    return float(np.median(distances))
+
+
+def doubt_of_scale(scene_scale: float) -> str | None:
+    """What is to be said of a scene that is small beside the near plane, in front of which nothing is drawn."""
+    near = RasterizeOptions.near_plane
+    if scene_scale >= 10 * near:
+        return None
+    return (
+        f"The scene is {scene_scale:.2g} units away from its cameras, and nothing nearer than {near} is drawn: "
+        "expected camera poses in larger units, such as metres."
+    )
+
+
+def first_model(
+    capture: Capture, seeds: Seeds, recipe: Recipe, method: str, scene_scale: float, device: torch.device
+) -> SceneModel:
+    """The model before its first step, on ``device``; its random numbers are torch's own of the CPU on any device."""
+    points, colors = (torch.from_numpy(array).to(device) for array in (seeds.points, seeds.colors))
+    sh_count = (recipe.sh_degree + 1) ** 2
+    canonical = CanonicalField(new_gaussians(points, colors, spacings(points), sh_count, recipe.embedding_size))
+    pictures = len(capture.train_shots)
+    begin = Beginning(canonical, recipe, capture.frame_count, pictures, scene_scale)
+    return method_named(method).build(begin).to(device)

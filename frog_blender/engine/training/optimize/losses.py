@@ -1,0 +1,95 @@
+"""How far a drawing is from the picture it should be: the loss and its gradient, and the errors by cells."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch.nn import functional
+
+from ...native.binding import CELL, compare, similarity
+from .device import picture_on
+
+_WINDOW, _SIGMA = 11, 1.5
+
+
+@dataclass(frozen=True)
+class PictureLoss:
+    """How far a drawing is from its picture; nothing of it has gradients.
+
+    Attributes:
+        loss: ().
+        error: () mean absolute difference.
+        cell_errors: (rows, columns) mean squared difference in cells of CELL x CELL pixels; the border cuts the last.
+        gradient: (H, W, 3) of the loss by the drawing.
+    """
+
+    loss: torch.Tensor
+    error: torch.Tensor
+    cell_errors: torch.Tensor
+    gradient: torch.Tensor
+
+
+def picture_loss(
+    image: torch.Tensor, pixels: np.ndarray, *, dssim_weight: float = 0.0, weight: float = 1.0
+) -> PictureLoss:
+    """``weight`` (mean |image - truth| + ``dssim_weight`` (1 - SSIM) / 2).
+
+    Float32 on the CPU goes through the native library: the first part in one pass over the picture.
+
+    Args:
+        image: (H, W, 3) a drawing.
+        pixels: (H, W, 3) uint8 what it should be; its rows may be part of a larger picture's.
+    """
+    if image.dtype != torch.float32 or image.device.type != "cpu":
+        return picture_loss_plainly(image, picture_on(image.device, pixels), dssim_weight, weight)
+    image = image.detach().contiguous()
+    gradient, cells = torch.empty_like(image), image.new_empty([-(-length // CELL) for length in pixels.shape[:2]])
+    truth = torch.empty_like(image) if dssim_weight else None
+    loss = error = compare(image, pixels, weight, gradient, cells, truth)
+    if dssim_weight:
+        slope = torch.empty_like(image)
+        loss += dssim_weight * (1 - similarity(image, truth, slope)) / 2
+        gradient.sub_(slope, alpha=weight * dssim_weight / 2)
+    return PictureLoss(torch.tensor(weight * loss, device="cpu"), torch.tensor(error, device="cpu"), cells, gradient)
+
+
+def picture_loss_plainly(
+    image: torch.Tensor, truth: torch.Tensor, dssim_weight: float = 0.0, weight: float = 1.0
+) -> PictureLoss:
+    """``picture_loss`` in plain torch, on any device and in any floating-point type; ``truth`` in [0, 1]."""
+    with torch.enable_grad():
+        image = image.detach().requires_grad_()
+        difference = image - truth
+        error = difference.abs().mean()
+        loss = weight * (error + dssim_weight * (1 - ssim(image, truth)) / 2 if dssim_weight else error)
+        (gradient,) = torch.autograd.grad(loss, image)
+    square = difference.detach().square().permute(2, 0, 1)
+    cells = functional.avg_pool2d(square, CELL, ceil_mode=True, count_include_pad=False).mean(0)
+    return PictureLoss(loss.detach(), error.detach(), cells, gradient)
+
+
+@functools.cache
+def _kernel() -> torch.Tensor:
+    offsets = torch.arange(_WINDOW, device="cpu") - _WINDOW // 2
+    kernel = torch.exp(-offsets.square() / (2 * _SIGMA**2))
+    return kernel / kernel.sum()
+
+
+def ssim(image: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
+    """Mean structural similarity of (H, W, 3) pictures in [0, 1], with the window of 3DGS (11 pixels, sigma 1.5)."""
+    x, y = image.permute(2, 0, 1), truth.permute(2, 0, 1)
+    moments = torch.cat([x, y, x * x, y * y, x * y])[None]
+    channels = moments.shape[1]
+    kernel = _kernel().to(moments, non_blocking=True)
+    for shape, padding in (((1, _WINDOW), (0, _WINDOW // 2)), ((_WINDOW, 1), (_WINDOW // 2, 0))):
+        weight = kernel.reshape(1, 1, *shape).expand(channels, 1, *shape)
+        moments = functional.conv2d(moments, weight, padding=padding, groups=channels)
+    mean_x, mean_y, square_x, square_y, product = moments[0].split(3)
+    variance_x, variance_y = square_x - mean_x * mean_x, square_y - mean_y * mean_y
+    covariance = product - mean_x * mean_y
+    c1, c2 = 0.01**2, 0.03**2
+    numerator = (2 * mean_x * mean_y + c1) * (2 * covariance + c2)
+    return (numerator / ((mean_x.square() + mean_y.square() + c1) * (variance_x + variance_y + c2))).mean()

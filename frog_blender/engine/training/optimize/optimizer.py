@@ -1,0 +1,199 @@
+"""Adam over parameters that change their shapes as Gaussians come and go, and units of the network leave."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import torch
+from torch import nn
+
+from ...model.canonical import ATTRIBUTES
+from ...model.deformation import UNITS
+from ...model.frog import Frog
+from ...model.interface import SceneModel
+from ..recipe import Recipe
+from .adam import NativeAdam, adam_on
+from .state_checks import fitting
+
+_MOMENTS = ("exp_avg", "exp_avg_sq")  # what Adam remembers of each number
+
+
+class SceneOptimizer:
+    """One parameter group for each canonical attribute, and one for each of the model's own (``rate_groups``).
+
+    Args:
+        model: a method.
+        recipe: the rates.
+        scene_scale: world units; multiplies the rate of the means.
+
+    Attributes:
+        rate_factor: multiplies every rate (see training.recovery).
+    """
+
+    def __init__(self, model: SceneModel, recipe: Recipe, scene_scale: float) -> None:
+        self._canonical = model.canonical
+        decay, attribute_decay = recipe.rate_decay, recipe.attribute_decay
+        rates = {
+            "means": (recipe.mean_rate * scene_scale, decay),
+            "log_scales": (recipe.scale_rate, attribute_decay),
+            "quaternions": (recipe.rotation_rate, attribute_decay),
+            "opacity_logits": (recipe.opacity_rate, attribute_decay),
+            "sh": (recipe.color_rate, attribute_decay),
+            "embeddings": (recipe.embedding_rate, decay),
+            "temporal": (recipe.temporal_rate, decay),
+            "network": (recipe.network_rate, decay),
+            "grid": (recipe.grid_rate, decay),
+        }
+        groups: list[dict[str, Any]] = [
+            {"params": [getattr(self._canonical, name)], "name": name}
+            for name in ATTRIBUTES
+            if getattr(self._canonical, name).shape[1:].numel()  # methods without embeddings have some of no length
+        ]
+        groups += [{"params": parameters, "name": name} for name, parameters in model.rate_groups().items()]
+        self._rates, self._cool_down, self.rate_factor = rates, recipe.cool_down, 1.0
+        self.adam = adam_on(self._canonical.means.device, groups)
+        self.schedule(0.0)
+
+    def schedule(self, progress: float) -> None:
+        """Sets the rates for ``progress`` in [0, 1]: exponential decay, and the cool-down at the end."""
+        left = 1.0 - progress
+        factor = self.rate_factor * (left / self._cool_down if left < self._cool_down else 1.0)
+        for group in self.adam.param_groups:
+            start, decay = self._rates[group["name"]]
+            group["lr"] = factor * start * decay**progress
+
+    def step(self) -> None:
+        self.adam.step()
+        for group in self.adam.param_groups:  # torch's own zero_grad takes ten times as long
+            for parameter in group["params"]:
+                parameter.grad = None
+
+    def replace_gaussians(self, keep: torch.Tensor, new: dict[str, torch.Tensor]) -> torch.Tensor:
+        """Keeps the Gaussians named by ``keep`` (indices, ascending) and adds ``new`` (values by attribute), those that
+        move before those at rest: in the places of those that leave, as far as there are any.
+
+        Args:
+            new: (n, ...) of each attribute; ``embeddings`` (m, E) of the first m of them, which move.
+
+        Returns:
+            (kept + n,) for every place the old index of who is there, or the old count + the index of a new one.
+        """
+        count, moving = len(self._canonical), self._canonical.moving
+        arrivals = torch.arange(len(new["means"]), device=keep.device) + count
+        m, places = len(new["embeddings"]), torch.full((count,), -1, device=keep.device)
+        places[keep] = keep
+        movers = _filled(places[:moving], arrivals[:m])
+        who = torch.cat([movers, _filled(places[moving:], arrivals[m:])])
+        self.arrange(who, torch.where(movers < count, movers, movers - count + moving), new)
+        return who
+
+    def arrange(self, who: torch.Tensor, movers: torch.Tensor, new: dict[str, torch.Tensor]) -> None:
+        """Puts Gaussians into another order, some left out, some new, their Adam memory with them.
+
+        Args:
+            who: (N',) for each place a row of the old ones with the ``new`` ones after them.
+            movers: (M',) the same for the rows of the embeddings: the first M' places are those that move.
+            new: (n, ...) by attribute; none where one is missing.
+        """
+        for name in ATTRIBUTES:
+            self._replace(name, movers if name == "embeddings" else who, new.get(name))
+
+    def cut_colors(self, count: int) -> None:
+        """Keeps the first ``count`` SH coefficients."""
+        old: Any = self._canonical.sh
+        parameter = self._canonical.sh = nn.Parameter(old.detach()[:, :count].contiguous())
+        self._exchange(old, parameter, lambda moment: moment[:, :count].contiguous())
+
+    def keep_units(self, model: Frog, units: torch.Tensor) -> None:
+        """Keeps the units ``units`` (indices, ascending) of the deformation field's first layer."""
+        field = model.deformation
+        old = field.unit_arrays
+        model.set_width({name: array.detach().index_select(UNITS[name], units) for name, array in old.items()})
+        for name, array in old.items():
+            self._exchange(array, getattr(field, name), partial(torch.index_select, dim=UNITS[name], index=units))
+
+    def stop(self, parameter: nn.Parameter, rows: slice) -> None:
+        """Lets go of what Adam still carries on with in some rows of a parameter that has no gradient there."""
+        state = self.adam.state.get(parameter)
+        if state:
+            state["exp_avg"][rows] = 0
+
+    def _replace(self, name: str, kept: torch.Tensor, new: torch.Tensor | None) -> None:
+        """An attribute becomes the rows ``kept`` of its own with the ``new`` ones after them, which Adam has never
+        seen. Where few change, they alone are written."""
+        old = getattr(self._canonical, name)
+        fresh = old.detach()[:0] if new is None else new
+        unseen = torch.zeros_like(fresh)
+        if len(kept) == len(old):
+            changed = (kept != torch.arange(len(old), device=kept.device)).nonzero().squeeze(1)
+            if len(changed) <= len(old) // 4:
+                state = self.adam.state.get(old, {})
+                for array, added in ((old.detach(), fresh), *((state[key], unseen) for key in _MOMENTS if state)):
+                    array[changed] = _rows(array, added, kept[changed])
+                return
+        parameter = nn.Parameter(_rows(old.detach(), fresh, kept))
+        setattr(self._canonical, name, parameter)
+        self._exchange(old, parameter, lambda moment: _rows(moment, unseen, kept))
+
+    def _exchange(
+        self, old: nn.Parameter, new: nn.Parameter, rearranged: Callable[[torch.Tensor], torch.Tensor]
+    ) -> None:
+        """Goes on with ``new`` in place of a parameter, whose memory is ``rearranged`` for it."""
+        for group in self.adam.param_groups:
+            group["params"] = [new if parameter is old else parameter for parameter in group["params"]]
+        state = self.adam.state.pop(old, None)
+        if state:
+            moments = {key: rearranged(state[key]) for key in _MOMENTS}
+            self.adam.state[new] = {"step": state["step"], **moments}
+
+    def state_arrays(self) -> dict[str, torch.Tensor]:
+        """Adam's memory by name, for a checkpoint."""
+        arrays = {}
+        for group in self.adam.param_groups:
+            for number, parameter in enumerate(group["params"]):
+                for key, value in self.adam.state.get(parameter, {}).items():
+                    if isinstance(value, int):
+                        value = torch.tensor(float(value), device="cpu")
+                    arrays[f"adam.{group['name']}.{number}.{key}"] = value
+        return arrays
+
+    def resume(self, arrays: dict[str, torch.Tensor], rate_factor: float) -> None:
+        """Goes on with what ``state_arrays`` gave; ValueError or KeyError for what does not fit the parameters."""
+        if not 0 < rate_factor <= 1:
+            raise ValueError(f"rates times {rate_factor}")
+        self.rate_factor = rate_factor
+        for group in self.adam.param_groups:
+            for number, parameter in enumerate(group["params"]):
+                prefix = f"adam.{group['name']}.{number}."
+                if any(name.startswith(prefix) for name in arrays):
+                    self.adam.state[parameter] = self._memory(arrays, prefix, parameter)
+
+    def _memory(self, arrays: dict[str, torch.Tensor], prefix: str, parameter: nn.Parameter) -> dict[str, Any]:
+        device = parameter.device
+        moments = {name: fitting(prefix + name, arrays[prefix + name], parameter.shape).to(device) for name in _MOMENTS}
+        step = fitting(f"{prefix}step", arrays[f"{prefix}step"], ())
+        if not (step >= 0 and float(step).is_integer()):
+            raise ValueError(f"{prefix}step is {float(step)}")
+        return {"step": int(step) if isinstance(self.adam, NativeAdam) else step.to(device), **moments}
+
+
+def _filled(places: torch.Tensor, arrivals: torch.Tensor) -> torch.Tensor:
+    """Who stands where when ``arrivals`` take the free ``places`` (-1); behind those who stay where they are more than
+    that, and without what is free where they are fewer."""
+    free = (places < 0).nonzero().squeeze(1)[: len(arrivals)]
+    places = places.index_copy(0, free, arrivals[: len(free)])
+    return torch.cat([places[places >= 0], arrivals[len(free) :]])
+
+
+def _rows(old: torch.Tensor, new: torch.Tensor, which: torch.Tensor) -> torch.Tensor:
+    """Rows ``which`` of the old ones with the new ones after them."""
+    if not len(new):
+        return old[which]
+    if not len(old):
+        return new[which]
+    rows = old[which.clamp(max=len(old) - 1)]
+    added = which >= len(old)
+    rows[added] = new[which[added] - len(old)]
+    return rows

@@ -1,0 +1,64 @@
+"""The loss as people see it, a running mean, and the alarm when it is no longer a number."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+
+from ...errors import FrogError
+
+
+class Unstable(FrogError):
+    """A training has come to numbers that are none; see training.recovery."""
+
+
+_SHARE = 0.02  # of a new value in the mean
+_PATIENCE = 20  # steps between two looks at a loss on a GPU
+
+
+class RunningLoss:
+    """On the CPU every loss is looked at, before it reaches the optimiser.
+
+    On a GPU a look waits for everything that was queued, and the GPU idles until the next step is queued; so the mean
+    stays there and is looked at now and then. Nothing is missed: a mean that took in a NaN or an infinity never
+    becomes a finite number again. What is saved or shown is looked at before (``check``, ``mean``).
+    """
+
+    def __init__(self) -> None:
+        self._mean: float | torch.Tensor = math.nan
+        self._empty = True
+        self._unseen = 0
+
+    @property
+    def mean(self) -> float:
+        """NaN before the first step."""
+        return float(self._mean)
+
+    def resume(self, mean: float) -> None:
+        """Goes on from a checkpoint's mean; NaN where it had none."""
+        self._mean, self._empty, self._unseen = mean, math.isnan(mean), 0
+
+    def add(self, loss: torch.Tensor, step: int) -> None:
+        """Takes in the loss of step number ``step``; Unstable when it is seen not to be a number."""
+        if loss.device.type == "cpu":
+            value: float | torch.Tensor = loss.item()
+            if not math.isfinite(value):
+                raise _unstable(step)
+        else:
+            value = loss.detach()
+            self._unseen += 1
+        self._mean = value if self._empty else (1 - _SHARE) * self._mean + _SHARE * value
+        self._empty = False
+        if self._unseen >= _PATIENCE:
+            self.check(step)
+
+    def check(self, step: int) -> None:
+        """Unstable when a loss that was not looked at yet was not a number."""
+        if self._unseen and not math.isfinite(self.mean):
+            raise _unstable(step)
+        self._unseen = 0
+
+
+def _unstable(step: int) -> Unstable:
+    return Unstable(f"Training became unstable at step {step} (the loss is not a number).")

@@ -1,0 +1,111 @@
+"""Where in the training one is, and which picture comes next."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+
+from ...capture.capture import Capture
+from .state_checks import fitting
+
+_ROUNDING = 1e-9  # of a fraction of the training that is computed: no training has as many steps
+
+
+@dataclass(frozen=True)
+class Every:
+    """Rounds at fractions start, start + interval, ... up to the end."""
+
+    start: float
+    until: float
+    interval: float
+
+    def due(self, before: float, now: float) -> bool:
+        """True when a round lies in (before, now]."""
+        rounds = self._begun(now)
+        return now <= self.until + _ROUNDING and rounds >= 0 and rounds > self._begun(before)
+
+    def _begun(self, progress: float) -> int:
+        """Rounds whose time has come, less one."""
+        return math.floor((progress - self.start + _ROUNDING) / self.interval)
+
+
+def ramp(progress: float, start: float, end: float) -> float:
+    """0 before ``start``, 1 after ``end``, linear between."""
+    if progress >= end:
+        return 1.0
+    return max(0.0, (progress - start) / (end - start)) if end > start else 1.0
+
+
+_UNSEEN = 100.0  # no picture in [0, 1] can lose as much
+_MOST = 1e12  # of what a checkpoint may say
+
+
+class ShotPicker:
+    """Draws training pictures; never one that is withheld.
+
+    Args:
+        choice: "even": each as often as every other. "loss": every second draw picks its moment in proportion to the
+            moment's loss, summed over the cameras' last looks (E-D3DGS, its loss-based frame sampling); what nobody
+            has looked at yet comes first.
+
+    Attributes:
+        draws: so far.
+        losses: (cameras, frames) mean absolute error at the last look, ``_UNSEEN`` before the first.
+    """
+
+    def __init__(self, capture: Capture, choice: str = "even") -> None:
+        self._by_loss = choice == "loss"
+        self.draws = 0
+        self.losses = torch.full((len(capture.cameras), capture.frame_count), _UNSEEN, device="cpu")
+        self._capture = capture
+        self._withheld: Sequence[int] = ()
+        self._gather()
+
+    def _gather(self) -> None:
+        shots = self._capture.shots
+        self._shots = [i for i in self._capture.train_indices if i not in self._withheld]
+        self._by_frame: dict[int, list[int]] = {}
+        for i in self._shots:
+            self._by_frame.setdefault(shots[i].frame, []).append(i)
+
+    def resume(self, losses: torch.Tensor, draws: int) -> None:
+        """Goes on from a checkpoint; ValueError for what does not fit."""
+        self.losses = fitting("losses", losses, tuple(self.losses.shape))
+        if not bool(((losses >= 0) & (losses < _MOST)).all()) or not 0 <= draws < _MOST:
+            raise ValueError("losses or draws that no training has")
+        self.draws = draws
+
+    def withhold(self, shots: Sequence[int]) -> None:
+        """From now on leaves these training shots alone, and no others."""
+        if shots != self._withheld:
+            self._withheld = shots
+            self._gather()
+
+    def pick(self, generator: torch.Generator) -> int:
+        """A shot index."""
+        self.draws += 1
+        if self._by_loss and self.draws % 2 == 0:
+            return self._pick_by_loss(generator)
+        return self._shots[int(torch.randint(len(self._shots), (1,), generator=generator))]
+
+    def _pick_by_loss(self, generator: torch.Generator) -> int:
+        frames = sorted(self._by_frame)
+        by_frame = self.losses[:, frames].sum(0)
+        weights = by_frame - by_frame.min() + 1e-6 * by_frame.max() + 1e-12
+        there = self._by_frame[frames[int(torch.multinomial(weights, 1, generator=generator))]]
+        return there[int(torch.randint(len(there), (1,), generator=generator))]
+
+    def observe(self, shot: int, error: torch.Tensor) -> None:
+        """Takes in the mean absolute difference () of a drawn picture from the truth."""
+        if self._by_loss:
+            drawn = self._capture.shots[shot]
+            self.losses[drawn.camera, drawn.frame] = error.cpu()
+
+    def pick_same_moment(self, shot: int, generator: torch.Generator) -> int:
+        """Another camera at the moment of ``shot`` (the same picture when there is only one); any picture when all of
+        that moment are withheld."""
+        there = self._by_frame.get(self._capture.shots[shot].frame, self._shots)
+        return there[int(torch.randint(len(there), (1,), generator=generator))]

@@ -1,0 +1,1 @@
+"""One training run: job, events, checkpoints, resume, export."""

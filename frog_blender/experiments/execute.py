@@ -1,0 +1,264 @@
+"""Does the runs of a grid that are not done yet, one after the other or several at once, and writes each result."""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ..engine.errors import FrogError
+from .grid import Run
+from .results import Record, append, finished, locked, read
+from .runs import Conditions, Stopped, clean_up, failure, frog_seconds, is_done, perform
+
+
+@dataclass
+class Progress:
+    """Where a grid stands; handed to the caller at every change.
+
+    Attributes:
+        total, done, failed: runs of this grid; ``done`` counts those of earlier days too.
+        shares: of the runs at work, by run.
+        seconds_left: an estimate from the mean durations of finished runs, None before the first.
+        record: the result that was just written, None otherwise.
+    """
+
+    total: int
+    done: int = 0
+    failed: int = 0
+    shares: dict[Run, float] = field(default_factory=dict)
+    seconds_left: float | None = None
+    record: Record | None = None
+
+
+def run_grid(
+    runs: Sequence[Run],
+    conditions: Conditions,
+    *,
+    jobs: int = 1,
+    told: Callable[[Progress], None] = lambda progress: None,
+    cancelled: Callable[[], bool] = lambda: False,
+) -> Progress:
+    """Does every run that ``is_done`` does not find, in order; a run that fails is recorded and the next one begins.
+
+    Args:
+        jobs: processes at once, which share the cores; 1 works in this process.
+
+    Raises:
+        Stopped: it was cancelled; the runs at work go on next time.
+    """
+    records = read(conditions.results)
+    waiting = [run for run in runs if not is_done(run, records)]
+    progress = Progress(len(runs), len(runs) - len(waiting))
+    if jobs > 1:
+        threads = max(1, (os.cpu_count() or 1) // jobs)
+        conditions = Conditions(conditions.folder, conditions.device, threads, dedicated=False)
+    _keep_out_of_repositories(conditions.folder / "scenes")
+    with locked(conditions.folder / "scenes" / "lock"):
+        _Grid(waiting, conditions, jobs, progress, told, cancelled).work()
+    return progress
+
+
+def _keep_out_of_repositories(scenes: Path) -> None:
+    """Scenes and checkpoints are large and can be made again; the results beside them are kept."""
+    try:
+        scenes.mkdir(parents=True, exist_ok=True)
+        (scenes / ".gitignore").write_text("*\n", encoding="utf-8")
+    except OSError as error:
+        raise FrogError(f"{scenes}: the folder could not be made ({error.strerror}).") from error
+
+
+class _Grid:
+    """The runs that wait and those at work."""
+
+    def __init__(
+        self,
+        waiting: list[Run],
+        conditions: Conditions,
+        jobs: int,
+        progress: Progress,
+        told: Callable[[Progress], None],
+        cancelled: Callable[[], bool],
+    ) -> None:
+        self._waiting, self._conditions, self._jobs = waiting, conditions, jobs
+        self._progress, self._told, self._cancelled = progress, told, cancelled
+        self._records = read(conditions.results)
+
+    def work(self) -> None:
+        self._tell()
+        if self._jobs > 1:
+            self._in_processes()
+        else:
+            while self._waiting:
+                self._here(self._waiting.pop(0))
+
+    def _tell(self, record: Record | None = None) -> None:
+        left = seconds_left(self._waiting, self._progress.shares, self._records, self._jobs)
+        self._progress.seconds_left = left
+        self._progress.record = record
+        self._told(self._progress)
+
+    def _advanced(self, run: Run, share: float) -> None:
+        self._progress.shares[run] = share
+        self._tell()
+
+    def _ended(self, run: Run, record: Record) -> None:
+        append(self._conditions.results, record)
+        self._records.append(record)
+        self._progress.shares.pop(run, None)
+        if record["kind"] == "run":
+            clean_up(run, self._conditions)
+            self._progress.done += 1
+        else:
+            self._progress.failed += 1
+        self._tell(record)
+
+    def _seconds(self, run: Run) -> float | None:
+        return frog_seconds(run, self._records, self._conditions) if run.equal_time else None
+
+    def _here(self, run: Run) -> None:
+        if self._cancelled():
+            raise Stopped
+        self._advanced(run, 0.0)
+        try:
+            seconds = self._seconds(run)
+            record = perform(run, self._conditions, seconds, lambda share: self._advanced(run, share), self._cancelled)
+        except (FrogError, MemoryError, ImportError) as error:
+            record = failure(run, str(error) or type(error).__name__)
+        self._ended(run, record)
+
+    def _ready(self, working: Iterable[Run]) -> Run | None:
+        """The next run that can begin: one at equal time waits for the others of its scene."""
+        busy = {run.scene for run in (*working, *self._waiting) if run.method == "frog" and not run.equal_time}
+        return next((run for run in self._waiting if not (run.equal_time and run.scene in busy)), None)
+
+    def _in_processes(self) -> None:
+        answers: queue.Queue[tuple[Run, dict[str, Any]]] = queue.Queue()
+        working: dict[Run, _Worker] = {}
+        try:
+            while self._waiting or working:
+                while len(working) < self._jobs and (run := self._ready(working)) and not self._cancelled():
+                    self._waiting.remove(run)
+                    self._start(run, working, answers)
+                if self._cancelled():
+                    for worker in working.values():
+                        worker.stop()
+                    if not working:
+                        raise Stopped
+                try:
+                    run, answer = answers.get(timeout=0.2)
+                except queue.Empty:
+                    continue
+                if "share" in answer:
+                    self._advanced(run, answer["share"])
+                    continue
+                working.pop(run).wait()
+                if "record" in answer:
+                    self._ended(run, answer["record"])
+                else:
+                    self._progress.shares.pop(run, None)
+        finally:
+            for worker in working.values():
+                worker.stop()
+            for worker in working.values():
+                worker.wait()
+
+    def _start(self, run: Run, working: dict[Run, _Worker], answers: queue.Queue[tuple[Run, dict[str, Any]]]) -> None:
+        try:
+            seconds = self._seconds(run)
+        except FrogError as error:
+            self._ended(run, failure(run, str(error)))
+            return
+        working[run] = _Worker(run, self._conditions, seconds, answers)
+        self._advanced(run, 0.0)
+
+
+class _Worker:
+    """A process of ``worker``, and a thread that hands on what it answers."""
+
+    def __init__(
+        self,
+        run: Run,
+        conditions: Conditions,
+        seconds: float | None,
+        answers: queue.Queue[tuple[Run, dict[str, Any]]],
+    ) -> None:
+        self._log = conditions.scene(run).with_suffix(".log")
+        root = Path(__file__).resolve().parents[__name__.count(".")]
+        path = os.pathsep.join([str(root), *filter(None, [os.environ.get("PYTHONPATH")])])
+        threads = str(conditions.threads)
+        environment = {**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": threads, "MKL_NUM_THREADS": threads}
+        with self._log.open("w", encoding="utf-8") as log:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", f"{__package__}.worker"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=log,
+                text=True,
+                encoding="utf-8",
+                env=environment,
+            )
+        task: dict[str, Any] = {"run": run.to_json(), "folder": str(conditions.folder), "device": conditions.device}
+        task |= {"threads": conditions.threads, "dedicated": conditions.dedicated, "seconds": seconds}
+        assert self._process.stdin is not None
+        with suppress(BrokenPipeError):  # it ended at once; then ``_listen`` says so
+            self._process.stdin.write(json.dumps(task) + "\n")
+            self._process.stdin.flush()
+        threading.Thread(target=self._listen, args=(run, answers), daemon=True).start()
+
+    def _listen(self, run: Run, answers: queue.Queue[tuple[Run, dict[str, Any]]]) -> None:
+        assert self._process.stdout is not None
+        ended = False
+        for line in self._process.stdout:
+            try:
+                answer = json.loads(line)
+            except ValueError:
+                continue
+            ended |= "share" not in answer
+            answers.put((run, answer))
+        if not ended:
+            status = self._process.wait()
+            sentence = f"The process of this run ended with status {status}; {self._log.name} says more."
+            answers.put((run, {"record": failure(run, sentence)}))
+
+    def stop(self) -> None:
+        """Asks it to keep what it learned and end."""
+        assert self._process.stdin is not None
+        with suppress(BrokenPipeError):
+            self._process.stdin.close()
+
+    def wait(self) -> None:
+        """Until it has ended; its log is kept when it ended badly."""
+        self.stop()
+        if self._process.wait() == 0:
+            self._log.unlink(missing_ok=True)
+
+
+def seconds_left(
+    waiting: Sequence[Run], shares: dict[Run, float], records: Iterable[Record], jobs: int
+) -> float | None:
+    """An estimate from mean durations: of the same method and scene where there are any, else of the same method, else
+    of all; None before the first."""
+    done = list(finished(records).values())
+    if not done:
+        return None
+
+    def mean(chosen: list[Record]) -> float | None:
+        return sum(record["wall_seconds"] for record in chosen) / len(chosen) if chosen else None
+
+    def duration(run: Run) -> float:
+        same_method = [record for record in done if record["method"] == run.method]
+        same_scene = [record for record in same_method if record["scene"] == run.scene]
+        return mean(same_scene) or mean(same_method) or mean(done) or 0.0
+
+    left = sum(duration(run) for run in waiting)
+    left += sum((1 - share) * duration(run) for run, share in shares.items())
+    return left / jobs

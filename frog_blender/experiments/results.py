@@ -1,0 +1,97 @@
+"""The results of a comparison on disk: one JSON line a run, only ever appended to."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from ..engine.errors import FrogError
+
+Record = dict[str, Any]
+
+
+def append(path: Path, record: Record) -> None:
+    """Adds a line in one write and waits until the disk has it. A line that a killed process left half-written is
+    ended first, so that it spoils nothing but itself."""
+    line = json.dumps(finite(record), allow_nan=False, ensure_ascii=False) + "\n"
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0), 0o644)
+        try:
+            size = os.lseek(handle, 0, os.SEEK_END)
+            if size:
+                os.lseek(handle, size - 1, os.SEEK_SET)
+                if os.read(handle, 1) != b"\n":
+                    line = "\n" + line
+            os.write(handle, line.encode())
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+    except OSError as error:
+        raise FrogError(f"{path}: the results could not be written ({error.strerror or error}).") from error
+
+
+@contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Holds a lock file for this process, however that ends; FrogError where another one holds it. Where the system has
+    no such locks nothing is held."""
+    try:
+        import fcntl
+    except ModuleNotFoundError:
+        yield
+        return
+    try:
+        file = path.open("w")
+    except OSError as error:
+        raise FrogError(f"{path}: could not be written ({error.strerror or error}).") from error
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise FrogError(f"{path}: another process is working on these results.") from None
+        yield
+
+
+def read(path: Path) -> list[Record]:
+    """Every whole line, in order; what is no JSON object is left out. No file is no results."""
+    try:
+        text = path.read_text(encoding="utf-8", errors="replace")
+    except FileNotFoundError:
+        return []
+    except OSError as error:
+        raise FrogError(f"{path}: the results could not be read ({error.strerror or error}).") from error
+    records = []
+    for line in text.splitlines():
+        try:
+            record = json.loads(line)
+        except (ValueError, RecursionError):
+            continue
+        if isinstance(record, dict) and "kind" in record:
+            records.append(record)
+    return records
+
+
+def finished(records: Iterable[Record]) -> dict[str, Record]:
+    """The last finished run of each key."""
+    return {record["key"]: record for record in records if record["kind"] == "run"}
+
+
+def timings(records: Iterable[Record], same: Sequence[str]) -> dict[tuple[Any, ...], Record]:
+    """The last timing by the fields ``same``."""
+    return {tuple(record[name] for name in same): record for record in records if record["kind"] == "timing"}
+
+
+def finite(value: Any) -> Any:
+    """The value with None for numbers that JSON does not know."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {key: finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(item) for item in value]
+    return value

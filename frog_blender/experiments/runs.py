@@ -1,0 +1,299 @@
+"""One run of a comparison: a training, its figures on the held-out pictures, and the record of both.
+
+A killed run goes on from its checkpoint; its curve so far lies beside that.
+"""
+
+from __future__ import annotations
+
+import json
+import statistics
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..engine.capture.frames import FrameStore
+from ..engine.errors import FrogError
+from ..engine.evaluation.evaluate import evaluate
+from ..engine.evaluation.metrics import psnr_of
+from ..engine.io.atomic_files import write_atomically
+from ..engine.playback.player import PlayableScene
+from ..engine.scene.scene_file import read_scene, scene_bytes, settings_json
+from ..engine.training.methods import method_named
+from ..engine.training.session import events
+from ..engine.training.session.checkpoint import checkpoint_path
+from ..engine.training.session.job import TrainingJob, prepare_capture, run_training
+from .corruptions.alterations import brightened
+from .corruptions.catalogue import condition_named
+from .grid import Run
+from .machine import describe_machine, describe_versions, limited_threads
+from .perceptual import perceptual_measures
+from .results import Record, finished
+
+_EVALUATED_SHOTS = 30  # for each point of the curves, as many as for their ends
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """How runs are made; decides their times, not their results.
+
+    Attributes:
+        folder: of the results; scenes lie in ``scenes`` in it.
+        device: see ``TrainingJob``.
+        threads: for each run, 0 for one a core.
+        dedicated: nothing else of this comparison runs at the same time.
+    """
+
+    folder: Path
+    device: str = "auto"
+    threads: int = 0
+    dedicated: bool = True
+
+    @property
+    def results(self) -> Path:
+        """The file of JSON lines."""
+        return self.folder / "runs.jsonl"
+
+    def scene(self, run: Run) -> Path:
+        """Where a run's ``.frog`` lies."""
+        return self.folder / "scenes" / f"{run.key}.frog"
+
+
+class Stopped(Exception):
+    """The run was cancelled; what it learned is kept."""
+
+
+def settings_of(run: Run) -> dict[str, Any]:
+    """The recipe as the method trains it, as JSON has it."""
+    return json.loads(json.dumps(settings_json(run.settings())))
+
+
+def is_done(run: Run, records: Iterable[Record]) -> bool:
+    """True when the run stands in ``records`` with the settings that it would have today; a setting that one of the
+    two does not know is no difference."""
+    record = finished(records).get(run.key)
+    if record is None:
+        return False
+    settings = settings_of(run)
+    return all(settings.get(name, value) == value for name, value in record["recipe"].items())
+
+
+def frog_seconds(run: Run, records: Iterable[Record], conditions: Conditions) -> float:
+    """The seconds that FRoG trained for on the scene of an equal-time run: the median over its seeds, under the same
+    conditions. FrogError where it did not."""
+    same = ("scene", "recipe_name", "overrides", "scale", "holdout_frames", "planned_steps")
+    wanted = identity(run)
+    seconds = [
+        record["train_seconds"]
+        for record in finished(records).values()
+        if record["method"] == "frog"
+        and record["group"] == "methods"
+        and all(record[name] == wanted[name] for name in same)
+        and (record["threads"], record["dedicated"]) == (conditions.threads, conditions.dedicated)
+    ]
+    if not seconds:
+        raise FrogError(
+            f"{run.scene}: there is no finished run of FRoG under the same conditions, expected one for its seconds."
+        )
+    return statistics.median(seconds)
+
+
+def identity(run: Run) -> Record:
+    """What a record says of its run."""
+    names = ("key", "scene", "condition", "protocol", "method", "label", "group", "seed", "equal_time", "scale")
+    overrides = json.loads(json.dumps(dict(run.overrides)))
+    return {
+        **{name: getattr(run, name) for name in (*names, "holdout_frames")},
+        "title": method_named(run.method).title,
+        "recipe_name": run.recipe,
+        "overrides": overrides,
+        "planned_steps": run.steps,
+    }
+
+
+def failure(run: Run, sentence: str) -> Record:
+    """The record of a run that did not end well. The capture's folder is named as the scene is."""
+    return {"kind": "failed", **identity(run), "error": sentence.replace(run.capture, run.scene), **made_on()}
+
+
+def made_on() -> Record:
+    moment = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+    return {"machine": describe_machine(), "versions": describe_versions(), "finished_at": moment}
+
+
+def perform(
+    run: Run,
+    conditions: Conditions,
+    seconds: float | None = None,
+    advanced: Callable[[float], None] = lambda share: None,
+    cancelled: Callable[[], bool] = lambda: False,
+) -> Record:
+    """Trains, or goes on with, a run and measures it.
+
+    Args:
+        seconds: the limit of an equal-time run.
+        advanced: told the share of the training that is done.
+
+    Raises:
+        Stopped: it was cancelled.
+        FrogError: it cannot be done.
+    """
+    with limited_threads(conditions.threads):
+        started = time.monotonic()
+        scene = conditions.scene(run)
+        opened = run.opened()
+        job = TrainingJob(
+            Path(run.capture),
+            scene,
+            method=run.method,
+            recipe=run.plain_recipe(),
+            steps=None if run.equal_time else run.steps,
+            seconds=seconds if run.equal_time else None,
+            seed=run.seed,
+            scale=run.scale,
+            holdout_frames=run.holdout_frames,
+            device=conditions.device,
+            opened=opened,
+            evaluated_shots=_EVALUATED_SHOTS,
+        )
+        settings = {"recipe": settings_of(run), "steps": job.steps, "seconds": job.seconds}
+        trained = _train(job, _Notes(scene, settings), advanced, cancelled)
+        measured = _measure(job, condition_named(run.condition).light if run.condition else 1.0)
+        record = {
+            "kind": "run",
+            **identity(run),
+            "recipe": settings_of(run),
+            "seconds_limit": job.seconds,
+            **trained,
+            **measured,
+            "threads": conditions.threads,
+            "dedicated": conditions.dedicated,
+            "wall_seconds": time.monotonic() - started,
+            **made_on(),
+        }
+    return record
+
+
+def clean_up(run: Run, conditions: Conditions) -> None:
+    """Removes what only an unfinished run needs; call it when the record is on the disk."""
+    scene = conditions.scene(run)
+    _notes_path(scene).unlink(missing_ok=True)
+    if run.seed or run.equal_time or run.condition:  # the first seed's are for the timings of the training path
+        checkpoint_path(scene).unlink(missing_ok=True)
+
+
+class _Notes:
+    """What a run keeps beside its checkpoint: ``curve`` (seconds, step, PSNR) and ``preparation_seconds``.
+
+    Args:
+        scene: the run's ``.frog``.
+        settings: what the training depends on; notes of other settings are of no use.
+    """
+
+    def __init__(self, scene: Path, settings: dict[str, Any]) -> None:
+        self.path, self._settings = _notes_path(scene), settings
+        self.curve: list[list[float]] = []
+        self.preparation_seconds: float | None = None
+
+    def load(self) -> bool:
+        """Takes over an earlier, interrupted run's; False where there is nothing of the same settings."""
+        try:
+            values = json.loads(self.path.read_text(encoding="utf-8"))
+            if values["settings"] != self._settings:
+                return False
+            self.curve, self.preparation_seconds = values["curve"], values["preparation_seconds"]
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
+            return False
+        return True
+
+    def save(self) -> None:
+        names = ("curve", "preparation_seconds")
+        values = {"settings": self._settings, **{name: getattr(self, name) for name in names}}
+        write_atomically(self.path, json.dumps(values).encode())
+
+    def add(self, seconds: float, step: int, psnr: float) -> None:
+        """A point, in place of those that a resumed training passes for a second time."""
+        self.curve = [point for point in self.curve if point[1] < step]
+        self.curve.append([round(seconds, 3), step, round(psnr, 4)])
+        self.save()
+
+
+def _notes_path(scene: Path) -> Path:
+    return Path(f"{scene}.curve")
+
+
+def _train(job: TrainingJob, notes: _Notes, advanced: Callable[[float], None], cancelled: Callable[[], bool]) -> Record:
+    """The training's own figures; from the checkpoint where there is one that fits."""
+    checkpoint = checkpoint_path(job.output)
+    if checkpoint.is_file() and notes.load():
+        try:
+            return _follow(replace(job, resume=True), notes, advanced, cancelled)
+        except FrogError as error:
+            if not str(error).startswith(str(checkpoint)):
+                raise
+            notes.curve, notes.preparation_seconds = [], None  # a damaged one is nothing to go on from
+    return _follow(job, notes, advanced, cancelled)
+
+
+def _follow(
+    job: TrainingJob, notes: _Notes, advanced: Callable[[float], None], cancelled: Callable[[], bool]
+) -> Record:
+    started, warnings, device = time.monotonic(), [], "cpu"
+    for event in run_training(job, cancelled):
+        match event:
+            case events.Warned(message):
+                warnings.append(message.replace(str(job.capture), job.capture.name))
+            case events.Started(device=device):
+                if notes.preparation_seconds is None:
+                    notes.preparation_seconds = time.monotonic() - started
+                notes.save()
+            case events.Progress(seconds=seconds, seconds_left=left):
+                advanced(seconds / (seconds + left) if seconds + left > 0 else 0.0)
+            case events.Evaluated(step=step, psnr=psnr, seconds=seconds):
+                notes.add(seconds, step, psnr)
+            case events.Cancelled():
+                raise Stopped
+            case events.Finished(steps=steps, seconds=seconds, gaussians=gaussians, capacity=capacity):
+                return {
+                    "steps": steps,
+                    "train_seconds": seconds,
+                    "preparation_seconds": notes.preparation_seconds,
+                    "gaussians": gaussians,
+                    "dynamic": capacity.get("dynamic", gaussians),
+                    "device": device,
+                    "curve": notes.curve,
+                    "warnings": warnings,
+                }
+    raise Stopped
+
+
+_FIGURES = ("psnr", "psnr_moving", "psnr_bright", "ssim", "flip", "lpips", "sharpness_moving", "frames", "split")
+
+
+def _measure(job: TrainingJob, light: float) -> Record:
+    """Figures of the written scene on the held-out pictures; None for what cannot be measured, "missing" says why.
+
+    Where the ``light`` of the scene is not 1, "psnr_bright" is the PSNR of pictures brightened by as much.
+    """
+    capture, _ = prepare_capture(job.capture, job.scale, job.holdout_frames, job.pixel_offsets, job.opened)
+    scene = PlayableScene.load(job.output)
+    capture = capture.with_cameras(scene.header.cameras)  # as training left their poses
+    measures, missing = perceptual_measures()
+    if light != 1:
+        measures = {**measures, "psnr_bright": partial(_bright_psnr, 1 / light)}
+    size = job.output.stat().st_size
+    found = evaluate(scene, capture, FrameStore.open(capture), measures=measures, file_bytes=size)
+    camera = capture.cameras[0]
+    figures = {name: found.get(name) for name in _FIGURES}
+    packed = len(scene_bytes(read_scene(job.output), compact=True))
+    sizes = {"bytes": size, "packed_bytes": packed, "size": [camera.width, camera.height]}
+    return {**figures, **sizes, "missing": missing}
+
+
+def _bright_psnr(gain: float, picture: np.ndarray, truth: np.ndarray) -> float:
+    error = brightened(picture.astype(np.float64), gain) - brightened(truth.astype(np.float64), gain)
+    return psnr_of(float((error**2).mean()))

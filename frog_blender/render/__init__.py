@@ -1,0 +1,1 @@
+"""The FROG render engine: collecting, holdout, passes, final renders, viewport renders."""

@@ -1,0 +1,108 @@
+"""What there is to draw: the Gaussians of all visible captures at the frame being evaluated, in world space."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .. import point_cloud
+from ..capture_files import is_capture
+from ..engine.errors import FrogError
+from ..timeline import playback
+
+if TYPE_CHECKING:
+    from ..engine.gaussians import GaussianArrays
+
+
+def gather(
+    depsgraph: Any, space: Any = None, problems: list[str] | None = None
+) -> tuple[GaussianArrays | None, np.ndarray]:
+    """All visible captures at the frame being evaluated, in world space, and the first one's display background (3,).
+
+    None stands for no capture at all.  A capture that cannot be played raises FrogError: a render must not lie.
+
+    Args:
+        space: the 3D viewport that is drawn; None for a render.
+        problems: takes a sentence for each capture that cannot be played, which is then left out instead of raising.
+    """
+    frame = depsgraph.scene.frame_current_final
+    parts: list[GaussianArrays] = []
+    background = np.zeros(3, dtype=np.float32)
+    for obj, shown, matrix in visible_captures(depsgraph, space):
+        try:
+            part = placed(playback.gaussians_at(obj, frame, shown), matrix, obj.name)
+        except FrogError as error:
+            if problems is None:
+                raise
+            problems.append(str(error))
+            continue
+        if not parts:
+            background = np.asarray(playback.open_scene(playback.file_of(obj)).header.background, dtype=np.float32)
+        parts.append(part)
+    return (joined(parts) if parts else None), background
+
+
+def visible_captures(depsgraph: Any, space: Any = None) -> list[tuple[Any, Any, np.ndarray]]:
+    """Every visible capture's object, the same evaluated and its (4, 4) matrix, duplicates and instances included; what
+    is scaled to nothing is not there."""
+    found = []
+    for instance in depsgraph.object_instances:
+        shown, own = instance.object, instance.object.original
+        if not is_capture(own) or not is_seen(instance, depsgraph.view_layer):
+            continue
+        if not point_cloud.is_itself(shown, own) and (own.mode != "EDIT" or instance.is_instance):
+            continue
+        if space is not None and not instance.is_instance and not own.visible_in_viewport_get(space):
+            continue  # Local View, or a kind of object that the viewport hides
+        matrix = np.array(instance.matrix_world, dtype=np.float64)
+        if matrix[:3, :3].any():
+            found.append((own, shown, matrix))
+    return found
+
+
+def is_seen(instance: Any, layer: Any) -> bool:
+    """Whether cameras see an object of a depsgraph, as Cycles has it."""
+    shown = instance.object
+    return instance.show_self and shown.visible_camera and not shown.original.indirect_only_get(view_layer=layer)
+
+
+def pass_indices(depsgraph: Any) -> list[tuple[int, int]]:
+    """How many Gaussians each visible capture has, in ``gather``'s order, and its object's Pass Index."""
+    found = [obj for obj, *_ in visible_captures(depsgraph)]
+    return [(playback.open_scene(playback.file_of(obj)).count, obj.pass_index) for obj in found]
+
+
+def placed(gaussians: GaussianArrays, matrix: np.ndarray, name: str) -> GaussianArrays:
+    """The Gaussians moved by a (4, 4) object matrix of rotation, uniform scale and translation; FrogError otherwise."""
+    from ..engine.playback.transform import transform
+
+    if np.array_equal(matrix, np.eye(4)):
+        return gaussians  # the usual case, and bit for bit what the engine draws
+    try:
+        return transform(gaussians, matrix)
+    except FrogError as error:
+        raise FrogError(f"{name}: {error}") from error
+
+
+def check_placement(matrix: Any, name: str) -> None:
+    """Raises FrogError if Gaussians cannot be where an object's matrix puts them."""
+    from ..engine.gaussians import GaussianArrays
+
+    values = np.array(matrix, dtype=np.float64)
+    if values[:3, :3].any():
+        shapes = {"means": (1, 3), "quaternions": (1, 4), "scales": (1, 3), "opacities": (1,), "sh": (1, 1, 3)}
+        placed(GaussianArrays(**{field: np.ones(shape, np.float32) for field, shape in shapes.items()}), values, name)
+
+
+def joined(parts: list[GaussianArrays]) -> GaussianArrays:
+    """One set of Gaussians out of several; SH coefficients that some lack are zero."""
+    if len(parts) == 1:
+        return parts[0]
+    from ..engine.gaussians import GaussianArrays
+
+    most = max(part.sh.shape[1] for part in parts)
+    sh = [np.pad(part.sh, ((0, 0), (0, most - part.sh.shape[1]), (0, 0))) for part in parts]
+    plain = ("means", "quaternions", "scales", "opacities")
+    together = {name: np.concatenate([getattr(part, name) for part in parts]) for name in plain}
+    return GaussianArrays(**together, sh=np.ascontiguousarray(np.concatenate(sh)))

@@ -1,0 +1,303 @@
+"""The FROG render engine: F12 and animations of captures by the engine's own rasterizer, without torch.
+
+The picture through an imported camera is the engine's own drawing of that camera: Gaussians are blended in the video's
+display-referred colour, as they were trained, and the result is converted to Blender's scene-linear at the end.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import bpy
+import numpy as np
+
+from .. import reported_once
+from ..cameras import distance_added, engine_camera
+from ..color_spaces import into_working_space
+from ..compositing import renders
+from ..engine.errors import FrogError
+from ..engine.notices import leave_to_blender
+from ..timeline.retiming import raw_frame
+from . import index_pass, vector_pass
+from .collect_instances import gather, pass_indices
+from .holdout import draw_before, limits_of_objects
+from .pixel_passes import combined_pass, depth_pass, pass_pixels, refusal_pattern
+from .region import rendered_part
+from .world import background_of
+
+if TYPE_CHECKING:
+    from ..engine.capture.camera import Camera
+    from ..engine.native.options import RasterizeOptions
+
+SHUTTER_SAMPLES = 16  # moments that motion blur averages
+
+
+class FrogRenderEngine(bpy.types.RenderEngine):
+    """Draws every visible capture of the scene; other objects are not drawn."""
+
+    bl_idname = "FROG"
+    bl_label = "FRoG"
+    bl_use_preview = False
+    bl_use_eevee_viewport = True
+    bl_use_postprocess = True
+
+    def __init__(self, *arguments: Any, **keywords: Any) -> None:
+        super().__init__(*arguments, **keywords)
+        self.viewport: Any = None  # of viewport_drawing
+        self.told_slow = False
+
+    def update_render_passes(self, scene: Any = None, renderlayer: Any = None) -> None:
+        self.register_pass(scene, renderlayer, "Combined", 4, "RGBA", "COLOR")
+        if renderlayer.use_pass_z:
+            self.register_pass(scene, renderlayer, "Depth", 1, "Z", "VALUE")
+        vector_pass.register_pass(self, scene, renderlayer)
+        index_pass.register_pass(self, scene, renderlayer)
+
+    def render(self, depsgraph: Any) -> None:
+        scene = depsgraph.scene.original
+        try:
+            renders.check(scene)
+            _stand_where_the_picture_does(self, scene)
+            for view in self._views(depsgraph):
+                self.active_view_set(view)
+                passes = drawn_passes(self, depsgraph)
+                if self.test_break():
+                    return
+                self._give(depsgraph, view, passes)
+        except Exception as error:  # a render that goes on without its captures would be worse than any sentence
+            sentence = sentence_of(error)
+            if not isinstance(error, (FrogError, MemoryError)):
+                reported_once.unforeseen(f"rendering {scene.name}", error)
+            # Not error_set: that neither ends an animation nor makes a script's render call raise.
+            self.report({"ERROR"}, sentence)
+            if renders.note_failure(scene, sentence):
+                for view in self._views(depsgraph):
+                    self._give(depsgraph, view, None)
+        self.update_progress(1.0)
+
+    def _views(self, depsgraph: Any) -> list[str]:
+        """What Blender wants pictures of: an eye each in stereoscopy, else one without a name."""
+        result = self.begin_result(0, 0, 1, 1, layer=depsgraph.view_layer.name)
+        names = [view.name for view in result.views]
+        self.end_result(result, cancel=True)
+        return names
+
+    def _give(self, depsgraph: Any, view: str, passes: dict[str, Any] | None) -> None:
+        """Hands passes (see drawn_passes) over to Blender; without any, a pattern that nobody takes for a picture.
+
+        FrogError for passes of another size than Blender's picture or region has.
+        """
+        layer = depsgraph.view_layer.name
+        result = self.begin_result(0, 0, self.resolution_x, self.resolution_y, layer=layer, view=view)
+        size = result.resolution_x, result.resolution_y  # of the region, where there is one
+        if passes is None:
+            passes = {"Combined": refusal_pattern(*size)}
+        drawn = passes["Combined"].shape[1::-1]
+        if drawn != size:
+            self.end_result(result, cancel=True)
+            raise FrogError(f"{depsgraph.scene.name}: found a region of {size}, expected {drawn} pixels.")
+        for render_pass in result.layers[0].passes:
+            values = passes.get(render_pass.name)
+            if values is not None:
+                render_pass.rect.foreach_set(pass_pixels(values))
+        self.end_result(result)
+
+    # What follows runs in windows only: Blender draws viewports there, in the main thread.
+
+    def view_update(self, context: Any, depsgraph: Any) -> None:
+        """Blender tells of changes here; view_draw finds out by itself what they are."""
+
+    def view_draw(self, context: Any, depsgraph: Any) -> None:
+        from . import viewport_drawing
+
+        viewport_drawing.draw(self, context, depsgraph)
+
+
+def sentence_of(error: Exception) -> str:
+    """What a person in front of Blender is told when there is no picture."""
+    if isinstance(error, MemoryError):
+        return f"Out of memory{f' ({error})' if str(error) else ''}: make the picture smaller or hide captures."
+    return str(error) if isinstance(error, FrogError) else f"FRoG could not draw: {error!r}."
+
+
+def _stand_where_the_picture_does(engine: Any, scene: Any) -> None:
+    """Blender takes another scene's frame over, but not what lies between frames."""
+    frame = raw_frame(renders.leading(scene))
+    if raw_frame(scene) != frame:
+        engine.frame_set(math.floor(frame), frame % 1.0)
+
+
+def drawn_passes(engine: Any, depsgraph: Any) -> dict[str, Any]:
+    """What Blender is given of the present view, by the passes' names; see ``render_frame``."""
+    combined, depth, surface = render_frame(engine, depsgraph)
+    scene = depsgraph.scene.original
+    renders.note_drawn(scene, surface is not None)
+    if surface is None and scene.frog.composed_with is None:
+        engine.report({"WARNING"}, f"Scene {scene.name}: found no visible capture; this is its background.")
+    vectors = None
+    if depsgraph.view_layer.use_pass_vector and not engine.test_break():
+        vectors = render_vectors(engine, depsgraph)
+    height, width = depth.shape
+    numbers = index_pass.indices(surface, pass_indices(depsgraph), width, height)
+    return {"Combined": combined, "Depth": depth, "Vector": vectors, index_pass.NAME: numbers}
+
+
+Passes = tuple[np.ndarray, np.ndarray, np.ndarray | None]
+
+
+def render_frame(engine: Any, depsgraph: Any) -> Passes:
+    """Combined (H, W, 4) scene-linear premultiplied, Depth (H, W) planar in world units, and which Gaussian of all that
+    were gathered is each pixel's surface (H, W), -1 for none (None without captures); rows from the top, of the Render
+    Region alone where there is one.
+
+    With motion blur the light of moments spread over the shutter's time is averaged; all else is the frame's own.
+    """
+    combined, depth, surface = render_moment(engine, depsgraph)
+    render, frame = _settings(depsgraph), raw_frame(depsgraph.scene)
+    if not render.use_motion_blur or render.motion_blur_shutter <= 0:
+        return combined, depth, surface
+    moments = shutter_moments(frame, render.motion_blur_shutter, render.motion_blur_position)
+    light = np.zeros_like(combined)
+    with _frame_kept(engine, depsgraph):
+        for number, moment in enumerate(moments):
+            if engine.test_break():
+                break
+            engine.frame_set(math.floor(moment), moment % 1.0)  # cameras and roots move as well
+            light += render_moment(engine, depsgraph)[0]
+            engine.update_progress((number + 1) / len(moments))
+    return light / len(moments), depth, surface
+
+
+@contextmanager
+def _frame_kept(engine: Any, depsgraph: Any) -> Iterator[None]:
+    """Whatever happens within, the scene then stands at the frame again where it stood."""
+    frame = raw_frame(depsgraph.scene)
+    try:
+        yield
+    finally:
+        if raw_frame(depsgraph.scene) != frame:
+            engine.frame_set(math.floor(frame), frame % 1.0)
+
+
+def shutter_moments(frame: float, shutter: float, position: str) -> list[float]:
+    """Frames at which to look while a shutter is open for ``shutter`` frames, placed by Blender's "START", "CENTER" or
+    "END" of the frame."""
+    first = frame + {"START": 0.0, "CENTER": -0.5, "END": -1.0}[position] * shutter
+    return [first + shutter * (number + 0.5) / SHUTTER_SAMPLES for number in range(SHUTTER_SAMPLES)]
+
+
+def render_moment(engine: Any, depsgraph: Any) -> Passes:
+    """``render_frame`` of the moment at which the scene stands, without blur."""
+    scene = depsgraph.scene
+    width, height = engine.resolution_x, engine.resolution_y
+    eye = _eye(engine, depsgraph)
+    options = _options(depsgraph, eye, width, height)
+    camera = _camera(engine, depsgraph, eye)
+    engine.update_stats("", "Deforming Gaussians")
+    gaussians, captured_background = gather(depsgraph)
+    if gaussians is None or engine.test_break():
+        drawing = None
+    else:
+        engine.update_stats("", f"Drawing {len(gaussians.means):,} Gaussians")
+        limits = limits_of_objects(depsgraph, camera, options) if scene.frog.hold_out else None
+        drawing = draw_before(limits, gaussians, camera, options)
+        _say_if_slow(engine, drawing, len(gaussians.means))
+    size = options.region_of(camera)[2:]
+    depth = depth_pass(drawing, *size, distance_added(eye.data))
+    combined = into_working_space(combined_pass(drawing, background_of(scene, captured_background), *size))
+    return combined, depth, drawing.median_index if drawing is not None else None
+
+
+def _say_if_slow(engine: Any, drawing: Any, gaussians: int) -> None:
+    """Once a picture, of which motion blur has many moments."""
+    from ..engine.native.binding import MANY_INSTANCES, takes_long
+
+    if drawing.instances > MANY_INSTANCES and not engine.told_slow:
+        engine.told_slow = True
+        engine.report({"WARNING"}, takes_long(gaussians))
+
+
+def _options(depsgraph: Any, eye: Any, width: int, height: int) -> RasterizeOptions:
+    """The Render Region, and nothing that is behind the camera, which may stand further back than Blender's."""
+    from ..engine.native.options import RasterizeOptions
+
+    region = rendered_part(renders.leading(depsgraph.scene.original).render, width, height)
+    return RasterizeOptions(region=region, near_plane=RasterizeOptions.near_plane + distance_added(eye.data))
+
+
+def _settings(depsgraph: Any) -> Any:
+    """The render settings that hold: those of the scene that this one follows while that one is rendered."""
+    scene = depsgraph.scene
+    first = renders.leading(scene.original)
+    return first.render if scene.original.frog.composed_with == first else scene.render
+
+
+def _eye(engine: Any, depsgraph: Any) -> Any:
+    """The evaluated camera that is rendered through: the scene's, that of a strip of the sequencer or of an eye; while
+    another scene is rendered that this one follows, that scene's."""
+    scene = depsgraph.scene.original
+    camera = engine.camera_override or scene.camera
+    first = renders.leading(scene)
+    if scene.frog.composed_with == first != scene and first.camera != scene.camera:
+        camera = first.camera
+    if camera is None:
+        raise FrogError(f"Scene {scene.name}: found no active camera, expected one to render through.")
+    evaluated = camera.evaluated_get(depsgraph)
+    if not evaluated.is_evaluated:
+        raise FrogError(f"{camera.name} is in no collection that {scene.name} renders.")
+    return evaluated
+
+
+def _camera(engine: Any, depsgraph: Any, eye: Any) -> Camera:
+    """The engine's camera of the view that is rendered."""
+    render, width, height = _settings(depsgraph), engine.resolution_x, engine.resolution_y
+    if not render.use_multiview:
+        return engine_camera(eye, eye.matrix_world, render, width, height)
+    matrix = engine.camera_model_matrix(eye)
+    return engine_camera(eye, matrix, render, width, height, shift_x=engine.camera_shift_x(eye))
+
+
+def render_vectors(engine: Any, depsgraph: Any) -> np.ndarray:
+    """The Vector pass of the Render Region, (H, W, 4), rows from the top; see vector_pass."""
+    frame, width, height = raw_frame(depsgraph.scene), engine.resolution_x, engine.resolution_y
+
+    def moment_at(offset: int) -> vector_pass.Moment:
+        moment = frame + offset
+        engine.frame_set(math.floor(moment), moment % 1.0)
+        return gather(depsgraph)[0], _camera(engine, depsgraph, _eye(engine, depsgraph))
+
+    options = _options(depsgraph, _eye(engine, depsgraph), width, height)
+    with _frame_kept(engine, depsgraph):
+        return vector_pass.vectors(moment_at, options)
+
+
+# Panels that other engines' settings fill with what FROG does not have.
+_FOREIGN_PANELS = {"VIEWLAYER_PT_filter", "VIEWLAYER_PT_layer_passes"}
+
+
+def _stock_panels() -> list[Any]:
+    return [
+        panel
+        for panel in bpy.types.Panel.__subclasses__()
+        if "BLENDER_RENDER" in getattr(panel, "COMPAT_ENGINES", ()) and panel.__name__ not in _FOREIGN_PANELS
+    ]
+
+
+def register() -> None:
+    leave_to_blender(True)
+    bpy.utils.register_class(FrogRenderEngine)
+    for panel in _stock_panels():
+        panel.COMPAT_ENGINES.add(FrogRenderEngine.bl_idname)
+
+
+def unregister() -> None:
+    from . import viewport_drawing
+
+    viewport_drawing.unregister()
+    bpy.utils.unregister_class(FrogRenderEngine)
+    for panel in _stock_panels():
+        panel.COMPAT_ENGINES.discard(FrogRenderEngine.bl_idname)
+    leave_to_blender(False)

@@ -1,0 +1,114 @@
+"""The FROG engine's viewport in a Blender window: from a region's matrices to a texture on the screen."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+
+from .. import reported_once
+from ..cameras import view_camera
+from ..engine.errors import FrogError
+from ..timeline import open_scenes, playback
+from .collect_instances import gather, visible_captures
+from .frog_engine import sentence_of
+from .viewport import STILL_AFTER, Picture, Viewport, draw_view
+from .world import background_of
+
+
+def draw(engine: Any, context: Any, depsgraph: Any) -> None:
+    """Draws the captures as the region sees them; what cannot be drawn is said in the header as long as it is so, and
+    once in the console."""
+    import gpu
+    from gpu_extras.presets import draw_texture_2d
+
+    size = (context.region.width, context.region.height)
+    viewport = engine.viewport = engine.viewport or Viewport()
+    try:
+        picture = picture_of(viewport, depsgraph, context.region_data, size, context.space_data)
+    except (FrogError, MemoryError) as error:
+        _say(engine, [sentence_of(error)])
+        return
+    _say(engine, viewport.problems)
+    if viewport.shown is not picture:
+        height, width = picture.pixels.shape[:2]
+        buffer = gpu.types.Buffer("FLOAT", width * height * 4, picture.pixels.reshape(-1))
+        viewport.texture = gpu.types.GPUTexture((width, height), format="RGBA16F", data=buffer)
+        viewport.shown = picture
+    gpu.state.blend_set("ALPHA_PREMULT")
+    engine.bind_display_space_shader(depsgraph.scene)
+    draw_texture_2d(viewport.texture, (0, 0), *size)
+    engine.unbind_display_space_shader()
+    gpu.state.blend_set("NONE")
+    if viewport.wants_more:
+        _redraw_later()
+
+
+def _say(engine: Any, problems: list[str]) -> None:
+    """In the header of the viewport, which an empty text clears."""
+    for problem in problems:
+        reported_once.once(problem)
+    others = f" ({len(problems) - 1:,} more in the console)" if len(problems) > 1 else ""
+    engine.update_stats("FRoG" if problems else "", problems[0] + others if problems else "")
+
+
+def picture_of(viewport: Viewport, depsgraph: Any, view: Any, size: tuple[int, int], space: Any = None) -> Picture:
+    """What a region of that size with the matrices of ``view`` shows, in the viewport ``space``; drawn anew when what
+    decides it has changed. What of the captures cannot be drawn is among ``viewport.problems``.
+
+    Raises:
+        FrogError: for a view that cannot be drawn.
+        MemoryError: when memory runs out.
+    """
+    seen = _seen(depsgraph, space)
+    if viewport.gathered[0] != seen:
+        problems: list[str] = []
+        viewport.gathered = (seen, gather(depsgraph, space, problems))
+        viewport.problems = problems
+    gaussians, captured = viewport.gathered[1]
+    background = background_of(depsgraph.scene, captured)
+    matrices = view.view_matrix, view.window_matrix
+    behind = None if background is None else background.tobytes()
+    ratio = _focal_ratio(depsgraph, view, space)
+    key = (*(np.array(matrix).tobytes() for matrix in matrices), size, seen, behind, ratio)
+    return draw_view(viewport, key, gaussians, lambda w, h: view_camera(*matrices, w, h, ratio), size, background)
+
+
+def _focal_ratio(depsgraph: Any, view: Any, space: Any) -> float:
+    """Of the camera that a view looks through, which Blender's matrices know nothing of; one for other views."""
+    if space is None or view.view_perspective != "CAMERA":
+        return 1.0
+    camera = space.camera if space.use_local_camera else depsgraph.scene.camera
+    return camera.data.frog.focal_ratio if camera is not None and camera.type == "CAMERA" else 1.0
+
+
+def _seen(depsgraph: Any, space: Any) -> tuple[Any, ...]:
+    """What decides the Gaussians: the captures, their moments and where they are."""
+    frame = depsgraph.scene.frame_current_final
+    seen = []
+    for obj, shown, matrix in visible_captures(depsgraph, space):
+        file = playback.file_of(obj)
+        try:
+            showing: float | str = playback.shown_frame(obj, frame, shown)
+        except FrogError as error:
+            showing = str(error)
+        seen.append((str(file), open_scenes.version(file), showing, matrix.tobytes()))
+    return tuple(seen)
+
+
+def _redraw_later() -> None:
+    if not bpy.app.timers.is_registered(_redraw):
+        bpy.app.timers.register(_redraw, first_interval=STILL_AFTER + 0.05)
+
+
+def _redraw() -> None:
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D" and area.spaces.active.shading.type == "RENDERED":
+                area.tag_redraw()
+
+
+def unregister() -> None:
+    if bpy.app.timers.is_registered(_redraw):
+        bpy.app.timers.unregister(_redraw)

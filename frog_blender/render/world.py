@@ -1,0 +1,33 @@
+"""What lies behind the captures: Blender's world, as far as one colour goes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ..color_spaces import out_of_working_space, to_display
+
+
+def background_of(scene: Any, captured: np.ndarray) -> np.ndarray | None:
+    """(3,) display-referred colour behind the captures: the world's, else the captured one; None for a transparent
+    film."""
+    if scene.render.film_transparent:
+        return None
+    color = world_color(scene)
+    return captured if color is None else color
+
+
+def world_color(scene: Any) -> np.ndarray | None:
+    """(3,) display-referred colour of the scene's world, None without a world; textures and skies are not drawn."""
+    world = scene.world
+    if world is None:
+        return None
+    linear = np.array(world.color, dtype=np.float32)
+    has_nodes = world.node_tree is not None and (bpy.app.version >= (5, 0, 0) or world.use_nodes)
+    nodes = world.node_tree.nodes if has_nodes else ()
+    shader = next((node for node in nodes if node.type == "BACKGROUND"), None)
+    if shader is not None and not shader.inputs["Color"].is_linked and not shader.inputs["Strength"].is_linked:
+        linear = np.array(shader.inputs["Color"].default_value[:3]) * shader.inputs["Strength"].default_value
+    return to_display(out_of_working_space(linear))

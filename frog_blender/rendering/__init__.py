@@ -1,1 +1,0 @@
-"""What the FROG engine draws besides the rasterizer: pixels of passes, what hides splats, viewports."""

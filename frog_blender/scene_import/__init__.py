@@ -1,0 +1,1 @@
+"""A .frog file -> objects in a Blender scene, all or nothing."""

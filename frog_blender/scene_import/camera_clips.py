@@ -1,0 +1,168 @@
+"""The capture's own videos behind its cameras, showing the moment that the capture shows.
+
+Each camera gets its video, its sequence of pictures, or the film that ``engine.source_media.undistorted_clips`` wrote
+for it, as a background image. Which image it shows follows from the capture's timing by a driver, whatever its start,
+speed, repetition or time remapping; the expression is one of those that Blender evaluates without Python. Nothing is
+decoded until an image is looked at.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import bpy
+
+from ..capture_files import named_file
+from ..engine.errors import FrogError
+from ..engine.source_media.clips import Clip, capture_folders, find_clips
+from ..engine.source_media.undistorted_clips import Straightening, straight_clips, straightening
+from ..timeline import playback
+from ..timeline.retiming import TIMING
+from .capture_objects import cameras_of, stored_path
+
+if TYPE_CHECKING:
+    from ..engine.scene.header import SceneHeader
+
+OPACITY = 0.5
+_MARK = "frog_clip"  # of the images that this file loads
+_TIMING = dict(zip("svrmw", TIMING, strict=True))  # variables of drivers
+
+
+def add_clips(
+    obj: Any,
+    folder: Path | None = None,
+    *,
+    opacity: float = OPACITY,
+    in_front: bool = False,
+    straight: bool = True,
+) -> int:
+    """Put the videos of a capture behind its cameras and return how many cameras have one now.
+
+    Args:
+        obj: what plays the capture.
+        folder: the capture's; by default where the .frog file says, or near that file.
+        straight: show the films without distortion where there are such.
+
+    Raises:
+        FrogError: if the .frog file cannot be read.
+    """
+    path, header, folders = _sources(obj, folder)
+    clips = next((found for each in folders if (found := find_clips(header, each))), {})
+    if straight:
+        clips |= straight_clips(header, path)
+    shown = 0
+    for camera in cameras_of(obj):
+        clip = clips.get(camera.data.frog.capture_camera or camera.name)
+        if clip is None or camera.data.library is not None:
+            continue
+        background = clip_of(camera) or camera.data.background_images.new()
+        try:
+            background.image = _load(clip)
+        except RuntimeError:  # no picture or video that Blender can open
+            camera.data.background_images.remove(background)
+            continue
+        background.alpha = opacity
+        background.display_depth = "FRONT" if in_front else "BACK"
+        background.frame_method = "STRETCH"  # a capture's pictures fill its cameras' frames, rounded sizes included
+        camera.data.show_background_images = True
+        _synchronise(camera.data, background, clip, obj)
+        shown += 1
+    return shown
+
+
+def begin_straightening(obj: Any, folder: Path | None = None) -> Straightening | None:
+    """The films that have to be written for ``add_clips`` to show what the cameras saw; None where there are no such,
+    or no camera that could show one.
+
+    Raises:
+        FrogError: if the .frog file cannot be read, or no capture of it be opened.
+    """
+    path, header, folders = _sources(obj, folder)
+    if all(camera.data.library is not None for camera in cameras_of(obj)):
+        return None
+    problem = None
+    for each in filter(os.path.isdir, folders):  # False for names that no disk takes
+        try:
+            return straightening(header, path, each)
+        except FrogError as error:
+            problem = problem or error
+    if problem is not None:
+        raise problem
+    return None
+
+
+def _sources(obj: Any, folder: Path | None) -> tuple[Path, SceneHeader, list[Path]]:
+    """The file that an object plays, what it says, and where the capture may lie."""
+    path = named_file(obj)  # what is packed into the .blend has its films beside the place that it came from
+    header = playback.open_scene(playback.file_of(obj)).header
+    return path, header, [folder] if folder is not None else capture_folders(header, path)
+
+
+def clip_of(camera: Any) -> Any:
+    """The background image of a camera object that shows what it filmed, or None."""
+    images = camera.data.background_images
+    return next((each for each in images if each.image is not None and _MARK in each.image), None)
+
+
+def _load(clip: Clip) -> Any:
+    wanted = os.path.normpath(clip.path)
+    ours = (image for image in bpy.data.images if _MARK in image and image.library is None)
+    known = next((image for image in ours if os.path.normpath(bpy.path.abspath(image.filepath)) == wanted), None)
+    # Never the user's own of that file, whose settings and path are theirs.
+    image = known if known is not None else bpy.data.images.load(str(clip.path))
+    image.filepath = stored_path(clip.path)
+    image.reload()  # a film of this name may have been written again
+    if clip.kind == "SEQUENCE":
+        image.source = "SEQUENCE"
+    image[_MARK] = True
+    return image
+
+
+def _synchronise(data: Any, background: Any, clip: Clip, obj: Any) -> None:
+    """Drive the number of the picture that is shown. Number n is offset n - 1 of a clip that is one frame long."""
+    index = next(i for i, each in enumerate(data.background_images) if each == background)
+    path = f"background_images[{index}].image_user.frame_offset"
+    data.driver_remove(path)
+    if clip.kind == "PICTURE":
+        return
+    user = background.image_user
+    user.frame_start, user.frame_duration, user.use_auto_refresh = 1, 1, True
+    user.use_cyclic = True  # or Blender hides a sequence after its only frame
+    driver = data.driver_add(path).driver
+    driver.type = "SCRIPTED"
+    for name, data_path in _TIMING.items():
+        variable = driver.variables.new()
+        variable.name, variable.type = name, "SINGLE_PROP"
+        variable.targets[0].id, variable.targets[0].data_path = obj, data_path
+    driver.expression = expression(clip)
+
+
+def expression(clip: Clip) -> str:
+    """The driver's expression: retiming.capture_frame, rounded to a picture, as an offset of the first one."""
+    last = clip.count - 1
+    if last < 1:
+        return str(clip.first - 1)
+    position, turn = "(frame-s)*v", 2 * last
+    loop = f"fmod(fmod({position},{clip.count})+{clip.count},{clip.count})"
+    there_and_back = f"{last}-abs({last}-fmod(fmod({position},{turn})+{turn},{turn}))"
+    shown = f"w if m else {position} if r==0 else {loop} if r==1 else {there_and_back}"
+    return f"floor(clamp({shown},0,{last})+.5)*{clip.step}+{clip.first - 1}"
+
+
+def hide_clip(camera: Any) -> None:
+    """Take a camera object's clip away, with what drives it."""
+    background = clip_of(camera)
+    if background is not None and camera.data.library is None:
+        index = next(i for i, each in enumerate(camera.data.background_images) if each == background)
+        camera.data.driver_remove(f"background_images[{index}].image_user.frame_offset")
+        camera.data.background_images.remove(background)
+
+
+def revive() -> None:
+    """Blender gives drivers up whose properties go, as ours do when the add-on is switched off; told anew, they run."""
+    for data in getattr(bpy.data, "cameras", ()):  # no data can be reached while Blender starts
+        for curve in data.animation_data.drivers if data.animation_data is not None and data.library is None else ():
+            if any(variable.targets[0].data_path in TIMING for variable in curve.driver.variables):
+                curve.driver.expression = str(curve.driver.expression)

@@ -1,0 +1,134 @@
+"""A .frog file -> objects in a scene: a collection with a root, the Gaussians and the capture's cameras."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from .. import point_cloud
+from ..cameras import apply_lens, lens_of, pose_of
+from ..engine.errors import FrogError, brief
+from ..engine.source_media.clips import camera_path, moves_alone
+from ..timeline import playback
+from .camera_clips import add_clips
+from .capture_objects import stored_path
+from .scene_setup import is_untouched, set_up
+from .transaction import all_or_nothing
+
+if TYPE_CHECKING:
+    from ..engine.capture.camera import Camera
+    from ..engine.scene.header import SceneHeader
+
+
+def materialize(
+    path: Path,
+    scene: Any,
+    *,
+    start_frame: float = 1.0,
+    set_up_scene: bool | None = None,
+    use_frog_engine: bool | None = None,
+    show_clips: bool = True,
+) -> Any:
+    """Add a trained scene to ``scene`` and return the object that carries its Gaussians.
+
+    Everything hangs on an empty at the origin, so that the capture keeps its own coordinates and its cameras see what
+    they saw; move, turn or scale the empty to place it.
+
+    Args:
+        set_up_scene, use_frog_engine: see ``set_up``; None does it where nothing of the user's is in the scene.
+
+    Raises:
+        FrogError: if the file cannot be played. Nothing of it is left in the scene then, nor in Blender's data.
+    """
+    untouched = is_untouched(scene)
+    settings = untouched if set_up_scene is None else set_up_scene
+    engine = untouched if use_frog_engine is None else use_frog_engine
+    try:
+        with all_or_nothing(scene):
+            obj, cameras = _add(path, scene, start_frame)
+            if show_clips:
+                add_clips(obj)
+            header = playback.open_scene(path).header
+            set_up(scene, header, start_frame, cameras, settings=settings, engine=engine)
+    except FrogError:
+        raise
+    except Exception as error:  # a header may hold anything that no check has foreseen
+        raise FrogError(f"{path}: the scene could not be imported ({brief(repr(error))}).") from error
+    return obj
+
+
+def _add(path: Path, scene: Any, start_frame: float) -> tuple[Any, list[Any]]:
+    """The object that carries the Gaussians, playing, and the capture's cameras."""
+    playable = playback.open_scene(path)
+    header = playable.header
+    collection = bpy.data.collections.new(path.stem)
+    scene.collection.children.link(collection)
+    root = bpy.data.objects.new(path.stem, None)
+    collection.objects.link(root)
+
+    obj = point_cloud.create(f"{path.stem} Gaussians", playable.at_frame(scene.frame_current_final - start_frame))
+    _adopt(obj, root, collection)
+    cameras = _add_cameras(header, start_frame, root, collection)
+    # Last: setting them plays the capture, which needs the object in its scene.
+    obj.frog.start_frame = start_frame
+    obj.frog.filepath = stored_path(path)
+    return obj, cameras
+
+
+def _adopt(obj: Any, root: Any, collection: Any) -> None:
+    obj.parent = root
+    collection.objects.link(obj)
+
+
+def _add_cameras(header: SceneHeader, start_frame: float, root: Any, collection: Any) -> list[Any]:
+    """One Blender camera for each of the capture's, or a single animated one for a capture by a moving camera."""
+    if not moves_alone(header):
+        return [_add_camera(camera.name, camera, root, collection) for camera in header.cameras]
+    path = camera_path(header)
+    obj = _add_camera("Moving Camera", path[0][1], root, collection)
+    _animate(obj, path, start_frame)
+    return [obj]
+
+
+def _add_camera(name: str, camera: Camera, root: Any, collection: Any) -> Any:
+    data = bpy.data.cameras.new(name)
+    apply_lens(data, camera)
+    data.frog.capture_camera = camera.name
+    obj = bpy.data.objects.new(name, data)
+    obj.rotation_mode = "QUATERNION"
+    obj.matrix_local = Matrix(pose_of(camera).tolist())
+    center_distance = np.linalg.norm(camera.center)
+    data.clip_start, data.clip_end = 0.01, 10_000.0  # for other engines; FROG draws all that is in front
+    data.display_size = max(float(center_distance) * 0.05, 0.01)
+    _adopt(obj, root, collection)
+    return obj
+
+
+def _animate(obj: Any, path: list[tuple[int, Camera]], start_frame: float) -> None:
+    """Keyframe the pose at every picture, and the lens where it changes; straight lines between them."""
+    lenses = np.array([list(lens_of(camera).values())[:3] for _, camera in path])
+    changing = [
+        name for name, spread in zip(("lens", "shift_x", "shift_y"), np.ptp(lenses, axis=0), strict=True) if spread
+    ]
+    edit = bpy.context.preferences.edit
+    usual = edit.keyframe_new_interpolation_type
+    edit.keyframe_new_interpolation_type = "LINEAR"
+    try:
+        before = None
+        for frame, camera in path:
+            location, rotation, _ = Matrix(pose_of(camera).tolist()).decompose()
+            if before is not None:
+                rotation.make_compatible(before)  # the near one of the two signs, or the camera spins between frames
+            before = rotation
+            obj.location, obj.rotation_quaternion = location, rotation
+            for channel in ("location", "rotation_quaternion"):
+                obj.keyframe_insert(channel, frame=start_frame + frame)
+            apply_lens(obj.data, camera)
+            for channel in changing:
+                obj.data.keyframe_insert(channel, frame=start_frame + frame)
+    finally:
+        edit.keyframe_new_interpolation_type = usual

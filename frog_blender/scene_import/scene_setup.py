@@ -1,0 +1,198 @@
+"""Making a scene film what a capture filmed, and telling whether anything in it is the user's."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import bpy
+import numpy as np
+
+from ..color_spaces import into_working_space, to_linear
+from ..timeline import playback
+from .capture_objects import cameras_of, placed_by
+from .transaction import values
+
+if TYPE_CHECKING:
+    from ..engine.scene.header import SceneHeader
+
+_BACKGROUND_WORLD = "FRoG Background"
+_LAYERS = 1024  # of splats that rays of Cycles go through: as many as it allows
+_EEVEE = ("BLENDER_EEVEE", "BLENDER_EEVEE_NEXT")  # 4.5 has the longer name
+
+# What Blender starts with: the settings that set_up changes, the objects and their places, the grey of the world.
+_START = {
+    "frame_start": 1,
+    "frame_end": 250,
+    "render.fps": 24,
+    "render.fps_base": 1.0,
+    "render.resolution_x": 1920,
+    "render.resolution_y": 1080,
+    "render.resolution_percentage": 100,
+    "render.pixel_aspect_x": 1.0,
+    "render.pixel_aspect_y": 1.0,
+    "view_settings.view_transform": "AgX",
+    "view_settings.look": "None",
+}
+_START_OBJECTS = {
+    "Cube": ("MESH", (0.0, 0.0, 0.0)),
+    "Light": ("LIGHT", (4.0762, 1.0055, 5.9039)),
+    "Camera": ("CAMERA", (7.3589, -6.9258, 4.9583)),
+}
+_START_GREY = 0.0509
+
+
+def is_untouched(scene: Any) -> bool:
+    """Whether the scene holds nothing of the user's: what Blender starts with, or captures alone and the settings that
+    came with them."""
+    ours = _of_captures(scene)
+    if any(obj not in ours and not _is_of_start(obj) for obj in scene.objects):
+        return False
+    if not _is_plain(scene.world) or scene.timeline_markers or _has_strips(scene):
+        return False
+    if scene.frog.set_up_as and scene.frog.set_up_as == _fingerprint(scene):
+        return True
+    found = values(scene)
+    settings = all(found[path] == value for path, value in _START.items())
+    return settings and found["render.engine"] in (*_EEVEE, "FROG") and _is_of_start_world(scene.world)
+
+
+def is_set_up(scene: Any) -> bool:
+    """Whether the scene was set up for a capture; what the user has changed since does not matter."""
+    return bool(scene.frog.set_up_as) or scene.render.engine == "FROG"
+
+
+def _of_captures(scene: Any) -> set[Any]:
+    """The captures of a scene, what they hang on and their cameras, without any that is being edited."""
+    found: set[Any] = set()
+    for obj in playback.captures(scene.objects):
+        found |= {obj, placed_by(obj), *cameras_of(obj)}
+    return {obj for obj in found if obj.mode == "OBJECT"}
+
+
+def _is_of_start(obj: Any) -> bool:
+    """Whether it is the cube, light or camera of a new file as it was."""
+    kind, place = _START_OBJECTS.get(obj.name, ("", ()))
+    if obj.type != kind or obj.mode != "OBJECT" or obj.library is not None:
+        return False
+    if obj.modifiers or obj.constraints or obj.parent is not None or obj.children or obj.animation_data is not None:
+        return False
+    if kind == "MESH" and (len(obj.data.vertices), len(obj.data.polygons)) != (8, 6):
+        return False
+    return bool(np.allclose(obj.location, place, atol=1e-3) and np.allclose(obj.scale, 1.0))
+
+
+def _has_strips(scene: Any) -> bool:
+    editor = scene.sequence_editor
+    return editor is not None and len(editor.strips if hasattr(editor, "strips") else editor.sequences) > 0
+
+
+def _is_plain(world: Any) -> bool:
+    """Whether a world is one colour, or none at all: anything more somebody has made."""
+    if world is None:
+        return True
+    if world.library is not None or world.animation_data is not None:
+        return False
+    return world.node_tree is None or {node.type for node in world.node_tree.nodes} <= {"BACKGROUND", "OUTPUT_WORLD"}
+
+
+def _is_of_start_world(world: Any) -> bool:
+    if world is None:
+        return True
+    nodes = world.node_tree.nodes if world.node_tree is not None else ()
+    colors = [node.inputs["Color"].default_value[:3] for node in nodes if node.type == "BACKGROUND"]
+    strengths = [node.inputs["Strength"].default_value for node in nodes if node.type == "BACKGROUND"]
+    grey = all(np.allclose(color, _START_GREY, atol=1e-3) for color in [world.color, *colors])
+    return world.name == "World" and grey and all(strength == 1.0 for strength in strengths)
+
+
+def _fingerprint(scene: Any) -> str:
+    """The settings that set_up changes, as text."""
+    return repr({path: getattr(value, "name", value) for path, value in values(scene).items()})
+
+
+def set_up(
+    scene: Any, header: SceneHeader, start_frame: float, cameras: list[Any], *, settings: bool, engine: bool
+) -> None:
+    """Make the scene film what the capture filmed.
+
+    Args:
+        settings: its time, size, camera, background, and colours as they are.
+        engine: FROG renders it, and viewports show that.
+    """
+    if settings:
+        # Before anything is set: a header may hold what is no number.
+        background = into_working_space(to_linear(np.array(header.background, dtype=np.float64)))
+        _set_time(scene, header, start_frame)
+        if cameras:
+            look_through(scene, cameras[0])
+        _show_colors_unchanged(scene)
+        if hasattr(scene, "cycles"):  # rays that end at the usual 8 layers see a third of the light
+            scene.cycles.transparent_max_bounces = max(scene.cycles.transparent_max_bounces, _LAYERS)
+        # A window draws while a render evaluates frames in its own thread; locked, they do not share the Gaussians.
+        scene.render.use_lock_interface = True
+        _set_background(scene, background)
+    if engine:
+        scene.render.engine = "FROG"
+        _look_at_it(scene, through_camera=settings and bool(cameras))
+    if settings:
+        scene.frog.set_up_as = _fingerprint(scene)
+
+
+def _set_time(scene: Any, header: SceneHeader, start_frame: float) -> None:
+    if header.frame_count <= 1:  # a still capture leaves the scene its time
+        return
+    scene.frame_start = round(start_frame)
+    scene.frame_end = max(round(start_frame) + header.frame_count - 1, scene.frame_start)
+    # Blender keeps a whole number of frames and a divisor: 29.97 is 30 over 1.001.
+    whole = max(round(header.frames_per_second), 1)
+    scene.render.fps, scene.render.fps_base = whole, whole / max(header.frames_per_second, 0.01)
+
+
+def _show_colors_unchanged(scene: Any) -> None:
+    for name, value in (("view_transform", "Standard"), ("look", "None")):
+        try:
+            setattr(scene.view_settings, name, value)
+        except TypeError:  # a colour configuration of the user's own has none of that name
+            continue
+    scene.render.dither_intensity = 0.0
+
+
+def _set_background(scene: Any, color: np.ndarray) -> None:
+    """Gives the scene a world of this colour (scene-linear RGB). The one that it had stays in the file."""
+    before = scene.world
+    # Another scene's is of another capture.
+    is_ours = before is not None and before.name.startswith(_BACKGROUND_WORLD)
+    if is_ours and _is_plain(before) and before.users == 1:
+        world = before
+    else:
+        world = bpy.data.worlds.new(_BACKGROUND_WORLD)
+        if before is not None and before.library is None:
+            before.use_fake_user = True  # else Blender drops what nothing uses when it saves
+    world.color = color
+    if world.node_tree is not None:
+        for node in world.node_tree.nodes:
+            if node.type == "BACKGROUND":
+                node.inputs["Color"].default_value = (*color.tolist(), 1.0)
+                node.inputs["Strength"].default_value = 1.0
+    scene.world = world
+
+
+def _look_at_it(scene: Any, *, through_camera: bool) -> None:
+    """Viewports of the scene that show surfaces only, of which Gaussians have none, become rendered ones."""
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas if window.scene == scene else ():
+            space = area.spaces.active
+            if area.type == "VIEW_3D" and space.shading.type in ("SOLID", "WIREFRAME"):
+                space.shading.type = "RENDERED"
+                if through_camera and scene.camera is not None:
+                    space.region_3d.view_perspective = "CAMERA"
+
+
+def look_through(scene: Any, camera: Any) -> None:
+    """Make a camera the active one, at the size of the pictures that it took."""
+    scene.camera = camera
+    width, height = camera.data.frog.size
+    if width and height:
+        scene.render.resolution_x, scene.render.resolution_y = width, height
+        scene.render.resolution_percentage = 100
+        scene.render.pixel_aspect_x = scene.render.pixel_aspect_y = 1.0

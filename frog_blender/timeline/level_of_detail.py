@@ -1,0 +1,90 @@
+"""How many of its Gaussians a capture shows outside of FRoG's own pictures: the most important ones alone.
+
+Which they are is found once for each scene (``engine.playback.importance``) and is the same at every frame, so nothing
+flickers; what is left out is neither computed nor written.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from typing import TYPE_CHECKING, Any, TypeAlias
+from weakref import WeakKeyDictionary
+
+from ..nodes import ellipsoid_nodes
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ..engine.playback.player import PlayableScene
+
+_KEPT = 4  # thinned scenes of a scene: objects and renders may each want another density
+Fewer: TypeAlias = "tuple[PlayableScene, np.ndarray]"
+"""Some of a scene's Gaussians as a scene of their own, and (K,) which of those that move there are among them."""
+
+
+class _Thinned:
+    """What is known of one scene."""
+
+    def __init__(self) -> None:
+        self.lock = threading.Lock()  # a render evaluates frames in its own thread
+        self.order: np.ndarray | None = None
+        self.scenes: OrderedDict[int, Fewer] = OrderedDict()
+
+    def take(self, scene: PlayableScene, count: int) -> Fewer:
+        from ..engine.playback.importance import most_important, ranking
+
+        with self.lock:
+            if count not in self.scenes:
+                if self.order is None:
+                    self.order = ranking(scene)
+                kept = most_important(self.order, count)
+                self.scenes[count] = scene.only(kept), kept[kept < scene.moving]
+            self.scenes.move_to_end(count)
+            while len(self.scenes) > _KEPT:
+                self.scenes.popitem(last=False)
+            return self.scenes[count]
+
+
+_known: WeakKeyDictionary[PlayableScene, _Thinned] = WeakKeyDictionary()
+_lock = threading.Lock()  # of ``_known``
+_is_for_render = False  # see show_for_render
+
+
+def thinned(obj: Any, scene: PlayableScene) -> Fewer | None:
+    """The most important Gaussians of ``scene``, if an object's points or ellipsoids show no more; None for all."""
+    count = shown_count(obj, scene.count)
+    if count >= scene.count:
+        return None
+    with _lock:
+        known = _known.setdefault(scene, _Thinned())
+    return known.take(scene, count)
+
+
+def shown_count(obj: Any, total: int) -> int:
+    """How many of ``total`` Gaussians an object shows now; never none, and no more ellipsoids than Blender bears."""
+    settings = obj.frog
+    share = settings.render_density if _is_for_render else settings.density
+    count = max(1, round(total * share / 100))
+    return min(count, ellipsoid_nodes.MOST) if settings.display == "ELLIPSOIDS" else count
+
+
+def show_for_render(is_shown: bool) -> None:
+    """Whether captures show from now on what they are to show in another engine's render."""
+    global _is_for_render
+    from . import playback
+
+    if is_shown == _is_for_render:
+        return
+    _is_for_render = is_shown
+    for obj, scene in playback.scenes_of_captures().items():
+        if obj.frog.density != obj.frog.render_density:
+            playback.show(obj, scene.frame_current_final)
+
+
+def forget() -> None:
+    """Lets go of every thinned scene."""
+    global _is_for_render
+    _is_for_render = False
+    with _lock:
+        _known.clear()

@@ -1,0 +1,179 @@
+"""The .frog files and bakes that are played: read once for each version of a file, whoever plays them.
+
+Nothing of Blender's is looked at here, so any thread may ask."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Callable, Container
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..engine.errors import FrogError, brief
+from . import playback_cache
+
+if TYPE_CHECKING:
+    from ..engine.playback.bake import Bake
+    from ..engine.playback.player import PlayableScene
+
+_Stamp = tuple[int, int] | None  # modification time and size of a file; None where there is no file
+
+
+class _Kept:
+    """What was read from one file: read once for each version of it, while other files can be read as well."""
+
+    def __init__(self) -> None:
+        self.lock = threading.Lock()  # a render evaluates frames in its own thread
+        self.version: Any = ()
+        self.content: Any = None  # or the sentence that says why there is none
+
+    def take(self, version: Any, read: Callable[[], Any]) -> Any:
+        with self.lock:
+            if self.version != version:
+                self.content = read()
+                self.version = version
+                if isinstance(self.content, str):
+                    print(f"FRoG: {self.content}", file=sys.stderr)  # once for each version, not once a frame
+            return self.content
+
+
+_scenes: dict[Path, _Kept] = {}
+_bakes: dict[tuple[Path, Path], _Kept] = {}  # by bake and scene file
+_lock = threading.Lock()  # of these two
+
+
+def is_known(path: Path) -> bool:
+    """True if ``scene`` was asked for it before."""
+    return path in _scenes
+
+
+def scene(path: Path) -> PlayableScene:
+    """The scene in a file; FrogError with one sentence if it is unusable."""
+    with _lock:
+        kept = _scenes.setdefault(path, _Kept())
+    before = kept.content
+    content = kept.take(version(path), lambda: _read(path))
+    if before is not content:
+        _forget_frames(before)
+    if isinstance(content, str):
+        raise FrogError(content)
+    return content
+
+
+def bake(path: Path, file: Path, scene: PlayableScene) -> Bake | None:
+    """What was baked of a file's scene; None where nothing usable was, which ``bake_problem`` explains."""
+    stamp = version(path)
+    if stamp is None:
+        let_go_of_bake(path)
+        return None
+    with _lock:
+        kept = _bakes.setdefault((path, file), _Kept())
+    content = kept.take((stamp, scene.token), lambda: _read_bake(path, file, scene))
+    return None if isinstance(content, str) else content
+
+
+def version(path: Path) -> _Stamp:
+    """Changes when the file does; None where there is none."""
+    try:
+        status = path.stat()
+    except (OSError, ValueError):  # ValueError: for a path with a zero in it
+        return None
+    return status.st_mtime_ns, status.st_size
+
+
+def problem(path: Path) -> str:
+    """Why a file could not be played when it was last needed, or an empty string."""
+    kept = _scenes.get(path)
+    content = kept.content if kept is not None else None
+    return content if isinstance(content, str) else ""
+
+
+def is_outdated(path: Path) -> bool:
+    """True if the file is another one by now than when it was last needed, or never was needed."""
+    kept = _scenes.get(path)
+    return kept is None or kept.version != version(path)
+
+
+def is_bake_outdated(path: Path, file: Path) -> bool:
+    """The same for a bake: it was changed, deleted or made since."""
+    kept = _bakes.get((path, file))
+    return (kept.version[0] if kept is not None and kept.version else None) != version(path)
+
+
+def is_missing(path: Path) -> bool:
+    """True if there was no file when it was last needed."""
+    kept = _scenes.get(path)
+    return kept is not None and kept.version is None
+
+
+def used_bake(path: Path, file: Path) -> Bake | None:
+    """The bake of a file that was used last."""
+    kept = _bakes.get((path, file))
+    return kept.content if kept is not None and not isinstance(kept.content, str) else None
+
+
+def bake_problem(path: Path, file: Path) -> str:
+    """Why a bake of a file is not used, or an empty string."""
+    kept = _bakes.get((path, file))
+    content = kept.content if kept is not None else None
+    return content if isinstance(content, str) else getattr(content, "problem", "")
+
+
+def let_go_of_bake(path: Path) -> None:
+    """Closes a bake, so that it can be replaced or deleted; it is opened again when it is needed."""
+    with _lock:
+        let_go = [_bakes.pop(key) for key in [key for key in _bakes if key[0] == path]]
+    for content in (kept.content for kept in let_go):
+        if content is not None and not isinstance(content, str):
+            content.close()
+
+
+def forget() -> None:
+    """Drop every scene and bake that was read."""
+    with _lock:
+        _scenes.clear()
+        paths = {path for path, _ in _bakes}
+    for path in paths:
+        let_go_of_bake(path)
+    playback_cache.clear()
+
+
+def forget_all_but(files: Container[Path]) -> None:
+    """Drops scenes and bakes of other files, so that a day of trainings does not gather them."""
+    with _lock:
+        dropped = [_scenes.pop(path) for path in [path for path in _scenes if path not in files]]
+        paths = {path for path, file in _bakes if file not in files}
+    for kept in dropped:
+        _forget_frames(kept.content)
+    for path in paths:
+        let_go_of_bake(path)
+
+
+def _forget_frames(content: PlayableScene | str | None) -> None:
+    """Drops the cached frames of what was kept of a file, if that was a scene."""
+    if content is not None and not isinstance(content, str):
+        playback_cache.frames.forget(content.token)
+
+
+def _read(path: Path) -> PlayableScene | str:
+    try:
+        from ..engine.playback.player import PlayableScene
+
+        return PlayableScene.load(path)
+    except FrogError as error:
+        return str(error)
+    except Exception as error:
+        # Whatever is wrong with one file, the timeline must go on; the cause is told once.
+        return f"{path}: this scene cannot be played ({type(error).__name__}: {error})."
+
+
+def _read_bake(path: Path, file: Path, scene: PlayableScene) -> Bake | str:
+    from ..engine.playback.bake import Bake
+
+    try:
+        return Bake(path, file, scene)
+    except FrogError as error:
+        return str(error)
+    except Exception as error:
+        return f"{path}: this bake cannot be used ({type(error).__name__}: {brief(error)}); frames are computed."

@@ -1,0 +1,1 @@
+"""torch for training, installed by one button into a folder of its own."""

@@ -1,0 +1,142 @@
+"""Where installations of torch lie, which of them counts, and what is left of the others.
+
+A folder whose libraries are loaded cannot be replaced on Windows. So each installation gets a new one, ``torch``,
+``torch-2`` and so on, and the file ``torch.current`` beside them names the one that counts, unless that is ``torch``.
+"""
+
+from __future__ import annotations
+
+import glob
+import importlib.util
+import itertools
+import os
+import re
+import shutil
+import sys
+from pathlib import Path
+from typing import BinaryIO
+
+from ..engine.capture.sharing import only_here, shared_file
+
+_POINTER = ".current"
+_held: dict[str, BinaryIO] = {}  # open, and so in use, for as long as this process lives
+
+
+def hold() -> None:
+    """To be called before torch is imported: other processes leave its folder alone until this one ends, as it goes
+    on importing parts of it."""
+    found = _loaded_torch()
+    if found is None:
+        spec = importlib.util.find_spec("torch")
+        found = spec.origin if spec is not None else None
+    if found is not None and found not in _held:
+        file = shared_file(Path(found))
+        if file is not None:
+            _held[found] = file
+
+
+def partial_prefix(folder: Path) -> str:
+    """How the name begins of a folder that this process fills or empties."""
+    return f"{folder.name}.partial-{os.getpid()}-"
+
+
+def installed(folder: Path) -> Path | None:
+    """Where the packages are that were installed as ``folder`` last; None where there are none."""
+    try:
+        named = (folder.parent / f"{folder.name}{_POINTER}").read_text(encoding="utf-8").strip()
+    except (OSError, ValueError):
+        named = folder.name
+    choices = [folder.with_name(named)] if _is_version(named, folder) else []
+    return next((path for path in [*choices, folder] if has_torch(path)), None)
+
+
+def clear_remains(folder: Path) -> None:
+    """Removes what is left beside ``folder``: of installations whose Blender died, and of earlier ones."""
+    for path in remains(folder):
+        _discard(path, folder)
+
+
+def remains(folder: Path) -> list[Path]:
+    """The folders that ``clear_remains`` would remove."""
+    current, found = installed(folder), []
+    for path in folder.parent.glob(f"{glob.escape(folder.name)}*"):
+        partial = re.fullmatch(rf"{re.escape(folder.name)}\.partial-(?:(\d+)-)?.*", path.name)
+        is_earlier = current is not None and path != current and _is_version(path.name, folder)
+        is_partial = partial is not None and not (partial[1] and _is_running(int(partial[1])))
+        if (is_earlier or is_partial) and path.is_dir() and not path.is_symlink():
+            found.append(path)
+    return found
+
+
+def _is_version(name: str, folder: Path) -> bool:
+    return re.fullmatch(rf"{re.escape(folder.name)}(-\d+)?", name) is not None
+
+
+def has_torch(folder: Path) -> bool:
+    """Whether the packages in a folder are those that training needs."""
+    return _torch_in(folder).is_file()
+
+
+def _torch_in(folder: Path) -> Path:
+    return folder / "torch" / "__init__.py"
+
+
+def _is_running(process: int) -> bool:
+    """Whether a process with this number exists; on Windows, where a folder in use cannot be moved, never."""
+    if sys.platform == "win32":
+        return False
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OverflowError):
+        return True
+    return True
+
+
+def _discard(path: Path, folder: Path) -> None:
+    """Removes a folder, or leaves it whole for the next start where something of it is in use."""
+    loaded = _loaded_torch()
+    if (loaded and Path(loaded).is_relative_to(path)) or _is_held(path):
+        return
+    try:
+        # Moved first: on Windows that fails as a whole where removing would leave a half.
+        trash = path.rename(path.with_name(f"{partial_prefix(folder)}{path.name}"))
+    except OSError:
+        return
+    shutil.rmtree(trash, ignore_errors=True)
+
+
+def _loaded_torch() -> str | None:
+    return getattr(sys.modules.get("torch"), "__file__", None)
+
+
+def _is_held(folder: Path) -> bool:
+    """Whether any process holds the torch in a folder."""
+    if not has_torch(folder):
+        return False
+    file = shared_file(_torch_in(folder))
+    if file is None:
+        return True
+    with file:
+        return not only_here(file)
+
+
+def switch_to(partial: Path, folder: Path) -> Path:
+    """Makes a folder of packages the one that counts, and returns where it is now."""
+    before = installed(folder)
+    numbered = (folder.with_name(f"{folder.name}-{number}") for number in itertools.count(2))
+    if not has_torch(folder):
+        shutil.rmtree(folder, ignore_errors=True)  # what some other version of this left
+    target = next(path for path in itertools.chain([folder], numbered) if not os.path.lexists(path))
+    partial.rename(target)
+    pointer = folder.parent / f"{folder.name}{_POINTER}"
+    if target == folder:
+        pointer.unlink(missing_ok=True)
+    else:
+        written = pointer.with_name(f"{pointer.name}.part")
+        written.write_text(target.name, encoding="utf-8")
+        written.replace(pointer)
+    if before is not None:
+        _discard(before, folder)
+    return target

@@ -1,0 +1,145 @@
+"""torch for training, put into a folder of its own by pip: in the background, whole or not at all.
+
+Knows nothing of Blender's windows; operators/install_torch.py asks for it, the preferences show how it stands.
+"""
+
+from __future__ import annotations
+
+import glob
+import importlib.util
+import os
+import shutil
+import site
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+from ..engine.errors import FrogError, brief
+from .folders import has_torch, partial_prefix, switch_to
+
+PACKAGES = ("torch", "opencv-contrib-python-headless", "imageio-ffmpeg")
+"""What training and reading captures import and Blender's Python has not."""
+SIZES = "about 0.3 GB for the CPU alone (1 GB on the disk), about 3 GB with CUDA (7 GB)"
+_ROOM = 1.5e9  # bytes that the smaller of the two needs while it is unpacked
+_LINES_KEPT = 30
+
+
+def pip_command() -> list[str]:
+    """How to start pip with this Python: installed, or out of the wheel that Python brings along.
+
+    Isolated (``-I``), so that nothing in the current folder or in PYTHONPATH runs in its place; and only for as long as
+    this process keeps the other end of its input (``pip_of_parent``).
+
+    Raises:
+        FrogError: where there is neither.
+    """
+    start = [sys.executable, "-I", str(Path(__file__).with_name("pip_process.py"))]
+    installed_pip = importlib.util.find_spec("pip")
+    origin = Path(installed_pip.origin or ".") if installed_pip is not None else None
+    if origin is not None and any(origin.is_relative_to(folder) for folder in site.getsitepackages()):
+        return [*start, ""]
+    bundled = importlib.util.find_spec("ensurepip")
+    folders = bundled.submodule_search_locations if bundled else None
+    wheels = sorted(glob.glob(f"{(folders or ['.'])[0]}/_bundled/pip-*.whl"))
+    if not wheels:
+        raise FrogError(f"{sys.executable}: found no pip, expected Python's own: install torch elsewhere and name it.")
+    return [*start, wheels[-1]]
+
+
+class Installation:
+    """One run of pip. ``start()`` it; it ends by itself or by ``cancel()``.
+
+    Attributes:
+        folder: where the packages are when ``done``; before, where they would be for the first time.
+        line: what pip said last.
+        running, done: as it stands.
+        error: why it ended without being done, one sentence; "" where it was cancelled.
+
+    Args:
+        arguments: further ones of pip's, such as an index.
+    """
+
+    def __init__(self, folder: Path, arguments: Sequence[str] = (), packages: Sequence[str] = PACKAGES) -> None:
+        self.folder, self.line, self.error = folder, "Starting", ""
+        self.running = self.done = False
+        self._arguments, self._packages = list(arguments), list(packages)
+        self._cancelled = threading.Event()
+        self._process: subprocess.Popen[str] | None = None
+        self._thread = threading.Thread(target=self._work, name="FRoG installation", daemon=True)
+
+    def start(self) -> Installation:
+        """FrogError where there is no pip, or no room."""
+        command = pip_command()
+        try:
+            self.folder.parent.mkdir(parents=True, exist_ok=True)
+            free = shutil.disk_usage(self.folder.parent).free
+        except OSError as error:
+            raise FrogError(f"{self.folder.parent}: the folder could not be made ({error.strerror}).") from error
+        if free < _ROOM:
+            raise FrogError(f"{self.folder.parent}: found {free / 1e9:.1f} GB free, torch needs {_ROOM / 1e9:.1f} GB.")
+        # Only what is built: a source package would run its own code.
+        options = ["--disable-pip-version-check", "--no-input", "--progress-bar", "off", "--only-binary=:all:"]
+        self._command = [*command, "install", *options]
+        self.running = True
+        self._thread.start()
+        return self
+
+    def cancel(self) -> None:
+        self._cancelled.set()
+        if self._process is not None:
+            self._process.terminate()
+
+    def join(self, seconds: float | None = None) -> bool:
+        """Waits; True when it has ended."""
+        self._thread.join(seconds)
+        return not self._thread.is_alive()
+
+    def _work(self) -> None:
+        new_folder = partial(
+            tempfile.TemporaryDirectory,
+            prefix=partial_prefix(self.folder),
+            dir=self.folder.parent,
+            ignore_cleanup_errors=True,
+        )
+        try:
+            with new_folder() as packages, new_folder() as scratch:
+                self._run(Path(packages), Path(scratch))
+                if not self._cancelled.is_set() and not self.error:
+                    self.folder = switch_to(Path(packages), self.folder)
+                    self.done = True
+        except Exception as error:  # nobody else would hear of it
+            reason = getattr(error, "strerror", None) or brief(repr(error))
+            self.error = f"{self.folder}: torch could not be installed ({reason})."
+        finally:
+            self.running = False
+
+    def _run(self, target: Path, scratch: Path) -> None:
+        command = [*self._command, "--target", str(target), *self._arguments, *self._packages]
+        said: list[str] = []
+        self._process = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,  # closed by whatever ends this process, which ends pip
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+            cwd=target,  # of ours alone
+            # Where pip unpacks what it has fetched. It is ended without clearing up, and its room was looked at here.
+            env=os.environ | dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(scratch)),
+        )
+        if self._cancelled.is_set():  # between the two
+            self._process.terminate()
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            if line.strip():
+                self.line = line.strip()
+                said = [*said[-_LINES_KEPT:], self.line]
+        if self._process.wait() and not self._cancelled.is_set():
+            errors = [line.removeprefix("ERROR: ") for line in said if line.startswith("ERROR")]
+            self.error = f"torch could not be installed: {(errors or said or ['pip said nothing'])[-1]}"
+        elif not has_torch(target) and not self._cancelled.is_set():
+            self.error = f"torch could not be installed: pip brought none ({(said or ['it said nothing'])[-1]})."

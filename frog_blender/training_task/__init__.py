@@ -1,0 +1,1 @@
+"""A training beside Blender's main thread, and what the panel shows of it."""

@@ -1,0 +1,119 @@
+"""The rasterizer benchmark: scenes that are the same every time, honest records, one sentence for each mistake."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from support.builders import REPOSITORY, run_benchmark, run_python
+
+BENCHMARKS = REPOSITORY / "benchmarks"
+KEYS = {
+    *("scene", "backend", "threads", "isa", "forward_s", "backward_s", "peak_rss_mb", "pairs", "instances"),
+    *("gaussians", "forward_gpairs_per_core", "backward_gpairs_per_core", "forward_share", "backward_share"),
+}
+MAKE_SCENE = f"""
+import sys
+from pathlib import Path
+sys.path.insert(0, {str(BENCHMARKS)!r})
+import raster_scenes
+raster_scenes.save(Path(sys.argv[1]), raster_scenes.generate(raster_scenes.Recipe(300, 48, 32)))
+"""
+
+
+def make_scene(path: Path) -> Path:
+    done = run_python(MAKE_SCENE, path)
+    assert done.returncode == 0, done.stderr
+    return path
+
+
+@pytest.fixture(scope="module")
+def small_scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_scene(tmp_path_factory.mktemp("scenes") / "small.npz")
+
+
+def test_a_generated_scene_is_the_same_every_time_and_can_be_drawn(small_scene: Path, tmp_path: Path) -> None:
+    with np.load(small_scene) as first, np.load(make_scene(tmp_path / "again.npz")) as second:
+        assert set(first.files) == set(second.files)
+        for name in first.files:
+            np.testing.assert_array_equal(first[name], second[name], err_msg=name)
+        assert first["means"].shape == (300, 3) and first["means"].dtype == np.float32
+        assert first["v_out"].shape == (32, 48, 3) and first["v_alpha"].shape == (32, 48)
+        assert (first["scales"] > 0).all() and (first["opac"] > 0).all() and (first["opac"] < 1).all()
+        np.testing.assert_allclose(np.linalg.norm(first["quats"], axis=1), 1, rtol=1e-5)
+        depths = first["means"] @ first["view"][2, :3] + first["view"][2, 3]
+        assert depths.min() > 0.3
+
+
+def test_one_run_is_one_json_object(small_scene: Path) -> None:
+    done = run_benchmark(
+        "rasterizer.py", "--scene", small_scene, "--backend", "cpu", "--threads", "1", "--isa", "baseline", "--json"
+    )
+    assert done.returncode == 0, done.stderr
+    record = json.loads(done.stdout)
+    assert record.keys() >= KEYS
+    assert (record["scene"], record["backend"], record["threads"], record["isa"]) == ("small", "cpu", 1, "baseline")
+    assert 0 < record["forward_min_s"] <= record["forward_s"] and 0 < record["backward_min_s"] <= record["backward_s"]
+    assert 0 < record["gaussians"] <= 300 and record["pairs"] >= record["gaussians"]
+
+
+def test_a_file_that_is_no_scene_is_refused_in_one_sentence(tmp_path: Path) -> None:
+    foreign, incomplete = tmp_path / "foreign.npz", tmp_path / "incomplete.npz"
+    foreign.write_bytes(b"no archive")
+    np.savez(incomplete, means=np.zeros((1, 3)))
+    for path in (foreign, incomplete, tmp_path / "missing.npz", tmp_path / "scene.ply"):
+        done = run_benchmark("rasterizer.py", "--scene", path, "--json")
+        assert done.returncode == 1 and done.stdout == ""
+        assert done.stderr.startswith(f"{path}: found ") and done.stderr.count("\n") == 1
+        assert done.stderr.endswith(".\n")
+
+
+def rehearse(out: Path, *arguments: object, **environment: str) -> tuple[int, dict, str]:
+    """``gpu.py`` without a GPU: status, figures by part, and the report."""
+    command = [sys.executable, str(BENCHMARKS / "gpu.py"), "--device", "cpu", "--out", str(out), *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, env=os.environ | environment, check=False)
+    return done.returncode, json.loads((out / "gpu.json").read_text()), (out / "gpu.md").read_text()
+
+
+def test_the_gpu_check_can_be_rehearsed(tmp_path: Path) -> None:
+    status, parts, report = rehearse(tmp_path)
+    assert status == 0, report
+    assert list(parts) == ["machine", "rasterizer tests", "rasterizer", "training step", "draft training"]
+    assert not any("failed" in part for part in parts.values())
+    assert parts["rasterizer"]["runs"][0]["forward_s"] > 0
+    assert [run["pictures"] for run in parts["training step"]["runs"]] == ["regions", "whole"]
+    assert all(run["median_ms"] > 0 for run in parts["training step"]["runs"])
+    assert "capture" in parts["draft training"]["left out"]
+    assert all(f"## {name}" in report for name in parts)
+
+
+def test_a_part_of_the_gpu_check_that_fails_does_not_stop_the_others(tmp_path: Path) -> None:
+    status, parts, report = rehearse(tmp_path, FROG_NATIVE_LIBRARY=str(tmp_path / "nowhere.so"))
+    assert status == 1
+    assert parts["machine"]["native library"].startswith("none")
+    assert "nowhere.so" in parts["rasterizer"]["failed"] and "nowhere.so" in parts["training step"]["failed"]
+    assert "native library" in parts["rasterizer tests"]["left out"] and "failed" not in parts["rasterizer tests"]
+    assert len(parts) == 5 and "nowhere.so" in report
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
+def test_the_gpu_check_without_a_gpu_says_so_and_stops(tmp_path: Path) -> None:
+    command = [sys.executable, str(BENCHMARKS / "gpu.py"), "--out", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert list(json.loads((tmp_path / "gpu.json").read_text())) == ["machine"]
+    assert "torch sees no CUDA device" in done.stdout
+
+
+def test_training_modules_need_no_native_library(tmp_path: Path) -> None:
+    modules = ["training.trainer", "training.job", "rasterizer.cuda.rasterize"]
+    script = "; ".join(f"import frog_blender.engine.{module}" for module in modules)
+    environment = os.environ | {"FROG_NATIVE_LIBRARY": str(tmp_path / "nowhere.so")}
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, env=environment, check=False)
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,169 @@
+"""Small .frog scenes and readers of what Blender wrote, for the tests beside this file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.scene.header import SceneHeader
+from frog_blender.engine.scene.scene_file import SceneFile
+from frog_blender.engine.scene.scene_file import write_scene as write_file
+
+HIDDEN, EMBEDDING = 16, 8
+MODEL = {
+    "temporal_rows": 6,
+    "coarse_rows": 3,
+    "temporal_size": 8,
+    "embedding_size": EMBEDDING,
+    "hidden_width": HIDDEN,
+    "head_width": 0,
+    "deformed_sh": 1,
+    "opacity_reduction": "unit",
+    "opacity_sharpness": 10.0,
+    "motion_unit": 1.0,
+}
+
+
+def looking_at(name: str, eye: tuple[float, float, float], size: tuple[int, int], intrinsics: np.ndarray) -> Camera:
+    """A camera at ``eye`` that looks at the origin, with the world's z up."""
+    forward = -np.array(eye) / np.linalg.norm(eye)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    world_to_camera = np.eye(4)
+    world_to_camera[:3, :3], world_to_camera[:3, 3] = rotation, -rotation @ np.array(eye)
+    return Camera(name, *size, intrinsics, world_to_camera)
+
+
+def lens(fx: float, fy: float, cx: float, cy: float) -> np.ndarray:
+    return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+
+def rig_of_three() -> list[Camera]:
+    return [
+        looking_at("cam00", (0.0, -4.0, 1.0), (96, 64), lens(90.0, 90.0, 48.0, 32.0)),
+        looking_at("cam01", (3.0, -2.5, 0.5), (56, 80), lens(77.3, 77.3, 33.7, 35.2)),
+        looking_at("cam02", (-3.0, -2.5, 1.5), (80, 64), lens(88.0, 83.5, 36.4, 40.1)),
+    ]
+
+
+def moving_camera(count: int) -> list[Camera]:
+    angles = np.linspace(-0.6, 0.6, count)
+    return [
+        looking_at(
+            f"frame_{i:03d}",
+            (4.0 * np.sin(a), -4.0 * np.cos(a), 0.5 + a),
+            (72, 48),
+            lens(70.0 + i, 70.0 + i, 35.0 + 0.2 * i, 25.0),
+        )
+        for i, a in enumerate(angles)
+    ]
+
+
+def write_scene(
+    path: Path,
+    cameras: list[Camera],
+    *,
+    shots: list[tuple[int, ...]] | None = None,
+    frame_count: int = 10,
+    background: tuple[float, float, float] = (0.1, 0.2, 0.3),
+    count: int = 60,
+    seed: int = 0,
+    sh_count: int = 4,
+) -> Path:
+    """A scene of ``count`` moving Gaussians around the origin."""
+    random = np.random.default_rng(seed)
+    arrays = gaussian_arrays(random, count, sh_count)
+    header = SceneHeader(
+        method="frog",
+        recipe={},
+        model=MODEL,
+        cameras=tuple(cameras),
+        camera_shots=tuple(shots or [tuple(range(frame_count)) for _ in cameras]),
+        test_cameras=(),
+        test_frames=(),
+        frame_count=frame_count,
+        frames_per_second=24.0,
+        background=background,
+        capture_path="",
+        capture_format="n3dv",
+        scale=1.0,
+    )
+    write_file(path, SceneFile(header, arrays))
+    return path
+
+
+def gaussian_arrays(random: np.random.Generator, count: int, sh_count: int) -> dict[str, np.ndarray]:
+    """Random Gaussians and a small random deformation network that moves, turns, fades and tints them."""
+    sh = random.normal(0.0, 0.4, (count, sh_count, 3))
+    sh[:, 0] = random.uniform(-1.6, 1.6, (count, 3))
+    arrays = {
+        "means": random.normal(0.0, 0.5, (count, 3)),
+        "quaternions": random.normal(0.0, 1.0, (count, 4)),
+        "log_scales": np.log(random.uniform(0.05, 0.4, (count, 3))),
+        "opacity_logits": random.normal(1.5, 1.5, count),
+        "sh": sh,
+        "embeddings": random.normal(0.0, 1.0, (count, EMBEDDING)),
+        "temporal_table": random.normal(1.0, 0.3, (MODEL["temporal_rows"], MODEL["temporal_size"])),
+        "network.embedding_weight": random.normal(0.0, 0.5, (HIDDEN, EMBEDDING)),
+        "network.temporal_weight": random.normal(0.0, 0.5, (HIDDEN, MODEL["temporal_size"])),
+        "network.bias": random.normal(0.0, 0.1, HIDDEN),
+        "network.output_weight": random.normal(0.0, 0.1, (3 + 3 + 4 + 1 + 3, HIDDEN)),
+        "network.output_bias": np.zeros(3 + 3 + 4 + 1 + 3),
+    }
+    return {name: np.ascontiguousarray(values, dtype=np.float32) for name, values in arrays.items()}
+
+
+def glowing(color: tuple[float, float, float]) -> bpy.types.Material:
+    """A material that shows one scene-linear colour whatever the light."""
+    material = bpy.data.materials.new("glow")
+    if material.node_tree is None:
+        material.use_nodes = True
+    material.node_tree.nodes.clear()
+    glow = material.node_tree.nodes.new("ShaderNodeEmission")
+    glow.inputs["Color"].default_value = (*color, 1.0)
+    output = material.node_tree.nodes.new("ShaderNodeOutputMaterial")
+    material.node_tree.links.new(glow.outputs[0], output.inputs["Surface"])
+    return material
+
+
+def read_png(path: Path) -> np.ndarray:
+    """(H, W, 4) uint8, rows from the top, as stored."""
+    image = bpy.data.images.load(str(path))
+    image.colorspace_settings.name = "Non-Color"
+    width, height = image.size
+    values = np.empty(width * height * image.channels, dtype=np.float32)
+    image.pixels.foreach_get(values)
+    bpy.data.images.remove(image)
+    return np.round(values.reshape(height, width, -1)[::-1] * 255.0).astype(np.uint8)
+
+
+def expected_png(path: Path, camera: Camera, frame: float) -> np.ndarray:
+    """What the engine itself draws at a capture frame, as (H, W, 3) float in units of 1/255."""
+    from frog_blender.engine.playback.player import PlayableScene
+    from frog_blender.engine.playback.render import draw
+
+    scene = PlayableScene.load(path)
+    drawing = draw(scene.at_frame(frame), camera, background=scene.header.background)
+    return np.clip(drawing.rgb, 0.0, 1.0) * 255.0
+
+
+def passes_of(scene, tmp_path):
+    """Combined (H, W, 4) and Depth (H, W) of the current frame, rows from the top, without a file between."""
+    from frog_blender.render import frog_engine
+
+    taken = {}
+
+    def spy(engine, depsgraph):
+        taken["passes"] = original(engine, depsgraph)
+        return taken["passes"]
+
+    original, frog_engine.render_frame = frog_engine.render_frame, spy
+    try:
+        bpy.ops.render.render(scene=scene.name)
+    finally:
+        frog_engine.render_frame = original
+    return taken["passes"][:2]

@@ -1,0 +1,20 @@
+"""Between display-referred and scene-linear colour."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from frog_blender.color_spaces import picture_to_linear, to_display, to_linear
+
+
+def test_there_and_back():
+    values = np.linspace(0, 1.5, 1000, dtype=np.float32)
+    np.testing.assert_allclose(to_display(to_linear(values)), values, atol=1e-5)
+
+
+def test_the_table_for_pictures_is_as_exact_as_it_says():
+    picture = np.random.default_rng(0).random((100, 100, 3)).astype(np.float32)
+    picture[0, 0], picture[0, 1] = 0.0, 1.0
+    np.testing.assert_allclose(picture_to_linear(picture), to_linear(picture), atol=2e-5)
+    assert picture_to_linear(picture).dtype == np.float32
+    assert (picture_to_linear(picture)[0, :2] == [[0.0] * 3, [1.0] * 3]).all()

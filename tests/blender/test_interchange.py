@@ -1,0 +1,209 @@
+"""Export of frames and scenes, import of 3DGS splats: there and back is the same, in numbers and in pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import mathutils
+import numpy as np
+import pytest
+from small_scenes import rig_of_three, write_scene
+
+from frog_blender import point_cloud
+from frog_blender.engine.interchange.ply import read_splats, write_splats
+from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.transform import transform
+from frog_blender.timeline import open_scenes, playback
+
+
+@pytest.fixture
+def capture(empty, static_rig):
+    bpy.ops.import_scene.frog(filepath=str(static_rig))
+    return bpy.context.object
+
+
+def assert_same(path, gaussians):
+    """A .ply holds these Gaussians, to 1e-6."""
+    from frog_blender.engine.playback.canonical import at_rest
+
+    found = at_rest(read_splats(path).arrays)
+    for name in ("means", "scales", "opacities", "sh"):
+        np.testing.assert_allclose(getattr(found, name), getattr(gaussians, name), rtol=1e-6, atol=1e-6, err_msg=name)
+    signs = np.sign((found.quaternions * gaussians.quaternions).sum(1, keepdims=True))
+    np.testing.assert_allclose(found.quaternions * signs, gaussians.quaternions, atol=1e-6)
+
+
+def test_the_current_frame(empty, capture, static_rig, tmp_path):
+    empty.frame_set(4, subframe=0.5)
+    export = bpy.ops.export_scene.frog_frames
+    assert export(filepath=str(tmp_path / "now.ply"), apply_transform=False) == {"FINISHED"}
+    assert_same(tmp_path / "now.ply", PlayableScene.load(static_rig).at_frame(3.5))
+
+
+def test_a_range_goes_through_the_timeline(empty, capture, static_rig, tmp_path):
+    """With the capture's own speed, and leaving the scene where it stood."""
+    empty.frame_set(2)
+    capture.frog.speed = 2.0
+    options = {"frames": "CUSTOM", "first": 3, "last": 5, "apply_transform": False}
+    bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "out" / "x.ply"), **options)
+    names = sorted(path.name for path in (tmp_path / "out").iterdir())
+    assert names == ["x_0003.ply", "x_0004.ply", "x_0005.ply"] and empty.frame_current == 2
+    assert_same(tmp_path / "out" / "x_0004.ply", PlayableScene.load(static_rig).at_frame(6))
+    empty.frame_start, empty.frame_end = 2, 3
+    bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "all" / "x.ply"), frames="SCENE")
+    assert len(list((tmp_path / "all").iterdir())) == 2
+    with pytest.raises(RuntimeError, match="ends at frame 3"):
+        bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "x.ply"), frames="CUSTOM", first=5, last=3)
+
+
+def test_applied_transform_of_an_animated_root(empty, capture, static_rig, tmp_path):
+    root = capture.parent
+    for frame, angle in ((1, 0.0), (5, 1.2)):
+        root.rotation_euler = (0.3, angle, -0.4)
+        root.keyframe_insert("rotation_euler", frame=frame)
+    root.scale, root.location = (2.0,) * 3, (1.0, -2.0, 0.5)
+    options = {"frames": "CUSTOM", "first": 3, "last": 5, "apply_transform": True, "y_down": False}
+    bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "x.ply"), **options)
+    turn = mathutils.Euler((0.3, 1.2, -0.4)).to_matrix().to_4x4()
+    matrix = mathutils.Matrix.Translation(root.location) @ turn @ mathutils.Matrix.Scale(2.0, 4)
+    expected = transform(PlayableScene.load(static_rig).at_frame(4), np.array(matrix))
+    assert_same(tmp_path / "x_0005.ply", expected)
+    root.scale = (1.0, 2.0, 1.0)
+    with pytest.raises(RuntimeError, match="can only be scaled evenly, or be exported without Apply Transform"):
+        bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "y.ply"))
+    assert not (tmp_path / "y.ply").exists()
+
+
+def test_out_and_in_again_is_where_it_was(empty, capture, static_rig, tmp_path, rendered):
+    """With what both operators do unless told otherwise: placed by its root, written with y down, turned upright at
+    import, it is the same picture."""
+    root = capture.parent
+    turn = mathutils.Euler((0.2, -0.5, 1.1)).to_matrix().to_4x4()
+    root.matrix_world = mathutils.Matrix.Translation((0.1, 0.2, 0.3)) @ turn @ mathutils.Matrix.Scale(1.5, 4)
+    empty.frame_set(6)
+    before = rendered(empty)
+    bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "x.ply"))
+    means = read_splats(tmp_path / "x.ply").arrays["means"]
+    world = np.array(root.matrix_world) @ np.append(PlayableScene.load(static_rig).at_frame(5).means[0], 1)
+    np.testing.assert_allclose(means[0], [world[0], -world[2], world[1]], atol=1e-5)
+    bpy.data.objects.remove(capture)
+    time = empty.frame_start, empty.frame_end
+    assert bpy.ops.import_scene.frog_splats(filepath=str(tmp_path / "x.ply"), set_up_scene=False) == {"FINISHED"}
+    still = bpy.context.object
+    assert Path(still.frog.filepath).name == "x.frog" and point_cloud.count(still) == 60
+    after = rendered(empty)
+    assert before.std() > 10 and time == (empty.frame_start, empty.frame_end)
+    np.testing.assert_allclose(after.astype(int), before, atol=1)
+
+
+PLACES = [
+    mathutils.Matrix(),
+    mathutils.Matrix.Rotation(-np.pi / 2, 4, "X"),
+    mathutils.Matrix.LocRotScale((3.0, -40.0, 0.5), mathutils.Euler((2.0, -0.7, 3.0)), (0.02,) * 3),
+    mathutils.Matrix.LocRotScale((-7.0, 0.1, 900.0), mathutils.Euler((-1.0, 0.4, -2.2)), (35.0,) * 3),
+]
+
+
+def in_world(scene, obj):
+    """The scene's Gaussians where the object's root has put them."""
+    return transform(scene.at_frame(0), np.array(obj.parent.matrix_world))
+
+
+@pytest.mark.parametrize("place", PLACES, ids=range(len(PLACES)))
+@pytest.mark.parametrize("sh_count", [1, 16])
+def test_every_gaussian_comes_back_to_its_place(empty, tmp_path, place, sh_count):
+    """Turned, and its colours with it, wherever the root of the capture is."""
+    path = write_scene(tmp_path / "figure.frog", rig_of_three(), sh_count=sh_count)
+    bpy.ops.import_scene.frog(filepath=str(path))
+    before = bpy.context.object
+    before.parent.matrix_world = place
+    bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "still.ply"))
+    bpy.ops.import_scene.frog_splats(filepath=str(tmp_path / "still.ply"))
+    after = bpy.context.object
+    bpy.context.view_layer.update()
+    expected = in_world(PlayableScene.load(path), before)
+    found = in_world(PlayableScene.load(after.frog.filepath), after)
+    size = np.abs(expected.means).max()
+    np.testing.assert_allclose(found.means, expected.means, rtol=1e-4, atol=1e-6 * size)
+    np.testing.assert_allclose(found.scales, expected.scales, rtol=1e-4)
+    np.testing.assert_allclose(found.opacities, expected.opacities, atol=1e-5)
+    np.testing.assert_allclose(found.sh, expected.sh, atol=1e-4)
+    same = np.abs((found.quaternions * expected.quaternions).sum(axis=1))  # either sign is the same turn
+    np.testing.assert_allclose(same, 1, atol=1e-5)
+
+
+def test_a_still_in_an_empty_scene(empty, static_rig, tmp_path):
+    write_splats(tmp_path / "x.ply", PlayableScene.load(static_rig).at_frame(2))
+    camera = bpy.data.objects.new("mine", bpy.data.cameras.new("mine"))
+    empty.collection.objects.link(camera)
+    empty.camera, empty.frame_end = camera, 77
+    target = tmp_path / "deep" / "named.frog"
+    asked = {"compact": True, "set_up_scene": True}
+    bpy.ops.import_scene.frog_splats(filepath=str(tmp_path / "x.ply"), scene_file=str(target), **asked)
+    still = bpy.context.object
+    assert (empty.camera, empty.frame_end, empty.render.engine) == (camera, 77, "FROG")
+    assert Path(still.frog.filepath) == target and empty.view_settings.view_transform == "Standard"
+    assert not [obj for obj in empty.objects if obj.type == "CAMERA" and obj is not camera]
+    up = still.matrix_world.to_3x3() @ mathutils.Vector((0.0, -1.0, 0.0))
+    assert up.z == pytest.approx(1.0, abs=1e-6)
+    shown = point_cloud.read(still)["position"]
+    empty.frame_set(40)
+    np.testing.assert_array_equal(point_cloud.read(still)["position"], shown)
+    bpy.ops.import_scene.frog_splats(filepath=str(tmp_path / "x.ply"), turn_upright=False)
+    assert bpy.context.object.parent.matrix_world == mathutils.Matrix.Identity(4)
+
+
+def test_a_trained_scene_beside_the_ply_is_not_written_over(empty, static_rig):
+    content = static_rig.read_bytes()
+    write_splats(static_rig.with_suffix(".ply"), PlayableScene.load(static_rig).at_frame(0))
+    for _ in range(2):
+        bpy.ops.import_scene.frog_splats(filepath=str(static_rig.with_suffix(".ply")))
+        assert Path(bpy.context.object.frog.filepath).name == "figure_ply.frog"
+    assert static_rig.read_bytes() == content
+
+
+def test_bad_splats_are_an_error_in_a_sentence(empty, static_rig, tmp_path):
+    (tmp_path / "mesh.ply").write_bytes(b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n1\n")
+    with pytest.raises(RuntimeError, match=r"mesh\.ply: found the format ascii"):
+        bpy.ops.import_scene.frog_splats(filepath=str(tmp_path / "mesh.ply"))
+    assert not empty.objects[:] and not bpy.data.collections[:] and not list(tmp_path.glob("mesh*.frog"))
+    write_splats(tmp_path / "few.ply", PlayableScene.load(static_rig).at_frame(0))
+    content = (tmp_path / "few.ply").read_bytes()
+    (tmp_path / "few.ply").write_bytes(content[:-50])
+    with pytest.raises(RuntimeError, match="its header announces"):
+        bpy.ops.import_scene.frog_splats(filepath=str(tmp_path / "few.ply"))
+
+
+def test_the_scene_file_elsewhere(empty, capture, static_rig, tmp_path):
+    copy = tmp_path / "archive" / "copy.frog"
+    assert bpy.ops.export_scene.frog(filepath=str(copy)) == {"FINISHED"}
+    assert copy.read_bytes() == static_rig.read_bytes() and playback.file_of(capture) == static_rig
+    bpy.ops.export_scene.frog(filepath=str(tmp_path / "second.frog"), use_copy=True)
+    assert playback.file_of(capture) == tmp_path / "second.frog"
+    static_rig.unlink()
+    empty.frame_set(7)
+    assert not open_scenes.problem(playback.file_of(capture))
+    with pytest.raises(RuntimeError, match="plays already"):
+        bpy.ops.export_scene.frog(filepath=str(tmp_path / "second.frog"))
+    (tmp_path / "second.frog").write_bytes(b"nonsense")
+    with pytest.raises(RuntimeError, match=r"second\.frog"):
+        bpy.ops.export_scene.frog(filepath=str(tmp_path / "third.frog"))
+    assert not (tmp_path / "third.frog").exists()
+
+
+def test_one_of_several_captures_is_exported(empty, static_rig, tmp_path):
+    first = bpy.ops.import_scene.frog(filepath=str(static_rig)) and bpy.context.object
+    bpy.ops.import_scene.frog(filepath=str(write_scene(tmp_path / "other.frog", rig_of_three(), count=33)))
+    bpy.context.view_layer.objects.active = first.parent  # the empty stands for its capture
+    bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "x.ply"))
+    assert len(read_splats(tmp_path / "x.ply").arrays["means"]) == 60
+    bpy.context.view_layer.objects.active = None
+    assert not bpy.ops.export_scene.frog_frames.poll()
+
+
+def test_dropped_files_find_their_operators(addon):
+    handlers = {cls.bl_idname: cls for cls in bpy.types.FileHandler.__subclasses__()}
+    splats = handlers["FROG_FH_splats"]
+    assert splats.bl_file_extensions == ".ply" and splats.bl_import_operator == "import_scene.frog_splats"
+    assert bpy.ops.import_scene.frog_splats.idname() == "IMPORT_SCENE_OT_frog_splats"

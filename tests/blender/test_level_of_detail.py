@@ -1,0 +1,140 @@
+"""Density: the most important Gaussians, the same at every frame, in viewports and other engines' renders alone."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+import pytest
+from small_scenes import rig_of_three, write_scene
+
+from frog_blender import point_cloud
+from frog_blender.engine.playback.importance import most_important, ranking
+from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.nodes import ellipsoid_nodes
+from frog_blender.render.collect_instances import gather
+from frog_blender.timeline import level_of_detail, open_scenes, playback
+
+
+@pytest.fixture
+def many(tmp_path):
+    return write_scene(tmp_path / "many.frog", rig_of_three(), count=400)
+
+
+@pytest.fixture
+def capture(empty, many):
+    bpy.ops.import_scene.frog(filepath=str(many))
+    return bpy.context.object
+
+
+class CountingEngine(bpy.types.RenderEngine):
+    """Renders nothing, and remembers how many points it was given."""
+
+    bl_idname, bl_label = "FROG_TEST_COUNT", "Count"
+    seen: list[int] = []
+
+    def render(self, depsgraph):
+        clouds = [i.object.data for i in depsgraph.object_instances if i.object.type == "POINTCLOUD"]
+        self.seen.append(sum(len(cloud.points) for cloud in clouds))
+
+
+@pytest.fixture
+def counting(capture):
+    bpy.utils.register_class(CountingEngine)
+    CountingEngine.seen.clear()
+    yield CountingEngine.seen
+    bpy.utils.unregister_class(CountingEngine)
+
+
+def kept_of(path, count):
+    scene = PlayableScene.load(path)
+    return scene, most_important(ranking(scene), count)
+
+
+def test_the_same_most_important_ones_at_every_frame(empty, capture, many):
+    capture.frog.density = 25
+    scene, kept = kept_of(many, 100)
+    for frame in (3, 9, 1, 6):
+        empty.frame_set(frame)
+        shown, all_of_them = point_cloud.read(capture), scene.at_frame(frame - 1)
+        np.testing.assert_allclose(shown["position"], all_of_them.means[kept], atol=1e-5)
+        np.testing.assert_allclose(shown["rotation"], all_of_them.quaternions[kept], atol=1e-5)
+        np.testing.assert_allclose(shown["radiance:base"][:, 3], all_of_them.opacities[kept], atol=1e-5)
+        np.testing.assert_allclose(shown["radiance:sh_2"], all_of_them.sh[kept, 3], atol=1e-5)
+
+
+def test_from_all_to_one_and_back(empty, capture):
+    counts = []
+    for share in (100, 50, 1, 0, 99, 100):
+        capture.frog.density = share
+        counts.append(point_cloud.count(capture))
+    assert counts == [400, 200, 4, 1, 396, 400]
+
+
+def test_what_is_left_out_is_not_computed(empty, capture, monkeypatch):
+    capture.frog.density = 10
+    computed = []
+    real = PlayableScene.part_at
+    monkeypatch.setattr(PlayableScene, "part_at", lambda self, time: computed.append(self.count) or real(self, time))
+    empty.frame_set(5, subframe=0.3)
+    assert computed and set(computed) == {40}
+
+
+def test_frog_draws_all_of_them(empty, capture, rendered):
+    before = rendered(empty)
+    capture.frog.density = capture.frog.render_density = 5
+    np.testing.assert_array_equal(rendered(empty), before)
+    gaussians, _ = gather(bpy.context.evaluated_depsgraph_get())
+    assert len(gaussians.means) == 400
+
+
+def test_renders_of_other_engines_have_their_own(empty, capture, counting):
+    empty.render.engine = CountingEngine.bl_idname
+    capture.frog.density, capture.frog.render_density = 10, 75
+    bpy.ops.render.render()
+    assert counting == [300] and point_cloud.count(capture) == 40
+    empty.frame_start, empty.frame_end = 2, 4
+    bpy.ops.render.render(animation=True)
+    assert counting == [300] * 4 and point_cloud.count(capture) == 40
+    capture.frog.render_density = 10
+    bpy.ops.render.render()
+    assert counting[-1] == 40 and not level_of_detail._is_for_render
+
+
+def test_two_captures_of_one_file(empty, capture, many):
+    bpy.ops.import_scene.frog(filepath=str(many))
+    other = bpy.context.object
+    capture.frog.density, other.frog.density = 20, 60
+    empty.frame_set(7)
+    assert (point_cloud.count(capture), point_cloud.count(other)) == (80, 240)
+
+
+def test_a_new_version_of_the_file(empty, capture, many):
+    capture.frog.density = 50
+    write_scene(many, rig_of_three(), count=90, seed=5)
+    empty.frame_set(3)
+    scene, kept = kept_of(many, 45)
+    np.testing.assert_allclose(point_cloud.read(capture)["position"], scene.at_frame(2).means[kept], atol=1e-5)
+
+
+def test_ellipsoids_respect_it_and_never_are_too_many(empty, capture, monkeypatch):
+    def instances():
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+        return sum(i.is_instance and i.parent.original == capture for i in depsgraph.object_instances)
+
+    monkeypatch.setattr(ellipsoid_nodes, "ALPHA_MIN", 0.0)  # all can be seen
+    capture.frog.density, capture.frog.display = 10, "ELLIPSOIDS"
+    assert instances() == 40
+    monkeypatch.setattr(ellipsoid_nodes, "MOST", 70)
+    capture.frog.density = 100
+    assert capture.frog.display == "ELLIPSOIDS" and instances() == 70
+    capture.frog.display = "POINTS"
+    assert point_cloud.count(capture) == 400
+
+
+def test_saved_and_opened_again(empty, capture, tmp_path):
+    capture.frog.density, name = 30, capture.name
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "x.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "x.blend"))
+    again = bpy.data.objects[name]
+    assert (again.frog.density, point_cloud.count(again)) == (30, 120)
+    assert not open_scenes.problem(playback.file_of(again))

@@ -1,0 +1,162 @@
+"""Export of several frames in a window: one at a time, stopped by Esc, and at an end whatever happens meanwhile.
+
+The operator, its files and the window manager are Blender's own; only the events come from here, since nothing else
+sends any without a screen.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+import pytest
+from windows import drop_operators, event, started_in_window
+
+from frog_blender.engine.interchange import ply
+from frog_blender.engine.interchange.ply import read_splats
+from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.operators import export_scene
+from frog_blender.timeline import playback
+
+
+@pytest.fixture
+def export(empty, static_rig, tmp_path, monkeypatch):
+    """A function that begins an export of frames 1 to 10 as the file browser does, and gives the running operator."""
+    bpy.ops.import_scene.frog(filepath=str(static_rig))
+    empty.frame_set(4)
+    operator = export_scene.FROG_OT_export_frames
+    started = started_in_window(monkeypatch, export_scene, operator)
+    said: list[tuple[str, str]] = []  # reports, which a script does not see of an operator that Blender runs later
+    end = operator._end
+    monkeypatch.setattr(operator, "_end", lambda self, *args: said.append(args[1:3]) or end(self, *args))
+
+    def begin(**options):
+        said.clear()
+        assert bpy.ops.export_scene.frog_frames(
+            filepath=str(tmp_path / "out" / "x.ply"), frames="SCENE", **options
+        ) == {"RUNNING_MODAL"}
+        operator, steps = started[-1]
+        return SimpleNamespace(operator=operator, steps=steps, said=said, folder=tmp_path / "out")
+
+    yield begin
+    drop_operators()
+
+
+def send(running, kind="TIMER", times=1, value="NOTHING"):
+    for _ in range(times):
+        result = running.operator.modal(bpy.context, event(kind, value))
+    return result
+
+
+def written(running):
+    """Names of the files, each of which can be read."""
+    found = sorted(path for path in running.folder.glob("*")) if running.folder.is_dir() else []
+    assert all(len(read_splats(path).arrays["means"]) == 60 for path in found)
+    return [path.name for path in found]
+
+
+def is_over(running):
+    return running.operator._timer is None and running.steps.gi_frame is None
+
+
+def test_a_frame_each_time_until_all_are_there(empty, export, static_rig):
+    running = export(apply_transform=False)
+    assert written(running) == []
+    for done in range(1, 11):
+        assert send(running) == {"PASS_THROUGH"} and len(written(running)) == done
+        assert send(running, "MOUSEMOVE") == {"PASS_THROUGH"} and len(written(running)) == done
+    assert send(running) == {"FINISHED"} and is_over(running)
+    assert running.said == [("INFO", f"10 files written to {running.folder}.")]
+    means = read_splats(running.folder / "x_0007.ply").arrays["means"]
+    np.testing.assert_array_equal(means, PlayableScene.load(static_rig).at_frame(6).means)
+    assert empty.frame_current == 4
+
+
+@pytest.mark.parametrize("kind", ["ESC", "RIGHTMOUSE"])
+def test_it_is_stopped_and_files_stay(empty, export, kind):
+    running = export(apply_transform=True)
+    send(running, times=3)
+    assert empty.frame_current == 3
+    assert send(running, kind, value="RELEASE") == {"PASS_THROUGH"}, "of a key that was pressed before"
+    assert send(running, kind, value="PRESS") == {"CANCELLED"} and is_over(running)
+    assert written(running) == ["x_0001.ply", "x_0002.ply", "x_0003.ply"] and empty.frame_current == 4
+    assert running.said == [("INFO", f"The export was stopped: 3 of 10 files were written to {running.folder}.")]
+    assert send(running) == {"CANCELLED"} and len(written(running)) == 3, "a late event does nothing"
+
+
+def test_an_error_in_the_middle_ends_it_in_a_sentence(empty, export, monkeypatch):
+    def full(path, content):
+        raise ply.FrogError(f"{path}: could not be written (No space left on device).")
+
+    running = export()
+    send(running, times=2)
+    monkeypatch.setattr(ply, "write_atomically", full)
+    assert send(running) == {"CANCELLED"} and is_over(running) and len(written(running)) == 2
+    ((kind, text),) = running.said
+    assert kind == "ERROR" and "No space left on device" in text and text.count(". ") == 0
+    assert text.endswith(f"2 of 10 files were written to {running.folder}.")
+
+
+def test_what_nobody_foresaw_ends_it_too(empty, export, monkeypatch, capfd):
+    running = export()
+    monkeypatch.setattr(PlayableScene, "at", lambda *a: 1 / 0)
+    assert send(running) == {"CANCELLED"} and is_over(running)
+    ((kind, text),) = running.said
+    assert kind == "ERROR" and "unforeseen ZeroDivisionError" in text and "Traceback" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("placed", [False, True])
+def test_the_capture_is_deleted_meanwhile(empty, export, placed):
+    running = export(apply_transform=placed)
+    send(running, times=2)
+    name = bpy.context.object.name
+    bpy.data.objects.remove(next(playback.captures(empty.objects)))
+    assert send(running) == {"CANCELLED"} and is_over(running) and len(written(running)) == 2
+    ((kind, text),) = running.said
+    assert kind == "ERROR" and text.startswith(f"{name}: found no such capture in this file any more; 2 of 10 files")
+    assert empty.frame_current == 4
+
+
+def test_another_scene_is_shown_then_the_first_is_deleted(empty, export, static_rig):
+    running = export(apply_transform=True, y_down=False)
+    send(running, times=2)
+    bpy.context.window.scene = bpy.data.scenes.new("Other")
+    assert send(running) == {"PASS_THROUGH"}
+    means = read_splats(running.folder / "x_0003.ply").arrays["means"]
+    np.testing.assert_allclose(means, PlayableScene.load(static_rig).at_frame(2).means, atol=1e-6)
+    capture = next(playback.captures(empty.objects))
+    bpy.context.scene.collection.objects.link(capture)  # or it would go with its scene
+    bpy.data.scenes.remove(empty)
+    assert send(running) == {"CANCELLED"} and is_over(running) and len(written(running)) == 3
+    assert "found its scene deleted" in running.said[0][1]
+
+
+def test_renaming_and_undo_do_not_lose_it(empty, export):
+    running = export()
+    next(playback.captures(empty.objects)).name = "Renamed"
+    bpy.ops.ed.undo_push(message="renamed")
+    send(running, times=2)
+    bpy.context.scene.render.resolution_x = 33
+    bpy.ops.ed.undo_push(message="resolution")
+    bpy.ops.ed.undo()
+    assert send(running) == {"PASS_THROUGH"} and len(written(running)) == 3
+
+
+def test_another_file_ends_it(empty, export):
+    running = export(apply_transform=True)
+    send(running, times=3)
+    assert not is_over(running)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    assert running.steps.gi_frame is None and len(written(running)) == 3 and bpy.context.scene.frame_current == 1
+    with pytest.raises(ReferenceError):
+        send(running)  # Blender freed the operator
+
+
+def test_one_frame_and_a_repetition_are_written_at_once(empty, export, tmp_path, monkeypatch):
+    assert bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "now.ply"), frames="CURRENT") == {"FINISHED"}
+    running = export()
+    assert running.operator.execute(bpy.context) == {"FINISHED"}, "Repeat Last comes to the same operator again"
+    assert len(written(running)) == 10
+    bpy.data.objects.remove(next(playback.captures(bpy.context.scene.objects)))
+    assert running.operator.execute(bpy.context) == {"CANCELLED"}, "it was deleted while the file browser was open"

@@ -1,0 +1,65 @@
+"""The carrier's own drawing: soft coloured blobs in Cycles, in the place where the engine puts them."""
+
+from __future__ import annotations
+
+import bpy
+import mathutils
+import numpy as np
+from small_scenes import lens, looking_at
+
+from frog_blender import point_cloud
+from frog_blender.engine.gaussians import GaussianArrays
+
+
+def three_gaussians(sh_count=1) -> GaussianArrays:
+    """Red, long and tilted; green, upright; blue, round and half transparent."""
+    sh = np.zeros((3, sh_count, 3), np.float32)
+    sh[:, 0] = (np.eye(3) - 0.5) / 0.28209479
+    turn = np.array([[np.cos(0.4), 0.0, np.sin(0.4), 0.0], [1, 0, 0, 0], [1, 0, 0, 0]], np.float32)
+    return GaussianArrays(
+        np.array([[0.0, 0.0, 0.0], [1.5, 0.0, 0.0], [-1.5, 0.0, 0.0]], np.float32),
+        turn,
+        np.array([[0.6, 0.1, 0.1], [0.1, 0.1, 0.4], [0.3, 0.3, 0.3]], np.float32),
+        np.array([0.9, 0.9, 0.5], np.float32),
+        sh,
+    )
+
+
+def test_writing_other_counts_and_degrees_rebuilds_the_mesh(empty):
+    obj = point_cloud.create("blobs", three_gaussians(4))
+    assert point_cloud.read(obj)["radiance:sh_2"].shape == (3, 3)
+    point_cloud.write(obj, three_gaussians(1))
+    assert not any(name.startswith("radiance:sh") for name in point_cloud.read(obj))
+    point_cloud.clear(obj)
+    assert point_cloud.count(obj) == 0
+    point_cloud.write(obj, three_gaussians(9))
+    assert point_cloud.count(obj) == 3 and "radiance:sh_7" in point_cloud.read(obj)
+
+
+def test_cycles_shows_what_the_engine_draws(empty, rendered):
+    from frog_blender.cameras import apply_lens, pose_of
+    from frog_blender.engine.playback.render import draw
+
+    scene = empty
+    camera = looking_at("eye", (0.0, -6.0, 0.0), (96, 54), lens(100.0, 100.0, 48.0, 27.0))
+    eye = bpy.data.objects.new("eye", bpy.data.cameras.new("eye"))
+    scene.collection.objects.link(eye)
+    apply_lens(eye.data, camera)
+    eye.matrix_world = mathutils.Matrix(pose_of(camera).tolist())
+    scene.camera = eye
+    scene.collection.objects.link(point_cloud.create("blobs", three_gaussians()))
+    scene.render.engine = "CYCLES"
+    scene.cycles.device, scene.cycles.samples, scene.cycles.transparent_max_bounces = "CPU", 64, 32
+    scene.cycles.use_denoising = False
+    scene.view_settings.view_transform = "Standard"
+    pixels = rendered(scene, resolution_x=96, resolution_y=54, resolution_percentage=100, dither_intensity=0.0)
+    picture = draw(three_gaussians(), camera).rgb
+    alpha = draw(three_gaussians(), camera).alpha
+    # Cycles blends in linear light and the engine in display space: compare where the colours do not mix, by shape.
+    for channel, name in enumerate(["red", "green", "blue"]):
+        expected = picture[..., channel]
+        found = (pixels[..., channel] / 255.0) ** 2.2
+        correlation = np.corrcoef(expected.ravel(), found.ravel())[0, 1]
+        # Blender's own splats (5.3) fall off a little differently.
+        assert correlation > (0.97 if point_cloud.draws_splats() else 0.98), f"{name}: {correlation:.3f}"
+    assert alpha.max() > 0.85 and pixels[..., :3].max() > 200

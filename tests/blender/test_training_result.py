@@ -1,0 +1,138 @@
+"""What becomes of a training's scene in Blender: it joins the scene that asked for it and changes nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import bpy
+import pytest
+from small_scenes import rig_of_three, write_scene
+from test_import_whole import users_scene, views
+from test_train_panel import Written, told
+
+from frog_blender.engine.scene.scene_file import SceneFile, read_scene
+from frog_blender.engine.scene.scene_file import write_scene as write_file
+from frog_blender.engine.training.session import events
+from frog_blender.engine.training.session.output_paths import unused_output
+from frog_blender.operators.training_result import importer, plays
+from frog_blender.scene_import.transaction import values
+from frog_blender.timeline import playback
+from frog_blender.training_task import runner
+from frog_blender.ui import train_panel
+
+
+def files(scene):
+    return [playback.file_of(obj).name for obj in playback.captures(scene.objects)]
+
+
+def test_a_new_file_is_set_up_when_a_training_ends(empty, static_rig):
+    assert importer(empty)(static_rig) == ""
+    assert files(empty) == ["figure.frog"] and (empty.frame_end, empty.render.engine) == (10, "FROG")
+
+
+def test_a_scene_of_the_users_gets_the_capture_alone(empty, static_rig):
+    users_scene(empty)
+    mine = bpy.data.objects.new("Mine", None)
+    empty.collection.objects.link(mine)
+    mine.select_set(True)
+    bpy.context.view_layer.objects.active = mine
+    before, shading = values(empty), [view.shading.type for view in views()]
+    assert importer(empty)(static_rig) == "Imported; the scene's settings stayed as they were."
+    assert files(empty) == ["figure.frog"] and values(empty) == before
+    assert [view.shading.type for view in views()] == shading
+    assert bpy.context.view_layer.objects.active == mine and mine.select_get()
+
+
+def test_one_undo_takes_it_back(empty, static_rig):
+    users_scene(empty)
+    bpy.ops.ed.undo_push(message="Mine")
+    before = {path: getattr(value, "name", value) for path, value in values(empty).items()}
+    importer(empty)(static_rig)
+    bpy.ops.ed.undo()
+    scene = bpy.context.scene
+    assert not files(scene) and not bpy.data.cameras and bpy.data.worlds["My studio lights"].users == 1
+    assert {path: getattr(value, "name", value) for path, value in values(scene).items()} == before
+
+
+def test_what_is_being_edited_is_left_to_the_panel(addon, static_rig):
+    bpy.ops.wm.read_homefile(use_empty=False, use_factory_startup=True)
+    scene = bpy.context.scene
+    bpy.context.view_layer.objects.active = cube = bpy.data.objects["Cube"]
+    bpy.ops.object.mode_set(mode="EDIT")
+    before = values(scene)
+    assert "being edited" in importer(scene)(static_rig)
+    assert not files(scene) and values(scene) == before and cube.mode == "EDIT"
+
+
+def test_another_file_gets_nothing(empty, static_rig):
+    show = importer(empty)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    assert "was not open" in show(static_rig)
+    assert not bpy.data.objects and not bpy.data.collections
+
+
+def test_the_same_file_opened_again_gets_it(empty, static_rig, tmp_path):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "mine.blend"))
+    show = importer(bpy.context.scene)
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "mine.blend"))
+    show(static_rig)
+    assert files(bpy.context.scene) == ["figure.frog"]
+
+
+def test_two_trainings_of_one_capture_are_told_apart(empty, static_rig, tmp_path):
+    for name in ("room.frog", "room_2.frog"):
+        scene = read_scene(static_rig)
+        write_file(tmp_path / name, SceneFile(replace(scene.header, capture_path="/film/room"), scene.arrays))
+    assert importer(empty)(tmp_path / "room.frog") == ""
+    assert "beside room.frog of the same capture" in importer(empty)(tmp_path / "room_2.frog")
+    assert sorted(files(empty)) == ["room.frog", "room_2.frog"]
+
+
+def test_outputs_are_counted_on(tmp_path):
+    room = tmp_path / "room.frog"
+    assert unused_output(room) == room
+    room.write_bytes(b"a scene")
+    assert unused_output(room).name == "room_2.frog"
+    (tmp_path / "room_2.frog.checkpoint").write_bytes(b"what a training has learned so far")
+    assert unused_output(room).name == unused_output(tmp_path / "room_2.frog").name == "room_3.frog"
+    take = tmp_path / "take_7.frog"  # a number of the user's own
+    take.write_bytes(b"a scene")
+    assert unused_output(take).name == "take_7_2.frog"
+
+
+@pytest.fixture
+def drawn(empty):
+    """A function that draws the panel and gives what it says."""
+
+    def draw():
+        panel = SimpleNamespace(layout=Written())
+        preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
+        context = SimpleNamespace(scene=empty, region=SimpleNamespace(width=2800), preferences=preferences)
+        train_panel.FROG_PT_train.draw(panel, context)
+        return panel.layout.said
+
+    yield draw
+    runner.current = None
+
+
+@pytest.mark.parametrize("cancelled", [False, True])
+def test_the_panel_offers_what_is_not_here(empty, drawn, static_rig, cancelled):
+    users_scene(empty)
+    path = str(static_rig)
+    event = events.Cancelled(9, path) if cancelled else events.Finished(path, 9, 1.0, 20.0, 5)
+    task = told(event, runner._Ended(""))
+    task.state.note = "Not imported by itself: the scene was being edited when the training ended."
+    assert "import_scene.frog" in drawn() and task.state.note in drawn() and "frog.set_up_scene" not in drawn()
+    bpy.ops.import_scene.frog(filepath=str(static_rig))
+    assert plays(empty, static_rig)
+    assert "import_scene.frog" not in drawn() and "frog.set_up_scene" in drawn()
+    assert bpy.ops.frog.set_up_scene() == {"FINISHED"}
+    assert "frog.set_up_scene" not in drawn()
+
+
+def test_a_training_of_another_rig_in_the_same_scene(empty, static_rig, tmp_path):
+    importer(empty)(static_rig)
+    other = write_scene(tmp_path / "other.frog", rig_of_three(), frame_count=25)
+    assert importer(empty)(other) == "" and empty.frame_end == 25
+    assert importer(empty)(other) == "" and files(empty).count("other.frog") == 1, "what plays it already shows it"

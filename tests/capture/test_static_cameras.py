@@ -1,0 +1,96 @@
+"""Standing cameras among posed pictures are found by their equal poses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from frog_blender.engine.capture.frames import FrameStore
+from frog_blender.engine.capture.readers import open_capture, transforms_json
+
+from .posed_images import OPENGL_AHEAD, rewrite, write
+
+
+def write_standing(folder: Path, name: str = "transforms.json", cameras: str = "ab", shift: float = 0.0) -> None:
+    """Three moments of standing cameras, camera after camera, as converters of films write them."""
+    data = write(folder, 3 * len(cameras), name)
+    stem = name[:-5]
+    for index, frame in enumerate(data["frames"]):
+        camera, moment = divmod(index, 3)
+        file = f"{stem}_{cameras[camera]}_{moment:04d}"
+        (folder / f"{stem}_{index:03d}.png").rename(folder / f"{file}.png")
+        pose = OPENGL_AHEAD.copy()
+        pose[0, 3] = camera + shift
+        frame.update(file_path=file, time=moment / 2, transform_matrix=pose.tolist())
+    (folder / name).write_text(json.dumps(data))
+
+
+def test_pictures_with_the_same_pose_are_one_standing_cameras(tmp_path: Path) -> None:
+    write_standing(tmp_path)
+    capture = open_capture(tmp_path)
+    assert [camera.name for camera in capture.cameras] == ["transforms_a", "transforms_b"]
+    assert not capture.is_moving and capture.frame_count == 3 and not capture.test_cameras and not capture.test_frames
+    assert [(shot.camera, shot.frame) for shot in capture.shots] == [(c, f) for f in range(3) for c in range(2)]
+    np.testing.assert_allclose([camera.center[0] for camera in capture.cameras], [0, 1])
+    assert [shot.path.stem[-6:] for shot in capture.shots if shot.camera == 1] == ["b_0000", "b_0001", "b_0002"]
+
+
+def test_lists_to_train_on_and_to_judge_share_no_camera(tmp_path: Path) -> None:
+    """Withheld are cameras, by name: one that films for both lists is two."""
+    write_standing(tmp_path, "transforms_train.json", "ab")
+    write_standing(tmp_path, "transforms_test.json", "c")
+    capture = open_capture(tmp_path)
+    names = ["transforms_train_a", "transforms_train_b", "transforms_test_c"]
+    assert [camera.name for camera in capture.cameras] == names
+    assert capture.test_cameras == {names[2]} and len(capture.train_shots) == 6
+
+
+@pytest.mark.parametrize("what", ["a pose of its own", "twice at one moment", "another lens"])
+def test_pictures_of_a_camera_that_moves_stay_apart(tmp_path: Path, what: str) -> None:
+    """One that pauses has the same pose twice; a rig's cameras in one place are two."""
+    write_standing(tmp_path)
+    data = json.loads((tmp_path / "transforms.json").read_text())
+    frame = data["frames"][4]
+    if what == "a pose of its own":
+        frame["transform_matrix"][1][3] = 0.5
+    elif what == "twice at one moment":
+        frame["time"] = 0.0
+    else:
+        frame["fl_x"] = 51.0
+    rewrite(tmp_path, data)
+    capture = open_capture(tmp_path)
+    assert len(capture.cameras) == len(capture.shots) == 6
+
+
+def test_pictures_whose_poses_are_not_known_stay_apart(tmp_path: Path) -> None:
+    """Nothing can be trained on them, but their clips are found."""
+    write_standing(tmp_path)
+    data = json.loads((tmp_path / "transforms.json").read_text())
+    rewrite(tmp_path, {**data, "frames": [{"file_path": frame["file_path"]} for frame in data["frames"]]})
+    found = transforms_json.pictures_by_camera(tmp_path)
+    assert len(found) == 6 and all(len(pictures) == 1 for pictures in found.values())
+
+
+def test_cameras_whose_names_tell_nothing_have_their_first_pictures(tmp_path: Path) -> None:
+    write_standing(tmp_path)
+    data = json.loads((tmp_path / "transforms.json").read_text())
+    for index, frame in enumerate(data["frames"]):
+        (tmp_path / f"{frame['file_path']}.png").rename(tmp_path / f"{index}.png")
+        frame["file_path"] = str(index)
+    rewrite(tmp_path, data)
+    assert [camera.name for camera in open_capture(tmp_path).cameras] == ["0", "3"]
+
+
+def test_a_picture_of_another_size_is_brought_to_its_cameras(tmp_path: Path, cache_folder: Path) -> None:
+    write_standing(tmp_path)
+    other = tmp_path / "transforms_b_0001.png"
+    cv2.imwrite(str(other), np.full((60, 80, 3), 90, np.uint8))
+    capture = open_capture(tmp_path)
+    store = FrameStore.open(capture, cache_folder=cache_folder)
+    pictures = [store.image(index) for index in range(6)]
+    assert {picture.shape for picture in pictures} == {(30, 40, 3)}
+    assert [int(picture.mean()) for picture in pictures] == [0, 30, 10, 90, 20, 50]

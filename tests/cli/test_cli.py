@@ -1,0 +1,384 @@
+"""``frog`` from its arguments to its exit status: what it writes, what it prints, and one sentence for each mistake."""
+
+from __future__ import annotations
+
+import io
+import json
+import shutil
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from support import synthetic_capture as film
+from support.builders import scene_file
+
+from frog_blender.cli import progress, view_commands
+from frog_blender.cli.actions import parse_frames
+from frog_blender.cli.main import main
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.render import draw, to_uint8
+from frog_blender.engine.scene.scene_file import read_scene, write_scene
+from frog_blender.engine.training.session import job, loop
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(own_cache: Path, capsys: pytest.CaptureFixture[str]) -> Run:
+    """``status, stdout, stderr = run(arguments...)``."""
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        capsys.readouterr()
+        status = main([str(argument) for argument in arguments])
+        return status, *capsys.readouterr()
+
+    return call
+
+
+@pytest.fixture(scope="module")
+def trained(filmed: Path, cache_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Trained by the command itself, from seeds that it found, if few of them."""
+    path = tmp_path_factory.mktemp("trained") / "x.frog"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("FROG_CACHE", str(cache_folder))
+        patch.setattr(job, "stored_seeds", partial(find_few_seeds, job.stored_seeds))
+        options = ["--out", str(path), "--recipe", "draft", "--steps", "30", "--seed", "1"]
+        assert main(["train", str(filmed), *options]) == 0
+    return path
+
+
+def test_a_fixed_capacity_keeps_everything(run: Run, filmed: Path, tmp_path: Path, free_seeds: None) -> None:
+    options = ("--recipe", "draft", "--steps", "12")
+    for name, more in (("auto", ()), ("exact", ("--lossless",)), ("fixed", ("--capacity", "fixed"))):
+        assert run("train", filmed, "--out", tmp_path / f"{name}.frog", *options, *more)[0] == 0
+    auto, exact, fixed = (
+        json.loads(run("info", tmp_path / f"{n}.frog", "--json")[1]) for n in ("auto", "exact", "fixed")
+    )
+    assert fixed["dynamic"] == fixed["gaussians"] and fixed["reductions"] == []
+    assert auto["gaussians"] == exact["gaussians"] and 2 * auto["bytes"] < exact["bytes"] <= fixed["bytes"]
+    assert not (tmp_path / "fixed.capacity.png").exists() and (tmp_path / "auto.capacity.png").stat().st_size > 200
+
+
+def test_budgets(run: Run, filmed: Path, tmp_path: Path, free_seeds: None) -> None:
+    options = ("train", filmed, "--out", tmp_path / "x.frog", "--recipe", "draft", "--steps", "12")
+    assert run(*options, "--max-gaussians", "310")[0] == 0
+    assert json.loads(run("info", tmp_path / "x.frog", "--json")[1])["gaussians"] <= 310
+    options = (*options, "--overwrite")
+    assert run(*options, "--max-bytes", "60000")[0] == 0
+    assert (tmp_path / "x.frog").stat().st_size <= 60_000
+    refused(run(*options, "--max-bytes", "1000"), "1000 bytes", "too small")
+    for more in (("--capacity", "fixed"), ("--lossless",), ("--method", "static")):
+        refused(run(*options, "--max-bytes", "60000", *more), "budget of bytes", "automatic capacity")
+
+
+def test_a_scene_is_replaced_only_when_that_is_asked_for(
+    run: Run, filmed: Path, tmp_path: Path, free_seeds: None
+) -> None:
+    scene, checkpoint = tmp_path / "x.frog", tmp_path / "x.frog.checkpoint"
+    options = ("train", filmed, "--out", scene, "--recipe", "draft", "--method", "static")
+    assert run(*options, "--steps", "4")[0] == 0
+    before = scene.read_bytes()
+    refused(run(*options, "--steps", "5"), str(scene), "--overwrite", "--resume")
+    refused(run("train", "nowhere", "--out", scene), "--overwrite")
+    scene.unlink()
+    refused(run(*options, "--steps", "5"), str(checkpoint), "the checkpoint of a training", "--overwrite", "--resume")
+    scene.write_bytes(before)
+    checkpoint.unlink()
+    refused(run("train", "nowhere", "--out", scene, "--overwrite"), "nowhere")
+    assert scene.read_bytes() == before, "a training that does not begin replaces nothing"
+    assert run(*options, "--steps", "5", "--overwrite")[0] == 0
+    assert read_scene(scene).header.steps == 5
+    assert run(*options, "--steps", "6", "--resume")[0] == 0
+    assert read_scene(scene).header.steps == 6
+
+
+def find_few_seeds(stored_seeds: Callable, *arguments: object, count_limit: int, **options: object) -> object:
+    return stored_seeds(*arguments, count_limit=min(count_limit, 500), **options)
+
+
+def refused(result: tuple[int, str, str], *words: str) -> None:
+    status, out, err = result
+    assert status == 1 and out == ""
+    assert err.startswith("frog: ") and err.endswith(".\n") and err.count("\n") == 1
+    assert "Traceback" not in err
+    for word in words:
+        assert word in err
+
+
+def test_train_wrote_what_it_was_asked_for(trained: Path) -> None:
+    header = read_scene(trained).header
+    assert (header.steps, header.method, header.recipe["name"]) == (30, "frog", "draft")
+    assert PlayableScene.load(trained).count > 50
+    assert sorted(path.name for path in trained.parent.iterdir()) == ["x.capacity.png", "x.frog", "x.frog.checkpoint"]
+
+
+@pytest.fixture
+def free_seeds(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(job, "stored_seeds", lambda *_, **__: film.seeds())
+
+
+def test_train_says_how_it_went_and_resumes(run: Run, filmed: Path, tmp_path: Path, free_seeds: None) -> None:
+    options = (
+        "train",
+        filmed,
+        "--out",
+        tmp_path / "y.frog",
+        "--recipe",
+        "draft",
+        "--holdout-frames",
+        "3",
+        "--scale",
+        "0.5",
+    )
+    status, out, _ = run(*options, "--steps", "6", "--method", "static")
+    assert status == 0 and f"{tmp_path / 'y.frog'}: 6 steps" in out and "PSNR" in out
+    header = read_scene(tmp_path / "y.frog").header
+    assert (header.method, header.test_frames, header.scale) == ("static", (1, 4), 0.5)
+    status, out, _ = run(*options, "--steps", "9", "--method", "static", "--resume")
+    assert status == 0 and "9 steps" in out
+    status, out, err = run(*options, "--steps", "12", "--resume")  # another method: the one that it began with stays
+    assert status == 0 and "12 steps" in out and "goes on as it began: method static, recipe draft" in out + err
+    assert read_scene(tmp_path / "y.frog").header.method == "static"
+
+
+def test_a_resume_says_which_options_it_leaves_aside(run: Run, filmed: Path, tmp_path: Path, free_seeds: None) -> None:
+    options = ("train", filmed, "--out", tmp_path / "y.frog")
+    began = ("--recipe", "draft", "--seed", "5", "--max-gaussians", "310", "--pixel-offset", "cam01=1,0")
+    assert run(*options, *began, "--steps", "4")[0] == 0
+    status, _, err = run(*options, *began, "--steps", "5", "--resume", "--device", "cpu", "--save-every", "9")
+    assert status == 0 and "left aside" not in err and "as it began" not in err
+    other = {
+        "--seed": ["0"],  # which it would be by itself
+        "--scale": ["0.5"],
+        "--holdout-frames": ["3"],
+        "--max-gaussians": ["200"],
+        "--capacity": ["fixed"],
+        "--lossless": [],
+        "--pixel-offset": ["cam01=2,0"],
+    }
+    asked = [word for option, values in other.items() for word in (option, *values)]
+    status, _, err = run(*options, "--recipe", "draft", *asked, "--steps", "6", "--resume")
+    (said,) = [line for line in err.splitlines() if "left aside" in line]
+    assert status == 0 and "The training goes on as it began: method frog, recipe draft, capacity auto; left" in said
+    assert set(said.split("left aside: ")[1].rstrip(".").split(", ")) == set(other)
+    header = read_scene(tmp_path / "y.frog").header
+    assert (header.scale, header.test_frames, header.steps) == (1.0, (), 6)
+
+
+def test_one_bar_for_each_kind_of_work(
+    run: Run, filmed: Path, tmp_path: Path, free_seeds: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = []
+    tqdm = progress.tqdm
+
+    class Watched(tqdm):  # type: ignore[misc, valid-type]
+        def __init__(self, *arguments: object, **options: object) -> None:
+            made.append(options["desc"])
+            super().__init__(*arguments, **options)
+
+    monkeypatch.setattr(progress, "tqdm", Watched)
+    monkeypatch.setattr(loop, "_EVENT_SECONDS", 0.0)
+    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
+    assert run("train", filmed, "--out", tmp_path / "y.frog", "--recipe", "draft", "--steps", "12")[0] == 0
+    assert made == ["Decoding frames", "Training"]
+
+
+def test_info_about_a_capture(run: Run, filmed: Path) -> None:
+    status, out, _ = run("info", filmed, "--json")
+    report = json.loads(out)
+    assert status == 0
+    assert (report["format"], report["cameras"], report["frames"]) == ("n3dv", 4, 6)
+    assert (report["size"], report["held out"], report["warning"]) == ("48 x 36", "cam00", [])
+    status, out, _ = run("info", filmed)
+    assert status == 0 and "n3dv" in out and "48 x 36" in out
+
+
+def test_info_about_a_scene(run: Run, trained: Path) -> None:
+    status, out, _ = run("info", trained, "--json")
+    report = json.loads(out)
+    assert status == 0
+    assert (report["method"], report["frames"], report["bytes"]) == ("frog", 6, trained.stat().st_size)
+    assert "30 steps" in report["training"] and "cam03" in report["cameras"]
+    scene = PlayableScene.load(trained)
+    assert (report["gaussians"], report["dynamic"]) == (scene.count, scene.moving)
+    assert set(report["heads"]) <= {"means", "log_scales", "quaternions", "opacity_logits", "sh"}
+    assert bool(report["heads"]) == bool(scene.moving)  # thirty steps may have taught no motion that shows
+    assert report["sh_degree"] in (0, 1) and any("packed" in line for line in report["reductions"])
+    status, out, _ = run("info", trained)
+    assert status == 0 and "costs" in out
+
+
+def test_eval_prints_every_figure(run: Run, trained: Path, filmed: Path) -> None:
+    status, out, _ = run("eval", trained, filmed, "--json")
+    report = json.loads(out)
+    assert status == 0
+    for key in ("psnr", "psnr_moving", "ssim", "gaussians", "bytes", "steps", "train_seconds", "cameras"):
+        assert report[key] is not None, key
+    assert 8 < report["psnr"] < 60 and 0 < report["ssim"] < 1 and report["steps"] == 30
+    assert report["bytes"] == trained.stat().st_size
+    assert report["cameras"]["cam00"]["frames"] == film.FRAMES
+    assert report["psnr"] == pytest.approx(read_scene(trained).header.metrics["psnr"], abs=0.05)
+    status, out, _ = run("eval", trained, filmed, "--split", "training")
+    assert status == 0 and "psnr_moving" in out and "18" in out
+
+
+def test_eval_refuses_another_capture(run: Run, trained: Path, filmed: Path, tmp_path: Path) -> None:
+    scene = read_scene(trained)
+    first, *others = scene.header.cameras
+    small, renamed = first.resized(first.width // 2, first.height // 2), replace(first, name="door")
+    for header, words in (
+        (replace(scene.header, frame_count=5), f"4 cameras and {film.FRAMES} frames, expected 4 cameras and 5 frames"),
+        (replace(scene.header, cameras=(small, *others)), f"expected camera cam00 of {small.width} x {small.height}"),
+        (replace(scene.header, cameras=(renamed, *others)), "found camera cam00"),
+    ):
+        write_scene(tmp_path / "x.frog", replace(scene, header=header))
+        refused(run("eval", tmp_path / "x.frog", filmed), words)
+
+
+def test_render_writes_exactly_what_the_camera_saw(run: Run, trained: Path, tmp_path: Path) -> None:
+    status, out, _ = run("render", trained, "--camera", "cam01", "--frames", "2:5", "--out", tmp_path / "o" / "deep")
+    assert status == 0 and "3 pictures" in out
+    scene = PlayableScene.load(trained)
+    pictures = sorted((tmp_path / "o" / "deep").iterdir())
+    assert [path.name for path in pictures] == [f"cam01_000{frame}.png" for frame in (2, 3, 4)]
+    for frame, path in zip((2, 3, 4), pictures, strict=True):
+        expected = to_uint8(draw(scene.at_frame(frame), scene.header.cameras[1], scene.header.background).rgb)
+        np.testing.assert_array_equal(cv2.imread(str(path))[:, :, ::-1], expected)
+
+
+def test_render_follows_a_moving_camera(run: Run, tmp_path: Path) -> None:
+    scene = scene_file()
+    header = replace(scene.header, camera_shots=((0,), (1,), (2,)), frame_count=3)
+    write_scene(tmp_path / "m.frog", replace(scene, header=header))
+    status, *_ = run("render", tmp_path / "m.frog", "--camera", "moving", "--out", tmp_path / "o")
+    assert status == 0
+    shapes = [cv2.imread(str(path)).shape[:2] for path in sorted((tmp_path / "o").iterdir())]
+    assert shapes == [(camera.height, camera.width) for camera in header.cameras]
+
+
+def test_the_path_of_a_moving_camera_is_that_of_its_training_pictures(run: Run, tmp_path: Path) -> None:
+    """Of two cameras that film one moment the other one judges."""
+    scene = scene_file()
+    header = replace(scene.header, camera_shots=((0,), (1,), (0,)), frame_count=2)
+    header = replace(header, cameras=(*header.cameras[:2], replace(header.cameras[2], name="other")))
+    for held_out, shown in (("other", header.cameras[0]), ("odd", header.cameras[2])):
+        write_scene(tmp_path / "m.frog", replace(scene, header=replace(header, test_cameras=(held_out,))))
+        assert run("render", tmp_path / "m.frog", "--camera", "moving", "--out", tmp_path / held_out)[0] == 0
+        picture = cv2.imread(str(tmp_path / held_out / "moving_0000.png"))
+        assert picture.shape[:2] == (shown.height, shown.width)
+
+
+def test_frames() -> None:
+    assert parse_frames(None, 10) == range(10)
+    assert parse_frames("2:5", 10) == range(2, 5)
+    assert parse_frames(":3", 10) == range(3) and parse_frames("7:", 10) == range(7, 10)
+    assert parse_frames(":", 4) == range(4)
+    for text in ("5", "a:b", "3:3", "5:2", "0:11", "-1:4", "1:2:3"):
+        with pytest.raises(FrogError, match="--frames"):
+            parse_frames(text, 10)
+
+
+def test_missing_files(run: Run, trained: Path, filmed: Path, tmp_path: Path) -> None:
+    nowhere = tmp_path / "nowhere"
+    refused(run("info", nowhere), "nowhere")
+    refused(run("info", tmp_path / "none.frog"), "none.frog")
+    refused(run("info", tmp_path), "empty folder")
+    refused(run("train", nowhere, "--out", tmp_path / "x.frog"), "nowhere")
+    refused(run("train", filmed / "cam00.mp4", "--out", tmp_path / "x.frog"), "cam00.mp4")
+    refused(run("eval", tmp_path / "none.frog", filmed), "none.frog")
+    refused(run("eval", trained, nowhere), "nowhere")
+    refused(run("eval", trained, filmed, "--mask", nowhere), "nowhere")
+    refused(run("render", tmp_path / "none.frog", "--camera", "cam01", "--out", tmp_path), "none.frog")
+    refused(run("render", filmed / "cam01.mp4", "--camera", "cam01", "--out", tmp_path), "cam01.mp4")
+
+
+def test_what_the_system_refuses(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    refused(run("info", tmp_path / ("x" * 300)), "could not be read", "too long")
+    refused(run("info", tmp_path / ("x" * 300 + ".frog")), "too long")
+
+    def refuse(_: object) -> int:
+        raise PermissionError(13, "Permission denied", "secret")
+
+    monkeypatch.setattr(view_commands, "_info", refuse)
+    refused(run("info", tmp_path), "secret: the file or folder could not be used (Permission denied)")
+
+
+def test_a_console_that_lacks_a_character_shows_its_number(
+    filmed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    streams = {name: io.TextIOWrapper(io.BytesIO(), encoding="cp1252") for name in ("stdout", "stderr")}
+    for name, stream in streams.items():
+        monkeypatch.setattr(sys, name, stream)
+    (tmp_path / "日本").mkdir()
+    shutil.copytree(filmed, tmp_path / "日")
+    for video in sorted((tmp_path / "日").glob("*.mp4")):
+        video.rename(video.with_stem(f"{video.stem}日"))
+    assert main(["info", str(tmp_path / "日本")]) == 1
+    assert main(["info", str(tmp_path / "日")]) == 0
+    for name, said in (("stdout", r"cam00\u65e5"), ("stderr", r"\u65e5\u672c: found an empty folder")):
+        streams[name].flush()
+        assert said in streams[name].buffer.getvalue().decode("cp1252")  # type: ignore[attr-defined]
+
+
+def test_mistaken_options(run: Run, trained: Path, filmed: Path, tmp_path: Path) -> None:
+    out = ("--out", tmp_path / "o")
+    refused(run("render", trained, "--camera", "cam77", *out), "cam77", "cam00, cam01")
+    refused(run("render", trained, "--camera", "moving", *out), "moving")
+    for frames in ("4", "x:y", "4:2", "0:7"):
+        refused(run("render", trained, "--camera", "cam01", "--frames", frames, *out), f"--frames {frames}")
+    for offset in ("cam01", "cam01=3", "cam01=a,b", "cam01=1,2,3"):
+        refused(run("info", filmed, "--pixel-offset", offset), f"--pixel-offset {offset}")
+    refused(run("info", filmed, "--pixel-offset", "cam77=1,2"), "cam77")
+    refused(run("info", filmed, "--pixel-offset", "cam01=nan,2"), "cam01")
+    refused(run("train", filmed, "--out", tmp_path), "found a folder")
+    for name in ("x", "x.ply"):
+        refused(run("train", filmed, "--out", tmp_path / name), name, "expected a file that ends in .frog")
+    refused(run("train", filmed, "--out", tmp_path / "x.frog", "--holdout-frames", "1"), "held out")
+    refused(run("train", filmed, "--out", tmp_path / "x.frog", "--resume"), "checkpoint")
+    (tmp_path / "file").write_text("")
+    refused(run("render", trained, "--camera", "cam01", "--out", tmp_path / "file"), "file")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file"]
+
+
+def test_another_capture_is_noticed(run: Run, filmed: Path, tmp_path: Path) -> None:
+    write_scene(tmp_path / "x.frog", scene_file())
+    refused(run("eval", tmp_path / "x.frog", filmed), "3 cameras and 7 frames")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["fly"],
+        ["train", "x"],
+        ["train", "x", "--out", "y", "--steps", "0"],
+        ["train", "x", "--out", "y", "--steps", "2.5"],
+        ["train", "x", "--out", "y", "--seconds", "nan"],
+        ["train", "x", "--out", "y", "--scale", "-1"],
+        ["train", "x", "--out", "y", "--seed", "-1"],
+        ["train", "x", "--out", "y", "--seed", "9999999999999999999"],
+        ["train", "x", "--out", "y", "--recipe", "fast"],
+        ["render", "x", "--out", "y"],
+    ],
+    ids=" ".join,
+)
+def test_usage(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    assert caught.value.code == 2 and "usage: frog" in capsys.readouterr().err
+
+
+def test_an_offset_reaches_the_cameras(run: Run, filmed: Path, tmp_path: Path, free_seeds: None) -> None:
+    scene = tmp_path / "x.frog"
+    options = ("--recipe", "draft", "--steps", "2", "--pixel-offset", "cam01=2,-1.5")
+    assert run("train", filmed, "--out", scene, *options)[0] == 0
+    header = read_scene(scene).header
+    assert header.pixel_offsets == {"cam01": (2.0, -1.5)}
+    np.testing.assert_allclose(header.cameras[1].intrinsics[:2, 2], [film.WIDTH / 2 - 2, film.HEIGHT / 2 + 1.5])
+    assert run("eval", scene, filmed, "--json")[0] == 0

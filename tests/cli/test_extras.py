@@ -1,0 +1,125 @@
+"""What is installed besides, by name: the extras, what the commands say without them, and Blender in the Makefile."""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from support.builders import REPOSITORY, run_python, scene_file
+
+from frog_blender.cli.extras import EXTRAS, unusable
+from frog_blender.cli.main import main
+from frog_blender.engine.scene.scene_file import write_scene
+
+DISTRIBUTIONS = {"cv2": "opencv-contrib-python-headless", "flip_evaluator": "flip-evaluator"}
+COMMAND = "from frog_blender.cli.main import main; sys.exit(main(sys.argv[1:]))"
+
+
+def extra(name: str) -> list[str]:
+    """The distributions that an extra names."""
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    return [re.split("[><=;]", each)[0].strip() for each in project["optional-dependencies"][name]]
+
+
+@pytest.mark.parametrize("module", EXTRAS)
+def test_every_extra_that_is_named_brings_what_is_missing(module: str) -> None:
+    for name in EXTRAS[module]:
+        assert DISTRIBUTIONS.get(module, module) in extra(name)
+        assert f'".[{name}]"' in unusable(ModuleNotFoundError(name=f"{module}.part"))
+        assert f"`{name}`" in (REPOSITORY / "README.md").read_text(encoding="utf-8")
+
+
+def test_a_package_of_nobodys() -> None:
+    assert "'other' is missing; see the README" in unusable(ModuleNotFoundError(name="other"))
+
+
+def test_rendering_needs_no_torch() -> None:
+    assert "torch" not in extra("render")
+
+
+@pytest.mark.parametrize(
+    ("command", "module"), [("render --camera a", "cv2"), ("render --camera a", "tqdm"), ("export", "tqdm")]
+)
+def test_a_command_says_which_extra_it_wants(tmp_path: Path, command: str, module: str) -> None:
+    write_scene(tmp_path / "x.frog", scene_file())
+    name, *options = command.split()
+    code = f"import sys; sys.modules[{module!r}] = None\n{COMMAND}"
+    run = run_python(code, name, tmp_path / "x.frog", *options, "--out", tmp_path / "o")
+    assert run.returncode == 1 and run.stderr.count("\n") == 1, run.stderr
+    assert f"'{module}' is missing; pip install \".[render]\"" in run.stderr
+
+
+def test_export_needs_no_opencv(tmp_path: Path) -> None:
+    write_scene(tmp_path / "x.frog", scene_file())
+    code = f"import sys; sys.modules['cv2'] = sys.modules['torch'] = None\n{COMMAND}"
+    run = run_python(code, "export", tmp_path / "x.frog", "--frames", ":1", "--out", tmp_path / "o")
+    assert run.returncode == 0, run.stderr
+
+
+BROKEN = "raise ImportError('libtorch_cpu.so: failed to map segment from shared object', name='_C', path={path!r})\n"
+
+
+@pytest.mark.parametrize(
+    ("command", "module"), [("render --camera a", "cv2"), ("train", "torch"), ("train", "cv2"), ("export", "tqdm")]
+)
+def test_a_package_that_does_not_load_need_not_be_installed(tmp_path: Path, command: str, module: str) -> None:
+    """As the system says it where memory is short: nothing about pip."""
+    write_scene(tmp_path / "x.frog", scene_file())
+    package = tmp_path / "broken" / module
+    package.mkdir(parents=True)
+    (package / "__init__.py").write_text(BROKEN.format(path=str(package / "_C.so")))
+    name, *options = command.split()
+    of = REPOSITORY / "examples" / "captures" / "room" if name == "train" else tmp_path / "x.frog"
+    code = f"import sys; sys.path.insert(0, {str(package.parent)!r})\n{COMMAND}"
+    run = run_python(code, name, of, *options, "--out", tmp_path / "o.frog")
+    assert run.returncode == 1 and run.stderr.count("\n") == 1, run.stderr
+    assert f"'{module}' is installed but could not be loaded (libtorch_cpu.so: failed" in run.stderr
+    assert "memory" in run.stderr and "pip" not in run.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="needs a limit on addresses")
+@pytest.mark.parametrize("megabytes", [250, 400])
+def test_a_process_with_little_memory_says_so(tmp_path: Path, megabytes: int) -> None:
+    """For real: torch is there, and its library finds no room."""
+    pytest.importorskip("torch")
+    limit = f"import resource, sys; resource.setrlimit(resource.RLIMIT_AS, ({megabytes << 20},) * 2)\n"
+    capture = REPOSITORY / "examples" / "captures" / "room"
+    run = run_python(limit + COMMAND, "train", capture, "--out", tmp_path / "x.frog", OPENBLAS_NUM_THREADS="1")
+    assert run.returncode == 1 and run.stderr.count("\n") == 1, run.stderr
+    assert "could not be loaded" in run.stderr and "Traceback" not in run.stderr and not list(tmp_path.iterdir())
+
+
+def test_memory_that_the_system_refuses_is_no_matter_of_files(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOMEM, os.strerror(errno.ENOMEM))
+
+    monkeypatch.setattr("frog_blender.engine.interchange.splats.import_splats", refuse)
+    assert main(["import", str(tmp_path / "x.ply")]) == 1
+    assert "frog: out of memory (" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="needs make")
+@pytest.mark.parametrize("target", ["test-blender", "tour"])
+@pytest.mark.parametrize("name", ["BLENDER", "FROG_BLENDER"])
+def test_the_makefile_takes_a_blender_by_either_name(target: str, name: str) -> None:
+    command = ["make", "-n", target, f"{name}=/somewhere/blender"]
+    here = {key: value for key, value in os.environ.items() if "BLENDER" not in key and "MAKE" not in key}
+    run = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, env=here)
+    assert run.returncode == 0, run.stderr
+    assert re.search(r"^(BLENDER_USER_RESOURCES=\S+ )?/somewhere/blender .*--factory-startup", run.stdout, re.MULTILINE)
+
+
+def test_panel_and_readme_expect_the_same_of_the_standard_recipe() -> None:
+    panel = (REPOSITORY / "frog_blender" / "ui" / "training_settings.py").read_text(encoding="utf-8")
+    readme = (REPOSITORY / "README.md").read_text(encoding="utf-8")
+    assert "three to ten minutes on a processor" in panel and "`standard` three to ten, and" in readme

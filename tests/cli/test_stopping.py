@@ -1,0 +1,108 @@
+"""Requests to end, and output that nobody takes: what a command does about them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from support.builders import REPOSITORY, run_python
+
+from frog_blender.cli.stopping import leaving_cleanly, stopping
+from frog_blender.cli.streams import printing_may_fail
+
+REQUESTS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)]
+
+
+@pytest.mark.parametrize("request_to_end", REQUESTS, ids=str)
+def test_the_first_request_is_an_answer(request_to_end: int) -> None:
+    before = [signal.getsignal(number) for number in REQUESTS]
+    with stopping() as asked:
+        assert not asked()
+        signal.raise_signal(request_to_end)
+        assert asked()
+    assert [signal.getsignal(number) for number in REQUESTS] == before
+
+
+@pytest.mark.parametrize("first", REQUESTS, ids=str)
+def test_then_ctrl_c_leaves_at_once_and_nothing_else_does(first: int) -> None:
+    with pytest.raises(KeyboardInterrupt), stopping() as asked:
+        signal.raise_signal(first)
+        for number in REQUESTS[1:]:
+            signal.raise_signal(number)
+        assert asked()
+        signal.raise_signal(signal.SIGINT)
+
+
+@pytest.mark.parametrize("request_to_end", REQUESTS[1:], ids=str)
+def test_other_commands_clean_up_and_leave(request_to_end: int) -> None:
+    with pytest.raises(KeyboardInterrupt), leaving_cleanly():
+        signal.raise_signal(request_to_end)
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="this system has no terminals that hang up")
+def test_nohup_stays_nohup() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with leaving_cleanly(), stopping() as asked:
+            signal.raise_signal(signal.SIGHUP)
+            assert not asked()
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_a_thread_that_may_set_no_signals_is_served_too() -> None:
+    code = """
+import threading
+from frog_blender.cli.stopping import leaving_cleanly, stopping
+def work():
+    with leaving_cleanly(), stopping() as asked:
+        print(asked())
+thread = threading.Thread(target=work); thread.start(); thread.join()
+"""
+    assert run_python(code).stdout == "False\n"
+
+
+PRINTING = """
+import sys
+from frog_blender.cli.streams import printing_may_fail
+with printing_may_fail():
+    for number in range(20000):
+        print("to nobody", number)
+        print("to nobody", number, file=sys.stderr)
+open(sys.argv[1], "w").write("worked on")
+"""
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no disk that is always full")
+def test_a_log_on_a_full_disk_ends_nothing(tmp_path: Path) -> None:
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-c", PRINTING, str(tmp_path / "x")], cwd=REPOSITORY, stdout=full, stderr=full, check=False
+        )
+    assert done.returncode == 0 and (tmp_path / "x").read_text() == "worked on"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a pipe that nobody reads")
+def test_a_reader_that_goes_ends_nothing(tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", PRINTING, str(tmp_path / "x")],
+        cwd=REPOSITORY,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+    )
+    assert process.stdout is not None
+    process.stdout.readline()
+    process.stdout.close()
+    assert process.wait() == 0 and (tmp_path / "x").read_text() == "worked on"
+
+
+def test_streams_are_as_they_were(capsys: pytest.CaptureFixture[str]) -> None:
+    before = sys.stdout, sys.stderr
+    with printing_may_fail():
+        print("said")
+        assert sys.stdout.encoding == before[0].encoding
+    assert (sys.stdout, sys.stderr) == before and capsys.readouterr().out == "said\n"

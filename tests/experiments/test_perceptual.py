@@ -1,0 +1,81 @@
+"""FLIP and LPIPS where they can be computed, a reason where they cannot, and never a download."""
+
+from __future__ import annotations
+
+import sys
+import types
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from frog_blender.engine.evaluation.metrics import flip
+from frog_blender.experiments import perceptual
+from frog_blender.experiments.perceptual import perceptual_measures
+
+PICTURE = np.random.default_rng(0).random((40, 48, 3)).astype(np.float32)
+
+
+def test_flip_is_zero_for_equal_pictures_and_grows_with_the_error() -> None:
+    pytest.importorskip("flip_evaluator")
+    noise = np.random.default_rng(1).normal(size=PICTURE.shape)
+    errors = [flip((PICTURE + size * noise).clip(0, 1), PICTURE.astype(np.float64)) for size in (0, 0.05, 0.2)]
+    assert errors[0] == 0 and 0 < errors[1] < errors[2] < 1
+    dark, bright = np.zeros((8, 8, 3)), np.ones((8, 8, 3))
+    assert flip(dark, bright) > 0.9, "black for white is nearly the largest error there is"
+
+
+@pytest.fixture
+def installed(monkeypatch: pytest.MonkeyPatch) -> set[str]:
+    """The packages that seem to be installed; change it."""
+    names: set[str] = set()
+    monkeypatch.setattr(perceptual, "find_spec", lambda name: object() if name in names else None)
+    return names
+
+
+def test_what_is_not_installed_is_said(installed: set[str]) -> None:
+    assert perceptual_measures() == ({}, {"flip": "not installed", "lpips": "not installed"})
+    installed |= {"flip_evaluator", "torch", "lpips"}
+    found, missing = perceptual_measures()
+    assert list(found) == ["flip"] and missing == {"lpips": "not installed"}
+
+
+@pytest.fixture
+def fake_lpips(installed: set[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
+    """A package of that name whose distance is the mean difference; the list says how networks were asked for."""
+    installed |= {"torch", "torchvision", "lpips"}
+    asked: list[dict[str, Any]] = []
+
+    class LPIPS(torch.nn.Module):
+        def __init__(self, **options: Any) -> None:
+            super().__init__()
+            asked.append(options)
+
+        def forward(self, first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
+            assert first.shape == second.shape == (1, 3, 40, 48)
+            assert min(first.min(), second.min()) >= -1
+            return (first - second).abs().mean().reshape(1, 1, 1, 1)
+
+    module = types.ModuleType("lpips")
+    module.LPIPS = LPIPS  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "lpips", module)
+    monkeypatch.setattr(torch.hub, "get_dir", lambda: str(tmp_path))
+    return asked
+
+
+def test_lpips_without_its_weights_is_not_even_built(fake_lpips: list[dict[str, Any]]) -> None:
+    found, missing = perceptual_measures()
+    assert "lpips" not in found and missing["lpips"] == "weights missing"
+    assert fake_lpips == [], "building it would fetch the weights"
+
+
+def test_lpips_with_its_weights(fake_lpips: list[dict[str, Any]], tmp_path: Path) -> None:
+    (tmp_path / "checkpoints").mkdir()
+    (tmp_path / "checkpoints" / "alexnet-owt-7be5be79.pth").write_bytes(b"")
+    found, missing = perceptual_measures()
+    assert "lpips" not in missing and fake_lpips[0]["net"] == "alex"
+    assert found["lpips"](PICTURE, PICTURE) == 0
+    assert found["lpips"](np.ones_like(PICTURE), np.zeros_like(PICTURE)) == pytest.approx(2.0)
+    assert np.isnan(found["lpips"](PICTURE[:20], PICTURE[:20])), "too small for the network"

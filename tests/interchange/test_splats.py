@@ -1,0 +1,120 @@
+"""Scenes to and from other programs: frog -> ply -> frog is the same scene, and no trained scene is written over."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.builders import ATTRIBUTES, scene_file
+
+from frog_blender.cli.main import main
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.interchange.ply import read_splats
+from frog_blender.engine.interchange.splats import export_frames, free_scene_path, import_splats
+from frog_blender.engine.playback.canonical import at_rest
+from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.render import draw
+from frog_blender.engine.playback.transform import Y_DOWN, transform
+from frog_blender.engine.scene.scene_file import read_scene, write_scene
+
+
+@pytest.fixture
+def trained(tmp_path: Path) -> Path:
+    """Seven frames of forty Gaussians that move."""
+    write_scene(tmp_path / "x.frog", scene_file(sh_count=16))
+    return tmp_path / "x.frog"
+
+
+def test_there_and_back_is_the_same_moment(trained: Path, tmp_path: Path) -> None:
+    scene = PlayableScene.load(trained)
+    (path,) = export_frames(scene, [3], tmp_path / "out", "x")
+    imported = import_splats(path, tmp_path / "still.frog")
+    still = PlayableScene.load(imported.path)
+    assert (imported.gaussians, imported.left_out, still.moving) == (scene.count, 0, 0)
+    before, after = scene.at_frame(3), still.at_frame(0)
+    for name in ATTRIBUTES:
+        np.testing.assert_allclose(getattr(after, name), getattr(before, name), rtol=1e-6, atol=1e-6, err_msg=name)
+    for camera in scene.header.cameras:
+        pictures = [draw(gaussians, camera).rgb for gaussians in (before, after)]
+        assert pictures[0].std() > 0.02
+        np.testing.assert_allclose(*pictures, atol=1e-4)
+    moved = np.abs(scene.at_frame(0).means - before.means).max()
+    assert moved > 1e-2, "the test's own scene does not move"
+
+
+def test_the_command_turns_z_up_to_y_down(trained: Path, tmp_path: Path) -> None:
+    """Places and colours; as they are unless it is told to."""
+    before = PlayableScene.load(trained).at_frame(3)
+    for options, turn in (([], np.eye(4)), (["--y-down"], Y_DOWN)):
+        assert main(["export", str(trained), "--frames", "3:4", "--out", str(tmp_path), *options]) == 0
+        found, expected = at_rest(read_splats(tmp_path / "x_0003.ply").arrays), transform(before, turn)
+        for name in ("means", "scales", "sh"):
+            np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-5, atol=1e-5)
+    np.testing.assert_array_equal(Y_DOWN @ (0, 0, 1, 1), (0, -1, 0, 1))  # up
+
+
+def test_packing_keeps_the_picture(trained: Path, tmp_path: Path) -> None:
+    scene = PlayableScene.load(trained)
+    (path,) = export_frames(scene, [0], tmp_path, "x")
+    plain, packed = (import_splats(path, tmp_path / f"{c}.frog", compact=c).path for c in (False, True))
+    assert packed.stat().st_size < plain.stat().st_size / 2
+    pictures = [draw(PlayableScene.load(p).at_frame(0), scene.header.cameras[0]).rgb for p in (plain, packed)]
+    assert 0 < np.abs(pictures[0] - pictures[1]).max() < 0.03
+
+
+def test_export_says_how_far_it_is_and_names_frames(trained: Path, tmp_path: Path) -> None:
+    told: list[int] = []
+    paths = export_frames(PlayableScene.load(trained), range(2, 5), tmp_path / "a" / "b", "x", told.append)
+    assert [path.name for path in paths] == ["x_0002.ply", "x_0003.ply", "x_0004.ply"] and told == [1, 2, 3]
+    assert sorted(path.name for path in (tmp_path / "a" / "b").iterdir()) == [path.name for path in paths]
+
+
+def test_a_disk_that_refuses_is_one_sentence(trained: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(FrogError, match="could not be written"):
+        export_frames(PlayableScene.load(trained), [0], tmp_path / "file", "x")
+
+
+def test_no_trained_scene_is_written_over(trained: Path, tmp_path: Path) -> None:
+    """x.frog lies beside x.ply, which was exported from it."""
+    path = tmp_path / "x.ply"
+    export_frames(PlayableScene.load(trained), [0], tmp_path, "x")[0].rename(path)
+    target = free_scene_path(path)
+    assert target.name == "x_ply.frog"
+    import_splats(path, target)
+    assert free_scene_path(path) == target  # once more: the same file
+    target.write_bytes(b"something else")
+    assert free_scene_path(path).name == "x_ply2.frog"
+    trained.unlink()
+    assert free_scene_path(path) == trained
+
+
+def test_a_bad_import_changes_nothing(trained: Path, tmp_path: Path) -> None:
+    before = trained.read_bytes()
+    (tmp_path / "bad.ply").write_bytes(b"ply\nformat ascii 1.0\nend_header\n")
+    with pytest.raises(FrogError, match="ascii"):
+        import_splats(tmp_path / "bad.ply", trained)
+    with pytest.raises(FrogError, match=r"ends in \.frog"):
+        import_splats(tmp_path / "bad.ply", tmp_path / "x.blend")
+    assert trained.read_bytes() == before and len(list(tmp_path.iterdir())) == 2
+
+
+def test_commands(trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "frames"
+    assert main(["export", str(trained), "--frames", "1:3", "--out", str(out)]) == 0
+    assert sorted(path.name for path in out.iterdir()) == ["x_0001.ply", "x_0002.ply"]
+    assert len(read_splats(out / "x_0002.ply").arrays["means"]) == 40
+    assert main(["import", str(out / "x_0001.ply"), "--out", str(tmp_path / "still.frog")]) == 0
+    assert main(["import", str(out / "x_0001.ply"), "--packed"]) == 0
+    assert "40 Gaussians" in capsys.readouterr().out
+    header = read_scene(out / "x_0001.frog").header
+    assert (header.method, header.frame_count, header.cameras) == ("static", 1, ())
+    assert main(["info", str(tmp_path / "still.frog")]) == 0
+    assert "static" in capsys.readouterr().out
+    assert main(["render", str(tmp_path / "still.frog"), "--camera", "cam00", "--out", str(tmp_path)]) == 1
+    assert "cam00" in capsys.readouterr().err
+    assert main(["export", str(trained), "--frames", "5:9", "--out", str(out)]) == 1
+    assert main(["import", str(trained)]) == 1
+    assert main(["import", str(tmp_path / "none.ply")]) == 1
+    assert "no file" in capsys.readouterr().err

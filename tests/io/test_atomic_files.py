@@ -1,0 +1,135 @@
+"""Files that appear whole, under any legal name, with the permissions that the user wants."""
+
+from __future__ import annotations
+
+import os
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from support.builders import run_python
+
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.io.atomic_files import LONGEST_NAME, beginning, remove_unfinished, whole_file, write_atomically
+
+on_posix = pytest.mark.skipif(os.name != "posix", reason="permissions as POSIX has them")
+LONG_NAMES = ["x" * (LONGEST_NAME - 5) + ".frog", "動" * 83 + ".frog", "Д" * 125 + ".frog"]
+
+
+@pytest.mark.parametrize("name", LONG_NAMES, ids=["latin", "kanji", "cyrillic"])
+def test_every_name_that_the_disk_takes_can_be_written(tmp_path: Path, name: str) -> None:
+    write_atomically(tmp_path / name, b"whole")
+    write_atomically(tmp_path / name, b"again")
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {name: b"again"}
+
+
+def test_a_name_that_the_disk_does_not_take_is_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(FrogError, match="too long"):
+        write_atomically(tmp_path / ("x" * (LONGEST_NAME + 1)), b"whole")
+    assert not list(tmp_path.iterdir())
+
+
+def test_beginnings_of_long_names_differ(tmp_path: Path) -> None:
+    assert beginning("x.frog") == "x.frog"
+    alike = [beginning("動" * 80 + end) for end in ("a.frog", "b.frog", "b.frog.checkpoint")]
+    assert len(set(alike)) == 3 and all(len(os.fsencode(name)) <= 100 for name in alike)
+    undecodable = beginning(os.fsdecode(b"\xff" * 200))
+    (tmp_path / undecodable).write_bytes(b"")
+
+
+@on_posix
+@pytest.mark.parametrize(("umask", "mode"), [(0o077, 0o600), (0o002, 0o664), (0o022, 0o644)])
+def test_a_new_file_has_the_permissions_that_the_process_gives(tmp_path: Path, umask: int, mode: int) -> None:
+    before = os.umask(umask)
+    try:
+        write_atomically(tmp_path / "x", b"")
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "x").stat().st_mode) == mode
+
+
+@on_posix
+@pytest.mark.parametrize("mode", [0o600, 0o664, 0o640, 0o444])
+def test_a_file_that_is_overwritten_keeps_its_permissions(tmp_path: Path, mode: int) -> None:
+    path = tmp_path / "x"
+    path.write_bytes(b"old")
+    path.chmod(mode)
+    write_atomically(path, b"new")
+    assert (path.read_bytes(), stat.S_IMODE(path.stat().st_mode)) == (b"new", mode)
+
+
+def test_a_write_onto_a_read_only_file_leaves_nothing_on_windows_either(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Windows replaces no read-only file, and deletes none."""
+    path = tmp_path / "x"
+    path.write_bytes(b"old")
+    path.chmod(0o444)
+
+    def refuse(file: Path) -> None:
+        if not file.stat().st_mode & stat.S_IWUSR:
+            raise PermissionError(13, "Access is denied", str(file))
+
+    def unlink(file: Path, missing_ok: bool = False) -> None:
+        refuse(file)
+        os.unlink(file)
+
+    monkeypatch.setattr(Path, "replace", lambda _, target: refuse(target))
+    monkeypatch.setattr(Path, "unlink", unlink)
+    with pytest.raises(FrogError, match="nothing was changed"):
+        write_atomically(path, b"new")
+    assert {each.name: each.read_bytes() for each in tmp_path.iterdir()} == {"x": b"old"}
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError, GeneratorExit, SystemExit])
+def test_whatever_ends_a_write_leaves_nothing(tmp_path: Path, error: type[BaseException]) -> None:
+    (tmp_path / "x").write_bytes(b"old")
+    with pytest.raises(error), whole_file(tmp_path / "x") as file:
+        file.write(b"half")
+        raise error
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"x": b"old"}
+
+
+def test_what_a_killed_process_left_is_removed(tmp_path: Path) -> None:
+    code = """
+import os, signal, sys
+from pathlib import Path
+from frog_blender.engine.io.atomic_files import whole_file
+with whole_file(Path(sys.argv[1])) as file:
+    file.write(b"half")
+    os.kill(os.getpid(), signal.SIGTERM if os.name == "nt" else signal.SIGKILL)
+"""
+    for name in ("x.frog", LONG_NAMES[1]):
+        assert run_python(code, tmp_path / name).returncode
+        (left,) = tmp_path.iterdir()
+        remove_unfinished(tmp_path / "y.frog")
+        assert left.exists(), "another file's"
+        remove_unfinished(tmp_path / name)
+        assert not left.exists()
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo") or sys.platform != "linux", reason="a real full device")
+def test_a_really_full_disk(tmp_path: Path) -> None:
+    """A file system of 64 kB, mounted by a process for itself."""
+    code = f"""
+import sys; sys.path.insert(0, {str(Path(__file__).parents[2])!r})
+from frog_blender.engine.io.atomic_files import write_atomically
+from frog_blender.engine.errors import FrogError
+write_atomically("x", b"old")
+try:
+    write_atomically("x", bytes(1 << 20))
+except FrogError as error:
+    print(error)
+import os; print(open("x").read(), os.listdir())
+"""
+    mount = f'mount -t tmpfs -o size=64k tmpfs "{tmp_path}" && cd "{tmp_path}" && exec "$@"'
+    command = ["unshare", "-rm", "sh", "-c", mount, "sh", sys.executable, "-c", code]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if "unshare" in done.stderr or "mount" in done.stderr:
+        pytest.skip("this system does not let its users mount a file system")
+    assert done.stdout.splitlines() == [
+        "x: could not be written (No space left on device); nothing was changed.",
+        "old ['x']",
+    ]

@@ -1,0 +1,99 @@
+"""What is no file that ends is refused in a sentence: nobody waits for somebody to write into a pipe."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from frog_blender.cli.main import main
+from frog_blender.engine.capture.image_size import picture_size
+from frog_blender.engine.capture.readers.checks import read_json
+from frog_blender.engine.capture.readers.qualisys import read_cameras
+from frog_blender.engine.capture.video import read_facts, read_picture
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.interchange.ply import read_splats
+from frog_blender.engine.io.regular_file import regular_file
+from frog_blender.engine.playback.bake import fingerprint
+from frog_blender.engine.scene.scene_file import read_scene
+from frog_blender.engine.training.session.checkpoint import checkpoint_settings
+from frog_blender.engine.training.session.output_paths import trained_from
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes with names")
+READERS: list[Callable[[Path], Any]] = [
+    *(read_splats, read_scene, checkpoint_settings, fingerprint),
+    *(read_picture, picture_size, read_facts, read_json, read_cameras),
+]
+
+
+@pytest.fixture(autouse=True)
+def nobody_waits() -> Iterator[None]:
+    """Ends a test that waits for a pipe, which nothing else would."""
+
+    def late(*_: Any) -> None:
+        raise TimeoutError("a reader waits for ever")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.alarm(60)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
+
+@pytest.fixture(params=["a pipe", "a folder", "a socket", "a device", "no file"])
+def kind(request: pytest.FixtureRequest) -> str:
+    return request.param
+
+
+@pytest.fixture
+def path(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """Something of that kind, by a short name."""
+    monkeypatch.chdir(tmp_path)  # names of sockets must be short
+    found = Path("x.ply")
+    if kind == "a pipe":
+        os.mkfifo(found)
+    elif kind == "a folder":
+        found.mkdir()
+    elif kind == "a device":
+        found.symlink_to("/dev/zero")
+    elif kind == "a socket":
+        with socket.socket(socket.AF_UNIX) as listening:
+            listening.bind(str(found))
+            yield found
+        return
+    yield found
+
+
+@pytest.mark.parametrize("reader", READERS, ids=lambda reader: reader.__name__)
+def test_every_reader_says_what_is_there(reader: Callable[[Path], Any], path: Path, kind: str) -> None:
+    with pytest.raises(FrogError) as caught:
+        reader(path)
+    sentence = str(caught.value)
+    assert f"x.ply: found {kind}, expected" in sentence and "\n" not in sentence
+
+
+def test_a_panel_that_asks_where_a_scene_comes_from_does_not_wait(path: Path) -> None:
+    assert trained_from(path) == ""
+
+
+def test_the_command_does_not_wait(path: Path, kind: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["import", str(path)]) == 1
+    assert kind in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["x" * 300, "a\0b", "file/below"])
+def test_names_that_no_file_can_have(tmp_path: Path, name: str) -> None:
+    (tmp_path / "file").write_bytes(b"")
+    with pytest.raises(FrogError, match=r"could not be read|no file"):
+        regular_file(tmp_path / name, "a file")
+
+
+def test_links_are_followed(tmp_path: Path) -> None:
+    (tmp_path / "file").write_bytes(b"")
+    (tmp_path / "link").symlink_to("file")
+    assert regular_file(tmp_path / "link", "a file") == tmp_path / "link"

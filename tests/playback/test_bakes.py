@@ -1,0 +1,132 @@
+"""Bakes are read by what they are, not by what they say: nothing is allocated for a header, nothing raised but a
+sentence."""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import tracemalloc
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.builders import scene_file
+
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.playback.bake import Bake, fingerprint, write_bake
+from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.scene.scene_file import write_scene
+
+TIMES = [0.0, 0.5, 1.0]
+
+
+@pytest.fixture
+def baked(tmp_path: Path) -> tuple[Path, Path, PlayableScene]:
+    """The bake, its scene's file, and the scene."""
+    source = tmp_path / "x.frog"
+    write_scene(source, scene_file())
+    scene, path = PlayableScene.load(source), tmp_path / "x.frogbake"
+    list(write_bake(path, source, scene, TIMES))
+    return path, source, scene
+
+
+def rewrite(path: Path, change: Callable[[dict[str, Any], dict[str, Any]], None], cut: int | None = None) -> None:
+    """Changes what the header says: of its array, and of the scene."""
+    content = path.read_bytes()
+    length = struct.unpack("<Q", content[:8])[0]
+    header = json.loads(content[8 : 8 + length])
+    change(header["moments"], header["__metadata__"])
+    text = json.dumps(header).encode()
+    path.write_bytes(struct.pack("<Q", len(text)) + text + content[8 + length :][:cut])
+
+
+def test_what_was_baked_is_read_bit_for_bit(baked: tuple[Path, Path, PlayableScene]) -> None:
+    path, source, scene = baked
+    found = Bake(path, source, scene)
+    assert len(found) == len(TIMES) and found.find(0.25) is None
+    for time in TIMES:
+        part = found.find(time)
+        assert part is not None
+        for name, column in scene.part_at(time).columns.items():
+            np.testing.assert_array_equal(part.columns[name], column)
+    found.close()
+
+
+HOSTILE: dict[str, Callable[[dict[str, Any], dict[str, Any]], None]] = {
+    **{
+        f"shape {str(shape)[:30]}": lambda moments, _, shape=shape: moments.update(shape=shape)
+        for shape in (
+            *(["3", 560], [[3], 560], [{}, 560], [2**62, 2**62], [10**400, 560], [-3, 560], [3, -560], [3.0, 560]),
+            *([True, 560], [None, 560], [3], [3, 560, 1], "35", 5, None, {}, ["x" * 10**6, 560], [[0] * 10**5, 10**6]),
+        )
+    },
+    **{
+        f"times {text[:20]}": lambda _, metadata, text=text: metadata.update(times=text)
+        for text in (
+            *("[1e400]", f"[0, 0.5, {10**400}]", '["0", 0.5, 1]', "[NaN, 0.5, 1]", "[[0], 0.5, 1]", "3", "{}", "null"),
+            *("[" * 100_000, "[-1, 0.5, 1]", "[0, 0.5, 2]", "[true, false, 0.5]", '"abc"', ""),
+        )
+    },
+    **{
+        f"offsets {str(offsets)[:20]}": lambda moments, _, offsets=offsets: moments.update(data_offsets=offsets)
+        for offsets in ([0, 2**63], [8, 16], "ab", None, [0, 10**400])
+    },
+    "type": lambda moments, _: moments.update(dtype="F64"),
+    "columns": lambda _, metadata: metadata.update(columns="[" * 50_000),
+    "other columns": lambda _, metadata: metadata.update(columns='["means"]'),
+    "scene": lambda _, metadata: metadata.update(scene=["x"]),
+    "no scene": lambda _, metadata: metadata.pop("scene"),
+    "many lists": lambda _, metadata: metadata.update(more=[[]] * 100_000),
+}
+
+
+@pytest.mark.parametrize("what", HOSTILE)
+def test_a_header_that_lies_is_refused(baked: tuple[Path, Path, PlayableScene], what: str) -> None:
+    path, source, scene = baked
+    rewrite(path, HOSTILE[what])
+    tracemalloc.start()
+    with pytest.raises(FrogError) as caught:
+        Bake(path, source, scene)
+    assert tracemalloc.get_traced_memory()[1] < 40e6, "a 28 kB file asked for 2 GB"
+    tracemalloc.stop()
+    assert str(path) in str(caught.value) and "\n" not in str(caught.value) and len(str(caught.value)) < 800
+
+
+def test_a_length_that_lies_is_refused(baked: tuple[Path, Path, PlayableScene]) -> None:
+    path, source, scene = baked
+    content = path.read_bytes()
+    for length in (0, 1, 2**25, 2**25 + 1, 2**63, 2**64 - 1, len(content)):
+        path.write_bytes(struct.pack("<Q", length) + content[8:])
+        with pytest.raises(FrogError):
+            Bake(path, source, scene)
+    for cut in (0, 4, 8, 100, len(content) - 1):
+        path.write_bytes(content[:cut])
+        with pytest.raises(FrogError):
+            Bake(path, source, scene)
+
+
+def test_what_is_no_file_is_not_waited_for(baked: tuple[Path, Path, PlayableScene], tmp_path: Path) -> None:
+    _, source, scene = baked
+    with pytest.raises(FrogError, match="no file"):
+        Bake(tmp_path / "none.frogbake", source, scene)
+    with pytest.raises(FrogError, match="found a folder"):
+        Bake(tmp_path, source, scene)
+    if hasattr(os, "mkfifo"):
+        os.mkfifo(tmp_path / "pipe.frogbake")
+        with pytest.raises(FrogError, match="found a pipe"):
+            Bake(tmp_path / "pipe.frogbake", source, scene)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="links need rights there")
+def test_a_bake_replaces_a_link_instead_of_following_it(baked: tuple[Path, Path, PlayableScene]) -> None:
+    path, source, scene = baked
+    precious = path.with_name("precious.txt")
+    precious.write_text("mine")
+    path.unlink()
+    path.symlink_to(precious)
+    list(write_bake(path, source, scene, TIMES))
+    assert precious.read_text() == "mine" and not path.is_symlink()
+    assert fingerprint(source) and len(Bake(path, source, scene)) == 3

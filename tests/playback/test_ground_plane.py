@@ -1,0 +1,176 @@
+"""The floor of a scene: found where it is known, in any position, and not where there is none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.builders import rotation_of
+
+from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.playback.ground_plane import camera_up, find_floor, placement, resting
+from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.scene.header import SceneHeader
+from frog_blender.engine.scene.scene_file import SceneFile
+
+TURNS = [
+    np.eye(3),
+    rotation_of((1, 0, 0), np.pi / 2),
+    rotation_of((1, 2, -0.5), 2.1),
+    rotation_of((0, 1, 0.2), np.pi),
+]
+
+
+def room(noise=0.005, floor=1500, table=800, floaters=60, seed=3):
+    """Points with the floor at z = 0: walls, a crowd of clutter, a large table at 0.75, floaters everywhere."""
+    random = np.random.default_rng(seed)
+    across = random.uniform(-2, 2, (floor, 2))
+    parts = [np.c_[across, np.zeros(floor)]]
+    parts.append(np.c_[random.uniform(-1, 1, (table, 2)), np.full(table, 0.75)])
+    parts.append(np.c_[np.full(700, 2.0), random.uniform(-2, 2, 700), random.uniform(0, 2.5, 700)])
+    parts.append(np.c_[random.uniform(-2, 2, 700), np.full(700, 2.0), random.uniform(0, 2.5, 700)])
+    parts.append(random.normal([0.3, -0.2, 1.0], 0.25, (600, 3)))
+    parts.append(random.uniform([-2, -2, -0.8], [2, 2, 2.5], (floaters, 3)))
+    points = np.concatenate(parts)
+    return points + random.normal(0, noise, points.shape)
+
+
+def cameras(turn=None, *, pitch=-0.3, roll=0.0, around=2.0, count=9, seed=4):
+    """Cameras at height 1.5 on an arc of ``around`` radians, pitched, level up to ``roll``; all turned by ``turn``."""
+    turn = np.eye(3) if turn is None else turn
+    random = np.random.default_rng(seed)
+    rig = []
+    for i, angle in enumerate(np.linspace(-around / 2, around / 2, count)):
+        forward = np.array([np.sin(angle) * np.cos(pitch), np.cos(angle) * np.cos(pitch), np.sin(pitch)])
+        right = np.array([np.cos(angle), -np.sin(angle), 0.0])
+        rows = np.stack([right, np.cross(forward, right), forward])
+        rows = rotation_of((0, 0, 1), random.normal(0, roll)) @ rows
+        pose = np.eye(4)
+        pose[:3, :3] = rows @ turn.T
+        pose[:3, 3] = -pose[:3, :3] @ (turn @ (-4.0 * forward + [0, 0, 0.3]))
+        rig.append(Camera(f"cam{i:02d}", 64, 48, np.diag([60.0, 60.0, 1.0]), pose))
+    return rig
+
+
+def degrees(a, b):
+    return np.degrees(np.arccos(np.clip(a @ b, -1, 1)))
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("roll", [0.0, 0.05])
+def test_level_cameras_say_where_up_is_whatever_their_pitch(turn, roll):
+    up, certain = camera_up(cameras(turn, pitch=-0.6, roll=roll))
+    assert certain and degrees(up, turn[:, 2]) < (1e-4 if not roll else 4.0)
+
+
+def test_one_camera_that_fell_over_changes_little():
+    rig = cameras(around=3.0, count=12)
+    fallen = np.eye(4)
+    fallen[:3, :3] = rotation_of((0, 0, 1), np.pi / 2)
+    rig[5] = rig[5].with_pose(fallen @ rig[5].world_to_camera)
+    assert degrees(camera_up(rig)[0], np.array([0, 0, 1.0])) < 1.0
+
+
+def test_few_rolled_cameras_around_a_scene_are_right_on_the_whole():
+    rig = cameras(around=2 * np.pi * 3 / 4, count=4, pitch=-0.4)  # one in each direction
+    for i, roll in enumerate((0.3, -0.3, 0.3, -0.3)):
+        turn = np.eye(4)
+        turn[:3, :3] = rotation_of((0, 0, 1), roll)
+        rig[i] = rig[i].with_pose(turn @ rig[i].world_to_camera)
+    up, certain = camera_up(rig)
+    assert not certain and degrees(up, np.array([0, 0, 1.0])) < 1.0
+
+
+def test_cameras_side_by_side_leave_their_pitch_open():
+    up, certain = camera_up(cameras(around=0.05, pitch=-0.5))
+    assert not certain and degrees(up, np.array([0, 0, 1.0])) == pytest.approx(np.degrees(0.5), abs=1.0)
+
+
+def test_up_needs_cameras():
+    with pytest.raises(FrogError, match="no cameras"):
+        camera_up([])
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+@pytest.mark.parametrize("around", [2.5, 0.05])
+def test_the_floor_is_found_below_a_table_in_any_position(turn, noise, around):
+    shift = np.array([3.0, -1.0, 2.0])
+    rig = cameras(turn, around=around, pitch=-0.35)
+    points = room(noise) @ turn.T + shift
+    up, certain = camera_up(rig)
+    floor = find_floor(points, np.ones(len(points)), up, certain=certain)
+    assert floor.found and floor.share > 0.2
+    assert degrees(floor.up, turn[:, 2]) < 0.5
+    assert floor.height == pytest.approx(shift @ turn[:, 2], abs=0.02)
+
+
+def test_a_large_table_above_a_small_floor_is_a_table():
+    points = room(floor=500, table=1500)
+    assert find_floor(points, np.ones(len(points)), np.array([0, 0, 1.0])).height == pytest.approx(0.0, abs=0.02)
+
+
+def test_the_same_points_have_the_same_floor():
+    points, up = room(), np.array([0, 0.1, 1.0])
+    first, second = (find_floor(points, np.ones(len(points)), up) for _ in range(2))
+    assert np.array_equal(first.up, second.up) and first.height == second.height
+
+
+def test_a_cloud_has_no_floor_but_stands_on_its_lowest_part():
+    points = np.random.default_rng(5).normal([0, 0, 1.0], 0.5, (4000, 3))
+    up = np.array([0.0, 0.0, 1.0])
+    floor = find_floor(points, np.ones(len(points)), up)
+    assert not floor.found and np.array_equal(floor.up, up)
+    assert np.mean(points[:, 2] < floor.height) == pytest.approx(0.02, abs=0.02)
+
+
+def test_points_that_say_nothing_are_refused_or_survived():
+    up = np.array([0.0, 0.0, 1.0])
+    with pytest.raises(FrogError, match="no Gaussian at rest"):
+        find_floor(np.full((4, 3), np.nan), np.ones(4), up)
+    assert not find_floor(np.ones((500, 3)), np.ones(500), up).found
+    points = room()
+    points[::50] = np.inf
+    points[1::50] = 1e6
+    assert find_floor(points, np.ones(len(points)), up).height == pytest.approx(0.0, abs=0.02)
+
+
+@pytest.mark.parametrize("around", [1.0, 2 * np.pi])
+def test_placed_it_stands_upright_at_the_origin_and_is_seen_from_the_front(around):
+    turn, shift = TURNS[2], np.array([3.0, -1.0, 2.0])
+    rig, points = cameras(turn, around=around), room() @ turn.T + shift
+    floor = find_floor(points, np.ones(len(points)), camera_up(rig)[0])
+    matrix = placement(floor, points, rig)
+    np.testing.assert_allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(matrix) == pytest.approx(1.0)
+    placed = points @ matrix[:3, :3].T + matrix[:3, 3]
+    assert np.mean(np.abs(placed[:, 2]) < 0.03) > 0.3
+    np.testing.assert_allclose(np.median(placed[:, :2], axis=0), 0, atol=1e-2)
+    look = matrix[:3, :3] @ rig[len(rig) // 2].forward if around == 1.0 else matrix[:3, :3] @ rig[0].forward
+    assert look[1] > 0.9 and abs(look[0]) < 0.01
+
+
+def test_only_what_is_opaque_and_at_rest_votes(monkeypatch):
+    random = np.random.default_rng(6)
+    arrays = {
+        "means": random.normal(0, 1, (50, 3)),
+        "quaternions": np.tile([1.0, 0, 0, 0], (50, 1)),
+        "log_scales": np.log(np.tile([0.3, 0.2, 0.01], (50, 1))),
+        "opacity_logits": np.r_[np.full(20, -5.0), np.full(30, 5.0)],
+        "sh": np.zeros((50, 1, 3)),
+    }
+    rig = tuple(cameras())
+    header = SceneHeader("static", {}, {}, rig, ((0,),) * len(rig), (), (), 1, 30.0, (0, 0, 0), "", "n3dv", 1.0)
+    scene = PlayableScene(SceneFile(header, {name: array.astype(np.float32) for name, array in arrays.items()}))
+    points, weights = resting(scene)
+    np.testing.assert_allclose(points, arrays["means"][20:], atol=1e-6)
+    np.testing.assert_allclose(weights, 0.06 / (1 + np.exp(-5.0)), rtol=1e-4)
+    plain = scene.at
+
+    def moving(time):
+        gaussians = plain(time)
+        gaussians.means = gaussians.means + np.float32(time) * (np.arange(50) >= 40)[:, None].astype(np.float32)
+        return gaussians
+
+    monkeypatch.setattr(scene, "at", moving)
+    assert len(resting(scene)[0]) == 20

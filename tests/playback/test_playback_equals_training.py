@@ -1,0 +1,144 @@
+"""A scene written to a file and played without torch is the scene that training ended with."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from support.builders import ATTRIBUTES, MODEL, odd_camera, scene_file
+
+from frog_blender.engine.model.interface import Progressing
+from frog_blender.engine.model.torch_player import model_of
+from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.render import draw, to_uint8
+from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions, rasterize
+from frog_blender.engine.scene.scene_file import SceneFile, read_scene, write_scene
+
+TIMES = (0.0, 0.013, 0.25, 0.5, 0.9, 1.0)
+
+
+SHAPES = [
+    {"head_width": 0, "deformed_sh": 0},
+    {"head_width": 0, "deformed_sh": 1},
+    {"head_width": 0, "deformed_sh": 4, "hidden_width": 16},
+    {"head_width": 0, "deformed_sh": 4, "hidden_width": 33, "embedding_size": 3, "temporal_size": 5},
+    {"head_width": 24, "deformed_sh": 0, "hidden_width": 17},
+    {"head_width": 24, "deformed_sh": 1},
+    {"head_width": 24, "deformed_sh": 4, "hidden_width": 40},
+    {"head_width": 16, "deformed_sh": 9, "hidden_width": 32},
+    {"opacity_reduction": "paper", "motion_unit": 2.5},
+    {"opacity_reduction": "off"},
+    {"opacity_reduction": "unit", "opacity_sharpness": 3.0},
+    {"temporal_rows": 2, "coarse_rows": 2},
+    {"fine_rows": 4, "opacity_share": 0.3},
+    *[{"fusion": fusion} for fusion in ("add", "concat", "attention", "coarse", "fine", "dual")],
+    {"fusion": "dual", "deformed_sh": 4, "hidden_width": 33},
+    {"fusion": "dual", "head_width": 24, "deformed_sh": 4, "hidden_width": 17},
+    {"fusion": "concat", "head_width": 24},
+    {"modulation": True},
+    {"modulation": True, "fusion": "dual", "deformed_sh": 4, "hidden_width": 33},
+    {"modulation": True, "fusion": "concat", "head_width": 24},
+]
+
+
+def fine_share(shape: dict) -> float:
+    """How far the schedule of the fine rows has come when it stands at ``shape["fine_rows"]``."""
+    rows, coarse = MODEL["temporal_rows"], MODEL["coarse_rows"]
+    return (shape["fine_rows"] - coarse) / (rows - coarse) if "fine_rows" in shape else 1.0
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: ", ".join(f"{k} {v}" for k, v in shape.items()))
+@pytest.mark.parametrize(("count", "moving"), [(1, 1), (6, 6), (41, 41), (41, 40), (41, 17), (41, 1)])
+def test_gaussians_at_many_times(tmp_path: Path, shape: dict, count: int, moving: int) -> None:
+    scene = scene_file(count, sh_count=16 if shape.get("deformed_sh") == 9 else 4, moving=moving, **shape)
+    write_scene(tmp_path / "x.frog", scene)
+    played, model = PlayableScene.load(tmp_path / "x.frog"), model_of(scene)
+    assert (played.count, played.moving) == (count, moving)
+    still = torch.from_numpy(scene.arrays["means"])
+    for time in TIMES:
+        found = played.at(time)
+        with torch.no_grad():
+            expected = model(time, Progressing(opacity=shape.get("opacity_share", 1.0), fine_rows=fine_share(shape)))
+        moved = (expected.means - still).abs().amax(1)
+        assert float(moved[:moving].max()) > 0.01 and not moved[moving:].any()
+        expected.quaternions = torch.nn.functional.normalize(expected.quaternions, dim=1)
+        for name in ATTRIBUTES:
+            values = getattr(found, name)
+            assert values.dtype == np.float32 and values.flags.c_contiguous
+            np.testing.assert_allclose(
+                values, getattr(expected, name).detach().numpy(), rtol=1e-5, atol=1e-5, err_msg=name
+            )
+
+
+def test_times_outside_are_held_and_frames_are_times(tmp_path: Path) -> None:
+    write_scene(tmp_path / "x.frog", scene_file())
+    scene = PlayableScene.load(tmp_path / "x.frog")
+    for frame, time in ((0, 0.0), (3, 0.5), (4.5, 0.75), (6, 1.0), (99, 1.0), (-2, 0.0)):
+        np.testing.assert_array_equal(scene.at_frame(frame).means, scene.at(time).means)
+    assert np.abs(scene.at(0.5).means - scene.at(0.6).means).max() > 1e-4
+
+
+def test_any_order_of_times_gives_the_same_bits(tmp_path: Path) -> None:
+    write_scene(tmp_path / "x.frog", scene_file())
+    scene = PlayableScene.load(tmp_path / "x.frog")
+    forwards = [scene.at(time).sh.tobytes() for time in TIMES]
+    assert [scene.at(time).sh.tobytes() for time in reversed(TIMES)] == forwards[::-1]
+
+
+@pytest.mark.parametrize("method", ["static", "frog"])
+def test_a_scene_in_which_nothing_moves_plays_too(tmp_path: Path, method: str) -> None:
+    scene = scene_file()
+    arrays = {name: scene.arrays[name] for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh")}
+    header = type(scene.header)(**{**vars(scene.header), "method": method, "model": {}})
+    write_scene(tmp_path / "x.frog", SceneFile(header, arrays))
+    played = PlayableScene.load(tmp_path / "x.frog")
+    assert played.moving == 0
+    np.testing.assert_array_equal(played.at(0.1).means, arrays["means"])
+    np.testing.assert_allclose(played.at(0.9).scales, np.exp(arrays["log_scales"]))
+    np.testing.assert_allclose(np.linalg.norm(played.at(0.5).quaternions, axis=1), 1, rtol=1e-6)
+
+
+def test_drawing_without_torch_is_drawing_with_it(tmp_path: Path) -> None:
+    write_scene(tmp_path / "x.frog", scene_file(80))
+    gaussians = PlayableScene.load(tmp_path / "x.frog").at(0.4)
+    camera = odd_camera(53, 38)
+    drawing = draw(gaussians, camera, (0.1, 0.2, 0.3))
+    image = rasterize(
+        GaussianArrays(*[torch.tensor(getattr(gaussians, name)) for name in ATTRIBUTES]),
+        camera,
+        (0.1, 0.2, 0.3),
+        RasterizeOptions(depth=True),
+    )
+    np.testing.assert_array_equal(drawing.rgb, image.rgb.detach().numpy())
+    np.testing.assert_array_equal(drawing.alpha, image.alpha.detach().numpy())
+    np.testing.assert_array_equal(drawing.mean_depth, image.mean_depth.numpy())
+    for name in ("median_depth", "median_z"):
+        np.testing.assert_allclose(getattr(drawing, name), getattr(image, name).numpy(), rtol=1e-5)
+    for name in ("rgb", "alpha", "median_depth", "median_z", "mean_depth"):
+        assert getattr(drawing, name).dtype == np.float32
+
+
+def test_bytes_are_rounded_and_clipped() -> None:
+    assert to_uint8(np.array([-1.0, 0.0, 0.4999 / 255, 0.5001 / 255, 0.5, 1.0, 7.0])).tolist() == [
+        0,
+        0,
+        0,
+        1,
+        128,
+        255,
+        255,
+    ]
+
+
+def test_an_emptied_model_setting_is_one_sentence(tmp_path: Path) -> None:
+    from frog_blender.engine.errors import FrogError
+
+    for missing in ("coarse_rows", "head_width", "motion_unit"):
+        scene = scene_file()
+        del scene.header.model[missing]
+        write_scene(tmp_path / "x.frog", scene)
+        assert read_scene(tmp_path / "x.frog")
+        with pytest.raises(FrogError, match=missing):
+            PlayableScene.load(tmp_path / "x.frog")

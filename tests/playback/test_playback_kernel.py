@@ -1,0 +1,116 @@
+"""What playback asks of the native deformation: groups, kept products, unit quaternions, constant colours."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.deformation_fields import field_arrays, in_groups, output_arrays
+
+from frog_blender.engine.native import binding
+from frog_blender.engine.native.deformation import FieldShape, PlayedField, deform
+from frog_blender.engine.playback import simd_layout
+from frog_blender.engine.playback.simd_layout import GROUP, grouped
+
+
+def play(
+    shape: FieldShape, arrays: dict[str, np.ndarray], result: dict[str, np.ndarray], kept: bool | None = None
+) -> None:
+    """In groups, unless ``kept`` is None."""
+    own = arrays if kept is None else in_groups(shape, arrays, kept)
+    PlayedField(shape, own, bool(kept)).deform({}, result)
+
+
+@pytest.mark.parametrize("kept", [False, True])
+@pytest.mark.parametrize("count", [1, GROUP, 3 * GROUP + 5, 200])
+def test_gaussians_lie_in_groups(count: int, kept: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(simd_layout, "_TOGETHER", 4 * GROUP)
+    arrays = field_arrays(FieldShape(0, 4, 4, "off", 10.0, 1.0, 0.5), 5, 3, count, sh_count=4)
+    found = grouped(arrays, kept)
+    own = arrays["embeddings"] @ arrays["embedding_weight"].T if kept else arrays["embeddings"]
+    attributes = ("means", "opacity_logits", "sh", "log_scales", "quaternions")
+    expected = np.concatenate([*(arrays[name].reshape(count, -1) for name in attributes), own], axis=1)
+    assert found.dtype == np.float32 and found.shape == (-(-count // GROUP), expected.shape[1], GROUP)
+    for i, values in enumerate(expected):
+        np.testing.assert_allclose(found[i // GROUP, :, i % GROUP], values, atol=1e-6)
+    assert not found.transpose(0, 2, 1).reshape(-1, expected.shape[1])[count:].any()
+
+
+def test_heads_take_no_groups() -> None:
+    shape = FieldShape(8, 4, 1, "off", 10.0, 1.0, 0.5)
+    arrays = field_arrays(shape, 20, 5, 30, sh_count=4)
+    with pytest.raises(ValueError, match="heads"):
+        PlayedField(shape, in_groups(shape, arrays, False))
+
+
+@pytest.mark.parametrize("kept", [False, True])
+@pytest.mark.parametrize("form", ["off", "paper", "unit"])
+@pytest.mark.parametrize("networks", [1, 2])
+@pytest.mark.parametrize("hidden", [1, 33, 64])
+@pytest.mark.parametrize("deformed", [0, 1, 4, 16])
+@pytest.mark.parametrize("count", [1, 5, 16, 97, 1000])
+def test_groups_give_the_same(networks: int, hidden: int, deformed: int, count: int, form: str, kept: bool) -> None:
+    # A sharpness of 10 would make the rounding of the opacity's change ten times larger.
+    shape = FieldShape(0, 16, deformed, form, 1.0, 0.7, 0.5, networks)
+    arrays = field_arrays(shape, hidden, 7, count)
+    expected, found = output_arrays(shape, count), output_arrays(shape, count)
+    found["sh"][:] = arrays["sh"]
+    play(shape, arrays, expected)
+    play(shape, arrays, found, kept)
+    for name, values in expected.items():
+        assert np.isfinite(values).all()
+        # The exponential makes an absolute error of the logarithm, which may be 4, a relative one.
+        rtol = 3e-6 if name == "scales" else 1e-6
+        np.testing.assert_allclose(found[name], values, rtol=rtol, atol=1e-6, err_msg=name)
+
+
+@pytest.mark.parametrize("count", [1, 15, 16, 17, 96, 97])
+@pytest.mark.parametrize("deformed", [0, 1, 4, 9, 16])
+def test_nothing_is_written_beyond_the_last_gaussian(deformed: int, count: int) -> None:
+    shape = FieldShape(0, deformed, deformed, "unit", 10.0, 1.0, 0.5)
+    arrays, room = field_arrays(shape, 20, 5, count), output_arrays(shape, count + 1)
+    play(shape, arrays, {name: array[:count] for name, array in room.items()}, kept=False)
+    for name, array in room.items():
+        assert np.isfinite(array[:count]).all() and np.isnan(array[count:]).all(), name
+
+
+@pytest.mark.parametrize("kept", [False, True])
+def test_the_same_bits_on_any_number_of_threads(kept: bool) -> None:
+    try:
+        shape, results = FieldShape(0, 9, 4, "unit", 10.0, 1.0, 0.5, 2), []
+        arrays = field_arrays(shape, 33, 7, 5000, sh_count=9)
+        for threads in (1, 2, 7):
+            binding.set_thread_count(threads)
+            results.append(output_arrays(shape, 5000) | {"sh": arrays["sh"].copy()})
+            play(shape, arrays, results[-1], kept)
+        for name, values in results[0].items():
+            assert all(result[name].tobytes() == values.tobytes() for result in results)
+    finally:
+        binding.set_thread_count(0)
+
+
+@pytest.mark.parametrize("count", [1, 97, 500])
+def test_unit_quaternions(count: int) -> None:
+    shape = FieldShape(0, 4, 1, "off", 10.0, 1.0, 0.5)
+    arrays = field_arrays(shape, 20, 5, count, sh_count=4)
+    arrays["output_weight"][6:10], arrays["output_bias"][6:10] = 0, 0
+    arrays["quaternions"][0] = 0  # has no direction, and gets none
+    plain, unit = output_arrays(shape, count), output_arrays(shape, count)
+    deform(shape, arrays, plain)
+    play(shape, arrays, unit)
+    lengths = np.linalg.norm(plain["quaternions"].astype(np.float64), axis=1, keepdims=True)
+    np.testing.assert_allclose(unit["quaternions"], plain["quaternions"] / np.maximum(lengths, 1e-12), atol=3e-7)
+    assert not unit["quaternions"][0].any()
+    for name in ("means", "scales", "opacities", "sh"):
+        np.testing.assert_array_equal(unit[name], plain[name])
+
+
+@pytest.mark.parametrize("deformed", [0, 1, 4, 16])
+def test_colours_that_are_not_given_stay_in_the_output(deformed: int) -> None:
+    shape = FieldShape(0, 16, deformed, "unit", 10.0, 1.0, 0.5)
+    arrays = field_arrays(shape, 20, 5, 300)
+    expected, found = output_arrays(shape, 300), output_arrays(shape, 300)
+    deform(shape, arrays, expected)
+    found["sh"][:] = arrays["sh"]
+    deform(shape, arrays | {"sh": np.ascontiguousarray(arrays["sh"][:, :deformed])}, found)
+    np.testing.assert_array_equal(found["sh"], expected["sh"])
+    np.testing.assert_array_equal(found["means"], expected["means"])

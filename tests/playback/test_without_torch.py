@@ -1,0 +1,84 @@
+"""Opening, playing, drawing and evaluating a finished scene where importing torch fails."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from support.builders import run_python, scene_file
+from support.synthetic_capture import FRAMES, rig
+
+from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.render import draw, to_uint8
+from frog_blender.engine.scene.scene_file import SceneFile, write_scene
+
+NO_TORCH = "import sys; sys.modules['torch'] = None; sys.modules['bpy'] = None\n"
+PLAY = """
+from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.render import draw
+from frog_blender.engine.playback.transform import transform
+scene = PlayableScene.load(sys.argv[1])
+turned = transform(scene.at(0.4), [[0, -1, 0, 1], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+drawing = draw(turned, scene.header.cameras[0])
+print(scene.count, drawing.rgb.shape, 'torch' in [name for name, module in sys.modules.items() if module])
+"""
+COMMAND = "from frog_blender.cli.main import main; sys.exit(main(sys.argv[1:]))"
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    """Fits the filmed capture's cameras and frames."""
+    content = scene_file(60, opacity_reduction="paper")
+    header = replace(
+        content.header,
+        cameras=tuple(rig()),
+        camera_shots=(tuple(range(FRAMES)),) * 4,
+        frame_count=FRAMES,
+        test_cameras=("cam00",),
+    )
+    write_scene(tmp_path / "x.frog", SceneFile(header, content.arrays))
+    return tmp_path / "x.frog"
+
+
+def test_torch_really_is_missing_there() -> None:
+    assert "halted" in run_python(NO_TORCH + "import torch").stderr
+
+
+def test_load_play_transform_and_draw(scene: Path) -> None:
+    run = run_python(NO_TORCH + PLAY, scene)
+    assert (run.returncode, run.stdout.strip()) == (0, "60 (36, 48, 3) False"), run.stderr
+
+
+def test_frog_render(scene: Path, tmp_path: Path) -> None:
+    run = run_python(
+        NO_TORCH + COMMAND, "render", scene, "--camera", "cam02", "--frames", "1:3", "--out", tmp_path / "o"
+    )
+    assert run.returncode == 0, run.stderr
+    pictures = sorted((tmp_path / "o").iterdir())
+    assert [path.name for path in pictures] == ["cam02_0001.png", "cam02_0002.png"]
+    played = PlayableScene.load(scene)
+    expected = to_uint8(draw(played.at_frame(2), rig()[2], played.header.background).rgb)
+    np.testing.assert_array_equal(cv2.imread(str(pictures[1]))[:, :, ::-1], expected)
+
+
+def test_frog_eval(scene: Path, filmed: Path, own_cache: Path) -> None:
+    run = run_python(NO_TORCH + COMMAND, "eval", scene, filmed, "--json")
+    assert run.returncode == 0, run.stderr
+    report = json.loads(run.stdout)
+    assert (report["gaussians"], report["frames"], report["split"]) == (60, FRAMES, "held-out")
+
+
+def test_frog_info(scene: Path) -> None:
+    run = run_python(NO_TORCH + COMMAND, "info", scene, "--json")
+    assert run.returncode == 0, run.stderr
+    assert json.loads(run.stdout)["gaussians"] == 60
+
+
+def test_frog_train_says_what_is_missing(filmed: Path, tmp_path: Path) -> None:
+    run = run_python(NO_TORCH + COMMAND, "train", filmed, "--out", tmp_path / "y.frog")
+    assert run.returncode != 0
+    assert "torch" in run.stderr and "Traceback" not in run.stderr

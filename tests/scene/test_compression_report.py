@@ -1,0 +1,69 @@
+"""What a training says of its capacity: in words, and in a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import torch
+from support.training_steps import train
+
+from frog_blender.engine.scene.compression_report import lines, reduction_line, summary
+from frog_blender.engine.training.compression.report_image import capacity_picture
+from frog_blender.engine.training.optimize.gaussian_order import put_to_rest
+from frog_blender.engine.training.optimize.trainer import Trainer
+
+
+def reduced(*values: object) -> dict[str, Any]:
+    names = ("what", "progress", "before", "after", "loss", "milliseconds", "bytes")
+    return dict(zip(names, values, strict=True))
+
+
+CAPACITY: dict[str, Any] = {
+    "gaussians": 20_704,
+    "dynamic": 5_927,
+    "heads": ["means", "sh"],
+    "sh_degree": 1,
+    "reductions": [
+        reduced("put to rest", 0.85, 20_704, 5_927, 0.0213, 1.24, 1_890_000),
+        reduced("woken", 0.93, 5_927, 6_000, None, -0.2, -9),
+        reduced("SH degree", 0.85, 1, 0, -0.01, 0.0, 0),
+        reduced("head means", 0.85, 5, 4, 0.001, 0.0, 0),
+    ],
+}
+
+
+def test_the_report_in_words() -> None:
+    assert summary(CAPACITY) == "20,704 Gaussians, 5,927 of them move; heads: means, sh; SH degree 1"
+    rest, woken, degree, head = lines(CAPACITY)
+    assert (
+        rest == "at 85 %, put to rest: 20,704 -> 5,927 moving Gaussians; saves 1.89 MB, 1.2 ms a frame; costs 0.021 dB"
+    )
+    assert woken == "at 93 %, woken: 5,927 -> 6,000 moving Gaussians"
+    assert head == "at 85 %, head means: 5 -> 4 heads; costs 0.001 dB"
+    assert degree == "at 85 %, SH degree: 1 -> 0; costs 0.000 dB"
+    assert "heads: none" in summary({**CAPACITY, "heads": []}) and lines({}) == []
+    assert reduction_line(CAPACITY["reductions"][0]) == rest
+
+
+def test_the_picture_tells_what_moves_from_what_rests(make_trainer: Callable[..., Trainer]) -> None:
+    trainer = make_trainer(60, capacity="auto")
+    train(trainer, until=40)
+    canonical = trainer.model.canonical
+
+    def redness() -> float:
+        red, _, blue = capacity_picture(trainer, 8).astype(float).mean((0, 1))
+        return red - blue
+
+    picture = capacity_picture(trainer, 8)
+    assert picture.shape == (36, 48, 3) and picture.dtype == np.uint8
+    moving = redness()
+    names = ("means", "quaternions", "log_scales", "opacity_logits", "sh")
+    state = {name: getattr(canonical, name).detach().clone() for name in names}
+    put_to_rest(trainer, torch.arange(canonical.moving), state)
+    assert moving > 10 > -10 > redness()
+    assert trainer.parsimony
+    resting = redness()
+    trainer.parsimony.removed = canonical.means.detach().numpy() + 0.0
+    assert redness() > resting + 1  # red dots

@@ -1,0 +1,196 @@
+"""Packed arrays come back within half a step, in little room; damaged ones are refused before memory is taken."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import tracemalloc
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from safetensors import safe_open
+from safetensors.numpy import save
+from support.builders import scene_file
+
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.scene.blocks import BLOCK
+from frog_blender.engine.scene.quantization import BITS, pack, unpack, unpack_scene
+from frog_blender.engine.scene.scene_file import read_scene, scene_bytes, write_scene
+
+
+@pytest.mark.parametrize("count", [1, 2, BLOCK - 1, BLOCK, BLOCK + 1, 3000])
+@pytest.mark.parametrize("name", [name for name, bits in BITS.items() if bits > 1])
+def test_every_number_is_within_half_a_step_of_its_block(name: str, count: int) -> None:
+    random = np.random.default_rng(count)
+    shape = {"sh": (count, 4, 3), "opacity_logits": (count,)}.get(name, (count, 3))
+    array = np.float32(random.normal(0, 3, shape) + 100 * random.normal(size=shape[1:]))
+    packed = pack(name, array)
+    found = unpack(packed.content, packed.description)
+    assert found.shape == shape and found.dtype == np.float32
+    for start in range(0, count, BLOCK):
+        block, back = (values[start : start + BLOCK].reshape(-1, int(np.prod(shape[1:]))) for values in (array, found))
+        step = (block.max(axis=0) - block.min(axis=0)) / (2 ** BITS[name] - 1)
+        assert (np.abs(back - block) <= 0.51 * step + 1e-5 * np.abs(block)).all()
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (29, 90), (0, 3)])
+def test_bits_come_back_as_they_are(shape: tuple[int, int]) -> None:
+    array = np.random.default_rng(0).integers(256, size=shape).astype(np.uint8)
+    packed = pack("lifetimes", array)
+    found = unpack(packed.content, packed.description)
+    assert found.dtype == np.uint8
+    np.testing.assert_array_equal(found, array)
+
+
+def test_other_arrays_keep_half_precision() -> None:
+    array = np.float32(np.random.default_rng(0).normal(size=(7, 5)))
+    packed = pack("temporal_table", array)
+    np.testing.assert_array_equal(unpack(packed.content, packed.description), array.astype(np.float16))
+
+
+@pytest.mark.parametrize("shape", [(0, 3), ()])
+def test_empty_and_single_numbers(shape: tuple[int, ...]) -> None:
+    for name in ("means", "network.bias") if shape else ("network.bias",):
+        packed = pack(name, np.ones(shape, np.float32))
+        np.testing.assert_array_equal(unpack(packed.content, packed.description), np.ones(shape, np.float32))
+
+
+@pytest.mark.parametrize(("name", "value"), [("means", np.nan), ("sh", np.inf), ("network.bias", 1e6)])
+def test_numbers_that_cannot_be_packed(name: str, value: float) -> None:
+    with pytest.raises(ValueError, match=name):
+        pack(name, np.full((5, 3), value, np.float32))
+
+
+@pytest.mark.parametrize("moving", [40, 13])
+def test_a_packed_scene_plays_as_the_plain_one(tmp_path: Path, moving: int) -> None:
+    scene = scene_file(moving=moving)
+    write_scene(tmp_path / "plain.frog", scene)
+    write_scene(tmp_path / "packed.frog", scene, compact=True)
+    plain, packed = (PlayableScene.load(tmp_path / f"{name}.frog") for name in ("plain", "packed"))
+    assert packed.moving == moving
+    for time in (0.0, 0.4, 1.0):
+        for name, values in vars(plain.at(time)).items():
+            np.testing.assert_allclose(getattr(packed.at(time), name), values, rtol=0.05, atol=0.06, err_msg=name)
+
+
+def test_even_random_numbers_take_a_third_of_their_bytes() -> None:
+    scene = scene_file(5000, moving=1000)
+    assert len(scene_bytes(scene, compact=True)) < 0.33 * len(scene_bytes(scene))
+
+
+@pytest.mark.parametrize("version", [1, 2, 3])
+def test_files_of_earlier_versions_are_read(tmp_path: Path, version: int) -> None:
+    scene = scene_file()
+    old = json.loads(scene.header.to_json())
+    if version == 1:
+        del old["capacity"]
+    old["format_version"] = version
+    (tmp_path / "x.frog").write_bytes(save(scene.arrays, metadata={"frog": json.dumps(old)}))
+    read = read_scene(tmp_path / "x.frog")
+    assert read.header.format_version == version and read.header.capacity == {}
+    for name, array in scene.arrays.items():
+        np.testing.assert_array_equal(read.arrays[name], array)
+
+
+def with_packing(path: Path, change: dict | str) -> None:
+    """Writes a packed scene whose description of ``means`` is changed, or all of which is the text."""
+    write_scene(path, scene_file(), compact=True)
+    with safe_open(str(path), framework="numpy") as file:
+        arrays, metadata = {name: file.get_tensor(name) for name in file.keys()}, dict(file.metadata())  # noqa: SIM118
+    packing = json.loads(metadata["packing"])
+    if isinstance(change, dict):
+        packing["means"] = {**packing["means"], **change}
+    metadata["packing"] = json.dumps(packing) if isinstance(change, dict) else change
+    path.write_bytes(save(arrays, metadata=metadata))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        *({"shape": shape} for shape in ([41, 3], [39, 3], [40, 4], [2**40, 3], [-40, 3])),
+        *({"shape": shape} for shape in ([], "x", None, [40.5, 3], [1e30])),
+        *({"bits": bits} for bits in (0, 8, 3, -8, 64, None, "many", 1e300)),
+        *("[" * 100_000, "{", "null", '{"means": 3}', '{"nothing": {"shape": [1], "bits": 8}}', '{"means": {}}'),
+    ],
+    ids=lambda change: str(change)[:40],
+)
+def test_descriptions_that_do_not_fit_are_one_sentence(tmp_path: Path, change: dict | str) -> None:
+    with_packing(tmp_path / "x.frog", change)
+    with pytest.raises(FrogError) as caught:
+        read_scene(tmp_path / "x.frog")
+    assert "\n" not in str(caught.value) and "x.frog" in str(caught.value)
+
+
+def test_a_bomb_is_refused_before_it_is_unpacked() -> None:
+    bomb = np.frombuffer(zlib.compress(bytes(10_000_000)), np.uint8)
+    for shape in ([2, 3], [1_000_000, 3], [2**28, 3], [2**45, 0], [0, 2**45], [2**62, 2**62]):
+        with pytest.raises(ValueError, match="array of shape"):
+            unpack(bomb, {"shape": shape, "bits": 8})
+    fitting = {"shape": [10_000_000 // 6 - 100, 3], "bits": 16}
+    with pytest.raises(ValueError, match="expected at most"):
+        unpack_scene({"means": bomb}, {"means": fitting})
+    few = pack("means", np.float32(np.random.default_rng(0).normal(size=(50, 3))))
+    with pytest.raises(ValueError, match="expected at most"):
+        unpack_scene({"means": few.content, "sh": bomb}, {"means": few.description, "sh": fitting})
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.data())
+def test_damaged_bytes_are_refused_or_read(data: st.DataObject) -> None:
+    """Never another error, never another shape."""
+    packed = pack("means", np.float32(np.random.default_rng(0).normal(size=(50, 3))))
+    content = packed.content.copy()
+    for _ in range(data.draw(st.integers(1, 4))):
+        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
+    content = content[: data.draw(st.integers(0, len(content)))]
+    with contextlib.suppress(ValueError):
+        assert unpack(content, packed.description).shape == (50, 3)
+
+
+def test_many_arrays_together_are_no_bomb_either(tmp_path: Path) -> None:
+    """Each may be as large as a network; all of them together would take seventeen thousand million bytes."""
+    content = pack("network.x", np.zeros(2**22, np.float32)).content
+    names = [f"network.x{number}" for number in range(1000)]
+    arrays, packing = packed_scene()
+    bomb = arrays | dict.fromkeys(names, content)
+    packing |= {name: {"shape": [2**22], "bits": 0} for name in names}
+    path = tmp_path / "x.frog"
+    path.write_bytes(save(bomb, metadata={"frog": scene_file().header.to_json(), "packing": json.dumps(packing)}))
+    assert path.stat().st_size < 10e6
+    tracemalloc.start()
+    with pytest.raises(FrogError, match=r"arrays of 16,777,2\d\d,\d\d\d bytes, expected at most"):
+        read_scene(path)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 50e6
+
+
+def test_arrays_that_no_scene_has_are_not_unpacked(tmp_path: Path) -> None:
+    arrays, packing = packed_scene()
+    arrays |= {"surprise": pack("surprise", np.zeros(2**22, np.float32)).content}
+    packing |= {"surprise": {"shape": [2**22], "bits": 0}, "nowhere": {"shape": [5], "bits": 0}}
+    path = tmp_path / "x.frog"
+    path.write_bytes(save(arrays, metadata={"frog": scene_file().header.to_json(), "packing": json.dumps(packing)}))
+    assert read_scene(path).arrays.keys() == scene_file().arrays.keys()
+
+
+@pytest.mark.parametrize("shape", [[-5, -3], [40.0, 3], [True, 3], "ab", None, [2**80, 3], {}])
+@pytest.mark.parametrize("bits", [16, 8, 0, True, 16.0, None, "8", [8]])
+def test_descriptions_of_other_kinds(tmp_path: Path, shape: object, bits: object) -> None:
+    arrays, packing = packed_scene()
+    packing["means"] = {"shape": shape, "bits": bits}
+    path = tmp_path / "x.frog"
+    path.write_bytes(save(arrays, metadata={"frog": scene_file().header.to_json(), "packing": json.dumps(packing)}))
+    with pytest.raises(FrogError):
+        read_scene(path)
+
+
+def packed_scene() -> tuple[dict[str, np.ndarray], dict]:
+    """The arrays of a small packed scene, and what describes them."""
+    packed = {name: pack(name, array) for name, array in scene_file().arrays.items()}
+    return {name: each.content for name, each in packed.items()}, {n: each.description for n, each in packed.items()}

@@ -1,0 +1,207 @@
+"""Files that are no scene, or a damaged one: refused in one sentence, by whoever opens them."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.builders import MODEL, scene_file
+
+from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.scene import scene_file as scene_files
+from frog_blender.engine.scene.header import FORMAT_VERSION
+from frog_blender.engine.scene.scene_file import read_scene, write_scene
+
+CAPACITY = {"gaussians": 5, "dynamic": 2, "heads": ["means"], "sh_degree": 1, "reductions": []}
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    write_scene(tmp_path / "x.frog", scene_file())
+    return tmp_path / "x.frog"
+
+
+def refused(path: Path) -> str:
+    """The one sentence with which a file is refused, by playback too."""
+    with pytest.raises(FrogError) as caught:
+        PlayableScene.load(path).at(0.3)
+    sentence = str(caught.value)
+    assert "\n" not in sentence and sentence.endswith(".") and len(sentence) < 600
+    return sentence
+
+
+def test_missing_and_folder(tmp_path: Path) -> None:
+    assert "no file" in refused(tmp_path / "none.frog")
+    assert "a folder" in refused(tmp_path)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.001, 0.3, 0.9, 0.9999])
+def test_truncated(path: Path, share: float) -> None:
+    content = path.read_bytes()
+    path.write_bytes(content[: int(len(content) * share)])
+    refused(path)
+
+
+def test_foreign_files(path: Path) -> None:
+    for content in (
+        b"\x89PNG\r\n\x1a\n" + bytes(200),
+        b"ply\nformat binary_little_endian 1.0\nend_header\n",
+        b"\x80\x04\x95\x10\x00\x00\x00",
+        struct.pack("<Q", 2**63) + b"{}",
+        struct.pack("<Q", 2) + b"[]",
+        np.random.default_rng(0).bytes(5000),
+    ):
+        path.write_bytes(content)
+        assert str(path) in refused(path)
+
+
+def test_random_damage_is_refused_or_harmless(path: Path) -> None:
+    """Bytes of the header changed one at a time: never another kind of error."""
+    content, random = path.read_bytes(), np.random.default_rng(3)
+    for _ in range(150):
+        changed = bytearray(content)
+        changed[int(random.integers(0, 3000))] = int(random.integers(256))
+        path.write_bytes(changed)
+        try:
+            PlayableScene.load(path)
+        except FrogError as error:
+            assert "\n" not in str(error)
+
+
+def with_header(path: Path, **changes: Any) -> None:
+    """Rewrites the file's header with other values; None takes the key out."""
+    scene = read_scene(path)
+    data = {**json.loads(scene.header.to_json()), **changes}
+    text = json.dumps({key: value for key, value in data.items() if value is not None})
+    path.write_bytes(scene_files.serialize(scene.arrays, metadata={"frog": text}))
+
+
+def test_a_newer_version_says_so(path: Path) -> None:
+    with_header(path, format_version=FORMAT_VERSION + 1)
+    assert f"version {FORMAT_VERSION + 1}" in refused(path) and "newer" in refused(path)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"cameras": []},
+        {"cameras": None},
+        {"cameras": [{"name": "a"}]},
+        {"cameras": "abc"},
+        {"cameras": [{**Camera("a", 8, 6, np.eye(3), np.eye(4)).to_json(), "exposure": [1, 0, 1]}]},
+        {"frame_count": 0},
+        {"frame_count": "many"},
+        {"camera_shots": [[0]]},
+        {"method": "nerf"},
+        {"model": None},
+        {"model": []},
+        {"model": {}},
+        {"model": {**MODEL, "deformed_sh": 9}},
+        {"model": {**MODEL, "coarse_rows": 7}},
+        {"model": {**MODEL, "coarse_rows": 0}},
+        {"model": {**MODEL, "hidden_width": -24}},
+        {"model": {**MODEL, "head_width": "wide"}},
+        {"model": {**MODEL, "opacity_reduction": "most"}},
+        {"model": {**MODEL, "opacity_sharpness": None}},
+        {"model": {**MODEL, "motion_unit": []}},
+        {"background": [1, 2]},
+        {"pixel_offsets": {"a": [1]}},
+        {"format_version": None},
+        *({"capacity": {**CAPACITY, **wrong}} for wrong in ({"reductions": [5]}, {"reductions": 3}, {"heads": 5})),
+        *({"capacity": wrong} for wrong in (5, [1], {"gaussians": "many"}, {"reductions": [{"what": "x"}]})),
+    ],
+    ids=lambda changes: str(changes)[:60] if "model" not in changes else None,
+)
+def test_headers_that_cannot_be_used(path: Path, changes: dict[str, Any]) -> None:
+    with_header(path, **changes)
+    refused(path)
+
+
+def test_a_safetensors_file_without_a_header(path: Path) -> None:
+    arrays = read_scene(path).arrays
+    for metadata in (None, {}, {"other": "{}"}, {"frog": "{"}, {"frog": "[]"}, {"frog": "null"}, {"frog": ""}):
+        path.write_bytes(scene_files.serialize(arrays, metadata=metadata))
+        refused(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "shape"),
+    [
+        ("means", (40, 2)),
+        ("means", (40,)),
+        ("means", ()),
+        ("means", (0, 3)),
+        ("log_scales", (39, 3)),
+        ("quaternions", (40, 3)),
+        ("opacity_logits", (40, 1)),
+        ("sh", (40, 5, 3)),
+        ("sh", (40, 4)),
+        ("sh", ()),
+        ("sh", (39, 4, 3)),
+        ("embeddings", (41, 8)),
+        ("embeddings", (0, 8)),
+        ("embeddings", (40, 7)),
+        ("embeddings", (40,)),
+        ("temporal_table", (5, 8)),
+        ("temporal_table", (6, 9)),
+        ("temporal_table", (6,)),
+        ("network.embedding_weight", (48, 8)),
+        ("network.embedding_weight", (16, 8)),
+        ("network.temporal_weight", (16, 8)),
+        ("network.bias", (16,)),
+        ("network.bias", ()),
+        ("network.output_weight", (13, 24)),
+        ("network.output_weight", (14, 16)),
+        ("network.output_weight", (14, 40)),
+        ("network.output_bias", (3,)),
+        ("network.output_bias", (40,)),
+        ("network.head_weight", None),
+    ],
+    ids=str,
+)
+def test_arrays_of_the_wrong_shape(path: Path, name: str, shape: tuple[int, ...] | None) -> None:
+    """Shapes are checked when a scene is opened: the native library only sees addresses."""
+    scene = read_scene(path)
+    if shape is None:
+        scene.header.model["head_width"] = 16  # but the file has no heads
+    else:
+        scene.arrays[name] = np.ones(shape, np.float32)
+    path.write_bytes(scene_files.serialize(scene.arrays, metadata={"frog": scene.header.to_json()}))
+    with pytest.raises(FrogError) as caught:
+        PlayableScene.load(path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["network.head_weight", "network.head_bias", "network.output_weight"])
+def test_heads_of_the_wrong_shape(tmp_path: Path, name: str) -> None:
+    scene = scene_file(head_width=16)
+    scene.arrays[name] = scene.arrays[name][: -16 if name != "network.output_weight" else -1].copy()
+    write_scene(tmp_path / "x.frog", scene)
+    with pytest.raises(FrogError):
+        PlayableScene.load(tmp_path / "x.frog")
+
+
+def test_modulation_of_the_wrong_shape(tmp_path: Path) -> None:
+    scene = scene_file(modulation=True)
+    scene.arrays["network.modulation_weight"] = scene.arrays["network.modulation_weight"][:, 1:].copy()
+    write_scene(tmp_path / "x.frog", scene)
+    refused(tmp_path / "x.frog")
+    scene = scene_file(modulation=True, embedding_size=16)  # modulated by a temporal embedding of 8 numbers
+    write_scene(tmp_path / "y.frog", scene)
+    refused(tmp_path / "y.frog")
+
+
+@pytest.mark.parametrize(
+    "name", ["means", "sh", "embeddings", "temporal_table", "network.bias", "network.output_weight"]
+)
+def test_a_missing_array(path: Path, name: str) -> None:
+    scene = read_scene(path)
+    del scene.arrays[name]
+    write_scene(path, scene)
+    refused(path)

@@ -1,0 +1,144 @@
+"""Finding the pictures that a scene's cameras took, by its header alone."""
+
+from __future__ import annotations
+
+import json
+import unicodedata
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.builders import plain_camera
+
+from frog_blender.engine.scene.header import SceneHeader
+from frog_blender.engine.source_media.clips import Clip, camera_path, capture_folders, find_clips, moves_alone
+
+
+def header(names, *, layout="n3dv", shots=None, frames=8, path="", test=()):
+    cameras = tuple(plain_camera() for _ in names)
+    for camera, name in zip(cameras, names, strict=True):
+        object.__setattr__(camera, "name", name)
+    shots = tuple(shots or [tuple(range(frames))] * len(names))
+    return SceneHeader("frog", {}, {}, cameras, shots, tuple(test), (), frames, 30.0, (0, 0, 0), path, layout, 1.0)
+
+
+def empty_files(folder, *names):
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(b"")
+    return folder
+
+
+@pytest.mark.parametrize(("named", "written"), [("NFC", "NFD"), ("NFD", "NFC")])
+def test_accents_are_the_same_however_they_are_composed(tmp_path, named, written):
+    name, file = unicodedata.normalize(named, "caméra"), f"{unicodedata.normalize(written, 'caméra')}.mp4"
+    found = find_clips(header([name]), empty_files(tmp_path, file))
+    assert found == {name: Clip(tmp_path / file, "VIDEO", count=8)}
+
+
+@pytest.mark.parametrize("layout", ["n3dv", "calibrated_videos"])
+def test_videos_by_their_names(tmp_path, layout):
+    folder = empty_files(tmp_path, "cam00.mp4", "cam02.MOV", "notes.txt", ".cam01.mp4")
+    found = find_clips(header(["cam00", "cam01", "cam02"], layout=layout), folder)
+    assert found == {
+        "cam00": Clip(folder / "cam00.mp4", "VIDEO", count=8),
+        "cam02": Clip(folder / "cam02.MOV", "VIDEO", count=8),
+    }
+
+
+def test_one_picture_for_each_camera(tmp_path):
+    folder = empty_files(tmp_path, "images/a.png", "images/b.jpg")
+    found = find_clips(header(["a", "b"], frames=1), folder)
+    assert found == {"a": Clip(folder / "images/a.png", "PICTURE"), "b": Clip(folder / "images/b.jpg", "PICTURE")}
+
+
+def moving(names, frames=None, **changes):
+    frames = range(len(names)) if frames is None else frames
+    return header(names, shots=[(frame,) for frame in frames], frames=max(frames) + 1, **changes)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "frames", "expected"),
+    [
+        (["000", "001", "002", "003"], None, (0, 1)),
+        (["7", "8", "9", "10"], None, (7, 1)),  # no leading zeros, more digits on the way
+        (["004", "008", "012"], None, (4, 4)),
+        (["01", "03", "07"], (1, 3, 7), (0, 1)),  # pictures that are missing
+        (["30", "20", "10"], None, (30, -10)),
+        (["001", "002", "004"], None, None),
+        (["001", "0002", "003"], None, None),
+    ],
+)
+def test_numbered_pictures_of_a_moving_camera(tmp_path, numbers, frames, expected):
+    names = [f"left1_{number}" for number in numbers]
+    folder = empty_files(tmp_path, *(f"rgb/2x/{name}.png" for name in names), "rgb/1x/left1_001.png")
+    scene = moving(names, frames, layout="hypernerf")
+    assert moves_alone(scene)
+    found = find_clips(scene, folder)
+    if expected is None:
+        assert not found
+    else:
+        clip = Clip(folder / f"rgb/2x/{names[0]}.png", "SEQUENCE", *expected, count=scene.frame_count)
+        assert found == {names[0]: clip}
+
+
+def test_a_rig_that_takes_turns_is_no_sequence(tmp_path):
+    names = ["left_000", "right_001", "left_002"]
+    folder = empty_files(tmp_path, *(f"rgb/2x/{name}.png" for name in names))
+    assert not find_clips(moving(names, layout="hypernerf"), folder)
+
+
+def test_listed_pictures(tmp_path):
+    names = [f"images/f{i}" for i in range(3)]
+    empty_files(tmp_path, *(f"{name}.png" for name in names))
+    frames = [{"file_path": name, "transform_matrix": [[i]]} for i, name in enumerate(names)]
+    (tmp_path / "transforms.json").write_text(json.dumps({"frames": frames}))
+    scene = moving([Path(name).name for name in names], layout="transforms")
+    assert find_clips(scene, tmp_path) == {"f0": Clip(tmp_path / "images/f0.png", "SEQUENCE", 0, 1, 3)}
+    (tmp_path / "transforms.json").write_text("{")
+    assert not find_clips(scene, tmp_path)
+
+
+def test_listed_pictures_of_standing_cameras(tmp_path):
+    """Each is a sequence of its own; where a picture's number is missing, its first picture stands for it."""
+    names = ["a_10", "b_20", "a_11", "b_21", "a_12", "b_23"]
+    empty_files(tmp_path, *(f"{name}.png" for name in names))
+    frames = [{"file_path": name, "time": i // 2, "transform_matrix": [[name[0]]]} for i, name in enumerate(names)]
+    (tmp_path / "transforms.json").write_text(json.dumps({"frames": frames}))
+    scene = header(["a", "b"], layout="transforms", shots=[(0, 1, 2), (0, 1, 2)], frames=3)
+    assert find_clips(scene, tmp_path) == {
+        "a": Clip(tmp_path / "a_10.png", "SEQUENCE", 10, 1, 3),
+        "b": Clip(tmp_path / "b_20.png", "PICTURE"),
+    }
+
+
+def test_nothing_there_is_nothing_found(tmp_path):
+    assert not find_clips(header(["cam00"]), tmp_path / "nowhere")
+    for layout in ("n3dv", "calibrated_videos", "transforms", "hypernerf", "technicolor", "of tomorrow"):
+        assert not find_clips(header(["cam00"], layout=layout), tmp_path)
+
+
+def test_folders_as_stored_and_near_the_scene(tmp_path):
+    scene = tmp_path / "out" / "x.frog"
+    assert capture_folders(header(["a"], path="/films/room"), scene) == [
+        Path("/films/room"),
+        scene.parent / "room",
+        scene.parent,
+        tmp_path / "room",
+    ]
+    assert scene.parent / "room" in capture_folders(header(["a"], path="D:\\films\\room"), scene)
+    assert capture_folders(header(["a"]), scene) == []
+
+
+@pytest.mark.parametrize(
+    "path", [f"{begin}server/share/room" for begin in ("\\\\", "//", "/\\", "\\/", "\\\\?\\UNC\\", "/??/UNC/")]
+)
+def test_a_file_does_not_make_a_computer_call_another(tmp_path, path):
+    folders = capture_folders(header(["a"], path=path), tmp_path / "x.frog")
+    assert folders and all(folder.is_relative_to(tmp_path.parent) for folder in folders)
+
+
+def test_the_path_of_a_moving_camera_prefers_what_was_trained_on():
+    scene = header(["a", "b", "c"], shots=[(0,), (1,), (1,)], frames=2, test=["b"])
+    assert [(frame, camera.name) for frame, camera in camera_path(scene)] == [(0, "a"), (1, "c")]
+    assert np.all([moves_alone(scene), not moves_alone(header(["a", "b"]))])

@@ -1,0 +1,322 @@
+"""Films free of lens distortion: what they show, when they are needed, and that nothing half-written is left."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from support.synthetic_capture import write_capture
+
+from frog_blender.engine.capture.capture import Capture
+from frog_blender.engine.capture.decoding import decode_shots
+from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.capture.video import decode, read_facts, read_picture
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.scene.header import SceneHeader
+from frog_blender.engine.source_media.clips import Clip
+from frog_blender.engine.source_media.undistorted_clips import clips_folder, straight_clips, straightening
+
+WIDTH, HEIGHT, FRAMES = 96, 72, 5
+
+
+def header_of(capture: Capture) -> SceneHeader:
+    """What a training of the capture would say of it."""
+    filmed = tuple(
+        tuple(shot.frame for shot in capture.shots if shot.camera == index) for index in range(len(capture.cameras))
+    )
+    names = capture.cameras, filmed, tuple(capture.test_cameras), tuple(capture.test_frames)
+    rest = capture.frame_count, capture.frames_per_second, capture.background, str(capture.path), capture.format
+    return SceneHeader("frog", {}, {}, *names, *rest, 1.0)
+
+
+def film(path: Path, seed: int) -> None:
+    """Smooth blobs that differ from frame to frame."""
+    random = np.random.default_rng(seed)
+    video = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 24.0, (WIDTH, HEIGHT))
+    for _ in range(FRAMES):
+        video.write(cv2.resize(random.integers(40, 220, (6, 8, 3), np.uint8), (WIDTH, HEIGHT)))
+    video.release()
+
+
+def calibrated(name: str, seed: int, distortion: list[float]) -> dict[str, object]:
+    pose = {"R": np.eye(3).tolist(), "t": [0.1 * seed, 0.0, 4.0]}
+    lens = {"K": [[80.0, 0, 46], [0, 80.0, 38], [0, 0, 1]], "dist": distortion}
+    return {"name": name, "width": WIDTH, "height": HEIGHT, **lens, **pose}
+
+
+@pytest.fixture
+def bent(tmp_path: Path) -> Path:
+    """Two cameras, one of whose lenses distorts much."""
+    folder = tmp_path / "bent"
+    folder.mkdir()
+    cameras = [calibrated("left", 0, [-0.3, 0.05, 0.0, 0.0]), calibrated("right", 1, [0.0] * 4)]
+    for seed, camera in enumerate(cameras):
+        film(folder / f"{camera['name']}.mp4", seed)
+    (folder / "cameras_opencv.json").write_text(json.dumps({"cameras": cameras}))
+    return folder
+
+
+def difference(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.abs(a.astype(float) - b).mean())
+
+
+def test_films_show_what_training_saw(bent: Path, tmp_path: Path) -> None:
+    capture, scene = open_capture(bent), tmp_path / "x.frog"
+    header = header_of(capture)
+    assert straight_clips(header, scene) == {}
+    films = straightening(header, scene, bent)
+    assert films is not None
+    assert films.total == 2 * FRAMES
+    assert list(films.steps) == list(range(1, 2 * FRAMES + 1))
+    folder = clips_folder(scene)
+    assert straight_clips(header, scene) == {
+        name: Clip(folder / f"{name}.mp4", "VIDEO", count=FRAMES) for name in ("left", "right")
+    }
+    assert read_facts(folder / "left.mp4").frames_per_second == 24.0
+    expected = list(decode_shots(capture, [capture.shot_index(0, frame) or 0 for frame in range(FRAMES)]))
+    stored = list(decode(bent / "left.mp4", range(FRAMES)))
+    for frame, shown in enumerate(decode(folder / "left.mp4", range(FRAMES))):
+        others = [difference(shown, each) for each in [*expected[:frame], *expected[frame + 1 :], *stored]]
+        assert difference(shown, expected[frame]) < 4.0 < min(others)
+    assert straightening(header, scene, bent) is None, "they are there already"
+
+
+def test_films_of_other_lenses_are_not_taken(bent: Path, tmp_path: Path) -> None:
+    capture, scene = open_capture(bent), tmp_path / "x.frog"
+    header = header_of(capture)
+    list(straightening(header, scene, bent).steps)
+    for changed in (
+        replace(header, capture_path="/another"),
+        replace(header, cameras=(header.cameras[0].resized(48, 36), header.cameras[1])),
+    ):
+        assert straight_clips(changed, scene) == {}
+    again = straightening(replace(header, cameras=tuple(c.resized(47, 35) for c in header.cameras)), scene, bent)
+    list(again.steps)
+    facts = read_facts(clips_folder(scene) / "right.mp4")
+    assert (facts.width, facts.height) == (48, 36), "videos have even sides"
+    for damaged in ("{", "[]", '{"scene": 1}'):
+        (clips_folder(scene) / "clips.json").write_text(damaged)
+        assert straight_clips(header, scene) == {}
+
+
+def test_what_changed_is_written_again(bent: Path, tmp_path: Path) -> None:
+    scene = tmp_path / "x.frog"
+    header = header_of(open_capture(bent))
+    list(straightening(header, scene, bent).steps)
+    film(bent / "right.mp4", 7)
+    assert straightening(header, scene, bent) is not None, "another video of the same name"
+    calibration = bent / "cameras_opencv.json"
+    calibration.write_text(calibration.read_text().replace("-0.3", "-0.2"))
+    list(straightening(header, scene, bent).steps)
+    assert straightening(header, scene, bent) is None
+    calibration.write_text(calibration.read_text().replace("-0.2", "-0.1"))
+    list(straightening(header, scene, bent).steps)
+    (clips_folder(scene) / "left.mp4").unlink()
+    assert straight_clips(header, scene) == {}, "one is missing"
+    assert straightening(header, scene, bent) is not None
+
+
+def test_nobody_s_own_files_are_touched(bent: Path, tmp_path: Path) -> None:
+    scene = tmp_path / "x.frog"
+    header = header_of(open_capture(bent))
+    footage = clips_folder(scene) / "left.mp4"
+    footage.parent.mkdir()
+    footage.write_bytes(b"mine")
+    with pytest.raises(FrogError, match="none of our clips"):
+        straightening(header, scene, bent)
+    assert footage.read_bytes() == b"mine"
+    footage.unlink()
+    films = straightening(header, scene, bent)  # an empty folder will do
+    next(films.steps)
+    with pytest.raises(FrogError, match="being written already"):
+        straightening(header, scene, bent)
+    (footage.parent / "notes.txt").write_text("mine")
+    films.steps.close()
+    assert [path.name for path in footage.parent.iterdir()] == ["notes.txt"]
+
+
+@pytest.mark.parametrize("rate", [23.976, 66.6667, 239.8461, 0.2])
+def test_any_frame_rate_has_films(bent: Path, tmp_path: Path, rate: float) -> None:
+    header = replace(header_of(open_capture(bent)), frames_per_second=rate)
+    list(straightening(header, tmp_path / "x.frog", bent).steps)
+    clip = straight_clips(header, tmp_path / "x.frog")["left"]
+    assert read_facts(clip.path).frame_count == FRAMES
+
+
+def test_a_part_of_a_capture_is_not_the_whole(bent: Path, tmp_path: Path) -> None:
+    header = header_of(open_capture(bent).segment(1, 3))
+    with pytest.raises(FrogError, match="found 5 frames, expected 3"):
+        straightening(header, tmp_path / "x.frog", bent)
+
+
+def test_straight_lenses_need_no_films(tmp_path: Path) -> None:
+    folder = write_capture(tmp_path / "n3dv")
+    header = header_of(open_capture(folder))
+    assert straightening(header, tmp_path / "x.frog", folder) is None
+    assert straightening(header, tmp_path / "x.frog", tmp_path / "nowhere") is None
+
+
+def test_pictures_no_program_takes_for_a_film(tmp_path: Path) -> None:
+    """Technicolor's, of which one camera's lacks a frame."""
+    folder = tmp_path / "Birthday"
+    folder.mkdir()
+    rows = [[1800.0, 1024.0, 544.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.1 * camera, 0.0, 0.0] for camera in range(2)]
+    text = "\n".join(["focal cx", *(" ".join(map(str, row)) for row in rows)])
+    (folder / "cameras_parameters.txt").write_text(text)
+    for camera in range(2):
+        for frame in (7, 8, 9, 10):
+            if (camera, frame) != (1, 8):
+                picture = np.full((68, 128, 3), 20 * frame + 30 * camera, np.uint8)
+                cv2.imwrite(str(folder / f"Birthday_undist_{frame:05d}_{camera:02d}.png"), picture)
+    header = header_of(open_capture(folder))
+    films = straightening(header, tmp_path / "b.frog", folder)
+    assert films is not None
+    assert films.total == 7
+    list(films.steps)
+    for camera, brightness in enumerate(([140, 160, 180, 200], [170, 170, 210, 230])):
+        clip = straight_clips(header, tmp_path / "b.frog")[f"cam{camera:02d}"]
+        found = [picture.mean() for picture in decode(clip.path, range(4))]
+        np.testing.assert_allclose(found, brightness, atol=4)
+
+
+def moving_capture(folder: Path, **lens: float) -> Path:
+    (folder / "images").mkdir(parents=True)
+    frames = []
+    for index in range(6):
+        cv2.imwrite(str(folder / f"images/view {index}.png"), np.full((48, 64, 3), 30 * index + 20, np.uint8))
+        matrix = np.eye(4)
+        matrix[0, 3] = index
+        frames.append({"file_path": f"images/view {index}.png", "transform_matrix": matrix.tolist()})
+    top = {"fl_x": 50.0, "fl_y": 50.0, "cx": 32.0, "cy": 24.0, "w": 64, "h": 48, **lens}
+    (folder / "transforms.json").write_text(json.dumps({**top, "frames": frames}))
+    return folder
+
+
+def test_one_moving_camera_has_one_film(tmp_path: Path) -> None:
+    folder = moving_capture(tmp_path / "mono", k1=0.1)
+    header = header_of(open_capture(folder))
+    list(straightening(header, tmp_path / "m.frog", folder).steps)
+    ((_, clip),) = straight_clips(header, tmp_path / "m.frog").items()
+    found = [picture.mean() for picture in decode(clip.path, range(6))]
+    np.testing.assert_allclose(found, [20, 50, 80, 110, 140, 170], atol=4)
+
+
+def test_a_single_moment_is_a_picture_and_any_name_a_file(tmp_path: Path) -> None:
+    folder = moving_capture(tmp_path / "still", k1=0.1)
+    data = json.loads((folder / "transforms.json").read_text())
+    data["frames"] = [{**frame, "time": 0.0} for frame in data["frames"]]
+    (folder / "transforms.json").write_text(json.dumps(data))
+    capture = open_capture(folder)
+    header = replace(header_of(capture), cameras=capture.cameras)
+    list(straightening(header, tmp_path / "s.frog", folder).steps)
+    clips = straight_clips(header, tmp_path / "s.frog")
+    assert [clip.kind for clip in clips.values()] == ["PICTURE"] * 6
+    assert {clip.path.parent for clip in clips.values()} == {clips_folder(tmp_path / "s.frog")}
+    assert [read_picture(clip.path).mean() for clip in clips.values()] == [20, 50, 80, 110, 140, 170]
+
+
+def test_another_capture_is_told_apart(bent: Path, tmp_path: Path) -> None:
+    header = header_of(open_capture(bent))
+    renamed = replace(header, cameras=tuple(replace(c, name=f"other {c.name}") for c in header.cameras))
+    with pytest.raises(FrogError, match="not all pictures of other left"):
+        straightening(renamed, tmp_path / "x.frog", bent)
+
+
+def test_stopped_or_failed_nothing_is_left(bent: Path, tmp_path: Path) -> None:
+    scene = tmp_path / "scenes" / "x.frog"
+    scene.parent.mkdir()
+    header = header_of(open_capture(bent))
+    films = straightening(header, scene, bent)
+    next(films.steps)
+    films.steps.close()
+    assert not list(scene.parent.iterdir())
+    films = straightening(header, scene, bent)
+    whole = (bent / "right.mp4").read_bytes()
+    next(films.steps)
+    (bent / "right.mp4").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(FrogError, match=r"right\.mp4"):
+        list(films.steps)
+    assert not list(scene.parent.iterdir())
+    (bent / "right.mp4").write_bytes(whole)
+    films = straightening(header, scene.parent / "nowhere" / "x.frog", bent)
+    with pytest.raises(FrogError, match="cannot be written here"):
+        list(films.steps)
+
+
+@pytest.fixture
+def precious(tmp_path: Path) -> Path:
+    """What a scene's folder must never lead to."""
+    path = tmp_path / "home" / "precious.txt"
+    path.parent.mkdir()
+    path.write_text("mine")
+    return path
+
+
+@pytest.mark.parametrize("name", ["left.mp4", "right.mp4", "clips.json"])
+@pytest.mark.parametrize("dangling", [False, True])
+def test_no_link_is_written_through(bent: Path, tmp_path: Path, precious: Path, name: str, dangling: bool) -> None:
+    """The folder came with the scene, films begun in it, and a link under the name of one or of the index."""
+    scene = tmp_path / "x.frog"
+    folder = clips_folder(scene)
+    folder.mkdir()
+    (folder / "clips.json").write_text("{}")
+    (folder / name).unlink(missing_ok=True)
+    (folder / name).symlink_to(precious.with_name("new.txt") if dangling else precious)
+    header = header_of(open_capture(bent))
+    if name == "clips.json" and dangling:  # no index at all
+        with pytest.raises(FrogError, match="none of our clips"):
+            straightening(header, scene, bent)
+    else:
+        list(straightening(header, scene, bent).steps)
+        assert not any(path.is_symlink() for path in folder.iterdir())
+        assert len(straight_clips(header, scene)) == 2
+    assert precious.read_text() == "mine" and [each.name for each in precious.parent.iterdir()] == ["precious.txt"]
+
+
+@pytest.mark.parametrize("exists", [False, True])
+def test_a_folder_that_is_a_link_is_left_alone(bent: Path, tmp_path: Path, precious: Path, exists: bool) -> None:
+    scene = tmp_path / "x.frog"
+    clips_folder(scene).symlink_to(precious.parent if exists else precious.parent / "new")
+    with pytest.raises(FrogError, match="none of our clips"):
+        straightening(header_of(open_capture(bent)), scene, bent)
+    assert [each.name for each in precious.parent.iterdir()] == ["precious.txt"]
+
+
+def test_what_was_written_before_stays_until_all_is_new(bent: Path, tmp_path: Path) -> None:
+    scene = tmp_path / "x.frog"
+    header = header_of(open_capture(bent))
+    list(straightening(header, scene, bent).steps)
+    before = straight_clips(header, scene)
+    film(bent / "right.mp4", 7)
+    films = straightening(header, scene, bent).steps
+    next(films)
+    assert straight_clips(header, scene) == before
+    films.close()
+    assert straight_clips(header, scene) == before
+    names = sorted(path.name for path in clips_folder(scene).iterdir())
+    assert names == ["clips.json", "left.mp4", "right.mp4"]
+
+
+def test_what_a_killed_process_left_goes_with_time(bent: Path, tmp_path: Path) -> None:
+    scene = tmp_path / "x.frog"
+    header = header_of(open_capture(bent))
+    for name, age in (("old", 100_000), ("young", 100)):
+        partial = clips_folder(scene) / f".partial-{name}"
+        partial.mkdir(parents=True)
+        (partial / "left.mp4").write_bytes(b"half")
+        os.utime(partial, (time.time() - age,) * 2)
+    list(straightening(header, scene, bent).steps)
+    assert [path.name for path in clips_folder(scene).glob(".partial-*")] == [".partial-young"]
+
+
+def test_an_index_that_nests_without_end_is_none(bent: Path, tmp_path: Path) -> None:
+    header, scene = header_of(open_capture(bent)), tmp_path / "x.frog"
+    clips_folder(scene).mkdir()
+    (clips_folder(scene) / "clips.json").write_text("[" * 100_000)
+    assert straight_clips(header, scene) == {}

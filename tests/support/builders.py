@@ -1,0 +1,168 @@
+"""Builders that the engine's tests share: cameras, random Gaussians, small scene files, a second interpreter."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+
+from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.gaussians import GaussianArrays
+from frog_blender.engine.scene.header import SceneHeader
+from frog_blender.engine.scene.scene_file import SceneFile
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+ATTRIBUTES = tuple(field.name for field in fields(GaussianArrays))
+
+
+def rotation_of(axis: tuple[float, float, float], angle: float) -> np.ndarray:
+    """(3, 3) rotation about an axis by radians (Rodrigues)."""
+    x, y, z = np.array(axis) / np.linalg.norm(axis)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+def plain_camera(width: int = 32, height: int = 32, focal: float = 40.0) -> Camera:
+    """At the origin, looking along +z, the principal point in the middle."""
+    intrinsics = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
+    return Camera("plain", width, height, intrinsics, np.eye(4))
+
+
+def odd_camera(width: int = 45, height: int = 27) -> Camera:
+    """Rotated about no axis of the world, with an off-centre principal point and two focal lengths."""
+    intrinsics = np.array([[41.0, 0, 0.37 * width], [0, 36.0, 0.61 * height], [0, 0, 1]])
+    world_to_camera = np.eye(4)
+    world_to_camera[:3, :3] = rotation_of((0.3, -1.0, 0.5), 0.9)
+    world_to_camera[:3, 3] = 0.4, -0.7, 1.1
+    return Camera("odd", width, height, intrinsics, world_to_camera)
+
+
+def steps_between(points: np.ndarray) -> float:
+    """Mean distance from one to the next."""
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).mean())
+
+
+def random_gaussians(
+    camera: Camera, count: int, degree: int = 3, seed: int = 0, opacity: tuple[float, float] = (0.05, 0.95)
+) -> GaussianArrays:
+    """Float64 Gaussians spread over what the camera sees and a little beyond, quaternions of any length."""
+    random = np.random.default_rng(seed)
+    depths = random.uniform(1.5, 5.0, count)
+    pixels = random.uniform(-0.1, 1.1, (count, 2)) * [camera.width, camera.height]
+    local = np.concatenate([pixels, np.ones((count, 1))], 1) @ np.linalg.inv(camera.intrinsics).T * depths[:, None]
+    sh = random.normal(0, 0.15, (count, (degree + 1) ** 2, 3))
+    sh[:, 0] = random.uniform(-0.6, 1.6, (count, 3))
+    return GaussianArrays(
+        (local - camera.world_to_camera[:3, 3]) @ camera.rotation,
+        random.normal(size=(count, 4)) * random.uniform(0.3, 3.0, (count, 1)),
+        np.exp(random.uniform(np.log(0.03), np.log(0.4), (count, 3))),
+        random.uniform(*opacity, count),
+        sh,
+    )
+
+
+def join(*parts: GaussianArrays) -> GaussianArrays:
+    """One set of Gaussians after the other."""
+    return GaussianArrays(*[np.concatenate([getattr(part, name) for part in parts]) for name in ATTRIBUTES])
+
+
+def one_gaussian(mean: tuple[float, float, float], **changes: object) -> GaussianArrays:
+    """A single grey Gaussian of degree 0, 0.1 wide, with attributes replaced by name."""
+    values: dict[str, object] = {
+        "means": [mean],
+        "quaternions": [[1.0, 0, 0, 0]],
+        "scales": [[0.1, 0.1, 0.1]],
+        "opacities": [0.8],
+        "sh": [[[0.5, 0.5, 0.5]]],
+    }
+    return GaussianArrays(**{name: np.array(value, np.float64) for name, value in {**values, **changes}.items()})
+
+
+MODEL = {
+    "temporal_rows": 6,
+    "coarse_rows": 3,
+    "temporal_size": 8,
+    "embedding_size": 8,
+    "hidden_width": 24,
+    "head_width": 0,
+    "deformed_sh": 1,
+    "opacity_reduction": "unit",
+    "opacity_sharpness": 10.0,
+    "motion_unit": 0.5,
+}
+"""Model settings of a small scene."""
+
+
+def scene_file(
+    count: int = 40, seed: int = 0, sh_count: int = 4, moving: int | None = None, **model: object
+) -> SceneFile:
+    """A random scene that moves (all of it, or the first ``moving`` Gaussians), turns, fades and tints, seen by three
+    cameras over seven frames."""
+    random = np.random.default_rng(seed)
+    camera = odd_camera()
+    gaussians = random_gaussians(camera, count, int(sh_count**0.5) - 1, seed)
+    settings = {**MODEL, **model}
+    sizes = [3, 3, 4, 1] + [3 * settings["deformed_sh"]] * bool(settings["deformed_sh"])
+    networks = 2 if settings.get("fusion") == "dual" else 1
+    given = settings["temporal_size"] * (2 if settings.get("fusion") == "concat" else 1)
+    hidden, heads, outputs = settings["hidden_width"], settings["head_width"], sum(sizes)
+    arrays = {
+        "means": gaussians.means,
+        "quaternions": gaussians.quaternions,
+        "log_scales": np.log(gaussians.scales),
+        "opacity_logits": np.log(gaussians.opacities / (1 - gaussians.opacities)),
+        "sh": gaussians.sh,
+        "embeddings": random.normal(size=(count if moving is None else moving, settings["embedding_size"])),
+        "temporal_table": random.normal(1.0, 0.3, (settings["temporal_rows"], settings["temporal_size"])),
+        "network.embedding_weight": random.normal(0, 0.4, (networks * hidden, settings["embedding_size"])),
+        "network.temporal_weight": random.normal(0, 0.4, (networks * hidden, given)),
+        "network.bias": random.normal(0, 0.2, networks * hidden),
+        "network.output_weight": random.normal(0, 0.08, (outputs, networks * (heads or hidden))),
+        "network.output_bias": random.normal(0, 0.02, outputs),
+    }
+    if settings.get("modulation"):
+        arrays["network.modulation_weight"] = random.normal(0, 0.4, (networks * hidden, settings["embedding_size"]))
+    if heads:
+        arrays["network.head_weight"] = random.normal(0, 0.3, (networks * heads * len(sizes), hidden))
+        arrays["network.head_bias"] = random.normal(0, 0.2, networks * heads * len(sizes))
+    if settings.get("fusion") == "attention":
+        arrays["attention_weight"] = random.normal(0, 0.5, (16, settings["temporal_size"]))
+        arrays["attention_query"] = random.normal(0, 0.5, 16)
+    header = SceneHeader(
+        method="frog",
+        recipe={"name": "test"},
+        model=settings,
+        cameras=(camera, plain_camera(), plain_camera(40, 24)),
+        camera_shots=(tuple(range(7)),) * 3,
+        test_cameras=("odd",),
+        test_frames=(),
+        frame_count=7,
+        frames_per_second=24.0,
+        background=(0.1, 0.2, 0.3),
+        capture_path="nowhere",
+        capture_format="n3dv",
+        scale=1.0,
+    )
+    return SceneFile(header, {name: np.ascontiguousarray(array, np.float32) for name, array in arrays.items()})
+
+
+def run_benchmark(name: str, *arguments: object) -> subprocess.CompletedProcess[str]:
+    """Runs a script of ``benchmarks/``; read ``returncode``, ``stdout`` and ``stderr``."""
+    command = [sys.executable, str(REPOSITORY / "benchmarks" / name), *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+
+
+def run_python(code: str, *arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Runs code in an interpreter of its own, in the repository; read ``returncode``, ``stdout`` and ``stderr``."""
+    return subprocess.run(
+        [sys.executable, "-c", code, *map(str, arguments)],
+        cwd=REPOSITORY,
+        env={**os.environ, "PYTHONPATH": f"{REPOSITORY}{os.pathsep}{Path(__file__).parent}", **environment},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )

@@ -1,0 +1,158 @@
+"""Trains by ``frog train`` and ends it at random moments; run by test_ends.py in an interpreter of its own.
+
+    python ended_trainings.py FOLDER TERM,HUP|full MOMENTS SEED
+
+FOLDER/capture is the capture; "full" wants FOLDER/disk to be a small file system, on which scene, cache and temporary
+folder lie. Processes are forked before any thread is started. Prints a JSON object.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import shutil
+import signal
+import sys
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from support import synthetic_capture as film
+from support.killed_trainings import forked
+
+from frog_blender.cli.main import main as frog
+from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.training.optimize.trainer import Trainer
+from frog_blender.engine.training.session import job as job_module
+
+STEPS = 100_000
+_LONGEST = 1.0  # seconds after the first step
+
+
+def train(capture: Path, out: Path, log: Path, options: list[str], begun: int) -> None:
+    """``frog train``; writes to ``begun`` at its first step. Ends the process with the command's exit status."""
+    for number, flags in ((1, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), (2, os.O_WRONLY | os.O_APPEND)):
+        os.dup2(os.open(log, flags), number)
+    step = Trainer.step
+
+    def told(self: Trainer) -> None:
+        step(self)
+        if self.step_count == 1:
+            os.write(begun, b".")
+
+    Trainer.step = told  # type: ignore[method-assign]
+    arguments = ["train", str(capture), "--out", str(out), "--recipe", "draft", "--max-gaussians", "400", *options]
+    os._exit(frog(arguments))
+
+
+def begun_training(capture: Path, out: Path, log: Path, options: list[str], wait: bool) -> int:
+    """The number of its process; with ``wait`` once it has taken its first step."""
+    reading, writing = os.pipe()
+    process = forked(lambda: train(capture, out, log, options, writing))
+    os.close(writing)
+    if wait:
+        os.read(reading, 1)
+    os.close(reading)
+    return process
+
+
+def steps_of(path: Path) -> int:
+    """Of a scene that plays, asked in a process of its own: this one must not start threads."""
+    reading, writing = os.pipe()
+
+    def play() -> None:
+        scene = PlayableScene.load(path)
+        assert len(scene.at(0.4).means) == scene.count
+        os.write(writing, str(scene.header.steps).encode())
+
+    status = os.waitpid(forked(play), 0)[1]
+    os.close(writing)
+    assert status == 0, f"{path} does not play"
+    with os.fdopen(reading) as answer:
+        return int(answer.read())
+
+
+def by_signal(folder: Path, names: list[str], moments: int, chance: random.Random) -> dict[str, int]:
+    """Ends trainings by signals in turn, most of them soon after the first step, some before it."""
+    out, log, early = folder / "x.frog", folder / "log", 0
+    for moment in range(moments):
+        name = names[moment % len(names)]
+        number = getattr(signal, f"SIG{name}")
+        before = moment % 5 == 4
+        process = begun_training(folder / "capture", out, log, ["--steps", str(STEPS)], not before)
+        time.sleep(chance.uniform(0.3 if before else 0.0, _LONGEST))  # the command has to have begun
+        os.kill(process, number)
+        if name == "HUP":
+            os.kill(process, number)  # as a terminal that is closed does
+        status = os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
+        said = log.read_text().replace("\r", "\n")
+        assert status == 1 and "frog: " in said and "Traceback" not in said, (status, said)
+        left = {path.name for path in folder.iterdir()} - {"capture", "cache", "log"}
+        if left:
+            assert left == {"x.frog", "x.frog.checkpoint"}, left
+            steps = steps_of(out)
+            assert f"frog: cancelled at step {steps}, kept in {out}; --resume goes on." in said, said
+        else:
+            assert before and "nothing was written" in said, said
+            early += 1
+        for path in (out, folder / "x.frog.checkpoint"):
+            path.unlink(missing_ok=True)
+    return {"ended": moments, "before the first step": early}
+
+
+def by_full_disk(folder: Path, moments: int, chance: random.Random) -> dict[str, int]:
+    """Fills the one disk after the first step; some trainings are cancelled then, others come to their end."""
+    disk = folder / "disk"
+    found = {"cancelled": 0, "finished": 0, "elsewhere": 0}
+    for moment in range(moments):
+        for name in ("out", "tmp", "cache"):
+            shutil.rmtree(disk / name, ignore_errors=True)
+            (disk / name).mkdir()
+        out, cancels = disk / "out" / "x.frog", bool(moment % 2)
+        options = ["--save-every", "0.2", *(["--lossless"] if moment % 3 == 2 else [])]
+        options += ["--steps", str(STEPS)] if cancels else ["--seconds", "4"]
+        process = begun_training(folder / "capture", out, folder / "log", options, wait=True)
+        time.sleep(chance.uniform(0.0, 1.5))
+        fill(disk / "filler")
+        if cancels:
+            time.sleep(chance.uniform(0.0, 0.5))
+            os.kill(process, signal.SIGINT)
+        status = os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
+        said = (folder / "log").read_text().replace("\r", "\n")
+        assert status == (1 if cancels else 0) and "Traceback" not in said, (status, said)
+        assert "No space left on device" in said or "the disk is full" in said, said
+        scenes = [*disk.rglob("*.frog")]
+        assert len(scenes) == 1 and steps_of(scenes[0]) > 0, (scenes, said)
+        assert f"{scenes[0]}" in said
+        assert not [*disk.rglob("*.part")]
+        found["cancelled" if cancels else "finished"] += 1
+        found["elsewhere"] += scenes[0] != out
+        (disk / "filler").unlink()
+    return found
+
+
+def fill(path: Path) -> None:
+    with path.open("wb", buffering=0) as file:
+        for size in (1 << 22, 1 << 16, 1 << 12, 1):
+            try:
+                while True:
+                    file.write(bytes(size))
+            except OSError:
+                continue
+
+
+def main() -> None:
+    folder, how, moments, seed = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3]), int(sys.argv[4])
+    job_module.stored_seeds = lambda *_, **__: film.seeds()
+    chance = random.Random(seed)
+    if how == "full":
+        answer = by_full_disk(folder, moments, chance)
+    else:
+        answer = by_signal(folder, how.split(","), moments, chance)
+    print(json.dumps(answer))
+
+
+if __name__ == "__main__":
+    main()

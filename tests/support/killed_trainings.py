@@ -1,0 +1,165 @@
+"""Trains in processes that are killed at random moments; run by test_kills.py in an interpreter of its own.
+
+    python killed_trainings.py FOLDER KILLS SEED STEPS
+
+Processes are forked before any thread is started, so that each is at work at once. Prints a JSON object.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from support import synthetic_capture as film
+
+from frog_blender.engine.capture.frames import FrameStore
+from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.io.tensor_files import read_tensors
+from frog_blender.engine.scene.scene_file import read_scene
+from frog_blender.engine.training.optimize.trainer import Limits, Trainer
+from frog_blender.engine.training.recipe import recipe
+from frog_blender.engine.training.session import job as job_module
+from frog_blender.engine.training.session.checkpoint import checkpoint_path, load_checkpoint, save_checkpoint
+from frog_blender.engine.training.session.events import Progress
+from frog_blender.engine.training.session.job import TrainingJob, run_training
+
+RATES = {"steps_per_moment": 0, "max_gaussians": 400, "capacity": "auto"}
+
+
+def forked(work: Callable[[], object]) -> int:
+    """The number of a process that does ``work`` and ends."""
+    process = os.fork()
+    if process:
+        return process
+    status = 1
+    try:
+        work()
+        status = 0
+    finally:
+        os._exit(status)
+
+
+def killed_after(process: int, seconds: float, begun: int | None = None) -> bool:
+    """True if the process was still at work when it was killed: so long after it wrote to the pipe ``begun``."""
+    if begun is not None:
+        os.read(begun, 1)  # or it has ended
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        ended, status = os.waitpid(process, os.WNOHANG)
+        if ended:
+            assert status == 0, "a training failed"
+            return False
+        time.sleep(0.001)
+    os.kill(process, signal.SIGKILL)
+    os.waitpid(process, 0)
+    return True
+
+
+def train(task: TrainingJob, begun: int | None = None) -> None:
+    resume = checkpoint_path(task.output).is_file()
+    for event in run_training(replace(task, resume=resume)):
+        if begun is not None and isinstance(event, Progress):
+            os.write(begun, b".")
+
+
+def killed_training(task: TrainingJob, chance: random.Random) -> bool:
+    """Trains until it is killed, mostly soon after its first step; True if it was."""
+    reading, writing = os.pipe()
+    process = forked(lambda: train(task, writing))
+    os.close(writing)
+    try:
+        if chance.random() < 0.2:
+            return killed_after(process, chance.uniform(0, 1))
+        return killed_after(process, chance.uniform(0, 0.4), reading)
+    finally:
+        os.close(reading)
+
+
+def arrays(path: Path) -> dict[str, bytes]:
+    return {name: array.tobytes() for name, array in read_scene(path).arrays.items()}
+
+
+def during_training(folder: Path, kills: int, seed: int, steps: int) -> dict[str, int]:
+    """Kills trainings and goes on until each has ended as an undisturbed one."""
+    chance = random.Random(seed)
+    task = TrainingJob(folder / "capture", folder / "whole.frog", recipe=recipe("draft", steps=steps, **RATES), seed=2)
+    assert os.waitpid(forked(lambda: train(task)), 0)[1] == 0, "the undisturbed training failed"
+    wanted = arrays(task.output)
+    done = rounds = resumed = 0
+    while done < kills:
+        rounds += 1
+        output = folder / f"killed{rounds}.frog"
+        disturbed = TrainingJob(task.capture, output, recipe=task.recipe, seed=2, save_seconds=0.05)
+        while True:
+            resumed += checkpoint_path(output).is_file()
+            if done >= kills:
+                assert os.waitpid(forked(lambda task=disturbed: train(task)), 0)[1] == 0, "a training failed"
+                break
+            if not killed_training(disturbed, chance):
+                break
+            done += 1
+            if checkpoint_path(output).is_file():
+                read_tensors(checkpoint_path(output), "a training checkpoint")
+            if output.is_file():
+                read_scene(output)
+        assert arrays(output) == wanted, f"round {rounds} ended with other bits"
+        left = [path.name for path in folder.iterdir() if path.name.endswith(".part")]
+        assert not left, f"left behind: {left}"
+    return {"kills": done, "resumes": resumed, "trainings": rounds}
+
+
+def during_saving(folder: Path, kills: int, seed: int) -> dict[str, int]:
+    """Kills processes that do nothing but save; what they leave is loaded into a training each time."""
+    chance = random.Random(seed)
+    path = folder / "saving.checkpoint"
+
+    def trainer() -> Trainer:
+        capture = open_capture(folder / "capture")
+        return Trainer(
+            capture, FrameStore.open(capture), film.seeds(3000), recipe("draft", **RATES), "frog", Limits(9), 0
+        )
+
+    def save_on_and_on(begun: int) -> None:
+        one = trainer()
+        os.write(begun, b".")
+        while True:
+            save_checkpoint(path, one)
+
+    os.waitpid(forked(lambda: save_checkpoint(path, trainer())), 0)
+    unfinished = 0
+    for _ in range(kills):
+        reading, writing = os.pipe()
+        saving = forked(lambda writing=writing: save_on_and_on(writing))
+        os.close(writing)
+        assert killed_after(saving, chance.uniform(0.0, 0.2), reading)
+        os.close(reading)
+        parts = list(folder.glob(".saving.checkpoint.*.part"))
+        unfinished += len(parts)
+        for part in parts:
+            part.unlink()
+        loading = forked(lambda: load_checkpoint(path, trainer()))
+        assert os.waitpid(loading, 0)[1] == 0, "the checkpoint before the kill does not open"
+    return {"kills": kills, "in the middle of a file": unfinished}
+
+
+def main() -> None:
+    folder, kills, seed, steps = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4])
+    job_module.stored_seeds = lambda *_, **__: film.seeds()
+    answer = {
+        "training": during_training(folder, kills, seed, steps),
+        "saving": during_saving(folder, kills // 4, seed),
+    }
+    print(json.dumps(answer))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,66 @@
+"""Played scenes that tests share: what is the same bits, and scenes whose Gaussians come and go."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from support.builders import ATTRIBUTES, scene_file
+
+from frog_blender.engine.playback.frame_delta import column_of, width_of
+from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.scene.scene_file import SceneFile
+
+TIMES = (0.0, 0.31, 0.5, 1.0)
+
+
+def assert_same_bits(scene: SceneFile, times: tuple[float, ...] = TIMES) -> PlayableScene:
+    """Joined parts and columns are what another player of the scene computes as a whole."""
+    playable, other = PlayableScene(scene), PlayableScene(scene)
+    parts = {time: playable.part_at(time) for time in times}
+    for time, part in parts.items():
+        assert tuple(part.columns) == playable.changing
+        expected, found = other.at(time), playable.at(time, part)
+        for name in ATTRIBUTES:
+            np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
+        for name in playable.columns:
+            column = playable.column(name, part)
+            assert column.shape == (playable.count, width_of(name)) and column.flags.c_contiguous
+            np.testing.assert_array_equal(column, column_of(expected, name), err_msg=name)
+    return playable
+
+
+def in_four_threads(work: Callable[[int], None]) -> None:
+    """``work(seed)`` in each at once, until all are done."""
+    threads = [threading.Thread(target=work, args=(seed,)) for seed in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+
+
+def flickering(count: int = 300, **model: object) -> SceneFile:
+    """Each Gaussian is transparent at most of its moments."""
+    scene = scene_file(count, modulation=True, **model)
+    arrays = {name: array.copy() for name, array in scene.arrays.items()}
+    arrays["network.output_weight"][10] *= 60
+    arrays["network.output_bias"][10] = -4.0
+    return SceneFile(scene.header, arrays)
+
+
+def spared(reshaped: int = 50, fleeting: bool = False, **model: object) -> SceneFile:
+    """200 Gaussians: the first 120 are deformed, ``reshaped`` of them in their shape too, 40 only fade, 40 rest.
+
+    Args:
+        fleeting: those that are deformed are transparent at most of their moments.
+    """
+    plain = flickering(200, moving=120, **model) if fleeting else scene_file(200, moving=120, modulation=True, **model)
+    tracks = np.random.default_rng(0).integers(0, 256, (40, plain.header.frame_count)).astype(np.uint8)
+    header = replace(plain.header, model=plain.header.model | {"reshaped": reshaped})
+    return SceneFile(header, plain.arrays | {"fades": tracks})
+
+
+def without_lifetimes(scene: SceneFile) -> SceneFile:
+    return SceneFile(scene.header, {name: array for name, array in scene.arrays.items() if name != "lifetimes"})

@@ -1,0 +1,90 @@
+"""A small filmed scene, written by the tests: moving Gaussians, drawn by the project's own rasterizer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from support.builders import rotation_of
+
+from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.capture.capture import Capture
+from frog_blender.engine.capture.seeds import Seeds
+from frog_blender.engine.gaussians import GaussianArrays
+from frog_blender.engine.playback.render import draw, to_uint8
+
+FRAMES, WIDTH, HEIGHT, FOCAL = 6, 48, 36, 50.0
+HELD_OUT, *_ = CAMERAS = ("cam00", "cam01", "cam02", "cam03")
+_DISTANCE = 4.0
+
+
+def rig() -> list[Camera]:
+    """Four cameras on an arc around the origin; N3DV holds the first out."""
+    intrinsics = np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]])
+    cameras = []
+    for name, angle in zip(CAMERAS, (0.15, -0.35, 0.0, 0.35), strict=True):
+        world_to_camera = np.eye(4)
+        world_to_camera[:3, :3] = rotation_of((0, 1, 0), angle)
+        world_to_camera[2, 3] = _DISTANCE
+        cameras.append(Camera(name, WIDTH, HEIGHT, intrinsics, world_to_camera))
+    return cameras
+
+
+def gaussians_at(frame: int) -> GaussianArrays:
+    """A speckled wall that stands still, and a bright ball that crosses it."""
+    random = np.random.default_rng(11)
+    across, down = np.meshgrid(np.linspace(-2.4, 2.4, 13), np.linspace(-1.8, 1.8, 10))
+    wall = np.stack([across, down, 1.0 + 0.2 * np.sin(2 * across)], -1).reshape(-1, 3)
+    place = np.array([-0.9 + 1.8 * frame / (FRAMES - 1), 0.4 * np.sin(frame), -0.3])
+    ball = place + random.normal(0, 0.12, (12, 3))
+    means = np.concatenate([wall, ball])
+    count = len(means)
+    colors = np.concatenate([random.uniform(0.15, 0.6, (len(wall), 3)), random.uniform([0.8, 0.5, 0], 1, (12, 3))])
+    scales = np.concatenate([np.full((len(wall), 3), 0.22), np.full((12, 3), 0.13)])
+    quaternions = np.tile([1.0, 0, 0, 0], (count, 1))
+    sh = ((colors - 0.5) / 0.28209479177387814)[:, None]
+    return GaussianArrays(means, quaternions, scales, np.full(count, 0.9), sh)
+
+
+def picture(camera: Camera, frame: int) -> np.ndarray:
+    """(H, W, 3) uint8."""
+    return to_uint8(draw(gaussians_at(frame), camera).rgb)
+
+
+def seeds(count: int = 300) -> Seeds:
+    """Points near the true ones of the middle moment, roughly coloured: what ``find_seeds`` would find, at no cost."""
+    random = np.random.default_rng(12)
+    true = gaussians_at(FRAMES // 2)
+    chosen = random.integers(len(true), size=count)
+    points = true.means[chosen] + random.normal(0, 0.1, (count, 3))
+    colors = true.sh[chosen, 0] * 0.28209479177387814 + 0.5 + random.normal(0, 0.1, (count, 3))
+    return Seeds(points.astype(np.float32), colors.clip(0, 1).astype(np.float32), "the tests")
+
+
+def write_capture(folder: Path) -> Path:
+    """An N3DV folder: ``camNN.mp4`` and ``poses_bounds.npy``; returns it."""
+    folder.mkdir(parents=True)
+    rows = []
+    for camera in rig():
+        codec = cv2.VideoWriter_fourcc(*"mp4v")
+        writer = cv2.VideoWriter(str(folder / f"{camera.name}.mp4"), codec, 24.0, (WIDTH, HEIGHT))
+        for frame in range(FRAMES):
+            writer.write(np.ascontiguousarray(picture(camera, frame)[:, :, ::-1]))
+        writer.release()
+        right, down, forward = camera.rotation
+        matrix = np.stack([down, right, -forward, camera.center, [HEIGHT, WIDTH, FOCAL]], axis=1)
+        rows.append([*matrix.ravel(), 2.0, 8.0])
+    np.save(folder / "poses_bounds.npy", np.array(rows))
+    return folder
+
+
+def longer(capture: Capture, frames: int) -> Capture:
+    """The same cameras over more moments."""
+    shots = tuple(
+        replace(capture.shots[0], camera=camera, frame=frame)
+        for camera in range(len(capture.cameras))
+        for frame in range(frames)
+    )
+    return replace(capture, shots=shots, frame_count=frames)

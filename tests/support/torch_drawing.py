@@ -1,0 +1,76 @@
+"""Drawing numpy Gaussians with torch, with gradients: what the rasterizer's tests share. Needs torch."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from support.builders import ATTRIBUTES
+
+from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
+
+BACKGROUND = (0.3, 0.6, 0.1)
+EVERYTHING = RasterizeOptions(depth=True, weights=True)
+
+
+def tensors(gaussians: GaussianArrays, dtype: torch.dtype = torch.float32) -> GaussianArrays:
+    """The same as leaves that collect gradients; values pass through float32, so that both precisions agree."""
+    return GaussianArrays(
+        *[torch.tensor(getattr(gaussians, name), dtype=torch.float32).to(dtype).requires_grad_() for name in ATTRIBUTES]
+    )
+
+
+def image_weights(camera: Camera, seed: int = 5) -> tuple[torch.Tensor, torch.Tensor]:
+    """Fixed random dL/drgb and dL/dalpha, float64."""
+    generator = torch.Generator().manual_seed(seed)
+    size = (camera.height, camera.width)
+    return (
+        torch.randn(*size, 3, generator=generator, dtype=torch.float64),
+        torch.randn(*size, generator=generator, dtype=torch.float64),
+    )
+
+
+def cut(picture: torch.Tensor, region: tuple[int, int, int, int]) -> torch.Tensor:
+    """The region (left, top, width, height) of a picture (H, W, ...)."""
+    left, top, width, height = region
+    return picture[top : top + height, left : left + width]
+
+
+def draw_with_gradients(
+    gaussians: GaussianArrays,
+    camera: Camera,
+    implementation: str,
+    dtype: torch.dtype = torch.float32,
+    options: RasterizeOptions = EVERYTHING,
+    *,
+    pose: np.ndarray | None = None,
+    depth_limit: torch.Tensor | None = None,
+) -> tuple[Image, dict[str, np.ndarray]]:
+    """The picture, and gradients of a random linear loss on rgb and alpha by attribute, and by ``screen``, ``pose`` and
+    ``screen_absolute`` where there are any."""
+    leaves = tensors(gaussians, dtype)
+    moving = None if pose is None else torch.tensor(pose, dtype=torch.float32).to(dtype).requires_grad_()
+    image = rasterize(
+        leaves, camera, BACKGROUND, options, pose=moving, depth_limit=depth_limit, implementation=implementation
+    )
+    by_rgb, by_alpha = (cut(weights, options.region_of(camera)).to(dtype) for weights in image_weights(camera))
+    ((image.rgb * by_rgb).sum() + (image.alpha * by_alpha).sum()).backward()
+    gradients = {name: getattr(leaves, name).grad.numpy() for name in ATTRIBUTES}
+    gradients["screen"] = image.screen.grad.numpy()
+    if moving is not None:
+        gradients["pose"] = moving.grad.numpy()
+    if image.screen_absolute is not None:
+        gradients["screen_absolute"] = image.screen_absolute.numpy()
+    return image, gradients
+
+
+def native_picture(gaussians: GaussianArrays, camera: Camera) -> dict[str, np.ndarray]:
+    """Every output of the native library and every gradient, by name."""
+    image, gradients = draw_with_gradients(gaussians, camera, "cpu")
+    names = ("rgb", "alpha", "radii", "median_depth", "median_z", "mean_depth", "max_weights")
+    return {**{name: getattr(image, name).detach().numpy() for name in names}, **gradients}
+
+
+def relative_error(found: np.ndarray, expected: np.ndarray) -> float:
+    """L2 norm of the difference over the L2 norm of what is expected."""
+    return float(np.linalg.norm(found.astype(np.float64) - expected) / max(np.linalg.norm(expected), 1e-30))

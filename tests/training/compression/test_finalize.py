@@ -1,0 +1,157 @@
+"""A finished scene in the order of its file shows what it showed, and says what of it cannot be seen when."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.builders import ATTRIBUTES, odd_camera, scene_file
+from support.played_scenes import assert_same_bits, flickering, in_four_threads, without_lifetimes
+
+from frog_blender.engine.model.torch_player import SceneOnDevice
+from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.render import draw
+from frog_blender.engine.playback.visibility import share_deformed
+from frog_blender.engine.scene.compression_report import reduction_line
+from frog_blender.engine.scene.scene_file import SceneFile, read_scene, write_scene
+from frog_blender.engine.training.compression import finalize
+from frog_blender.engine.training.compression.finalize import arranged, as_packed
+from frog_blender.engine.training.session import export
+from frog_blender.engine.training.session.job import TrainingJob, run_training
+
+pytestmark = pytest.mark.usefixtures("seeds_at_no_cost")
+
+TIMES = (0.0, 1 / 6, 0.3, 0.5, 0.77, 5 / 6, 1.0)
+QUARTERS = [k / 24 for k in range(25)]
+"""Of the seven frames, and what lies between them."""
+
+
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize("model", [{}, {"moving": 201}, {"deformed_sh": 4, "moving": 290}, {"deformed_sh": 0}], ids=str)
+def test_pictures_are_the_same(model: dict, packed: bool) -> None:
+    plain = flickering(**model)
+    scene = as_packed(arranged(plain)) if packed else arranged(plain)
+    assert share_deformed(scene.arrays["lifetimes"], len(scene.arrays["embeddings"])) < 0.85
+    playable, always, camera = PlayableScene(scene), PlayableScene(without_lifetimes(scene)), odd_camera()
+    moments = {time: (playable.at(time), always.at(time)) for time in QUARTERS}
+    assert all((found.opacities == 0).any() for found, _ in moments.values())
+    assert any((found.opacities[: playable.moving] > 0.1).any() for found, _ in moments.values())
+    for found, expected in moments.values():
+        np.testing.assert_array_equal(draw(found, camera).rgb, draw(expected, camera).rgb)
+
+
+@pytest.mark.parametrize("frames", [2, 7])
+def test_the_order_is_nobodys_matter(frames: int) -> None:
+    plain = flickering()
+    plain = SceneFile(replace(plain.header, frame_count=frames), plain.arrays)
+    scene, camera = arranged(plain), odd_camera()
+    found = PlayableScene(scene).at(0.25), PlayableScene(plain).at(0.25)
+    np.testing.assert_allclose(*(draw(each, camera).rgb for each in found), atol=1e-5)
+    assert len(scene.arrays.get("lifetimes", [0])) == frames - 1
+    unfinished = arranged(plain, finished=False)
+    assert "lifetimes" not in unfinished.arrays and len(unfinished.arrays["means"]) == 300
+
+
+def test_moments_in_any_order_have_the_same_bits() -> None:
+    scene = arranged(flickering(moving=201))
+    random = np.random.default_rng(0)
+    playable = PlayableScene(scene)
+    for time in random.choice(TIMES, 40):
+        found, fresh = playable.at(time), PlayableScene(scene).at(time)
+        for name in ATTRIBUTES:
+            np.testing.assert_array_equal(getattr(found, name), getattr(fresh, name), err_msg=name)
+    assert_same_bits(scene, TIMES)
+
+
+def test_threads_see_what_one_alone_sees() -> None:
+    scene = PlayableScene(arranged(flickering()))
+    expected = {time: PlayableScene(arranged(flickering())).at(time).means for time in TIMES}
+    wrong: list[float] = []
+
+    def play(seed: int) -> None:
+        for time in np.random.default_rng(seed).choice(TIMES, 60):
+            part = scene.part_at(time) if seed % 2 else None
+            found = part.columns["means"] if part else scene.at(time).means
+            if not np.array_equal(found, expected[time]):
+                wrong.append(time)
+
+    in_four_threads(play)
+    assert not wrong
+
+
+def test_a_part_of_a_scene_shows_the_same() -> None:
+    scene, camera = arranged(flickering(moving=201)), odd_camera()
+    kept = np.delete(np.arange(300), [3, 90, 91, 230])
+    part, whole = PlayableScene(scene).only(kept), PlayableScene(without_lifetimes(scene)).only(kept)
+    left_out = [sum(int((each.at(time).opacities == 0).sum()) for time in QUARTERS) for each in (part, whole)]
+    assert left_out[0] > left_out[1]
+    for time in QUARTERS:
+        np.testing.assert_array_equal(draw(part.at(time), camera).rgb, draw(whole.at(time), camera).rgb)
+    still = PlayableScene(scene).only(np.arange(201, 300))
+    assert still.moving == 0 and len(still.at(0.5)) == 99
+
+
+def test_axes_that_nobody_can_see_cost_others_nothing() -> None:
+    """Packed sizes are as exact as where no axis has shrunk to nothing."""
+    plain = scene_file(600)
+    shrunk = plain.arrays["log_scales"].copy()
+    shrunk[::7, 1] = -25.0
+    thin = SceneFile(plain.header, plain.arrays | {"log_scales": shrunk})
+    scenes = [arranged(each, finished=False) for each in (plain, thin)]
+    wrong = [np.abs(as_packed(each).arrays["log_scales"] - each.arrays["log_scales"]).max() for each in scenes]
+    assert 0 < wrong[1] <= 1.01 * wrong[0]
+
+
+def test_where_most_can_be_seen_there_are_none() -> None:
+    assert "lifetimes" not in arranged(scene_file(300, opacity_reduction="off")).arrays
+    single = flickering()
+    assert "lifetimes" not in arranged(SceneFile(replace(single.header, frame_count=1), single.arrays)).arrays
+    assert "lifetimes" not in arranged(flickering(head_width=8)).arrays
+
+
+@pytest.mark.parametrize("compact", [False, True])
+def test_files_keep_them(tmp_path: Path, compact: bool) -> None:
+    scene = arranged(flickering())
+    write_scene(tmp_path / "a.frog", scene, compact=compact)
+    back = read_scene(tmp_path / "a.frog")
+    expected = as_packed(scene) if compact else scene
+    assert back.arrays.keys() == expected.arrays.keys()
+    for name, array in expected.arrays.items():
+        np.testing.assert_array_equal(back.arrays[name], array, err_msg=name)
+    on_device = SceneOnDevice(back, "cpu").at(0.3)
+    np.testing.assert_allclose(on_device.opacities.numpy(), PlayableScene(back).at(0.3).opacities, atol=1 / 255)
+
+
+@pytest.mark.parametrize("worth", [0.0, 2.0])
+def test_a_training_says_what_its_lifetimes_save(
+    filmed: Path, tmp_path: Path, lively: Callable, monkeypatch: pytest.MonkeyPatch, worth: float
+) -> None:
+    monkeypatch.setattr(finalize, "_WORTH_IT", worth)
+    task = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(60, capacity="auto"))
+    finished = list(run_training(task))[-1]
+    scene = read_scene(task.output)
+    assert ("lifetimes" in scene.arrays) == (worth > 1)
+    found = [each for each in finished.capacity["reductions"] if each["what"] == "unseen left out"]
+    assert len(found) == (worth > 1) and scene.header.capacity == finished.capacity
+    for each in found:
+        assert 0 < each["after"] <= each["before"] == len(scene.arrays["embeddings"]) and abs(each["loss"]) < 1e-6
+        assert "Gaussians deformed a frame" in reduction_line(each)
+    size = task.output.stat().st_size
+    list(run_training(replace(task, output=tmp_path / "y.frog", max_bytes=int(0.9 * size))))
+    assert (tmp_path / "y.frog").stat().st_size <= 0.9 * size
+
+
+def test_where_packing_shows_files_stay_plain_and_keep_lifetimes(
+    filmed: Path, tmp_path: Path, lively: Callable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(finalize, "_WORTH_IT", 2.0)
+    monkeypatch.setattr(export, "_PACKING_LOSS", -100.0)
+    task = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(60, capacity="auto"))
+    finished = list(run_training(task))[-1]
+    whats = [each["what"] for each in finished.capacity["reductions"]]
+    assert "packed" not in whats and whats[-1] == "unseen left out"
+    scene = read_scene(task.output)
+    assert "lifetimes" in scene.arrays and task.output.stat().st_size > sum(a.nbytes for a in scene.arrays.values())

@@ -1,0 +1,167 @@
+"""What is measured by looking: motion in pixels, what a Gaussian adds to pictures, errors that change with time."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import torch
+from support import synthetic_capture as film
+
+from frog_blender.engine.capture.capture import Capture
+from frog_blender.engine.capture.time import frame_to_time
+from frog_blender.engine.rasterizer import GaussianArrays, rasterize
+from frog_blender.engine.training.compression.sensitivity import (
+    PIXELS_OF_A_CHANGE,
+    Look,
+    Measured,
+    _seen_from,
+    draw_looks,
+    measure,
+)
+from frog_blender.engine.training.compression.temporal_residual import unrest
+
+STATIC = len(film.gaussians_at(0)) - 12  # the wall; the ball's Gaussians come after it
+
+
+def true_gaussians(frame: int) -> GaussianArrays:
+    return GaussianArrays(
+        *(torch.tensor(value, dtype=torch.float32) for value in vars(film.gaussians_at(frame)).values())
+    )
+
+
+def at(time: float) -> GaussianArrays:
+    return true_gaussians(round(time * (film.FRAMES - 1)))
+
+
+def looks_of(capture: Capture, cameras: tuple[int, ...] = (1, 2, 3)) -> list[Look]:
+    return [Look(camera, frame / (film.FRAMES - 1)) for camera in cameras for frame in range(film.FRAMES)]
+
+
+def measured(capture: Capture, gaussians_at: Callable[[float], GaussianArrays]) -> Measured:
+    count = len(gaussians_at(0.0))
+    return measure(gaussians_at, count, capture, looks_of(capture), torch.Generator().manual_seed(0))
+
+
+def test_what_moves_scores_and_what_stands_does_not(capture: Capture) -> None:
+    found = measured(capture, at)
+    motion = found.motion
+    assert float(motion.score[:STATIC].max()) == 0
+    seen = found.contribution[STATIC:] > 0.05
+    assert int(seen.sum()) > 4  # of the ball, those in front
+    assert float(motion.score[STATIC:][seen].min()) > 1
+    # It crosses 1.8 units at about 4.3 from the cameras, half of that to each side, and is nearly opaque.
+    assert float(motion.score.max()) == pytest.approx(0.9 * film.FOCAL / 4.3, rel=0.4)
+
+
+def test_the_state_is_the_mean_over_the_looks(capture: Capture) -> None:
+    state = measured(capture, at).state
+    means = torch.stack([true_gaussians(frame).means for frame in range(film.FRAMES)]).mean(0)
+    torch.testing.assert_close(state["means"], means)
+    still = true_gaussians(0)
+    torch.testing.assert_close(state["log_scales"].exp(), still.scales)
+    torch.testing.assert_close(state["opacity_logits"].sigmoid(), still.opacities)
+    torch.testing.assert_close(state["sh"], still.sh)
+
+
+@pytest.mark.parametrize("kind", ["fades", "tints", "grows", "turns"])
+def test_every_kind_of_change_is_seen(capture: Capture, kind: str) -> None:
+    def changing(time: float) -> GaussianArrays:
+        g = true_gaussians(0)
+        if kind == "fades":
+            g.opacities[5] *= 1 - 0.5 * time
+        if kind == "tints":
+            g.sh[5, 0] += time
+        if kind == "grows":
+            g.scales[5] *= 1 + time
+        if kind == "turns":
+            g.scales[5] = torch.tensor([0.4, 0.05, 0.05])
+            g.quaternions[5] = torch.tensor([np.cos(time / 2), 0, 0, np.sin(time / 2)])
+        return g
+
+    motion = measured(capture, changing).motion
+    assert float(motion.score[5]) > 0.5
+    assert float(motion.score[:5].max()) == 0 == float(motion.score[6:].max())
+    if kind == "fades":  # half of the range between 1 and 0.5, of 1
+        weight = float(motion.score[5]) / PIXELS_OF_A_CHANGE / 0.25
+        assert 0.2 < weight <= 0.91
+
+
+def test_the_contribution_is_what_leaving_out_changes(capture: Capture) -> None:
+    camera, generator, count = capture.cameras[1], torch.Generator().manual_seed(0), 300
+    gaussians = true_gaussians(2)
+    slopes = [_seen_from(gaussians, camera, (0.1, 0.2, 0.3), generator)[1]["opacities"] for _ in range(count)]
+    squares = (torch.stack(slopes) * gaussians.opacities).square()
+    whole = rasterize(gaussians, camera, (0.1, 0.2, 0.3)).rgb
+    for index in (3, 40, 77, STATIC, STATIC + 5):
+        keep = torch.arange(len(gaussians)) != index
+        without = rasterize(
+            GaussianArrays(*(value[keep] for value in vars(gaussians).values())), camera, (0.1, 0.2, 0.3)
+        ).rgb
+        change = float((whole - without).detach().square().sum())
+        error = 4 * float(squares[:, index].std()) / count**0.5  # of the mean of random signs
+        assert float(squares[:, index].mean()) == pytest.approx(change, abs=error + 1e-3 * change)
+
+
+@pytest.mark.parametrize("name", ["means", "quaternions", "scales", "opacities", "sh"])
+def test_the_rest_energy_is_what_standing_still_changes(capture: Capture, name: str) -> None:
+    """Of one Gaussian alone, whose change is small enough for the first order."""
+    index, looks, size = STATIC + 5, 2 * [Look(1, 0.0), Look(1, 1.0)], 0.05 if name == "quaternions" else 0.01
+
+    def swinging(time: float, rests: bool = False) -> GaussianArrays:
+        g = true_gaussians(2)
+        g.scales[index] *= torch.tensor([1.0, 0.5, 0.7])
+        way = torch.linspace(0.4, 1.0, getattr(g, name)[index].numel()).reshape(getattr(g, name)[index].shape)
+        getattr(g, name)[index] += size * way * (0.0 if rests else 2 * time - 1)
+        return g
+
+    camera, draws = capture.cameras[1], torch.Generator().manual_seed(0)
+    found = [measure(swinging, len(swinging(0)), capture, looks, draws).motion.rest_energy for _ in range(100)]
+    energies = torch.stack(found)
+    moves, rests = (
+        [rasterize(swinging(time, still), camera, capture.background).rgb for time in (0.0, 1.0)]
+        for still in (False, True)
+    )
+    change = float(np.mean([float((a - b).detach().square().sum()) for a, b in zip(moves, rests, strict=True)]))
+    error = 4 * float(energies[:, index].std()) / len(found) ** 0.5  # of the mean of random signs
+    assert change > 0
+    assert float(energies[:, index].mean()) == pytest.approx(change, abs=error + 0.05 * change)
+    assert float(energies[:, :index].max()) == 0
+
+
+def test_errors_that_change_with_time_show_who_should_move(capture: Capture) -> None:
+    """A scene whose ball stands in the middle: the wall behind its path errs at times."""
+    shots = [[i for i, shot in enumerate(capture.shots) if shot.camera == camera] for camera in (1, 3)]
+
+    def truth_of(index: int) -> torch.Tensor:
+        shot = capture.shots[index]
+        return torch.from_numpy(film.picture(capture.cameras[shot.camera], shot.frame)).float() / 255
+
+    right = unrest(at, truth_of, capture, shots)
+    assert float(right.max()) < 0.01
+    frozen = unrest(lambda _: true_gaussians(film.FRAMES // 2), truth_of, capture, shots)
+    assert float(frozen[STATIC:].max()) > 0.05
+    far = torch.from_numpy(film.gaussians_at(0).means[:STATIC, 1] > 1.2)  # below the ball's path
+    assert float(frozen[:STATIC][far].max()) < 0.02
+
+
+def test_no_stretch_of_time_is_overlooked(capture: Capture) -> None:
+    shots = [i for i, shot in enumerate(capture.shots) if not capture.is_test(shot)]
+    for seed in range(20):
+        looks = draw_looks(capture, shots, film.FRAMES, torch.Generator().manual_seed(seed))
+        assert [round(look.time * (film.FRAMES - 1) - frame) for frame, look in enumerate(looks)] == film.FRAMES * [0]
+    twice = draw_looks(capture, shots, 2 * len(shots), torch.Generator().manual_seed(0))
+    moments = Counter((look.camera, round(look.time * (film.FRAMES - 1))) for look in twice)
+    assert set(moments.values()) == {2} and len(moments) == len(shots)
+
+
+def test_looks_are_spread_and_jittered(capture: Capture) -> None:
+    shots = [i for i, shot in enumerate(capture.shots) if not capture.is_test(shot)]
+    looks = draw_looks(capture, shots, len(shots), torch.Generator().manual_seed(1))
+    assert len({(look.camera, round(look.time * (film.FRAMES - 1))) for look in looks}) > 0.6 * len(shots)
+    assert all(0 <= look.time <= 1 for look in looks)
+    whole = {frame_to_time(frame, capture.frame_count) for frame in range(capture.frame_count)}
+    assert sum(look.time not in whole for look in looks) > len(looks) / 2
+    assert looks == draw_looks(capture, shots, len(shots), torch.Generator().manual_seed(1))

@@ -1,0 +1,66 @@
+"""FRoG's rivals, trained: each follows what moves, goes on where it was stopped, and plays as it ended."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from support.training_steps import train
+
+from frog_blender.engine.capture.frames import FrameStore
+from frog_blender.engine.training.optimize.trainer import Trainer
+from frog_blender.engine.training.session.checkpoint import load_checkpoint, save_checkpoint
+
+RIVALS = ("d3dgs", "hexplane", "curves")
+STEPS = 480  # 4DGaussians has found the ball by then, whatever the seed
+
+
+def moving_psnr(trainer: Trainer, store: FrameStore, camera: int) -> float:
+    """Over the pixels of one camera that clearly change in time."""
+    shots = [i for i, shot in enumerate(trainer.capture.shots) if shot.camera == camera]
+    truth = np.stack([store.image(i) / 255.0 for i in shots])
+    drawn = np.stack([trainer.picture(i) for i in shots])
+    mask = truth.std(0).max(-1) > 15 / 255
+    return -10 * float(np.log10(((truth - drawn)[:, mask] ** 2).mean()))
+
+
+@pytest.fixture(scope="module")
+def static(make_trainer: Callable[..., Trainer]) -> Trainer:
+    return train(make_trainer(STEPS, "static"))
+
+
+@pytest.mark.parametrize("method", RIVALS)
+def test_what_moves_is_followed(
+    make_trainer: Callable[..., Trainer], store: FrameStore, static: Trainer, method: str
+) -> None:
+    """Static Gaussians can only smear the ball."""
+    trained = train(make_trainer(STEPS, method))
+    gains = [moving_psnr(trained, store, camera) - moving_psnr(static, store, camera) for camera in (0, 2)]
+    assert min(gains) > 1.5
+
+
+@pytest.mark.parametrize("method", RIVALS)
+def test_a_stopped_training_goes_on_to_the_same_bits(
+    make_trainer: Callable[..., Trainer], bits: Callable[[Trainer], dict[str, bytes]], tmp_path, method: str
+) -> None:
+    whole = train(make_trainer(30, method))
+    stopped = train(make_trainer(30, method), until=13)
+    save_checkpoint(tmp_path / "x", stopped)
+    resumed = make_trainer(30, method)
+    load_checkpoint(tmp_path / "x", resumed)
+    assert bits(train(resumed)) == bits(whole)
+
+
+@pytest.mark.parametrize("method", RIVALS)
+def test_nothing_of_frogs_own_happens(make_trainer: Callable[..., Trainer], method: str) -> None:
+    trainer = make_trainer(5, method)
+    r = trainer.recipe
+    assert (r.sampling, r.opacity_reduction, r.smoothness_weight) == ("off", "off", 0.0)
+    assert trainer.model.canonical.embeddings.shape[1] == r.embedding_size == (15 if method == "curves" else 0)
+
+
+def test_a_run_can_ask_for_the_papers_rates(make_trainer: Callable[..., Trainer]) -> None:
+    trainer = make_trainer(5, "hexplane", grid_rate=1.6e-3, network_rate=1.6e-4)
+    rates = {group["name"]: group["lr"] for group in trainer.optimizer.adam.param_groups}
+    assert rates["grid"] == pytest.approx(1.6e-3) and rates["network"] == pytest.approx(1.6e-4)

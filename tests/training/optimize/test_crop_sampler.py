@@ -1,0 +1,239 @@
+"""Steps on rectangles: where they look, what they remember, and what their pixels weigh."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from support.builders import plain_camera
+from support.synthetic_capture import rig
+from support.torch_drawing import cut
+from support.training_steps import train
+
+from frog_blender.engine.rasterizer import RasterizeOptions
+from frog_blender.engine.training.optimize import trainer as trainer_module
+from frog_blender.engine.training.optimize.crop_sampler import CELL, RegionPicker
+from frog_blender.engine.training.optimize.device import picture_on
+from frog_blender.engine.training.optimize.losses import PictureLoss, picture_loss_plainly
+from frog_blender.engine.training.optimize.trainer import Trainer
+from frog_blender.engine.training.session.checkpoint import load_checkpoint, save_checkpoint
+
+Make = Callable[..., Trainer]
+Bits = Callable[[Trainer], dict[str, bytes]]
+Region = tuple[int, int, int, int]
+
+SIZES = [(160, 96), (161, 97), (175, 95), (48, 36), (47, 200), (17, 33), (16, 16), (9, 5), (1, 1)]
+
+
+def picker_of(size: tuple[int, int], share: float = 1.0, region_size: float = 0.4) -> RegionPicker:
+    """For one camera, whose whole picture has been seen with the same error everywhere."""
+    picker = RegionPicker([plain_camera(*size)], share, region_size)
+    picker.observe(0, (0, 0, *size), torch.ones(picker.errors[0].shape))
+    picker.settle()
+    return picker
+
+
+def picks(picker: RegionPicker, count: int, seed: int = 0) -> list[Region]:
+    generator = torch.Generator().manual_seed(seed)
+    found = [picker.pick(0, generator) for _ in range(count)]
+    return [region for region in found if region is not None]
+
+
+def test_a_camera_is_first_seen_whole() -> None:
+    cameras = [plain_camera(80, 64), plain_camera(50, 40)]
+    picker, generator = RegionPicker(cameras, 1.0, 0.4), torch.Generator().manual_seed(0)
+    assert all(picker.pick(camera, generator) is None for camera in (0, 1) for _ in range(5))
+    picker.observe(1, (0, 0, 50, 40), torch.rand(3, 4))
+    assert picker.pick(0, generator) is None and picker.pick(1, generator) is not None
+    picker.observe(0, (16, 0, 64, 64), torch.rand(4, 4))  # its first column of cells is still unknown
+    assert picker.pick(0, generator) is None
+    picker.observe(0, (0, 0, 16, 64), torch.rand(4, 1))
+    assert picker.pick(0, generator) is not None
+
+
+@pytest.mark.parametrize("region_size", [0.05, 0.4, 1.0])
+@pytest.mark.parametrize("size", SIZES)
+def test_rectangles_lie_in_the_picture_on_whole_cells_and_have_the_size(
+    size: tuple[int, int], region_size: float
+) -> None:
+    """The picture's last cell may be cut; small pictures are taken whole, and nothing is smaller than 48 pixels."""
+    picker = picker_of(size, region_size=region_size)
+    found = picks(picker, 200)
+    assert len(found) == 200
+    for axis in (0, 1):
+        length = size[axis]
+        cells = -(-length // CELL)
+        wanted = min(cells, max(3, round(cells * region_size)))
+        starts, lengths = {region[axis] for region in found}, {region[axis + 2] for region in found}
+        assert all(start % CELL == 0 for start in starts)
+        assert starts == {CELL * first for first in range(cells - wanted + 1)}  # each place comes up
+        for region in found:
+            start, extent = region[axis], region[axis + 2]
+            assert 0 <= start < start + extent <= length
+            assert extent == wanted * CELL or (start + extent == length and extent > (wanted - 1) * CELL)
+        assert lengths <= {wanted * CELL, wanted * CELL - (cells * CELL - length)}
+    camera = plain_camera(*size)
+    assert all(RasterizeOptions(region=region).region_of(camera) == region for region in found)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_the_share_of_steps_on_rectangles(share: float) -> None:
+    count = len(picks(picker_of((160, 96), share), 2000))
+    assert abs(count / 2000 - share) < (0.04 if 0 < share < 1 else 1e-9)
+
+
+def test_a_share_of_zero_draws_no_random_number() -> None:
+    """Trainings without regions keep their bits."""
+    generator = torch.Generator().manual_seed(3)
+    before = generator.get_state()
+    assert picker_of((80, 80), 0.0).pick(0, generator) is None
+    assert torch.equal(generator.get_state(), before)
+
+
+def test_rectangles_follow_the_error() -> None:
+    """Of ten by six cells two are wrong, one nine times as much (in squares) as the other, away from the borders: all
+    rectangles are centred on one of them, in that proportion."""
+    picker = RegionPicker([plain_camera(160, 96)], 1.0, 0.3)
+    cells = torch.zeros(6, 10)
+    cells[2, 2], cells[3, 7] = 0.3**2, 0.1**2
+    picker.observe(0, (0, 0, 160, 96), cells)
+    found = picks(picker, 2000)
+    assert {region[2:] for region in found} == {(48, 48)}
+    counts = {place: sum(region[:2] == place for region in found) for place in {region[:2] for region in found}}
+    assert counts.keys() == {(16, 16), (96, 32)}
+    assert abs(counts[16, 16] / 2000 - 0.9) < 0.03
+    assert picks(picker, 20, seed=1) == picks(picker, 20, seed=1) != picks(picker, 20, seed=2)
+
+
+def test_an_error_of_zero_everywhere_is_survived() -> None:
+    picker = RegionPicker([plain_camera(90, 70)], 1.0, 0.4)
+    picker.observe(0, (0, 0, 90, 70), torch.zeros(5, 6))
+    assert len(picks(picker, 50)) == 50
+
+
+def test_only_cells_that_were_seen_are_updated() -> None:
+    picker = picker_of((90, 70))
+    expected = picker.errors[0].copy()
+    assert expected.shape == (5, 6) and (expected == 1).all()
+    cells = torch.zeros(3, 4)  # rows 2 to 4 and columns 2 to 5, the last of each cut
+    cells[0, 1] = 4.0
+    picker.observe(0, (32, 32, 58, 38), cells)
+    picker.settle()
+    expected[2:, 2:] = 0.7
+    expected[2, 3] = 0.7 + 0.3 * 4
+    np.testing.assert_allclose(picker.errors[0], expected, rtol=1e-6)
+
+
+# What trainings of 48 x 36 pixels are given: rectangles are no smaller than that unless it is allowed.
+REGION: Region = (16, 0, 32, 32)
+
+
+class Stubborn(RegionPicker):
+    """Always the same rectangle."""
+
+    def pick(self, camera: int, generator: torch.Generator) -> Region | None:
+        return REGION
+
+
+def regional(trainer: Trainer, least: int, monkeypatch: pytest.MonkeyPatch) -> Trainer:
+    """With rectangles that may be smaller than the pictures of the tests."""
+    monkeypatch.setattr("frog_blender.engine.training.optimize.crop_sampler._LEAST", least)
+    return trainer
+
+
+def test_training_on_rectangles_learns(make_trainer: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    regions: list[Region | None] = []
+    pick = RegionPicker.pick
+
+    def watched(self: RegionPicker, camera: int, generator: torch.Generator) -> Region | None:
+        regions.append(pick(self, camera, generator))
+        return regions[-1]
+
+    monkeypatch.setattr(RegionPicker, "pick", watched)
+    trainer = regional(make_trainer(300, region_share=0.8, region_size=0.4), 16, monkeypatch)
+    before = trainer.evaluate(6)[0]
+    train(trainer)
+    assert trainer.evaluate(6)[0] > before + 5
+    rectangles = [region for region in regions if region is not None]
+    assert 0.65 < len(rectangles) / len(regions) < 0.9
+    assert all(region[2] <= 32 and region[3] <= 32 for region in rectangles) and len(set(rectangles)) > 3
+
+
+@pytest.mark.parametrize("stop", [2, 33])  # before and after every picture was seen whole
+def test_resumed_bits_are_those_of_an_undisturbed_training(
+    make_trainer: Make, bits: Bits, tmp_path: Path, stop: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    changes = {"region_share": 0.7, "region_size": 0.4, "dssim_period": 25, "dssim_burst": 6}
+    undisturbed = train(regional(make_trainer(60, seed=3, **changes), 16, monkeypatch))
+    save_checkpoint(tmp_path / "c", train(make_trainer(60, seed=3, **changes), until=stop))
+    resumed = make_trainer(60, seed=99, **changes)
+    load_checkpoint(tmp_path / "c", resumed)
+    train(resumed)
+    assert bits(resumed) == bits(undisturbed)
+    for found, expected in zip(resumed.regions.errors, undisturbed.regions.errors, strict=True):
+        np.testing.assert_array_equal(found, expected)
+    # The memory of the errors is part of it: without it the same seed goes elsewhere.
+    forgetful = make_trainer(60, seed=99, **changes)
+    load_checkpoint(tmp_path / "c", forgetful)
+    for errors in forgetful.regions.errors:
+        errors.fill(np.inf)
+    assert stop == 2 or bits(train(forgetful)) != bits(undisturbed)
+
+
+def one_step(trainer: Trainer, masked: bool) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
+    """Gradients of one step by parameter, and what densification collected. ``masked`` draws the whole picture, but is
+    told that all is well outside the rectangle."""
+    gradients: dict[str, torch.Tensor] = {}
+    trainer.density.gradient_sum.zero_()
+
+    def flattering(image: torch.Tensor, pixels: np.ndarray, *, weight: float, **_: float) -> PictureLoss:
+        truth = image.detach().clone()
+        cut(truth, REGION)[:] = cut(picture_on(image.device, pixels), REGION)
+        return picture_loss_plainly(image, truth, weight=weight)
+
+    def read() -> None:
+        gradients.update({n: p.grad.clone() for n, p in trainer.model.named_parameters() if p.grad is not None})
+        gradients["pulls"] = trainer.density.gradient_sum.clone()  # a round may be due after the step
+
+    trainer.optimizer.step = read  # type: ignore[method-assign]
+    with pytest.MonkeyPatch.context() as patch:
+        if masked:
+            patch.setattr(trainer_module, "picture_loss", flattering)
+        else:
+            trainer.regions = Stubborn(trainer.capture.cameras, 1.0, 0.4)
+        trainer.step()
+    return gradients, gradients.pop("pulls")
+
+
+def pair(make_trainer: Make, emphasis: float) -> list[tuple[dict[str, torch.Tensor], torch.Tensor]]:
+    """``one_step`` on the rectangle, and masked, of the same shot in the middle of the same training."""
+    steps = []
+    for masked in (False, True):
+        recipe = {"dssim_weight": 0.0, "smoothness_weight": 0.0, "table_smoothness": 0.0, "region_emphasis": emphasis}
+        trainer = train(make_trainer(40, **recipe), until=20)
+        steps.append(one_step(trainer, masked))
+    return steps
+
+
+@pytest.mark.parametrize("emphasis", [0.0, 0.5, 1.0])
+def test_a_rectangle_weighs_as_the_recipe_says(make_trainer: Make, emphasis: float) -> None:
+    """Without emphasis, a step on a rectangle has the gradients of a whole step whose loss is masked to it."""
+    (found, _), (expected, _) = pair(make_trainer, emphasis)
+    camera = rig()[0]
+    weight = (camera.width * camera.height / (REGION[2] * REGION[3])) ** emphasis
+    expected = {name: gradient * weight for name, gradient in expected.items()}
+    assert found.keys() == expected.keys() and len(found) > 8
+    for name, gradient in expected.items():
+        error = (found[name] - gradient).norm() / gradient.norm().clamp(min=1e-12)
+        assert float(error) < 1e-4, name
+
+
+def test_a_pull_counts_the_same_for_densification(make_trainer: Make) -> None:
+    """Pulls are in half picture widths, whatever part of the picture was drawn."""
+    (_, found), (_, expected) = pair(make_trainer, 0.0)
+    pulled = expected > 0
+    assert int(pulled.sum()) > 20
+    torch.testing.assert_close(found[pulled], expected[pulled], rtol=1e-3, atol=1e-9)

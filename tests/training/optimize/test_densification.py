@@ -1,0 +1,248 @@
+"""Splitting, cloning and pruning, with Adam's memory following each Gaussian."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+from support.builders import plain_camera
+from support.torch_drawing import BACKGROUND
+from support.training_steps import OnlyGaussians
+
+from frog_blender.engine.model.canonical import ATTRIBUTES, CanonicalField, new_gaussians
+from frog_blender.engine.rasterizer import rasterize
+from frog_blender.engine.training.optimize.densification import DensityControl
+from frog_blender.engine.training.optimize.optimizer import SceneOptimizer
+from frog_blender.engine.training.recipe import RECIPES
+
+COUNT = 10
+RECIPE = replace(RECIPES["draft"], densify_growth=1.0, max_gaussians=1000, split_scale=0.1)
+SMALL, LARGE = 0.01, 0.5  # below and above the size at which a Gaussian is split, at scene scale 1
+
+
+class Scene:
+    """Ten Gaussians after one optimiser step, whose gradients told them apart: row i remembers i + 1."""
+
+    def __init__(self, recipe=RECIPE) -> None:
+        generator = torch.Generator().manual_seed(0)
+        points = torch.randn(COUNT, 3, generator=generator)
+        spacings = torch.tensor([SMALL] * 5 + [LARGE] * 5)
+        values = new_gaussians(points, torch.rand(COUNT, 3, generator=generator), spacings, 4, 3, opacity=0.5)
+        self.canonical = CanonicalField(values)
+        self.optimizer = SceneOptimizer(OnlyGaussians(self.canonical), recipe, 1.0)
+        self.density = DensityControl(recipe, 1.0, COUNT)
+        for name in ATTRIBUTES:
+            parameter = getattr(self.canonical, name)
+            rows = torch.arange(1.0, COUNT + 1).reshape(-1, *[1] * (parameter.dim() - 1))
+            parameter.grad = rows.expand_as(parameter).clone()
+        self.optimizer.step()
+        self.before = {name: getattr(self.canonical, name).detach().clone() for name in ATTRIBUTES}
+
+    def round(self, pulled: dict[int, float]) -> tuple[int, int]:
+        for index, pull in pulled.items():
+            self.density.gradient_sum[index], self.density.seen[index] = 2 * pull, 2
+        limit = self.density.recipe.growth_limit_at(0.5)
+        return self.density.round(self.canonical, self.optimizer, limit, torch.Generator().manual_seed(1))
+
+    def memory(self) -> dict[str, list[float]]:
+        """The first moment's first number of each row: 0.1 times what its gradient was."""
+        state = {}
+        for group in self.optimizer.adam.param_groups:
+            (parameter,) = group["params"]
+            assert parameter is getattr(self.canonical, group["name"])
+            moment = self.optimizer.adam.state[parameter]["exp_avg"]
+            assert moment.shape == parameter.shape
+            assert self.optimizer.adam.state[parameter]["exp_avg_sq"].shape == parameter.shape
+            state[group["name"]] = (moment.reshape(len(parameter), -1)[:, 0] * 10).round().tolist()
+        assert set(state) == set(ATTRIBUTES)
+        return state
+
+
+def test_a_small_one_is_cloned() -> None:
+    scene = Scene()
+    assert scene.round({2: 1.0}) == (1, 0)
+    assert len(scene.canonical) == COUNT + 1
+    for name in ATTRIBUTES:
+        values = getattr(scene.canonical, name).detach()
+        torch.testing.assert_close(values[:COUNT], scene.before[name])
+        torch.testing.assert_close(values[COUNT], scene.before[name][2])
+
+
+def test_a_large_one_is_split_into_two_smaller_ones_around_its_place() -> None:
+    scene = Scene()
+    assert scene.round({7: 1.0}) == (1, 0)
+    means, scales = scene.canonical.means.detach(), scene.canonical.log_scales.detach().exp()
+    halves, old = means[[7, COUNT]], scene.before["means"][7]
+    torch.testing.assert_close(halves.mean(0), old)
+    assert 0 < float((halves[0] - old).norm()) < 4 * LARGE
+    torch.testing.assert_close(scales[[7, COUNT]], scene.before["log_scales"][[7, 7]].exp() / 1.6)
+    for name in ("quaternions", "opacity_logits", "sh", "embeddings"):
+        torch.testing.assert_close(getattr(scene.canonical, name)[COUNT], scene.before[name][7])
+    others = [i for i in range(COUNT) if i != 7]
+    torch.testing.assert_close(means[others], scene.before["means"][others])
+
+
+def test_split_halves_lie_along_the_long_axis() -> None:
+    scene = Scene()
+    scene.canonical.log_scales.data[7] = torch.tensor([1.0, 1e-4, 1e-4]).log()
+    scene.canonical.quaternions.data[7] = torch.tensor([0.5**0.5, 0, 0, 0.5**0.5])  # x turns to y
+    scene.round({7: 1.0})
+    offset = (scene.canonical.means[COUNT] - scene.before["means"][7]).detach().abs()
+    assert float(offset[1]) > 100 * float(offset[[0, 2]].max())
+
+
+def test_the_invisible_are_pruned_and_memory_follows() -> None:
+    scene = Scene()
+    for gone in (0, 4, 8):
+        scene.density.peak_opacity[gone] = 1e-3
+    assert scene.round({2: 1.0, 7: 2.0, 8: 9.0}) == (2, 3)
+    for name, memory in scene.memory().items():  # two come in the places of the first who go
+        assert memory == [0.0, 2, 3, 4, 0, 6, 7, 8, 10], name
+    torch.testing.assert_close(scene.canonical.sh.detach(), scene.before["sh"][[2, 1, 2, 3, 7, 5, 6, 7, 9]])
+
+
+def test_training_goes_on_afterwards() -> None:
+    scene = Scene()
+    scene.round({2: 1.0, 7: 2.0})
+    for name in ATTRIBUTES:
+        parameter = getattr(scene.canonical, name)
+        parameter.grad = torch.ones_like(parameter)
+    before = scene.canonical.sh.detach().clone()
+    scene.optimizer.step()
+    assert (scene.canonical.sh.detach() != before).all()
+    steps = {float(state["step"]) for state in scene.optimizer.adam.state.values()}
+    assert steps == {2.0}
+
+
+def test_weak_pulls_and_unseen_ones_do_nothing() -> None:
+    scene = Scene()
+    scene.density.gradient_sum[3] = 100.0
+    scene.density.seen[3] = 1e6  # much in all, little each time
+    assert scene.round({2: RECIPE.densify_threshold * 0.99}) == (0, 0)
+    assert scene.round({}) == (0, 0)
+    assert len(scene.canonical) == COUNT
+
+
+@pytest.mark.parametrize(("growth", "limit", "expected"), [(0.3, 20, 3), (1.0, 12, 2), (1.0, 10, 0), (1.0, 5, 0)])
+def test_the_strongest_come_first_until_the_budget_is_spent(growth: float, limit: int, expected: int) -> None:
+    scene = Scene(replace(RECIPE, densify_growth=growth, max_gaussians=limit))
+    assert scene.round({index: 1.0 + index for index in range(5)}) == (expected, 0)
+    torch.testing.assert_close(scene.canonical.sh[COUNT:].detach(), scene.before["sh"][5 - expected : 5])
+
+
+def test_pruning_makes_room() -> None:
+    scene = Scene(replace(RECIPE, max_gaussians=COUNT))
+    scene.density.peak_opacity[0] = 1e-3
+    assert scene.round({1: 1.0, 2: 2.0}) == (1, 1)
+
+
+def at_the_limit(below: float = 0.2) -> Scene:
+    """Ten Gaussians where no more are allowed, of which two were hardly seen of late."""
+    scene = Scene(replace(RECIPE, max_gaussians=COUNT, replaced_below=below))
+    scene.density.peak_weight[[4, 8]] = torch.tensor([0.1, 0.01])
+    return scene
+
+
+def test_at_the_limit_the_strongest_take_the_places_of_those_least_needed() -> None:
+    scene = at_the_limit()
+    assert scene.round({1: 1.0, 2: 2.0, 3: 3.0}) == (2, 2)  # two are needed little enough
+    torch.testing.assert_close(scene.canonical.sh.detach(), scene.before["sh"][[0, 1, 2, 3, 2, 5, 6, 7, 3, 9]])
+    for name, memory in scene.memory().items():
+        assert memory == [1.0, 2, 3, 4, 0, 6, 7, 8, 0, 10], name
+
+
+def test_only_as_many_go_as_come_and_the_least_needed_first() -> None:
+    scene = at_the_limit()
+    assert scene.round({1: 1.0}) == (1, 1)
+    who = [0, 1, 2, 3, 4, 5, 6, 7, 1, 9]
+    torch.testing.assert_close(scene.canonical.means.detach(), scene.before["means"][who])
+
+
+def test_what_grows_is_not_replaced() -> None:
+    scene = at_the_limit()
+    assert scene.round({8: 1.0, 4: 1.0}) == (0, 0)
+    assert scene.round({8: 1.0}) == (1, 1)
+
+
+def test_nothing_is_replaced_without_need_or_by_the_papers_recipes() -> None:
+    assert at_the_limit().round({}) == (0, 0)
+    assert at_the_limit(RECIPES["paper"].replaced_below).round({1: 1.0}) == (0, 0)
+    roomy = at_the_limit()
+    roomy.density.recipe = RECIPE
+    assert roomy.round({1: 1.0}) == (1, 0)
+
+
+@pytest.mark.parametrize(("looks", "least", "most"), [(100, 3, 7), (25, 3, 7), (5, 15, 29)])
+def test_what_was_needed_long_ago_is_forgotten_after_some_rounds(looks: int, least: int, most: int) -> None:
+    """After more of them where rounds are short: a slow machine's, or a training's of few steps."""
+    scene, everyone = Scene(), torch.ones(COUNT, dtype=torch.bool)
+    for rounds in range(1, 30):  # noqa: B007
+        scene.density.peak_weight[0] = 1.0  # needed in every round
+        scene.density.seen[0] = looks
+        scene.round({})
+        if len(scene.density.least_needed(COUNT, everyone)):
+            break
+    assert least <= rounds <= most
+    assert sorted(scene.density.least_needed(COUNT, everyone).tolist()) == list(range(1, COUNT))
+
+
+def test_not_everything_is_pruned() -> None:
+    scene = Scene()
+    scene.density.peak_opacity[:] = 1e-3
+    assert scene.round({})[1] == 0
+    assert len(scene.canonical) == COUNT
+
+
+def test_a_round_forgets_what_was_observed() -> None:
+    scene = Scene()
+    scene.round({2: 1.0})
+    assert scene.density.gradient_sum.shape == scene.density.seen.shape == (COUNT + 1,)
+    assert not scene.density.gradient_sum.any() and not scene.density.seen.any()
+
+
+def test_what_is_seen_at_one_moment_outlives_what_is_never_seen() -> None:
+    scene = Scene()
+    image = rasterize(scene.canonical.gaussians(), plain_camera(), BACKGROUND)
+    faint = torch.full((COUNT,), 0.001)
+    once = faint.clone()
+    once[3] = 0.9
+    for count in range(1, 20):
+        scene.density.observe(image, once if count == 5 else faint, plain_camera())
+        if scene.round({})[1]:
+            break
+    assert count > 5  # all start as visible, and a round may miss a moment
+    torch.testing.assert_close(scene.canonical.means.detach(), scene.before["means"][3:4])
+
+
+def test_observation_counts_only_what_is_seen_in_half_picture_widths() -> None:
+    camera = plain_camera(48, 32)
+    points = torch.tensor([[0.0, 0, 2], [0.2, 0.1, 2], [50.0, 0, 2], [0, 0, -2]])
+    canonical = CanonicalField(new_gaussians(points, torch.rand(4, 3), torch.full((4,), 0.1), 1, 0))
+    density = DensityControl(RECIPE, 1.0, 4)
+    image = rasterize(canonical.gaussians(), camera, BACKGROUND)
+    gaussians = canonical.gaussians()
+    density.observe(image, gaussians.opacities, camera)  # before a backward pass: nothing to see
+    assert not density.seen.any()
+    image.rgb[:, :24].sum().backward()
+    density.observe(image, gaussians.opacities, camera)
+    assert density.seen.tolist() == [1, 1, 0, 0]
+    torch.testing.assert_close(density.gradient_sum, image.screen.grad.norm(dim=1) * 24)
+    assert float(density.gradient_sum[0]) > 0 and not density.gradient_sum[2:].any()
+
+
+def test_rates_decay_from_start_to_end() -> None:
+    scene = Scene()
+    rates = {}
+    halfway = 1.0 - RECIPE.cool_down / 2
+    for progress in (0.0, 0.5, halfway, 1.0):
+        scene.optimizer.schedule(progress)
+        rates[progress] = {group["name"]: group["lr"] for group in scene.optimizer.adam.param_groups}
+    assert rates[0.0]["means"] == pytest.approx(RECIPE.mean_rate)
+    assert rates[halfway]["means"] == pytest.approx(RECIPE.mean_rate * RECIPE.rate_decay**halfway / 2)
+    assert rates[0.5]["means"] == pytest.approx(RECIPE.mean_rate * RECIPE.rate_decay**0.5)
+    assert rates[halfway]["sh"] == pytest.approx(RECIPE.color_rate * RECIPE.attribute_decay**halfway / 2)
+    assert set(rates[1.0].values()) == {0.0}  # cooled down
+    never = Scene(replace(RECIPE, cool_down=0.0)).optimizer
+    never.schedule(1.0)
+    assert never.adam.param_groups[0]["lr"] == pytest.approx(RECIPE.mean_rate * RECIPE.rate_decay)

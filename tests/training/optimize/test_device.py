@@ -1,0 +1,356 @@
+"""Training on another device than the CPU, without having one: on a pretended GPU (``elsewhere``)."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from support import synthetic_capture as film
+from support.builders import run_python
+from support.training_steps import train
+from torch.optim import Adam
+
+from frog_blender.cli.main import main
+from frog_blender.engine.capture.capture import Capture
+from frog_blender.engine.capture.frames import FrameStore
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.model import interface as interface_module
+from frog_blender.engine.model.frog import FINISHED, Frog
+from frog_blender.engine.model.interface import SceneModel
+from frog_blender.engine.rasterizer import rasterize
+from frog_blender.engine.scene.scene_file import read_scene
+from frog_blender.engine.training.compression import passes, report_image, schedule, sensitivity, validation
+from frog_blender.engine.training.optimize import device as device_module
+from frog_blender.engine.training.optimize import exposure_compensation, nearest_neighbours
+from frog_blender.engine.training.optimize import optimizer as optimizer_module
+from frog_blender.engine.training.optimize import trainer as trainer_module
+from frog_blender.engine.training.optimize.densification import COLLECTED
+from frog_blender.engine.training.optimize.device import EXPERIMENTAL, choose_device, picture_on
+from frog_blender.engine.training.optimize.losses import PictureLoss, picture_loss_plainly
+from frog_blender.engine.training.optimize.running_loss import RunningLoss
+from frog_blender.engine.training.optimize.trainer import Limits, Trainer
+from frog_blender.engine.training.session import events, job
+from frog_blender.engine.training.session.checkpoint import checkpoint_path, load_checkpoint, save_checkpoint
+from frog_blender.engine.training.session.job import TrainingJob, run_training
+
+if str(Path(__file__).parent) not in sys.path:
+    sys.path.insert(0, str(Path(__file__).parent))
+from support.fake_device import ELSEWHERE, Machine, Remote
+
+ENGINE = Path(trainer_module.__file__).parents[2]
+CPU = torch.device("cpu")
+STEPS = 30
+# Every kind of round within thirty steps, bursts among them.
+BUSY = {
+    "dssim_period": 10,
+    "dssim_burst": 3,
+    "densify_threshold": 1e-6,
+    "sampling_share": 0.05,
+    "smoothness_sample": 64,
+}
+Make = Callable[..., Trainer]
+
+
+def picture_loss_on_any_device(
+    image: torch.Tensor, pixels: np.ndarray, *, dssim_weight: float = 0.0, weight: float = 1.0
+) -> PictureLoss:
+    """As a GPU has it: the library's differs in the last bits."""
+    return picture_loss_plainly(image, picture_on(image.device, pixels), dssim_weight, weight)
+
+
+@pytest.fixture
+def machine(monkeypatch: pytest.MonkeyPatch) -> Iterator[Machine]:
+    """A pretended GPU, and everywhere the operations in plain torch that both devices have."""
+    machine = Machine(ENGINE / "training", ENGINE / "model")
+    rasterize = trainer_module.rasterize
+
+    def slowly(*arguments: Any, **keywords: Any) -> Any:
+        with machine.uncounted():  # the CUDA rasterizer waits once, whatever is drawn
+            return rasterize(*arguments, **keywords, implementation="reference")
+
+    def deform(self: Frog, time: float, progressing: Any = FINISHED, sh_count: int | None = None) -> Any:
+        temporal = self.temporal_embedding(time, progressing)
+        return self.deform_plainly(temporal, progressing, sh_count or self.canonical.sh.shape[1])
+
+    for module in (trainer_module, interface_module):
+        monkeypatch.setattr(module, "rasterize", slowly)
+    monkeypatch.setattr(trainer_module, "picture_loss", picture_loss_on_any_device)
+    monkeypatch.setattr(Frog, "deform", deform)
+    monkeypatch.setattr(Frog, "draw", SceneModel.draw)
+    monkeypatch.setattr(nearest_neighbours, "_by_tree", nearest_neighbours._by_distances)
+    adam = import_module("torch.optim.adam")  # its list of devices that have fused kernels
+    monkeypatch.setattr(adam, "_device_dtype_check_for_fused", lambda *_, **__: None)
+    monkeypatch.setattr(optimizer_module, "adam_on", lambda device, groups: Adam(groups, eps=1e-15, fused=True))
+    with machine:
+        yield machine
+
+
+@pytest.fixture
+def make(capture: Capture, store: FrameStore, lively: Any) -> Make:
+    def make(device: torch.device, method: str = "frog", seed: int = 3, **changes: Any) -> Trainer:
+        recipe = lively(STEPS, **{**BUSY, **changes})
+        return Trainer(capture, store, film.seeds(80), recipe, method, Limits(STEPS), seed, device)
+
+    return make
+
+
+def state(trainer: Trainer) -> dict[str, torch.Tensor]:
+    """Everything that grows with the Gaussians, where it lies."""
+    tensors = {**trainer.model.state_dict(), **trainer.optimizer.state_arrays()}
+    for name in COLLECTED:
+        tensors[f"density.{name}"] = getattr(trainer.density, name)
+    if trainer.neighbourhood is not None:
+        tensors |= {f"neighbourhood.{name}": value for name, value in vars(trainer.neighbourhood).items()}
+    return tensors
+
+
+def numbers(trainer: Trainer) -> dict[str, bytes]:
+    trainer.settle()
+    host = {f"regions.{camera}": torch.from_numpy(errors) for camera, errors in enumerate(trainer.regions.errors)}
+    host["random"] = trainer.generator.get_state()
+    return {name: value.detach().cpu().numpy().tobytes() for name, value in {**state(trainer), **host}.items()}
+
+
+@pytest.mark.parametrize("method", ["frog", "static"])
+def test_it_learns_elsewhere_what_it_learns_here(machine: Machine, make: Make, method: str) -> None:
+    """Any two devices mixed in one operation fail on the way."""
+    there, here = (train(make(device, method)) for device in (ELSEWHERE, CPU))
+    assert there.count > 80 and there.step_count == STEPS
+    assert all(isinstance(value, Remote) for value in state(there).values())
+    assert not any(isinstance(value, Remote) for value in state(here).values())
+    assert numbers(there) == numbers(here)
+    assert there.loss == pytest.approx(here.loss, rel=1e-5)
+    assert there.evaluate(2) == here.evaluate(2)
+    assert type(there.picture(0)) is np.ndarray and there.picture(0).dtype == np.float32
+    assert there.neighbourhood is not None or method == "static"
+    assert not machine.homeless
+
+
+def test_rounds_of_parsimony_are_the_same_elsewhere(
+    machine: Machine, make: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in (sensitivity, validation, report_image):
+        monkeypatch.setattr(module, "rasterize", trainer_module.rasterize)
+    monkeypatch.setattr(schedule, "_LOOKS", 3)
+    monkeypatch.setattr(schedule, "_JUDGED", 2)
+    monkeypatch.setattr(passes, "_WAKING_CAMERAS", 1)
+    monkeypatch.setattr(passes, "_WAKING_MOMENTS", 3)
+    for name in ("RESTS_BELOW", "ALLOWED_LOSS", "_UNCHANGED"):
+        monkeypatch.setattr(passes, name, 1e9)
+    monkeypatch.setattr(passes, "_LEAST_CHANGE", 0.2)  # so that many rest early
+    monkeypatch.setattr(passes, "_WAKES_ABOVE", 0.0)
+    there, here = (train(make(device, capacity="auto")) for device in (ELSEWHERE, CPU))
+    assert there.parsimony and here.parsimony
+    done = [(each.what, each.before, each.after) for each in there.parsimony.reductions]
+    assert done == [(each.what, each.before, each.after) for each in here.parsimony.reductions]
+    assert {"put to rest", "woken"} <= {what for what, _, _ in done}
+    assert all(isinstance(value, Remote) for value in state(there).values())
+    assert numbers(there) == numbers(here)
+    np.testing.assert_array_equal(there.parsimony.removed, here.parsimony.removed)
+    picture = report_image.capacity_picture(there, 8)
+    np.testing.assert_array_equal(picture, report_image.capacity_picture(here, 8))
+    assert not machine.homeless
+
+
+def test_the_watch_notices_what_is_made_without_saying_where() -> None:
+    """And mixtures, and numpy views: the tests above would be worth nothing otherwise."""
+    with Machine(Path(__file__).parent) as machine:
+        torch.zeros(3, device="cpu")
+        assert not machine.homeless
+        torch.zeros(3)
+        assert len(machine.homeless) == 1
+        remote = torch.ones(3, device=ELSEWHERE)
+        with pytest.raises(AssertionError, match="on the CPU together with"):
+            remote + torch.ones(3, device="cpu")
+        with pytest.raises(RuntimeError):
+            remote.numpy()
+        assert not machine.waits
+        assert float(remote.sum()) == 3 and sum(machine.waits.values()) == 1
+
+
+def test_exposures_are_learned_through_elsewhere_as_here(machine: Machine, make: Make) -> None:
+    losses = []
+    for device in (CPU, ELSEWHERE):
+        trainer = make(device)
+        cameras = [camera.with_exposure((1.2, 1.0, 0.8)) for camera in trainer.capture.cameras]
+        trainer.see_through(trainer.capture.with_cameras(cameras))
+        train(trainer)
+        assert trainer.exposures is not None and bool((trainer.exposures.sums.cpu() > 0).any())
+        losses.append(trainer.loss)
+    assert losses[1] == pytest.approx(losses[0], rel=1e-5)
+
+
+def test_a_step_waits_for_nothing(machine: Machine, make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two small copies come back by themselves; the loss is looked at every twenty steps."""
+    monkeypatch.setattr(exposure_compensation, "_EVERY", 1.0)  # without a round
+    trainer = train(make(ELSEWHERE, densify_from=2.0, sampling="off", dssim_from=0.0, warm_up=0.0), until=2)
+    trainer.find_neighbours()
+    machine.waits.clear()
+    machine.fetches = 0
+    for _ in range(17):
+        trainer.step()
+    assert not machine.waits
+    assert machine.fetches == 2 * 17
+    trainer.step()
+    assert machine.waits == {"_local_scalar_dense": 1}
+
+
+def test_resuming_on_another_device(machine: Machine, make: Make, tmp_path: Path) -> None:
+    """There and back again, in the middle of the training."""
+    undisturbed = train(make(CPU))
+    first = train(make(ELSEWHERE), until=13)
+    save_checkpoint(tmp_path / "first", first)
+    second = make(CPU, seed=99)
+    load_checkpoint(tmp_path / "first", second)
+    save_checkpoint(tmp_path / "second", train(second, until=22))
+    third = make(ELSEWHERE, seed=100)
+    load_checkpoint(tmp_path / "second", third)
+    assert all(isinstance(value, Remote) for value in state(third).values())
+    assert numbers(train(third)) == numbers(undisturbed)
+    assert not machine.homeless
+
+
+def test_a_job_elsewhere_writes_a_scene_and_goes_on(
+    machine: Machine, filmed: Path, tmp_path: Path, own_cache: Path, lively: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(job, "stored_seeds", lambda capture, store, **_: film.seeds(80))
+    monkeypatch.setattr(job, "choose_device", lambda name: (ELSEWHERE if name == "cuda" else CPU, ""))
+    task = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(12), steps=6, device="cuda")
+    stream = list(run_training(task))
+    assert next(event for event in stream if isinstance(event, events.Started)).device == ELSEWHERE.type
+    assert any(isinstance(event, events.Preview) and event.image.dtype == np.uint8 for event in stream)
+    assert isinstance(stream[-1], events.Finished) and checkpoint_path(task.output).is_file()
+    assert np.isfinite(read_scene(task.output).arrays["means"]).all()
+    stream = list(run_training(replace(task, device="cpu", steps=12, resume=True)))
+    assert next(event for event in stream if isinstance(event, events.Started)).device == "cpu"
+    assert isinstance(stream[-1], events.Finished) and stream[-1].steps == 12
+
+
+def test_a_loss_that_is_not_a_number_is_seen_late_but_not_missed(machine: Machine) -> None:
+    losses = RunningLoss()
+    losses.add(torch.tensor(0.5, device=ELSEWHERE), 0)
+    losses.add(torch.tensor(float("nan"), device=ELSEWHERE), 1)
+    for step in range(2, 19):
+        losses.add(torch.tensor(0.5, device=ELSEWHERE), step)
+    with pytest.raises(FrogError, match="unstable at step 19"):
+        losses.add(torch.tensor(0.5, device=ELSEWHERE), 19)
+    with pytest.raises(FrogError, match="unstable at step 7"):
+        losses.check(7)
+
+
+def test_a_running_loss_is_the_same_on_both_devices_and_goes_on() -> None:
+    here, there = RunningLoss(), RunningLoss()
+    assert np.isnan(here.mean)
+    here.check(0)  # nothing to look at yet
+    with Machine():
+        for step, value in enumerate(np.random.default_rng(0).uniform(size=45)):
+            here.add(torch.tensor(value, device="cpu"), step)
+            there.add(torch.tensor(value, device=ELSEWHERE), step)
+            if step == 22:
+                there.resume(there.mean)
+        assert there.mean == pytest.approx(here.mean)
+    here.resume(float("nan"))
+    here.add(torch.tensor(0.25), 0)
+    assert here.mean == 0.25
+    with pytest.raises(FrogError, match="unstable at step 1 "):
+        here.add(torch.tensor(float("inf")), 1)
+
+
+def test_pictures_arrive_as_they_are(machine: Machine) -> None:
+    bytes_ = np.random.default_rng(0).integers(0, 256, (20, 30, 3), dtype=np.uint8)
+    bytes_.flags.writeable = False
+    part = bytes_[3:11, 4:19]
+    here, there = picture_on(CPU, part), picture_on(ELSEWHERE, part)
+    assert torch.equal(here, torch.tensor(part.astype(np.float32) / 255))
+    assert isinstance(there, Remote) and torch.equal(there.cpu(), here)
+    assert not machine.waits.keys() - {"fetch"}
+
+
+@pytest.fixture
+def gpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "current_device", lambda: 0)
+    monkeypatch.setattr(device_module, "_draw_one_gaussian", lambda device: None)
+
+
+def test_automatic_takes_the_gpu_where_there_is_one(gpu: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert choose_device("auto") == choose_device("cuda") == (torch.device("cuda", 0), EXPERIMENTAL)
+    assert choose_device("cpu") == (CPU, "")
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    assert choose_device("auto") == choose_device("cpu") == (CPU, "")
+
+
+def test_a_gpu_that_cannot_be_used_is_left_aside_with_a_word(gpu: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    for error in (FrogError("The kernel did not compile.\nline 1: bad"), RuntimeError("no driver"), OSError("gone")):
+
+        def refuse(device: torch.device, error: Exception = error) -> None:
+            raise error
+
+        monkeypatch.setattr(device_module, "_draw_one_gaussian", refuse)
+        device, left_aside = choose_device("auto")
+        assert device == CPU and left_aside.endswith(".") and "\n" not in left_aside
+        assert str(error).split("\n")[0].rstrip(".") in left_aside
+        with pytest.raises(FrogError, match="'cuda' cannot be used: ") as caught:
+            choose_device("cuda")
+        assert "\n" not in str(caught.value)
+
+
+def test_the_trial_drawing_is_right_and_would_notice() -> None:
+    device_module._draw_one_gaussian(CPU)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(device_module, "rasterize", darker)
+        with pytest.raises(FrogError, match=r"expected 0\.3"):
+            device_module._draw_one_gaussian(CPU)
+
+
+def darker(*arguments: Any) -> Any:
+    image = rasterize(*arguments)
+    image.rgb = 0.5 * image.rgb
+    return image
+
+
+def test_what_cannot_be_had_is_one_sentence(
+    filmed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    with pytest.raises(FrogError, match="no device 'tpu'"):
+        choose_device("tpu")
+    assert main(["train", str(filmed), "--out", str(tmp_path / "x.frog"), "--device", "cuda"]) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("frog: ") and "sees no NVIDIA GPU" in said and said.count("\n") == 1
+    assert not (tmp_path / "x.frog").exists()
+
+
+def test_the_command_line_passes_the_device_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[str] = []
+
+    def remember(task: TrainingJob, cancelled: Any) -> Iterator[Any]:
+        seen.append(task.device)
+        yield events.Started("frog", 1, 1, 1, 1, "cuda")
+        yield events.Finished("x", 1, 1.0, 20.0, 1)
+
+    monkeypatch.setattr(job, "run_training", remember)
+    for options in ([], ["--device", "cpu"], ["--device", "cuda"]):
+        assert main(["train", "nowhere", "--out", str(tmp_path / "x.frog"), *options]) == 0
+    assert seen == ["auto", "cpu", "cuda"]
+    with pytest.raises(SystemExit):
+        main(["train", "nowhere", "--out", "x.frog", "--device", "tpu"])
+
+
+def test_torchs_threads_sleep_while_they_wait_and_nobody_inherits_that() -> None:
+    """OpenMP says itself with which settings it began."""
+    code = "import os, frog_blender.engine.training.{}; print(os.environ.get('OMP_WAIT_POLICY'))"
+    for module in ("job", "trainer", "checkpoint", "device", "methods"):
+        done = run_python(code.format(module), OMP_DISPLAY_ENV="TRUE")
+        assert done.stdout == "None\n", done.stderr
+        if "OMP_WAIT_POLICY" in done.stderr:  # not every library says it
+            assert "OMP_WAIT_POLICY = 'PASSIVE'" in done.stderr
+    done = run_python(code.format("job"), OMP_WAIT_POLICY="ACTIVE")
+    assert done.stdout == "ACTIVE\n", "what somebody chose stays"

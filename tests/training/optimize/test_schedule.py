@@ -1,0 +1,176 @@
+"""Rounds, ramps and the order of pictures."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from support.builders import plain_camera
+
+from frog_blender.engine.capture.capture import Capture, Shot
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.training.optimize.schedule import Every, ShotPicker, ramp
+from frog_blender.engine.training.recipe import RECIPES, recipe
+
+
+def rounds(every: Every, steps: int) -> list[int]:
+    """Steps after which a round is due."""
+    return [i for i in range(1, steps + 1) if every.due((i - 1) / steps, i / steps)]
+
+
+@pytest.mark.parametrize("steps", [40, 200, 2000, 10_000, 12_345])
+def test_rounds_are_as_many_in_any_training(steps: int) -> None:
+    found = rounds(Every(0.1, 0.6, 0.05), steps)
+    assert 10 <= len(found) <= 11  # whether the one at the very end counts is a matter of rounding
+    assert found[0] / steps == pytest.approx(0.1, abs=1.01 / steps)
+    for index, step in enumerate(found):
+        assert step / steps == pytest.approx(0.1 + 0.05 * index, abs=1.01 / steps)
+
+
+def test_steps_longer_than_the_interval_have_one_round_each() -> None:
+    assert rounds(Every(0.2, 0.9, 0.01), 10) == list(range(2, 10))
+
+
+def test_rounds_from_the_start_to_the_end() -> None:
+    assert not Every(0.1, 0.5, 0.1).due(0.0, 0.05)
+    assert not Every(0.1, 0.5, 0.1).due(0.55, 0.65)
+    assert Every(0.1, 0.5, 0.1).due(0.05, 0.1)
+    assert not Every(0.1, 0.5, 0.1).due(0.11, 0.19)
+    assert Every(0.1, 0.5, 0.1).due(0.19, 0.21)
+
+
+def test_ramp() -> None:
+    assert [ramp(p, 0.2, 0.6) for p in (0.0, 0.2, 0.3, 0.5, 0.6, 1.0)] == pytest.approx([0, 0, 0.25, 0.75, 1, 1])
+    assert [ramp(p, 0.3, 0.3) for p in (0.0, 0.29, 0.3, 0.5)] == [0, 0, 1, 1] or ramp(0.3, 0.3, 0.3) == 1
+    assert ramp(0.0, 0.0, 0.0) == 1.0
+
+
+def rig(cameras: int, frames: int, moving: bool = False) -> Capture:
+    shots = [
+        Shot(camera, frame, Path(f"{camera}.mp4"), frame)
+        for camera in range(cameras)
+        for frame in range(frames)
+        if not moving or camera == frame
+    ]
+    named = tuple(replace(plain_camera(), name=f"cam{i:02d}") for i in range(cameras))
+    return Capture(Path("."), "n3dv", named, (None,) * cameras, tuple(shots), frames, test_cameras=frozenset({"cam00"}))
+
+
+def picks(capture: Capture, count: int = 2000) -> Counter[tuple[int, int]]:
+    picker, generator = ShotPicker(capture), torch.Generator().manual_seed(0)
+    shots = [capture.shots[picker.pick(generator)] for _ in range(count)]
+    return Counter((shot.camera, shot.frame) for shot in shots)
+
+
+def test_every_training_picture_is_picked_about_as_often() -> None:
+    capture = rig(5, 21)
+    found = picks(capture, 84 * 60)
+    assert set(found) == {(shot.camera, shot.frame) for shot in capture.train_shots}
+    assert min(found.values()) > 30 and max(found.values()) < 100
+
+
+def test_nothing_withheld_is_ever_picked() -> None:
+    found = picks(rig(3, 10).with_holdout(4))
+    assert {frame for _, frame in found} == {0, 1, 3, 4, 5, 7, 8, 9}
+    assert {camera for camera, _ in found} == {1, 2}
+
+
+def test_loss_based_choice_looks_everywhere_first_and_then_where_the_loss_is() -> None:
+    capture = rig(3, 8)
+    picker, generator = ShotPicker(capture, "loss"), torch.Generator().manual_seed(0)
+    error = {frame: 0.3 if frame == 5 else 0.1 for frame in range(8)}
+    found: list[tuple[int, int]] = []
+    for _ in range(3000):
+        index = picker.pick(generator)
+        shot = capture.shots[index]
+        found.append((shot.camera, shot.frame))
+        picker.observe(index, torch.tensor(error[shot.frame]))
+    assert {camera for camera, _ in found} == {1, 2} and {frame for _, frame in found} == set(range(8))
+    late = Counter(frame for _, frame in found[200:])
+    assert late[5] > 0.5 * sum(late.values())  # nearly every second draw, and an eighth of the others
+    assert min(late.values()) > 100
+    even = ShotPicker(capture)
+    even.observe(capture.shot_index(1, 0), torch.tensor(1.0))
+    assert len(even.losses.unique()) == 1  # nobody pays for what is not used
+
+
+def test_another_camera_at_the_same_moment() -> None:
+    capture = rig(4, 6)
+    picker, generator = ShotPicker(capture), torch.Generator().manual_seed(0)
+    shot = capture.shot_index(2, 3)
+    found = {picker.pick_same_moment(shot, generator) for _ in range(60)}
+    assert found == {capture.shot_index(camera, 3) for camera in (1, 2, 3)}
+
+
+@pytest.mark.parametrize("name", RECIPES)
+def test_every_schedule_of_a_recipe_is_a_fraction(name: str) -> None:
+    r = RECIPES[name]
+    assert r.name == name
+    for start, until, every in (
+        (r.densify_from, r.densify_until, r.densify_every),
+        (r.sampling_from, r.sampling_until, r.sampling_every),
+    ):
+        assert 0 <= start < until <= 1 and 0 < every < until - start
+    assert all(0 <= value <= 1 for value in (*r.sh_growth, *r.opacity_ramp, r.fine_rows_until, r.warm_up, r.dssim_from))
+    assert len(r.sh_growth) >= r.sh_degree
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("fast", {}),
+        ("draft", {"stesp": 3}),
+        ("draft", {"opacity_reduction": "most"}),
+        ("draft", {"sampling": "random"}),
+        ("draft", {"sampling_depth": "nearest"}),
+        ("draft", {"fusion": "sum"}),
+        ("draft", {"frame_choice": "worst"}),
+        ("draft", {"sh_degree": 4}),
+        ("draft", {"deformed_sh": 2}),
+        ("draft", {"steps": 0}),
+    ],
+)
+def test_recipes_that_do_not_exist(name: str, changes: dict) -> None:
+    with pytest.raises(FrogError):
+        recipe(name, **changes)
+
+
+def test_a_scene_of_few_seeds_can_grow() -> None:
+    """A share of a hundred would be nobody in a round of anchors, and no forest from a few in a density round."""
+    standard = RECIPES["standard"]
+    assert standard.newcomers(100, 0.002, while_few=0.01) == 200
+    assert standard.newcomers(19_999, 0.03, while_few=1.0) == 20_000
+    assert standard.newcomers(20_000, 0.03, while_few=1.0) == 600
+
+
+def test_more_moments_take_more_steps() -> None:
+    standard = RECIPES["standard"]
+    assert standard.steps_for(30) == standard.steps
+    assert standard.steps_for(100) == 100 * standard.steps_per_moment > standard.steps
+    assert RECIPES["draft"].steps_for(30) < standard.steps_for(30)
+
+
+@pytest.mark.parametrize(
+    ("name", "frames", "pictures", "rows"),
+    [
+        ("paper", 300, 5700, 150),  # N3DV, as in E-D3DGS's own settings; the next is one of its HyperNeRF scenes
+        ("hypernerf", 164, 82, 82),
+        ("technicolor", 50, 750, 25),
+        ("standard", 30, 300, 30),  # several cameras
+        ("standard", 86, 75, 37),  # one, which sees each moment once
+        ("standard", 5000, 50_000, 150),
+        ("standard", 1, 1, 2),
+    ],
+)
+def test_rows_follow_frames_and_pictures(name: str, frames: int, pictures: int, rows: int) -> None:
+    assert recipe(name).temporal_rows_for(frames, pictures) == rows
+
+
+@pytest.mark.parametrize(("rows", "share", "expected"), [(150, 0.2, 30), (250, 0.2, 50), (30, 0.0, 15), (150, 0.0, 30)])
+def test_coarse_rows(rows: int, share: float, expected: int) -> None:
+    settings = recipe("standard", coarse_share=share)
+    assert settings.coarse_rows_for(rows) == expected
+    assert settings.coarse_rows_for(2) == 2

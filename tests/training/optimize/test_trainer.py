@@ -1,0 +1,250 @@
+"""A whole training in miniature: it learns, it repeats, and it never looks at what is held out."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from support import synthetic_capture as film
+from support.training_steps import train
+
+from frog_blender.engine.capture.capture import Capture
+from frog_blender.engine.capture.frames import FrameStore
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.training.optimize import canonical_sampling, losses, smoothness
+from frog_blender.engine.training.optimize.densification import DensityControl
+from frog_blender.engine.training.optimize.trainer import Limits, Trainer
+
+STEPS = 600
+
+
+@pytest.fixture(scope="module")
+def trained(make_trainer: Callable[..., Trainer]) -> dict[str, Trainer]:
+    return {method: train(make_trainer(STEPS, method)) for method in ("frog", "static")}
+
+
+def moving_psnr(trainer: Trainer, store: FrameStore, camera: int) -> float:
+    """Over the pixels of one camera that clearly change in time."""
+    shots = [i for i, shot in enumerate(trainer.capture.shots) if shot.camera == camera]
+    truth = np.stack([store.image(i) / 255.0 for i in shots])
+    drawn = np.stack([trainer.picture(i) for i in shots])
+    mask = truth.std(0).max(-1) > 15 / 255
+    assert 0.1 < mask.mean() < 0.6
+    return -10 * float(np.log10(((truth - drawn)[:, mask] ** 2).mean()))
+
+
+def test_the_loss_falls(make_trainer: Callable[..., Trainer], trained: dict[str, Trainer]) -> None:
+    for method, trainer in trained.items():
+        early = train(make_trainer(STEPS, method), until=10).loss
+        assert trainer.loss < 0.5 * early, method
+        assert trainer.step_count == STEPS and trainer.progress == 1.0 and trainer.seconds > 0
+
+
+@pytest.mark.parametrize("camera", range(4), ids=["held out", "first", "second", "third"])
+def test_what_moves_is_followed(trained: dict[str, Trainer], store: FrameStore, camera: int) -> None:
+    """Static Gaussians can only smear the ball."""
+    frog, static = (moving_psnr(trained[method], store, camera) for method in ("frog", "static"))
+    assert frog > static + 3
+    assert frog > 19
+
+
+def test_the_same_seed_gives_the_same_bits_and_another_seed_others(
+    make_trainer: Callable[..., Trainer], bits: Callable[[Trainer], dict[str, bytes]]
+) -> None:
+    first, second, other = (bits(train(make_trainer(50, seed=seed))) for seed in (4, 4, 5))
+    assert first == second
+    assert first["canonical.means"] != other["canonical.means"]
+    assert first["generator"] != other["generator"]
+
+
+def test_number_of_threads_does_not_change_the_training(
+    make_trainer: Callable[..., Trainer], bits: Callable[[Trainer], dict[str, bytes]]
+) -> None:
+    from frog_blender.engine.native import binding
+
+    try:
+        found = []
+        for threads in (1, 3):
+            binding.set_thread_count(threads)
+            found.append(bits(train(make_trainer(40))))
+        assert found[0] == found[1]
+    finally:
+        binding.set_thread_count(0)
+
+
+@pytest.mark.parametrize("holdout", [0, 3])
+def test_no_held_out_picture_is_ever_read(
+    make_trainer: Callable[..., Trainer], watched: Callable[[], Any], capture: Capture, lively: Any, holdout: int
+) -> None:
+    watching = watched()
+    capture = capture.with_holdout(holdout)
+    trainer = Trainer(capture, watching, film.seeds(), lively(150), "frog", Limits(150), 0)
+    train(trainer)
+    held_out = {i for i, shot in enumerate(capture.shots) if capture.is_test(shot)}
+    assert len(held_out) == (6 if not holdout else 6 + 2 * 3)
+    assert set(watching.read) == set(range(24)) - held_out
+
+
+def test_evaluation_looks_at_held_out_pictures_and_changes_nothing(
+    make_trainer: Callable[..., Trainer], watched: Callable[[], Any], bits: Callable[[Trainer], dict[str, bytes]]
+) -> None:
+    undisturbed = train(make_trainer(60))
+    watching = watched()
+    trainer = make_trainer(60, watched=watching)
+    while not trainer.finished:
+        trainer.step()
+        if trainer.step_count % 7 == 0:
+            before = len(watching.read)
+            psnr, split = trainer.evaluate(4)
+            assert split == "held-out" and 5 < psnr < 50
+            assert all(trainer.capture.is_test(trainer.capture.shots[i]) for i in watching.read[before:])
+            trainer.picture(3)
+    assert bits(trainer) == bits(undisturbed)
+
+
+def test_evaluation_without_anything_withheld(capture: Capture, store: FrameStore, lively: Any) -> None:
+    everything = replace(capture, test_cameras=frozenset())
+    trainer = Trainer(everything, store, film.seeds(), lively(5), "frog", Limits(5), 0)
+    assert trainer.evaluate(3)[1] == "training"
+
+
+def test_a_short_training_passes_through_every_schedule(
+    make_trainer: Callable[..., Trainer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls: Counter[str] = Counter()
+    degrees, fine, opacity, rounds = set(), [], [], []
+
+    def counted(name: str, function: Callable) -> Callable:
+        def call(*arguments: Any) -> Any:
+            calls[name] += 1
+            return function(*arguments)
+
+        return call
+
+    trainer = make_trainer(120, sh_degree=3, deformed_sh=4, densify_threshold=1e-5)
+    for module, name in ((losses, "similarity"), (smoothness, "add_embedding_smoothness")):
+        monkeypatch.setattr(module, name, counted(name, getattr(module, name)))
+    anchors, density_round, draw = canonical_sampling.new_anchors, DensityControl.round, trainer.model.draw
+
+    def watch_anchors(*arguments: Any) -> Any:
+        new = anchors(*arguments)
+        calls["anchors"] += len(new["means"])
+        return new
+
+    def watch_round(*arguments: Any) -> Any:
+        rounds.append(density_round(*arguments))
+        return rounds[-1]
+
+    def watch_draw(time: float, *view: Any) -> Any:
+        progressing = view[3]
+        fine.append(progressing.fine_rows)
+        opacity.append(progressing.opacity)
+        drawn = draw(time, *view)
+        degrees.add(drawn.gaussians.sh_degree)
+        return drawn
+
+    monkeypatch.setattr(canonical_sampling, "new_anchors", watch_anchors)
+    monkeypatch.setattr(DensityControl, "round", watch_round)
+    monkeypatch.setattr(trainer.model, "draw", watch_draw)
+    start = trainer.count
+    train(trainer)
+    r = trainer.recipe
+    assert degrees == {0, 1, 2, 3}
+    assert min(opacity) == 0 and max(opacity) == 1 and len(set(opacity)) > 5
+    assert max(fine) == 1
+    expected = int((r.densify_until - r.densify_from) / r.densify_every) + 1
+    assert expected - 1 <= len(rounds) <= expected
+    assert sum(new for new, _ in rounds) > 0
+    assert calls["anchors"] > 0
+    assert trainer.count > start
+    bursts = sum(r.dssim_from <= i / 120 and i % r.dssim_period < r.dssim_burst for i in range(120))
+    assert calls["similarity"] == bursts > 0
+    assert calls["add_embedding_smoothness"] > 15  # every fourth step
+    assert trainer.neighbourhood is not None and int(trainer.neighbourhood.neighbours.max()) < trainer.count
+
+
+def test_at_the_limit_anchors_take_the_places_of_those_least_needed(make_trainer: Callable[..., Trainer]) -> None:
+    trainer = make_trainer(60, densify_until=0.0, max_gaussians=1, sampling_share=0.1)  # more are there already
+    train(trainer, until=20)
+    count = trainer.count
+    means = trainer.model.canonical.means
+    canonical_sampling.inject_anchors(trainer, 0.5, 0)  # all were needed of late
+    assert trainer.model.canonical.means is means
+    trainer.density.peak_weight[[2, 5]] = 0.01
+    before = means.detach().clone()
+    trainer.find_neighbours()
+    pairs = trainer.neighbourhood
+    canonical_sampling.inject_anchors(trainer, 0.5, 0)
+    assert trainer.count == count
+    sample = trainer.neighbourhood
+    assert {2, 5} <= set(pairs.neighbours[pairs.weights > 0].tolist())
+    assert not {2, 5} & {*sample.anchors.tolist(), *sample.neighbours[sample.weights > 0].tolist()}
+    kept = [i for i in range(count) if i not in (2, 5)]
+    torch.testing.assert_close(trainer.model.canonical.means[kept].detach(), before[kept])
+    assert not (trainer.model.canonical.means[[2, 5]].detach() == before[[2, 5]]).any()
+    assert trainer.density.peak_weight.tolist() == [1.0] * count
+
+
+def test_a_burst_stays_at_one_moment_and_changes_the_camera(
+    make_trainer: Callable[..., Trainer], watched: Callable[[], Any]
+) -> None:
+    watching = watched()
+    trainer = make_trainer(200, watched=watching, dssim_period=10, dssim_burst=5, dssim_from=0.0, sampling="off")
+    train(trainer)
+    shots = [trainer.capture.shots[i] for i in watching.read]
+    assert len(shots) == 200
+    bursts = [shots[start : start + 5] for start in range(0, 200, 10)]
+    assert all(len({shot.frame for shot in burst}) == 1 for burst in bursts)
+    assert len({shot.frame for burst in bursts for shot in burst}) > 3
+    assert any(len({shot.camera for shot in burst}) > 1 for burst in bursts)
+
+
+def test_what_the_recipe_switches_off_does_not_happen(
+    make_trainer: Callable[..., Trainer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def never(*_: Any) -> None:
+        raise AssertionError("switched off")
+
+    switched_off = (
+        (losses, "similarity"),
+        (canonical_sampling, "worst_points"),
+        (smoothness, "add_embedding_smoothness"),
+    )
+    for module, name in switched_off:
+        monkeypatch.setattr(module, name, never)
+    train(make_trainer(60, sampling="off", dssim_weight=0.0, smoothness_weight=0.0))
+
+
+def test_the_limit_of_gaussians_holds(make_trainer: Callable[..., Trainer]) -> None:
+    trainer = make_trainer(100, max_gaussians=310, densify_threshold=1e-6, sampling_share=0.5)
+    while not trainer.finished:
+        trainer.step()
+        assert trainer.count <= 310
+    assert trainer.count > 300
+
+
+def test_seconds_limit_a_training(capture: Capture, store: FrameStore, lively: Any) -> None:
+    trainer = Trainer(capture, store, film.seeds(), lively(10**6), "frog", Limits(seconds=0.3), 0)
+    train(trainer)
+    assert trainer.finished and 0.3 <= trainer.seconds < 5 and 1 < trainer.step_count < 10**5
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_few_seeds_are_enough(capture: Capture, store: FrameStore, lively: Any, count: int) -> None:
+    trainer = Trainer(capture, store, film.seeds(count), lively(60), "frog", Limits(60), 0)
+    train(trainer)
+    assert np.isfinite(trainer.loss) and trainer.count >= 1
+
+
+def test_a_loss_that_is_not_a_number_stops_the_training(
+    make_trainer: Callable[..., Trainer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(losses, "similarity", lambda *_: float("nan"))
+    trainer = make_trainer(20, dssim_from=0.0)
+    with pytest.raises(FrogError, match="unstable at step 0"):
+        trainer.step()

@@ -1,0 +1,224 @@
+"""Holding, ending and watching a training from another thread."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support import synthetic_capture as film
+
+from frog_blender.engine.capture.capture import Capture
+from frog_blender.engine.io.tensor_files import read_tensors
+from frog_blender.engine.scene.scene_file import read_scene
+from frog_blender.engine.training.optimize.trainer import Trainer
+from frog_blender.engine.training.session import events, loop, preview
+from frog_blender.engine.training.session.cancel_token import Control
+from frog_blender.engine.training.session.checkpoint import checkpoint_path, checkpoint_settings
+from frog_blender.engine.training.session.job import TrainingJob, run_training
+from frog_blender.engine.training.session.preview import watched_shot
+
+STEPS, PAUSED_AT = 40, 15
+
+
+@pytest.fixture
+def task(filmed: Path, tmp_path: Path, lively: Callable, seeds_at_no_cost: None) -> TrainingJob:
+    return TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(STEPS), seed=2, device="cpu")
+
+
+@pytest.fixture
+def taken(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[int]]:
+    """``taken(at, do)``: calls ``do`` once step ``at`` is done; gives a list that grows by the steps taken."""
+
+    def watch(at: int, do: Callable[[], None]) -> list[int]:
+        done: list[int] = []
+        step = Trainer.step
+
+        def counted(self: Trainer) -> None:
+            step(self)
+            done.append(self.step_count)
+            if self.step_count == at:
+                do()
+
+        monkeypatch.setattr(Trainer, "step", counted)
+        return done
+
+    return watch
+
+
+class Worker:
+    """A training on a thread of its own."""
+
+    def __init__(self, job: TrainingJob, control: Control) -> None:
+        self.said: list[Any] = []
+        self._thread = threading.Thread(target=self._work, args=(job, control), daemon=True)
+        self._thread.start()
+
+    def _work(self, job: TrainingJob, control: Control) -> None:
+        for event in run_training(job, control):
+            self.said.append(event)
+
+    def end(self) -> Any:
+        self._thread.join(60)
+        assert not self._thread.is_alive()
+        return self.said[-1]
+
+
+def until(condition: Callable[[], bool]) -> None:
+    for _ in range(6000):
+        if condition():
+            return
+        threading.Event().wait(0.01)
+    raise AssertionError("it never came to that")
+
+
+def test_a_control_answers_waits_and_goes_on() -> None:
+    control = Control()
+    assert not control() and not control.paused
+    control.pause()
+    answers: list[bool] = []
+    thread = threading.Thread(target=lambda: answers.append(control()), daemon=True)
+    thread.start()
+    thread.join(0.1)
+    assert thread.is_alive() and control.paused
+    control.resume()
+    thread.join(20)
+    assert answers == [False] and not control.paused
+    control.pause()
+    control.cancel()
+    assert control() and not control.paused
+    assert Control.of(control) is control and Control.of(lambda: True)() and not Control.of(lambda: False)()
+
+
+def test_a_pause_costs_nothing_and_changes_nothing(task: TrainingJob, taken: Callable[..., list[int]]) -> None:
+    undisturbed = replace(task, output=task.output.with_name("other.frog"))
+    list(run_training(undisturbed))
+    control = Control()
+    done = taken(PAUSED_AT, control.pause)
+    worker = Worker(task, control)
+    until(lambda: checkpoint_path(task.output).is_file())  # written before it waits
+    threading.Event().wait(0.2)
+    assert done[-1] == PAUSED_AT and checkpoint_settings(checkpoint_path(task.output))
+    assert [event.step for event in worker.said if isinstance(event, events.Progress)][-1] == PAUSED_AT
+    control.resume()
+    assert isinstance(worker.end(), events.Finished) and done[-1] == STEPS
+    arrays, others = read_scene(task.output).arrays, read_scene(undisturbed.output).arrays
+    for name, array in others.items():
+        np.testing.assert_array_equal(arrays[name], array)
+
+
+@pytest.mark.parametrize("where", ["evaluate", "picture"])
+def test_a_pause_that_comes_while_a_picture_is_drawn_is_saved_first(
+    task: TrainingJob, monkeypatch: pytest.MonkeyPatch, where: str
+) -> None:
+    control, real, paused_at = Control(), getattr(Trainer, where), []
+
+    def pausing(self: Trainer, *arguments: Any) -> Any:
+        if self.step_count >= PAUSED_AT and not paused_at:
+            paused_at.append(self.step_count)
+            control.pause()
+        return real(self, *arguments)
+
+    monkeypatch.setattr(Trainer, where, pausing)
+    worker = Worker(task, control)
+    until(lambda: checkpoint_path(task.output).is_file())
+    threading.Event().wait(0.2)
+    _, metadata = read_tensors(checkpoint_path(task.output), "a training checkpoint")
+    assert json.loads(metadata["frog-checkpoint"])["step_count"] == paused_at[0]
+    control.resume()
+    assert isinstance(worker.end(), events.Finished)
+
+
+def test_a_pause_is_no_training_time(
+    task: TrainingJob, taken: Callable[..., list[int]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By a clock that stands still but in the pause, which lasts an hour."""
+    control, clock = Control(), [0.0]
+    taken(PAUSED_AT, control.pause)
+    monkeypatch.setattr("frog_blender.engine.training.optimize.trainer.time.perf_counter", lambda: clock[0])
+    worker = Worker(task, control)
+    until(lambda: checkpoint_path(task.output).is_file())
+    clock[0] += 3600.0
+    control.resume()
+    assert worker.end().seconds == 0.0
+
+
+def test_cancelling_a_paused_training_keeps_what_it_learned(task: TrainingJob, taken: Callable[..., list[int]]) -> None:
+    control = Control()
+    taken(PAUSED_AT, control.pause)
+    worker = Worker(task, control)
+    until(lambda: checkpoint_path(task.output).is_file())
+    control.cancel()
+    end = worker.end()
+    assert isinstance(end, events.Cancelled) and end.step == PAUSED_AT
+    assert read_scene(task.output).header.steps == PAUSED_AT
+    assert list(run_training(replace(task, resume=True)))[-1].steps == STEPS
+
+
+def test_decoding_can_be_held_too(task: TrainingJob, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
+    control = Control()
+    control.pause()
+    worker = Worker(task, control)
+    threading.Event().wait(0.2)
+    assert not [event for event in worker.said if isinstance(event, events.Started)]
+    control.cancel()
+    assert worker.end() == events.Cancelled(0, None)
+
+
+def previews_of(stream: list[Any]) -> list[Any]:
+    return [event for event in stream if isinstance(event, events.Preview)]
+
+
+def test_previews_come_at_once_and_every_tenth(task: TrainingJob) -> None:
+    steps = [event.step for event in previews_of(list(run_training(task)))]
+    assert steps[0] == 1 and len(steps) == 10
+    often = [event.step for event in previews_of(list(run_training(replace(task, preview_seconds=0.0))))]
+    assert often == list(range(1, STEPS))
+
+
+def test_previews_are_small_and_show_the_camera_that_was_chosen(
+    task: TrainingJob, taken: Callable[..., list[int]], capture: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(preview, "LARGEST_SIDE", 24)
+    control = Control()
+    drawn: list[int] = []
+    picture = Trainer.picture
+
+    def watched(trainer: Trainer, shot: int, largest_side: int | None = None, played: Any = None) -> np.ndarray:
+        if largest_side:
+            drawn.append(shot)
+        return picture(trainer, shot, largest_side, played)
+
+    monkeypatch.setattr(Trainer, "picture", watched)
+
+    def choose() -> None:
+        control.preview_camera = "cam03"
+
+    taken(PAUSED_AT, choose)
+    said = list(run_training(replace(task, preview_camera="cam02"), control))
+    assert {event.image.shape for event in previews_of(said)} == {(18, 24, 3)}
+    names = [capture.cameras[capture.shots[shot].camera].name for shot in drawn]
+    assert names == sorted(names) and set(names) == {"cam02", "cam03"}
+    steps = [event.step for event in previews_of(said)]
+    assert PAUSED_AT in steps, "another camera is shown at once"
+
+
+def test_a_preview_of_no_camera_is_said_once(task: TrainingJob) -> None:
+    said = list(run_training(replace(task, preview_camera="cam77", preview_seconds=0.0)))
+    (warning,) = [event.message for event in said if isinstance(event, events.Warned)]
+    assert "cam77" in warning and len(previews_of(said)) == STEPS - 1
+
+
+def test_what_previews_show_by_default(capture: Capture) -> None:
+    shot = watched_shot(capture)
+    assert shot is not None and capture.cameras[capture.shots[shot].camera].name == film.HELD_OUT
+    chosen = watched_shot(capture, "cam02")
+    assert chosen is not None and capture.shots[chosen].frame == film.FRAMES // 2
+    assert watched_shot(capture, "none") is None
+    assert loop.watched_shot is watched_shot  # the picture of what moves shows the same

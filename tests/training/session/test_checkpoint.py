@@ -1,0 +1,204 @@
+"""Going on from a checkpoint is as if nothing had happened; one that does not fit is refused in a sentence."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from fuzzing import mutating
+from support.builders import scene_file
+from support.training_steps import train
+
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.scene.scene_file import write_scene
+from frog_blender.engine.training.compression.sensitivity import Motion
+from frog_blender.engine.training.optimize.running_loss import Unstable
+from frog_blender.engine.training.optimize.trainer import Trainer
+from frog_blender.engine.training.session.checkpoint import (
+    checkpoint_path,
+    load_checkpoint,
+    save_checkpoint,
+    state_of,
+    write_checkpoint,
+)
+
+Make = Callable[..., Trainer]
+Bits = Callable[[Trainer], dict[str, bytes]]
+
+
+@pytest.mark.parametrize("method", ["frog", "static", "auto"])
+@pytest.mark.parametrize("stop", [1, 33, 52, 75])  # before the first round, between rounds, within a burst
+def test_resumed_bits_are_those_of_an_undisturbed_training(
+    make_trainer: Make, bits: Bits, tmp_path: Path, method: str, stop: int
+) -> None:
+    changes = {"dssim_period": 25, "dssim_burst": 6}
+    if method == "auto":
+        method, changes = "frog", {**changes, "capacity": "auto"}
+    undisturbed = train(make_trainer(80, method, seed=3, **changes))
+    save_checkpoint(tmp_path / "c", train(make_trainer(80, method, seed=3, **changes), until=stop))
+    resumed = make_trainer(80, method, seed=99, **changes)
+    load_checkpoint(tmp_path / "c", resumed)
+    assert resumed.step_count == stop and resumed.progress == stop / 80
+    train(resumed)
+    assert bits(resumed) == bits(undisturbed)
+    assert resumed.loss == undisturbed.loss
+
+
+def test_saving_disturbs_nothing(make_trainer: Make, bits: Bits, tmp_path: Path) -> None:
+    undisturbed, trainer = train(make_trainer(40)), make_trainer(40)
+    while not trainer.finished:
+        trainer.step()
+        if trainer.step_count % 9 == 0:
+            save_checkpoint(tmp_path / "c", trainer)
+    assert bits(trainer) == bits(undisturbed)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["c"]
+
+
+def test_more_steps_may_be_asked_for(make_trainer: Make, tmp_path: Path) -> None:
+    save_checkpoint(tmp_path / "c", train(make_trainer(20)))
+    longer = make_trainer(40)
+    load_checkpoint(tmp_path / "c", longer)
+    assert longer.step_count == 20 and longer.progress == 0.5
+    assert train(longer).step_count == 40
+
+
+@pytest.mark.parametrize(
+    ("method", "changes", "word"),
+    [
+        ("static", {}, "method"),
+        ("frog", {"hidden_width": 32}, "hidden_width"),
+        ("frog", {"sh_degree": 2, "dssim_weight": 0.1}, "sh_degree, dssim_weight"),
+    ],
+)
+def test_another_training_is_refused(make_trainer: Make, tmp_path: Path, method: str, changes: dict, word: str) -> None:
+    save_checkpoint(tmp_path / "c", train(make_trainer(20), until=3))
+    with pytest.raises(FrogError, match=f"{word} differ"):
+        load_checkpoint(tmp_path / "c", make_trainer(20, method, **changes))
+
+
+def test_files_that_are_no_checkpoint(make_trainer: Make, tmp_path: Path) -> None:
+    trainer = make_trainer(20)
+    save_checkpoint(tmp_path / "c", train(trainer, until=2))
+    content = (tmp_path / "c").read_bytes()
+    write_scene(tmp_path / "scene", scene_file())
+    (tmp_path / "empty").write_bytes(b"")
+    (tmp_path / "cut").write_bytes(content[: len(content) // 2])
+    (tmp_path / "other").write_bytes(b"\x80\x04\x95" + bytes(100))
+    for name in ("scene", "empty", "cut", "other", "missing"):
+        with pytest.raises(FrogError) as caught:
+            load_checkpoint(tmp_path / name, make_trainer(20))
+        assert "\n" not in str(caught.value) and str(tmp_path / name) in str(caught.value)
+    assert checkpoint_path(tmp_path / "a.frog") == tmp_path / "a.frog.checkpoint"
+
+
+def whole(array: np.ndarray) -> np.ndarray:
+    return array.astype(np.float64)
+
+
+def negative(array: np.ndarray) -> np.ndarray:
+    return -np.ones_like(array)
+
+
+def broken(array: np.ndarray) -> np.ndarray:
+    return np.full_like(array, np.nan)
+
+
+def cut(array: np.ndarray) -> np.ndarray:
+    return array[:-1].copy()
+
+
+DAMAGE: list[tuple[str, Callable[[np.ndarray], np.ndarray]]] = [
+    *[("adam.means.0.exp_avg", change) for change in (cut, whole, lambda array: array[:, :2].copy())],
+    *[("adam.network.0.exp_avg_sq", change) for change in (cut, whole)],
+    *[("adam.sh.0.step", change) for change in (negative, broken, whole, lambda array: array + 0.5)],
+    *[("model.canonical.means", change) for change in (cut, whole, broken, lambda array: array[:0])],
+    *[("model.canonical.embeddings", change) for change in (whole, broken, lambda array: array[:, :-1].copy())],
+    ("model.temporal_table", broken),
+    *[("density.seen", change) for change in (cut, whole)],
+    *[("losses", change) for change in (cut, whole, broken, negative)],
+    *[("regions.1", change) for change in (cut, whole, negative)],
+    *[("poses", change) for change in (cut, broken, lambda array: array.astype(np.float32))],
+    *[("poses.moved", change) for change in (cut, broken)],
+    *[("exposures", change) for change in (cut, broken, negative)],
+    *[("exposures.sums", change) for change in (cut, whole, broken)],
+    *[("removed", change) for change in (whole, lambda array: array.reshape(-1))],
+    *[(f"motion.{part}", change) for part in ("score", "fade_energy") for change in (cut, whole)],
+    *[("neighbourhood.anchors", change) for change in (cut, whole, negative, lambda array: array + 10_000)],
+    *[("neighbourhood.neighbours", change) for change in (cut, negative, lambda array: array + 10_000)],
+    *[("neighbourhood.weights", change) for change in (cut, whole)],
+    *[("random", change) for change in (cut, lambda array: np.zeros_like(array))],
+]
+VALUES: list[tuple[str, Any]] = [
+    *[("rate_factor", value) for value in (0, -1, 1e9, float("nan"), "x", None)],
+    *[("step_count", value) for value in (-1, float("inf"), None)],
+    *[("progress", -0.5), ("seconds", float("nan")), ("burst_shot", 10_000), ("draws", -3), ("loss", float("inf"))],
+    *[("heads", 3), ("parsimony", {"seed": 2**62, "reductions": []}), ("parsimony", {"seed": 0, "reductions": [{}]})],
+    ("parsimony", {"seed": 0, "reductions": [{"what": "pruned", "progress": "x", "before": 1, "after": 1}]}),
+]
+
+
+@pytest.fixture(scope="module")
+def trained(make_trainer: Make) -> Trainer:
+    trainer = train(make_trainer(40, capacity="auto"), until=37)
+    moving = trainer.model.canonical.moving
+    assert trainer.parsimony
+    trainer.parsimony.motion = Motion(*torch.rand(4, moving))  # as where nobody rests before the end
+    return trainer
+
+
+def refused(path: Path, trained: Trainer, make_trainer: Make, bits: Bits) -> None:
+    """In a sentence, and the training that was to go on from it can begin instead."""
+    trainer = make_trainer(40, capacity="auto")
+    before = bits(trainer)
+    with pytest.raises(FrogError) as caught:
+        load_checkpoint(path, trainer)
+    assert "\n" not in str(caught.value) and str(path) in str(caught.value)
+    assert bits(trainer) == before and trainer.step_count == 0 and trainer.optimizer.rate_factor == 1
+    trainer.step()
+
+
+@pytest.mark.parametrize(("name", "damage"), DAMAGE)
+def test_damaged_arrays_never_reach_the_training(
+    trained: Trainer, make_trainer: Make, bits: Bits, tmp_path: Path, name: str, damage: Callable
+) -> None:
+    arrays, values = state_of(trained)
+    arrays[name] = np.array(damage(arrays[name]))
+    write_checkpoint(tmp_path / "c", (arrays, values))
+    refused(tmp_path / "c", trained, make_trainer, bits)
+
+
+@pytest.mark.parametrize(("name", "value"), VALUES)
+def test_damaged_values_never_reach_the_training(
+    trained: Trainer, make_trainer: Make, bits: Bits, tmp_path: Path, name: str, value: Any
+) -> None:
+    arrays, values = state_of(trained)
+    write_checkpoint(tmp_path / "c", (arrays, {**values, name: value}))
+    refused(tmp_path / "c", trained, make_trainer, bits)
+
+
+def test_two_hundred_damaged_checkpoints(trained: Trainer, make_trainer: Make, tmp_path: Path) -> None:
+    """Some damage is harmless, some is numbers that a training cannot go on with; nothing else comes of it."""
+    save_checkpoint(tmp_path / "c", trained)
+    content, chance, counts = (tmp_path / "c").read_bytes(), random.Random(4), {True: 0, False: 0}
+    for _ in range(200):
+        (tmp_path / "c").write_bytes(chance.choice(mutating.MUTATIONS)(content, chance))
+        trainer = make_trainer(40, capacity="auto")
+        try:
+            load_checkpoint(tmp_path / "c", trainer)
+        except FrogError as error:
+            assert "\n" not in str(error)
+            counts[False] += 1
+            continue
+        counts[True] += 1
+        try:
+            for _ in range(3):
+                if not trainer.finished:
+                    trainer.step()
+        except Unstable:
+            pass
+    assert min(counts.values()) > 10

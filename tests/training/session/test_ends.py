@@ -1,0 +1,61 @@
+"""Whatever ends a training, what it learned is there: closed terminals, schedulers, the one disk that fills up."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are forked to be ended")
+ENDING = Path(__file__).parents[2] / "support" / "ended_trainings.py"
+ON_A_SMALL_DISK = 'mount -t tmpfs -o size=264m tmpfs "$1" && shift && exec "$@"'
+
+
+def can_mount() -> bool:
+    if shutil.which("unshare") is None:
+        return False
+    command = ["unshare", "-rm", "sh", "-c", "mount -t tmpfs -o size=64k tmpfs /mnt"]
+    return subprocess.run(command, capture_output=True, check=False).returncode == 0
+
+
+def ended(filmed: Path, folder: Path, how: str, moments: int) -> dict[str, int]:
+    (folder / "capture").symlink_to(filmed)
+    command = [sys.executable, str(ENDING), str(folder), how, str(moments), "3"]
+    cache, temporary = folder / "cache", {}
+    if how == "full":
+        disk = folder / "disk"
+        disk.mkdir()
+        command = ["unshare", "-rm", "sh", "-c", ON_A_SMALL_DISK, "sh", str(disk), *command]
+        cache, temporary = disk / "cache", {"TMPDIR": str(disk / "tmp")}
+    environment = {**os.environ, "FROG_CACHE": str(cache), "OMP_NUM_THREADS": "1", **temporary}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=1200, check=False)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def test_who_asks_a_training_to_end_gets_its_scene(filmed: Path, tmp_path: Path) -> None:
+    assert ended(filmed, tmp_path, "TERM,HUP", 2)["ended"] == 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("signal", ["TERM", "HUP", "INT"])
+def test_twenty_moments(filmed: Path, tmp_path: Path, signal: str) -> None:
+    found = ended(filmed, tmp_path, signal, 25)
+    assert found["ended"] - found["before the first step"] >= 20
+
+
+@pytest.mark.skipif(not can_mount(), reason="this system does not let its users mount a small file system")
+def test_the_one_disk_that_fills_up_costs_no_scene(filmed: Path, tmp_path: Path) -> None:
+    assert ended(filmed, tmp_path, "full", 2) == {"cancelled": 1, "finished": 1, "elsewhere": 0}
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not can_mount(), reason="this system does not let its users mount a small file system")
+def test_twenty_full_disks(filmed: Path, tmp_path: Path) -> None:
+    found = ended(filmed, tmp_path, "full", 20)
+    assert found["cancelled"] == found["finished"] == 10

@@ -1,0 +1,269 @@
+"""Disks that are full or can no longer be written, memory that ends, errors that nobody foresaw: nothing is lost."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from support import synthetic_capture as film
+from support.builders import run_python
+
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.scene.scene_file import read_scene
+from frog_blender.engine.training.optimize.trainer import Trainer
+from frog_blender.engine.training.session import checkpoint, events, fallback_save, job
+from frog_blender.engine.training.session.job import TrainingJob, run_training
+from frog_blender.engine.training.session.output_paths import checkpoint_path
+from frog_blender.engine.training.session.recovery import Recovery
+
+STEPS = 60
+IN_A_SMALL_DISK = Path(__file__).parents[2] / "support" / "small_disk.py"
+
+
+@pytest.fixture
+def task(
+    filmed: Path, tmp_path: Path, lively: Callable, own_cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> TrainingJob:
+    monkeypatch.setattr(job, "stored_seeds", lambda capture, store, **_: film.seeds())
+    return TrainingJob(filmed, tmp_path / "out" / "x.frog", recipe=lively(STEPS), seed=2, device="cpu")
+
+
+def warnings(stream: list) -> list[str]:
+    return [event.message for event in stream if isinstance(event, events.Warned)]
+
+
+def can_mount() -> bool:
+    if shutil.which("unshare") is None:
+        return False
+    command = ["unshare", "-rm", "sh", "-c", "mount -t tmpfs -o size=64k tmpfs /mnt"]
+    return subprocess.run(command, capture_output=True, check=False).returncode == 0
+
+
+@pytest.mark.skipif(not can_mount(), reason="this system does not let its users mount a small file system")
+@pytest.mark.parametrize("fault", ["full", "read-only"])
+def test_a_disk_that_takes_nothing_more(filmed: Path, tmp_path: Path, fault: str) -> None:
+    """A real file system of 64 kB, or one that is made read-only in the middle of the training."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    size = "64k" if fault == "full" else "50m"
+    mount = f'mount -t tmpfs -o size={size} tmpfs "{disk}" && exec "$@"'
+    script = [sys.executable, str(IN_A_SMALL_DISK), str(filmed), str(disk), fault]
+    environment = {**os.environ, "FROG_CACHE": str(tmp_path / "cache"), "OMP_NUM_THREADS": "1"}
+    command = ["unshare", "-rm", "sh", "-c", mount, "sh", *script]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    why = "No space left on device" if fault == "full" else "Read-only file system"
+    assert f"({why}); nothing was changed. Training goes on without this checkpoint." in done.stdout
+    place = tmp_path / "cache" / "rescued" / "x.frog"
+    assert f"The scene was saved as {place} instead." in done.stdout
+    assert done.stdout.rstrip().endswith(f"Finished {place}")
+    assert PlayableScene.load(place).header.steps == 40
+    assert "left on the disk: []" in done.stdout, "no half-written file"
+
+
+@pytest.mark.parametrize("cancels", [False, True])
+def test_frames_make_room_where_none_could_be_kept(
+    task: TrainingJob, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cancels: bool
+) -> None:
+    """In the end no picture of them is held, however a training comes to it."""
+    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))  # other tests may still hold what they share
+    refusals, write, asked = [OSError(errno.ENOSPC, "No space left on device")], fallback_save.write_atomically, []
+
+    def full_once(path: Path, content: bytes) -> None:
+        if refusals:
+            raise FrogError(f"{path}: full.") from refusals.pop()
+        write(path, content)
+
+    monkeypatch.setattr(fallback_save.Reserve, "give_back", lambda _: False)
+    monkeypatch.setattr(fallback_save, "write_atomically", full_once)
+    stream = []
+    for event in run_training(task, lambda: bool(asked)):
+        stream.append(event)
+        if cancels and isinstance(event, events.Progress) and event.step > 0:
+            asked.append(True)
+    assert isinstance(stream[-1], events.Cancelled if cancels else events.Finished)
+    assert "MB of decoded frames were deleted to make room." in warnings(stream)[-1] and task.output.is_file()
+
+
+def test_a_folder_that_is_taken_away_is_made_again(task: TrainingJob) -> None:
+    stream = []
+    for event in run_training(replace(task, save_seconds=0.0)):
+        if isinstance(event, events.Progress) and task.output.parent.exists() and not stream:
+            shutil.rmtree(task.output.parent)
+        stream.append(event)
+    assert isinstance(stream[-1], events.Finished) and read_scene(task.output).header.steps == STEPS
+
+
+def test_no_folder_at_all_is_one_sentence(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
+    from frog_blender.engine.training.session import fallback_save
+
+    def full(*_: object) -> None:
+        raise FrogError("x.frog: could not be written (No space left on device); nothing was changed.")
+
+    monkeypatch.setattr(fallback_save, "write_atomically", full)
+    with pytest.raises(FrogError, match="No space left"):
+        list(run_training(task))
+    assert checkpoint_path(task.output).is_file(), "what was learned is there"
+
+
+def test_rescued_scenes_do_not_overwrite_each_other(
+    task: TrainingJob, tmp_path: Path, own_cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from frog_blender.engine.training.session import fallback_save
+
+    real = fallback_save.write_atomically
+
+    def only_elsewhere(path: Path, content: bytes) -> None:
+        if path == task.output:
+            raise FrogError("x.frog: could not be written (Input/output error); nothing was changed.")
+        real(path, content)
+
+    monkeypatch.setattr(fallback_save, "write_atomically", only_elsewhere)
+    ends = [list(run_training(task))[-1] for _ in range(2)]
+    assert [Path(end.path).name for end in ends] == ["x.frog", "x-2.frog"]
+    assert all(read_scene(end.path).header.steps == STEPS for end in ends)
+
+
+def short_of_memory(monkeypatch: pytest.MonkeyPatch, most: int, error: Exception) -> None:
+    """Steps whose memory ends at so many Gaussians."""
+    real = Trainer.draw
+
+    def limited(self: Trainer, *view: Any) -> Any:
+        if self.count > most:
+            raise error
+        return real(self, *view)
+
+    monkeypatch.setattr(Trainer, "draw", limited)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2.00 GiB."),
+        RuntimeError("[enforce fail at alloc_cpu.cpp:117] . DefaultCPUAllocator: can't allocate memory"),
+        MemoryError("the rasterizer's backward pass ran out of memory"),
+    ],
+    ids=["cuda", "torch", "native"],
+)
+@pytest.mark.parametrize("capacity", ["fixed", "auto"])
+def test_memory_that_ends_costs_gaussians_not_the_training(
+    task: TrainingJob, monkeypatch: pytest.MonkeyPatch, error: Exception, capacity: str
+) -> None:
+    short_of_memory(monkeypatch, 330, error)
+    task = replace(task, recipe=replace(task.recipe, capacity=capacity))
+    stream = list(run_training(task))
+    (warning,) = warnings(stream)
+    assert "The memory did not suffice for" in warning and "with at most" in warning
+    end = stream[-1]
+    assert isinstance(end, events.Finished) and end.steps == STEPS and 0 < end.gaussians <= 330
+
+
+def test_a_training_with_fewer_gaussians_resumes(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
+    short_of_memory(monkeypatch, 330, MemoryError("no more"))
+    taken = [0]
+    step = Trainer.step
+
+    def counted(self: Trainer) -> None:
+        step(self)
+        taken[0] += 1
+
+    monkeypatch.setattr(Trainer, "step", counted)
+    assert isinstance(list(run_training(task, lambda: taken[0] > 50))[-1], events.Cancelled)
+    end = list(run_training(replace(task, resume=True)))[-1]
+    assert isinstance(end, events.Finished) and end.gaussians <= 330
+
+
+def test_memory_that_stays_short_ends_in_a_sentence(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
+    short_of_memory(monkeypatch, 0, MemoryError("no more"))
+    with pytest.raises(FrogError, match=r"memory stays too short.*smaller scale"):
+        list(run_training(task))
+
+
+@pytest.mark.parametrize("where", ["evaluate", "picture", "remember"])
+def test_memory_that_ends_between_steps_costs_gaussians_too(
+    task: TrainingJob, monkeypatch: pytest.MonkeyPatch, where: str
+) -> None:
+    """In an evaluation on the way or at the end, a preview, a copy of what was learned."""
+    owner = Recovery if where == "remember" else Trainer
+    real = getattr(owner, where)
+
+    def limited(self: object, *arguments: object) -> object:
+        trainer = self if isinstance(self, Trainer) else arguments[0]
+        assert isinstance(trainer, Trainer)
+        if trainer.count > 330:
+            raise MemoryError("no more")
+        return real(self, *arguments)
+
+    monkeypatch.setattr(owner, where, limited)
+    stream = list(run_training(task))
+    assert any("goes on from step" in warning for warning in warnings(stream))
+    assert isinstance(stream[-1], events.Finished) and stream[-1].steps == STEPS and stream[-1].gaussians <= 330
+    steps = [event.step for event in stream if isinstance(event, events.Evaluated)]
+    assert steps == sorted(set(steps)), "no evaluation is told twice"
+
+
+def test_a_checkpoint_without_memory_costs_nothing_else(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
+    def none_left(*_: object, **__: object) -> bytes:
+        raise MemoryError
+
+    monkeypatch.setattr(checkpoint, "serialize", none_left)
+    stream = list(run_training(task))
+    (warning,) = warnings(stream)
+    assert warning.endswith("out of memory); nothing was changed. Training goes on without this checkpoint.")
+    assert isinstance(stream[-1], events.Finished) and PlayableScene.load(task.output).header.steps == STEPS
+
+
+def test_memory_that_really_ends_is_recognised() -> None:
+    """torch's own words when the system refuses memory, in a process that may not have much."""
+    code = """
+import resource, torch
+from frog_blender.engine.training.session.recovery import is_out_of_memory
+resource.setrlimit(resource.RLIMIT_AS, (8 << 30, 8 << 30))
+try:
+    torch.ones(4 << 30)
+except BaseException as error:
+    print(is_out_of_memory(error))
+"""
+    pytest.importorskip("resource")
+    done = run_python(code)
+    assert done.stdout.strip() == "True", done.stderr
+
+
+def test_what_nobody_foresaw_keeps_what_was_learned(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
+    step = Trainer.step
+
+    def broken(self: Trainer) -> None:
+        if self.step_count == 50:
+            raise ZeroDivisionError("a mistake of ours")
+        step(self)
+
+    monkeypatch.setattr(Trainer, "step", broken)
+    with pytest.raises(ZeroDivisionError):
+        list(run_training(task))
+    monkeypatch.setattr(Trainer, "step", step)
+    stream = list(run_training(replace(task, resume=True)))
+    steps = [event.step for event in stream if isinstance(event, events.Progress)]
+    assert isinstance(stream[-1], events.Finished) and steps[0] > 40
+
+
+def test_what_a_killed_training_left_unfinished_is_removed(task: TrainingJob) -> None:
+    task.output.parent.mkdir()
+    others = task.output.parent / ".y.frog.abc.part"
+    for path in (task.output.parent / ".x.frog.abc.part", task.output.parent / ".x.frog.checkpoint.d.part", others):
+        path.write_bytes(b"half a file")
+    list(run_training(task))
+    assert sorted(path.name for path in task.output.parent.iterdir()) == [
+        ".y.frog.abc.part",
+        "x.frog",
+        "x.frog.checkpoint",
+    ]

@@ -1,0 +1,344 @@
+"""A training from folder to file: its events, its files, cancelling and going on."""
+
+from __future__ import annotations
+
+import gc
+import itertools
+import json
+import os
+import weakref
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from safetensors.numpy import save as serialize
+from support import synthetic_capture as film
+
+from frog_blender.engine.capture.capture import Capture
+from frog_blender.engine.capture.frames import FrameStore
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.evaluation.metrics import psnr
+from frog_blender.engine.io.tensor_files import read_tensors
+from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.render import draw
+from frog_blender.engine.scene import header as scene_header
+from frog_blender.engine.scene.scene_file import read_scene
+from frog_blender.engine.training.optimize import trainer
+from frog_blender.engine.training.optimize.trainer import Trainer
+from frog_blender.engine.training.session import events, fallback_save, job, loop
+from frog_blender.engine.training.session.checkpoint import checkpoint_path
+from frog_blender.engine.training.session.job import TrainingJob, run_training
+
+STEPS = 60
+
+
+@pytest.fixture(autouse=True)
+def quick(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Seeds at no cost, and an event for every step."""
+    monkeypatch.setattr(job, "stored_seeds", lambda capture, store, **_: film.seeds())
+    monkeypatch.setattr(loop, "_EVENT_SECONDS", 0.0)
+
+
+@pytest.fixture
+def task(filmed: Path, tmp_path: Path, lively: Callable) -> TrainingJob:
+    return TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(STEPS), seed=2, device="cpu")
+
+
+def names(stream: list[Any]) -> list[str]:
+    """Kinds of events, repetitions told once."""
+    kinds = [type(event).__name__ for event in stream]
+    return [kind for i, kind in enumerate(kinds) if i == 0 or kind != kinds[i - 1]]
+
+
+def stopping_after(steps: int, monkeypatch: pytest.MonkeyPatch) -> Callable[[], bool]:
+    """A ``cancelled`` that answers True once so many steps were taken."""
+    taken = [0]
+    step = Trainer.step
+
+    def counted(self: Trainer) -> None:
+        step(self)
+        taken[0] += 1
+
+    monkeypatch.setattr(Trainer, "step", counted)
+    return lambda: taken[0] >= steps
+
+
+def test_old_objects_are_left_alone_while_it_trains_and_when_nobody_listens_any_more(task: TrainingJob) -> None:
+    stream = run_training(task)
+    while not isinstance(next(stream), events.Progress):
+        pass
+    assert gc.get_freeze_count() > 0
+    stream.close()
+    assert gc.get_freeze_count() == 0
+
+
+def test_what_a_training_held_is_free_when_it_ends(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without a collector's help, which is rare in a Blender: the frames' lock would keep a full disk full."""
+    trained: list[weakref.ref[Trainer]] = []
+    train = loop.train
+
+    def watched(job: TrainingJob, trainer: Trainer, *others: Any) -> Any:
+        trained.append(weakref.ref(trainer))
+        return train(job, trainer, *others)
+
+    monkeypatch.setattr(job, "train", watched)
+    gc.collect()
+    gc.disable()
+    try:
+        for _ in run_training(task):
+            pass
+        assert len(trained) == 1 and trained[0]() is None
+    finally:
+        gc.enable()
+
+
+def test_a_capture_that_no_scene_could_tell_of_is_refused_before_the_first_step(
+    task: TrainingJob, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is read has limits; a training that does not know them would lose its scene at the end."""
+    monkeypatch.setattr(scene_header, "MOST_FRAMES", film.FRAMES - 1)
+    seen = []
+    with pytest.raises(FrogError, match=f"no scene of this capture could be opened: found .* {film.FRAMES - 1}"):
+        seen.extend(run_training(task))
+    assert events.Progress not in map(type, seen) and not task.output.exists()
+
+
+def test_events_come_in_order_and_are_plain(task: TrainingJob) -> None:
+    stream = list(run_training(task))
+    kinds = [kind for kind in names(stream) if kind != "Stage"]
+    assert kinds[0] == "Started" and kinds[-3:] == ["Evaluated", "Saved", "Finished"]
+    assert set(kinds[1:-3]) == {"Progress", "Evaluated", "Preview"}
+    for event in stream:
+        assert is_dataclass(event) and isinstance(event, events.Event)
+        for field in fields(event):
+            assert type(getattr(event, field.name)) in (int, float, str, type(None), np.ndarray, dict)
+    steps = [event.step for event in stream if isinstance(event, events.Progress)]
+    assert steps == list(range(1, STEPS + 1))
+    progress = [event for event in stream if isinstance(event, events.Progress)]
+    assert all(event.steps == STEPS for event in progress) and progress[-1].seconds_left == 0
+    started, finished = next(e for e in stream if isinstance(e, events.Started)), stream[-1]
+    assert (started.method, started.steps, started.cameras, started.frames, started.gaussians) == (
+        "frog",
+        60,
+        4,
+        6,
+        300,
+    )
+    assert (finished.path, finished.steps) == (str(task.output), STEPS)
+    preview = next(event for event in stream if isinstance(event, events.Preview))
+    assert preview.image.shape == (film.HEIGHT, film.WIDTH, 3) and preview.image.dtype == np.uint8
+    assert len([event for event in stream if isinstance(event, events.Evaluated)]) == 10
+
+
+def test_the_file_says_what_was_done(task: TrainingJob, filmed: Path) -> None:
+    finished = list(run_training(task))[-1]
+    header = read_scene(task.output).header
+    assert (header.method, header.steps, header.frame_count, header.scale) == ("frog", STEPS, 6, 1.0)
+    assert header.test_cameras == ("cam00",) and header.test_frames == ()
+    assert header.camera_shots == (tuple(range(6)),) * 4 and not header.is_moving
+    assert header.capture_path == str(filmed.resolve()) and header.capture_format == "n3dv"
+    assert header.recipe["hidden_width"] == 64 and header.train_seconds > 0
+    assert header.metrics["split"] == "held-out"
+    assert header.metrics["psnr"] == pytest.approx(finished.psnr)
+    scene = PlayableScene.load(task.output)
+    assert scene.count == finished.gaussians
+    np.testing.assert_allclose(header.cameras[0].center, film.rig()[0].center, atol=1e-9)  # judges, so is not refined
+    np.testing.assert_allclose(header.cameras[2].center, film.rig()[2].center, atol=0.1)
+
+
+def test_the_file_plays_the_picture_that_training_saw(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The job's trainer and the written file draw the same held-out picture."""
+    seen: list[Trainer] = []
+    evaluate = Trainer.evaluate
+    monkeypatch.setattr(Trainer, "evaluate", lambda self, limit: (seen.append(self), evaluate(self, limit))[1])
+    list(run_training(task))
+    scene, trainer = PlayableScene.load(task.output), seen[-1]
+    for index in (0, 9, 23):
+        shot = trainer.capture.shots[index]
+        drawn = draw(scene.at_frame(shot.frame), scene.header.cameras[shot.camera], scene.header.background).rgb
+        assert np.abs(drawn - trainer.picture(index)).mean() < 1e-5
+
+
+@pytest.mark.parametrize(
+    "options", [{"holdout_frames": 3}, {"scale": 0.5}, {"method": "static"}, {"seconds": 0.001}], ids=str
+)
+def test_options_reach_the_file(task: TrainingJob, options: dict[str, Any]) -> None:
+    finished = list(run_training(replace(task, **options)))[-1]
+    header = read_scene(task.output).header
+    assert header.test_frames == ((1, 4) if "holdout_frames" in options else ())
+    assert header.cameras[0].width == (24 if "scale" in options else 48)
+    assert header.method == options.get("method", "frog") and bool(header.model) == (header.method == "frog")
+    assert isinstance(finished, events.Finished)
+    assert (finished.steps == STEPS) == ("seconds" not in options)
+
+
+def test_cancelling_keeps_a_scene_that_plays_and_resuming_ends_with_the_same_bits(
+    task: TrainingJob, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    undisturbed = replace(task, output=tmp_path / "undisturbed.frog")
+    list(run_training(undisturbed))
+    with monkeypatch.context() as patch:
+        stream = list(run_training(task, stopping_after(23, patch)))
+    assert stream[-1] == events.Cancelled(23, str(task.output))
+    assert names(stream)[-3:] == ["Evaluated", "Saved", "Cancelled"]
+    assert PlayableScene.load(task.output).header.steps == 23
+    assert checkpoint_path(task.output).is_file()
+    resumed = list(run_training(replace(task, resume=True)))
+    assert next(event for event in resumed if isinstance(event, events.Progress)).step == 24
+    assert isinstance(resumed[-1], events.Finished) and resumed[-1].steps == STEPS
+    found, expected = read_scene(task.output).arrays, read_scene(undisturbed.output).arrays
+    assert found.keys() == expected.keys()
+    for name, array in expected.items():
+        assert found[name].tobytes() == array.tobytes(), name
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        *("undisturbed.frog", "undisturbed.frog.checkpoint", "x.frog", "x.frog.checkpoint")
+    ]
+
+
+def test_cancelling_before_the_first_step_writes_nothing(task: TrainingJob) -> None:
+    stream = list(run_training(task, lambda: True))
+    assert stream == [events.Cancelled(0, None)]
+    assert not list(task.output.parent.iterdir())
+
+
+def test_cancelling_while_frames_are_decoded(
+    task: TrainingJob, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
+    asked = [0]
+
+    def cancelled() -> bool:
+        asked[0] += 1
+        return asked[0] > 5
+
+    assert list(run_training(task, cancelled))[-1] == events.Cancelled(0, None)
+    assert not task.output.exists()
+    assert not os.listdir(tmp_path / "cache")
+
+
+def test_decoding_and_seeding_report(task: TrainingJob, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.undo()
+    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
+    small = replace(task, recipe=replace(task.recipe, seed_gaussians=200, steps=3, densify_until=0.0))
+    stream = list(run_training(small))
+    stages = [event for event in stream if isinstance(event, events.Stage)]
+    assert {"Decoding frames", "Finding seed points"} == {stage.name for stage in stages}
+    assert all(0 <= stage.done <= stage.total for stage in stages)
+    assert isinstance(stream[-1], events.Finished) and 20 < stream[-1].gaussians <= 250
+
+
+@pytest.mark.parametrize(
+    ("changes", "word"),
+    [
+        ({"method": "nerf"}, "nerf"),
+        ({"capture": Path("nowhere/at/all")}, "nowhere"),
+        ({"resume": True}, "no file"),
+        ({"scale": -1.0}, "scale"),
+        ({"holdout_frames": 1}, "held out"),
+        ({"pixel_offsets": {"cam77": (1.0, 0.0)}}, "cam77"),
+    ],
+    ids=str,
+)
+def test_what_the_user_can_mend_is_one_sentence(task: TrainingJob, changes: dict[str, Any], word: str) -> None:
+    with pytest.raises(FrogError, match=word) as caught:
+        list(run_training(replace(task, **changes)))
+    assert "\n" not in str(caught.value)
+    assert not task.output.exists()
+
+
+@pytest.mark.parametrize(("scene_scale", "told"), [(0.03, ["The scene is 0.03 units away"]), (0.32, [])])
+def test_a_scene_before_the_near_plane_is_named(
+    task: TrainingJob, monkeypatch: pytest.MonkeyPatch, scene_scale: float, told: list[str]
+) -> None:
+    monkeypatch.setattr(trainer, "scale_of", lambda *_: scene_scale)
+    stream = itertools.takewhile(lambda event: not isinstance(event, events.Started), run_training(task))
+    messages = [event.message for event in stream if isinstance(event, events.Warned)]
+    assert [message[:28] for message in messages] == told
+
+
+def test_an_output_that_cannot_be_written_is_said_before_training(task: TrainingJob, tmp_path: Path) -> None:
+    with pytest.raises(FrogError, match="folder"):
+        next(run_training(replace(task, output=tmp_path)))
+    (tmp_path / "file").write_text("")
+    with pytest.raises(FrogError, match="folder could not be made"):
+        next(run_training(replace(task, output=tmp_path / "file" / "x.frog")))
+
+
+@pytest.mark.parametrize("method", ["ed3dgs", "d3dgs"])  # whose recipe adapted twice would be another
+def test_a_resume_keeps_method_and_recipe_whatever_is_asked(
+    task: TrainingJob, lively: Callable, monkeypatch: pytest.MonkeyPatch, method: str
+) -> None:
+    began = replace(task, method=method, recipe=lively(STEPS, capacity="auto", sh_growth=(0.2, 0.4)))
+    with monkeypatch.context() as patch:
+        list(run_training(began, stopping_after(STEPS // 2, patch)))
+    stream = list(run_training(TrainingJob(task.capture, task.output, resume=True, device="cpu")))
+    (said,) = [event.message for event in stream if isinstance(event, events.Warned)]
+    assert said == f"The training goes on as it began: method {method}, recipe draft, capacity auto."
+    kept = read_scene(task.output)
+    assert kept.header.steps == STEPS and kept.header.method == method
+    whole = replace(began, output=task.output.with_name("whole.frog"))
+    list(run_training(whole))
+    assert kept.arrays["means"].tobytes() == read_scene(whole.output).arrays["means"].tobytes()
+    again = list(run_training(replace(began, resume=True, recipe=began.recipe)))
+    assert not [event for event in again if isinstance(event, events.Warned)], "nothing else was asked for"
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        *[("method", ["frog"]), ("method", "nerf"), ("seed", "x"), ("scale", [1]), ("steps", -5), ("seconds", "1")],
+        *[("pixel_offsets", {"cam00": 3}), ("recipe", {"steps": "x"}), ("recipe", {"fusion": "x"}), ("recipe", 7)],
+    ],
+)
+def test_settings_that_no_training_had_are_one_sentence(task: TrainingJob, name: str, value: Any) -> None:
+    list(run_training(replace(task, recipe=replace(task.recipe, steps=2))))
+    path = checkpoint_path(task.output)
+    tensors, metadata = read_tensors(path, "a training checkpoint")
+    values = json.loads(metadata["frog-checkpoint"])
+    values["settings"][name] = value
+    path.write_bytes(serialize(tensors, metadata={"frog-checkpoint": json.dumps(values)}))
+    with pytest.raises(FrogError) as caught:
+        list(run_training(replace(task, resume=True)))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_resume_takes_over_what_the_training_began_with(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
+    began = replace(task, seed=5, holdout_frames=3, steps=STEPS + 6)
+    with monkeypatch.context() as patch:
+        list(run_training(began, stopping_after(STEPS // 2, patch)))
+    resumed = list(run_training(replace(task, steps=None, resume=True)))
+    assert isinstance(resumed[-1], events.Finished) and resumed[-1].steps == STEPS + 6
+    kept = read_scene(task.output)
+    list(run_training(replace(began, output=task.output.with_name("whole.frog"))))
+    whole = read_scene(task.output.with_name("whole.frog"))
+    assert kept.header.test_frames == whole.header.test_frames == (1, 4)
+    assert kept.arrays["means"].tobytes() == whole.arrays["means"].tobytes()
+
+
+def test_a_disk_that_takes_no_checkpoint_costs_no_scene(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: Any) -> None:
+        raise FrogError("x.frog.checkpoint: could not be written (No space left on device); nothing was changed.")
+
+    monkeypatch.setattr(fallback_save, "write_checkpoint", full)
+    stream = list(run_training(replace(task, save_seconds=0.0)))
+    assert isinstance(stream[-1], events.Finished)
+    assert any(isinstance(event, events.Warned) and "No space left" in event.message for event in stream)
+    assert PlayableScene.load(task.output).header.steps == STEPS
+
+
+def test_a_scene_stopped_early_plays_as_it_was_trained(
+    task: TrainingJob, capture: Capture, store: FrameStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    began = replace(task, recipe=replace(task.recipe, opacity_ramp=(0.0, 1.0), fine_rows_until=1.0))
+    list(run_training(began, stopping_after(STEPS // 2, monkeypatch)))
+    scene = PlayableScene.load(task.output)
+    assert 0 < scene.header.model["opacity_share"] < 1
+    values = []
+    for index, shot in enumerate(capture.shots):
+        if capture.is_test(shot):
+            picture = draw(scene.at_frame(shot.frame), capture.cameras[shot.camera]).rgb.clip(0, 1)
+            values.append(psnr(picture, store.image(index) / 255.0))
+    assert sum(values) / len(values) == pytest.approx(scene.header.metrics["psnr"], abs=1e-3)

@@ -1,0 +1,133 @@
+"""Which file a training may write: its own capture's, never another's."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from safetensors.numpy import save_file
+
+from frog_blender.cli.main import main
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.io.atomic_files import LONGEST_NAME, write_atomically
+from frog_blender.engine.training.session import events
+from frog_blender.engine.training.session.job import TrainingJob, run_training
+from frog_blender.engine.training.session.output_paths import (
+    check_unused,
+    checkpoint_path,
+    free_output,
+    is_of_another,
+    trained_from,
+    unused_output,
+)
+
+
+def checkpoint(output: Path, capture: Path) -> None:
+    state = json.dumps({"settings": {"capture": str(capture)}})
+    save_file({"x": np.zeros(1)}, checkpoint_path(output), metadata={"frog-checkpoint": state})
+
+
+@pytest.fixture
+def captures(tmp_path: Path) -> tuple[Path, Path]:
+    for name in "ab":
+        (tmp_path / name).mkdir()
+    return tmp_path / "a", tmp_path / "b"
+
+
+def test_what_a_training_leaves_names_its_capture(
+    filmed: Path, tmp_path: Path, lively: Callable, seeds_at_no_cost: None
+) -> None:
+    output = tmp_path / "x.frog"
+    list(run_training(TrainingJob(filmed, output, recipe=lively(4), seed=2, device="cpu")))
+    for path in (output, checkpoint_path(output)):
+        assert trained_from(path) == str(filmed.resolve())
+    assert not is_of_another(output, filmed) and free_output(output, filmed) == output
+    (tmp_path / "other").mkdir()
+    assert free_output(output, tmp_path / "other") == tmp_path / "x_2.frog"
+
+
+def test_a_killed_trainings_checkpoint_is_its_captures_too(captures: tuple[Path, Path], tmp_path: Path) -> None:
+    first, second = captures
+    for name in ("x.frog", "x_2.frog"):
+        checkpoint(tmp_path / name, first)
+    assert free_output(tmp_path / "x.frog", first) == tmp_path / "x.frog"
+    assert free_output(tmp_path / "x.frog", second) == tmp_path / "x_3.frog"
+    checkpoint(tmp_path / "x.frog", second)  # it changed: what was read before no longer counts
+    assert free_output(tmp_path / "x.frog", second) == tmp_path / "x.frog"
+
+
+def test_a_capture_that_moved_is_the_same(captures: tuple[Path, Path], tmp_path: Path) -> None:
+    first, _ = captures
+    checkpoint(tmp_path / "x.frog", first)
+    moved = tmp_path / "elsewhere" / "a"
+    shutil.copytree(first, moved)
+    assert is_of_another(tmp_path / "x.frog", moved), "two of one name, as long as both are there"
+    shutil.rmtree(first)
+    assert not is_of_another(tmp_path / "x.frog", moved)
+    assert is_of_another(tmp_path / "x.frog", tmp_path / "b")
+
+
+@pytest.mark.parametrize("metadata", [None, {"frog": "[1"}, {"frog": "[]"}, {"frog-checkpoint": '{"settings": {}}'}])
+def test_what_says_nothing_is_nobodys(tmp_path: Path, metadata: dict | None) -> None:
+    output = tmp_path / "x.frog"
+    assert trained_from(output) == ""
+    if metadata is None:
+        output.write_bytes(b"no scene")
+    else:
+        save_file({"x": np.zeros(1)}, output, metadata=metadata)
+    assert trained_from(output) == "" and not is_of_another(output, tmp_path)
+
+
+def test_a_new_training_gets_a_name_that_nothing_has(tmp_path: Path) -> None:
+    output = tmp_path / "x.frog"
+    assert unused_output(output) == output
+    output.write_bytes(b"a scene")
+    checkpoint_path(tmp_path / "x_2.frog").write_bytes(b"a training that did not end")
+    assert unused_output(output) == tmp_path / "x_3.frog"
+    check_unused(tmp_path / "x_3.frog")
+    for taken, word in ((output, r"x\.frog: found a file"), (tmp_path / "x_2.frog", r"x_2\.frog\.checkpoint: found")):
+        with pytest.raises(FrogError, match=word):
+            check_unused(taken)
+
+
+def test_a_taken_name_is_refused_in_the_words_of_where_it_was_chosen(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A panel has no options of a command line."""
+    output = tmp_path / "x.frog"
+    output.write_bytes(b"a scene")
+    with pytest.raises(FrogError, match=r"there already; another name keeps it\.$"):
+        next(run_training(TrainingJob(tmp_path, output, overwrite=False, device="cpu")))
+    assert main(["train", str(tmp_path), "--out", str(output)]) == 1
+    assert "--overwrite replaces it, --resume goes on" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["動" * 80, "Д" * 125, "x" * 250], ids=["kanji", "cyrillic", "latin"])
+def test_any_legal_name_gets_scene_checkpoint_and_picture(
+    filmed: Path, tmp_path: Path, lively: Callable, seeds_at_no_cost: None, name: str
+) -> None:
+    folder = tmp_path / "out"
+    job = TrainingJob(filmed, folder / f"{name}.frog", recipe=lively(4, capacity="auto"), seed=2, device="cpu")
+    *_, end = run_training(job)
+    assert isinstance(end, events.Finished) and end.path == str(job.output) and job.output.is_file()
+    assert checkpoint_path(job.output).is_file() and len(os.listdir(folder)) == 3
+    assert all(len(os.fsencode(entry)) <= LONGEST_NAME for entry in os.listdir(folder))
+
+
+def test_a_name_that_no_disk_takes_is_refused_before_training(filmed: Path, tmp_path: Path) -> None:
+    with pytest.raises(FrogError, match="no file can have this name"):
+        next(run_training(TrainingJob(filmed, tmp_path / f"{'x' * 300}.frog", device="cpu")))
+    assert not list(tmp_path.iterdir())
+
+
+def test_checkpoints_of_long_names_are_told_apart(tmp_path: Path) -> None:
+    assert checkpoint_path(tmp_path / "x.frog") == tmp_path / "x.frog.checkpoint"
+    long = [checkpoint_path(tmp_path / f"{'x' * 244}{end}.frog") for end in "ab"]
+    assert len(set(long)) == 2
+    for path in long:
+        write_atomically(path, b"")
