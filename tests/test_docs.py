@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from frog_blender.cli import main
+from frog_blender.cli.main import main
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 DOCS = REPOSITORY / "docs"
