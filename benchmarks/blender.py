@@ -29,12 +29,12 @@ from mathutils import Matrix
 from support.builders import scene_file
 
 import frog_blender
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.scene.scene_file import SceneFile, write_scene
 from frog_blender.render import frog_engine
 from frog_blender.render.viewport import COARSEST, Viewport
-from frog_blender.render.viewport_drawing import picture_of
+from frog_blender.render.viewport_drawing import image_of
 from frog_blender.timeline import playback
 
 
@@ -91,7 +91,7 @@ def handler(folder: Path, count: int, moving: int) -> dict[str, float]:
         fresh, _ = scrub(lambda number: 1 + number % 5 + 0.013 * (number + 1))
     finally:
         handlers[handlers.index(timed)] = original
-    playable = PlayableScene.load(path)
+    playable = ScenePlayer.load(path)
     return {
         "handler, cached": cached,
         "handler, not cached": fresh,
@@ -106,7 +106,7 @@ def still(folder: Path) -> dict[str, float]:
     _, path = opened(folder, 100_000, 15_000, size)
     scene = bpy.context.scene
     scene.render.resolution_x, scene.render.resolution_y = size
-    playable = PlayableScene.load(path)
+    playable = ScenePlayer.load(path)
     camera = playable.header.cameras[0]
     engine_ms = median_ms(lambda number: draw(playable.at_frame(0.1 * number), camera), 5)
     inside: list[float] = []
@@ -137,12 +137,12 @@ def rendered_viewport(folder: Path) -> dict[str, float]:
     window_matrix = camera.calc_matrix_camera(bpy.context.evaluated_depsgraph_get(), x=size[0], y=size[1])
     viewport = Viewport()
     inside: list[float] = []
-    draw_picture = noting(picture_of, inside)
+    draw_image = noting(image_of, inside)
 
     def redraw(angle: float) -> None:
         turned = obj.matrix_world @ Matrix.Rotation(angle, 4, "Z") @ camera.matrix_world
         view = SimpleNamespace(view_matrix=turned.inverted(), window_matrix=window_matrix)
-        draw_picture(viewport, bpy.context.evaluated_depsgraph_get(), view, size)
+        draw_image(viewport, bpy.context.evaluated_depsgraph_get(), view, size)
 
     def median(work: Callable[[int], object]) -> float:
         inside.clear()
@@ -153,7 +153,7 @@ def rendered_viewport(folder: Path) -> dict[str, float]:
     def sharpen(number: int) -> None:
         viewport.changed_at = 0.0  # a while ago
         redraw(0.0)
-        viewport.picture.step = COARSEST  # type: ignore[union-attr]
+        viewport.image.step = COARSEST  # type: ignore[union-attr]
 
     def scrub(number: int) -> None:
         scene.frame_set(1 + number % 7)

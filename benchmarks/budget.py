@@ -3,7 +3,7 @@
     python benchmarks/budget.py CAPTURE... [--budget 20000] [--full 40000] [--recipe draft] [--steps N] [--scale S]
                                 [--seed 0]
 
-One JSON object a capture: Gaussians and PSNR on the held-out pictures of the scene under the budget, of the full one,
+One JSON object a capture: Gaussians and PSNR on the held-out images of the scene under the budget, of the full one,
 and of the full one without its most transparent Gaussians.
 """
 

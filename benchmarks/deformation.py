@@ -34,7 +34,7 @@ from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
 from frog_blender.engine.model.frog import FINISHED, Frog, FrogSettings
 from frog_blender.engine.model.fused import FieldPass, field_arrays, pass_field
 from frog_blender.engine.native import binding
-from frog_blender.engine.playback.deformation import PlayableDeformation
+from frog_blender.engine.playback.deformation import DeformationPlayer
 from frog_blender.experiments.timing import moments
 
 NETWORKS: dict[str, dict[str, Any]] = {
@@ -63,12 +63,12 @@ def make(count: int, **settings: Any) -> Frog:
     return model
 
 
-def player(model: Frog) -> PlayableDeformation:
+def player(model: Frog) -> DeformationPlayer:
     """The inference engine's view of the same scene."""
     arrays = {}
     for name, value in model.state_dict().items():
         arrays[name.removeprefix("canonical.").replace("deformation.", "network.")] = value.numpy()
-    return PlayableDeformation(arrays, model.stored_settings(FINISHED))
+    return DeformationPlayer(arrays, model.stored_settings(FINISHED))
 
 
 def paths_of(model: Frog, plain: bool) -> dict[str, Callable[[float], object]]:

@@ -29,7 +29,7 @@ from gpu_report import Failed, LeftOut, attempt, report
 ROOT = Path(__file__).resolve().parents[1]
 BENCHMARKS = ROOT / "benchmarks"
 GPU_TESTS = "tests/rasterizer/cuda/test_on_gpu.py"
-CPU_COMPARISON = f"{GPU_TESTS}::test_a_large_picture_and_many_gaussians_agree_with_the_cpu"
+CPU_COMPARISON = f"{GPU_TESTS}::test_a_large_image_and_many_gaussians_agree_with_the_cpu"
 LIMIT_SECONDS = 3600  # of one part
 
 

@@ -4,9 +4,9 @@
                                   [--rasterizers ours gsplat] [--scene 100k_b] [--device cuda]
 
 One JSON object a run. Milliseconds: the median of steps that are waited for one by one, and the mean of steps that are
-not, which is how a training runs. "regions" are steps as the recipes take them, most of them on a part of a picture;
-"whole" are steps on whole pictures. No rounds: the number of Gaussians stays as it is, and the same pictures are drawn
-in every run. Without a capture, pictures of a generated scene are learned.
+not, which is how a training runs. "regions" are steps as the recipes take them, most of them on a part of an image;
+"whole" are steps on whole images. No rounds: the number of Gaussians stays as it is, and the same images are drawn
+in every run. Without a capture, images of a generated scene are learned.
 """
 
 from __future__ import annotations
@@ -43,15 +43,15 @@ CAMERAS, FRAMES = 4, 5  # of the generated capture
 SH_DC = 0.28209479177387814
 
 
-class Pictures:
-    """Drawn pictures in place of a FrameStore."""
+class Images:
+    """Drawn images in place of a FrameStore."""
 
-    def __init__(self, pictures: list[np.ndarray]) -> None:
-        self._pictures = pictures
+    def __init__(self, images: list[np.ndarray]) -> None:
+        self._images = images
 
     def image(self, shot_index: int) -> np.ndarray:
         """(H, W, 3) uint8."""
-        return self._pictures[shot_index]
+        return self._images[shot_index]
 
 
 def generated(name: str, device: str) -> tuple[Capture, Any, Seeds]:
@@ -60,7 +60,7 @@ def generated(name: str, device: str) -> tuple[Capture, Any, Seeds]:
     g = scene.gaussians
     tensors = [torch.tensor(array, device=device) for array in (g.means, g.quaternions, g.scales, g.opacities, g.sh)]
     moving = torch.linalg.vector_norm(tensors[0] - tensors[0].new_tensor([0.0, 0.1, 4.0]), dim=1) < 1.5
-    cameras, shots, pictures = [], [], []
+    cameras, shots, images = [], [], []
     for number in range(CAMERAS):
         view = scene.camera.world_to_camera.copy()
         view[0, 3] += 0.15 * (number - CAMERAS / 2)
@@ -70,7 +70,7 @@ def generated(name: str, device: str) -> tuple[Capture, Any, Seeds]:
         means = tensors[0] + swing * moving[:, None] * tensors[0].new_tensor([1.0, 0.0, 0.0])
         for number, camera in enumerate(cameras):
             rgb = rasterize(GaussianArrays(means, *tensors[1:]), camera, scene.background).rgb
-            pictures.append((rgb.clamp(0, 1) * 255 + 0.5).to(torch.uint8).cpu().numpy())
+            images.append((rgb.clamp(0, 1) * 255 + 0.5).to(torch.uint8).cpu().numpy())
             shots.append(Shot(number, frame, Path("generated"), frame))
     capture = Capture(
         path=Path("generated"),
@@ -83,7 +83,7 @@ def generated(name: str, device: str) -> tuple[Capture, Any, Seeds]:
         crops=((0.0, 0.0),) * CAMERAS,
         background=scene.background,
     )
-    return capture, Pictures(pictures), Seeds(g.means, (g.sh[:, 0] * SH_DC + 0.5).clip(0, 1), "generated")
+    return capture, Images(images), Seeds(g.means, (g.sh[:, 0] * SH_DC + 0.5).clip(0, 1), "generated")
 
 
 def filmed(folder: Path, scale: float | None, count: int) -> tuple[Capture, Any, Seeds]:
@@ -194,19 +194,19 @@ def runs(capture: Capture, store: Any, seeds: Seeds, steps: int, device: str, na
     arrived = {"sh_growth": (0.0, 0.0, 0.0), "opacity_ramp": (0.0, 0.0), "fine_rows_until": 0.0}  # as at the end
     initialization.spacings = one_spacing
     settings = recipe("standard", **still, **arrived)
-    for pictures, share in (("regions", settings.region_share), ("whole", 0.0)):
+    for images, share in (("regions", settings.region_share), ("whole", 0.0)):
         compared: np.ndarray | None = None
         for name in names:
-            record = {"gaussians": len(seeds.points), "pictures": pictures, "rasterizer": name}
+            record = {"gaussians": len(seeds.points), "pictures": images, "rasterizer": name}
             try:
                 trainer_module.rasterize = RASTERIZERS[name]
                 changed = replace(settings, region_share=share)
                 trainer = Trainer(capture, store, seeds, changed, "frog", Limits(10**6), 0, device)  # type: ignore[arg-type]
                 trainer.find_neighbours()
-                picture = trainer.picture(0)
+                image = trainer.render_image(0)
                 if compared is not None:
-                    record["mean_difference"] = float(np.abs(picture - compared).mean())
-                compared = picture
+                    record["mean_difference"] = float(np.abs(image - compared).mean())
+                compared = image
                 record |= timed(trainer, steps, device)
                 if device == "cuda":
                     record["peak_device_mb"] = round(torch.cuda.max_memory_allocated() / 1e6)

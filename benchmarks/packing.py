@@ -5,7 +5,7 @@
 Of each scene, which must come from `frog train --capacity fixed`, such a share of the Gaussians is put 1e2 to 1e7 away,
 made e^3 to e^8 times as large or given colours 10 to 1,000 times as strong, a third each, all nearly transparent. The
 scene is packed with such numbers apart, as files are, and together with the others of their blocks, as they were until
-format version 4. One JSON object a scene and share, means over the seeds: kilobytes, PSNR of the packed pictures
+format version 4. One JSON object a scene and share, means over the seeds: kilobytes, PSNR of the packed images
 against those of the scene as it is, and per cent of the pixels that differ by more than 8 of 255.
 """
 
@@ -22,13 +22,13 @@ from unittest.mock import patch
 
 import numpy as np
 
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw, to_uint8
 from frog_blender.engine.scene import blocks
 from frog_blender.engine.scene.header import RESHAPED
 from frog_blender.engine.scene.morton_order import neighbours_together
 from frog_blender.engine.scene.quantization import BITS
-from frog_blender.engine.scene.scene_file import FADES, LIFETIMES, SceneFile, read_scene, write_scene
+from frog_blender.engine.scene.scene_file import LIFETIMES, OPACITY_TRACKS, SceneFile, read_scene, write_scene
 
 DIM = -5.0  # logit of an opacity that can just be seen
 
@@ -41,7 +41,11 @@ def main() -> None:
     options = parser.parse_args()
     for path in options.scenes:
         scene = read_scene(path)
-        if not scene.header.cameras or {LIFETIMES, FADES} & scene.arrays.keys() or RESHAPED in scene.header.model:
+        if (
+            not scene.header.cameras
+            or {LIFETIMES, OPACITY_TRACKS} & scene.arrays.keys()
+            or RESHAPED in scene.header.model
+        ):
             parser.error(f"{path}: expected a scene with cameras, of a training with --capacity fixed")
         for share in options.shares:
             found = [measured(strayed(scene, share, seed)) for seed in range(options.seeds if share else 1)]
@@ -75,11 +79,11 @@ def together() -> Iterator[None]:
 
 
 def measured(scene: SceneFile) -> dict[str, float]:
-    """Bytes and pictures of the scene packed both ways."""
+    """Bytes and images of the scene packed both ways."""
     with tempfile.TemporaryDirectory() as folder:
         path, found = Path(folder) / "x.frog", {}
         write_scene(path, scene)
-        truth = pictures(path)
+        truth = images(path)
         write_scene(path, scene, compact=True)
         found |= {f"apart {name}": value for name, value in compared(path, truth).items()}
         with together():
@@ -88,15 +92,15 @@ def measured(scene: SceneFile) -> dict[str, float]:
 
 
 def compared(path: Path, truth: np.ndarray) -> dict[str, float]:
-    differences = pictures(path).astype(float) - truth
+    differences = images(path).astype(float) - truth
     error = max(float(np.square(differences).mean()), 1e-6)
     off = np.abs(differences).max(axis=-1) > 8
     return {"kB": path.stat().st_size / 1e3, "PSNR": 10 * np.log10(255**2 / error), "% off": 100 * float(off.mean())}
 
 
-def pictures(path: Path) -> np.ndarray:
+def images(path: Path) -> np.ndarray:
     """(P, 3) uint8: the pixels that three of the cameras see at three moments."""
-    scene = PlayableScene.load(path)
+    scene = ScenePlayer.load(path)
     cameras, frames = scene.header.cameras, scene.header.frame_count
     views = [(cameras[i * (len(cameras) - 1) // 2], i * (frames - 1) / 2) for i in range(3)]
     drawn = [draw(scene.at_frame(frame), camera, scene.header.background).rgb for camera, frame in views]

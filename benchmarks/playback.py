@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 
 from frog_blender.engine.native import binding
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 
 
 def main() -> None:
@@ -26,7 +26,7 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=200)
     options = parser.parse_args()
     binding.set_thread_count(options.threads)
-    scenes = [PlayableScene.load(path) for path in options.scenes]
+    scenes = [ScenePlayer.load(path) for path in options.scenes]
     for path, scene in zip(options.scenes, scenes, strict=True):
         if not scene.moving:
             parser.error(f"{path}: nothing moves there, expected a scene with a deformation to be timed")

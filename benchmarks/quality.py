@@ -4,7 +4,7 @@
                                  [--holdout-frames K] [--scale S] [--device auto]
 
 Decoding and seeding are timed apart from training; the machine should be quiet. Without the native library, as on a
-machine that only trains on its GPU, the PSNR is the training's own (of at most 30 pictures) and the rest is left out.
+machine that only trains on its GPU, the PSNR is the training's own (of at most 30 images) and the rest is left out.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ FIGURES = (
 
 
 def run(options: argparse.Namespace, seed: int, folder: Path) -> dict[str, Any]:
-    """One training and its figures on the held-out pictures."""
+    """One training and its figures on the held-out images."""
     output = folder / f"{seed}.frog"
     started, preparation = time.monotonic(), 0.0
     job = TrainingJob(

@@ -64,16 +64,16 @@ def torch_passes(scene: Scene, backend: str) -> tuple[Pass, Pass]:
     leaves = [torch.tensor(getattr(scene.gaussians, name), device=device, requires_grad=True) for name in _ARRAYS]
     sent_back = [torch.tensor(array, device=device) for array in (scene.by_rgb, scene.by_alpha)]
     draw = _gsplat_drawing(scene, leaves) if backend == "gsplat" else _own_drawing(scene, leaves, backend)
-    pictures: list[list[Any]] = []
+    images: list[list[Any]] = []
 
     def forward() -> None:
-        pictures.append(draw())
+        images.append(draw())
         _wait(device)
 
     def backward() -> None:
         for leaf in leaves:
             leaf.grad = None
-        torch.autograd.backward(pictures.pop(), sent_back)
+        torch.autograd.backward(images.pop(), sent_back)
         _wait(device)
 
     return forward, backward

@@ -3,7 +3,7 @@
 A generated scene looks to a rasterizer like a trained one: a wavy shell in front, the ground, a far shell and floaters,
 log-normal sizes, mostly faint opacities, spherical harmonics of degree 3.  Sizes shrink with the root of the number, so
 that a pixel of the ``standard`` scenes blends about a hundred Gaussians whether there are ten thousand or a million.
-In the ``sweep`` the picture grows with the number instead, and with it the work: pairs are proportional to Gaussians.
+In the ``sweep`` the image grows with the number instead, and with it the work: pairs are proportional to Gaussians.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from frog_blender.engine.errors import FrogError, found_instead
 from frog_blender.engine.gaussians import GaussianArrays
 
 SEED = 1234
-FOCAL_LENGTH = 0.85  # in picture widths
+FOCAL_LENGTH = 0.85  # in image widths
 BACKGROUND = (0.1, 0.2, 0.3)
 NEAREST = 0.4  # world units; not every rasterizer has a near plane
 _ARRAYS = ("means", "scales", "quats", "opac", "sh", "view", "K", "W", "H", "bg", "v_out", "v_alpha")
@@ -28,7 +28,7 @@ _ARRAYS = ("means", "scales", "quats", "opac", "sh", "view", "K", "W", "H", "bg"
 
 @dataclass(frozen=True)
 class Recipe:
-    """What a generated scene consists of: how many Gaussians, how large a picture (pixels), how large the Gaussians."""
+    """What a generated scene consists of: how many Gaussians, how large an image (pixels), how large the Gaussians."""
 
     gaussians: int
     width: int
@@ -95,7 +95,7 @@ def generate(recipe: Recipe, seed: int = SEED) -> Scene:
         GaussianArrays(means, quaternions, scales, opacities, sh).checked(),
         Camera("benchmark", width, height, intrinsics, world_to_camera.astype(np.float32)),
         BACKGROUND,
-        *_picture_gradients(random, width, height),
+        *_image_gradients(random, width, height),
     )
 
 
@@ -128,7 +128,7 @@ def _slightly_turned() -> np.ndarray:
     return world_to_camera
 
 
-def _picture_gradients(random: np.random.Generator, width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
+def _image_gradients(random: np.random.Generator, width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
     pixels = height * width
     by_rgb = random.normal(size=(height, width, 3)).astype(np.float32) / pixels
     return by_rgb, random.normal(size=(height, width)).astype(np.float32) / pixels
@@ -165,13 +165,13 @@ def load(path: Path) -> Scene:
 
 def load_trained(path: Path, camera: int = 0, time: float | None = None) -> Scene:
     """A ``.frog`` file as one of its cameras sees it at ``time`` in [0, 1] (None: in the middle of what it filmed)."""
-    from frog_blender.engine.playback.player import PlayableScene  # generated scenes need nothing but numpy
+    from frog_blender.engine.playback.player import ScenePlayer  # generated scenes need nothing but numpy
 
-    played = PlayableScene.load(path)
+    played = ScenePlayer.load(path)
     header = played.header
     if not -len(header.cameras) <= camera < len(header.cameras):
         raise FrogError(f"{path}: found {len(header.cameras)} cameras, expected one of number {camera}.")
     view, frames = header.cameras[camera], header.camera_shots[camera]
     gaussians = played.at_frame(frames[len(frames) // 2]) if time is None else played.at(time)
     random = np.random.default_rng(SEED)
-    return Scene(gaussians, view, header.background, *_picture_gradients(random, view.width, view.height))
+    return Scene(gaussians, view, header.background, *_image_gradients(random, view.width, view.height))

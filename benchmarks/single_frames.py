@@ -1,9 +1,9 @@
-"""What single moments trained alone reach in the moving pixels: roughly what the pictures of one moment allow.
+"""What single moments trained alone reach in the moving pixels: roughly what the images of one moment allow.
 
     python benchmarks/single_frames.py CAPTURE [--frames 4] [--steps 4000] [--recipe standard] [--scale S]
 
 Each chosen moment is trained as a static scene of its own (3DGS on that moment's training views) and scored on its
-held-out picture, inside the mask of what moves over the whole capture. Prints one JSON line a moment and the mean error
+held-out image, inside the mask of what moves over the whole capture. Prints one JSON line a moment and the mean error
 of all in decibels, which is how ``psnr_moving`` averages a whole scene.
 """
 
@@ -60,7 +60,7 @@ def main() -> None:
                 continue
             camera = by_name[trainer.capture.cameras[shot.camera].name]
             truth = store.image(capture.shot_index(camera, int(frame))).astype(np.float32) / 255
-            error = (trainer.picture(i).clip(0, 1).astype(np.float64) - truth) ** 2
+            error = (trainer.render_image(i).clip(0, 1).astype(np.float64) - truth) ** 2
             whole.append(error.mean())
             moving.append(error[masks[camera]].mean())
         errors.append(float(np.mean(moving)))

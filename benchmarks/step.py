@@ -22,7 +22,7 @@ import torch
 
 from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.seeds import find_seeds
-from frog_blender.engine.memory import old_objects_left_alone
+from frog_blender.engine.memory import gc_frozen
 from frog_blender.engine.model import fused
 from frog_blender.engine.native import binding
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
@@ -81,7 +81,7 @@ def main() -> None:
     watch(spent, trainer, "_rounds", "rounds")
     about = {"recipe": options.recipe, "isa": binding.instruction_set()}
     total, all_seconds, all_steps = Counter[str](), 0.0, 0
-    with old_objects_left_alone():  # as in a training
+    with gc_frozen():  # as in a training
         while trainer.step_count < WARM_UP:
             trainer.step()
         for tenth in range(10):

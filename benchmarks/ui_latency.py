@@ -6,7 +6,7 @@
 In a window (timers do not fire with -b) a timer asks to be called every 10 ms and notes how much later it is called:
 what a click would wait.  First without a training, then while one decodes and finds its seed points, then during its
 steps.  With --play a scene plays in the rendered viewport all the while; since software OpenGL may take most of a
-second to draw a window, what the add-on itself takes for a frame and for a picture is measured then, not lateness.
+second to draw a window, what the add-on itself takes for a frame and for an image is measured then, not lateness.
 Prints one line of JSON, milliseconds, and quits Blender.
 """
 
@@ -78,7 +78,7 @@ class Watch:
         handlers = bpy.app.handlers.frame_change_pre
         place = handlers.index(playback._on_frame)
         handlers[place] = self.timed("frame handler", playback._on_frame)
-        viewport_drawing.picture_of = self.timed("picture of the viewport", viewport_drawing.picture_of)
+        viewport_drawing.image_of = self.timed("image of the viewport", viewport_drawing.image_of)
         window = bpy.context.window_manager.windows[0]
         with bpy.context.temp_override(window=window, screen=window.screen):
             bpy.ops.screen.animation_play()

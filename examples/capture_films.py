@@ -1,9 +1,9 @@
-"""What the scripts that render a capture share: pictures by Cycles, films of them, the command line.
+"""What the scripts that render a capture share: images by Cycles, films of them, the command line.
 
 Needs bpy (Blender as a module), imageio-ffmpeg and OpenCV: ``pip install "frog-blender[blender,capture,train]"``.
-OUT receives the N3DV layout: ``cam00.mp4`` .. ``cam11.mp4`` and ``poses_bounds.npy``. Pictures are kept in OUT/pictures
+OUT receives the N3DV layout: ``cam00.mp4`` .. ``cam11.mp4`` and ``poses_bounds.npy``. Images are kept in OUT/images
 until the films are made, so an interrupted run goes on where it stopped. Everything is a formula or a seed: the same
-Blender makes the same pictures.
+Blender makes the same images.
 """
 
 from __future__ import annotations
@@ -47,10 +47,10 @@ def configure(rig: Rig, samples: int, threads: int = 0) -> None:
 
 
 def render(folder: Path, scene: Scene, cameras: list[bpy.types.Object], frames: list[int]) -> None:
-    """Render every missing picture; the geometry moves once per moment, then all cameras look at it."""
+    """Render every missing image; the geometry moves once per moment, then all cameras look at it."""
     settings = bpy.context.scene
     for frame in frames:
-        missing = [index for index in range(len(cameras)) if not picture_path(folder, index, frame).exists()]
+        missing = [index for index in range(len(cameras)) if not image_path(folder, index, frame).exists()]
         if not missing:
             continue
         started = time.perf_counter()
@@ -61,20 +61,20 @@ def render(folder: Path, scene: Scene, cameras: list[bpy.types.Object], frames: 
             unfinished = folder / "unfinished.png"
             settings.render.filepath = str(unfinished)
             bpy.ops.render.render(write_still=True)
-            unfinished.rename(picture_path(folder, index, frame))
-        print(f"moment {frame}: {(time.perf_counter() - started) / len(missing):.2f} s a picture", flush=True)
+            unfinished.rename(image_path(folder, index, frame))
+        print(f"moment {frame}: {(time.perf_counter() - started) / len(missing):.2f} s an image", flush=True)
 
 
 def repeat_with_noise(folder: Path, camera: int, noise: float) -> None:
-    """Every later picture of a camera is its first one; all get noise of their own, ``noise`` of 255."""
+    """Every later image of a camera is its first one; all get noise of their own, ``noise`` of 255."""
     random = np.random.default_rng(camera)
-    first = cv2.imread(str(picture_path(folder, camera, 0))).astype(np.float32)
+    first = cv2.imread(str(image_path(folder, camera, 0))).astype(np.float32)
     for frame in range(FRAMES):
         noisy = first + random.normal(0, noise, first.shape)
-        cv2.imwrite(str(picture_path(folder, camera, frame)), noisy.round().clip(0, 255).astype(np.uint8))
+        cv2.imwrite(str(image_path(folder, camera, frame)), noisy.round().clip(0, 255).astype(np.uint8))
 
 
-def picture_path(folder: Path, camera: int, frame: int) -> Path:
+def image_path(folder: Path, camera: int, frame: int) -> Path:
     return folder / f"cam{camera:02d}_{frame:03d}.png"
 
 
@@ -90,13 +90,13 @@ def encode(folder: Path, film: Path, camera: int, quality: int, length: int) -> 
 
 
 def compare(folder: Path, film: Path, camera: int, length: int) -> float:
-    """Mean PSNR in dB between the decoded film and the pictures; raises if the film has another length."""
+    """Mean PSNR in dB between the decoded film and the images; raises if the film has another length."""
     reader, ratios = cv2.VideoCapture(str(film)), []
     while (decoded := reader.read())[0]:
-        picture = cv2.imread(str(picture_path(folder, camera, len(ratios))))
-        if picture is None:
+        image = cv2.imread(str(image_path(folder, camera, len(ratios))))
+        if image is None:
             raise RuntimeError(f"{film} decodes to more than {length} frames")
-        ratios.append(cv2.PSNR(decoded[1], picture))
+        ratios.append(cv2.PSNR(decoded[1], image))
     if len(ratios) != length:
         raise RuntimeError(f"{film} decodes to {len(ratios)} frames, expected {length}")
     return float(np.mean(ratios))
@@ -114,7 +114,7 @@ def make(
 ) -> None:
     """The command line of a capture's script: `summary` is its help, `preview` the moments that --preview renders.
 
-    With `still_noise` nothing moves: one picture a camera is rendered, and repeated with noise of its own each time.
+    With `still_noise` nothing moves: one image a camera is rendered, and repeated with noise of its own each time.
     A `length` of more than a loop's FRAMES moments goes on at the same speed.
     """
     parser = argparse.ArgumentParser(description=summary)
@@ -123,7 +123,7 @@ def make(
     parser.add_argument("--quality", type=int, default=quality, help="the films' constant rate factor, lower is better")
     parser.add_argument("--threads", type=int, default=0, help="processor threads; 0 takes all")
     parser.add_argument("--preview", action="store_true", help="only a few moments, no films")
-    parser.add_argument("--keep-pictures", action="store_true", help="leave OUT/pictures where it is")
+    parser.add_argument("--keep-pictures", action="store_true", help="leave OUT/images where it is")
     options = parser.parse_args()
     folder = options.out / "pictures"
     folder.mkdir(parents=True, exist_ok=True)
@@ -151,5 +151,5 @@ def make(
             f"{film.name}: {film.stat().st_size / 1e3:.0f} kB, {compare(folder, film, index, length):.1f} dB",
             flush=True,
         )
-    if not options.keep_pictures:
+    if not options.keep_images:
         shutil.rmtree(folder)

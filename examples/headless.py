@@ -94,7 +94,7 @@ def show_and_render(path: Path, out: Path, part: Any) -> None:
     """The scene as Blender objects, saved and rendered."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     scene = bpy.context.scene
-    part("operators.materialize").materialize(path, scene)
+    part("operators.materialize").import_scene(path, scene)
     bpy.ops.wm.save_as_mainfile(filepath=str(out / "scene.blend"))
     scene.render.image_settings.file_format = "PNG"
     scene.render.filepath = f"{out}/frames/"

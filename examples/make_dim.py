@@ -12,5 +12,5 @@ from capture_rig import Rig
 from dim_scene import Cellar
 
 if __name__ == "__main__":
-    # Dark pictures take few bits: the films keep their grey steps with a lower rate factor than the room's.
+    # Dark images take few bits: the films keep their grey steps with a lower rate factor than the room's.
     make(__doc__.splitlines()[0], Rig(256, 192, 240.0), Cellar, preview=[0, 8, 20], samples=8, quality=6)

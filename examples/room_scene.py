@@ -14,7 +14,7 @@ HEIGHT = 3.0
 
 
 def _shell() -> None:
-    """Floor, walls, ceiling with beams, rug and picture."""
+    """Floor, walls, ceiling with beams, rug and image."""
     depth, width = BACK - FRONT, 2 * HALF_WIDTH
     boards = material("boards", paint.planks(10, (0.62, 0.43, 0.27)), 0.55, (2, 2))
     wall("floor", (-HALF_WIDTH, FRONT, 0), (width, 0, 0), (0, depth, 0), boards)

@@ -10,13 +10,13 @@ import textures as paint
 
 
 def material(
-    name: str, picture: np.ndarray, roughness: float = 0.8, tiling: tuple[float, float] = (1, 1)
+    name: str, albedo: np.ndarray, roughness: float = 0.8, tiling: tuple[float, float] = (1, 1)
 ) -> bpy.types.Material:
-    """A material that wears an (H, W, 3) sRGB picture, repeated `tiling` times over the surface's UV square."""
-    height, width = picture.shape[:2]
+    """A material that wears an (H, W, 3) sRGB albedo, repeated `tiling` times over the surface's UV square."""
+    height, width = albedo.shape[:2]
     image = bpy.data.images.new(name, width, height)
     pixels = np.ones((height, width, 4), dtype=np.float32)
-    pixels[..., :3] = picture
+    pixels[..., :3] = albedo
     image.pixels.foreach_set(pixels.ravel())
     image.pack()
     result = bpy.data.materials.new(name)
@@ -68,7 +68,7 @@ def box(
     turn: float = 0.0,
     columns: tuple[float, float] = (0.0, 1.0),
 ) -> None:
-    """A box turned by `turn` radians about z; every side wears the part `columns` of the picture's width."""
+    """A box turned by `turn` radians about z; every side wears the part `columns` of the image's width."""
     signs = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)])
     local = signs * np.array(size) / 2
     rotation = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])

@@ -1,4 +1,4 @@
-"""Pictures painted with numpy for the scenes of the rendered captures: every texture is a formula and a seed.
+"""Images painted with numpy for the scenes of the rendered captures: every texture is a formula and a seed.
 
 Each function returns (height, width, 3) float32, display-referred sRGB in [0, 1]; row 0 is the bottom, as in Blender.
 """
@@ -34,17 +34,17 @@ def noise(height: int, width: int, cells: int, seed: int, octaves: int = 4) -> n
 
 
 def mix(first: np.ndarray, second: tuple[float, ...] | np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """`first` (H, W, 3) where the mask (H, W) is 0, `second` (a colour or a picture) where it is 1."""
+    """`first` (H, W, 3) where the mask (H, W) is 0, `second` (a colour or an image) where it is 1."""
     weight = mask.astype(float)[..., None]
     return first * (1 - weight) + np.asarray(second, dtype=float) * weight
 
 
-def finish(picture: np.ndarray, grain: float = 0.0, seed: int = 0) -> np.ndarray:
+def finish(image: np.ndarray, grain: float = 0.0, seed: int = 0) -> np.ndarray:
     """Clip to [0, 1]; `grain` adds fine noise so that flat areas still hold detail to match between views."""
-    height, width = picture.shape[:2]
+    height, width = image.shape[:2]
     if grain:
-        picture = picture + grain * noise(height, width, 24, seed, 3)[..., None]
-    return np.clip(picture, 0, 1).astype(np.float32)
+        image = image + grain * noise(height, width, 24, seed, 3)[..., None]
+    return np.clip(image, 0, 1).astype(np.float32)
 
 
 def flat(height: int, width: int, color: tuple[float, float, float]) -> np.ndarray:
@@ -58,10 +58,10 @@ def bricks(seed: int = 1, rows: int = 16, columns: int = 6) -> np.ndarray:
     row = np.floor(v * rows).astype(int)
     x = u * columns + 0.5 * (row % 2)
     tone = np.random.default_rng(seed).uniform(0, 1, (rows, columns))[row, np.floor(x).astype(int) % columns]
-    picture = mix(flat(size, size, (0.62, 0.33, 0.25)), (0.83, 0.56, 0.42), tone)
-    picture = picture + 0.09 * noise(size, size, 24, seed)[..., None]
+    image = mix(flat(size, size, (0.62, 0.33, 0.25)), (0.83, 0.56, 0.42), tone)
+    image = image + 0.09 * noise(size, size, 24, seed)[..., None]
     mortar = (np.abs(x - np.round(x)) < 0.03) | (np.abs(v * rows - np.round(v * rows)) < 0.07)
-    return finish(mix(picture, (0.82, 0.79, 0.73), mortar), 0.04, seed + 9)
+    return finish(mix(image, (0.82, 0.79, 0.73), mortar), 0.04, seed + 9)
 
 
 def planks(seed: int, color: tuple[float, float, float], count: int = 6) -> np.ndarray:
@@ -75,9 +75,9 @@ def planks(seed: int, color: tuple[float, float, float], count: int = 6) -> np.n
     tone = np.random.default_rng(seed + 1).uniform(-1, 1, (count, 2))[board, half]
     bend = noise(size, size, 3, seed + 2, 3)
     grain = np.sin(2 * np.pi * (u * count * 4 + 1.8 * bend + 3 * tone)) * 0.5 + noise(size, size, 48, seed + 3, 2) * 0.4
-    picture = flat(size, size, color) * (1 + 0.17 * tone + 0.11 * grain)[..., None]
+    image = flat(size, size, color) * (1 + 0.17 * tone + 0.11 * grain)[..., None]
     gap = (np.abs(u * count - np.round(u * count)) < 0.025) | (np.minimum(along % 0.5, 0.5 - along % 0.5) < 0.003)
-    return finish(mix(picture, (0.2, 0.13, 0.09), gap))
+    return finish(mix(image, (0.2, 0.13, 0.09), gap))
 
 
 def wallpaper(base: tuple[float, float, float], wave: tuple[float, float, float], seed: int) -> np.ndarray:
@@ -85,9 +85,9 @@ def wallpaper(base: tuple[float, float, float], wave: tuple[float, float, float]
     size = 768
     u, v = coordinates(size, size)
     x = u * 6 + 0.16 * np.sin(2 * np.pi * v * 4)
-    picture = mix(flat(size, size, base), wave, (x % 1.0) < 0.36)
+    image = mix(flat(size, size, base), wave, (x % 1.0) < 0.36)
     dots = np.hypot((x % 1.0) - 0.68, ((v * 8) % 1.0) - 0.5) < 0.17
-    return finish(mix(picture, (0.94, 0.86, 0.6), dots), 0.06, seed)
+    return finish(mix(image, (0.94, 0.86, 0.6), dots), 0.06, seed)
 
 
 def rug() -> np.ndarray:
@@ -97,11 +97,11 @@ def rug() -> np.ndarray:
     reach = np.maximum(np.abs(u - 0.5), np.abs(v - 0.5)) * 2
     ring = np.floor((np.abs(u - 0.5) + np.abs(v - 0.5)) * 14).astype(int)
     palette = np.array([(0.80, 0.24, 0.20), (0.95, 0.80, 0.52), (0.16, 0.36, 0.52), (0.90, 0.56, 0.22)])
-    picture = palette[ring % len(palette)]
-    picture = mix(picture, (0.13, 0.18, 0.32), ((np.floor(u * 28) + np.floor(v * 28)) % 7) == 0)
+    image = palette[ring % len(palette)]
+    image = mix(image, (0.13, 0.18, 0.32), ((np.floor(u * 28) + np.floor(v * 28)) % 7) == 0)
     border = (np.floor(u * 24) + np.floor(v * 24)) % 2
     frame = mix(flat(size, size, (0.16, 0.22, 0.36)), (0.93, 0.86, 0.70), border)
-    return finish(mix(picture, frame, reach > 0.83), 0.09, 40)
+    return finish(mix(image, frame, reach > 0.83), 0.09, 40)
 
 
 def checker(
@@ -127,46 +127,46 @@ def banner() -> np.ndarray:
     size = 768
     u, v = coordinates(size, size)
     palette = np.array([(0.14, 0.30, 0.62), (0.96, 0.93, 0.84), (0.90, 0.34, 0.22), (0.97, 0.78, 0.28)])
-    picture = palette[np.floor((u * 1.2 + v * 1.6) * 5).astype(int) % 4]
+    image = palette[np.floor((u * 1.2 + v * 1.6) * 5).astype(int) % 4]
     radius, angle = np.hypot(u - 0.5, v - 0.5), np.arctan2(v - 0.5, u - 0.5)
     leaf = (radius < 0.27) & (np.abs(angle - 0.9) > 0.25)
-    picture = mix(picture, (0.18, 0.52, 0.26), leaf)
-    picture = mix(picture, (0.46, 0.76, 0.38), leaf & (np.cos(angle * 14) > 0.82) & (radius > 0.05))
+    image = mix(image, (0.18, 0.52, 0.26), leaf)
+    image = mix(image, (0.46, 0.76, 0.38), leaf & (np.cos(angle * 14) > 0.82) & (radius > 0.05))
     hem = np.maximum(np.abs(u - 0.5), np.abs(v - 0.5)) > 0.47
-    return finish(mix(picture, (0.30, 0.16, 0.30), hem), 0.05, 60)
+    return finish(mix(image, (0.30, 0.16, 0.30), hem), 0.05, 60)
 
 
 def frog_skin() -> np.ndarray:
     """The inflatable frog's body: v from the feet to the crown, u around it with the belly at u = 0.5."""
     height, width = 1024, 512
     u, v = coordinates(height, width)
-    picture = mix(flat(height, width, (0.27, 0.60, 0.20)), (0.45, 0.76, 0.27), np.floor(v * 14) % 2)
-    picture = mix(picture, (0.12, 0.36, 0.15), noise(height, width, 7, 70, 2) > 0.42)
+    image = mix(flat(height, width, (0.27, 0.60, 0.20)), (0.45, 0.76, 0.27), np.floor(v * 14) % 2)
+    image = mix(image, (0.12, 0.36, 0.15), noise(height, width, 7, 70, 2) > 0.42)
     belly = ((u - 0.5) / 0.19) ** 2 + ((v - 0.38) / 0.33) ** 2 < 1
     rings = mix(flat(height, width, (0.97, 0.90, 0.58)), (0.93, 0.66, 0.30), (v * 22) % 1.0 < 0.35)
-    picture = mix(picture, rings, belly)
+    image = mix(image, rings, belly)
     smile = v - (0.845 + 0.9 * (u - 0.5) ** 2)
-    picture = mix(picture, (0.50, 0.10, 0.12), (np.abs(smile) < 0.016) & (np.abs(u - 0.5) < 0.2))
+    image = mix(image, (0.50, 0.10, 0.12), (np.abs(smile) < 0.016) & (np.abs(u - 0.5) < 0.2))
     nostrils = np.hypot((np.abs(u - 0.5) - 0.03) * 1.1, v - 0.915) < 0.010
-    return finish(mix(picture, (0.10, 0.22, 0.10), nostrils), 0.05, 71)
+    return finish(mix(image, (0.10, 0.22, 0.10), nostrils), 0.05, 71)
 
 
 def frog_arm() -> np.ndarray:
     """Rings along the arm (v from the shoulder), an orange glove at the end."""
     height, width = 512, 256
     u, v = coordinates(height, width)
-    picture = mix(flat(height, width, (0.24, 0.56, 0.20)), (0.90, 0.86, 0.40), (v * 9 + 0.5 * u) % 1.0 < 0.4)
+    image = mix(flat(height, width, (0.24, 0.56, 0.20)), (0.90, 0.86, 0.40), (v * 9 + 0.5 * u) % 1.0 < 0.4)
     glove = mix(flat(height, width, (0.96, 0.52, 0.16)), (0.99, 0.78, 0.34), (u * 6) % 1.0 < 0.35)
-    return finish(mix(picture, glove, v > 0.76), 0.05, 80)
+    return finish(mix(image, glove, v > 0.76), 0.05, 80)
 
 
 def eye() -> np.ndarray:
     """v from the back of the eye to its front: green lid, white, gold iris, black pupil."""
     height, width = 256, 64
     _, v = coordinates(height, width)
-    picture = mix(flat(height, width, (0.34, 0.68, 0.24)), (0.97, 0.97, 0.93), v > 0.46)
-    picture = mix(picture, (0.93, 0.70, 0.16), v > 0.70)
-    return finish(mix(picture, (0.04, 0.05, 0.05), v > 0.80))
+    image = mix(flat(height, width, (0.34, 0.68, 0.24)), (0.97, 0.97, 0.93), v > 0.46)
+    image = mix(image, (0.93, 0.70, 0.16), v > 0.70)
+    return finish(mix(image, (0.04, 0.05, 0.05), v > 0.80))
 
 
 def book_spines(count: int = 16) -> np.ndarray:
@@ -178,24 +178,24 @@ def book_spines(count: int = 16) -> np.ndarray:
     color = np.array(
         [(0.70, 0.20, 0.18), (0.16, 0.34, 0.56), (0.88, 0.68, 0.26), (0.22, 0.48, 0.36), (0.52, 0.28, 0.50)]
     )
-    picture = color[np.arange(count) % len(color)][book] * random.uniform(0.75, 1.15, count)[book][..., None]
+    image = color[np.arange(count) % len(color)][book] * random.uniform(0.75, 1.15, count)[book][..., None]
     low, high = random.uniform(0.08, 0.22, count)[book], random.uniform(0.75, 0.9, count)[book]
-    picture = mix(picture, (0.95, 0.86, 0.60), (np.abs(v - low) < 0.025) | (np.abs(v - high) < 0.018))
+    image = mix(image, (0.95, 0.86, 0.60), (np.abs(v - low) < 0.025) | (np.abs(v - high) < 0.018))
     across = (u * count) % 1.0
     letters = np.random.default_rng(91).uniform(0, 1, (40, count))[np.floor(v * 40).astype(int), book] > 0.4
     written = letters & (np.abs(across - 0.5) < 0.16) & (v > 0.32) & (v < 0.66)
-    return finish(mix(picture, (0.96, 0.94, 0.86), written), 0.06, 92)
+    return finish(mix(image, (0.96, 0.94, 0.86), written), 0.06, 92)
 
 
 def landscape() -> np.ndarray:
-    """The picture on the wall: a low sun over rows of hills and a pond."""
+    """The image on the wall: a low sun over rows of hills and a pond."""
     height, width = 384, 512
     u, v = coordinates(height, width)
-    picture = mix(flat(height, width, (0.98, 0.74, 0.42)), (0.32, 0.52, 0.78), np.clip((v - 0.35) * 1.7, 0, 1))
-    picture = mix(picture, (1.0, 0.93, 0.66), np.hypot((u - 0.66) * 1.33, v - 0.66) < 0.12)
+    image = mix(flat(height, width, (0.98, 0.74, 0.42)), (0.32, 0.52, 0.78), np.clip((v - 0.35) * 1.7, 0, 1))
+    image = mix(image, (1.0, 0.93, 0.66), np.hypot((u - 0.66) * 1.33, v - 0.66) < 0.12)
     for index, color in enumerate([(0.48, 0.42, 0.60), (0.30, 0.44, 0.46), (0.16, 0.36, 0.28)]):
         ridge = 0.56 - 0.13 * index + 0.07 * np.sin(2 * np.pi * u * (1.5 + index) + 2 * index)
-        picture = mix(picture, color, v < ridge)
+        image = mix(image, color, v < ridge)
     ripples = 0.5 + 0.5 * np.sin(90 * v + 3 * np.sin(14 * u))
     pond = mix(flat(height, width, (0.24, 0.46, 0.62)), (0.80, 0.80, 0.72), ripples > 0.75)
-    return finish(mix(picture, pond, v < 0.2), 0.04, 99)
+    return finish(mix(image, pond, v < 0.2), 0.04, 99)

@@ -7,7 +7,7 @@ import functools
 
 import numpy as np
 
-_STEPS = 65535  # of the table for pictures
+_STEPS = 65535  # of the table for images
 _WORKING_SPACES = {
     "Linear Rec.2020": ((0.627404, 0.329283, 0.043313), (0.069097, 0.919540, 0.011362), (0.016391, 0.088013, 0.895595)),
     "ACEScg": ((0.613097, 0.339523, 0.047379), (0.070194, 0.916354, 0.013452), (0.020616, 0.109570, 0.869815)),
@@ -15,7 +15,7 @@ _WORKING_SPACES = {
 """Rows of matrices from linear Rec. 709, by Blender's names (ITU-R BT.2087; ACES with Bradford's adaptation)."""
 
 
-def picture_to_linear(display: np.ndarray) -> np.ndarray:
+def image_to_linear(display: np.ndarray) -> np.ndarray:
     """``to_linear`` of many float32 values in [0, 1] by a table: five times faster, and exact to 2e-5."""
     index = display * np.float32(_STEPS)
     index += np.float32(0.5)

@@ -21,8 +21,8 @@ from .nodes import ellipsoid_nodes, splat_nodes
 
 if TYPE_CHECKING:
     from .engine.gaussians import GaussianArrays
-    from .engine.playback.frame_delta import MovingPart
-    from .engine.playback.player import PlayableScene
+    from .engine.playback.frame_delta import FrameDelta
+    from .engine.playback.player import ScenePlayer
 
 TYPES = ("MESH", "POINTCLOUD")
 """Of objects that can carry Gaussians, whatever Blender made the file that they are in."""
@@ -80,7 +80,7 @@ def _add_modifier(obj: Any, name: str, group: Any) -> Any:
     return modifier
 
 
-def is_itself(shown: Any, original: Any) -> bool:
+def is_original(shown: Any, original: Any) -> bool:
     """Whether an object that Blender lists is a carrier itself, not what Geometry Nodes make of it: they list points of
     a mesh as another type, and ellipsoids under the name of another mesh."""
     return shown.type == original.type and (shown.type != "MESH" or shown.data.name == original.data.name)
@@ -102,7 +102,7 @@ def display(obj: Any, kind: str) -> None:
 def write(obj: Any, gaussians: GaussianArrays) -> None:
     """Put ``gaussians`` into the object's mesh; only a change of count or SH degree rebuilds the mesh."""
     mesh = obj.data
-    distrust(mesh)
+    invalidate(mesh)
     further = gaussians.sh.shape[1] - 1
     _fit(mesh, len(gaussians.means), further)
     base = np.concatenate([gaussians.sh[:, 0], gaussians.opacities[:, None]], axis=1)
@@ -118,7 +118,7 @@ def write(obj: Any, gaussians: GaussianArrays) -> None:
     mesh.update_tag()
 
 
-def show(obj: Any, scene: PlayableScene, time: float, part: Callable[[], MovingPart]) -> None:
+def show(obj: Any, scene: ScenePlayer, time: float, part: Callable[[], FrameDelta]) -> None:
     """Put a scene's Gaussians at a time in [0, 1] into the object's mesh.
 
     What the mesh holds already is not written again: nothing for the same moment, and only what changes in time for
@@ -129,7 +129,7 @@ def show(obj: Any, scene: PlayableScene, time: float, part: Callable[[], MovingP
     """
     mesh = obj.data
     if getattr(mesh, "is_editmode", False):  # point clouds have none to tell
-        distrust(mesh)  # its vertices are elsewhere, and may come back as others
+        invalidate(mesh)  # its vertices are elsewhere, and may come back as others
         return
     further = len(scene.columns) - len(_COLUMNS)
     shown, wanted = mesh.get(_SHOWN), f"{scene.token} {time!r}"
@@ -138,7 +138,7 @@ def show(obj: Any, scene: PlayableScene, time: float, part: Callable[[], MovingP
         return
     columns = _COLUMNS | {f"radiance:sh_{k}": f"sh_{k + 1}" for k in range(further)}
     moving = part()
-    distrust(mesh)  # until all is written
+    invalidate(mesh)  # until all is written
     for name, column in columns.items():
         if whole or column in moving.columns:
             _set(mesh, name, scene.column(column, moving))
@@ -146,7 +146,7 @@ def show(obj: Any, scene: PlayableScene, time: float, part: Callable[[], MovingP
     mesh.update_tag()
 
 
-def distrust(mesh: Any) -> None:
+def invalidate(mesh: Any) -> None:
     """Whatever the mesh holds, ``show`` is to write all of it again."""
     if _SHOWN in mesh and mesh.library is None:
         del mesh[_SHOWN]
@@ -197,7 +197,7 @@ def is_drawn_in_renders(obj: Any) -> bool:
 
 def clear(obj: Any) -> None:
     """Drop the geometry; ``write`` brings it back."""
-    distrust(obj.data)
+    invalidate(obj.data)
     _resize(obj.data, 0)
     obj.data.update_tag()
 

@@ -9,7 +9,7 @@ import weakref
 import pytest
 from support.builders import run_python
 
-from frog_blender.engine.memory import old_objects_left_alone
+from frog_blender.engine.memory import gc_frozen
 
 FREE_BUT_THE_LAST = """
 import ctypes
@@ -57,7 +57,7 @@ def test_old_objects_are_left_alone_until_the_block_ends_however_it_does() -> No
     gc.disable()
     try:
         old = weakref.ref(Cycle())
-        with pytest.raises(ZeroDivisionError), old_objects_left_alone():
+        with pytest.raises(ZeroDivisionError), gc_frozen():
             new = weakref.ref(Cycle())
             gc.collect()
             assert old() is not None and new() is None

@@ -1,5 +1,5 @@
-"""A walk through the add-on in a real Blender window, from a capture to a picture with other objects, with a screenshot
-of each step: it shows that all of it works there, and makes the guide's pictures.
+"""A walk through the add-on in a real Blender window, from a capture to an image with other objects, with a screenshot
+of each step: it shows that all of it works there, and makes the guide's images.
 
     BLENDER_USER_RESOURCES=OUT/user blender --factory-startup --window-geometry 0 0 1280 720 \\
         --python tools/window_tour.py -- OUT [--capture FOLDER] [--steps N] [--requests FOLDER]
@@ -119,7 +119,7 @@ class Tour:
         scroll(9999)
         for name, share in (("04_rendered_viewport", 0.1), ("05_scrubbed", 0.7)):
             scene.frame_set(scene.frame_start + round(share * (scene.frame_end - scene.frame_start)))
-            yield 3 * SETTLE  # the sharp picture comes when nothing moves
+            yield 3 * SETTLE  # the sharp image comes when nothing moves
             yield from self.shot(name)
 
     def clips(self) -> Iterator[float]:
@@ -149,7 +149,7 @@ class Tour:
         yield from self.shot("07_ellipsoids")
 
     def among_objects(self) -> Iterator[float]:
-        """A monkey half inside the splats, which are ellipsoids still; one picture of both."""
+        """A monkey half inside the splats, which are ellipsoids still; one image of both."""
         with override(view()):
             bpy.ops.mesh.primitive_monkey_add(size=1.0, location=(0.2, 0.15, 0.75))
             monkey = bpy.context.object
@@ -178,7 +178,7 @@ class Tour:
         yield from self.shot("09_render")
 
     def shot(self, name: str) -> Iterator[float]:
-        """A picture of the window as it is."""
+        """An image of the window as it is."""
         for area in bpy.context.window_manager.windows[0].screen.areas:
             area.tag_redraw()
         yield SETTLE
@@ -341,7 +341,7 @@ def main() -> None:
         raise SystemExit("The tour is one of a window: start Blender without -b.")
     options.out.mkdir(parents=True, exist_ok=True)
     bpy.context.preferences.view.show_splash = False
-    bpy.context.preferences.view.ui_scale = 0.9  # panels and viewport both fit into the guide's pictures
+    bpy.context.preferences.view.ui_scale = 0.9  # panels and viewport both fit into the guide's images
     tour = Tour(options.out.resolve(), options.capture.resolve(), options.steps, options.requests)
     steps = tour.run()
     bpy.app.timers.register(lambda: drive(steps), first_interval=SETTLE)

@@ -17,8 +17,8 @@ from ..engine.capture.readers import open_capture
 from ..engine.errors import FrogError
 from ..engine.evaluation.evaluate import Measure, evaluate
 from ..engine.io.atomic_files import write_atomically
-from ..engine.playback.player import PlayableScene
-from ..engine.playback.render import picture, to_uint8
+from ..engine.playback.player import ScenePlayer
+from ..engine.playback.render import render_image, to_uint8
 from ..engine.scene import compression_report
 from ..engine.scene.scene_file import SceneFile, read_scene
 from ..engine.source_media.clips import camera_path
@@ -31,7 +31,7 @@ Report = Callable[[int, int], None]
 def describe(path: Path, pixel_offsets: dict[str, tuple[float, float]] | None) -> dict[str, Any]:
     """What a capture folder or a ``.frog`` holds, as plain values; lists are lines."""
     if path.suffix == ".frog":
-        return _describe_scene(PlayableScene.load(path), path)
+        return _describe_scene(ScenePlayer.load(path), path)
     capture = open_capture(path, pixel_offsets=pixel_offsets)
     sizes = sorted({f"{camera.width} x {camera.height}" for camera in capture.cameras})
     withheld = sorted(capture.test_cameras) or [f"{len(capture.test_frames)} of {capture.frame_count} moments"]
@@ -58,7 +58,7 @@ def _training_times(capture: Capture) -> list[str]:
     return [f"{name}: {estimate(Workload.of(capture, chosen, scale=scale), device)}" for name, chosen in times]
 
 
-def _describe_scene(scene: PlayableScene, path: Path) -> dict[str, Any]:
+def _describe_scene(scene: ScenePlayer, path: Path) -> dict[str, Any]:
     header = scene.header
     return {
         "method": header.method,
@@ -78,7 +78,7 @@ def _describe_scene(scene: PlayableScene, path: Path) -> dict[str, Any]:
     }
 
 
-def _heads(scene: PlayableScene) -> list[str]:
+def _heads(scene: ScenePlayer) -> list[str]:
     """What the network of a scene changes; none where there is none of FRoG's kind, or nothing moves."""
     model = scene.header.model
     if not scene.moving or scene.header.method not in ("frog", "ed3dgs"):
@@ -87,7 +87,7 @@ def _heads(scene: PlayableScene) -> list[str]:
     return [name for name in names if name not in model.get("silent_heads", ())]
 
 
-def open_evaluated(scene: PlayableScene, capture_path: Path) -> tuple[Any, FrameStore]:
+def open_evaluated(scene: ScenePlayer, capture_path: Path) -> tuple[Any, FrameStore]:
     """The capture as the scene saw it (size, offsets, poses), and its frames. FrogError when it is another capture."""
     header = scene.header
     capture = open_capture(capture_path, pixel_offsets=header.pixel_offsets or None)
@@ -123,7 +123,7 @@ def evaluate_file(
 ) -> dict[str, Any]:
     """See ``evaluate``; with ``perceptual`` also "flip" and "lpips", None where they cannot be computed, and then
     "missing" says why by name."""
-    scene = PlayableScene.load(scene_path)
+    scene = ScenePlayer.load(scene_path)
     capture, store = open_evaluated(scene, capture_path)
     measures: dict[str, Measure] = {}
     absent: dict[str, Any] = {}
@@ -151,20 +151,20 @@ def parse_frames(text: str | None, count: int) -> range:
     return frames
 
 
-def picture_maker(scene: SceneFile, device: str) -> Callable[[float, Camera], np.ndarray]:
+def image_maker(scene: SceneFile, device: str) -> Callable[[float, Camera], np.ndarray]:
     """Draws frames: (frame, camera) to (H, W, 3) uint8; without torch unless ``device`` is another one than "cpu"."""
-    played = PlayableScene(scene)  # refuses what does not fit together
+    played = ScenePlayer(scene)  # refuses what does not fit together
     if device != "cpu":
-        from ..engine.model.torch_player import SceneOnDevice
+        from ..engine.model.torch_player import TorchScenePlayer
         from ..engine.training.optimize.device import choose_device
 
         chosen, said_of_it = choose_device(device)
         if said_of_it:
             print(f"warning: {said_of_it}", file=sys.stderr)
         if chosen.type != "cpu" and played.moving:  # what stands still needs no GPU to be moved
-            on_device = SceneOnDevice(scene, chosen)
-            return lambda frame, camera: to_uint8(on_device.picture(frame, camera))
-    return lambda frame, camera: picture(played.at_frame(frame), camera, scene.header.background)
+            on_device = TorchScenePlayer(scene, chosen)
+            return lambda frame, camera: to_uint8(on_device.render_image(frame, camera))
+    return lambda frame, camera: render_image(played.at_frame(frame), camera, scene.header.background)
 
 
 def _file_name(camera_name: str) -> str:
@@ -182,7 +182,7 @@ def render_frames(
     import cv2
 
     scene = read_scene(scene_path)
-    header, picture_of = scene.header, picture_maker(scene, device)
+    header, image_of = scene.header, image_maker(scene, device)
     names = [camera.name for camera in header.cameras]
     follow = header.is_moving and camera_name == "moving"
     if camera_name not in names and not follow:
@@ -195,14 +195,14 @@ def render_frames(
     except OSError as error:
         raise FrogError(f"{out}: the folder could not be made ({error.strerror}).") from error
     for done, frame in enumerate(chosen):
-        if follow:  # the nearest moment that has a picture: captures may leave moments out
+        if follow:  # the nearest moment that has an image: captures may leave moments out
             camera = by_frame[min(by_frame, key=lambda moment: abs(moment - frame))]
         else:
             camera = header.cameras[names.index(camera_name)]
         path = out / f"{_file_name(camera_name)}_{frame:04d}.png"
-        written, content = cv2.imencode(".png", cv2.cvtColor(picture_of(frame, camera), cv2.COLOR_RGB2BGR))
+        written, content = cv2.imencode(".png", cv2.cvtColor(image_of(frame, camera), cv2.COLOR_RGB2BGR))
         if not written:
-            raise FrogError(f"{path}: the picture could not be encoded.")
+            raise FrogError(f"{path}: the image could not be encoded.")
         write_atomically(path, content.tobytes())
         report(done + 1, len(chosen))
     return len(chosen)

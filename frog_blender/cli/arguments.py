@@ -35,7 +35,7 @@ def add_offset_argument(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="CAMERA=DX,DY",
-        help="where a cropped video lies in its calibrated picture",
+        help="where a cropped video lies in its calibrated image",
     )
 
 

@@ -32,7 +32,7 @@ def add_chart_parser(commands: Any) -> None:
     chart.add_argument("--other-seeds", type=positive(int), default=1, metavar="N", help="of the other methods")
     chart.add_argument("--recipe", choices=RECIPES, help="default: draft, or the protocol's")
     chart.add_argument("--steps", type=positive(int), help="default: the recipe's")
-    chart.add_argument("--scale", type=positive(float), help="picture size factor, such as 0.5")
+    chart.add_argument("--scale", type=positive(float), help="image size factor, such as 0.5")
     chart.add_argument("--holdout-frames", type=int, metavar="K", help="withhold every K-th moment")
     chart.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE", help="a setting of the recipe, for all"

@@ -16,7 +16,7 @@ from ..engine.capture.camera import Camera
 from ..engine.errors import FrogError
 from ..engine.evaluation.metrics import psnr, ssim
 from ..engine.io.atomic_files import write_atomically
-from ..engine.playback.player import PlayableScene
+from ..engine.playback.player import ScenePlayer
 from ..engine.playback.render import draw
 from ..engine.scene.header import SceneHeader
 from .actions import evaluate_file, open_evaluated
@@ -69,10 +69,10 @@ def _check_modules() -> None:
 
 
 def write_comparison(scene_path: Path, capture_path: Path, out: Path, frame: int | None = None) -> None:
-    """A picture of truth, render and error (four times) of a held-out view (or a training view when none is)."""
+    """An image of truth, render and error (four times) of a held-out view (or a training view when none is)."""
     from matplotlib.figure import Figure
 
-    scene = PlayableScene.load(scene_path)
+    scene = ScenePlayer.load(scene_path)
     capture, store = open_evaluated(scene, capture_path)
     header = scene.header
     shots = [i for i, shot in enumerate(capture.shots) if header.is_test(capture.cameras[shot.camera].name, shot.frame)]
@@ -83,18 +83,18 @@ def write_comparison(scene_path: Path, capture_path: Path, out: Path, frame: int
     shot = capture.shots[index]
     camera = capture.cameras[shot.camera]
     truth = store.image(index).astype(np.float32) / 255
-    picture = draw(scene.at_frame(shot.frame), camera, header.background).rgb.clip(0, 1)
-    error = np.abs(picture - truth).clip(0, 0.25) * 4
+    image = draw(scene.at_frame(shot.frame), camera, header.background).rgb.clip(0, 1)
+    error = np.abs(image - truth).clip(0, 0.25) * 4
 
     width = 5.0
     figure = Figure(figsize=(3 * width, width * camera.height / camera.width + 0.5), layout="constrained")
     seen = "held out" if held_out else "seen in training"
     titles = (
         f"truth: {camera.name}, frame {shot.frame} ({seen})",
-        f"render: PSNR {psnr(picture, truth):.2f} dB, SSIM {ssim(picture, truth):.3f}",
+        f"render: PSNR {psnr(image, truth):.2f} dB, SSIM {ssim(image, truth):.3f}",
         "error, four times",
     )
-    for axes, title, panel in zip(figure.subplots(1, 3), titles, (truth, picture, error), strict=True):
+    for axes, title, panel in zip(figure.subplots(1, 3), titles, (truth, image, error), strict=True):
         axes.imshow(panel)
         axes.set_title(title)
         axes.axis("off")
@@ -109,15 +109,15 @@ def render_video(scene_path: Path, blend: Path, video: Path) -> None:
 
     import frog_blender
 
-    from ..scene_import.create_objects import materialize
+    from ..scene_import.create_objects import import_scene
     from ..scene_import.scene_setup import look_through
 
     frog_blender.register()
     try:
         bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
         blender_scene = bpy.context.scene
-        carrier = materialize(scene_path.resolve(), blender_scene)
-        header = PlayableScene.load(scene_path).header
+        carrier = import_scene(scene_path.resolve(), blender_scene)
+        header = ScenePlayer.load(scene_path).header
         if not header.is_moving:  # a capture by a moving camera is seen through that camera
             look_through(blender_scene, _flying_camera(header, carrier))
         render = blender_scene.render

@@ -63,10 +63,10 @@ def show(stream: Iterator[Event], output: Path) -> bool:
                     _note(message)
                 case events.Evaluated(step=step, psnr=psnr, split=split):
                     _note(f"step {step}: {split} PSNR {psnr:.2f} dB")
-                case events.Pictured(path, _):
+                case events.CompressionPreview(path, _):
                     text = f"{path}: what moves is orange, what rests blue, red dots were left out"
                     _note(text)
-                case events.Warned(message):
+                case events.WarningEvent(message):
                     _note(f"warning: {message}")
                 case events.Finished(path, steps, seconds, psnr, gaussians, capacity):
                     _close(line)

@@ -34,12 +34,12 @@ def add_scene_parsers(commands: Any) -> None:
 
 def _export(options: argparse.Namespace) -> int:
     from ..engine.interchange.splats import export_frames
-    from ..engine.playback.player import PlayableScene
+    from ..engine.playback.player import ScenePlayer
     from ..engine.playback.transform import Y_DOWN
     from .actions import parse_frames
     from .progress import bar
 
-    scene = PlayableScene.load(options.scene)
+    scene = ScenePlayer.load(options.scene)
     frames = parse_frames(options.frames, scene.header.frame_count)
     with bar("Exporting") as report:
         turn = Y_DOWN if options.y_down else None

@@ -28,7 +28,7 @@ def add_stability_parser(commands: Any) -> None:
     parser.add_argument("--seeds", type=positive(int), default=3, metavar="N", help="of every other method")
     parser.add_argument("--recipe", choices=RECIPES, default="draft")
     parser.add_argument("--steps", type=positive(int), help="default: the recipe's")
-    parser.add_argument("--side", type=positive(int), metavar="PIXELS", help="of larger pictures the longest side")
+    parser.add_argument("--side", type=positive(int), metavar="PIXELS", help="of larger images the longest side")
     parser.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE", help="a setting of the recipe, for all"
     )

@@ -19,10 +19,10 @@ def add_view_parsers(commands: Any) -> None:
     add_offset_argument(info)
     info.set_defaults(run=_info)
 
-    evaluate = commands.add_parser("eval", help="compare a scene with the capture's pictures")
+    evaluate = commands.add_parser("eval", help="compare a scene with the capture's images")
     evaluate.add_argument("scene", type=Path)
     evaluate.add_argument("capture", type=Path)
-    evaluate.add_argument("--mask", type=Path, help="a picture, or an .npz with a mask for each camera")
+    evaluate.add_argument("--mask", type=Path, help="an image, or an .npz with a mask for each camera")
     evaluate.add_argument("--split", choices=["auto", "held-out", "training"], default="auto")
     evaluate.add_argument("--perceptual", action="store_true", help="FLIP and LPIPS too, where they can be computed")
     evaluate.add_argument("--json", action="store_true")
@@ -80,5 +80,5 @@ def _render(options: argparse.Namespace) -> int:
 
     with bar("Rendering") as report:
         count = render_frames(options.scene, options.camera, options.frames, options.out, report, options.device)
-    say(f"{count} pictures in {options.out}")
+    say(f"{count} images in {options.out}")
     return 0

@@ -1,4 +1,4 @@
-"""What stands against a picture that FRoG's is laid over, looked for before Blender begins to render it."""
+"""What stands against an image that FRoG's is laid over, looked for before Blender begins to render it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The compositor's nodes of a scene: which other scenes' pictures it shows, and the ones that lay FRoG's over it."""
+"""The compositor's nodes of a scene: which other scenes' images it shows, and the ones that lay FRoG's over it."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import Any
 
 import bpy
 
-_LABEL = "FRoG"  # of the node that lays one picture over the other
+_LABEL = "FRoG"  # of the node that lays one image over the other
 _HAS_GROUPS = bpy.app.version >= (5, 0, 0)  # a scene's nodes are a data-block, which several scenes may share
 
 
 def tree_of(scene: Any) -> Any | None:
-    """The nodes that a scene's picture goes through; None without any, or where compositing is switched off."""
+    """The nodes that a scene's image goes through; None without any, or where compositing is switched off."""
     if not scene.render.use_compositing:
         return None
     if _HAS_GROUPS:
@@ -21,7 +21,7 @@ def tree_of(scene: Any) -> Any | None:
 
 
 def shown_scenes(scene: Any) -> list[Any]:
-    """The scenes whose pictures reach a scene's own: not those of nodes that are muted or not linked to the output."""
+    """The scenes whose images reach a scene's own: not those of nodes that are muted or not linked to the output."""
     tree = tree_of(scene)
     if tree is None:
         return []
@@ -37,7 +37,7 @@ def rendered_scenes(scene: Any) -> list[Any]:
 
 
 def _reaching(tree: Any) -> Iterator[Any]:
-    """The nodes whose pictures reach a tree's output, those within groups included."""
+    """The nodes whose images reach a tree's output, those within groups included."""
     sockets = _outputs(tree)
     seen: set[int] = set()
     for socket in sockets:  # grows
@@ -58,14 +58,14 @@ def _reaching(tree: Any) -> Iterator[Any]:
 
 
 def _outputs(tree: Any) -> list[Any]:
-    """The sockets where a tree's picture arrives."""
+    """The sockets where a tree's image arrives."""
     ends = [node for node in tree.nodes if node.type in ("COMPOSITE", "GROUP_OUTPUT") and not node.mute]
     ends = [node for node in ends if getattr(node, "is_active_output", True)] or ends
     return [socket for node in ends for socket in node.inputs]
 
 
 def lay_over(scene: Any, other: Any) -> None:
-    """Lays another scene's picture over what a scene's compositor shows besides.
+    """Lays another scene's image over what a scene's compositor shows besides.
 
     Whatever nodes are missing are made, and what is muted or unlinked comes back.
     """
@@ -99,7 +99,7 @@ def own_tree(scene: Any) -> tuple[Any, Any]:
             tree = bpy.data.node_groups.new(scene.name, "CompositorNodeTree")
             tree.interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
         elif any(other != scene and other.compositing_node_group == tree for other in bpy.data.scenes):
-            tree = tree.copy()  # the other one's picture is to stay as it is
+            tree = tree.copy()  # the other one's image is to stay as it is
         scene.compositing_node_group = tree
         kind = "NodeGroupOutput"
     else:
@@ -112,7 +112,7 @@ def own_tree(scene: Any) -> tuple[Any, Any]:
 
 
 def _before(socket: Any) -> list[Any]:
-    """The nodes that a socket's picture comes from, the nearest first: the user may have put others between."""
+    """The nodes that a socket's image comes from, the nearest first: the user may have put others between."""
     found: list[Any] = []
     sockets = [socket]
     for each in sockets:
@@ -138,7 +138,7 @@ def _layers(tree: Any, scene: Any) -> Any:
 
 
 def _read(node: Any, scene: Any) -> None:
-    """Makes a Render Layers node show a scene's picture."""
+    """Makes a Render Layers node show a scene's image."""
     node.scene, node.label = scene, scene.name
     used = (layer.name for layer in scene.view_layers if layer.use)
     node.layer = next(used, scene.view_layers[0].name)

@@ -1,8 +1,8 @@
-"""Renders of pictures that FRoG's is laid over: whole, or stopped with a sentence.
+"""Renders of images that FRoG's is laid over: whole, or stopped with a sentence.
 
 Blender renders the scenes that a compositor shows after the scene that F12 was pressed in, by the first one's size and
 region, and goes on whatever happens there. So what can be known is looked for before the first one starts, and stops
-it; what comes later fills FRoG's picture with a pattern that nobody takes for a result, and ends an animation.
+it; what comes later fills FRoG's image with a pattern that nobody takes for a result, and ends an animation.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class _Render:
     Attributes:
         scene: that F12 was pressed in; None while nothing is rendered.
         splats: the scene of captures that is to be laid over it.
-        refusal: why there is to be no picture; empty if nothing is wrong.
+        refusal: why there is to be no image; empty if nothing is wrong.
         kept: settings of the scene, while others take their place in order to stop the render.
         drawn: whether FRoG has drawn the present frame.
         failure: why it could not.
@@ -52,7 +52,7 @@ said: list[str] = []
 
 
 def leading(scene: Any) -> Any:
-    """The scene whose picture this one's is part of, by whose size, region and time Blender renders it: itself, if
+    """The scene whose image this one's is part of, by whose size, region and time Blender renders it: itself, if
     it is rendered alone."""
     try:
         if _render.scene is not None and _render.scene.name:
@@ -63,7 +63,7 @@ def leading(scene: Any) -> Any:
 
 
 def check(scene: Any) -> None:
-    """Raises FrogError if there is to be no picture of a scene that FROG is about to draw."""
+    """Raises FrogError if there is to be no image of a scene that FROG is about to draw."""
     first = leading(scene)
     if _render.refusal:
         raise FrogError(_render.refusal)
@@ -72,19 +72,19 @@ def check(scene: Any) -> None:
 
 
 def note_drawn(scene: Any, has_captures: bool) -> None:
-    """To be told of a picture that FROG has drawn."""
+    """To be told of an image that FROG has drawn."""
     if scene != _render.splats or _render.drawn:
         return
     _render.drawn = True
     if not has_captures and not said:
         _say(
-            f"{leading(scene).name} shows no capture at frame {leading(scene).frame_current}: the picture has the "
+            f"{leading(scene).name} shows no capture at frame {leading(scene).frame_current}: the image has the "
             "objects alone."
         )
 
 
 def note_failure(scene: Any, sentence: str) -> bool:
-    """To be told why FROG could not draw. Returns whether the picture is part of another scene's, which goes on."""
+    """To be told why FROG could not draw. Returns whether the image is part of another scene's, which goes on."""
     if leading(scene) == scene:
         return False
     _render.failure = sentence
@@ -111,7 +111,7 @@ def _on_init(scene: Any, *_: Any) -> None:
 
 
 def _stop(render: Any) -> None:
-    """The one way to stop a render before it begins: the engine that is asked for the picture refuses. Compositor and
+    """The one way to stop a render before it begins: the engine that is asked for the image refuses. Compositor and
     sequencer might not ask it."""
     instead = {"engine": "FROG", "use_compositing": False, "use_sequencer": False}
     _render.kept = {name: getattr(render, name) for name in instead}
@@ -134,7 +134,7 @@ def _on_post(scene: Any, *_: Any) -> None:
         return
     failure = _render.failure
     if not failure and _render.splats is not None and not _render.drawn:
-        failure = f"{_render.splats.name} was not rendered: the picture lacks the captures."
+        failure = f"{_render.splats.name} was not rendered: the image lacks the captures."
     if failure and failure not in said:
         _say(failure)
     _render.failure = failure
@@ -142,7 +142,7 @@ def _on_post(scene: Any, *_: Any) -> None:
 
 @persistent
 def _on_write(scene: Any, *_: Any) -> None:
-    """Ends an animation whose picture has failed."""
+    """Ends an animation whose image has failed."""
     if scene == _render.scene and _render.failure and _render.frame is None:
         _render.frame, scene.frame_current = scene.frame_current, _PAST_ALL
 

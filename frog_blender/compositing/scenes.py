@@ -30,7 +30,7 @@ _OF_RENDERS = (
 _PASSES = 8  # until nothing is left to change: what one changes may show what else has to be
 
 _following = True  # whether there may be something to follow: a scene, or points that are to be drawn again
-_laid: set[int] | None = None  # scenes that FRoG's pictures lay over when their captures were last looked for
+_laid: set[int] | None = None  # scenes that FRoG's images lay over when their captures were last looked for
 _busy = False
 
 
@@ -47,7 +47,7 @@ def laid_over(scene: Any) -> Any | None:
 
 def follow_all(objects_changed: bool = True) -> None:
     """Brings every scene of captures up to date, and decides which engine draws the captures of its scene: the points
-    are left out of other engines' renders as long as FRoG's picture is laid over them.
+    are left out of other engines' renders as long as FRoG's image is laid over them.
 
     Args:
         objects_changed: whether there may be other captures than before; looking for them takes long among very many
@@ -147,7 +147,7 @@ def _layer_changes(mine: Any, theirs: list[Any]) -> Iterator[Change]:
 
 
 def _settle_points(over: list[Any]) -> None:
-    """Has every capture drawn once: by FRoG in the scenes that its pictures lay over, else by the other engine."""
+    """Has every capture drawn once: by FRoG in the scenes that its images lay over, else by the other engine."""
     hidden = {obj for scene in over for obj in playback.captures_in(scene)}
     for obj in playback.captures(bpy.data.objects):
         if obj in hidden or obj.frog.laid_over:

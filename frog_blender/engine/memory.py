@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def old_objects_left_alone() -> Iterator[None]:
+def gc_frozen() -> Iterator[None]:
     """Inside the block Python's garbage collector passes over every object that was there before it.
 
     A training's steps make so many objects that it looks through all of them again and again: torch's, numpy's and

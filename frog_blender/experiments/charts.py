@@ -85,7 +85,7 @@ def speed_chart(section: Section) -> Any:
             axes.vlines(points[i][0], low, high, color=color, linewidth=1.2, zorder=3)
     axes.scatter([], [], s=120, color="0.5", alpha=0.35, linewidths=0, label="area: storage on disk")
     axes.set_xlabel("frames a second, deformation and rasterization (logarithmic)")
-    axes.set_ylabel("PSNR of the held-out pictures, dB")
+    axes.set_ylabel("PSNR of the held-out images, dB")
     axes.legend(loc="lower left", frameon=False, fontsize=9)
     figure.draw_without_rendering()  # the layout decides where things lie
     figure.set_layout_engine("none")
@@ -131,7 +131,7 @@ def training_chart(section: Section) -> Any:
         axes.plot(*middle, color=color, marker=marker, label=row.label, **style)
     dedicated = all(row.timing is not None or row.is_dedicated for row in rows)
     axes.set_xlabel("training, s" + ("" if dedicated else " (some with several runs at once)"))
-    axes.set_ylabel("PSNR of the held-out pictures, dB")
+    axes.set_ylabel("PSNR of the held-out images, dB")
     figure.legend(loc="outside right upper", frameon=False, fontsize=9)
     return figure
 
@@ -214,7 +214,7 @@ def capacity_chart(section: Section) -> Any:
     axes.set_xscale("log")
     _plain_ticks(axes)
     axes.set_xlabel("storage of all as packed files, MB (logarithmic)")
-    axes.set_ylabel("PSNR of the held-out pictures, dB")
+    axes.set_ylabel("PSNR of the held-out images, dB")
     axes.margins(x=0.15, y=0.15)
     figure.legend(loc="outside lower center", frameon=False, fontsize=9, ncols=3)
     figure.draw_without_rendering()

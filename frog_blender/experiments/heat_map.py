@@ -21,10 +21,10 @@ def write_stability(folder: Path) -> list[Path]:
         FrogError: where there is no finished run yet.
     """
     found = outcome(read(folder / "runs.jsonl"))
-    pictures = save_figure(heat_map(found), folder / "stability")
+    images = save_figure(heat_map(found), folder / "stability")
     path = folder / "stability.md"
     write_atomically(path, stability_table(found).encode())
-    return [path, *pictures]
+    return [path, *images]
 
 
 def heat_map(found: Outcome) -> Any:
@@ -50,7 +50,7 @@ def heat_map(found: Outcome) -> Any:
     axes.set_yticks(range(len(rows)), [row.name for row in rows])
     axes.tick_params(length=0)
     figure.colorbar(colors, ax=axes, label="dB against the same method's clean case", shrink=0.6)
-    figure.supxlabel(  # in lines that fit the narrowest picture
+    figure.supxlabel(  # in lines that fit the narrowest image
         "PSNR where a row has no clean case\n±: standard deviation over seeds; !: failed runs", fontsize="medium"
     )
     return figure
@@ -82,7 +82,7 @@ def stability_table(found: Outcome) -> str:
         for label, cell in zip(found.labels, cells, strict=True):
             failures += [f"- {row.name}, {label}, {sentence}" for sentence in cell.failures]
     intro = (
-        "PSNR of the held-out pictures in dB: median over seeds, their standard deviation, their number. Pictures of "
+        "PSNR of the held-out images in dB: median over seeds, their standard deviation, their number. Images of "
         "less light are compared after brightening both by as much.\n\n![what each condition costs](stability.png)\n\n"
     )
     end = "\n".join(failures) or "None."

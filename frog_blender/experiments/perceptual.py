@@ -15,7 +15,7 @@ from ..engine.evaluation.evaluate import Measure
 from ..engine.evaluation.metrics import flip
 
 _ALEXNET = "alexnet-owt-*.pth"  # torchvision's name for it in the folder of torch.hub
-_SMALLEST_SIDE = 31  # pixels; AlexNet's last pooling has nothing left of a smaller picture
+_SMALLEST_SIDE = 31  # pixels; AlexNet's last pooling has nothing left of a smaller image
 
 
 def perceptual_measures() -> tuple[dict[str, Measure], dict[str, str]]:
@@ -48,15 +48,15 @@ def _alexnet_weights() -> list[Path]:
 
 
 def _lpips() -> Measure:
-    """LPIPS 0.1 with AlexNet (Zhang et al. 2018): the mean over a picture, 0 for equal ones."""
+    """LPIPS 0.1 with AlexNet (Zhang et al. 2018): the mean over an image, 0 for equal ones."""
     import lpips
     import torch
 
     network = lpips.LPIPS(net="alex", version="0.1", verbose=False).eval()
 
-    def on_network(picture: np.ndarray) -> torch.Tensor:
+    def on_network(image: np.ndarray) -> torch.Tensor:
         """(1, 3, H, W) in [-1, 1]."""
-        return torch.from_numpy(np.ascontiguousarray(picture, np.float32)).permute(2, 0, 1)[None] * 2 - 1
+        return torch.from_numpy(np.ascontiguousarray(image, np.float32)).permute(2, 0, 1)[None] * 2 - 1
 
     def measure(image: np.ndarray, truth: np.ndarray) -> float:
         if min(image.shape[:2]) < _SMALLEST_SIDE:

@@ -19,7 +19,7 @@ class Part:
 
     Attributes:
         name: in tables.
-        first: the first frame: of the video from 0; for Technicolor the number in the pictures' names.
+        first: the first frame: of the video from 0; for Technicolor the number in the images' names.
         count: frames; None for all.
     """
 
@@ -52,7 +52,7 @@ class Protocol:
         format: of its captures, see ``readers.detect``.
         recipe: the recipe that follows the paper's settings.
         scenes: in the order of tables.
-        picture_width: pixels that pictures are reduced to.
+        image_width: pixels that images are reduced to.
         held_out: what judges, in words.
         cost_scenes: captures on which storage, time and FPS are measured; all where empty.
         table: the paper's main table; ``ablations`` its others; ``elsewhere`` other papers' figures.
@@ -63,7 +63,7 @@ class Protocol:
     format: str
     recipe: str
     scenes: tuple[Scene, ...]
-    picture_width: int
+    image_width: int
     held_out: str
     cost_scenes: tuple[str, ...] = ()
     table: tuple[Published, ...] = ()
@@ -97,7 +97,7 @@ N3DV = Protocol(
         _n3dv("flame_steak"),
         _n3dv("sear_steak"),
     ),
-    picture_width=1352,
+    image_width=1352,
     held_out="the first camera (cam00)",
     cost_scenes=("flame_salmon_frag1",),
     table=published.N3DV,
@@ -116,7 +116,7 @@ HYPERNERF = Protocol(
         Scene(("broom2", "vrig-broom"), (Part("broom"),)),
         Scene(("vrig-chicken",), (Part("chicken"),)),
     ),
-    picture_width=536,  # rgb/2x
+    image_width=536,  # rgb/2x
     held_out="the rig's other camera at every moment (val_ids)",
     table=published.HYPERNERF,
     ablations={"sampling": published.HYPERNERF_SAMPLING},
@@ -137,7 +137,7 @@ TECHNICOLOR = Protocol(
             (("Train", "Trains"), 151),
         )
     ),
-    picture_width=2048,
+    image_width=2048,
     # FRoG writes "second row, second column"; it counts from 0, as every implementation does.
     held_out="row 2, column 2 of the grid, counted from 0 (cam10)",
     table=published.TECHNICOLOR,

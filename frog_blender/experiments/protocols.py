@@ -48,7 +48,7 @@ def captures(
 ) -> list[tuple[str, Capture]]:
     """The protocol's captures by name, opened, at their size and with their split, in the order of its tables.
 
-    They have the size at which the paper evaluates: train on them with a picture scale of 1.
+    They have the size at which the paper evaluates: train on them with an image scale of 1.
 
     Args:
         directory: the folder that holds the scenes, up to three levels deep.
@@ -162,15 +162,15 @@ def _segment(capture: Capture, part: Part) -> Capture:
 
 
 def _at_size(capture: Capture, protocol: Protocol) -> Capture:
-    """The capture at the protocol's picture size; smaller pictures stay as they are, with a warning."""
+    """The capture at the protocol's image size; smaller images stay as they are, with a warning."""
     width = max(camera.width for camera in capture.cameras)
-    if width < protocol.picture_width:
+    if width < protocol.image_width:
         sentence = (
-            f"{capture.path}: pictures are {width} pixels wide, expected {protocol.picture_width}: "
+            f"{capture.path}: images are {width} pixels wide, expected {protocol.image_width}: "
             f"figures cannot be compared with those of {protocol.title}."
         )
         return replace(capture, warnings=(*capture.warnings, sentence))
-    return capture if width == protocol.picture_width else capture.scaled(protocol.picture_width / width)
+    return capture if width == protocol.image_width else capture.scaled(protocol.image_width / width)
 
 
 def _folders(directory: Path, depth: int = _DEPTH) -> Iterator[Path]:

@@ -24,7 +24,7 @@ def write_report(folder: Path, published: str = "") -> list[Path]:
         raise FrogError(f"{folder}: found no finished run, expected at least one in runs.jsonl.")
     charts = write_charts(found, folder)
     text = markdown(records, published)
-    pictures = [path.name for path in charts if path.suffix == ".png"]
-    text += "\n## Charts\n\n" + "\n\n".join(f"![{Path(name).stem}]({name})" for name in pictures) if pictures else ""
+    images = [path.name for path in charts if path.suffix == ".png"]
+    text += "\n## Charts\n\n" + "\n\n".join(f"![{Path(name).stem}]({name})" for name in images) if images else ""
     write_atomically(folder / "tables.md", (text.rstrip() + "\n").encode())
     return [folder / "tables.md", *charts]

@@ -1,4 +1,4 @@
-"""One run of a comparison: a training, its figures on the held-out pictures, and the record of both.
+"""One run of a comparison: a training, its figures on the held-out images, and the record of both.
 
 A killed run goes on from its checkpoint; its curve so far lies beside that.
 """
@@ -21,7 +21,7 @@ from ..engine.errors import FrogError
 from ..engine.evaluation.evaluate import evaluate
 from ..engine.evaluation.metrics import psnr_of
 from ..engine.io.atomic_files import write_atomically
-from ..engine.playback.player import PlayableScene
+from ..engine.playback.player import ScenePlayer
 from ..engine.scene.scene_file import read_scene, scene_bytes, settings_json
 from ..engine.training.methods import method_named
 from ..engine.training.session import events
@@ -245,7 +245,7 @@ def _follow(
     started, warnings, device = time.monotonic(), [], "cpu"
     for event in run_training(job, cancelled):
         match event:
-            case events.Warned(message):
+            case events.WarningEvent(message):
                 warnings.append(message.replace(str(job.capture), job.capture.name))
             case events.Started(device=device):
                 if notes.preparation_seconds is None:
@@ -275,12 +275,12 @@ _FIGURES = ("psnr", "psnr_moving", "psnr_bright", "ssim", "flip", "lpips", "shar
 
 
 def _measure(job: TrainingJob, light: float) -> Record:
-    """Figures of the written scene on the held-out pictures; None for what cannot be measured, "missing" says why.
+    """Figures of the written scene on the held-out images; None for what cannot be measured, "missing" says why.
 
-    Where the ``light`` of the scene is not 1, "psnr_bright" is the PSNR of pictures brightened by as much.
+    Where the ``light`` of the scene is not 1, "psnr_bright" is the PSNR of images brightened by as much.
     """
     capture, _ = prepare_capture(job.capture, job.scale, job.holdout_frames, job.pixel_offsets, job.opened)
-    scene = PlayableScene.load(job.output)
+    scene = ScenePlayer.load(job.output)
     capture = capture.with_cameras(scene.header.cameras)  # as training left their poses
     measures, missing = perceptual_measures()
     if light != 1:
@@ -294,6 +294,6 @@ def _measure(job: TrainingJob, light: float) -> Record:
     return {**figures, **sizes, "missing": missing}
 
 
-def _bright_psnr(gain: float, picture: np.ndarray, truth: np.ndarray) -> float:
-    error = brightened(picture.astype(np.float64), gain) - brightened(truth.astype(np.float64), gain)
+def _bright_psnr(gain: float, image: np.ndarray, truth: np.ndarray) -> float:
+    error = brightened(image.astype(np.float64), gain) - brightened(truth.astype(np.float64), gain)
     return psnr_of(float((error**2).mean()))

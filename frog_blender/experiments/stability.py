@@ -39,7 +39,7 @@ def stability_grid(
         captures: folders by ``conditions.catalogue.BASES``.
         frog_seeds, seeds: of FRoG and of each other method.
         recipe, overrides, steps: the same for all.
-        side: longest side of the pictures in pixels, where a capture's are larger.
+        side: longest side of the images in pixels, where a capture's are larger.
 
     Raises:
         FrogError: for a condition, method or setting that does not exist.
@@ -71,7 +71,7 @@ def stability_grid(
 
 
 def _scale(folder: Path, side: int | None) -> float | None:
-    """The factor that brings a capture's pictures to that longest side, None where they are no larger."""
+    """The factor that brings a capture's images to that longest side, None where they are no larger."""
     if side is None:
         return None
     longest = max(max(camera.width, camera.height) for camera in open_capture(folder).cameras)
@@ -92,7 +92,7 @@ class Cell:
     """A method under a condition.
 
     Attributes:
-        psnr: of held-out pictures by seed, dB; brightened ones where the light was less.
+        psnr: of held-out images by seed, dB; brightened ones where the light was less.
         failures: a sentence for each run that failed.
     """
 
@@ -133,7 +133,7 @@ class Outcome:
 def outcome(records: Iterable[Record]) -> Outcome:
     """Puts the last finished run of each key together, and those that failed.
 
-    A run failed when it ended with an error, when its pictures have no finite PSNR, or when they are worse than the
+    A run failed when it ended with an error, when its images have no finite PSNR, or when they are worse than the
     static scene's of the same condition by ``WORSE_THAN_STATIC``.
 
     Raises:
@@ -151,7 +151,7 @@ def outcome(records: Iterable[Record]) -> Outcome:
         cell = found.cells.setdefault((record["condition"], record["label"]), Cell())
         psnr = record["psnr"] if record.get("psnr_bright") is None else record["psnr_bright"]
         if psnr is None:
-            cell.failures.append(f"seed {record['seed']}: its pictures are not finite")
+            cell.failures.append(f"seed {record['seed']}: its images are not finite")
         else:
             cell.psnr[record["seed"]] = psnr
     if not found.cells:

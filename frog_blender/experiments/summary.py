@@ -72,7 +72,7 @@ class Row:
 
 @dataclass
 class Section:
-    """What is compared with each other: runs on one scene with the same recipe, steps and picture size.
+    """What is compared with each other: runs on one scene with the same recipe, steps and image size.
 
     Attributes:
         scene: the capture's name.
@@ -105,7 +105,7 @@ class Section:
 
     @cached_property
     def file_name(self) -> str:
-        """A name for this section's pictures."""
+        """A name for this section's images."""
         parts = [self.scene, self.recipe]
         parts += [str(self.planned_steps)] if self.planned_steps else []
         parts += [f"x{self.scale:g}"] if self.scale is not None else []

@@ -51,7 +51,7 @@ def _head(records: list[Record]) -> str:
     machines = sorted({_machine(record) for record in records if "machine" in record})
     text = (
         "# Comparison\n\nHigher is better for PSNR (dB; of all pixels, and of the moving region) and SSIM (3DGS's "
-        "window), lower for FLIP (67 pixels a degree) and LPIPS (AlexNet), all of the held-out pictures. Median over "
+        "window), lower for FLIP (67 pixels a degree) and LPIPS (AlexNet), all of the held-out images. Median over "
         "the seeds, and (smallest to largest). Storage is the `.frog` on disk. Training time and FPS (deformation and "
         "rasterization by the inference engine) are of a dedicated pass in which nothing else ran; a time with * was "
         "taken during the grid instead, with several runs at once."

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from ..engine.capture.camera import Camera
-from ..engine.memory import old_objects_left_alone
-from ..engine.playback.player import PlayableScene
+from ..engine.memory import gc_frozen
+from ..engine.playback.player import ScenePlayer
 from ..engine.playback.render import draw
 
 MOMENTS, WARM_UP = 40, 5
@@ -42,7 +42,7 @@ def seconds_each(
     return result
 
 
-def time_playback(scene: PlayableScene, camera: Camera, count: int | None = None) -> dict[str, Any]:
+def time_playback(scene: ScenePlayer, camera: Camera, count: int | None = None) -> dict[str, Any]:
     """Milliseconds a frame of ``deformation`` (``scene.at``), ``rasterization`` (``draw``) and both (``frame``), as
     medians, and ``fps`` of both: the inference engine on the CPU."""
     background = scene.header.background
@@ -136,7 +136,7 @@ def time_steps(trainer: Any) -> StepTimes:
     """Takes a ``Trainer`` to its end. A short training passes through every schedule, growth included, so its mean step
     is a long one's."""
     times = StepTimes()
-    with old_objects_left_alone():  # as in a training
+    with gc_frozen():  # as in a training
         while not trainer.finished:
             count, neighbourhood = trainer.count, trainer.neighbourhood
             before = trainer.seconds

@@ -10,7 +10,7 @@ from typing import Any
 from ..engine.capture.frames import FrameStore
 from ..engine.capture.seed_store import stored_seeds
 from ..engine.errors import FrogError
-from ..engine.playback.player import PlayableScene
+from ..engine.playback.player import ScenePlayer
 from ..engine.training.optimize.device import choose_device
 from ..engine.training.optimize.trainer import Limits, Trainer
 from ..engine.training.session.checkpoint import checkpoint_path, load_checkpoint
@@ -84,7 +84,7 @@ def _time(
             model_of = trainer(planned)
             load_checkpoint(checkpoint_path(finished), model_of)
             path = finished
-        scene = PlayableScene.load(path)
+        scene = ScenePlayer.load(path)
         on_path = time_training_path(model_of.model, camera, capture.background)
         playback = time_playback(scene, camera)
     return {

@@ -108,7 +108,7 @@ def _sentence(name: str, floor: Floor, certain: bool, use_floor: bool) -> str:
     if floor.found:
         off = f", {floor.tilt:.1f}° off what the cameras say" if certain else ""
         return f"{name}: found a floor that holds {floor.share:.0%} of what is at rest{off}."
-    source = "the cameras' up" if certain else "the cameras' pictures, which may be pitched"
+    source = "the cameras' up" if certain else "the cameras' images, which may be pitched"
     why = "found no floor among the Gaussians, so " if use_floor else ""
     return f"{name}: {why}it stands upright by {source}, its lowest part on the grid."
 

@@ -16,7 +16,7 @@ from .. import point_cloud
 from ..engine.errors import FrogError
 from ..scene_import.capture_objects import named_or_chosen
 from ..timeline import open_scenes, playback, playback_cache
-from ..timeline.retiming import is_known_late, stretched
+from ..timeline.retiming import needs_evaluated_time, stretched
 from .modal_operator import Stepwise, has_window
 
 
@@ -55,7 +55,7 @@ def begin(obj: Any, scene: Any) -> Baking:
 def _times(scene: Any, objects: list[Any]) -> set[float]:
     """The times in [0, 1] that objects show over a scene's frame range."""
     frames = range(scene.frame_start, scene.frame_end + 1)
-    if not any(is_known_late(obj) for obj in objects):
+    if not any(needs_evaluated_time(obj) for obj in objects):
         return {playback.moment(obj, stretched(scene, frame)).time for obj in objects for frame in frames}
     stood, layer, found = (scene.frame_current, scene.frame_subframe), scene.view_layers[0], set()
     for frame in frames:
@@ -152,7 +152,7 @@ class FROG_OT_clear_cache(bpy.types.Operator):
     def execute(self, context: Any) -> set[str]:
         playback_cache.clear()
         for obj in playback.captures(bpy.data.objects):
-            point_cloud.distrust(obj.data)
+            point_cloud.invalidate(obj.data)
         return {"FINISHED"}
 
 

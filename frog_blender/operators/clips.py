@@ -26,7 +26,7 @@ class FROG_OT_add_clips(Stepwise, bpy.types.Operator):
 
     directory: StringProperty(
         name="Capture Folder",
-        description="The folder with the videos or pictures that the capture was trained from",
+        description="The folder with the videos or images that the capture was trained from",
         subtype="DIR_PATH",
         options={"SKIP_SAVE"},
     )
@@ -47,12 +47,12 @@ class FROG_OT_add_clips(Stepwise, bpy.types.Operator):
 
     straighten: BoolProperty(
         name="Straighten",
-        description="Where a lens distorts, or Blender cannot read the pictures as a film, write films beside the "
+        description="Where a lens distorts, or Blender cannot read the images as a film, write films beside the "
         "scene's file that show what the cameras saw, and show those",
         default=True,
     )
 
-    doing = "Straightening {done:,} of {total:,} pictures"
+    doing = "Straightening {done:,} of {total:,} images"
     slice_seconds = 0.03
     _folder: Path | None = None
     _shown = 0
@@ -82,7 +82,7 @@ class FROG_OT_add_clips(Stepwise, bpy.types.Operator):
         if ended is None:
             where = folder or "The capture's folder"
             names = ", ".join(camera.name for camera in cameras_of(obj)[:3])
-            nothing = f"{where}: found no clip of {obj.name}, expected pictures of {names} and so on."
+            nothing = f"{where}: found no clip of {obj.name}, expected images of {names} and so on."
             self.report({"ERROR"}, self._problem if folder and self._problem else nothing)
             return {"CANCELLED"}
         return ended

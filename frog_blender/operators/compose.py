@@ -18,7 +18,7 @@ from ..timeline import playback
 
 class FROG_OT_compose(bpy.types.Operator):
     """Render your own objects with Cycles or EEVEE and the captures with FRoG, each hiding what is behind it, in one
-    picture. It follows what you change afterwards: camera, frames, region and size, collections and objects"""
+    image. It follows what you change afterwards: camera, frames, region and size, collections and objects"""
 
     bl_idname = "frog.compose"
     bl_label = "Render With My Objects"

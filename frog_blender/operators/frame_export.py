@@ -13,7 +13,7 @@ import numpy as np
 from ..engine.errors import FrogError
 from ..scene_import.capture_objects import known_by
 from ..timeline import playback
-from ..timeline.retiming import is_known_late, raw_frame, stretched
+from ..timeline.retiming import needs_evaluated_time, raw_frame, stretched
 
 if TYPE_CHECKING:
     from ..engine.gaussians import GaussianArrays
@@ -72,7 +72,7 @@ class FrameExport:
         scene = known_by(bpy.data.scenes, self.scene)
         if scene is None:
             raise FrogError(f"{self.name}: found its scene deleted, expected it to go through its frames.")
-        if self.turn is None and not is_known_late(obj):
+        if self.turn is None and not needs_evaluated_time(obj):
             return playback.gaussians_at(obj, stretched(scene, frame))
         if frame != raw_frame(scene):
             scene.frame_set(int(frame))  # the empty may be animated

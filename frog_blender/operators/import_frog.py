@@ -11,7 +11,7 @@ from bpy.props import BoolProperty, FloatProperty, StringProperty
 from ..engine.errors import FrogError
 from ..scene_import.camera_clips import clip_of
 from ..scene_import.capture_objects import cameras_of, select_alone
-from ..scene_import.create_objects import materialize
+from ..scene_import.create_objects import import_scene
 from .file_drop import DropsIntoViews, OpensDroppedFile
 from .set_up_scene import SetsUpScene
 
@@ -41,7 +41,7 @@ class FROG_OT_import_scene(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
         path = Path(bpy.path.abspath(self.filepath))
         left_alone = self.decide(context.scene)
         try:
-            carrier_object = materialize(
+            carrier_object = import_scene(
                 path,
                 context.scene,
                 start_frame=self.start_frame,

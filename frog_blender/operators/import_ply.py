@@ -12,7 +12,7 @@ from mathutils import Matrix
 from ..engine.errors import FrogError
 from ..engine.playback.transform import Y_DOWN
 from ..scene_import.capture_objects import placed_by, select_alone
-from ..scene_import.create_objects import materialize
+from ..scene_import.create_objects import import_scene
 from .file_drop import DropsIntoViews, OpensDroppedFile
 from .set_up_scene import SetsUpScene
 
@@ -53,7 +53,7 @@ class FROG_OT_import_splats(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
             is_alone = len(self.paths()) < 2
             named = Path(bpy.path.abspath(self.scene_file)) if self.scene_file and is_alone else None
             imported = import_splats(source, named or free_scene_path(source), compact=self.compact)
-            obj = materialize(
+            obj = import_scene(
                 imported.path,
                 context.scene,
                 set_up_scene=self.set_up_scene,

@@ -42,7 +42,7 @@ class FROG_FH_videos(bpy.types.FileHandler):
 
 
 class FROG_OT_import_capture(bpy.types.Operator):
-    """Choose the folder with the videos or pictures to train from; the Train panel then says what it holds"""
+    """Choose the folder with the videos or images to train from; the Train panel then says what it holds"""
 
     bl_idname = "import_scene.frog_capture"
     bl_label = "Open FRoG Capture"
@@ -50,7 +50,7 @@ class FROG_OT_import_capture(bpy.types.Operator):
 
     directory: StringProperty(
         name="Capture",
-        description="Folder with the videos or pictures and the cameras that filmed them",
+        description="Folder with the videos or images and the cameras that filmed them",
         subtype="DIR_PATH",
         options={"SKIP_SAVE"},
     )

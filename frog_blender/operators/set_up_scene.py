@@ -23,7 +23,7 @@ class SetsUpScene:
 
     set_up_scene: BoolProperty(
         name="Set Up Scene",
-        description="Take over the capture's frame range, frame rate, picture size, active camera and background, "
+        description="Take over the capture's frame range, frame rate, image size, active camera and background, "
         "and show its colours unchanged (Standard view transform, no dithering). On by itself in a new file only",
         default=True,
         options={"SKIP_SAVE"},

@@ -11,7 +11,7 @@ import bpy
 
 from ..engine.errors import FrogError
 from ..scene_import.capture_objects import known_by
-from ..scene_import.create_objects import materialize
+from ..scene_import.create_objects import import_scene
 from ..scene_import.scene_setup import is_untouched
 from ..timeline import playback
 
@@ -36,7 +36,7 @@ def importer(scene: Any) -> Callable[[Path], str]:
         if _is_being_edited(target):
             return "Not imported by itself: the scene was being edited when the training ended."
         untouched, others = is_untouched(target), _of_same_capture(target, path)
-        materialize(path, target, set_up_scene=untouched, use_frog_engine=untouched)
+        import_scene(path, target, set_up_scene=untouched, use_frog_engine=untouched)
         _remember_step()
         if others:
             return f"Imported beside {', '.join(others)} of the same capture: hide one of them."

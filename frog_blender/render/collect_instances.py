@@ -51,7 +51,7 @@ def visible_captures(depsgraph: Any, space: Any = None) -> list[tuple[Any, Any, 
         shown, own = instance.object, instance.object.original
         if not is_capture(own) or not is_seen(instance, depsgraph.view_layer):
             continue
-        if not point_cloud.is_itself(shown, own) and (own.mode != "EDIT" or instance.is_instance):
+        if not point_cloud.is_original(shown, own) and (own.mode != "EDIT" or instance.is_instance):
             continue
         if space is not None and not instance.is_instance and not own.visible_in_viewport_get(space):
             continue  # Local View, or a kind of object that the viewport hides

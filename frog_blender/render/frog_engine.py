@@ -1,6 +1,6 @@
 """The FROG render engine: F12 and animations of captures by the engine's own rasterizer, without torch.
 
-The picture through an imported camera is the engine's own drawing of that camera: Gaussians are blended in the video's
+The image through an imported camera is the engine's own drawing of that camera: Gaussians are blended in the video's
 display-referred colour, as they were trained, and the result is converted to Blender's scene-linear at the end.
 """
 
@@ -60,7 +60,7 @@ class FrogRenderEngine(bpy.types.RenderEngine):
         scene = depsgraph.scene.original
         try:
             renders.check(scene)
-            _stand_where_the_picture_does(self, scene)
+            _stand_where_the_image_does(self, scene)
             for view in self._views(depsgraph):
                 self.active_view_set(view)
                 passes = drawn_passes(self, depsgraph)
@@ -79,16 +79,16 @@ class FrogRenderEngine(bpy.types.RenderEngine):
         self.update_progress(1.0)
 
     def _views(self, depsgraph: Any) -> list[str]:
-        """What Blender wants pictures of: an eye each in stereoscopy, else one without a name."""
+        """What Blender wants images of: an eye each in stereoscopy, else one without a name."""
         result = self.begin_result(0, 0, 1, 1, layer=depsgraph.view_layer.name)
         names = [view.name for view in result.views]
         self.end_result(result, cancel=True)
         return names
 
     def _give(self, depsgraph: Any, view: str, passes: dict[str, Any] | None) -> None:
-        """Hands passes (see drawn_passes) over to Blender; without any, a pattern that nobody takes for a picture.
+        """Hands passes (see drawn_passes) over to Blender; without any, a pattern that nobody takes for an image.
 
-        FrogError for passes of another size than Blender's picture or region has.
+        FrogError for passes of another size than Blender's image or region has.
         """
         layer = depsgraph.view_layer.name
         result = self.begin_result(0, 0, self.resolution_x, self.resolution_y, layer=layer, view=view)
@@ -117,13 +117,13 @@ class FrogRenderEngine(bpy.types.RenderEngine):
 
 
 def sentence_of(error: Exception) -> str:
-    """What a person in front of Blender is told when there is no picture."""
+    """What a person in front of Blender is told when there is no image."""
     if isinstance(error, MemoryError):
-        return f"Out of memory{f' ({error})' if str(error) else ''}: make the picture smaller or hide captures."
+        return f"Out of memory{f' ({error})' if str(error) else ''}: make the image smaller or hide captures."
     return str(error) if isinstance(error, FrogError) else f"FRoG could not draw: {error!r}."
 
 
-def _stand_where_the_picture_does(engine: Any, scene: Any) -> None:
+def _stand_where_the_image_does(engine: Any, scene: Any) -> None:
     """Blender takes another scene's frame over, but not what lies between frames."""
     frame = raw_frame(renders.leading(scene))
     if raw_frame(scene) != frame:
@@ -212,7 +212,7 @@ def render_moment(engine: Any, depsgraph: Any) -> Passes:
 
 
 def _say_if_slow(engine: Any, drawing: Any, gaussians: int) -> None:
-    """Once a picture, of which motion blur has many moments."""
+    """Once an image, of which motion blur has many moments."""
     from ..engine.native.binding import MANY_INSTANCES, takes_long
 
     if drawing.instances > MANY_INSTANCES and not engine.told_slow:

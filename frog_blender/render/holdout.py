@@ -1,6 +1,6 @@
 """Objects that hide Gaussians: the depth of a Blender scene's surfaces, for the FROG engine to stop at while it blends.
 
-Each splat ends at the surface, so half-transparent ones before and behind an object are both right; a picture made so
+Each splat ends at the surface, so half-transparent ones before and behind an object are both right; an image made so
 goes over the objects' own by plain alpha (see operators/compose.py). A pixel that an object's edge crosses is drawn
 twice, up to what lies in front and up to what lies behind, and mixed by how much of it the object covers.
 """

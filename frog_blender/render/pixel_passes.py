@@ -1,6 +1,6 @@
 """What the rasterizer drew -> the pixels of passes, in bands of rows on all cores.
 
-Every step of numpy reads and writes tens of megabytes of a large picture, but a band stays in the caches: on two cores
+Every step of numpy reads and writes tens of megabytes of a large image, but a band stays in the caches: on two cores
 bands take a quarter of the time.
 """
 
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..color_spaces import picture_to_linear, to_linear
+from ..color_spaces import image_to_linear, to_linear
 
 if TYPE_CHECKING:
     from ..engine.playback.render import Drawing
@@ -35,7 +35,7 @@ def combined_pass(drawing: Drawing | None, background: np.ndarray | None, width:
         alpha = np.clip(drawing.alpha[rows], 0.0, 1.0)[..., None]
         straight = drawing.rgb[rows] / np.maximum(alpha, 1e-6)
         np.clip(straight, 0.0, 1.0, out=straight)
-        np.multiply(picture_to_linear(straight), alpha, out=combined[rows, :, :3])
+        np.multiply(image_to_linear(straight), alpha, out=combined[rows, :, :3])
         combined[rows, :, 3:] = alpha
 
     def opaque(rows: slice) -> None:
@@ -45,7 +45,7 @@ def combined_pass(drawing: Drawing | None, background: np.ndarray | None, width:
         over = (1.0 - np.clip(drawing.alpha[rows], 0.0, 1.0)[..., None]) * background.astype(np.float32)
         over += drawing.rgb[rows]
         np.clip(over, 0.0, brightest, out=over)
-        combined[rows, :, :3] = picture_to_linear(over) if brightest == 1.0 else to_linear(over)
+        combined[rows, :, :3] = image_to_linear(over) if brightest == 1.0 else to_linear(over)
         combined[rows, :, 3] = 1.0
 
     _in_bands(height, transparent if background is None else opaque)
@@ -70,7 +70,7 @@ def depth_pass(drawing: Drawing | None, width: int, height: int, added: float = 
 
 
 def refusal_pattern(width: int, height: int) -> np.ndarray:
-    """(H, W, 4) opaque stripes of magenta and black, in place of a picture that could not be drawn."""
+    """(H, W, 4) opaque stripes of magenta and black, in place of an image that could not be drawn."""
     rows, columns = np.indices((height, width))
     pattern = np.zeros((height, width, 4), np.float32)
     pattern[(rows + columns) // _STRIPE % 2 == 0] = (1.0, 0.0, 1.0, 0.0)

@@ -1,4 +1,4 @@
-"""Which part of the picture Blender renders."""
+"""Which part of the image Blender renders."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import numpy as np
 
 
 def rendered_part(render: Any, width: int, height: int) -> tuple[int, int, int, int]:
-    """Left, top, width and height in pixels of the Render Region, which is all that Blender takes; else the picture.
+    """Left, top, width and height in pixels of the Render Region, which is all that Blender takes; else the image.
 
     Args:
         render: settings of the scene that the render began with: Blender renders all others by its region.
-        width, height: of the whole picture.
+        width, height: of the whole image.
     """
     if not render.use_border:
         return 0, 0, width, height

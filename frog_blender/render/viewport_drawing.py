@@ -13,7 +13,7 @@ from ..engine.errors import FrogError
 from ..timeline import open_scenes, playback
 from .collect_instances import gather, visible_captures
 from .frog_engine import sentence_of
-from .viewport import STILL_AFTER, Picture, Viewport, draw_view
+from .viewport import STILL_AFTER, Viewport, ViewportImage, draw_view
 from .world import background_of
 
 
@@ -26,16 +26,16 @@ def draw(engine: Any, context: Any, depsgraph: Any) -> None:
     size = (context.region.width, context.region.height)
     viewport = engine.viewport = engine.viewport or Viewport()
     try:
-        picture = picture_of(viewport, depsgraph, context.region_data, size, context.space_data)
+        image = image_of(viewport, depsgraph, context.region_data, size, context.space_data)
     except (FrogError, MemoryError) as error:
         _say(engine, [sentence_of(error)])
         return
     _say(engine, viewport.problems)
-    if viewport.shown is not picture:
-        height, width = picture.pixels.shape[:2]
-        buffer = gpu.types.Buffer("FLOAT", width * height * 4, picture.pixels.reshape(-1))
+    if viewport.shown is not image:
+        height, width = image.pixels.shape[:2]
+        buffer = gpu.types.Buffer("FLOAT", width * height * 4, image.pixels.reshape(-1))
         viewport.texture = gpu.types.GPUTexture((width, height), format="RGBA16F", data=buffer)
-        viewport.shown = picture
+        viewport.shown = image
     gpu.state.blend_set("ALPHA_PREMULT")
     engine.bind_display_space_shader(depsgraph.scene)
     draw_texture_2d(viewport.texture, (0, 0), *size)
@@ -53,7 +53,7 @@ def _say(engine: Any, problems: list[str]) -> None:
     engine.update_stats("FRoG" if problems else "", problems[0] + others if problems else "")
 
 
-def picture_of(viewport: Viewport, depsgraph: Any, view: Any, size: tuple[int, int], space: Any = None) -> Picture:
+def image_of(viewport: Viewport, depsgraph: Any, view: Any, size: tuple[int, int], space: Any = None) -> ViewportImage:
     """What a region of that size with the matrices of ``view`` shows, in the viewport ``space``; drawn anew when what
     decides it has changed. What of the captures cannot be drawn is among ``viewport.problems``.
 

@@ -1,6 +1,6 @@
 """The capture's own videos behind its cameras, showing the moment that the capture shows.
 
-Each camera gets its video, its sequence of pictures, or the film that ``engine.source_media.undistorted_clips`` wrote
+Each camera gets its video, its sequence of images, or the film that ``engine.source_media.undistorted_clips`` wrote
 for it, as a background image. Which image it shows follows from the capture's timing by a driver, whatever its start,
 speed, repetition or time remapping; the expression is one of those that Blender evaluates without Python. Nothing is
 decoded until an image is looked at.
@@ -60,12 +60,12 @@ def add_clips(
         background = clip_of(camera) or camera.data.background_images.new()
         try:
             background.image = _load(clip)
-        except RuntimeError:  # no picture or video that Blender can open
+        except RuntimeError:  # no image or video that Blender can open
             camera.data.background_images.remove(background)
             continue
         background.alpha = opacity
         background.display_depth = "FRONT" if in_front else "BACK"
-        background.frame_method = "STRETCH"  # a capture's pictures fill its cameras' frames, rounded sizes included
+        background.frame_method = "STRETCH"  # a capture's images fill its cameras' frames, rounded sizes included
         camera.data.show_background_images = True
         _synchronise(camera.data, background, clip, obj)
         shown += 1
@@ -121,11 +121,11 @@ def _load(clip: Clip) -> Any:
 
 
 def _synchronise(data: Any, background: Any, clip: Clip, obj: Any) -> None:
-    """Drive the number of the picture that is shown. Number n is offset n - 1 of a clip that is one frame long."""
+    """Drive the number of the image that is shown. Number n is offset n - 1 of a clip that is one frame long."""
     index = next(i for i, each in enumerate(data.background_images) if each == background)
     path = f"background_images[{index}].image_user.frame_offset"
     data.driver_remove(path)
-    if clip.kind == "PICTURE":
+    if clip.kind == "IMAGE":
         return
     user = background.image_user
     user.frame_start, user.frame_duration, user.use_auto_refresh = 1, 1, True
@@ -140,7 +140,7 @@ def _synchronise(data: Any, background: Any, clip: Clip, obj: Any) -> None:
 
 
 def expression(clip: Clip) -> str:
-    """The driver's expression: retiming.capture_frame, rounded to a picture, as an offset of the first one."""
+    """The driver's expression: retiming.capture_frame, rounded to an image, as an offset of the first one."""
     last = clip.count - 1
     if last < 1:
         return str(clip.first - 1)

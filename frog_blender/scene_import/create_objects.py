@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ..engine.scene.header import SceneHeader
 
 
-def materialize(
+def import_scene(
     path: Path,
     scene: Any,
     *,
@@ -109,7 +109,7 @@ def _add_camera(name: str, camera: Camera, root: Any, collection: Any) -> Any:
 
 
 def _animate(obj: Any, path: list[tuple[int, Camera]], start_frame: float) -> None:
-    """Keyframe the pose at every picture, and the lens where it changes; straight lines between them."""
+    """Keyframe the pose at every image, and the lens where it changes; straight lines between them."""
     lenses = np.array([list(lens_of(camera).values())[:3] for _, camera in path])
     changing = [
         name for name, spread in zip(("lens", "shift_x", "shift_y"), np.ptp(lenses, axis=0), strict=True) if spread

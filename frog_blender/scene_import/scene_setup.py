@@ -189,7 +189,7 @@ def _look_at_it(scene: Any, *, through_camera: bool) -> None:
 
 
 def look_through(scene: Any, camera: Any) -> None:
-    """Make a camera the active one, at the size of the pictures that it took."""
+    """Make a camera the active one, at the size of the images that it took."""
     scene.camera = camera
     width, height = camera.data.frog.size
     if width and height:

@@ -1,4 +1,4 @@
-"""How many of its Gaussians a capture shows outside of FRoG's own pictures: the most important ones alone.
+"""How many of its Gaussians a capture shows outside of FRoG's own images: the most important ones alone.
 
 Which they are is found once for each scene (``engine.playback.importance``) and is the same at every frame, so nothing
 flickers; what is left out is neither computed nor written.
@@ -16,10 +16,10 @@ from ..nodes import ellipsoid_nodes
 if TYPE_CHECKING:
     import numpy as np
 
-    from ..engine.playback.player import PlayableScene
+    from ..engine.playback.player import ScenePlayer
 
 _KEPT = 4  # thinned scenes of a scene: objects and renders may each want another density
-Fewer: TypeAlias = "tuple[PlayableScene, np.ndarray]"
+Fewer: TypeAlias = "tuple[ScenePlayer, np.ndarray]"
 """Some of a scene's Gaussians as a scene of their own, and (K,) which of those that move there are among them."""
 
 
@@ -31,7 +31,7 @@ class _Thinned:
         self.order: np.ndarray | None = None
         self.scenes: OrderedDict[int, Fewer] = OrderedDict()
 
-    def take(self, scene: PlayableScene, count: int) -> Fewer:
+    def take(self, scene: ScenePlayer, count: int) -> Fewer:
         from ..engine.playback.importance import most_important, ranking
 
         with self.lock:
@@ -46,12 +46,12 @@ class _Thinned:
             return self.scenes[count]
 
 
-_known: WeakKeyDictionary[PlayableScene, _Thinned] = WeakKeyDictionary()
+_known: WeakKeyDictionary[ScenePlayer, _Thinned] = WeakKeyDictionary()
 _lock = threading.Lock()  # of ``_known``
 _is_for_render = False  # see show_for_render
 
 
-def thinned(obj: Any, scene: PlayableScene) -> Fewer | None:
+def thinned(obj: Any, scene: ScenePlayer) -> Fewer | None:
     """The most important Gaussians of ``scene``, if an object's points or ellipsoids show no more; None for all."""
     count = shown_count(obj, scene.count)
     if count >= scene.count:

@@ -15,7 +15,7 @@ from . import playback_cache
 
 if TYPE_CHECKING:
     from ..engine.playback.bake import Bake
-    from ..engine.playback.player import PlayableScene
+    from ..engine.playback.player import ScenePlayer
 
 _Stamp = tuple[int, int] | None  # modification time and size of a file; None where there is no file
 
@@ -48,7 +48,7 @@ def is_known(path: Path) -> bool:
     return path in _scenes
 
 
-def scene(path: Path) -> PlayableScene:
+def scene(path: Path) -> ScenePlayer:
     """The scene in a file; FrogError with one sentence if it is unusable."""
     with _lock:
         kept = _scenes.setdefault(path, _Kept())
@@ -61,7 +61,7 @@ def scene(path: Path) -> PlayableScene:
     return content
 
 
-def bake(path: Path, file: Path, scene: PlayableScene) -> Bake | None:
+def bake(path: Path, file: Path, scene: ScenePlayer) -> Bake | None:
     """What was baked of a file's scene; None where nothing usable was, which ``bake_problem`` explains."""
     stamp = version(path)
     if stamp is None:
@@ -150,17 +150,17 @@ def forget_all_but(files: Container[Path]) -> None:
         let_go_of_bake(path)
 
 
-def _forget_frames(content: PlayableScene | str | None) -> None:
+def _forget_frames(content: ScenePlayer | str | None) -> None:
     """Drops the cached frames of what was kept of a file, if that was a scene."""
     if content is not None and not isinstance(content, str):
         playback_cache.frames.forget(content.token)
 
 
-def _read(path: Path) -> PlayableScene | str:
+def _read(path: Path) -> ScenePlayer | str:
     try:
-        from ..engine.playback.player import PlayableScene
+        from ..engine.playback.player import ScenePlayer
 
-        return PlayableScene.load(path)
+        return ScenePlayer.load(path)
     except FrogError as error:
         return str(error)
     except Exception as error:
@@ -168,7 +168,7 @@ def _read(path: Path) -> PlayableScene | str:
         return f"{path}: this scene cannot be played ({type(error).__name__}: {error})."
 
 
-def _read_bake(path: Path, file: Path, scene: PlayableScene) -> Bake | str:
+def _read_bake(path: Path, file: Path, scene: ScenePlayer) -> Bake | str:
     from ..engine.playback.bake import Bake
 
     try:

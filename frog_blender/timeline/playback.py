@@ -19,12 +19,12 @@ from ..engine.errors import FrogError
 from . import level_of_detail, open_scenes
 from .playback_cache import Moment
 from .render_thread import in_main_thread, may_write_points
-from .retiming import BadTiming, capture_frame, is_known_late
+from .retiming import BadTiming, capture_frame, needs_evaluated_time
 
 if TYPE_CHECKING:
     from ..engine.gaussians import GaussianArrays
     from ..engine.playback.bake import Bake
-    from ..engine.playback.player import PlayableScene
+    from ..engine.playback.player import ScenePlayer
 
 
 def bake_path(obj: Any) -> Path:
@@ -33,7 +33,7 @@ def bake_path(obj: Any) -> Path:
     return (relative_paths.absolute(obj, folder) if folder else file.parent) / f"{file.stem}.frogbake"
 
 
-def open_scene(path: Path) -> PlayableScene:
+def open_scene(path: Path) -> ScenePlayer:
     """The scene in a file, read once for each version of the file; FrogError with one sentence if it is unusable."""
     # A render's thread must not look at bpy.data.
     if not open_scenes.is_known(path) and in_main_thread():
@@ -151,7 +151,7 @@ def _on_frame(scene: Any, *_: Any) -> None:
             )
         return
     for obj in captures_in(scene):
-        if not is_known_late(obj):
+        if not needs_evaluated_time(obj):
             show(obj, scene.frame_current_final)
 
 
@@ -162,7 +162,7 @@ def _on_frame_evaluated(scene: Any, depsgraph: Any) -> None:
     if not may_write_points(scene):
         return
     for obj in captures_in(scene):
-        if is_known_late(obj):
+        if needs_evaluated_time(obj):
             show(obj, scene.frame_current_final, obj.evaluated_get(depsgraph))
 
 
@@ -186,7 +186,7 @@ def _on_update(_scene: Any, depsgraph: Any) -> None:
     """Whoever changed the geometry outside of a frame's change, all of it is written again with the next frame."""
     for update in depsgraph.updates:
         if update.is_updated_geometry and isinstance(update.id, point_cloud.DATA_TYPES):
-            point_cloud.distrust(update.id.original)
+            point_cloud.invalidate(update.id.original)
 
 
 @persistent

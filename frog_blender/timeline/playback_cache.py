@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
     from ..engine.gaussians import GaussianArrays
     from ..engine.playback.bake import Bake
-    from ..engine.playback.frame_delta import MovingPart
-    from ..engine.playback.player import PlayableScene
+    from ..engine.playback.frame_delta import FrameDelta
+    from ..engine.playback.player import ScenePlayer
 
 DEFAULT_MEGABYTES = 1024
 MEGABYTE = 1 << 20
@@ -43,7 +43,7 @@ class Moment:
         rows: (K,) which of the Gaussians that move in the bake are those that move in ``scene``; None for all.
     """
 
-    scene: PlayableScene
+    scene: ScenePlayer
     time: float
     bake: Bake | None = None
     rows: np.ndarray | None = field(default=None, compare=False)
@@ -52,7 +52,7 @@ class Moment:
     def key(self) -> Key:
         return self.scene.token, self.time
 
-    def part(self) -> MovingPart:
+    def part(self) -> FrameDelta:
         """What changes in time, at this one: kept, baked, or computed at once; kept from now on."""
         found = frames.find(self.key)
         if found is None:
@@ -64,7 +64,7 @@ class Moment:
         """All of them; renders go through many moments once, so nothing is kept for them."""
         return self.scene.at(self.time, frames.find(self.key) or self._baked())
 
-    def _baked(self) -> MovingPart | None:
+    def _baked(self) -> FrameDelta | None:
         if self.bake is None or not self.scene.changing:
             return None
         return self.bake.find(self.time, self.rows)

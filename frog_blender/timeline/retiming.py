@@ -77,7 +77,7 @@ def stretched(scene: Any, frame: float) -> float:
     return frame * scene.render.frame_map_old / scene.render.frame_map_new
 
 
-def is_known_late(obj: Any) -> bool:
+def needs_evaluated_time(obj: Any) -> bool:
     """Whether drivers, the NLA or curves of other settings decide what is shown: nobody knows before Blender has
     evaluated the frame."""
     animation = obj.animation_data
@@ -99,7 +99,7 @@ def is_known_late(obj: Any) -> bool:
 def _curve(obj: Any) -> Any:
     """The curve that alone animates ``REMAPPED``, or None."""
     animation = obj.animation_data
-    if animation is None or is_known_late(obj):
+    if animation is None or needs_evaluated_time(obj):
         return None
     return next((curve for curve in _curves(animation) if curve.data_path == REMAPPED), None)
 

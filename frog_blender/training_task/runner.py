@@ -22,7 +22,7 @@ import bpy
 
 from ..engine import memory
 from ..engine.errors import FrogError, brief
-from ..engine.training.session.cancel_token import Control
+from ..engine.training.session.cancel_token import CancelToken
 from ..torch_install import folders
 from ..ui import preview_image
 from . import unsaved_changes
@@ -35,7 +35,7 @@ QUIT_SECONDS = 10.0  # what a cancelled training gets to finish its step and wri
 PATIENCE = 0.5  # of which so many pass before a word is said
 _JOBS = ("RENDER", "OBJECT_BAKE")  # of Blender's, that look at the scene in threads of their own
 
-EventSource = Callable[[Control], Iterator[Any]]
+EventSource = Callable[[CancelToken], Iterator[Any]]
 OnFinished = Callable[[Path], str | None]
 """Takes a finished scene's file; returns what the panel says besides, if anything. May raise FrogError."""
 
@@ -54,7 +54,7 @@ class TrainingRequest:
     ) -> None:
         self.capture, self.output, self.recipe, self.capacity, self.job = capture, output, recipe, capacity, job
 
-    def events(self, control: Control) -> Iterator[Any]:
+    def events(self, control: CancelToken) -> Iterator[Any]:
         """Run the training; called on the worker, because this is what imports torch."""
         folders.hold()
         from ..engine.training.recipe import recipe
@@ -78,7 +78,7 @@ class TrainingTask:
         self._on_finished = on_finished
         self.waiting: Path | None = None  # a finished file that is to be handed over
         self._events: queue.Queue[Any] = queue.Queue()
-        self.control = Control()
+        self.control = CancelToken()
         # A daemon, because Python waits for other threads before it runs atexit, where this one is asked to end.
         self._thread = threading.Thread(target=self._work, name="FRoG training", daemon=True)
 

@@ -50,7 +50,7 @@ class TrainingState:
                 self.gaussians, self.moving = event.gaussians, event.moving
             case kinds.Reduced():
                 self.capacity.append(event.message)
-            case kinds.Pictured() | kinds.Preview():
+            case kinds.CompressionPreview() | kinds.Preview():
                 self.preview = event.image
             case kinds.Stage():
                 self.stage, self.stage_fraction = event.name.capitalize(), event.done / max(event.total, 1)
@@ -58,7 +58,7 @@ class TrainingState:
                 self.stage, self.steps, self.gaussians = "", event.steps or 0, event.gaussians
             case kinds.Evaluated():
                 self.psnr, self.psnr_split = event.psnr, event.split
-            case kinds.Warned():
+            case kinds.WarningEvent():
                 self.warnings.append(event.message)
             case kinds.Finished():
                 self._finish(event)

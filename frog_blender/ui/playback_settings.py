@@ -113,7 +113,7 @@ class FrogPlaybackSettings(bpy.types.PropertyGroup):
     )
     laid_over: BoolProperty(
         name="Laid Over",
-        description="Left out of other engines' renders, because the compositor lays FRoG's picture of it over them",
+        description="Left out of other engines' renders, because the compositor lays FRoG's image of it over them",
         default=False,
         options={"HIDDEN"},
     )
@@ -177,8 +177,8 @@ class FrogCameraSettings(bpy.types.PropertyGroup):
         precision=5,
     )
     size: IntVectorProperty(
-        name="Picture Size",
-        description="Width and height in pixels of the pictures this camera took; zero for a camera made by hand",
+        name="Image Size",
+        description="Width and height in pixels of the images this camera took; zero for a camera made by hand",
         size=2,
         min=0,
     )

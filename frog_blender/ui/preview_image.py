@@ -1,4 +1,4 @@
-"""The picture in the panel that shows how a training stands: one icon that takes new pixels, no data-block."""
+"""The image in the panel that shows how a training stands: one icon that takes new pixels, no data-block."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _shown: np.ndarray | None = None
 
 
 def show(image: np.ndarray | None) -> None:
-    """Make (H, W, 3) uint8, rows from the top, the picture; the same one again costs nothing, None takes it away."""
+    """Make (H, W, 3) uint8, rows from the top, the image; the same one again costs nothing, None takes it away."""
     global _shown
     if _icons is None or image is _shown:
         return
@@ -31,7 +31,7 @@ def show(image: np.ndarray | None) -> None:
 
 
 def icon_id() -> int:
-    """For ``layout.template_icon``; 0 where there is no picture, and without a window."""
+    """For ``layout.template_icon``; 0 where there is no image, and without a window."""
     return _icons[_NAME].icon_id if _icons is not None and _NAME in _icons else 0
 
 

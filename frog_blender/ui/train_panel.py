@@ -110,7 +110,7 @@ def _draw_training(layout: Any, task: runner.TrainingTask, settings: Any, contex
     for warning in state.warnings[-3:]:
         sentence(box, warning, context, icon="INFO")
     if preview_image.icon_id():
-        # As wide as the sidebar: the picture lies in a square of this many rows.
+        # As wide as the sidebar: the image lies in a square of this many rows.
         rows = context.region.width / (20 * context.preferences.system.ui_scale) - 3 if context.region else 8
         box.template_icon(preview_image.icon_id(), scale=min(max(rows, 6.0), 16.0))
     if state.running:

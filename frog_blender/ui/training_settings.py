@@ -87,7 +87,7 @@ class FrogTrainingSettings(bpy.types.PropertyGroup):
 
     capture_folder: StringProperty(
         name="Capture",
-        description="Folder with the videos or pictures and the cameras that filmed them",
+        description="Folder with the videos or images and the cameras that filmed them",
         subtype="DIR_PATH",
         options=PATH_OPTIONS,
         update=_on_capture_folder,
@@ -132,8 +132,8 @@ class FrogTrainingSettings(bpy.types.PropertyGroup):
         default=0,
     )
     image_scale: FloatProperty(
-        name="Picture Scale",
-        description="Train on pictures resized by this factor; zero shrinks only what is larger than 1600 pixels",
+        name="Image Scale",
+        description="Train on images resized by this factor; zero shrinks only what is larger than 1600 pixels",
         min=0.0,
         max=1.0,
         default=0.0,

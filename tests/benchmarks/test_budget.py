@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from support.builders import REPOSITORY, run_python, scene_file
 
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.visibility import of_groups
 from frog_blender.engine.scene.scene_file import LIFETIMES, SceneFile, write_scene
 
@@ -27,7 +27,7 @@ def test_the_most_opaque_stay(tmp_path: Path) -> None:
     write_scene(tmp_path / "whole.frog", SceneFile(scene.header, scene.arrays | {LIFETIMES: lives}))
     done = run_python(CUT, tmp_path / "whole.frog", tmp_path / "cut.frog")
     assert done.returncode == 0, done.stderr
-    whole, cut = (PlayableScene.load(tmp_path / name) for name in ("whole.frog", "cut.frog"))
+    whole, cut = (ScenePlayer.load(tmp_path / name) for name in ("whole.frog", "cut.frog"))
     kept = np.sort(np.argsort(-scene.arrays["opacity_logits"], kind="stable")[:50])
     assert cut.count == 50 and cut.moving == int((kept < 120).sum())
     np.testing.assert_allclose(cut.at(0.3).means, whole.at(0.3).means[kept], rtol=1e-5, atol=1e-6)

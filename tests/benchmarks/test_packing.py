@@ -1,4 +1,4 @@
-"""The packing benchmark: far Gaussians ruin pictures in their blocks, and do no harm where they stand apart."""
+"""The packing benchmark: far Gaussians ruin images in their blocks, and do no harm where they stand apart."""
 
 from __future__ import annotations
 

@@ -73,10 +73,10 @@ def the_node_muted(scene):
     over.mute = True
 
 
-def is_striped(picture):
-    """Whether a picture is the pattern that says that there is none."""
-    magenta = (picture[..., :3] == (255, 0, 255)).all(-1)
-    black = (picture[..., :3] == 0).all(-1)
+def is_striped(image):
+    """Whether an image is the pattern that says that there is none."""
+    magenta = (image[..., :3] == (255, 0, 255)).all(-1)
+    black = (image[..., :3] == 0).all(-1)
     return (magenta | black).all() and 0.3 < magenta.mean() < 0.7
 
 

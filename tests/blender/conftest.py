@@ -44,7 +44,7 @@ def static_rig(tmp_path):
 
 @pytest.fixture
 def moving_rig(tmp_path):
-    """A .frog file of one camera that moves and zooms through six pictures."""
+    """A .frog file of one camera that moves and zooms through six images."""
     from small_scenes import moving_camera, write_scene
 
     cameras = moving_camera(6)

@@ -143,10 +143,10 @@ def read_png(path: Path) -> np.ndarray:
 
 def expected_png(path: Path, camera: Camera, frame: float) -> np.ndarray:
     """What the engine itself draws at a capture frame, as (H, W, 3) float in units of 1/255."""
-    from frog_blender.engine.playback.player import PlayableScene
+    from frog_blender.engine.playback.player import ScenePlayer
     from frog_blender.engine.playback.render import draw
 
-    scene = PlayableScene.load(path)
+    scene = ScenePlayer.load(path)
     drawing = draw(scene.at_frame(frame), camera, background=scene.header.background)
     return np.clip(drawing.rgb, 0.0, 1.0) * 255.0
 

@@ -10,7 +10,7 @@ import pytest
 from small_scenes import rig_of_three, write_scene
 
 from frog_blender import app_handlers, point_cloud, reported_once
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.timeline import playback, prefetch, retiming
 
 
@@ -57,7 +57,7 @@ def test_the_timeline_goes_on(empty, captures, static_rig, capfd, name, value):
         empty.frame_set(frame)
         prefetch.look_ahead(empty)
         np.testing.assert_array_equal(
-            point_cloud.read(good)["position"], PlayableScene.load(good.frog.filepath).at_frame(frame - 1.0).means
+            point_cloud.read(good)["position"], ScenePlayer.load(good.frog.filepath).at_frame(frame - 1.0).means
         )
     err = capfd.readouterr().err
     assert "Traceback" not in err, err
@@ -123,7 +123,7 @@ def test_something_unforeseen_in_one_capture_holds_up_no_other(empty, captures, 
     for frame in (3, 5):
         empty.frame_set(frame)
     np.testing.assert_array_equal(
-        point_cloud.read(good)["position"], PlayableScene.load(good.frog.filepath).at_frame(4.0).means
+        point_cloud.read(good)["position"], ScenePlayer.load(good.frog.filepath).at_frame(4.0).means
     )
     assert capfd.readouterr().err.count("ZeroDivisionError: of some kind") == 1
 

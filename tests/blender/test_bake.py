@@ -14,7 +14,7 @@ from frog_blender import point_cloud
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.playback.bake import Bake, write_bake
 from frog_blender.engine.playback.importance import most_important, ranking
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.scene.scene_file import write_scene as write_file
 from frog_blender.operators import bake
@@ -30,7 +30,7 @@ def capture(empty, static_rig):
 
 
 def shows(obj, path, frame):
-    expected = PlayableScene.load(path).at_frame(frame)
+    expected = ScenePlayer.load(path).at_frame(frame)
     np.testing.assert_array_equal(point_cloud.read(obj)["position"], expected.means)
     np.testing.assert_array_equal(point_cloud.read(obj)["radiance:base"][:, 3], expected.opacities)
 
@@ -43,9 +43,9 @@ def leftovers(folder):
 def computed(monkeypatch):
     """The times that the network is asked for from now on."""
     times = []
-    part, whole = PlayableScene.part_at, PlayableScene._compute
-    monkeypatch.setattr(PlayableScene, "part_at", lambda self, time: times.append(time) or part(self, time))
-    monkeypatch.setattr(PlayableScene, "_compute", lambda self, time: times.append(time) or whole(self, time))
+    part, whole = ScenePlayer.part_at, ScenePlayer._compute
+    monkeypatch.setattr(ScenePlayer, "part_at", lambda self, time: times.append(time) or part(self, time))
+    monkeypatch.setattr(ScenePlayer, "_compute", lambda self, time: times.append(time) or whole(self, time))
     return times
 
 
@@ -191,7 +191,7 @@ def test_a_bake_that_does_not_end_well_leaves_the_one_before(empty, capture, sta
         def full(self, time):
             raise OSError(28, "No space left on device")
 
-        monkeypatch.setattr(PlayableScene, "part_at", full)
+        monkeypatch.setattr(ScenePlayer, "part_at", full)
         with pytest.raises(FrogError, match="No space left"):
             list(work.steps)
         monkeypatch.undo()
@@ -262,7 +262,7 @@ def test_write_bake_says_when_the_disk_is_too_small(empty, static_rig, monkeypat
     from frog_blender.engine.playback import bake as engine
 
     monkeypatch.setattr(engine.shutil, "disk_usage", lambda folder: SimpleNamespace(free=100))
-    scene = PlayableScene.load(static_rig)
+    scene = ScenePlayer.load(static_rig)
     path = static_rig.with_suffix(".frogbake")
     with pytest.raises(FrogError, match="needs 0 MB, found 0 MB on the disk"):
         list(write_bake(path, static_rig, scene, [0.0, 1.0]))

@@ -23,7 +23,7 @@ from frog_blender.timeline.retiming import capture_frame
 COUNT = 10
 
 
-def picture(path):
+def image(path):
     image = bpy.data.images.new("picture", 8, 8)
     image.filepath_raw, image.file_format = str(path), "PNG"
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -42,12 +42,12 @@ def scene_of(path, folder, cameras, **changes):
 
 @pytest.fixture
 def mono(empty, tmp_path):
-    """One moving camera, its pictures numbered from 5 in steps of 2, and transforms.json."""
+    """One moving camera, its images numbered from 5 in steps of 2, and transforms.json."""
     folder = tmp_path / "film"
     cameras = [replace(camera, name=f"frame_{5 + 2 * i:03d}") for i, camera in enumerate(moving_camera(COUNT))]
     listed = []
     for camera in cameras:
-        picture(folder / "images" / f"{camera.name}.png")
+        image(folder / "images" / f"{camera.name}.png")
         listed.append(f'{{"file_path": "images/{camera.name}.png"}}')
     (folder / "transforms.json").write_text(f'{{"frames": [{", ".join(listed)}]}}')
     shots = [(frame,) for frame in range(COUNT)]
@@ -56,10 +56,10 @@ def mono(empty, tmp_path):
 
 @pytest.fixture
 def still(empty, tmp_path):
-    """Three cameras with a picture each."""
+    """Three cameras with an image each."""
     folder = tmp_path / "stills"
     for name in ("cam00", "cam01", "cam02"):
-        picture(folder / "images" / f"{name}.png")
+        image(folder / "images" / f"{name}.png")
     return scene_of(tmp_path / "stills.frog", folder, rig_of_three(), capture_format="n3dv")
 
 
@@ -69,13 +69,13 @@ def imported(path, **options):
 
 
 def number_shown(camera, frame):
-    """The number of the picture behind a camera at a frame of the timeline, as Blender evaluates it."""
+    """The number of the image behind a camera at a frame of the timeline, as Blender evaluates it."""
     bpy.context.scene.frame_set(int(frame), subframe=frame % 1)
     evaluated = camera.evaluated_get(bpy.context.evaluated_depsgraph_get())
     return clip_of(evaluated).image_user.frame_offset + 1
 
 
-def test_each_camera_has_its_own_picture(still):
+def test_each_camera_has_its_own_image(still):
     obj = imported(still)
     cameras = cameras_of(obj)
     assert [camera.name for camera in cameras] == ["cam00", "cam01", "cam02"]
@@ -177,7 +177,7 @@ def test_another_folder_is_named_and_clips_are_hidden_again(mono, tmp_path):
     assert clip_of(camera) is None and not camera.data.animation_data.drivers
 
 
-def test_renamed_cameras_keep_their_clips_and_a_user_s_own_picture_stays(mono):
+def test_renamed_cameras_keep_their_clips_and_a_user_s_own_image_stays(mono):
     obj = imported(mono, show_clips=False)
     camera = cameras_of(obj)[0]
     camera.name = camera.data.name = "tracking shot"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from frog_blender.color_spaces import picture_to_linear, to_display, to_linear
+from frog_blender.color_spaces import image_to_linear, to_display, to_linear
 
 
 def test_there_and_back():
@@ -12,9 +12,9 @@ def test_there_and_back():
     np.testing.assert_allclose(to_display(to_linear(values)), values, atol=1e-5)
 
 
-def test_the_table_for_pictures_is_as_exact_as_it_says():
-    picture = np.random.default_rng(0).random((100, 100, 3)).astype(np.float32)
-    picture[0, 0], picture[0, 1] = 0.0, 1.0
-    np.testing.assert_allclose(picture_to_linear(picture), to_linear(picture), atol=2e-5)
-    assert picture_to_linear(picture).dtype == np.float32
-    assert (picture_to_linear(picture)[0, :2] == [[0.0] * 3, [1.0] * 3]).all()
+def test_the_table_for_images_is_as_exact_as_it_says():
+    image = np.random.default_rng(0).random((100, 100, 3)).astype(np.float32)
+    image[0, 0], image[0, 1] = 0.0, 1.0
+    np.testing.assert_allclose(image_to_linear(image), to_linear(image), atol=2e-5)
+    assert image_to_linear(image).dtype == np.float32
+    assert (image_to_linear(image)[0, :2] == [[0.0] * 3, [1.0] * 3]).all()

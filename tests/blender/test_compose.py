@@ -1,4 +1,4 @@
-"""Captures among other objects: what hides what, and both engines' pictures in one."""
+"""Captures among other objects: what hides what, and both engines' images in one."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from small_scenes import passes_of, rig_of_three
 
 from frog_blender import point_cloud
 from frog_blender.engine.native.options import RasterizeOptions
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 
 
@@ -31,7 +31,7 @@ def test_splats_end_where_an_object_hides_them(empty, static_rig, tmp_path):
     empty.render.film_transparent = True
     combined, _ = passes_of(empty, tmp_path)
     camera = rig_of_three()[0]
-    gaussians = PlayableScene.load(static_rig).at_frame(0.0)
+    gaussians = ScenePlayer.load(static_rig).at_frame(0.0)
     y, x = np.mgrid[0 : camera.height, 0 : camera.width] + 0.5
     rays = np.stack([x, y, np.ones_like(x)], -1) @ np.linalg.inv(camera.intrinsics).T @ camera.rotation
     limit = -camera.center[1] / rays[..., 1]  # planar depth at y = 0
@@ -57,7 +57,7 @@ def test_f12_puts_cycles_and_frog_together(empty, static_rig, tmp_path, rendered
     assert splats.render.engine == "FROG" and splats.render.film_transparent and splats.frog.hold_out
     empty.cycles.samples, empty.cycles.use_denoising = 1, False
     pixels = rendered(empty, use_motion_blur=False).astype(float) / 255
-    camera, gaussians = rig_of_three()[0], PlayableScene.load(static_rig).at_frame(0.0)
+    camera, gaussians = rig_of_three()[0], ScenePlayer.load(static_rig).at_frame(0.0)
     y, x = np.mgrid[0 : camera.height, 0 : camera.width] + 0.5
     rays = np.stack([x, y, np.ones_like(x)], -1) @ np.linalg.inv(camera.intrinsics).T @ camera.rotation
     limit = -camera.center[1] / rays[..., 1]
@@ -198,7 +198,7 @@ def test_what_cameras_do_not_see_hides_no_splats(empty, static_rig, tmp_path, ho
 def test_captures_that_cameras_do_not_see(empty, static_rig, tmp_path, how):
     obj = import_scene(static_rig)
     other = obj.copy()
-    empty.collection.objects.link(other)  # which is no reason to lose the whole picture
+    empty.collection.objects.link(other)  # which is no reason to lose the whole image
     other.parent = None
     empty.render.film_transparent = True
     assert passes_of(empty, tmp_path)[0][..., 3].max() > 0.5

@@ -315,7 +315,7 @@ def test_a_capture_from_a_composed_file_is_drawn_by_the_other_engine(composed, t
 
 
 def test_an_animation_follows_cameras_sizes_and_time(composed, rendered, tmp_path):
-    """Its frames are those that stills have; the pictures' size stays the first one's."""
+    """Its frames are those that stills have; the images' size stays the first one's."""
     for frame, camera in zip((1, 2), (cameras(composed)[0], cameras(composed)[2]), strict=True):
         composed.timeline_markers.new("cut", frame=frame).camera = camera
     composed.render.use_motion_blur = True
@@ -326,18 +326,18 @@ def test_an_animation_follows_cameras_sizes_and_time(composed, rendered, tmp_pat
     composed.render.image_settings.file_format = "PNG"
     composed.render.filepath = str(tmp_path / "out_")
     assert bpy.ops.render.render(animation=True) == {"FINISHED"}
-    pictures = [read_png(path) for path in sorted(tmp_path.glob("out_*.png"))]
-    assert len(pictures) == 2
-    for frame, picture in enumerate(pictures, start=1):
+    images = [read_png(path) for path in sorted(tmp_path.glob("out_*.png"))]
+    assert len(images) == 2
+    for frame, image in enumerate(images, start=1):
         composed.frame_set(frame)
         compose_anew(composed)
         found = rendered(composed)
-        np.testing.assert_array_equal(picture[..., :3], found[..., :3])
+        np.testing.assert_array_equal(image[..., :3], found[..., :3])
 
 
 @pytest.fixture
 def eyes(tmp_path):
-    """A function that renders a scene in stereo: the pictures of the left and the right eye."""
+    """A function that renders a scene in stereo: the images of the left and the right eye."""
 
     def render(scene):
         scene.render.use_multiview, scene.render.views_format = True, "STEREO_3D"
@@ -359,15 +359,15 @@ def test_each_eye_has_its_own_splats(composed, eyes, rendered):
     left, right = eyes(composed)
     composed.render.use_multiview = False
     place = camera.matrix_world.copy()
-    for picture, sign in ((left, -0.5), (right, 0.5)):
+    for image, sign in ((left, -0.5), (right, 0.5)):
         moved = place.copy()
         moved.translation += place.col[0].to_3d() * (sign * stereo.interocular_distance)
         camera.matrix_world = moved
         found = rendered(composed).astype(int)
-        assert np.abs(found - picture).max() <= 2, "an eye is a camera that stands beside the other one"
+        assert np.abs(found - image).max() <= 2, "an eye is a camera that stands beside the other one"
 
 
-def test_pictures_put_together_by_hand_have_the_region_of_the_scene_that_is_rendered(empty, static_rig, rendered):
+def test_images_put_together_by_hand_have_the_region_of_the_scene_that_is_rendered(empty, static_rig, rendered):
     """FRoG's scene follows none, but Blender renders it by the other one's size and region all the same."""
     bpy.ops.import_scene.frog(filepath=str(static_rig))
     compose(empty)

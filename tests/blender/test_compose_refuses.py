@@ -1,4 +1,4 @@
-"""After Render With My Objects: what cannot be followed stops the render with a sentence, or is no picture."""
+"""After Render With My Objects: what cannot be followed stops the render with a sentence, or is no image."""
 
 from __future__ import annotations
 
@@ -137,9 +137,7 @@ REFUSED_IN_WINDOWS = [a_file_gone, a_file_spoiled, an_uneven_scale, a_fisheye, f
 
 
 @pytest.mark.parametrize("change", REFUSED_IN_WINDOWS, ids=name_of)
-def test_in_a_window_what_is_refused_is_no_picture_and_ends_the_animation(
-    composed, tmp_path, change, in_a_window, capfd
-):
+def test_in_a_window_what_is_refused_is_no_image_and_ends_the_animation(composed, tmp_path, change, in_a_window, capfd):
     """Blender goes on there whatever a handler finds, unless FRoG is the engine of the scene itself."""
     in_a_window()
     sentence = change(composed)
@@ -150,8 +148,8 @@ def test_in_a_window_what_is_refused_is_no_picture_and_ends_the_animation(
     stops = change is frog_for_both
     with pytest.raises(RuntimeError, match=sentence) if stops else nullcontext():
         bpy.ops.render.render(animation=True)
-    pictures = [read_png(path) for path in sorted(tmp_path.glob("out_*.png"))]
-    assert [is_striped(picture) for picture in pictures] == ([] if stops else [True])
+    images = [read_png(path) for path in sorted(tmp_path.glob("out_*.png"))]
+    assert [is_striped(image) for image in images] == ([] if stops else [True])
     assert composed.frame_current == 1 and sentence in "".join(capfd.readouterr())
 
 
@@ -162,7 +160,7 @@ def test_in_a_window_a_copied_scene_is_refused(composed, rendered, in_a_window):
 
 
 @pytest.mark.parametrize("error", [MemoryError(), ValueError("a fault of our own")], ids=["memory", "a bug"])
-def test_what_fails_later_is_no_picture_and_ends_the_animation(composed, tmp_path, monkeypatch, capsys, error):
+def test_what_fails_later_is_no_image_and_ends_the_animation(composed, tmp_path, monkeypatch, capsys, error):
     from frog_blender.render import frog_engine
 
     drawn = []
@@ -180,8 +178,8 @@ def test_what_fails_later_is_no_picture_and_ends_the_animation(composed, tmp_pat
     composed.render.filepath = str(tmp_path / "out_")
     bpy.ops.render.render(animation=True)
     assert drawn == [1, 2] and composed.frame_current == 1
-    pictures = [read_png(path) for path in sorted(tmp_path.glob("out_*.png"))]
-    assert [is_striped(picture) for picture in pictures] == [False, True]
+    images = [read_png(path) for path in sorted(tmp_path.glob("out_*.png"))]
+    assert [is_striped(image) for image in images] == [False, True]
     said = "Out of memory" if isinstance(error, MemoryError) else "a fault of our own"
     assert said in capsys.readouterr().err and said in renders.said[0], "in the console and in the panel"
     composed.frame_end = 1
@@ -203,7 +201,7 @@ def test_a_still_that_fails_leaves_the_scene_as_it_was(composed, monkeypatch, re
 
 def test_it_says_that_a_layer_rendered_alone_lacks_the_captures(composed, capsys):
     bpy.ops.render.render(layer=composed.view_layers[0].name)
-    assert "the picture lacks the captures" in capsys.readouterr().err
+    assert "the image lacks the captures" in capsys.readouterr().err
 
 
 def test_it_says_once_that_no_capture_is_seen(composed, tmp_path, capsys):

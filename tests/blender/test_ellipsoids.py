@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from frog_blender.engine.native.options import ALPHA_MIN
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 
 
 def import_scene(path):
@@ -34,7 +34,7 @@ def test_every_instance_is_its_gaussian(empty, static_rig, frames):
         (1.0, 2.0, 3.0), mathutils.Quaternion((0.9, 0.1, 0.4, 0.2)), None
     )
     obj.frog.display = "ELLIPSOIDS"
-    scene = PlayableScene.load(static_rig)
+    scene = ScenePlayer.load(static_rig)
     for frame in frames:
         empty.frame_set(int(frame), subframe=frame % 1)
         gaussians = scene.at_frame(frame - 1)
@@ -66,7 +66,7 @@ def test_nobody_sees_what_is_transparent(empty):
 def test_splats_again(empty, static_rig):
     obj = import_scene(static_rig)
     obj.frog.display = "ELLIPSOIDS"
-    seen = int((PlayableScene.load(static_rig).at_frame(empty.frame_current - 1).opacities >= ALPHA_MIN).sum())
+    seen = int((ScenePlayer.load(static_rig).at_frame(empty.frame_current - 1).opacities >= ALPHA_MIN).sum())
     assert 30 < len(instances(obj)) == seen
     obj.frog.display = "POINTS"
     assert not len(instances(obj)) or instances(obj).shape[0] < seen

@@ -7,7 +7,7 @@ import pytest
 from small_scenes import rig_of_three, write_scene
 
 from frog_blender.engine.interchange.ply import write_splats
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.timeline import playback
 
 
@@ -47,7 +47,7 @@ def test_one_of_several_that_is_damaged(empty, scenes_of_two):
 
 def test_several_splat_files_become_a_scene_each(empty, scenes_of_two, tmp_path):
     for path in scenes_of_two:
-        write_splats(path.with_suffix(".ply"), PlayableScene.load(path).at_frame(0))
+        write_splats(path.with_suffix(".ply"), ScenePlayer.load(path).at_frame(0))
         path.unlink()
     files = [path.with_suffix(".ply") for path in scenes_of_two]
     named = str(tmp_path / "one.frog")  # would be overwritten by the second

@@ -184,10 +184,10 @@ def test_the_users_own_image_of_a_clip_is_not_taken(empty, static_rig, tmp_path,
     from frog_blender.engine.source_media.clips import Clip
     from frog_blender.scene_import import camera_clips
 
-    picture = bpy.data.images.new("picture", 8, 8)
-    picture.filepath_raw, picture.file_format = str(tmp_path / "shot.png"), "PNG"
-    picture.save()
-    picture.source = "FILE"
-    clip = Clip(tmp_path / "shot.png", "PICTURE")
+    image = bpy.data.images.new("picture", 8, 8)
+    image.filepath_raw, image.file_format = str(tmp_path / "shot.png"), "PNG"
+    image.save()
+    image.source = "FILE"
+    clip = Clip(tmp_path / "shot.png", "IMAGE")
     first, second = camera_clips._load(clip), camera_clips._load(clip)
-    assert first == second != picture and "frog_clip" not in picture
+    assert first == second != image and "frog_clip" not in image

@@ -19,7 +19,7 @@ from small_scenes import rig_of_three, write_scene
 from windows import another_blender
 
 from frog_blender.engine.interchange.ply import write_splats
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 
 HERE = Path(__file__).parent
 
@@ -48,7 +48,7 @@ def test_every_operator_is_invoked_as_a_window_does(display: str, tmp_path: Path
     pytest.importorskip("cv2")
     scene = write_scene(tmp_path / "a.frog", rig_of_three())
     splats, capture, result = tmp_path / "s.ply", tmp_path / "capture", tmp_path / "result.json"
-    write_splats(splats, PlayableScene.load(scene).at_frame(0))
+    write_splats(splats, ScenePlayer.load(scene).at_frame(0))
     pytest.importorskip("support.synthetic_capture").write_capture(capture)
     words = another_blender(HERE / "window_script.py", HERE.parents[1], scene, splats, capture, result)
     words.remove("-b")

@@ -17,7 +17,7 @@ import bpy
 import pytest
 
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.training.session.cancel_token import Control
+from frog_blender.engine.training.session.cancel_token import CancelToken
 from frog_blender.torch_install import installer
 from frog_blender.torch_install.folders import clear_remains, has_torch, installed
 from frog_blender.torch_install.installer import PACKAGES, Installation, pip_command
@@ -272,7 +272,7 @@ def test_a_training_holds_its_torch_before_it_imports_it(addon, tmp_path, monkey
 
     monkeypatch.setattr(runner.torch_folders, "hold", hold)
     with pytest.raises(FrogError, match="asked"):
-        runner.TrainingRequest(tmp_path, tmp_path / "a.frog").events(Control())
+        runner.TrainingRequest(tmp_path, tmp_path / "a.frog").events(CancelToken())
 
 
 @pytest.mark.parametrize("written", [b"", b"torch-7", b"../elsewhere", b"\xff\xfe", b"/etc"])

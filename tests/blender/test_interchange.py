@@ -1,4 +1,4 @@
-"""Export of frames and scenes, import of 3DGS splats: there and back is the same, in numbers and in pictures."""
+"""Export of frames and scenes, import of 3DGS splats: there and back is the same, in numbers and in images."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from small_scenes import rig_of_three, write_scene
 
 from frog_blender import point_cloud
 from frog_blender.engine.interchange.ply import read_splats, write_splats
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.transform import transform
 from frog_blender.timeline import open_scenes, playback
 
@@ -38,7 +38,7 @@ def test_the_current_frame(empty, capture, static_rig, tmp_path):
     empty.frame_set(4, subframe=0.5)
     export = bpy.ops.export_scene.frog_frames
     assert export(filepath=str(tmp_path / "now.ply"), apply_transform=False) == {"FINISHED"}
-    assert_same(tmp_path / "now.ply", PlayableScene.load(static_rig).at_frame(3.5))
+    assert_same(tmp_path / "now.ply", ScenePlayer.load(static_rig).at_frame(3.5))
 
 
 def test_a_range_goes_through_the_timeline(empty, capture, static_rig, tmp_path):
@@ -49,7 +49,7 @@ def test_a_range_goes_through_the_timeline(empty, capture, static_rig, tmp_path)
     bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "out" / "x.ply"), **options)
     names = sorted(path.name for path in (tmp_path / "out").iterdir())
     assert names == ["x_0003.ply", "x_0004.ply", "x_0005.ply"] and empty.frame_current == 2
-    assert_same(tmp_path / "out" / "x_0004.ply", PlayableScene.load(static_rig).at_frame(6))
+    assert_same(tmp_path / "out" / "x_0004.ply", ScenePlayer.load(static_rig).at_frame(6))
     empty.frame_start, empty.frame_end = 2, 3
     bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "all" / "x.ply"), frames="SCENE")
     assert len(list((tmp_path / "all").iterdir())) == 2
@@ -67,7 +67,7 @@ def test_applied_transform_of_an_animated_root(empty, capture, static_rig, tmp_p
     bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "x.ply"), **options)
     turn = mathutils.Euler((0.3, 1.2, -0.4)).to_matrix().to_4x4()
     matrix = mathutils.Matrix.Translation(root.location) @ turn @ mathutils.Matrix.Scale(2.0, 4)
-    expected = transform(PlayableScene.load(static_rig).at_frame(4), np.array(matrix))
+    expected = transform(ScenePlayer.load(static_rig).at_frame(4), np.array(matrix))
     assert_same(tmp_path / "x_0005.ply", expected)
     root.scale = (1.0, 2.0, 1.0)
     with pytest.raises(RuntimeError, match="can only be scaled evenly, or be exported without Apply Transform"):
@@ -77,7 +77,7 @@ def test_applied_transform_of_an_animated_root(empty, capture, static_rig, tmp_p
 
 def test_out_and_in_again_is_where_it_was(empty, capture, static_rig, tmp_path, rendered):
     """With what both operators do unless told otherwise: placed by its root, written with y down, turned upright at
-    import, it is the same picture."""
+    import, it is the same image."""
     root = capture.parent
     turn = mathutils.Euler((0.2, -0.5, 1.1)).to_matrix().to_4x4()
     root.matrix_world = mathutils.Matrix.Translation((0.1, 0.2, 0.3)) @ turn @ mathutils.Matrix.Scale(1.5, 4)
@@ -85,7 +85,7 @@ def test_out_and_in_again_is_where_it_was(empty, capture, static_rig, tmp_path, 
     before = rendered(empty)
     bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "x.ply"))
     means = read_splats(tmp_path / "x.ply").arrays["means"]
-    world = np.array(root.matrix_world) @ np.append(PlayableScene.load(static_rig).at_frame(5).means[0], 1)
+    world = np.array(root.matrix_world) @ np.append(ScenePlayer.load(static_rig).at_frame(5).means[0], 1)
     np.testing.assert_allclose(means[0], [world[0], -world[2], world[1]], atol=1e-5)
     bpy.data.objects.remove(capture)
     time = empty.frame_start, empty.frame_end
@@ -122,8 +122,8 @@ def test_every_gaussian_comes_back_to_its_place(empty, tmp_path, place, sh_count
     bpy.ops.import_scene.frog_splats(filepath=str(tmp_path / "still.ply"))
     after = bpy.context.object
     bpy.context.view_layer.update()
-    expected = in_world(PlayableScene.load(path), before)
-    found = in_world(PlayableScene.load(after.frog.filepath), after)
+    expected = in_world(ScenePlayer.load(path), before)
+    found = in_world(ScenePlayer.load(after.frog.filepath), after)
     size = np.abs(expected.means).max()
     np.testing.assert_allclose(found.means, expected.means, rtol=1e-4, atol=1e-6 * size)
     np.testing.assert_allclose(found.scales, expected.scales, rtol=1e-4)
@@ -134,7 +134,7 @@ def test_every_gaussian_comes_back_to_its_place(empty, tmp_path, place, sh_count
 
 
 def test_a_still_in_an_empty_scene(empty, static_rig, tmp_path):
-    write_splats(tmp_path / "x.ply", PlayableScene.load(static_rig).at_frame(2))
+    write_splats(tmp_path / "x.ply", ScenePlayer.load(static_rig).at_frame(2))
     camera = bpy.data.objects.new("mine", bpy.data.cameras.new("mine"))
     empty.collection.objects.link(camera)
     empty.camera, empty.frame_end = camera, 77
@@ -156,7 +156,7 @@ def test_a_still_in_an_empty_scene(empty, static_rig, tmp_path):
 
 def test_a_trained_scene_beside_the_ply_is_not_written_over(empty, static_rig):
     content = static_rig.read_bytes()
-    write_splats(static_rig.with_suffix(".ply"), PlayableScene.load(static_rig).at_frame(0))
+    write_splats(static_rig.with_suffix(".ply"), ScenePlayer.load(static_rig).at_frame(0))
     for _ in range(2):
         bpy.ops.import_scene.frog_splats(filepath=str(static_rig.with_suffix(".ply")))
         assert Path(bpy.context.object.frog.filepath).name == "figure_ply.frog"
@@ -168,7 +168,7 @@ def test_bad_splats_are_an_error_in_a_sentence(empty, static_rig, tmp_path):
     with pytest.raises(RuntimeError, match=r"mesh\.ply: found the format ascii"):
         bpy.ops.import_scene.frog_splats(filepath=str(tmp_path / "mesh.ply"))
     assert not empty.objects[:] and not bpy.data.collections[:] and not list(tmp_path.glob("mesh*.frog"))
-    write_splats(tmp_path / "few.ply", PlayableScene.load(static_rig).at_frame(0))
+    write_splats(tmp_path / "few.ply", ScenePlayer.load(static_rig).at_frame(0))
     content = (tmp_path / "few.ply").read_bytes()
     (tmp_path / "few.ply").write_bytes(content[:-50])
     with pytest.raises(RuntimeError, match="its header announces"):

@@ -9,7 +9,7 @@ from small_scenes import rig_of_three, write_scene
 
 from frog_blender import point_cloud
 from frog_blender.engine.playback.importance import most_important, ranking
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.nodes import ellipsoid_nodes
 from frog_blender.render.collect_instances import gather
 from frog_blender.timeline import level_of_detail, open_scenes, playback
@@ -46,7 +46,7 @@ def counting(capture):
 
 
 def kept_of(path, count):
-    scene = PlayableScene.load(path)
+    scene = ScenePlayer.load(path)
     return scene, most_important(ranking(scene), count)
 
 
@@ -73,8 +73,8 @@ def test_from_all_to_one_and_back(empty, capture):
 def test_what_is_left_out_is_not_computed(empty, capture, monkeypatch):
     capture.frog.density = 10
     computed = []
-    real = PlayableScene.part_at
-    monkeypatch.setattr(PlayableScene, "part_at", lambda self, time: computed.append(self.count) or real(self, time))
+    real = ScenePlayer.part_at
+    monkeypatch.setattr(ScenePlayer, "part_at", lambda self, time: computed.append(self.count) or real(self, time))
     empty.frame_set(5, subframe=0.3)
     assert computed and set(computed) == {40}
 

@@ -16,7 +16,7 @@ from small_scenes import rig_of_three, write_scene
 from windows import another_blender
 
 from frog_blender import point_cloud
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.timeline import playback
 from frog_blender.training_task import runner
 
@@ -29,7 +29,7 @@ def imported(path):
 
 
 def shows(obj, path, frame):
-    expected = PlayableScene.load(path).at_frame(frame).means
+    expected = ScenePlayer.load(path).at_frame(frame).means
     np.testing.assert_allclose(point_cloud.read(obj)["position"], expected, atol=1e-6)
 
 
@@ -142,7 +142,7 @@ def test_appended_and_linked_captures_play(empty, static_rig, tmp_path):
         if not link:
             shows(obj, static_rig, 4.0)
         drawn, _ = gather(bpy.context.evaluated_depsgraph_get())
-        np.testing.assert_allclose(drawn.means, PlayableScene.load(static_rig).at_frame(4.0).means, atol=1e-6)
+        np.testing.assert_allclose(drawn.means, ScenePlayer.load(static_rig).at_frame(4.0).means, atol=1e-6)
 
 
 def test_a_moved_folder_plays_on_by_a_relative_path(empty, tmp_path):
@@ -222,7 +222,7 @@ def test_another_file_while_training_loses_nothing(addon, tmp_path, monkeypatch)
     assert task.state.step > step, "it goes on"
     runner.stop()
     assert task.join(0.0) and task.state.cancelled
-    assert PlayableScene.load(output).header.steps > 0
+    assert ScenePlayer.load(output).header.steps > 0
     assert checkpoint_path(output).is_file()
     assert not [obj for obj in bpy.data.objects if obj.frog.filepath], "nothing is put into the other file"
 

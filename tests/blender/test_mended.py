@@ -11,7 +11,7 @@ import pytest
 from small_scenes import rig_of_three, write_scene
 
 from frog_blender import capture_files, point_cloud
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.timeline import playback
 from frog_blender.ui import capture_summary, captures_panel, refreshing, train_panel
 
@@ -68,7 +68,7 @@ def test_a_scene_file_that_is_there_again(empty, capture, static_rig, said, tmp_
         static_rig.write_bytes(content)
         said(captures_panel.FROG_PT_captures)  # which sees that the file is another one
         assert "60 Gaussians" in said(captures_panel.FROG_PT_captures)
-        expected = PlayableScene.load(static_rig).at_frame(empty.frame_current - 1.0).means
+        expected = ScenePlayer.load(static_rig).at_frame(empty.frame_current - 1.0).means
         np.testing.assert_array_equal(point_cloud.read(capture)["position"], expected)
 
 
@@ -95,7 +95,7 @@ def test_found_by_blender_it_is_shown_at_once(empty, capture, static_rig, said, 
     empty.frame_set(2)
     bpy.ops.file.find_missing_files(directory=str(tmp_path))
     said(captures_panel.FROG_PT_captures)
-    expected = PlayableScene.load(there).at_frame(1.0).means
+    expected = ScenePlayer.load(there).at_frame(1.0).means
     np.testing.assert_array_equal(point_cloud.read(capture)["position"], expected)
 
 
@@ -138,7 +138,7 @@ def test_a_calibration_that_is_mended(empty, said, tmp_path):
     assert not capture_summary.is_outdated(str(folder)), "what can be used is not looked at again at every redraw"
 
 
-def test_a_picture_without_a_capture_says_so(empty, static_rig, capfd, rendered):
+def test_an_image_without_a_capture_says_so(empty, static_rig, capfd, rendered):
     bpy.ops.import_scene.frog(filepath=str(static_rig))
     capture = next(playback.captures(empty.objects))
     rendered(empty)

@@ -15,7 +15,7 @@ from windows import drop_operators, event, started_in_window
 
 from frog_blender.engine.interchange import ply
 from frog_blender.engine.interchange.ply import read_splats
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.operators import export_scene
 from frog_blender.timeline import playback
 
@@ -69,7 +69,7 @@ def test_a_frame_each_time_until_all_are_there(empty, export, static_rig):
     assert send(running) == {"FINISHED"} and is_over(running)
     assert running.said == [("INFO", f"10 files written to {running.folder}.")]
     means = read_splats(running.folder / "x_0007.ply").arrays["means"]
-    np.testing.assert_array_equal(means, PlayableScene.load(static_rig).at_frame(6).means)
+    np.testing.assert_array_equal(means, ScenePlayer.load(static_rig).at_frame(6).means)
     assert empty.frame_current == 4
 
 
@@ -100,7 +100,7 @@ def test_an_error_in_the_middle_ends_it_in_a_sentence(empty, export, monkeypatch
 
 def test_what_nobody_foresaw_ends_it_too(empty, export, monkeypatch, capfd):
     running = export()
-    monkeypatch.setattr(PlayableScene, "at", lambda *a: 1 / 0)
+    monkeypatch.setattr(ScenePlayer, "at", lambda *a: 1 / 0)
     assert send(running) == {"CANCELLED"} and is_over(running)
     ((kind, text),) = running.said
     assert kind == "ERROR" and "unforeseen ZeroDivisionError" in text and "Traceback" in capfd.readouterr().err
@@ -124,7 +124,7 @@ def test_another_scene_is_shown_then_the_first_is_deleted(empty, export, static_
     bpy.context.window.scene = bpy.data.scenes.new("Other")
     assert send(running) == {"PASS_THROUGH"}
     means = read_splats(running.folder / "x_0003.ply").arrays["means"]
-    np.testing.assert_allclose(means, PlayableScene.load(static_rig).at_frame(2).means, atol=1e-6)
+    np.testing.assert_allclose(means, ScenePlayer.load(static_rig).at_frame(2).means, atol=1e-6)
     capture = next(playback.captures(empty.objects))
     bpy.context.scene.collection.objects.link(capture)  # or it would go with its scene
     bpy.data.scenes.remove(empty)

@@ -13,9 +13,9 @@ from frog_blender.timeline.retiming import repeated
 
 
 def engine_at(path, frame):
-    from frog_blender.engine.playback.player import PlayableScene
+    from frog_blender.engine.playback.player import ScenePlayer
 
-    return PlayableScene.load(path).at_frame(frame)
+    return ScenePlayer.load(path).at_frame(frame)
 
 
 def assert_shows(obj, gaussians):

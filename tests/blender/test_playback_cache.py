@@ -10,7 +10,7 @@ import pytest
 from small_scenes import rig_of_three, write_scene
 
 from frog_blender import point_cloud
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.training.session import events
 from frog_blender.timeline import playback, playback_cache, prefetch
 from frog_blender.training_task import runner
@@ -32,7 +32,7 @@ def threads():
 
 def shows(obj, path, frame):
     """Bit for bit what a new player of the file computes."""
-    expected, found = PlayableScene.load(path).at_frame(frame), point_cloud.read(obj)
+    expected, found = ScenePlayer.load(path).at_frame(frame), point_cloud.read(obj)
     np.testing.assert_array_equal(found["position"], expected.means)
     np.testing.assert_array_equal(found["rotation"], expected.quaternions)
     np.testing.assert_array_equal(found["scale"], expected.scales)
@@ -55,8 +55,8 @@ def test_frames_ahead_are_computed_in_another_thread_and_shown_as_they_are(empty
     assert playback_cache.worker.wait(20.0) and len(threads()) == 1
     assert len(playback_cache.frames) == 10
     by_main_thread = []
-    compute = PlayableScene.part_at
-    monkeypatch.setattr(PlayableScene, "part_at", lambda *a: by_main_thread.append(a) or compute(*a))
+    compute = ScenePlayer.part_at
+    monkeypatch.setattr(ScenePlayer, "part_at", lambda *a: by_main_thread.append(a) or compute(*a))
     for frame in (7, 2, 10, 3):
         empty.frame_set(frame)
         shows(capture, static_rig, frame - 1.0)
@@ -180,7 +180,7 @@ def test_the_thread_survives_what_cannot_be_computed(empty, capture, static_rig,
     def broken(self, time):
         raise MemoryError("none left")
 
-    monkeypatch.setattr(PlayableScene, "part_at", broken)
+    monkeypatch.setattr(ScenePlayer, "part_at", broken)
     prefetch.look_ahead(empty)
     assert playback_cache.worker.wait(20.0)
     assert "MemoryError: none left" in capfd.readouterr().err

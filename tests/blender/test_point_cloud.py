@@ -53,11 +53,11 @@ def test_cycles_shows_what_the_engine_draws(empty, rendered):
     scene.cycles.use_denoising = False
     scene.view_settings.view_transform = "Standard"
     pixels = rendered(scene, resolution_x=96, resolution_y=54, resolution_percentage=100, dither_intensity=0.0)
-    picture = draw(three_gaussians(), camera).rgb
+    image = draw(three_gaussians(), camera).rgb
     alpha = draw(three_gaussians(), camera).alpha
     # Cycles blends in linear light and the engine in display space: compare where the colours do not mix, by shape.
     for channel, name in enumerate(["red", "green", "blue"]):
-        expected = picture[..., channel]
+        expected = image[..., channel]
         found = (pixels[..., channel] / 255.0) ** 2.2
         correlation = np.corrcoef(expected.ravel(), found.ravel())[0, 1]
         # Blender's own splats (5.3) fall off a little differently.

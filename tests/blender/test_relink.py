@@ -9,12 +9,12 @@ from small_scenes import rig_of_three, write_scene
 from windows import viewport
 
 from frog_blender import point_cloud
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.timeline import open_scenes, playback
 
 
 def shows(obj, path, frame):
-    np.testing.assert_array_equal(point_cloud.read(obj)["position"], PlayableScene.load(path).at_frame(frame).means)
+    np.testing.assert_array_equal(point_cloud.read(obj)["position"], ScenePlayer.load(path).at_frame(frame).means)
 
 
 @pytest.fixture
@@ -190,7 +190,7 @@ def test_an_override_plays_what_its_library_does(beside, tmp_path):
         assert obj.library is None and obj.frog.filepath == "//a.frog" and playback.file_of(obj).resolve() == beside
         bpy.context.scene.frame_set(5)
         drawn, _ = gather(bpy.context.evaluated_depsgraph_get())
-        np.testing.assert_allclose(drawn.means, PlayableScene.load(beside).at_frame(4.0).means, atol=1e-6)
+        np.testing.assert_allclose(drawn.means, ScenePlayer.load(beside).at_frame(4.0).means, atol=1e-6)
         bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "other" / "mine.blend"))
     (obj,) = playback.captures(bpy.context.scene.objects)
     with pytest.raises(RuntimeError, match="linked from"):

@@ -10,7 +10,7 @@ from small_scenes import expected_png, read_png, rig_of_three
 
 from frog_blender import point_cloud
 from frog_blender.engine.interchange.ply import read_splats
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.timeline import playback, retiming
 
 
@@ -65,7 +65,7 @@ def test_the_timeline_shows_it(empty, capture, static_rig):
     for frame in (6, 3, 4, 12):
         empty.frame_set(frame)
         np.testing.assert_array_equal(
-            point_cloud.read(capture)["position"], PlayableScene.load(static_rig).at_frame(frame / 2).means
+            point_cloud.read(capture)["position"], ScenePlayer.load(static_rig).at_frame(frame / 2).means
         )
 
 
@@ -89,7 +89,7 @@ def test_exported_frames_have_it(empty, capture, static_rig, tmp_path):
     bpy.context.view_layer.objects.active = capture
     bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "x.ply"), frames="SCENE", apply_transform=False)
     for frame, path in zip((4, 5, 6), sorted(tmp_path.glob("x*.ply")), strict=True):
-        expected = PlayableScene.load(static_rig).at_frame(frame / 2).means
+        expected = ScenePlayer.load(static_rig).at_frame(frame / 2).means
         np.testing.assert_allclose(read_splats(path).arrays["means"], expected, atol=1e-6)
     assert empty.frame_current == 1
 
@@ -127,9 +127,7 @@ def test_a_muted_curve_says_nothing(empty, plain, static_rig):
     (curve,) = retiming._curves(plain.animation_data)
     curve.mute, plain.frog.shown_frame = True, 7.0
     empty.frame_set(4)
-    np.testing.assert_array_equal(
-        point_cloud.read(plain)["position"], PlayableScene.load(static_rig).at_frame(7.0).means
-    )
+    np.testing.assert_array_equal(point_cloud.read(plain)["position"], ScenePlayer.load(static_rig).at_frame(7.0).means)
 
 
 @pytest.fixture
@@ -156,11 +154,11 @@ def test_stretched_time_is_exported_and_baked(empty, slow, static_rig, tmp_path)
     bpy.context.view_layer.objects.active = slow
     bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "x.ply"), frames="SCENE", apply_transform=False)
     for frame, path in zip((3, 4, 5, 6), sorted(tmp_path.glob("x*.ply")), strict=True):
-        expected = PlayableScene.load(static_rig).at_frame(frame / 2 - 1).means
+        expected = ScenePlayer.load(static_rig).at_frame(frame / 2 - 1).means
         np.testing.assert_allclose(read_splats(path).arrays["means"], expected, atol=1e-6)
     assert bpy.ops.frog.bake() == {"FINISHED"}
     empty.frame_set(4)
-    scene, bake = PlayableScene.load(static_rig), playback.baked(slow)
+    scene, bake = ScenePlayer.load(static_rig), playback.baked(slow)
     assert len(bake) == 4 and all(bake.find(scene.time_of(frame / 2 - 1)) is not None for frame in (3, 4, 5, 6))
 
 

@@ -28,9 +28,9 @@ def look_through(scene, name):
     assert bpy.ops.frog.look_through() == {"FINISHED"}
 
 
-def assert_same_picture(pixels, expected):
+def assert_same_image(pixels, expected):
     assert pixels.shape[:2] == expected.shape[:2]
-    assert expected.std() > 10.0, "the test's own picture is empty"
+    assert expected.std() > 10.0, "the test's own image is empty"
     np.testing.assert_allclose(pixels[..., :3].astype(float), expected, atol=1.0)
 
 
@@ -40,14 +40,14 @@ def test_still_through_each_camera(empty, static_rig, rendered, index):
     look_through(empty, f"cam0{index}")
     empty.frame_set(4)
     pixels = rendered(empty)
-    assert_same_picture(pixels, expected_png(static_rig, rig_of_three()[index], 3.0))
+    assert_same_image(pixels, expected_png(static_rig, rig_of_three()[index], 3.0))
     assert pixels[..., 3].min() == 255
 
 
 def test_subframe(empty, static_rig, rendered):
     import_scene(static_rig)
     empty.frame_set(4, subframe=0.25)
-    assert_same_picture(rendered(empty), expected_png(static_rig, rig_of_three()[0], 3.25))
+    assert_same_image(rendered(empty), expected_png(static_rig, rig_of_three()[0], 3.25))
 
 
 def test_root_that_is_turned_scaled_and_moved_sees_the_same(empty, static_rig, rendered):
@@ -56,10 +56,10 @@ def test_root_that_is_turned_scaled_and_moved_sees_the_same(empty, static_rig, r
     root.matrix_world = mathutils.Matrix.Translation((5.0, 2.0, -1.0)) @ turn @ mathutils.Matrix.Scale(2.5, 4)
     look_through(empty, "cam02")
     empty.frame_set(7)
-    assert_same_picture(rendered(empty), expected_png(static_rig, rig_of_three()[2], 6.0))
+    assert_same_image(rendered(empty), expected_png(static_rig, rig_of_three()[2], 6.0))
 
 
-def test_moving_the_root_alone_moves_the_picture(empty, static_rig, rendered):
+def test_moving_the_root_alone_moves_the_image(empty, static_rig, rendered):
     capture = import_scene(static_rig)
     before = rendered(empty)
     capture.location.x += 0.5  # the Gaussians, not the cameras
@@ -136,14 +136,14 @@ def test_orthographic_camera_sees_no_perspective(empty, static_rig, tmp_path):
     data = empty.camera.data
     data.type, data.ortho_scale, data.shift_x, data.shift_y, data.frog.focal_ratio = "ORTHO", 3.0, 0.0, 0.0, 1.0
     combined, depth = passes_of(empty, tmp_path)
-    from frog_blender.engine.playback.player import PlayableScene
+    from frog_blender.engine.playback.player import ScenePlayer
 
-    means = PlayableScene.load(static_rig).at_frame(0.0).means
+    means = ScenePlayer.load(static_rig).at_frame(0.0).means
     to_eye = np.linalg.inv(np.array(empty.camera.matrix_world))
     seen = means @ to_eye[:3, :3].T + to_eye[:3, 3]
     covered = depth < 1e9
     assert covered.sum() > 200
-    # Depths of the picture are depths of Gaussians, to what float32 holds of a camera so far away.
+    # Depths of the image are depths of Gaussians, to what float32 holds of a camera so far away.
     nearest = np.abs(depth[covered][:, None] + seen[None, :, 2]).min(axis=1)
     assert nearest.max() < 2e-3
     # Stepping back changes nothing but the distance.
@@ -202,7 +202,7 @@ def test_moving_capture_becomes_one_animated_camera(empty, moving_rig, rendered)
     assert len(cameras) == 1
     for frame in (5, 0, 3):
         empty.frame_set(frame + 1)
-        assert_same_picture(rendered(empty), expected_png(moving_rig, moving_camera(6)[frame], float(frame)))
+        assert_same_image(rendered(empty), expected_png(moving_rig, moving_camera(6)[frame], float(frame)))
 
 
 def test_animation_is_frame_exact(empty, static_rig, tmp_path):
@@ -215,31 +215,31 @@ def test_animation_is_frame_exact(empty, static_rig, tmp_path):
     bpy.ops.render.render(animation=True)
     for frame in (2, 3, 4):
         pixels = read_png(tmp_path / "frames" / f"{frame:04d}.png")
-        assert_same_picture(pixels, expected_png(static_rig, rig_of_three()[0], frame - 1.0))
+        assert_same_image(pixels, expected_png(static_rig, rig_of_three()[0], frame - 1.0))
 
 
 def test_two_captures_are_drawn_together(empty, static_rig, tmp_path, rendered):
-    from frog_blender.engine.playback.player import PlayableScene
+    from frog_blender.engine.playback.player import ScenePlayer
     from frog_blender.render.collect_instances import joined
 
     other = write_scene(tmp_path / "other.frog", rig_of_three(), seed=1, sh_count=1)
     import_scene(static_rig)
     import_scene(other)
     look_through(empty, "cam00")
-    both = joined([PlayableScene.load(path).at_frame(0.0) for path in (static_rig, other)])
+    both = joined([ScenePlayer.load(path).at_frame(0.0) for path in (static_rig, other)])
     assert both.sh.shape == (120, 4, 3)
-    picture = draw(both, rig_of_three()[0], background=(0.1, 0.2, 0.3)).rgb
-    assert_same_picture(rendered(empty), np.clip(picture, 0.0, 1.0) * 255.0)
+    image = draw(both, rig_of_three()[0], background=(0.1, 0.2, 0.3)).rgb
+    assert_same_image(rendered(empty), np.clip(image, 0.0, 1.0) * 255.0)
 
 
 def test_depth_is_planar_and_in_world_units(empty, static_rig, tmp_path):
-    from frog_blender.engine.playback.player import PlayableScene
+    from frog_blender.engine.playback.player import ScenePlayer
 
     root = import_scene(static_rig).parent
     root.scale = (2.0, 2.0, 2.0)
     bpy.context.view_layer.use_pass_z = True
     _, depth = passes_of(empty, tmp_path)
-    expected = draw(PlayableScene.load(static_rig).at_frame(0.0), rig_of_three()[0]).median_z
+    expected = draw(ScenePlayer.load(static_rig).at_frame(0.0), rig_of_three()[0]).median_z
     nothing = np.isnan(expected)
     assert 0.02 < nothing.mean() < 0.98
     assert np.mean((depth == np.float32(1e10)) == nothing) > 0.99
@@ -263,12 +263,12 @@ def test_depth_arrives_in_a_file(empty, static_rig, tmp_path):
 
 def test_transparent_film_is_premultiplied_linear(empty, static_rig, tmp_path):
     from frog_blender.color_spaces import to_linear
-    from frog_blender.engine.playback.player import PlayableScene
+    from frog_blender.engine.playback.player import ScenePlayer
 
     import_scene(static_rig)
     empty.render.film_transparent = True
     combined, _ = passes_of(empty, tmp_path)
-    drawing = draw(PlayableScene.load(static_rig).at_frame(0.0), rig_of_three()[0])
+    drawing = draw(ScenePlayer.load(static_rig).at_frame(0.0), rig_of_three()[0])
     np.testing.assert_allclose(combined[..., 3], drawing.alpha, atol=1e-3)
     solid = drawing.alpha > 0.05
     straight = np.clip(drawing.rgb[solid] / drawing.alpha[solid][:, None], 0.0, 1.0)
@@ -340,7 +340,7 @@ def test_a_render_region_has_the_size_that_blender_expects(empty, static_rig, re
 
 
 @pytest.mark.parametrize("crop", [True, False])
-def test_a_render_region_is_that_part_of_the_picture(empty, static_rig, rendered, crop):
+def test_a_render_region_is_that_part_of_the_image(empty, static_rig, rendered, crop):
     import_scene(static_rig)
     whole = rendered(empty)
     empty.render.border_min_x, empty.render.border_max_x = 0.25, 0.75
@@ -423,8 +423,8 @@ def test_cycles_sees_through_all_layers(empty, static_rig):
 
 @pytest.mark.parametrize("most", [0, 10**9])
 @pytest.mark.parametrize("blurred", [False, True])
-def test_a_picture_that_takes_long_says_so_once(empty, static_rig, rendered, monkeypatch, capfd, most, blurred):
-    """Here every picture does, or none."""
+def test_an_image_that_takes_long_says_so_once(empty, static_rig, rendered, monkeypatch, capfd, most, blurred):
+    """Here every image does, or none."""
     import_scene(static_rig)
     empty.render.use_motion_blur = blurred
     monkeypatch.setattr(binding, "MANY_INSTANCES", most)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from frog_blender import point_cloud, reported_once
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.timeline import level_of_detail, open_scenes, playback, render_thread
 
 
@@ -72,9 +72,9 @@ def test_points_are_written_from_a_renders_thread_only_while_windows_are_locked(
     in_another_thread(lambda: playback._on_frame(empty))
     frame = 4.0 if locked else 0.0
     assert ("stand still" in capfd.readouterr().err) != locked
-    np.testing.assert_array_equal(points(capture), PlayableScene.load(static_rig).at_frame(frame).means)
+    np.testing.assert_array_equal(points(capture), ScenePlayer.load(static_rig).at_frame(frame).means)
     playback._on_frame(empty)
-    np.testing.assert_array_equal(points(capture), PlayableScene.load(static_rig).at_frame(4.0).means)
+    np.testing.assert_array_equal(points(capture), ScenePlayer.load(static_rig).at_frame(4.0).means)
 
 
 def test_never_for_the_frog_engine(empty, capture, in_window):
@@ -105,7 +105,7 @@ def test_an_animation_by_frog_writes_no_points_and_leaves_the_right_ones(
     bpy.ops.render.render(animation=True)
     assert len(list(tmp_path.glob("film_*"))) == 3 and not any(written)
     shown = empty.frame_current - 1.0
-    np.testing.assert_array_equal(points(capture), PlayableScene.load(static_rig).at_frame(shown).means)
+    np.testing.assert_array_equal(points(capture), ScenePlayer.load(static_rig).at_frame(shown).means)
 
 
 def test_cycles_still_gets_the_points_of_its_frames(empty, capture, monkeypatch, tmp_path):
@@ -123,7 +123,7 @@ def test_cycles_still_gets_the_points_of_its_frames(empty, capture, monkeypatch,
 
 def test_threads_share_what_is_kept_of_files(empty, capture, tmp_path, monkeypatch):
     """A render's thread and Blender's own ask for scenes, bakes and thinned scenes while others are dropped."""
-    ready = PlayableScene.load(playback.file_of(capture))
+    ready = ScenePlayer.load(playback.file_of(capture))
     monkeypatch.setattr(
         open_scenes, "_read", lambda path: copy.copy(ready)
     )  # reading takes long and is not looked at here

@@ -8,7 +8,7 @@ import pytest
 from small_scenes import rig_of_three, write_scene
 
 from frog_blender import point_cloud
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.timeline import playback
 
 
@@ -19,7 +19,7 @@ def capture(empty, static_rig):
 
 
 def shows(obj, path, frame):
-    np.testing.assert_array_equal(point_cloud.read(obj)["position"], PlayableScene.load(path).at_frame(frame).means)
+    np.testing.assert_array_equal(point_cloud.read(obj)["position"], ScenePlayer.load(path).at_frame(frame).means)
 
 
 def the_capture():

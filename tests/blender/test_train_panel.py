@@ -1,4 +1,4 @@
-"""What the panel says, and the picture in it."""
+"""What the panel says, and the image in it."""
 
 from __future__ import annotations
 
@@ -89,10 +89,10 @@ def test_a_capture_is_described_and_its_training_timed(empty, drawn, capture):
 
 def test_estimates_follow_what_finished_trainings_took(empty, drawn, capture):
     from frog_blender.engine.training.recipe import recipe
-    from frog_blender.engine.training.session.time_estimate import Measured, Workload, about, remember
+    from frog_blender.engine.training.session.time_estimate import Sensitivity, Workload, about, remember
 
     empty.frog.capture_folder, empty.frog.device = str(capture), "cpu"
-    remember(Measured("cpu", "standard", modelled=1.0, seconds=7.0))
+    remember(Sensitivity("cpu", "standard", modelled=1.0, seconds=7.0))
     opened = capture_summary.known(bpy.path.abspath(empty.frog.capture_folder)).capture
     expected = about(7 * Workload.of(opened, recipe("standard")).seconds)
     assert f"About {expected} on this processor, as earlier trainings went." in drawn()
@@ -135,7 +135,7 @@ def pixels():
     return values.view(np.uint8).reshape(height, width, 4)[::-1]
 
 
-def test_the_picture_is_what_training_drew(addon):
+def test_the_image_is_what_training_drew(addon):
     image = np.random.default_rng(0).integers(0, 255, (30, 40, 3), np.uint8)
     preview_image.show(image)
     np.testing.assert_array_equal(pixels()[:, :, :3], image)
@@ -144,7 +144,7 @@ def test_the_picture_is_what_training_drew(addon):
     assert preview_image.icon_id() == 0 and not len(preview_image._icons)
 
 
-def test_many_pictures_leave_nothing_behind(addon):
+def test_many_images_leave_nothing_behind(addon):
     resource = pytest.importorskip("resource")
     images = [np.full((400, side, 3), 7, np.uint8) for side in (512, 300)]
     data_blocks = len(bpy.data.images)
@@ -159,7 +159,7 @@ def test_many_pictures_leave_nothing_behind(addon):
     preview_image.show(None)
 
 
-def test_switching_off_takes_the_picture_away(addon):
+def test_switching_off_takes_the_image_away(addon):
     preview_image.show(np.zeros((8, 8, 3), np.uint8))
     addon.unregister()
     try:

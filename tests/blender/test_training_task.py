@@ -37,7 +37,7 @@ def test_events_become_state(addon, tmp_path):
         *steps(50),
         events.Evaluated(50, 27.5, "held-out"),
         events.Preview(50, np.zeros((2, 2, 3), np.uint8)),
-        events.Warned("The room is dark."),
+        events.WarningEvent("The room is dark."),
         events.Saved(str(tmp_path / "a.frog")),
         events.Finished(str(tmp_path / "a.frog"), 50, 5.0, 28.0, 500),
     ]
@@ -273,8 +273,8 @@ def test_an_event_that_cannot_be_shown_ends_nothing(addon):
     assert not state.running and not state.error and imported == [Path("x.frog")] and state.step == 7
 
 
-def test_a_picture_that_cannot_be_shown_ends_nothing(endless, monkeypatch, capfd):
-    monkeypatch.setattr(runner.preview_picture, "show", lambda image: 1 / 0)
+def test_an_image_that_cannot_be_shown_ends_nothing(endless, monkeypatch, capfd):
+    monkeypatch.setattr(runner.preview_image, "show", lambda image: 1 / 0)
     while not endless.state.stage_fraction and not capfd.readouterr().err:
         assert runner._tick() is not None, "the timer goes on"
     assert endless.state.running

@@ -78,7 +78,7 @@ def test_it_is_what_cycles_says(empty, tmp_path):
     found = vectors(moment_at, RasterizeOptions())[SIZE[1] // 2, SIZE[0] // 2]
     expected = cycles_vectors(empty, tmp_path / "card.exr")
     assert expected[0] > 1 and expected[2] > 4
-    count = 4 if expected[3] != 1.0 else 3  # before 5.0 the compositor's pictures have no room for the fourth
+    count = 4 if expected[3] != 1.0 else 3  # before 5.0 the compositor's images have no room for the fourth
     np.testing.assert_allclose(found[:count], expected[:count], rtol=2e-3)
 
 

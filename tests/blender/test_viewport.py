@@ -97,11 +97,11 @@ def test_coarse_while_things_move_and_sharp_when_still(empty, static_rig, monkey
 
 
 def srgb(pixels):
-    """Written out once more, so that the pictures do not depend on the code that made them."""
+    """Written out once more, so that the images do not depend on the code that made them."""
     return np.where(pixels <= 0.0031308, 12.92 * pixels, 1.055 * np.maximum(pixels, 1e-9) ** (1 / 2.4) - 0.055)
 
 
-def test_the_sharp_picture_is_the_rendered_one(empty, static_rig):
+def test_the_sharp_image_is_the_rendered_one(empty, static_rig):
     gaussians, background, camera_of = seen_through(static_rig, "cam00")
     memory = viewport.Viewport(seconds_per_pixel=1e-12)
     pixels = viewport.draw_view(memory, 1, gaussians, camera_of, (96, 64), background).pixels[::-1]
@@ -111,7 +111,7 @@ def test_the_sharp_picture_is_the_rendered_one(empty, static_rig):
     assert pixels[..., 3].min() == 1.0 and pixels.dtype == np.float32
 
 
-def test_another_background_is_another_picture(empty, static_rig, monkeypatch):
+def test_another_background_is_another_image(empty, static_rig, monkeypatch):
     """Without orbiting: the world's colour, its strength, a transparent film."""
     monkeypatch.setattr(viewport, "MOVING_SECONDS", 1e6)  # sharp at once, however slow the machine is
     assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
@@ -123,7 +123,7 @@ def test_another_background_is_another_picture(empty, static_rig, monkeypatch):
     region = SimpleNamespace(view_matrix=view, window_matrix=window)
 
     def drawn():
-        return viewport_drawing.picture_of(memory, bpy.context.evaluated_depsgraph_get(), region, SIZE)
+        return viewport_drawing.image_of(memory, bpy.context.evaluated_depsgraph_get(), region, SIZE)
 
     captured = drawn()
     assert drawn() is captured
@@ -174,9 +174,9 @@ def test_one_capture_that_is_refused_hides_no_other_and_mended_it_is_forgotten(
     engine = SimpleNamespace(update_stats=lambda *texts: header.append(texts))
 
     def drawn():
-        picture = viewport_drawing.picture_of(memory, bpy.context.evaluated_depsgraph_get(), region, SIZE)
+        image = viewport_drawing.image_of(memory, bpy.context.evaluated_depsgraph_get(), region, SIZE)
         viewport_drawing._say(engine, memory.problems)
-        return picture.pixels
+        return image.pixels
 
     both = drawn()
     assert header[-1] == ("", "")
@@ -200,8 +200,8 @@ def test_one_capture_that_is_refused_hides_no_other_and_mended_it_is_forgotten(
 
 def test_an_empty_scene_is_its_background(empty):
     memory = viewport.Viewport()
-    picture = viewport.draw_view(memory, 1, None, lambda w, h: None, (8, 6), None)
-    assert not picture.pixels.any()
+    image = viewport.draw_view(memory, 1, None, lambda w, h: None, (8, 6), None)
+    assert not image.pixels.any()
 
 
 def test_the_captures_that_are_seen(empty, static_rig):
@@ -226,7 +226,7 @@ def test_pixels_that_are_not_square_through_the_camera(empty, static_rig, monkey
     space = windows.viewport()["space_data"]
     empty.frame_set(4)
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    pixels = viewport_drawing.picture_of(viewport.Viewport(), depsgraph, region, (80, 64), space).pixels[::-1]
+    pixels = viewport_drawing.image_of(viewport.Viewport(), depsgraph, region, (80, 64), space).pixels[::-1]
     display = srgb(pixels)
     np.testing.assert_allclose(255 * display[..., :3], expected_png(static_rig, rig_of_three()[2], 3.0), atol=1.5)
 

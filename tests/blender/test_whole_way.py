@@ -1,4 +1,4 @@
-"""From a folder of videos to a picture with other objects, by the buttons that a person presses: the bundled capture,
+"""From a folder of videos to an image with other objects, by the buttons that a person presses: the bundled capture,
 trained as `draft` trains it."""
 
 from __future__ import annotations

@@ -9,16 +9,16 @@ import cv2
 import numpy as np
 import pytest
 
-Picture = Callable[[int], np.ndarray]
+ViewportImage = Callable[[int], np.ndarray]
 
 
-def write_video(path: Path, frames: int, width: int = 64, height: int = 48, picture: Picture | None = None) -> Path:
-    """A video whose frame f is ``picture(f)`` (H, W, 3 RGB), or grey of brightness 20 + 10 f."""
+def write_video(path: Path, frames: int, width: int = 64, height: int = 48, image: ViewportImage | None = None) -> Path:
+    """A video whose frame f is ``image(f)`` (H, W, 3 RGB), or grey of brightness 20 + 10 f."""
     codec = cv2.VideoWriter_fourcc(*("MJPG" if path.suffix == ".avi" else "mp4v"))
     writer = cv2.VideoWriter(str(path), codec, 30.0, (width, height))
     for frame in range(frames):
-        image = np.full((height, width, 3), 20 + 10 * frame, np.uint8) if picture is None else picture(frame)
-        writer.write(np.ascontiguousarray(image[..., ::-1]))
+        drawn = np.full((height, width, 3), 20 + 10 * frame, np.uint8) if image is None else image(frame)
+        writer.write(np.ascontiguousarray(drawn[..., ::-1]))
     writer.release()
     return path
 

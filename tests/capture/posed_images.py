@@ -1,4 +1,4 @@
-"""Folders of posed pictures, written by the tests."""
+"""Folders of posed images, written by the tests."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ OPENGL_AHEAD = np.diag([1.0, -1.0, -1.0, 1.0])  # an OpenGL camera-to-world that
 
 
 def write(folder: Path, count: int = 10, name: str = "transforms.json", **top: Any) -> dict[str, Any]:
-    """Pictures 40 x 30 and their list; the camera moves along x."""
+    """Images 40 x 30 and their list; the camera moves along x."""
     folder.mkdir(parents=True, exist_ok=True)
     frames = []
     for index in range(count):

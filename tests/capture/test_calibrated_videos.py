@@ -179,7 +179,7 @@ def test_a_narrower_video_is_a_crop_and_a_smaller_one_is_resized(tmp_path: Path)
         *[((64, 50), False), ((66, 48), False), ((68, 49), False), ((72, 49), False)],
     ],
 )
-def test_the_same_proportions_are_the_same_picture(tmp_path: Path, calibrated: tuple[int, int], resized: bool) -> None:
+def test_the_same_proportions_are_the_same_image(tmp_path: Path, calibrated: tuple[int, int], resized: bool) -> None:
     """Videos of 64 x 48 pixels, whose sides an encoder may have rounded."""
     width, height = calibrated
     capture = open_capture(write(tmp_path, opencv("a", width=width, height=height)))
@@ -210,7 +210,7 @@ def test_what_macos_writes_beside_a_calibration_is_none(tmp_path: Path) -> None:
     assert len(open_capture(tmp_path).cameras) == 1
 
 
-def test_a_qualisys_file_of_endless_pictures_is_refused(tmp_path: Path) -> None:
+def test_a_qualisys_file_of_endless_images_is_refused(tmp_path: Path) -> None:
     for side in ("right", "bottom"):
         (tmp_path / "Calib.qca.txt").write_text(re.sub(rf'{side}="[^"]*"', f'{side}="1e308"', qca()))
         with pytest.raises(FrogError, match=f"fov_video {side} of camera a with the number 1e.308"):

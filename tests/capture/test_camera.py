@@ -36,7 +36,7 @@ def test_the_principal_ray_is_the_forward_axis() -> None:
     np.testing.assert_allclose(camera.ray_directions(np.array([[97.3, 171.8]]))[0], camera.forward, atol=1e-12)
 
 
-def test_resizing_and_cropping_move_projections_with_the_picture() -> None:
+def test_resizing_and_cropping_move_projections_with_the_image() -> None:
     camera = off_centre_camera()
     points = camera.unproject(np.array([[100.0, 60.0]]), np.array([3.0]))
     np.testing.assert_allclose(camera.resized(160, 80).project(points)[0], [[50.0, 20.0]])

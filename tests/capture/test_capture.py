@@ -59,7 +59,7 @@ def test_a_pixel_offset_for_nobody_is_refused(n3dv: Path) -> None:
         open_capture(n3dv, pixel_offsets={"cam02": (8, 0)})
 
 
-def test_only_pictures_at_different_moments_are_one_moving_camera(n3dv: Path) -> None:
+def test_only_images_at_different_moments_are_one_moving_camera(n3dv: Path) -> None:
     capture = open_capture(n3dv)
     one_moment = tuple(shot for shot in capture.shots if shot.frame == 0)
     along_a_path = tuple(replace(shot, frame=shot.camera) for shot in one_moment)
@@ -68,14 +68,14 @@ def test_only_pictures_at_different_moments_are_one_moving_camera(n3dv: Path) ->
 
 
 def test_of_a_rig_of_two_moving_cameras_one_trains_and_one_judges(n3dv: Path) -> None:
-    """Withheld pictures may share a moment with training ones; two training pictures may not."""
+    """Withheld images may share a moment with training ones; two training images may not."""
     capture = open_capture(n3dv)
     frames = {"cam00": 0, "cam01": 0, "cam03": 1}
     shots = tuple(Shot(i, frames[camera.name], Path("x"), 0) for i, camera in enumerate(capture.cameras))
     rig = replace(capture, shots=shots, frame_count=2)
     assert rig.is_moving
     assert not replace(rig, test_cameras=frozenset()).is_moving
-    assert not replace(rig, test_cameras=frozenset({"cam00", "cam01"})).is_moving  # one picture moves nowhere
+    assert not replace(rig, test_cameras=frozenset({"cam00", "cam01"})).is_moving  # one image moves nowhere
 
 
 def test_a_camera_left_out_is_gone_with_its_pose_and_its_shots(n3dv: Path) -> None:
@@ -101,7 +101,7 @@ def test_leaving_out_nobody_or_everybody_is_refused(n3dv: Path, names: set[str],
         open_capture(n3dv).without_cameras(names)
 
 
-def test_a_segment_counts_its_frames_from_0_and_shows_the_same_pictures(n3dv: Path) -> None:
+def test_a_segment_counts_its_frames_from_0_and_shows_the_same_images(n3dv: Path) -> None:
     capture = open_capture(n3dv).with_holdout(2)  # 1 and 3
     segment = capture.segment(2, 3)
     assert segment.frame_count == 3

@@ -32,14 +32,14 @@ def stores(folder: Path) -> list[str]:
 
 
 def test_every_shot_is_its_own_frame(n3dv: Path) -> None:
-    write_video(n3dv / "cam01.mp4", 5, picture=lambda f: np.full((48, 64, 3), (200 - 20 * f, 40, 40), np.uint8))
+    write_video(n3dv / "cam01.mp4", 5, image=lambda f: np.full((48, 64, 3), (200 - 20 * f, 40, 40), np.uint8))
     capture, store = open_capture(n3dv), open_store(n3dv)
     assert len(store) == 15
     for index, shot in enumerate(capture.shots):
-        picture = store.image(index)
-        assert (picture.shape, picture.dtype) == ((48, 64, 3), np.uint8)
+        image = store.image(index)
+        assert (image.shape, image.dtype) == ((48, 64, 3), np.uint8)
         expected = 200 - 20 * shot.frame if shot.camera == 1 else 20 + 10 * shot.frame
-        assert abs(int(picture[24, 32, 0]) - expected) < 6  # red first
+        assert abs(int(image[24, 32, 0]) - expected) < 6  # red first
     with pytest.raises(ValueError, match="read-only"):
         store.image(0)[0, 0, 0] = 1
 
@@ -50,7 +50,7 @@ def test_a_store_is_reused_and_rebuilt_when_a_video_changes(n3dv: Path) -> None:
     assert calls == [(i, 15) for i in range(1, 16)]
     first = stores(n3dv)
     open_store(n3dv, progress=lambda done, total: pytest.fail("decoded again"))
-    write_video(n3dv / "cam01.mp4", 5, picture=lambda f: np.full((48, 64, 3), 250, np.uint8))
+    write_video(n3dv / "cam01.mp4", 5, image=lambda f: np.full((48, 64, 3), 250, np.uint8))
     os.utime(n3dv / "cam01.mp4", ns=(1, 1))
     store = open_store(n3dv)
     assert store.image(1).mean() > 240
@@ -196,7 +196,7 @@ def test_distortion_is_removed(tmp_path: Path) -> None:
     np.testing.assert_allclose(rows, line_y / 2, atol=0.4)
 
 
-def test_pictures_of_other_proportions_are_refused(tmp_path: Path) -> None:
+def test_images_of_other_proportions_are_refused(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "a.png"), np.zeros((50, 50, 3), np.uint8))
     camera = Camera("a", 64, 48, np.eye(3), np.eye(4))
     capture = Capture(tmp_path, "transforms", (camera,), (None,), (Shot(0, 0, tmp_path / "a.png", 0),), 1)
@@ -206,11 +206,11 @@ def test_pictures_of_other_proportions_are_refused(tmp_path: Path) -> None:
 
 def test_frames_are_given_up_to_make_room(n3dv: Path) -> None:
     store = open_store(n3dv)
-    picture = store.image(3).copy()
+    image = store.image(3).copy()
     assert store.give_up() == 15 * 48 * 64 * 3
     assert stores(n3dv) == []
     assert store.give_up() == 0
-    np.testing.assert_array_equal(open_store(n3dv).image(3), picture)
+    np.testing.assert_array_equal(open_store(n3dv).image(3), image)
 
 
 def test_frames_that_another_training_reads_stay(n3dv: Path) -> None:
@@ -240,21 +240,21 @@ print(int(store.image(3).sum()))
 def test_of_two_that_share_frames_neither_deletes_them(n3dv: Path) -> None:
     """Asking for the frames alone gives the shared lock away: it has to be taken again."""
     one, other = open_store(n3dv), open_store(n3dv)
-    picture = one.image(3).copy()
+    image = one.image(3).copy()
     assert [one.give_up(), other.give_up(), one.give_up()] == [0, 0, 0]
     assert len(stores(n3dv)) == 1
-    np.testing.assert_array_equal(one.image(3), picture)
+    np.testing.assert_array_equal(one.image(3), image)
     del one
     assert other.give_up() > 0 and stores(n3dv) == []
 
 
-def test_frames_stay_while_a_picture_is_held(n3dv: Path) -> None:
-    """Deleting them would free nothing, and the picture would end the process that looks at it."""
+def test_frames_stay_while_an_image_is_held(n3dv: Path) -> None:
+    """Deleting them would free nothing, and the image would end the process that looks at it."""
     store = open_store(n3dv)
-    picture = store.image(3)
-    before = picture.copy()
+    image = store.image(3)
+    before = image.copy()
     assert store.give_up() == 0 and len(stores(n3dv)) == 1
-    np.testing.assert_array_equal(picture, before)
+    np.testing.assert_array_equal(image, before)
     np.testing.assert_array_equal(store.image(3), before)
-    del picture
+    del image
     assert store.give_up() > 0 and stores(n3dv) == []

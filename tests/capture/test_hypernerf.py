@@ -17,7 +17,7 @@ from frog_blender.engine.capture.readers import detect, open_capture
 from frog_blender.engine.capture.seeds import find_seeds
 from frog_blender.engine.errors import FrogError
 
-WIDTH, HEIGHT = 192, 128  # of the 1x pictures
+WIDTH, HEIGHT = 192, 128  # of the 1x images
 SPOT = np.array([0.35, -0.2, 4.0])  # a bright spot in the world
 
 
@@ -44,7 +44,7 @@ def camera_json(**changes: Any) -> dict[str, Any]:
 
 
 def stored_pixel(camera: dict[str, Any], point: np.ndarray) -> np.ndarray:
-    """Where a Nerfies camera puts a world point in its 1x picture, by the formulas of its format."""
+    """Where a Nerfies camera puts a world point in its 1x image, by the formulas of its format."""
     local = np.array(camera["orientation"]) @ (point - np.array(camera["position"]))
     x, y = local[:2] / local[2]
     k1, k2, k3 = camera["radial_distortion"]
@@ -60,15 +60,15 @@ def stored_pixel(camera: dict[str, Any], point: np.ndarray) -> np.ndarray:
     return np.array([column, focal * camera.get("pixel_aspect_ratio", 1.0) * y + center_y])
 
 
-def spot_picture(pixel: np.ndarray, width: int, height: int) -> np.ndarray:
+def spot_image(pixel: np.ndarray, width: int, height: int) -> np.ndarray:
     """Black with a soft white spot at a pixel position (centres at +0.5)."""
     columns, lines = np.arange(width) + 0.5, np.arange(height)[:, None] + 0.5
     value = np.exp(-((columns - pixel[0]) ** 2 + (lines - pixel[1]) ** 2) / (2 * 2.0**2))
     return np.repeat((255 * value).round().astype(np.uint8)[..., None], 3, axis=2)
 
 
-def centroid(picture: np.ndarray) -> np.ndarray:
-    weight = picture[..., 0].astype(np.float64)
+def centroid(image: np.ndarray) -> np.ndarray:
+    weight = image[..., 0].astype(np.float64)
     columns, lines = np.arange(weight.shape[1]) + 0.5, np.arange(weight.shape[0]) + 0.5
     return np.array([weight.sum(0) @ columns, weight.sum(1) @ lines]) / weight.sum()
 
@@ -99,7 +99,7 @@ class Rig:
                     size = (WIDTH // scale, HEIGHT // scale)
                     folder = self.path / "rgb" / f"{scale}x"
                     folder.mkdir(parents=True, exist_ok=True)
-                    cv2.imwrite(str(folder / f"{name}.png"), spot_picture(stored_pixel(camera, SPOT) / scale, *size))
+                    cv2.imwrite(str(folder / f"{name}.png"), spot_image(stored_pixel(camera, SPOT) / scale, *size))
         lists = {"count": len(ids), "num_exemplars": len(train), "ids": ids, "train_ids": train, "val_ids": held_out}
         self.put("dataset.json", {**lists, **dataset})
         self.put("metadata.json", metadata)
@@ -133,7 +133,7 @@ def test_of_a_rig_one_camera_trains_and_the_other_judges_by_turns(rig: Rig) -> N
     assert sides == {"left": [0, 2, 4], "right": [1, 3, 5]}
     test = {(capture.cameras[shot.camera].name, shot.frame) for shot in capture.test_shots}
     assert test == {(f"{f + 1:06d}_{'right' if f % 2 == 0 else 'left'}", f) for f in range(6)}
-    assert capture.is_moving  # no two training pictures show one moment
+    assert capture.is_moving  # no two training images show one moment
     assert capture.near_far == (0.8, 16.0)  # scene.json's, in world units
     assert not capture.warnings
 
@@ -154,12 +154,12 @@ def test_a_world_point_lies_where_its_camera_says_once_the_lens_is_removed(
 ) -> None:
     camera = {key: value for key, value in camera_json(**changes).items() if value is not None}
     capture = open_capture(Rig(tmp_path, moments=2, camera=camera).write())
-    pictures = list(decode_shots(capture, range(len(capture.shots))))
-    for shot, picture in zip(capture.shots, pictures, strict=True):
-        assert picture.shape == (HEIGHT // 2, WIDTH // 2, 3)
+    images = list(decode_shots(capture, range(len(capture.shots))))
+    for shot, image in zip(capture.shots, images, strict=True):
+        assert image.shape == (HEIGHT // 2, WIDTH // 2, 3)
         pixel, depth = capture.cameras[shot.camera].project(SPOT[None])
         assert depth[0] > 0
-        np.testing.assert_allclose(centroid(picture), pixel[0], atol=0.1)
+        np.testing.assert_allclose(centroid(image), pixel[0], atol=0.1)
         name = capture.cameras[shot.camera].name
         stored = stored_pixel(json.loads((tmp_path / f"camera/{name}.json").read_text()), SPOT) / 2
         is_pinhole = changes.get("pixel_aspect_ratio") == 1.0
@@ -181,7 +181,7 @@ def test_endings_in_capitals_are_found(rig: Rig) -> None:
     assert len(capture.shots) == 12 and not capture.warnings
 
 
-def test_intrinsics_follow_the_stored_pictures(rig: Rig) -> None:
+def test_intrinsics_follow_the_stored_images(rig: Rig) -> None:
     camera = open_capture(rig.path).cameras[0]
     assert (camera.width, camera.height) == (96, 64)
     np.testing.assert_allclose(camera.intrinsics, [[115, 0, 50.5], [0, 126.5, 29.5], [0, 0, 1]])
@@ -189,7 +189,7 @@ def test_intrinsics_follow_the_stored_pictures(rig: Rig) -> None:
     np.testing.assert_allclose(camera.center, [0, 0.1, -1.0], atol=1e-12)
 
 
-def test_without_2x_the_largest_pictures_that_fit_are_taken(tmp_path: Path) -> None:
+def test_without_2x_the_largest_images_that_fit_are_taken(tmp_path: Path) -> None:
     capture = open_capture(Rig(tmp_path, moments=2, scales=(1, 4, 8)).write())
     assert (capture.cameras[0].width, capture.cameras[0].height) == (192, 128)
     assert any("rgb/2x, those of rgb/1x" in warning for warning in capture.warnings)
@@ -201,10 +201,10 @@ def test_a_single_camera_without_a_split_is_split_as_the_papers_do(rig: Rig) -> 
     capture = open_capture(rig.path)
     assert [capture.cameras[s.camera].name for s in capture.train_shots] == [ids[0], ids[8], ids[4]]  # by moment
     assert capture.test_cameras == {ids[2], ids[6], ids[10]}
-    assert "of every four pictures" in capture.warnings[0]
+    assert "of every four images" in capture.warnings[0]
 
 
-def test_a_picture_in_both_lists_is_never_trained_on(rig: Rig) -> None:
+def test_an_image_in_both_lists_is_never_trained_on(rig: Rig) -> None:
     data = json.loads((rig.path / "dataset.json").read_text())
     rig.change("dataset.json", train_ids=[*data["train_ids"], data["val_ids"][0]])
     capture = open_capture(rig.path)
@@ -228,10 +228,10 @@ def test_a_gap_in_time_stays_a_gap(rig: Rig) -> None:
     capture = open_capture(rig.path)
     assert capture.frame_count == 6
     assert {shot.frame for shot in capture.shots} == {0, 1, 3, 4, 5}
-    assert "2 of 12 listed pictures (the first is 000003_left)" in capture.warnings[0]
+    assert "2 of 12 listed images (the first is 000003_left)" in capture.warnings[0]
 
 
-def test_points_become_seeds_with_the_pictures_colours(rig: Rig, tmp_path: Path) -> None:
+def test_points_become_seeds_with_the_images_colours(rig: Rig, tmp_path: Path) -> None:
     random = np.random.default_rng(0)
     cloud = random.uniform([-1.0, -0.7, 3.0], [1.5, 0.7, 5.0], (400, 3))
     np.save(rig.path / "points.npy", np.concatenate([SPOT[None], cloud]).astype(np.float32))
@@ -256,19 +256,19 @@ def test_points_become_seeds_with_the_pictures_colours(rig: Rig, tmp_path: Path)
         (
             "camera/000001_left.json",
             {"image_size": [HEIGHT, WIDTH]},
-            r"image_size 128 x 192 for 2x pictures of 96 x 64",
+            r"image_size 128 x 192 for 2x images of 96 x 64",
         ),
         ("camera/000001_left.json", {"radial_distortion": [0.0, 0.0]}, r"shape \(2,\) as radial_distortion"),
         ("camera/000001_left.json", {"principal_point": [float("nan"), 1]}, "not finite"),
-        ("dataset.json", {"train_ids": ["../a"]}, "picture name '../a' in train_ids"),
+        ("dataset.json", {"train_ids": ["../a"]}, "image name '../a' in train_ids"),
         ("dataset.json", {"val_ids": "all"}, "val_ids that is no list"),
-        ("dataset.json", {"train_ids": []}, "no picture to train on"),
+        ("dataset.json", {"train_ids": []}, "no image to train on"),
         (
             "dataset.json",
             {"train_ids": ["x"], "val_ids": ["y"]},
-            "none of the listed pictures, expected them in rgb/2x",
+            "none of the listed images, expected them in rgb/2x",
         ),
-        ("metadata.json", {"000002_right": None}, "nothing about the picture 000002_right"),
+        ("metadata.json", {"000002_right": None}, "nothing about the image 000002_right"),
         ("metadata.json", {"000002_right": {"warp_id": 0.5}}, "warp_id with a fraction"),
         ("metadata.json", {"000002_right": {"appearance_id": 1}}, "nothing as warp_id of 000002_right"),
         ("scene.json", {"near": 9.0}, "near = 9 and far = 8"),

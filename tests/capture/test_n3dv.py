@@ -68,7 +68,7 @@ def test_rows_that_make_no_sense_are_refused(n3dv: Path, rows: np.ndarray, sente
         open_capture(n3dv)
 
 
-def test_what_macos_writes_beside_a_picture_is_none(n3dv: Path) -> None:
+def test_what_macos_writes_beside_an_image_is_none(n3dv: Path) -> None:
     (n3dv / "images").mkdir()
     for video in sorted(n3dv.glob("*.mp4")):
         cv2.imwrite(str(n3dv / "images" / f"{video.stem}.png"), np.zeros((48, 64, 3), np.uint8))
@@ -99,7 +99,7 @@ def test_a_video_cut_in_half_is_named(n3dv: Path) -> None:
 def test_a_video_that_ends_early_tells_how_much_is_left(tmp_path: Path) -> None:
     folder = write_n3dv(tmp_path, ("cam00",), frames=2)
     noise = np.random.default_rng(0).integers(0, 255, (48, 64, 3), dtype=np.uint8)
-    video = write_video(folder / "cam00.avi", 40, picture=lambda frame: noise)
+    video = write_video(folder / "cam00.avi", 40, image=lambda frame: noise)
     video.write_bytes(video.read_bytes()[: video.stat().st_size // 2])  # AVI keeps its header, which says 40
     (folder / "cam00.mp4").unlink()
     with pytest.raises(FrogError, match=r"cam00\.avi: \d+ frames could be decoded, expected 40"):

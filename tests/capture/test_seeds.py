@@ -26,21 +26,21 @@ def texture(seed: int) -> np.ndarray:
     return np.clip(0.6 * layers[0] + 0.4 * layers[1], 0, 1)
 
 
-def plane(camera: Camera, picture: np.ndarray, z: float, half: float, onto: np.ndarray) -> np.ndarray:
+def plane(camera: Camera, image: np.ndarray, z: float, half: float, onto: np.ndarray) -> np.ndarray:
     """``onto`` with the square plane |x|, |y| < half at world depth z drawn over it, by its homography."""
     to_world = np.array([[2 * half / 200, 0, -half], [0, 2 * half / 200, -half], [0, 0, z], [0, 0, 1]])
     matrix = camera.intrinsics @ camera.world_to_camera[:3] @ to_world
     shift = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])  # OpenCV counts pixel centres from 0
     matrix = np.linalg.inv(shift) @ matrix @ shift
     size = (camera.width, camera.height)
-    drawn = cv2.warpPerspective(picture, matrix, size)
+    drawn = cv2.warpPerspective(image, matrix, size)
     mask = cv2.warpPerspective(np.ones((200, 200), np.float32), matrix, size)[..., None]
     return onto * (1 - mask) + drawn
 
 
 def make_scene(positions: list[tuple[float, float]], frames: int, *, moving: bool) -> tuple[Capture, list[np.ndarray]]:
     """Cameras at (x, y, 0) looking along z at a textured card and wall; ``moving``: one position a frame."""
-    cameras, pictures = [], []
+    cameras, images = [], []
     for index, (x, y) in enumerate(positions):
         pose = np.eye(4)
         pose[:2, 3] = -x, -y
@@ -48,7 +48,7 @@ def make_scene(positions: list[tuple[float, float]], frames: int, *, moving: boo
         cameras.append(Camera(f"cam{index:02d}", WIDTH, HEIGHT, intrinsics, pose))
         wall = plane(cameras[-1], texture(1), FAR_Z, 4.5, np.zeros((HEIGHT, WIDTH, 3), np.float32))
         card = plane(cameras[-1], texture(2), NEAR_Z, 0.6, wall)
-        pictures.append((card * 255).astype(np.uint8))
+        images.append((card * 255).astype(np.uint8))
     if moving:
         shots = [Shot(index, index, Path(f"{index}.png"), 0) for index in range(len(cameras))]
     else:
@@ -61,19 +61,19 @@ def make_scene(positions: list[tuple[float, float]], frames: int, *, moving: boo
         tuple(shots),
         len(positions) if moving else frames,
     )
-    return capture, [pictures[shot.camera] for shot in capture.shots]
+    return capture, [images[shot.camera] for shot in capture.shots]
 
 
 class Store:
-    """Pictures in memory; asking for a held-out one is an error."""
+    """Images in memory; asking for a held-out one is an error."""
 
-    def __init__(self, capture: Capture, pictures: list[np.ndarray]) -> None:
-        self.capture, self.pictures, self.read = capture, pictures, set[int]()
+    def __init__(self, capture: Capture, images: list[np.ndarray]) -> None:
+        self.capture, self.images, self.read = capture, images, set[int]()
 
     def image(self, shot_index: int) -> np.ndarray:
-        assert not self.capture.is_test(self.capture.shots[shot_index]), "a held-out picture was read"
+        assert not self.capture.is_test(self.capture.shots[shot_index]), "a held-out image was read"
         self.read.add(shot_index)
-        return self.pictures[shot_index]
+        return self.images[shot_index]
 
 
 def check_on_planes(seeds: Seeds) -> None:
@@ -88,9 +88,9 @@ RING = [(0.0, 0.0), (-0.4, 0.0), (0.4, 0.0), (0.0, -0.4), (0.0, 0.4), (0.4, 0.4)
 
 
 def test_seeds_of_many_cameras_lie_on_the_surfaces_in_their_colours() -> None:
-    capture, pictures = make_scene(RING, 4, moving=False)
+    capture, images = make_scene(RING, 4, moving=False)
     capture = replace(capture, test_cameras=frozenset({"cam00"}), near_far=(1.5, 12.0), test_frames=frozenset({2}))
-    store = Store(capture, pictures)
+    store = Store(capture, images)
     steps: list[tuple[int, int]] = []
     seeds = find_seeds(capture, store, count_limit=3000, progress=lambda done, total: steps.append((done, total)))
     assert "drawn" not in seeds.origin
@@ -103,17 +103,17 @@ def test_seeds_of_many_cameras_lie_on_the_surfaces_in_their_colours() -> None:
     card = np.abs(seeds.points[:, 2] - NEAR_Z) < 0.15
     pixels, _ = capture.cameras[0].project(seeds.points[card].astype(np.float64))
     columns, lines = np.floor(pixels).astype(int).T
-    difference = np.abs(pictures[0][lines, columns] / 255 - seeds.colors[card]).max(axis=1)
+    difference = np.abs(images[0][lines, columns] / 255 - seeds.colors[card]).max(axis=1)
     assert np.median(difference) < 0.08
     assert steps[-1][0] == steps[-1][1]
     assert store.read
 
 
 def test_when_few_are_measured_the_rest_is_guessed() -> None:
-    capture, pictures = make_scene(RING, 2, moving=False)
+    capture, images = make_scene(RING, 2, moving=False)
     capture = replace(capture, near_far=(1.5, 12.0))
     whole, few, none = (
-        find_seeds(capture, Store(capture, pictures), count_limit=3000, share=share) for share in (1.0, 0.1, 0.0)
+        find_seeds(capture, Store(capture, images), count_limit=3000, share=share) for share in (1.0, 0.1, 0.0)
     )
     assert "drawn" not in whole.origin and "drawn" in few.origin and "drawn" in none.origin
     assert len(few.points) == len(none.points) == 3000, "they begin with as many"
@@ -124,31 +124,31 @@ def test_when_few_are_measured_the_rest_is_guessed() -> None:
 
 def test_seeds_of_a_moving_camera_never_read_withheld_frames() -> None:
     positions = [(0.12 * step - 0.8, 0.1 * np.sin(step)) for step in range(14)]
-    capture, pictures = make_scene(positions, 1, moving=True)
+    capture, images = make_scene(positions, 1, moving=True)
     capture = capture.with_holdout(4)
     assert capture.is_moving
-    seeds = find_seeds(capture, Store(capture, pictures), count_limit=3000)
+    seeds = find_seeds(capture, Store(capture, images), count_limit=3000)
     assert "swept" in seeds.origin
     check_on_planes(seeds)
 
 
 def test_a_moving_rig_that_trains_with_both_its_cameras_gets_seeds() -> None:
-    """Every picture has its own camera, and two share each moment; no camera stands still for a median picture."""
+    """Every image has its own camera, and two share each moment; no camera stands still for a median image."""
     positions = [(0.12 * (step // 2) - 0.4 + 0.3 * (step % 2), 0.1 * np.sin(step)) for step in range(8)]
-    capture, pictures = make_scene(positions, 1, moving=True)
+    capture, images = make_scene(positions, 1, moving=True)
     capture = replace(capture, shots=tuple(replace(shot, frame=shot.camera // 2) for shot in capture.shots))
     capture = replace(capture, frame_count=4)
     assert not capture.is_moving
-    store = Store(capture, pictures)
+    store = Store(capture, images)
     check_on_planes(find_seeds(capture, store, count_limit=1500))
     points, _ = fill_volume(capture, store, 1.0, 8.0, 100, np.random.default_rng(0))
     assert len(points) == 100
 
 
 def test_the_same_seed_gives_the_same_points() -> None:
-    capture, pictures = make_scene(RING[:4], 1, moving=False)
+    capture, images = make_scene(RING[:4], 1, moving=False)
     capture = replace(capture, near_far=(1.5, 12.0))
-    first, again = (find_seeds(capture, Store(capture, pictures), count_limit=800, seed=3) for _ in range(2))
+    first, again = (find_seeds(capture, Store(capture, images), count_limit=800, seed=3) for _ in range(2))
     np.testing.assert_array_equal(first.points, again.points)
     np.testing.assert_array_equal(first.colors, again.colors)
 
@@ -166,19 +166,19 @@ def wide_scene(moving_ball: bool) -> tuple[Capture, list[np.ndarray]]:
         cameras.append(Camera(f"cam{index}", WIDTH, HEIGHT, [[120, 0, 80], [0, 120, 60], [0, 0, 1]], pose))
     shots = [Shot(c, f, Path("x"), f) for f in range(5) for c in range(4)]
     capture = Capture(Path("scene"), "test", tuple(cameras), (None,) * 4, tuple(shots), 5)
-    pictures = []
+    images = []
     for shot in capture.shots:
-        picture = np.full((HEIGHT, WIDTH, 3), 128, np.uint8)
+        image = np.full((HEIGHT, WIDTH, 3), 128, np.uint8)
         center = np.array([[0.0, (shot.frame - 2) * 0.6 if moving_ball else 0.0, 0.0]])
         (pixel,), (depth,) = cameras[shot.camera].project(center)
-        cv2.circle(picture, (int(pixel[0]), int(pixel[1])), int(120 * 0.5 / depth), (230, 20, 20), -1)
-        pictures.append(picture)
-    return capture, pictures
+        cv2.circle(image, (int(pixel[0]), int(pixel[1])), int(120 * 0.5 / depth), (230, 20, 20), -1)
+        images.append(image)
+    return capture, images
 
 
 def test_cameras_too_far_apart_get_points_in_their_common_volume_and_more_where_something_moves() -> None:
-    capture, pictures = wide_scene(moving_ball=True)
-    seeds = find_seeds(capture, Store(capture, pictures), count_limit=2000)
+    capture, images = wide_scene(moving_ball=True)
+    seeds = find_seeds(capture, Store(capture, images), count_limit=2000)
     assert seeds.origin == "2000 drawn"
     seen = sum(
         ((d > 0) & (p >= 0).all(axis=1) & (p < [WIDTH, HEIGHT]).all(axis=1)).astype(int)
@@ -192,32 +192,32 @@ def test_cameras_too_far_apart_get_points_in_their_common_volume_and_more_where_
     assert where_it_moves.mean() > 0.2
 
 
-def test_a_camera_with_few_pictures_costs_no_seeds() -> None:
+def test_a_camera_with_few_images_costs_no_seeds() -> None:
     """It has none at the moments whose median is what stands still."""
-    capture, pictures = wide_scene(moving_ball=True)
+    capture, images = wide_scene(moving_ball=True)
     moments = list(range(24))
     (rare, *_) = sorted(set(spread(moments, moving._MOMENTS)) - set(spread(moments, moving._BACKGROUND_MOMENTS)))
     shots = [Shot(c, f, Path("x"), f) for f in moments for c in range(4) if c < 3 or f == rare]
     few = replace(capture, shots=tuple(shots), frame_count=len(moments))
-    shown = [pictures[4 * (shot.frame % 5) + shot.camera] for shot in few.shots]
+    shown = [images[4 * (shot.frame % 5) + shot.camera] for shot in few.shots]
     assert len(find_seeds(few, Store(few, shown), count_limit=500).points) == 500
 
 
 def _still() -> tuple[Capture, Store]:
-    capture, pictures = wide_scene(moving_ball=False)
-    return capture, Store(capture, pictures)
+    capture, images = wide_scene(moving_ball=False)
+    return capture, Store(capture, images)
 
 
-def test_a_capture_without_training_pictures_is_refused() -> None:
-    capture, pictures = make_scene(RING[:2], 1, moving=False)
+def test_a_capture_without_training_images_is_refused() -> None:
+    capture, images = make_scene(RING[:2], 1, moving=False)
     capture = replace(capture, test_frames=frozenset({0}))
-    with pytest.raises(FrogError, match="every picture is held out"):
-        find_seeds(capture, Store(capture, pictures))
+    with pytest.raises(FrogError, match="every image is held out"):
+        find_seeds(capture, Store(capture, images))
 
 
 def test_one_camera_that_never_moves_still_gets_points_or_a_sentence() -> None:
-    capture, pictures = make_scene([(0, 0)], 3, moving=False)
-    seeds = find_seeds(capture, Store(capture, pictures), count_limit=500)
+    capture, images = make_scene([(0, 0)], 3, moving=False)
+    seeds = find_seeds(capture, Store(capture, images), count_limit=500)
     assert 0 < len(seeds.points) <= 500
 
 

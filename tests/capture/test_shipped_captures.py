@@ -139,8 +139,8 @@ def test_known_points_lie_at_their_pixels_in_every_view(capture: str) -> None:
     patterns = []
     for camera in range(12):
         places = (project(capture, camera, points) - 0.5).astype(np.float32)  # OpenCV counts from pixel centres
-        picture = np.median(film(capture, camera).mean(axis=-1), axis=0).astype(np.float32)
-        pattern = cv2.remap(picture, places[..., 0], places[..., 1], cv2.INTER_CUBIC)
+        image = np.median(film(capture, camera).mean(axis=-1), axis=0).astype(np.float32)
+        pattern = cv2.remap(image, places[..., 0], places[..., 1], cv2.INTER_CUBIC)
         patterns.append(pattern - cv2.GaussianBlur(pattern, (0, 0), 8))
     window = cv2.createHanningWindow(patterns[0].shape[::-1], cv2.CV_32F)
     pixel = 6.2 / SHIPPED[capture].focal  # metres on the plane, at its distance from the cameras
@@ -186,7 +186,7 @@ def test_dim_is_dark_but_not_black() -> None:
     assert (film("dim", 0).max(axis=-1) > 0.25 * 255).mean() > 0.04
 
 
-def test_the_light_of_dim_changes_across_most_of_the_picture() -> None:
+def test_the_light_of_dim_changes_across_most_of_the_image() -> None:
     def changing(capture: str) -> float:
         grey = film(capture, 0).mean(axis=-1)
         low, high = np.percentile(grey, [10, 90], axis=0)

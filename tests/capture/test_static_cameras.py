@@ -1,4 +1,4 @@
-"""Standing cameras among posed pictures are found by their equal poses."""
+"""Standing cameras among posed images are found by their equal poses."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def write_standing(folder: Path, name: str = "transforms.json", cameras: str = "
     (folder / name).write_text(json.dumps(data))
 
 
-def test_pictures_with_the_same_pose_are_one_standing_cameras(tmp_path: Path) -> None:
+def test_images_with_the_same_pose_are_one_standing_cameras(tmp_path: Path) -> None:
     write_standing(tmp_path)
     capture = open_capture(tmp_path)
     assert [camera.name for camera in capture.cameras] == ["transforms_a", "transforms_b"]
@@ -50,7 +50,7 @@ def test_lists_to_train_on_and_to_judge_share_no_camera(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("what", ["a pose of its own", "twice at one moment", "another lens"])
-def test_pictures_of_a_camera_that_moves_stay_apart(tmp_path: Path, what: str) -> None:
+def test_images_of_a_camera_that_moves_stay_apart(tmp_path: Path, what: str) -> None:
     """One that pauses has the same pose twice; a rig's cameras in one place are two."""
     write_standing(tmp_path)
     data = json.loads((tmp_path / "transforms.json").read_text())
@@ -66,16 +66,16 @@ def test_pictures_of_a_camera_that_moves_stay_apart(tmp_path: Path, what: str) -
     assert len(capture.cameras) == len(capture.shots) == 6
 
 
-def test_pictures_whose_poses_are_not_known_stay_apart(tmp_path: Path) -> None:
+def test_images_whose_poses_are_not_known_stay_apart(tmp_path: Path) -> None:
     """Nothing can be trained on them, but their clips are found."""
     write_standing(tmp_path)
     data = json.loads((tmp_path / "transforms.json").read_text())
     rewrite(tmp_path, {**data, "frames": [{"file_path": frame["file_path"]} for frame in data["frames"]]})
-    found = transforms_json.pictures_by_camera(tmp_path)
-    assert len(found) == 6 and all(len(pictures) == 1 for pictures in found.values())
+    found = transforms_json.images_by_camera(tmp_path)
+    assert len(found) == 6 and all(len(images) == 1 for images in found.values())
 
 
-def test_cameras_whose_names_tell_nothing_have_their_first_pictures(tmp_path: Path) -> None:
+def test_cameras_whose_names_tell_nothing_have_their_first_images(tmp_path: Path) -> None:
     write_standing(tmp_path)
     data = json.loads((tmp_path / "transforms.json").read_text())
     for index, frame in enumerate(data["frames"]):
@@ -85,12 +85,12 @@ def test_cameras_whose_names_tell_nothing_have_their_first_pictures(tmp_path: Pa
     assert [camera.name for camera in open_capture(tmp_path).cameras] == ["0", "3"]
 
 
-def test_a_picture_of_another_size_is_brought_to_its_cameras(tmp_path: Path, cache_folder: Path) -> None:
+def test_an_image_of_another_size_is_brought_to_its_cameras(tmp_path: Path, cache_folder: Path) -> None:
     write_standing(tmp_path)
     other = tmp_path / "transforms_b_0001.png"
     cv2.imwrite(str(other), np.full((60, 80, 3), 90, np.uint8))
     capture = open_capture(tmp_path)
     store = FrameStore.open(capture, cache_folder=cache_folder)
-    pictures = [store.image(index) for index in range(6)]
-    assert {picture.shape for picture in pictures} == {(30, 40, 3)}
-    assert [int(picture.mean()) for picture in pictures] == [0, 30, 10, 90, 20, 50]
+    images = [store.image(index) for index in range(6)]
+    assert {image.shape for image in images} == {(30, 40, 3)}
+    assert [int(image.mean()) for image in images] == [0, 30, 10, 90, 20, 50]

@@ -13,7 +13,7 @@ from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import detect, open_capture, technicolor
 from frog_blender.engine.errors import FrogError
 
-SCALE = 16  # pictures of 128 x 68 stand for 2048 x 1088
+SCALE = 16  # images of 128 x 68 stand for 2048 x 1088
 WIDTH, HEIGHT = 2048 // SCALE, 1088 // SCALE
 HEADER = "focal cx cy aspect skew qw qx qy qz tx ty tz"
 SPOT = np.array([0.3, 0.2, 3.0])
@@ -36,7 +36,7 @@ def rotation(angle: float) -> np.ndarray:
 
 
 def stored_pixel(row: list[float], camera: int) -> np.ndarray:
-    """Where the spot lies in a stored picture, by the columns of the format."""
+    """Where the spot lies in a stored image, by the columns of the format."""
     x, y, z = rotation(0.02 * (camera - 7)) @ SPOT + np.array(row[-3:])
     focal, center_x, center_y, aspect, skew = row[:5]
     return np.array([focal * x / z + skew * y / z + center_x, focal * aspect * y / z + center_y]) / SCALE
@@ -48,7 +48,7 @@ def write_parameters(folder: Path, rows: list[list[float]], header: str = HEADER
 
 
 def write(folder: Path, *, skew: float = 0.0, scene: str = "Birthday", cameras: int = 16) -> Path:
-    """A scene; camera c's picture of frame f is grey of brightness 20 + 3 c + (f - 151) but for the white spot."""
+    """A scene; camera c's image of frame f is grey of brightness 20 + 3 c + (f - 151) but for the white spot."""
     folder.mkdir(parents=True, exist_ok=True)
     rows = [parameters(camera, skew) for camera in range(cameras)]
     write_parameters(folder, rows)
@@ -58,8 +58,8 @@ def write(folder: Path, *, skew: float = 0.0, scene: str = "Birthday", cameras: 
         spot = np.exp(-((columns - pixel[0]) ** 2 + (lines - pixel[1]) ** 2) / (2 * 1.5**2))
         for frame in FRAMES:
             grey = 20 + 3 * camera + frame - FRAMES[0]
-            picture = (grey + (250 - grey) * spot).round().astype(np.uint8)
-            cv2.imwrite(str(folder / f"{scene}_undist_{frame:05d}_{camera:02d}.png"), np.dstack([picture] * 3))
+            image = (grey + (250 - grey) * spot).round().astype(np.uint8)
+            cv2.imwrite(str(folder / f"{scene}_undist_{frame:05d}_{camera:02d}.png"), np.dstack([image] * 3))
     return folder
 
 
@@ -84,12 +84,12 @@ def test_sixteen_cameras_of_which_cam10_judges(scene: Path) -> None:
 def test_a_world_point_lies_where_its_row_says(tmp_path: Path, skew: float) -> None:
     capture = open_capture(write(tmp_path, skew=skew))
     order = [index for index, shot in enumerate(capture.shots) if shot.frame == 0]
-    for index, picture in zip(order, decode_shots(capture, order), strict=True):
+    for index, image in zip(order, decode_shots(capture, order), strict=True):
         number = capture.shots[index].camera
         camera = capture.cameras[number]
         (pixel,), (depth,) = camera.project(SPOT[None])
         assert depth == pytest.approx(3.0, abs=0.1)
-        weight = np.clip(picture[..., 0].astype(np.float64) - 20 - 3 * number - 1, 0, None)
+        weight = np.clip(image[..., 0].astype(np.float64) - 20 - 3 * number - 1, 0, None)
         columns, lines = np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5
         found = np.array([weight.sum(0) @ columns, weight.sum(1) @ lines]) / weight.sum()
         np.testing.assert_allclose(found, pixel, atol=0.06)
@@ -114,18 +114,18 @@ def test_frames_are_chosen_by_their_numbers(scene: Path) -> None:
         technicolor.read(scene, range(151, 201))
 
 
-def test_pictures_may_lie_in_a_folder_of_their_own(scene: Path) -> None:
+def test_images_may_lie_in_a_folder_of_their_own(scene: Path) -> None:
     (scene / "images").mkdir()
-    for picture in scene.glob("*.png"):
-        picture.rename(scene / "images" / picture.name)
+    for image in scene.glob("*.png"):
+        image.rename(scene / "images" / image.name)
     assert len(open_capture(scene).shots) == 64
 
 
-def test_a_picture_that_is_cut_off_is_replaced_by_the_frame_before(scene: Path, tmp_path: Path) -> None:
+def test_an_image_that_is_cut_off_is_replaced_by_the_frame_before(scene: Path, tmp_path: Path) -> None:
     """Also two in a row, and never in the test view."""
     for name in ("00153_09", "00154_09", "00153_10", "00151_04"):
-        picture = scene / f"Birthday_undist_{name}.png"
-        picture.write_bytes(picture.read_bytes()[:-200])
+        image = scene / f"Birthday_undist_{name}.png"
+        image.write_bytes(image.read_bytes()[:-200])
     capture = open_capture(scene)
     store = FrameStore.open(capture, cache_folder=tmp_path / "cache")
     for frame, shown in ((0, 151), (1, 152), (2, 152), (3, 152)):
@@ -140,31 +140,31 @@ def test_a_picture_that_is_cut_off_is_replaced_by_the_frame_before(scene: Path, 
 
 
 @pytest.mark.parametrize("left", [0, 11])
-def test_a_first_picture_without_its_size_is_left_out(scene: Path, left: int) -> None:
+def test_a_first_image_without_its_size_is_left_out(scene: Path, left: int) -> None:
     first = scene / "Birthday_undist_00151_04.png"
     first.write_bytes(first.read_bytes()[:left])
     capture = open_capture(scene)
     assert (capture.cameras[4].width, capture.cameras[4].height) == (WIDTH, HEIGHT)
     assert capture.shot_index(4, 0) is None and len(capture.shots) == 63
-    assert [f"{first}: the picture is cut off and left out."] == list(capture.warnings)
+    assert [f"{first}: the image is cut off and left out."] == list(capture.warnings)
 
 
-def test_what_macos_writes_beside_a_picture_is_none(scene: Path) -> None:
-    for picture in list(scene.glob("*.png")):
-        picture.with_name(f"._{picture.name}").write_bytes(b"Mac OS X")
+def test_what_macos_writes_beside_an_image_is_none(scene: Path) -> None:
+    for image in list(scene.glob("*.png")):
+        image.with_name(f"._{image.name}").write_bytes(b"Mac OS X")
     assert len(open_capture(scene).shots) == 64
 
 
-def test_missing_pictures_and_cameras_are_told(scene: Path) -> None:
+def test_missing_images_and_cameras_are_told(scene: Path) -> None:
     (scene / "Birthday_undist_00152_03.png").unlink()
-    for picture in scene.glob("*_10.png"):
-        picture.unlink()
+    for image in scene.glob("*_10.png"):
+        image.unlink()
     capture = open_capture(scene)
     assert len(capture.shots) == 59
     assert "cam10" not in [camera.name for camera in capture.cameras]
     assert not capture.test_cameras
     sentences = " ".join(capture.warnings)
-    for part in ("16 cameras, and 15 of them have pictures", "1 of 60 pictures are missing", "test view cam10"):
+    for part in ("16 cameras, and 15 of them have images", "1 of 60 images are missing", "test view cam10"):
         assert part in sentences
 
 
@@ -177,7 +177,7 @@ def test_a_file_without_its_header_keeps_its_first_camera(scene: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        (lambda rows: rows[:15], "found 15 rows and pictures of camera 15 .*_15.png"),
+        (lambda rows: rows[:15], "found 15 rows and images of camera 15 .*_15.png"),
         (lambda rows: [], "no row after the header"),
         (lambda rows: [rows[0], rows[1][:11]], r"found shape \(11,\) as line 3"),
         (lambda rows: [[float("nan"), *rows[0][1:]], *rows[1:]], "line 2 with a value that is not finite"),
@@ -198,27 +198,27 @@ def test_words_in_a_row_are_refused(scene: Path) -> None:
         open_capture(scene)
 
 
-def test_pictures_of_another_kind_are_refused(scene: Path) -> None:
+def test_images_of_another_kind_are_refused(scene: Path) -> None:
     first = scene / "Birthday_undist_00151_00.png"
     first.write_bytes(b"GIF89a" + bytes(40))
     with pytest.raises(FrogError, match=r"00151_00\.png: found a file that is not a PNG"):
         open_capture(scene)
     cv2.imwrite(str(first), np.zeros((80, 80, 3), np.uint8))
-    with pytest.raises(FrogError, match="a picture of 80 x 80 pixels, expected the proportions of 2048 x 1088"):
+    with pytest.raises(FrogError, match="an image of 80 x 80 pixels, expected the proportions of 2048 x 1088"):
         open_capture(scene)
 
 
-def test_a_folder_without_pictures_or_with_two_scenes_is_refused(tmp_path: Path) -> None:
+def test_a_folder_without_images_or_with_two_scenes_is_refused(tmp_path: Path) -> None:
     write_parameters(tmp_path, [parameters(0)])
-    with pytest.raises(FrogError, match=r"no picture, expected pictures named SCENE_undist_00151_00\.png"):
+    with pytest.raises(FrogError, match=r"no image, expected images named SCENE_undist_00151_00\.png"):
         open_capture(tmp_path)
     write(tmp_path, scene="Birthday", cameras=1)
     write(tmp_path, scene="Train", cameras=1)
-    with pytest.raises(FrogError, match="pictures of Birthday and Train"):
+    with pytest.raises(FrogError, match="images of Birthday and Train"):
         open_capture(tmp_path)
 
 
 def test_numbers_of_frames_that_no_film_has(scene: Path) -> None:
     (scene / "Birthday_undist_00154_03.png").rename(scene / "Birthday_undist_999999999_03.png")
-    with pytest.raises(FrogError, match="pictures of frames from 151 to 999999999, expected at most 1,000,000 moments"):
+    with pytest.raises(FrogError, match="images of frames from 151 to 999999999, expected at most 1,000,000 moments"):
         open_capture(scene)

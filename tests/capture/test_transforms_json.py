@@ -28,7 +28,7 @@ def test_opengl_becomes_opencv_and_every_eighth_frame_is_held_out(tmp_path: Path
     assert depth[0] == pytest.approx(5)
 
 
-def test_a_pictures_own_values_win(tmp_path: Path) -> None:
+def test_an_images_own_values_win(tmp_path: Path) -> None:
     data = write(tmp_path, 3, camera_angle_x=1.0, k1=-0.1)
     del data["fl_x"]
     data["frames"][1].update({"fl_x": 33.0, "k1": 0.0, "cx": 11.0})
@@ -51,16 +51,16 @@ def test_frames_are_ranks_of_distinct_times(tmp_path: Path) -> None:
     assert not capture.test_frames  # not one moving camera: nothing is withheld unasked
 
 
-def test_missing_pictures_are_counted_and_none_is_an_error(tmp_path: Path) -> None:
+def test_missing_images_are_counted_and_none_is_an_error(tmp_path: Path) -> None:
     write(tmp_path, 10)
     for index in (2, 7):
         (tmp_path / f"transforms_{index:03d}.png").unlink()
     capture = open_capture(tmp_path)
     assert len(capture.shots) == 8
-    assert "2 of 10 listed pictures are missing" in capture.warnings[0]
-    for picture in tmp_path.glob("*.png"):
-        picture.unlink()
-    with pytest.raises(FrogError, match="10 listed pictures of which none exists"):
+    assert "2 of 10 listed images are missing" in capture.warnings[0]
+    for image in tmp_path.glob("*.png"):
+        image.unlink()
+    with pytest.raises(FrogError, match="10 listed images of which none exists"):
         open_capture(tmp_path)
 
 
@@ -108,7 +108,7 @@ def test_values_that_cannot_be_used_are_refused(
         open_capture(tmp_path)
 
 
-def test_blender_layout_holds_out_its_test_pictures_and_lies_over_white(tmp_path: Path) -> None:
+def test_blender_layout_holds_out_its_test_images_and_lies_over_white(tmp_path: Path) -> None:
     write(tmp_path, 4, "transforms_train.json")
     write(tmp_path, 2, "transforms_test.json")
     transparent = np.zeros((30, 40, 4), np.uint8)
@@ -118,12 +118,12 @@ def test_blender_layout_holds_out_its_test_pictures_and_lies_over_white(tmp_path
     assert capture.test_cameras == {"transforms_test_000", "transforms_test_001"}
     assert len(capture.train_shots) == 4
     store = FrameStore.open(capture, cache_folder=tmp_path / "cache")
-    picture = store.image(capture.shot_index(0, 0))
-    assert picture[5, 5].tolist() == [255, 255, 255]
-    assert picture[5, 30].tolist() == [200, 0, 0]
+    image = store.image(capture.shot_index(0, 0))
+    assert image[5, 5].tolist() == [255, 255, 255]
+    assert image[5, 30].tolist() == [200, 0, 0]
 
 
-def test_a_missing_picture_moves_no_other_one_in_time(tmp_path: Path) -> None:
+def test_a_missing_image_moves_no_other_one_in_time(tmp_path: Path) -> None:
     """Of lists without times; here the third of the first list is gone."""
     write(tmp_path, 5, "transforms_train.json")
     write(tmp_path, 5, "transforms_val.json")
@@ -135,7 +135,7 @@ def test_a_missing_picture_moves_no_other_one_in_time(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("stated", [True, False])
-def test_every_picture_has_its_own_size(tmp_path: Path, stated: bool) -> None:
+def test_every_image_has_its_own_size(tmp_path: Path, stated: bool) -> None:
     data = write(tmp_path, 4)
     sizes = [(40, 30), (80, 60), (30, 40), (60, 30)]
     if not stated:
@@ -154,7 +154,7 @@ def test_every_picture_has_its_own_size(tmp_path: Path, stated: bool) -> None:
         assert store.image(index).shape == (height, width, 3)
 
 
-def test_a_picture_of_other_proportions_than_its_own_size_is_named(tmp_path: Path) -> None:
+def test_an_image_of_other_proportions_than_its_own_size_is_named(tmp_path: Path) -> None:
     data = write(tmp_path, 3)
     data["frames"][2].update({"w": 30, "h": 40})
     rewrite(tmp_path, data)

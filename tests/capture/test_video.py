@@ -1,4 +1,4 @@
-"""Videos and pictures by names that programs beneath would misread, and files that the system does not hand out."""
+"""Videos and images by names that programs beneath would misread, and files that the system does not hand out."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.capture.video import read_facts, read_picture
+from frog_blender.engine.capture.video import read_facts, read_image
 from frog_blender.engine.errors import FrogError
 
 from .conftest import write_n3dv, write_video
@@ -35,11 +35,11 @@ def test_a_name_that_is_not_utf8_is_one_sentence(tmp_path: Path) -> None:
     str(caught.value).encode()
 
 
-def test_a_picture_that_may_not_be_read_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_image_that_may_not_be_read_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(path: Path) -> bytes:
         raise PermissionError(13, "Permission denied", str(path))
 
     (tmp_path / "a.png").write_bytes(b"x")
     monkeypatch.setattr(Path, "read_bytes", refuse)
     with pytest.raises(FrogError, match=r"a\.png: found a file that cannot be read \(Permission denied\)"):
-        read_picture(tmp_path / "a.png")
+        read_image(tmp_path / "a.png")

@@ -21,7 +21,7 @@ from frog_blender.cli import progress, view_commands
 from frog_blender.cli.actions import parse_frames
 from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw, to_uint8
 from frog_blender.engine.scene.scene_file import read_scene, write_scene
 from frog_blender.engine.training.session import job, loop
@@ -114,7 +114,7 @@ def refused(result: tuple[int, str, str], *words: str) -> None:
 def test_train_wrote_what_it_was_asked_for(trained: Path) -> None:
     header = read_scene(trained).header
     assert (header.steps, header.method, header.recipe["name"]) == (30, "frog", "draft")
-    assert PlayableScene.load(trained).count > 50
+    assert ScenePlayer.load(trained).count > 50
     assert sorted(path.name for path in trained.parent.iterdir()) == ["x.capacity.png", "x.frog", "x.frog.checkpoint"]
 
 
@@ -205,7 +205,7 @@ def test_info_about_a_scene(run: Run, trained: Path) -> None:
     assert status == 0
     assert (report["method"], report["frames"], report["bytes"]) == ("frog", 6, trained.stat().st_size)
     assert "30 steps" in report["training"] and "cam03" in report["cameras"]
-    scene = PlayableScene.load(trained)
+    scene = ScenePlayer.load(trained)
     assert (report["gaussians"], report["dynamic"]) == (scene.count, scene.moving)
     assert set(report["heads"]) <= {"means", "log_scales", "quaternions", "opacity_logits", "sh"}
     assert bool(report["heads"]) == bool(scene.moving)  # thirty steps may have taught no motion that shows
@@ -243,11 +243,11 @@ def test_eval_refuses_another_capture(run: Run, trained: Path, filmed: Path, tmp
 
 def test_render_writes_exactly_what_the_camera_saw(run: Run, trained: Path, tmp_path: Path) -> None:
     status, out, _ = run("render", trained, "--camera", "cam01", "--frames", "2:5", "--out", tmp_path / "o" / "deep")
-    assert status == 0 and "3 pictures" in out
-    scene = PlayableScene.load(trained)
-    pictures = sorted((tmp_path / "o" / "deep").iterdir())
-    assert [path.name for path in pictures] == [f"cam01_000{frame}.png" for frame in (2, 3, 4)]
-    for frame, path in zip((2, 3, 4), pictures, strict=True):
+    assert status == 0 and "3 images" in out
+    scene = ScenePlayer.load(trained)
+    images = sorted((tmp_path / "o" / "deep").iterdir())
+    assert [path.name for path in images] == [f"cam01_000{frame}.png" for frame in (2, 3, 4)]
+    for frame, path in zip((2, 3, 4), images, strict=True):
         expected = to_uint8(draw(scene.at_frame(frame), scene.header.cameras[1], scene.header.background).rgb)
         np.testing.assert_array_equal(cv2.imread(str(path))[:, :, ::-1], expected)
 
@@ -262,7 +262,7 @@ def test_render_follows_a_moving_camera(run: Run, tmp_path: Path) -> None:
     assert shapes == [(camera.height, camera.width) for camera in header.cameras]
 
 
-def test_the_path_of_a_moving_camera_is_that_of_its_training_pictures(run: Run, tmp_path: Path) -> None:
+def test_the_path_of_a_moving_camera_is_that_of_its_training_images(run: Run, tmp_path: Path) -> None:
     """Of two cameras that film one moment the other one judges."""
     scene = scene_file()
     header = replace(scene.header, camera_shots=((0,), (1,), (0,)), frame_count=2)
@@ -270,8 +270,8 @@ def test_the_path_of_a_moving_camera_is_that_of_its_training_pictures(run: Run, 
     for held_out, shown in (("other", header.cameras[0]), ("odd", header.cameras[2])):
         write_scene(tmp_path / "m.frog", replace(scene, header=replace(header, test_cameras=(held_out,))))
         assert run("render", tmp_path / "m.frog", "--camera", "moving", "--out", tmp_path / held_out)[0] == 0
-        picture = cv2.imread(str(tmp_path / held_out / "moving_0000.png"))
-        assert picture.shape[:2] == (shown.height, shown.width)
+        image = cv2.imread(str(tmp_path / held_out / "moving_0000.png"))
+        assert image.shape[:2] == (shown.height, shown.width)
 
 
 def test_frames() -> None:

@@ -17,7 +17,7 @@ from frog_blender.cli.demo import flight, run_demo
 from frog_blender.cli.main import main
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session import job
 
@@ -75,14 +75,14 @@ def test_a_demo_that_is_cancelled_keeps_what_was_learned(filmed, own_cache, tmp_
     scene = tmp_path / "scene.frog"
     with pytest.raises(FrogError, match=r"frog train .* --resume goes on with its training\.$") as caught:
         run_demo("room", tmp_path, "draft", None)
-    left = PlayableScene.load(scene).header.steps
+    left = ScenePlayer.load(scene).header.steps
     assert left == steps[-1] < 20
     monkeypatch.undo()
     monkeypatch.setenv("FROG_CACHE", str(own_cache))
     monkeypatch.setattr(job, "stored_seeds", lambda *_, **__: film.seeds())
     command = str(caught.value).split("; frog ")[1].split(" goes on")[0].split()
     assert main([*command, "--steps", str(left + 3)]) == 0
-    assert PlayableScene.load(scene).header.steps == left + 3
+    assert ScenePlayer.load(scene).header.steps == left + 3
 
 
 @pytest.mark.parametrize("module", ["matplotlib", "bpy"])

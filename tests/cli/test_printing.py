@@ -78,5 +78,5 @@ def test_a_camera_of_any_name_is_rendered(tmp_path: Path, capsys: pytest.Capture
         folder = tmp_path / str(number) / "out"
         command = ["render", str(tmp_path / "x.frog"), "--camera", printable(name), "--frames", "0:1"]
         assert main([*command, "--out", str(folder)]) == 0, capsys.readouterr().err
-        (picture,) = (tmp_path / str(number)).rglob("*.png")
-        assert picture.parent == folder and not set(picture.name) & set('/\\:*?"<>|')
+        (image,) = (tmp_path / str(number)).rglob("*.png")
+        assert image.parent == folder and not set(image.name) & set('/\\:*?"<>|')

@@ -1,4 +1,4 @@
-"""Evaluating a scene: the right pictures, the right pixels, the right sums."""
+"""Evaluating a scene: the right images, the right pixels, the right sums."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.evaluation.evaluate import evaluate, load_masks, moving_mask
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.scene.scene_file import SceneFile
 
@@ -36,7 +36,7 @@ def store(capture: Capture, cache_folder: Path) -> FrameStore:
     return FrameStore.open(capture, cache_folder=cache_folder)
 
 
-def frozen_scene(test_cameras: tuple[str, ...] = ("cam00",), test_frames: tuple[int, ...] = ()) -> PlayableScene:
+def frozen_scene(test_cameras: tuple[str, ...] = ("cam00",), test_frames: tuple[int, ...] = ()) -> ScenePlayer:
     """The true Gaussians of the middle moment at every time: right there, wrong elsewhere."""
     true = film.gaussians_at(MIDDLE)
     arrays = {
@@ -59,10 +59,10 @@ def frozen_scene(test_cameras: tuple[str, ...] = ("cam00",), test_frames: tuple[
         steps=77,
         train_seconds=1.5,
     )
-    return PlayableScene(SceneFile(header, {name: np.float32(array) for name, array in arrays.items()}))
+    return ScenePlayer(SceneFile(header, {name: np.float32(array) for name, array in arrays.items()}))
 
 
-def errors(scene: PlayableScene, capture: Capture, store: FrameStore, camera: int) -> np.ndarray:
+def errors(scene: ScenePlayer, capture: Capture, store: FrameStore, camera: int) -> np.ndarray:
     """(frames, H, W, 3) squared differences."""
     drawn = [draw(scene.at_frame(f), capture.cameras[camera]).rgb.clip(0, 1) for f in range(film.FRAMES)]
     truth = [store.image(capture.shot_index(camera, f)) / 255.0 for f in range(film.FRAMES)]
@@ -73,7 +73,7 @@ def decibels(squares: np.ndarray) -> float:
     return -10 * float(np.log10(squares.mean()))
 
 
-def test_held_out_pictures_by_hand(capture: Capture, store: FrameStore) -> None:
+def test_held_out_images_by_hand(capture: Capture, store: FrameStore) -> None:
     scene = frozen_scene()
     report = evaluate(scene, capture, store, file_bytes=321)
     squares = errors(scene, capture, store, 0)
@@ -87,7 +87,7 @@ def test_held_out_pictures_by_hand(capture: Capture, store: FrameStore) -> None:
     assert (report["steps"], report["train_seconds"]) == (77, 1.5)
 
 
-def test_the_true_picture_scores_higher_than_the_wrong_ones(capture: Capture, store: FrameStore) -> None:
+def test_the_true_image_scores_higher_than_the_wrong_ones(capture: Capture, store: FrameStore) -> None:
     squares = errors(frozen_scene(), capture, store, 0)
     scores = [decibels(square) for square in squares]
     assert int(np.argmax(scores)) == MIDDLE and scores[MIDDLE] > 27
@@ -102,7 +102,7 @@ def test_splits(capture: Capture, store: FrameStore) -> None:
     assert moments["frames"] == 8 and moments["split"] == "held-out" and len(moments["cameras"]) == 4
     everything = evaluate(frozen_scene(()), capture, store)
     assert everything["frames"] == 24 and everything["split"] == "training"
-    with pytest.raises(FrogError, match="no held-out picture"):
+    with pytest.raises(FrogError, match="no held-out image"):
         evaluate(frozen_scene(()), capture, store, split="held-out")
 
 
@@ -155,7 +155,7 @@ def test_mask_files_that_do_not_fit(capture: Capture, tmp_path: Path) -> None:
     whole = (tmp_path / "whole.npz").read_bytes()
     (tmp_path / "cut.npz").write_bytes(whole[: len(whole) // 2])
     (tmp_path / "empty.png").write_bytes(b"")
-    (tmp_path / "text.png").write_text("no picture")
+    (tmp_path / "text.png").write_text("no image")
     (tmp_path / "text.npz").write_text("no archive")
     for name in (
         "small.png",

@@ -17,7 +17,7 @@ def test_psnr() -> None:
     assert np.isnan(psnr_of(float("nan"))) and psnr_of(float("inf")) < -1e9
 
 
-def test_ssim_of_equal_pictures_is_one_and_falls_with_noise() -> None:
+def test_ssim_of_equal_images_is_one_and_falls_with_noise() -> None:
     random = np.random.default_rng(0)
     truth = random.random((40, 50, 3))
     values = [ssim(truth + random.normal(0, s, truth.shape), truth) for s in (0.0, 0.02, 0.1, 0.5)]
@@ -33,11 +33,11 @@ def test_ssim_against_the_definition_with_zeros_outside() -> None:
     kernel = np.exp(-(offsets**2) / (2 * 1.5**2))
     kernel /= kernel.sum()
     window = kernel[:, None] * kernel[None]
-    x, y = (np.pad(picture, ((5, 5), (5, 5), (0, 0))) for picture in (image, truth))
+    x, y = (np.pad(image, ((5, 5), (5, 5), (0, 0))) for image in (image, truth))
     values = []
     for row in range(12):
         for column in range(14):
-            a, b = (picture[row : row + 11, column : column + 11] for picture in (x, y))
+            a, b = (image[row : row + 11, column : column + 11] for image in (x, y))
 
             def mean(values: np.ndarray) -> np.ndarray:
                 return np.einsum("ij,ijc->c", window, values)

@@ -142,8 +142,8 @@ def test_a_report(tmp_path: Path) -> None:
     written = write_report(tmp_path)
     text = (tmp_path / "tables.md").read_text(encoding="utf-8")
     assert written[0] == tmp_path / "tables.md" and text.endswith(")\n")
-    pictures = {path.name for path in written if path.suffix == ".png"}
-    assert pictures == {f"{kind}_dim_draft.png" for kind in ("speed", "training", "ablation", "capacity")}
+    images = {path.name for path in written if path.suffix == ".png"}
+    assert images == {f"{kind}_dim_draft.png" for kind in ("speed", "training", "ablation", "capacity")}
     for path in written[1:]:
         assert path.stat().st_size > 5000 and (path.suffix == ".svg" or f"({path.name})" in text)
 

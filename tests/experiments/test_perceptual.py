@@ -15,13 +15,13 @@ from frog_blender.engine.evaluation.metrics import flip
 from frog_blender.experiments import perceptual
 from frog_blender.experiments.perceptual import perceptual_measures
 
-PICTURE = np.random.default_rng(0).random((40, 48, 3)).astype(np.float32)
+IMAGE = np.random.default_rng(0).random((40, 48, 3)).astype(np.float32)
 
 
-def test_flip_is_zero_for_equal_pictures_and_grows_with_the_error() -> None:
+def test_flip_is_zero_for_equal_images_and_grows_with_the_error() -> None:
     pytest.importorskip("flip_evaluator")
-    noise = np.random.default_rng(1).normal(size=PICTURE.shape)
-    errors = [flip((PICTURE + size * noise).clip(0, 1), PICTURE.astype(np.float64)) for size in (0, 0.05, 0.2)]
+    noise = np.random.default_rng(1).normal(size=IMAGE.shape)
+    errors = [flip((IMAGE + size * noise).clip(0, 1), IMAGE.astype(np.float64)) for size in (0, 0.05, 0.2)]
     assert errors[0] == 0 and 0 < errors[1] < errors[2] < 1
     dark, bright = np.zeros((8, 8, 3)), np.ones((8, 8, 3))
     assert flip(dark, bright) > 0.9, "black for white is nearly the largest error there is"
@@ -76,6 +76,6 @@ def test_lpips_with_its_weights(fake_lpips: list[dict[str, Any]], tmp_path: Path
     (tmp_path / "checkpoints" / "alexnet-owt-7be5be79.pth").write_bytes(b"")
     found, missing = perceptual_measures()
     assert "lpips" not in missing and fake_lpips[0]["net"] == "alex"
-    assert found["lpips"](PICTURE, PICTURE) == 0
-    assert found["lpips"](np.ones_like(PICTURE), np.zeros_like(PICTURE)) == pytest.approx(2.0)
-    assert np.isnan(found["lpips"](PICTURE[:20], PICTURE[:20])), "too small for the network"
+    assert found["lpips"](IMAGE, IMAGE) == 0
+    assert found["lpips"](np.ones_like(IMAGE), np.zeros_like(IMAGE)) == pytest.approx(2.0)
+    assert np.isnan(found["lpips"](IMAGE[:20], IMAGE[:20])), "too small for the network"

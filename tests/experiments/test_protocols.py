@@ -54,7 +54,7 @@ def n3dv(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_n3dv_is_nine_captures_at_the_papers_size(n3dv: Path) -> None:
-    found = captures(replace(N3DV, picture_width=16), n3dv)
+    found = captures(replace(N3DV, image_width=16), n3dv)
     assert [name for name, _ in found] == [
         "coffee_martini",
         "cook_spinach",
@@ -94,7 +94,7 @@ def test_flame_salmon_is_four_consecutive_segments(n3dv: Path) -> None:
         assert [shot.frame for shot in capture.shots if shot.camera == 1] == [*range(300)]
 
 
-def test_pictures_that_are_too_small_are_told_and_left_as_they_are(n3dv: Path) -> None:
+def test_images_that_are_too_small_are_told_and_left_as_they_are(n3dv: Path) -> None:
     ((_, capture),) = captures("n3dv", n3dv, names=["cook_spinach"])
     assert capture.cameras[0].width == 32
     assert any("32 pixels wide, expected 1352" in warning for warning in capture.warnings)
@@ -131,7 +131,7 @@ def test_names_that_do_not_exist_are_refused(tmp_path: Path) -> None:
 
 
 def hypernerf_scene(folder: Path) -> None:
-    """Two moments of a rig, pictures of 67 x 120 at 2x."""
+    """Two moments of a rig, images of 67 x 120 at 2x."""
     (folder / "rgb" / "2x").mkdir(parents=True)
     (folder / "camera").mkdir()
     ids = ["1_left", "1_right", "2_left", "2_right"]
@@ -167,10 +167,10 @@ def technicolor_scene(folder: Path, scene: str, frames: range) -> None:
     folder.mkdir(parents=True)
     row = "1800 1000 500 1 0 1 0 0 0 0 0 0"
     (folder / "cameras_parameters.txt").write_text("\n".join(["header", *[row] * 16]))
-    picture = cv2.imencode(".png", np.zeros((17, 32, 3), np.uint8))[1].tobytes()
+    image = cv2.imencode(".png", np.zeros((17, 32, 3), np.uint8))[1].tobytes()
     for camera in (0, 5, 10):
         for frame in frames:
-            (folder / f"{scene}_undist_{frame:05d}_{camera:02d}.png").write_bytes(picture)
+            (folder / f"{scene}_undist_{frame:05d}_{camera:02d}.png").write_bytes(image)
 
 
 def test_technicolor_takes_fifty_frames_by_their_numbers(tmp_path: Path) -> None:

@@ -80,7 +80,7 @@ def test_failures_are_said(tmp_path: Path) -> None:
     found = outcome(some())
     assert found.cell("views 3", FROG).failures == ["seed 1: 1.5 dB worse than a static scene"]
     assert found.cell("noise 15", FROG).failures == ["seed 0: out of memory"]
-    assert found.cell("jpeg 15", FROG).failures == ["seed 0: its pictures are not finite"]
+    assert found.cell("jpeg 15", FROG).failures == ["seed 0: its images are not finite"]
     text = stability_table(found)
     assert "- views 3, FRoG, seed 1: 1.5 dB worse than a static scene" in text
     assert "| views 3 | 25.50 ± 2.12 (2) | 25.50 (1) | - | +1.50 |" in text

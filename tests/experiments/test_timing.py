@@ -9,7 +9,7 @@ import pytest
 from support import synthetic_capture as film
 from support.builders import odd_camera, scene_file
 
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.training.session import job
 from frog_blender.experiments import timing, timing_pass
 from frog_blender.experiments.grid import chart_grid
@@ -41,7 +41,7 @@ def test_the_clock_is_read_when_the_device_is_done(monkeypatch: pytest.MonkeyPat
 
 
 def test_playing_is_timed_at_different_moments(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = PlayableScene(scene_file())
+    scene = ScenePlayer(scene_file())
     asked: list[float] = []
     play = scene.at
     monkeypatch.setattr(scene, "at", lambda time: (asked.append(time), play(time))[1])
@@ -93,7 +93,7 @@ def test_a_method_that_cannot_be_timed_does_not_stop_the_others(filmed: Path, tm
     runs = chart_grid({"tiny": filmed}, methods=["frog", "static"], seeds=1, steps=2)
     play = timing_pass.time_playback
 
-    def sometimes(scene: PlayableScene, camera: Any) -> Any:
+    def sometimes(scene: ScenePlayer, camera: Any) -> Any:
         if scene.header.method == "frog":
             raise FrogError("no")
         return play(scene, camera)

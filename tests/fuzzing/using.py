@@ -15,11 +15,11 @@ from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError, printable
 from frog_blender.engine.interchange.splats import export_frames
 from frog_blender.engine.playback.importance import most_important, ranking
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.source_media.clips import camera_path, capture_folders, find_clips, moves_alone
 
-_LARGEST = 2**20  # pixels of pictures that are drawn with all that there is to know; `frog render` draws larger ones
+_LARGEST = 2**20  # pixels of images that are drawn with all that there is to know; `frog render` draws larger ones
 
 
 def use(path: Path, out: Path) -> bool:
@@ -30,7 +30,7 @@ def use(path: Path, out: Path) -> bool:
     """
     told = _tell(path)
     try:
-        scene = PlayableScene.load(path)
+        scene = ScenePlayer.load(path)
         _play(scene)
         _draw(scene)
         _look_for_clips(scene, path)
@@ -56,7 +56,7 @@ def _tell(path: Path) -> bool:
     return status == 0
 
 
-def _play(scene: PlayableScene) -> None:
+def _play(scene: ScenePlayer) -> None:
     for time in (0.0, 0.3, 1.0):
         scene.at(time, scene.part_at(time))
     scene.at(0.7)
@@ -66,7 +66,7 @@ def _play(scene: PlayableScene) -> None:
     assert sorted(order.tolist()) == list(range(scene.count))
 
 
-def _draw(scene: PlayableScene) -> None:
+def _draw(scene: ScenePlayer) -> None:
     for camera in scene.header.cameras[:2]:
         lens_of(camera), pose_of(camera)
         if camera.width * camera.height <= _LARGEST:
@@ -75,14 +75,14 @@ def _draw(scene: PlayableScene) -> None:
             assert not np.isnan(drawing.alpha).any()
 
 
-def _look_for_clips(scene: PlayableScene, path: Path) -> None:
+def _look_for_clips(scene: ScenePlayer, path: Path) -> None:
     for folder in capture_folders(scene.header, path):
         find_clips(scene.header, folder)
     if scene.header.cameras and moves_alone(scene.header):
         camera_path(scene.header)
 
 
-def _render(path: Path, scene: PlayableScene, out: Path) -> None:
+def _render(path: Path, scene: ScenePlayer, out: Path) -> None:
     header = scene.header
     if header.cameras:
         name = "moving" if header.is_moving else header.cameras[0].name

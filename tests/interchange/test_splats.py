@@ -13,7 +13,7 @@ from frog_blender.engine.errors import FrogError
 from frog_blender.engine.interchange.ply import read_splats
 from frog_blender.engine.interchange.splats import export_frames, free_scene_path, import_splats
 from frog_blender.engine.playback.canonical import at_rest
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.playback.transform import Y_DOWN, transform
 from frog_blender.engine.scene.scene_file import read_scene, write_scene
@@ -27,25 +27,25 @@ def trained(tmp_path: Path) -> Path:
 
 
 def test_there_and_back_is_the_same_moment(trained: Path, tmp_path: Path) -> None:
-    scene = PlayableScene.load(trained)
+    scene = ScenePlayer.load(trained)
     (path,) = export_frames(scene, [3], tmp_path / "out", "x")
     imported = import_splats(path, tmp_path / "still.frog")
-    still = PlayableScene.load(imported.path)
+    still = ScenePlayer.load(imported.path)
     assert (imported.gaussians, imported.left_out, still.moving) == (scene.count, 0, 0)
     before, after = scene.at_frame(3), still.at_frame(0)
     for name in ATTRIBUTES:
         np.testing.assert_allclose(getattr(after, name), getattr(before, name), rtol=1e-6, atol=1e-6, err_msg=name)
     for camera in scene.header.cameras:
-        pictures = [draw(gaussians, camera).rgb for gaussians in (before, after)]
-        assert pictures[0].std() > 0.02
-        np.testing.assert_allclose(*pictures, atol=1e-4)
+        images = [draw(gaussians, camera).rgb for gaussians in (before, after)]
+        assert images[0].std() > 0.02
+        np.testing.assert_allclose(*images, atol=1e-4)
     moved = np.abs(scene.at_frame(0).means - before.means).max()
     assert moved > 1e-2, "the test's own scene does not move"
 
 
 def test_the_command_turns_z_up_to_y_down(trained: Path, tmp_path: Path) -> None:
     """Places and colours; as they are unless it is told to."""
-    before = PlayableScene.load(trained).at_frame(3)
+    before = ScenePlayer.load(trained).at_frame(3)
     for options, turn in (([], np.eye(4)), (["--y-down"], Y_DOWN)):
         assert main(["export", str(trained), "--frames", "3:4", "--out", str(tmp_path), *options]) == 0
         found, expected = at_rest(read_splats(tmp_path / "x_0003.ply").arrays), transform(before, turn)
@@ -54,18 +54,18 @@ def test_the_command_turns_z_up_to_y_down(trained: Path, tmp_path: Path) -> None
     np.testing.assert_array_equal(Y_DOWN @ (0, 0, 1, 1), (0, -1, 0, 1))  # up
 
 
-def test_packing_keeps_the_picture(trained: Path, tmp_path: Path) -> None:
-    scene = PlayableScene.load(trained)
+def test_packing_keeps_the_image(trained: Path, tmp_path: Path) -> None:
+    scene = ScenePlayer.load(trained)
     (path,) = export_frames(scene, [0], tmp_path, "x")
     plain, packed = (import_splats(path, tmp_path / f"{c}.frog", compact=c).path for c in (False, True))
     assert packed.stat().st_size < plain.stat().st_size / 2
-    pictures = [draw(PlayableScene.load(p).at_frame(0), scene.header.cameras[0]).rgb for p in (plain, packed)]
-    assert 0 < np.abs(pictures[0] - pictures[1]).max() < 0.03
+    images = [draw(ScenePlayer.load(p).at_frame(0), scene.header.cameras[0]).rgb for p in (plain, packed)]
+    assert 0 < np.abs(images[0] - images[1]).max() < 0.03
 
 
 def test_export_says_how_far_it_is_and_names_frames(trained: Path, tmp_path: Path) -> None:
     told: list[int] = []
-    paths = export_frames(PlayableScene.load(trained), range(2, 5), tmp_path / "a" / "b", "x", told.append)
+    paths = export_frames(ScenePlayer.load(trained), range(2, 5), tmp_path / "a" / "b", "x", told.append)
     assert [path.name for path in paths] == ["x_0002.ply", "x_0003.ply", "x_0004.ply"] and told == [1, 2, 3]
     assert sorted(path.name for path in (tmp_path / "a" / "b").iterdir()) == [path.name for path in paths]
 
@@ -73,13 +73,13 @@ def test_export_says_how_far_it_is_and_names_frames(trained: Path, tmp_path: Pat
 def test_a_disk_that_refuses_is_one_sentence(trained: Path, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(FrogError, match="could not be written"):
-        export_frames(PlayableScene.load(trained), [0], tmp_path / "file", "x")
+        export_frames(ScenePlayer.load(trained), [0], tmp_path / "file", "x")
 
 
 def test_no_trained_scene_is_written_over(trained: Path, tmp_path: Path) -> None:
     """x.frog lies beside x.ply, which was exported from it."""
     path = tmp_path / "x.ply"
-    export_frames(PlayableScene.load(trained), [0], tmp_path, "x")[0].rename(path)
+    export_frames(ScenePlayer.load(trained), [0], tmp_path, "x")[0].rename(path)
     target = free_scene_path(path)
     assert target.name == "x_ply.frog"
     import_splats(path, target)

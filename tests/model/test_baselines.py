@@ -12,11 +12,11 @@ from frog_blender.engine.model.baselines.changes import bounds_of
 from frog_blender.engine.model.baselines.visible_rows import through_visible_rows
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
 from frog_blender.engine.model.interface import FINISHED, SceneModel
-from frog_blender.engine.training.methods import METHODS, Beginning
+from frog_blender.engine.training.methods import METHODS, ModelInit
 from frog_blender.engine.training.recipe import recipe
 
 ATTRIBUTES = ("means", "quaternions", "scales", "opacities", "sh")
-RIVALS = ("d3dgs", "hexplane", "curves")
+BASELINES = ("d3dgs", "hexplane", "curves")
 COUNT = 40
 
 
@@ -30,7 +30,7 @@ def canonical(embedding_size: int = 0, count: int = COUNT) -> CanonicalField:
 def built(method: str, frames: int = 9, seed: int = 0, **settings: object) -> SceneModel:
     torch.manual_seed(seed)
     adapted = METHODS[method].adapt(recipe("draft", **settings))
-    return METHODS[method].build(Beginning(canonical(adapted.embedding_size), adapted, frames, 4 * frames, 3.0))
+    return METHODS[method].build(ModelInit(canonical(adapted.embedding_size), adapted, frames, 4 * frames, 3.0))
 
 
 def awake(model: SceneModel) -> SceneModel:
@@ -53,7 +53,7 @@ def test_training_starts_from_the_undeformed_scene(method: str, wide: bool) -> N
 
 
 @pytest.mark.parametrize("wide", [False, True], ids=["small", "paper"])
-@pytest.mark.parametrize("method", RIVALS)
+@pytest.mark.parametrize("method", BASELINES)
 def test_gradients_reach_every_parameter(method: str, wide: bool) -> None:
     settings = {"hidden_width": 128, "head_width": 128, "deformed_sh": 4} if wide else {}
     model = awake(built(method, **settings))
@@ -67,7 +67,7 @@ def test_gradients_reach_every_parameter(method: str, wide: bool) -> None:
         assert name.startswith("canonical.") != (id(parameter) in driven), "no rate drives it, or two do"
 
 
-@pytest.mark.parametrize("method", RIVALS)
+@pytest.mark.parametrize("method", BASELINES)
 def test_what_the_model_says_it_changed_is_what_moved(method: str) -> None:
     model = awake(built(method))
     gaussians, changes = model.deform(0.3, FINISHED, 1)
@@ -76,7 +76,7 @@ def test_what_the_model_says_it_changed_is_what_moved(method: str) -> None:
     assert float(changes["means"].detach().abs().max()) > 1e-3
 
 
-@pytest.mark.parametrize("method", RIVALS)
+@pytest.mark.parametrize("method", BASELINES)
 def test_the_world_can_be_as_large_as_it_likes(method: str) -> None:
     """The same scene ten times as large moves ten times as far: no rate or encoding depends on the unit."""
     adapted = METHODS[method].adapt(recipe("draft"))
@@ -85,7 +85,7 @@ def test_the_world_can_be_as_large_as_it_likes(method: str) -> None:
         torch.manual_seed(4)
         field = canonical(adapted.embedding_size)
         field.means.data *= factor
-        model = awake(METHODS[method].build(Beginning(field, adapted, 9, 36, 3.0 * factor)))
+        model = awake(METHODS[method].build(ModelInit(field, adapted, 9, 36, 3.0 * factor)))
         found.append((model(0.3).means - field.means).detach() / factor)
     assert float(found[0].abs().max()) > 0.01
     torch.testing.assert_close(found[0], found[1], atol=2e-3, rtol=2e-3)

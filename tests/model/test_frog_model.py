@@ -15,7 +15,7 @@ from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
 from frog_blender.engine.model.deformation import DeformationField
 from frog_blender.engine.model.frog import Frog, FrogSettings, initial_table, total_deformation
 from frog_blender.engine.model.fusion import fuse, fused_size, network_count
-from frog_blender.engine.model.interface import FINISHED, Progressing
+from frog_blender.engine.model.interface import FINISHED, ScheduleState
 
 SETTINGS = FrogSettings(temporal_rows=6, coarse_rows=3, temporal_size=7, embedding_size=5, hidden_width=20)
 ATTRIBUTES = ("means", "quaternions", "scales", "opacities", "sh")
@@ -112,7 +112,7 @@ def test_training_starts_from_the_undeformed_scene(form: str, head_width: int) -
 def test_the_paper_form_starts_at_half_the_opacity() -> None:
     model = Frog(canonical(), replace(SETTINGS, opacity_reduction="paper"))
     torch.testing.assert_close(model(0.5).opacities, model.canonical.gaussians().opacities / 2)
-    torch.testing.assert_close(model(0.5, Progressing(opacity=0.0)).opacities, model.canonical.gaussians().opacities)
+    torch.testing.assert_close(model(0.5, ScheduleState(opacity=0.0)).opacities, model.canonical.gaussians().opacities)
 
 
 def table_gradient(model: Frog) -> torch.Tensor:
@@ -159,7 +159,7 @@ def test_the_embedding_is_the_product_of_coarse_and_fine() -> None:
     fine = table[1] * 0.75 + table[2] * 0.25
     torch.testing.assert_close(model.temporal_embedding(0.25).detach(), (coarse * fine)[None])
     torch.testing.assert_close(
-        model.temporal_embedding(0.25, Progressing(fine_rows=0.0)).detach(), (coarse * coarse)[None]
+        model.temporal_embedding(0.25, ScheduleState(fine_rows=0.0)).detach(), (coarse * coarse)[None]
     )
 
 

@@ -15,7 +15,7 @@ from support.deformation_fields import field_arrays, output_arrays
 from support.random_models import model_of
 from support.torch_drawing import relative_error
 
-from frog_blender.engine.model.frog import Frog, FrogSettings, Progressing
+from frog_blender.engine.model.frog import Frog, FrogSettings, ScheduleState
 from frog_blender.engine.model.fused import deform_fused
 from frog_blender.engine.model.fusion import network_count
 from frog_blender.engine.native import binding
@@ -56,7 +56,7 @@ def looked_at(
         )
         gaussians, changes = deform_fused(model.canonical, model.deformation, temporal, shape)
     else:
-        gaussians, parts = model.deform_plainly(temporal, Progressing(opacity=share), sh_active)
+        gaussians, parts = model.deform_plainly(temporal, ScheduleState(opacity=share), sh_active)
         changes = torch.cat([part.flatten(1) for part in parts.values()], 1)
     outputs = {name: getattr(gaussians, name) for name in OUTPUTS}
     generator, loss = torch.Generator().manual_seed(3), 0.0
@@ -220,10 +220,10 @@ def test_parameters_that_are_not_contiguous() -> None:
 def test_the_model_takes_the_fused_way() -> None:
     """``Frog.deform`` in float32 on the CPU: the same bits as the fused operation, whose tensors cannot all be used."""
     model = model_of(SETTINGS)
-    gaussians, changes = model.deform(0.4, Progressing(opacity=0.3), 9)
+    gaussians, changes = model.deform(0.4, ScheduleState(opacity=0.3), 9)
     assert isinstance(gaussians, GaussianArrays) and gaussians.sh.shape == (200, 9, 3)
     assert list(changes) == ["means", "log_scales", "quaternions", "opacity_logits", "sh"]
-    plain, expected = model.deform_plainly(model.temporal_embedding(0.4), Progressing(opacity=0.3), 9)
+    plain, expected = model.deform_plainly(model.temporal_embedding(0.4), ScheduleState(opacity=0.3), 9)
     for name in OUTPUTS:
         torch.testing.assert_close(getattr(gaussians, name), getattr(plain, name), atol=1e-5, rtol=1e-5)
     for name in changes:

@@ -1,4 +1,4 @@
-"""A picture and its way back by native calls: the same bits as the two operations with automatic differentiation."""
+"""An image and its way back by native calls: the same bits as the two operations with automatic differentiation."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from support.random_models import model_of
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.field.names import FUSIONS
 from frog_blender.engine.model.frog import Frog, FrogSettings
-from frog_blender.engine.model.fused_rendering import FusedDrawn
-from frog_blender.engine.model.interface import Drawn, Progressing, SceneModel
+from frog_blender.engine.model.fused_rendering import FusedRenderResult
+from frog_blender.engine.model.interface import RenderResult, SceneModel, ScheduleState
 from frog_blender.engine.rasterizer import RasterizeOptions
 
 SETTINGS = FrogSettings(temporal_rows=6, coarse_rows=3, temporal_size=9, embedding_size=8, hidden_width=32)
 BACKGROUND = (0.2, 0.5, 0.1)
-HALFWAY = Progressing(fine_rows=0.5, opacity=0.7)
+HALFWAY = ScheduleState(fine_rows=0.5, opacity=0.7)
 
 
 def view(**changes: Any) -> Camera:
@@ -37,8 +37,8 @@ def leaves(model: Frog, pose: torch.Tensor | None) -> dict[str, torch.Tensor]:
 
 def drawn_by(
     draw: Any, model: Frog, camera: Camera, options: RasterizeOptions, posed: bool, by_rgb: torch.Tensor | None = None
-) -> tuple[Drawn, dict[str, torch.Tensor]]:
-    """A picture, and the gradients that a random one by its colours (or ``by_rgb``) brings, by name."""
+) -> tuple[RenderResult, dict[str, torch.Tensor]]:
+    """An image, and the gradients that a random one by its colours (or ``by_rgb``) brings, by name."""
     pose = torch.from_numpy(camera.world_to_camera[:3]).float().requires_grad_() if posed else None
     model.zero_grad()
     drawn = draw(model, 0.37, camera, BACKGROUND, options, HALFWAY, 4, pose)
@@ -54,7 +54,7 @@ def assert_same(model: Frog, camera: Camera, options: RasterizeOptions | None = 
     (found, ours), (expected, theirs) = (
         drawn_by(draw, model, camera, options, posed) for draw in (Frog.draw, SceneModel.draw)
     )
-    assert type(found) is FusedDrawn and type(expected) is Drawn
+    assert type(found) is FusedRenderResult and type(expected) is RenderResult
     for name in ("rgb", "alpha", "radii", "max_weights"):
         one, other = getattr(found.image, name), getattr(expected.image, name)
         assert (one is None and other is None) or torch.equal(one, other), name
@@ -120,14 +120,14 @@ def test_arrays_that_were_changed_since_are_refused(name: str) -> None:
 def test_without_gradients_nothing_is_kept_for_the_way_back() -> None:
     with torch.no_grad():
         drawn = model_of(SETTINGS).draw(0.37, view(), BACKGROUND, RasterizeOptions(depth=True))
-    assert type(drawn) is Drawn and drawn.image.median_depth is not None
+    assert type(drawn) is RenderResult and drawn.image.median_depth is not None
 
 
 def test_a_drawing_goes_when_nobody_holds_it() -> None:
     gc.disable()  # no cycle keeps it
     try:
         drawn = model_of(SETTINGS).draw(0.37, view(), BACKGROUND, RasterizeOptions())
-        assert isinstance(drawn, FusedDrawn)
+        assert isinstance(drawn, FusedRenderResult)
         frame = weakref.ref(drawn.drawing.frame)
         drawn.backward(torch.ones_like(drawn.image.rgb))
         del drawn

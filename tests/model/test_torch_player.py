@@ -10,10 +10,10 @@ import pytest
 import torch
 from support.builders import scene_file
 
-from frog_blender.cli.actions import picture_maker, render_frames
+from frog_blender.cli.actions import image_maker, render_frames
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.model.torch_player import HALF_TOLERANCE, SceneOnDevice, half_error
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.model.torch_player import HALF_TOLERANCE, TorchScenePlayer, half_error
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.scene.scene_file import write_scene
 
@@ -25,7 +25,7 @@ NAMES = ("means", "scales", "opacities", "sh")
 @pytest.mark.parametrize("half", [False, True])
 def test_torch_plays_the_same_scene(shape: dict, half: bool) -> None:
     scene = scene_file(30, **shape)
-    played, on_device = PlayableScene(scene), SceneOnDevice(scene, "cpu", half)
+    played, on_device = ScenePlayer(scene), TorchScenePlayer(scene, "cpu", half)
     assert on_device.half == half
     for frame in (-1, 0, 1.5, 6, 9):
         found, expected = on_device.at_frame(frame), played.at_frame(frame)
@@ -38,43 +38,43 @@ def test_torch_plays_the_same_scene(shape: dict, half: bool) -> None:
         np.testing.assert_allclose(unit, expected.quaternions, atol=1e-2 if half else 1e-5)
 
 
-def test_pictures() -> None:
+def test_images() -> None:
     scene = scene_file(30, modulation=True)
-    on_device, played = SceneOnDevice(scene, "cpu"), PlayableScene(scene)
+    on_device, played = TorchScenePlayer(scene, "cpu"), ScenePlayer(scene)
     assert not on_device.half, "half precision is for GPUs"
     camera = scene.header.cameras[0]
     expected = draw(played.at_frame(2.5), camera, scene.header.background).rgb
-    np.testing.assert_allclose(on_device.picture(2.5, camera), expected, atol=1e-5)
+    np.testing.assert_allclose(on_device.render_image(2.5, camera), expected, atol=1e-5)
 
 
 def test_half_precision_only_where_it_is_harmless() -> None:
     scene = scene_file(30)
-    calm, wild = SceneOnDevice(scene, "cpu"), scene_file(30)
+    calm, wild = TorchScenePlayer(scene, "cpu"), scene_file(30)
     calm._model.deformation.output_weight.mul_(0.02)
     assert 0 < half_error(calm._model) < HALF_TOLERANCE
     wild.arrays["network.output_weight"] *= 50
-    assert half_error(SceneOnDevice(wild, "cpu")._model) > HALF_TOLERANCE
+    assert half_error(TorchScenePlayer(wild, "cpu")._model) > HALF_TOLERANCE
     wild.arrays["network.output_weight"] *= 1e6
-    assert half_error(SceneOnDevice(wild, "cpu")._model) == np.inf
+    assert half_error(TorchScenePlayer(wild, "cpu")._model) == np.inf
 
 
 def test_scenes_that_torch_does_not_play() -> None:
     scene = scene_file(5)
     with pytest.raises(FrogError, match="static"):
-        SceneOnDevice(replace(scene, header=replace(scene.header, method="static")), "cpu")
+        TorchScenePlayer(replace(scene, header=replace(scene.header, method="static")), "cpu")
     del scene.arrays["embeddings"]
     with pytest.raises(FrogError):
-        SceneOnDevice(scene, "cpu")
+        TorchScenePlayer(scene, "cpu")
 
 
 def test_the_command(tmp_path: Path) -> None:
     scene = scene_file(30)
     write_scene(tmp_path / "x.frog", scene)
     if torch.cuda.is_available():
-        pytest.skip("there is a GPU, whose pictures may differ by a rounding")
+        pytest.skip("there is a GPU, whose images may differ by a rounding")
     for device in ("cpu", "auto"):
         render_frames(tmp_path / "x.frog", "odd", "0:2", tmp_path / device, lambda done, total: None, device)
     first, second = ((tmp_path / device / "odd_0001.png").read_bytes() for device in ("cpu", "auto"))
     assert first == second
     with pytest.raises(FrogError, match="no NVIDIA GPU"):
-        picture_maker(scene, "cuda")
+        image_maker(scene, "cuda")

@@ -17,18 +17,18 @@ from support.builders import scene_file
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.playback.bake import Bake, fingerprint, write_bake
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import write_scene
 
 TIMES = [0.0, 0.5, 1.0]
 
 
 @pytest.fixture
-def baked(tmp_path: Path) -> tuple[Path, Path, PlayableScene]:
+def baked(tmp_path: Path) -> tuple[Path, Path, ScenePlayer]:
     """The bake, its scene's file, and the scene."""
     source = tmp_path / "x.frog"
     write_scene(source, scene_file())
-    scene, path = PlayableScene.load(source), tmp_path / "x.frogbake"
+    scene, path = ScenePlayer.load(source), tmp_path / "x.frogbake"
     list(write_bake(path, source, scene, TIMES))
     return path, source, scene
 
@@ -43,7 +43,7 @@ def rewrite(path: Path, change: Callable[[dict[str, Any], dict[str, Any]], None]
     path.write_bytes(struct.pack("<Q", len(text)) + text + content[8 + length :][:cut])
 
 
-def test_what_was_baked_is_read_bit_for_bit(baked: tuple[Path, Path, PlayableScene]) -> None:
+def test_what_was_baked_is_read_bit_for_bit(baked: tuple[Path, Path, ScenePlayer]) -> None:
     path, source, scene = baked
     found = Bake(path, source, scene)
     assert len(found) == len(TIMES) and found.find(0.25) is None
@@ -84,7 +84,7 @@ HOSTILE: dict[str, Callable[[dict[str, Any], dict[str, Any]], None]] = {
 
 
 @pytest.mark.parametrize("what", HOSTILE)
-def test_a_header_that_lies_is_refused(baked: tuple[Path, Path, PlayableScene], what: str) -> None:
+def test_a_header_that_lies_is_refused(baked: tuple[Path, Path, ScenePlayer], what: str) -> None:
     path, source, scene = baked
     rewrite(path, HOSTILE[what])
     tracemalloc.start()
@@ -95,7 +95,7 @@ def test_a_header_that_lies_is_refused(baked: tuple[Path, Path, PlayableScene], 
     assert str(path) in str(caught.value) and "\n" not in str(caught.value) and len(str(caught.value)) < 800
 
 
-def test_a_length_that_lies_is_refused(baked: tuple[Path, Path, PlayableScene]) -> None:
+def test_a_length_that_lies_is_refused(baked: tuple[Path, Path, ScenePlayer]) -> None:
     path, source, scene = baked
     content = path.read_bytes()
     for length in (0, 1, 2**25, 2**25 + 1, 2**63, 2**64 - 1, len(content)):
@@ -108,7 +108,7 @@ def test_a_length_that_lies_is_refused(baked: tuple[Path, Path, PlayableScene]) 
             Bake(path, source, scene)
 
 
-def test_what_is_no_file_is_not_waited_for(baked: tuple[Path, Path, PlayableScene], tmp_path: Path) -> None:
+def test_what_is_no_file_is_not_waited_for(baked: tuple[Path, Path, ScenePlayer], tmp_path: Path) -> None:
     _, source, scene = baked
     with pytest.raises(FrogError, match="no file"):
         Bake(tmp_path / "none.frogbake", source, scene)
@@ -121,7 +121,7 @@ def test_what_is_no_file_is_not_waited_for(baked: tuple[Path, Path, PlayableScen
 
 
 @pytest.mark.skipif(os.name == "nt", reason="links need rights there")
-def test_a_bake_replaces_a_link_instead_of_following_it(baked: tuple[Path, Path, PlayableScene]) -> None:
+def test_a_bake_replaces_a_link_instead_of_following_it(baked: tuple[Path, Path, ScenePlayer]) -> None:
     path, source, scene = baked
     precious = path.with_name("precious.txt")
     precious.write_text("mine")

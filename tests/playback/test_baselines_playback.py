@@ -14,9 +14,9 @@ from frog_blender.engine.errors import FrogError
 from frog_blender.engine.model.canonical import CanonicalField
 from frog_blender.engine.model.interface import FINISHED, SceneModel
 from frog_blender.engine.playback.baselines.arrays import BLOCK
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import SceneFile, write_scene
-from frog_blender.engine.training.methods import METHODS, Beginning
+from frog_blender.engine.training.methods import METHODS, ModelInit
 from frog_blender.engine.training.recipe import recipe
 
 TIMES = (0.0, 0.013, 0.25, 0.5, 0.9, 1.0)
@@ -40,7 +40,7 @@ def restless(method: str, count: int = 41, **settings: object) -> SceneModel:
     values = {name: torch.from_numpy(still[name]) for name in names}
     values["embeddings"] = torch.randn(count, adapted.embedding_size) * 3
     values["embeddings"][:, 14:] /= 10  # a Gaussian's width in time is its exponential
-    model = METHODS[method].build(Beginning(CanonicalField(values), adapted, FRAMES, 4 * FRAMES, 2.0))
+    model = METHODS[method].build(ModelInit(CanonicalField(values), adapted, FRAMES, 4 * FRAMES, 2.0))
     for name, parameter in model.named_parameters():
         if name.startswith("deformation.output"):
             parameter.data = torch.randn(parameter.shape) * 0.1
@@ -67,7 +67,7 @@ def test_gaussians_at_many_times(tmp_path: Path, shape: tuple[str, dict], count:
     method, settings = shape
     model = restless(method, count, **settings)
     write_scene(tmp_path / "x.frog", as_file(method, model))
-    played = PlayableScene.load(tmp_path / "x.frog")
+    played = ScenePlayer.load(tmp_path / "x.frog")
     assert played.count == count
     for time in TIMES:
         found = played.at(time)
@@ -87,7 +87,7 @@ def test_gaussians_at_many_times(tmp_path: Path, shape: tuple[str, dict], count:
 def test_what_is_kept_of_a_moment_brings_back_the_same_bits(shape: tuple[str, dict]) -> None:
     method, settings = shape
     file = as_file(method, restless(method, **settings))
-    playable, other = PlayableScene(file), PlayableScene(file)
+    playable, other = ScenePlayer(file), ScenePlayer(file)
     parts = {time: playable.part_at(time) for time in TIMES}
     for time, part in parts.items():
         for name in ATTRIBUTES:
@@ -99,7 +99,7 @@ def test_what_is_kept_of_a_moment_brings_back_the_same_bits(shape: tuple[str, di
 
 @pytest.mark.parametrize("method", ["d3dgs", "hexplane", "curves"])
 def test_any_order_of_times_gives_the_same_bits(method: str) -> None:
-    scene = PlayableScene(as_file(method, restless(method)))
+    scene = ScenePlayer(as_file(method, restless(method)))
     forwards = [scene.at(time).means.tobytes() for time in TIMES]
     assert [scene.at(time).means.tobytes() for time in reversed(TIMES)] == forwards[::-1]
     assert len(set(forwards)) == len(TIMES)
@@ -155,4 +155,4 @@ def test_what_does_not_fit_is_refused_in_a_sentence(method: str, name: str, inst
         if name == "network.high":
             arrays[name] = arrays["network.low"]
     with pytest.raises(FrogError, match=r"^The scene's .* cannot be used \(.*\); train it again\.$"):
-        PlayableScene(SceneFile(replace(scene.header, model=model), arrays))
+        ScenePlayer(SceneFile(replace(scene.header, model=model), arrays))

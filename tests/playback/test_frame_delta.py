@@ -10,8 +10,8 @@ from support.builders import scene_file
 from support.played_scenes import assert_same_bits, in_four_threads
 
 from frog_blender.engine.playback.frame_cache import FrameCache
-from frog_blender.engine.playback.frame_delta import MovingPart
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.frame_delta import FrameDelta
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import SceneFile
 
 MODELS = [
@@ -55,12 +55,12 @@ def test_silent_heads_change_nothing(rows: tuple[int, int], name: str) -> None:
 
 
 def test_only_what_moves_takes_memory() -> None:
-    few, all_of_them = (PlayableScene(scene_file(150, moving=moving)).part_at(0.5).bytes for moving in (15, 150))
+    few, all_of_them = (ScenePlayer(scene_file(150, moving=moving)).part_at(0.5).bytes for moving in (15, 150))
     assert (few, all_of_them) == (15 * 14 * 4, 150 * 14 * 4)
 
 
-def part(numbers: int) -> MovingPart:
-    return MovingPart({"means": np.zeros((numbers, 3), np.float32)})
+def part(numbers: int) -> FrameDelta:
+    return FrameDelta({"means": np.zeros((numbers, 3), np.float32)})
 
 
 def test_the_cache_forgets_what_was_not_used_for_longest() -> None:

@@ -9,16 +9,16 @@ import pytest
 from support.builders import ATTRIBUTES, scene_file
 
 from frog_blender.engine.playback.importance import most_important, ranking
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.scene.scene_file import SceneFile
 
 
 def test_it_is_an_order_and_always_the_same() -> None:
-    scene = PlayableScene(scene_file(200))
+    scene = ScenePlayer(scene_file(200))
     order = ranking(scene)
     np.testing.assert_array_equal(np.sort(order), np.arange(200))
-    np.testing.assert_array_equal(order, ranking(PlayableScene(scene_file(200))))
+    np.testing.assert_array_equal(order, ranking(ScenePlayer(scene_file(200))))
     halves = [set(most_important(order, count)) for count in (20, 100, 200)]
     assert halves[0] < halves[1] < halves[2] and len(most_important(order, 0)) == 1
 
@@ -29,13 +29,13 @@ def test_what_hardly_shows_comes_last() -> None:
     scene.arrays["opacity_logits"][:10] = -9
     scene.arrays["log_scales"][10:20] = -9
     scene.arrays["means"][20:30] += 300
-    place = np.argsort(ranking(PlayableScene(scene)))
+    place = np.argsort(ranking(ScenePlayer(scene)))
     assert place[:20].min() > 55 and place[20:30].mean() > place[30:].mean() + 10
 
 
 @pytest.mark.parametrize("share", [0.25, 0.5])
 def test_the_first_of_it_are_worth_more_than_their_share(share: float) -> None:
-    scene = PlayableScene(scene_file(300, seed=3))
+    scene = ScenePlayer(scene_file(300, seed=3))
     count, camera = int(300 * share), scene.header.cameras[0]
     order = ranking(scene)
     whole = draw(scene.at_frame(4), camera).rgb
@@ -52,7 +52,7 @@ def test_without_cameras_and_without_motion() -> None:
     scene = scene_file(60)
     still = {name: scene.arrays[name] for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh")}
     header = replace(scene.header, method="static", model={}, cameras=(), camera_shots=(), frame_count=1)
-    order = ranking(PlayableScene(SceneFile(header, still)))
+    order = ranking(ScenePlayer(SceneFile(header, still)))
     widths = np.sort(np.exp(still["log_scales"]), 1)[:, 1:].prod(1)
     score = widths / (1 + np.exp(-still["opacity_logits"]))
     np.testing.assert_array_equal(order, np.argsort(-score, kind="stable"))
@@ -60,7 +60,7 @@ def test_without_cameras_and_without_motion() -> None:
 
 @pytest.mark.parametrize("moving", [None, 40, 5])
 def test_fewer_of_them_are_as_they_were(moving: int | None) -> None:
-    scene = PlayableScene(scene_file(100, moving=moving, sh_count=9))
+    scene = ScenePlayer(scene_file(100, moving=moving, sh_count=9))
     kept = np.sort(np.random.default_rng(1).permutation(100)[:37])
     fewer = scene.only(kept)
     assert (fewer.count, fewer.moving) == (37, int((kept < scene.moving).sum()))
@@ -71,7 +71,7 @@ def test_fewer_of_them_are_as_they_were(moving: int | None) -> None:
 
 
 def test_none_of_those_that_move() -> None:
-    scene = PlayableScene(scene_file(50, moving=20))
+    scene = ScenePlayer(scene_file(50, moving=20))
     fewer = scene.only(np.arange(25, 50))
     assert fewer.moving == 0 and not fewer.changing
     np.testing.assert_allclose(fewer.at_frame(5).means, scene.at_frame(2).means[25:], atol=1e-6)

@@ -9,9 +9,9 @@ import pytest
 import torch
 from support.builders import ATTRIBUTES, MODEL, odd_camera, scene_file
 
-from frog_blender.engine.model.interface import Progressing
+from frog_blender.engine.model.interface import ScheduleState
 from frog_blender.engine.model.torch_player import model_of
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw, to_uint8
 from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions, rasterize
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene, write_scene
@@ -54,13 +54,13 @@ def fine_share(shape: dict) -> float:
 def test_gaussians_at_many_times(tmp_path: Path, shape: dict, count: int, moving: int) -> None:
     scene = scene_file(count, sh_count=16 if shape.get("deformed_sh") == 9 else 4, moving=moving, **shape)
     write_scene(tmp_path / "x.frog", scene)
-    played, model = PlayableScene.load(tmp_path / "x.frog"), model_of(scene)
+    played, model = ScenePlayer.load(tmp_path / "x.frog"), model_of(scene)
     assert (played.count, played.moving) == (count, moving)
     still = torch.from_numpy(scene.arrays["means"])
     for time in TIMES:
         found = played.at(time)
         with torch.no_grad():
-            expected = model(time, Progressing(opacity=shape.get("opacity_share", 1.0), fine_rows=fine_share(shape)))
+            expected = model(time, ScheduleState(opacity=shape.get("opacity_share", 1.0), fine_rows=fine_share(shape)))
         moved = (expected.means - still).abs().amax(1)
         assert float(moved[:moving].max()) > 0.01 and not moved[moving:].any()
         expected.quaternions = torch.nn.functional.normalize(expected.quaternions, dim=1)
@@ -74,7 +74,7 @@ def test_gaussians_at_many_times(tmp_path: Path, shape: dict, count: int, moving
 
 def test_times_outside_are_held_and_frames_are_times(tmp_path: Path) -> None:
     write_scene(tmp_path / "x.frog", scene_file())
-    scene = PlayableScene.load(tmp_path / "x.frog")
+    scene = ScenePlayer.load(tmp_path / "x.frog")
     for frame, time in ((0, 0.0), (3, 0.5), (4.5, 0.75), (6, 1.0), (99, 1.0), (-2, 0.0)):
         np.testing.assert_array_equal(scene.at_frame(frame).means, scene.at(time).means)
     assert np.abs(scene.at(0.5).means - scene.at(0.6).means).max() > 1e-4
@@ -82,7 +82,7 @@ def test_times_outside_are_held_and_frames_are_times(tmp_path: Path) -> None:
 
 def test_any_order_of_times_gives_the_same_bits(tmp_path: Path) -> None:
     write_scene(tmp_path / "x.frog", scene_file())
-    scene = PlayableScene.load(tmp_path / "x.frog")
+    scene = ScenePlayer.load(tmp_path / "x.frog")
     forwards = [scene.at(time).sh.tobytes() for time in TIMES]
     assert [scene.at(time).sh.tobytes() for time in reversed(TIMES)] == forwards[::-1]
 
@@ -93,7 +93,7 @@ def test_a_scene_in_which_nothing_moves_plays_too(tmp_path: Path, method: str) -
     arrays = {name: scene.arrays[name] for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh")}
     header = type(scene.header)(**{**vars(scene.header), "method": method, "model": {}})
     write_scene(tmp_path / "x.frog", SceneFile(header, arrays))
-    played = PlayableScene.load(tmp_path / "x.frog")
+    played = ScenePlayer.load(tmp_path / "x.frog")
     assert played.moving == 0
     np.testing.assert_array_equal(played.at(0.1).means, arrays["means"])
     np.testing.assert_allclose(played.at(0.9).scales, np.exp(arrays["log_scales"]))
@@ -102,7 +102,7 @@ def test_a_scene_in_which_nothing_moves_plays_too(tmp_path: Path, method: str) -
 
 def test_drawing_without_torch_is_drawing_with_it(tmp_path: Path) -> None:
     write_scene(tmp_path / "x.frog", scene_file(80))
-    gaussians = PlayableScene.load(tmp_path / "x.frog").at(0.4)
+    gaussians = ScenePlayer.load(tmp_path / "x.frog").at(0.4)
     camera = odd_camera(53, 38)
     drawing = draw(gaussians, camera, (0.1, 0.2, 0.3))
     image = rasterize(
@@ -141,4 +141,4 @@ def test_an_emptied_model_setting_is_one_sentence(tmp_path: Path) -> None:
         write_scene(tmp_path / "x.frog", scene)
         assert read_scene(tmp_path / "x.frog")
         with pytest.raises(FrogError, match=missing):
-            PlayableScene.load(tmp_path / "x.frog")
+            ScenePlayer.load(tmp_path / "x.frog")

@@ -13,10 +13,10 @@ from support.played_scenes import TIMES, assert_same_bits, spared
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.field.opacity_tracks import Fades, as_tracks
-from frog_blender.engine.model.torch_player import SceneOnDevice
+from frog_blender.engine.model.torch_player import TorchScenePlayer
 from frog_blender.engine.native.deformation import FieldShape, PlayedField
 from frog_blender.engine.playback.canonical import at_rest
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.simd_layout import GROUP
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene, write_scene
 from frog_blender.engine.training.compression.finalize import arranged, as_packed
@@ -39,7 +39,7 @@ def test_tracks_are_linear_between_frames() -> None:
 def test_tracks_of_another_kind_are_refused(tracks: np.ndarray) -> None:
     scene = spared()
     with pytest.raises(FrogError, match="fades are"):
-        PlayableScene(SceneFile(scene.header, scene.arrays | {"fades": tracks}))
+        ScenePlayer(SceneFile(scene.header, scene.arrays | {"fades": tracks}))
 
 
 @pytest.mark.parametrize(("reshaped", "tracks"), [(-1, 40), (121, 40), ("many", 40), (50, 181)])
@@ -48,11 +48,11 @@ def test_counts_that_cannot_be_are_refused(reshaped: object, tracks: int) -> Non
     header = replace(scene.header, model=scene.header.model | {"reshaped": reshaped})
     arrays = scene.arrays | {"fades": np.zeros((tracks, 7), np.uint8)}
     with pytest.raises(FrogError, match="cannot be used"):
-        PlayableScene(SceneFile(header, arrays))
+        ScenePlayer(SceneFile(header, arrays))
     heads = scene_file(40, head_width=8)
     header = replace(heads.header, model=heads.header.model | {"reshaped": 5})
     with pytest.raises(FrogError, match="cannot be used"):
-        PlayableScene(SceneFile(header, heads.arrays))
+        ScenePlayer(SceneFile(header, heads.arrays))
 
 
 @pytest.mark.parametrize("kept", [False, True])
@@ -79,7 +79,7 @@ def test_only_what_changes_differs_from_rest(model: dict, reshaped: int) -> None
     scene = spared(reshaped=reshaped, **model)
     whole = {name: array for name, array in scene.arrays.items() if name != "fades"}
     settings = {name: value for name, value in scene.header.model.items() if name != "reshaped"}
-    all_change = PlayableScene(SceneFile(replace(scene.header, model=settings), whole))
+    all_change = ScenePlayer(SceneFile(replace(scene.header, model=settings), whole))
     playable, still = assert_same_bits(scene), at_rest(scene.arrays)
     assert playable.moving == 160 and ("scales" in playable.changing) == (reshaped > 0)
     for time in TIMES:
@@ -95,7 +95,7 @@ def test_only_what_changes_differs_from_rest(model: dict, reshaped: int) -> None
 
 def test_parts_of_a_scene_keep_their_kinds() -> None:
     scene = spared()
-    whole = PlayableScene(scene)
+    whole = ScenePlayer(scene)
     for first, last in ((0, 200), (30, 140), (120, 200), (125, 130), (170, 200), (45, 55)):
         kept = np.arange(first, last, 2)
         part = whole.only(kept)
@@ -119,7 +119,7 @@ def test_files_keep_them(tmp_path: Path, compact: bool) -> None:
         np.testing.assert_array_equal(back.arrays[name], array, err_msg=name)
     playable = assert_same_bits(back)
     for time in TIMES:
-        played, on_device = playable.at(time), SceneOnDevice(back, "cpu").at(time)
+        played, on_device = playable.at(time), TorchScenePlayer(back, "cpu").at(time)
         seen = played.opacities > 0
         for name in ATTRIBUTES:
             values = getattr(on_device, name).numpy()
@@ -136,7 +136,7 @@ def test_the_order_of_a_file_keeps_kinds_apart() -> None:
         before, after = (sorted(map(tuple, each.arrays["means"][first:last])) for each in (scene, found))
         assert before == after
     brightest = [
-        PlayableScene(each).at(0.5).opacities[120:160][each.arrays["means"][120:160, 0].argsort()]
+        ScenePlayer(each).at(0.5).opacities[120:160][each.arrays["means"][120:160, 0].argsort()]
         for each in (scene, found)
     ]
     np.testing.assert_array_equal(*brightest)

@@ -8,7 +8,7 @@ from support.builders import scene_file
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.field import temporal_table
-from frog_blender.engine.playback.deformation import PlayableDeformation
+from frog_blender.engine.playback.deformation import DeformationPlayer
 from frog_blender.engine.playback.temporal import FUSIONS, TemporalEmbedding, fuse
 
 COARSE, FINE = np.array([1.0, -2.0, 0.5]), np.array([3.0, 0.5, -4.0])
@@ -58,7 +58,7 @@ def test_the_embedding_of_a_scene(form: str) -> None:
 def test_every_array_must_have_its_shape(form: str, head_width: int) -> None:
     """The library would read beyond an array that is too small."""
     scene = scene_file(7, fusion=form, head_width=head_width)
-    PlayableDeformation(scene.arrays, scene.header.model)
+    DeformationPlayer(scene.arrays, scene.header.model)
     wrong = [name for name in scene.arrays if name != "sh"]
     for name in wrong:
         whole = scene.arrays[name]
@@ -66,9 +66,9 @@ def test_every_array_must_have_its_shape(form: str, head_width: int) -> None:
         other_length = np.concatenate([whole, whole[:1]]) if name == "embeddings" else whole[:-1]
         for array in (other_length, whole[..., None], whole[:0]):
             with pytest.raises(FrogError, match="deformation network"):
-                PlayableDeformation({**scene.arrays, name: array}, scene.header.model)
+                DeformationPlayer({**scene.arrays, name: array}, scene.header.model)
         with pytest.raises(FrogError, match="deformation network"):
-            PlayableDeformation({k: v for k, v in scene.arrays.items() if k != name}, scene.header.model)
+            DeformationPlayer({k: v for k, v in scene.arrays.items() if k != name}, scene.header.model)
 
 
 def test_settings_that_do_not_fit_are_one_sentence() -> None:
@@ -78,5 +78,5 @@ def test_settings_that_do_not_fit_are_one_sentence() -> None:
     wrong += [{"opacity_reduction": "some"}, {"hidden_width": -24}, {"head_width": 3}, {"embedding_size": "many"}]
     for change in wrong:
         with pytest.raises(FrogError, match="train it again") as caught:
-            PlayableDeformation(scene.arrays, {**scene.header.model, **change})
+            DeformationPlayer(scene.arrays, {**scene.header.model, **change})
         assert "\n" not in str(caught.value)

@@ -10,17 +10,17 @@ from support.builders import ATTRIBUTES, scene_file
 from support.played_scenes import in_four_threads
 
 from frog_blender.engine.gaussians import GaussianArrays
-from frog_blender.engine.playback.buffer_pool import FrameMemory
-from frog_blender.engine.playback.player import TIMES_KEPT, PlayableScene
+from frog_blender.engine.playback.buffer_pool import BufferPool
+from frog_blender.engine.playback.player import TIMES_KEPT, ScenePlayer
 from frog_blender.engine.scene.scene_file import SceneFile
 
 
-def playable(method: str = "frog", **model: object) -> PlayableScene:
+def playable(method: str = "frog", **model: object) -> ScenePlayer:
     scene = scene_file(300, **({"fusion": "dual"} if method == "ed3dgs" else {}), **model)
-    return PlayableScene(SceneFile(replace(scene.header, method=method), scene.arrays))
+    return ScenePlayer(SceneFile(replace(scene.header, method=method), scene.arrays))
 
 
-def count_computations(scene: PlayableScene, monkeypatch: pytest.MonkeyPatch) -> list[float]:
+def count_computations(scene: ScenePlayer, monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """The times that are computed from now on, as they come."""
     computed: list[float] = []
     compute = scene._compute
@@ -102,7 +102,7 @@ def test_threads_see_what_one_alone_sees() -> None:
 
 def test_memory_is_used_again_when_nobody_holds_it() -> None:
     constant = np.arange(12.0, dtype=np.float32).reshape(4, 3)
-    memory = FrameMemory({"a": np.zeros(5, np.float32), "b": constant})
+    memory = BufferPool({"a": np.zeros(5, np.float32), "b": constant})
     first = memory.take()
     assert {name: array.shape for name, array in first.items()} == {"a": (5,), "b": (4, 3)}
     np.testing.assert_array_equal(first["b"], constant)
@@ -115,7 +115,7 @@ def test_memory_is_used_again_when_nobody_holds_it() -> None:
 
 
 def test_memory_of_many_held_frames_is_not_remembered() -> None:
-    memory = FrameMemory({"a": np.zeros(5, np.float32)}, kept=2)
+    memory = BufferPool({"a": np.zeros(5, np.float32)}, kept=2)
     held = [memory.take() for _ in range(6)]
     assert len({frame["a"].ctypes.data for frame in held}) == 6
     assert len(memory._blocks) == 2

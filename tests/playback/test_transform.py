@@ -1,4 +1,4 @@
-"""Moving a scene as a whole: with the camera moved along, nothing may change in the picture."""
+"""Moving a scene as a whole: with the camera moved along, nothing may change in the image."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ MATRICES = {
 
 @pytest.mark.parametrize("name", MATRICES)
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
-def test_the_moved_camera_sees_the_same_picture(name: str, degree: int) -> None:
+def test_the_moved_camera_sees_the_same_image(name: str, degree: int) -> None:
     matrix = MATRICES[name]
     scale = np.cbrt(np.linalg.det(matrix[:3, :3]))
     gaussians = random_gaussians(CAMERA, 150, degree, seed=6).checked()

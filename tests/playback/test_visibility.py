@@ -1,4 +1,4 @@
-"""What cannot be seen is not deformed, and no picture tells the difference."""
+"""What cannot be seen is not deformed, and no image tells the difference."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from support.deformation_fields import field_arrays, in_groups, output_arrays
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.native.deformation import FieldShape, PlayedField, deform
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.simd_layout import GROUP
-from frog_blender.engine.playback.visibility import GroupLifetimes, lifetimes, of_groups, share_deformed, together
+from frog_blender.engine.playback.visibility import VisibilityMask, lifetimes, of_groups, share_deformed, together
 from frog_blender.engine.scene.scene_file import SceneFile
 
 
@@ -39,7 +39,7 @@ def test_bits_come_back_at_a_time(count: int) -> None:
     lives = np.random.default_rng(count).random((6, count)) < 0.05
     bits = of_groups(lives)
     assert bits.dtype == np.uint8 and bits.shape == (6, -(-count // GROUP // 8))
-    groups = GroupLifetimes(bits, count)
+    groups = VisibilityMask(bits, count)
     for time, interval in ((0.0, 0), (0.1, 0), (0.51, 3), (0.99, 5), (1.0, 5)):
         expected = [lives[interval, g : g + GROUP].any() for g in range(0, count, GROUP)]
         np.testing.assert_array_equal(groups.at(time), np.array(expected, np.uint8))
@@ -50,10 +50,10 @@ def test_bits_come_back_at_a_time(count: int) -> None:
 )
 def test_bits_of_another_scene_are_refused(bits: np.ndarray) -> None:
     with pytest.raises(ValueError, match="lifetimes"):
-        GroupLifetimes(bits, 100)
+        VisibilityMask(bits, 100)
     scene = scene_file(100)
     with pytest.raises(FrogError, match="lifetimes of 7 groups"):
-        PlayableScene(SceneFile(scene.header, scene.arrays | {"lifetimes": bits}))
+        ScenePlayer(SceneFile(scene.header, scene.arrays | {"lifetimes": bits}))
 
 
 @pytest.mark.parametrize("kept", [False, True])

@@ -12,16 +12,16 @@ import pytest
 from support.builders import run_python, scene_file
 from support.synthetic_capture import FRAMES, rig
 
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw, to_uint8
 from frog_blender.engine.scene.scene_file import SceneFile, write_scene
 
 NO_TORCH = "import sys; sys.modules['torch'] = None; sys.modules['bpy'] = None\n"
 PLAY = """
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.playback.transform import transform
-scene = PlayableScene.load(sys.argv[1])
+scene = ScenePlayer.load(sys.argv[1])
 turned = transform(scene.at(0.4), [[0, -1, 0, 1], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
 drawing = draw(turned, scene.header.cameras[0])
 print(scene.count, drawing.rgb.shape, 'torch' in [name for name, module in sys.modules.items() if module])
@@ -58,11 +58,11 @@ def test_frog_render(scene: Path, tmp_path: Path) -> None:
         NO_TORCH + COMMAND, "render", scene, "--camera", "cam02", "--frames", "1:3", "--out", tmp_path / "o"
     )
     assert run.returncode == 0, run.stderr
-    pictures = sorted((tmp_path / "o").iterdir())
-    assert [path.name for path in pictures] == ["cam02_0001.png", "cam02_0002.png"]
-    played = PlayableScene.load(scene)
+    images = sorted((tmp_path / "o").iterdir())
+    assert [path.name for path in images] == ["cam02_0001.png", "cam02_0002.png"]
+    played = ScenePlayer.load(scene)
     expected = to_uint8(draw(played.at_frame(2), rig()[2], played.header.background).rgb)
-    np.testing.assert_array_equal(cv2.imread(str(pictures[1]))[:, :, ::-1], expected)
+    np.testing.assert_array_equal(cv2.imread(str(images[1]))[:, :, ::-1], expected)
 
 
 def test_frog_eval(scene: Path, filmed: Path, own_cache: Path) -> None:

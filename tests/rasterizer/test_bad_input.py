@@ -45,7 +45,7 @@ INVISIBLE = {
 FAULTS = [name for name in INVISIBLE if any(word in name for word in ("NaN", "infinit", "zero", "1e30", "beyond"))]
 """Those that are dropped because a number in them is no good; nothing is wrong with the others."""
 
-# Drawn or not, these must leave a finite picture.
+# Drawn or not, these must leave a finite image.
 STRANGE = {
     "on the near plane": one_gaussian((0, 0, 0.01)),
     "just behind the near plane": one_gaussian((0.0001, 0, 0.0101), scales=[[1.0, 1.0, 1.0]]),
@@ -98,7 +98,7 @@ def test_what_is_at_fault_is_counted(implementation: str) -> None:
 
 
 @pytest.mark.parametrize("name", STRANGE)
-def test_what_is_strange_leaves_a_finite_picture(name: str) -> None:
+def test_what_is_strange_leaves_a_finite_image(name: str) -> None:
     image, gradients = draw_with_gradients(join(STRANGE[name], neighbours()), CAMERA, "cpu")
     assert torch.isfinite(image.rgb).all() and torch.isfinite(image.alpha).all()
     assert float(image.alpha.detach().min()) >= 0 and float(image.alpha.detach().max()) <= 1
@@ -138,7 +138,7 @@ def test_no_gaussians(implementation: str) -> None:
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 40), (17, 1), (16, 16), (15, 33)])
-def test_small_and_odd_pictures(size: tuple[int, int]) -> None:
+def test_small_and_odd_images(size: tuple[int, int]) -> None:
     camera = plain_camera(*size)
     image, _ = draw_with_gradients(random_gaussians(camera, 20, 0), camera, "cpu")
     reference, _ = draw_with_gradients(random_gaussians(camera, 20, 0), camera, "reference", torch.float64)
@@ -147,7 +147,7 @@ def test_small_and_odd_pictures(size: tuple[int, int]) -> None:
 
 
 @pytest.mark.parametrize("edge", [16.0, 15.5, 16.5, 0.0, 0.5, 48.0, 31.9999])
-def test_splats_exactly_on_tile_and_picture_edges(edge: float) -> None:
+def test_splats_exactly_on_tile_and_image_edges(edge: float) -> None:
     """A splat whose centre lies on a tile's edge, or whose box ends there, must not lose its pixels."""
     camera = plain_camera(48, 48)
     positions = (np.array([[edge, 20.0], [20.0, edge], [edge, edge]]) - 24) / 40.0

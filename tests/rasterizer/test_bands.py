@@ -1,4 +1,4 @@
-"""Splats over the whole picture: the same picture in bounded memory, and a sentence that it takes its time."""
+"""Splats over the whole image: the same image in bounded memory, and a sentence that it takes its time."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def giants(count: int, opacity: float = 0.02) -> GaussianArrays:
 
 
 def drawn(gaussians: GaussianArrays, whole: bool) -> tuple[dict[str, np.ndarray], binding.Frame]:
-    """All pictures of the view; with weights, which need all instances in memory at once, or without."""
+    """All images of the view; with weights, which need all instances in memory at once, or without."""
     width, height = SIZE
     image = {"rgb": np.empty((height, width, 3), np.float32), "median_index": np.empty((height, width), np.int32)}
     image |= {name: np.empty((height, width), np.float32) for name in ("alpha", "mean_depth")}
@@ -40,7 +40,7 @@ def drawn(gaussians: GaussianArrays, whole: bool) -> tuple[dict[str, np.ndarray]
     return image, binding.Frame(gaussians, CAMERA, (0.1, 0.2, 0.3), options, image | weights)
 
 
-def test_bands_have_the_bits_of_the_whole_picture() -> None:
+def test_bands_have_the_bits_of_the_whole_image() -> None:
     gaussians = giants(5500).checked()
     image, frame = drawn(gaussians, whole=False)
     expected, whole = drawn(gaussians, whole=True)

@@ -15,7 +15,7 @@ IMPLEMENTATIONS = pytest.mark.parametrize("implementation", ["cpu", "reference"]
 
 
 def sheet(mean: tuple[float, float, float], opacity: float, grey: float = 0.5) -> GaussianArrays:
-    """So wide that its alpha is its opacity over the whole picture; ``grey`` is its colour."""
+    """So wide that its alpha is its opacity over the whole image; ``grey`` is its colour."""
     sh = [[[(grey - 0.5) / 0.28209479] * 3]]
     return one_gaussian(mean, scales=[[1000.0, 1000.0, 1000.0]], opacities=[opacity], sh=sh)
 

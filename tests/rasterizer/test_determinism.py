@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import torch
 from support.builders import join, odd_camera, one_gaussian, random_gaussians
-from support.torch_drawing import draw_with_gradients, native_picture
+from support.torch_drawing import draw_with_gradients, native_image
 
 from frog_blender.engine.native import binding
 from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions
@@ -41,12 +41,12 @@ def assert_same_bits(found: dict[str, np.ndarray], expected: dict[str, np.ndarra
 
 def test_any_number_of_threads(crowd: GaussianArrays) -> None:
     binding.set_thread_count(1)
-    expected, everything = native_picture(crowd, CAMERA), with_everything(crowd)
+    expected, everything = native_image(crowd, CAMERA), with_everything(crowd)
     assert binding.library().frog_thread_count() == 1
     for threads in (2, 3, 7, 1):
         binding.set_thread_count(threads)
         assert binding.library().frog_thread_count() == threads
-        assert_same_bits(native_picture(crowd, CAMERA), expected)
+        assert_same_bits(native_image(crowd, CAMERA), expected)
         assert_same_bits(with_everything(crowd), everything)
 
 
@@ -55,16 +55,16 @@ def test_more_gaussians_than_one_block_of_the_sorting() -> None:
     gaussians = random_gaussians(CAMERA, 20_000, 0, seed=3, opacity=(0.02, 0.1))
     gaussians.means[::2] = gaussians.means[1]
     binding.set_thread_count(1)
-    expected = native_picture(gaussians, CAMERA)
+    expected = native_image(gaussians, CAMERA)
     for threads in (2, 7):
         binding.set_thread_count(threads)
-        assert_same_bits(native_picture(gaussians, CAMERA), expected)
+        assert_same_bits(native_image(gaussians, CAMERA), expected)
 
 
 def test_repeated_runs(crowd: GaussianArrays) -> None:
-    expected = native_picture(crowd, CAMERA)
+    expected = native_image(crowd, CAMERA)
     for _ in range(3):
-        assert_same_bits(native_picture(crowd, CAMERA), expected)
+        assert_same_bits(native_image(crowd, CAMERA), expected)
 
 
 def test_ties_in_depth_are_broken_by_index() -> None:
@@ -72,18 +72,18 @@ def test_ties_in_depth_are_broken_by_index() -> None:
     place = CAMERA.unproject(np.array([[37.0, 25.0]]), np.array([3.0]))[0]
     wide = {"scales": [[100.0] * 3], "opacities": [0.9]}
     white, black = (one_gaussian(tuple(place), sh=[[[grey] * 3]], **wide) for grey in (1.7, -1.7))
-    assert native_picture(join(white, black), CAMERA)["rgb"].min() > 0.85
-    assert native_picture(join(black, white), CAMERA)["rgb"].max() < 0.15
+    assert native_image(join(white, black), CAMERA)["rgb"].min() > 0.85
+    assert native_image(join(black, white), CAMERA)["rgb"].max() < 0.15
 
 
 def test_two_python_threads_at_once(crowd: GaussianArrays) -> None:
     other = random_gaussians(CAMERA, 2000, 0, seed=9)
-    expected = [native_picture(crowd, CAMERA), native_picture(other, CAMERA)]
+    expected = [native_image(crowd, CAMERA), native_image(other, CAMERA)]
     found: list[list[dict[str, np.ndarray]]] = [[], []]
 
     def work(which: int) -> None:
         for _ in range(6):
-            found[which].append(native_picture((crowd, other)[which], CAMERA))
+            found[which].append(native_image((crowd, other)[which], CAMERA))
 
     threads = [threading.Thread(target=work, args=(which,)) for which in (0, 1)]
     for thread in threads:
@@ -92,13 +92,13 @@ def test_two_python_threads_at_once(crowd: GaussianArrays) -> None:
         thread.join()
     for which in (0, 1):
         assert len(found[which]) == 6
-        for picture in found[which]:
-            assert_same_bits(picture, expected[which])
+        for image in found[which]:
+            assert_same_bits(image, expected[which])
 
 
 def test_beside_a_busy_machine(crowd: GaussianArrays) -> None:
     """Workers that get no core come when the pieces have been taken, or when the next call has begun."""
-    expected = native_picture(crowd, CAMERA)
+    expected = native_image(crowd, CAMERA)
     burn = "import time; end = time.monotonic() + 60\nwhile time.monotonic() < end: pass"
     cores, busy = min(os.cpu_count() or 1, 8), []
     try:
@@ -106,7 +106,7 @@ def test_beside_a_busy_machine(crowd: GaussianArrays) -> None:
         for threads in (2, 5, 12):
             binding.set_thread_count(threads)
             for _ in range(15):
-                assert_same_bits(native_picture(crowd, CAMERA), expected)
+                assert_same_bits(native_image(crowd, CAMERA), expected)
     finally:
         for process in busy:
             process.kill()

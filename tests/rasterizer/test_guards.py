@@ -47,7 +47,7 @@ BORDERS = [0.5, 0.501, 47.5, 47.499]
 @pytest.mark.parametrize("edge", EDGES + BORDERS)
 @pytest.mark.parametrize("axis", [0, 1])
 def test_boxes_that_end_exactly_at_an_edge_lose_nothing(axis: int, edge: float, side: int) -> None:
-    """Every pixel above the threshold is drawn, however the box falls on tiles and on the picture's border. Pixels
+    """Every pixel above the threshold is drawn, however the box falls on tiles and on the image's border. Pixels
     whose alpha is 1/255 within rounding may be drawn or not."""
     camera = plain_camera(48, 48, FOCAL)
     for reach, across, opacity in ((6.0, 9.0, 0.9), (2.5, 20.0, 0.3), (40.0, 7.25, 0.99)):
@@ -92,7 +92,7 @@ def test_a_view_of_nothing(options: RasterizeOptions, implementation: str) -> No
 
 
 def test_more_tiles_than_can_be_counted_are_refused() -> None:
-    """A million Gaussians that each cover all tiles of a very wide picture: four thousand million entries. The count is
+    """A million Gaussians that each cover all tiles of a very wide image: four thousand million entries. The count is
     checked before anything is allocated for it."""
     camera = plain_camera(16 * 4096, 1, 1e3)
     gaussians = one_gaussian((0, 0, 1.0), scales=[[1e3] * 3])
@@ -119,7 +119,7 @@ def test_giants_at_the_near_plane_are_finite(depth: float, size: float) -> None:
 
 @IMPLEMENTATIONS
 def test_light_is_conserved_forward_and_backward(implementation: str) -> None:
-    """The gradient of a picture's brightness by a Gaussian's colour is the sum of its weights; over all Gaussians these
+    """The gradient of an image's brightness by a Gaussian's colour is the sum of its weights; over all Gaussians these
     add up to the coverage. It holds only if the backward pass begins every pixel where it ended."""
     camera = odd_camera(75, 51)
     gaussians = random_gaussians(camera, 400, 0, seed=5, opacity=(0.3, 1.0))

@@ -37,7 +37,7 @@ def frames(monkeypatch: pytest.MonkeyPatch) -> Iterator[weakref.WeakSet]:
     gc.enable()
 
 
-def test_a_frame_goes_with_its_picture(frames: weakref.WeakSet) -> None:
+def test_a_frame_goes_with_its_image(frames: weakref.WeakSet) -> None:
     image = rasterize(tensors(random_gaussians(CAMERA, 20)), CAMERA, BACKGROUND, EVERYTHING)
     assert len(frames) == 1  # its backward pass may still come
     del image
@@ -59,7 +59,7 @@ def test_nothing_is_kept_without_gradients(frames: weakref.WeakSet) -> None:
 
 
 def test_gaussians_changed_before_the_backward_pass_are_refused() -> None:
-    """The frame would read the new numbers: gradients of a picture that was never drawn."""
+    """The frame would read the new numbers: gradients of an image that was never drawn."""
     gaussians = tensors(random_gaussians(CAMERA, 20))
     scales = gaussians.scales * 1.0
     image = rasterize(replace(gaussians, scales=scales), CAMERA, BACKGROUND)

@@ -1,4 +1,4 @@
-"""A drawing is freed with its picture: training draws thousands."""
+"""A drawing is freed with its image: training draws thousands."""
 
 from __future__ import annotations
 

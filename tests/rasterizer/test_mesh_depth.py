@@ -42,7 +42,7 @@ def agree(found: np.ndarray, expected: np.ndarray) -> None:
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("camera", [plain_camera(61, 37), odd_camera(90, 71)], ids=["plain", "odd"])
 def test_random_triangles(camera: Camera, seed: int) -> None:
-    """Before, behind, across the near plane, beyond the picture's edges."""
+    """Before, behind, across the near plane, beyond the image's edges."""
     random = np.random.default_rng(seed)
     vertices = (random.normal(0, 2.0, (60, 3)) + np.array([0, 0, 2])).astype(np.float32)
     triangles = random.integers(0, 60, (40, 3))
@@ -62,7 +62,7 @@ def test_a_tilted_floor_is_exact() -> None:
     assert np.isinf(depth[:24]).all()
 
 
-def test_a_region_is_that_part_of_the_picture() -> None:
+def test_a_region_is_that_part_of_the_image() -> None:
     camera, random = odd_camera(70, 50), np.random.default_rng(1)
     vertices, triangles = random.normal(0, 2, (30, 3)) + np.array([0, 0, 2]), random.integers(0, 30, (20, 3))
     whole = mesh_depth(vertices, triangles, camera)

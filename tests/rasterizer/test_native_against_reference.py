@@ -63,7 +63,7 @@ def test_gradients(name: str) -> None:
         assert relative_error(native[attribute], reference[attribute]) < 1e-5, attribute
 
 
-def test_splats_beside_the_picture_where_the_linearisation_is_clamped() -> None:
+def test_splats_beside_the_image_where_the_linearisation_is_clamped() -> None:
     camera = odd_camera(45, 27)
     gaussians = random_gaussians(camera, 60, 1, seed=9)
     local = gaussians.means @ camera.rotation.T + camera.world_to_camera[:3, 3]

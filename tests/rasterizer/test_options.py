@@ -23,7 +23,7 @@ from frog_blender.engine.rasterizer import GaussianArrays, Image, RasterizeOptio
 
 CAMERA = odd_camera(90, 61)
 IMPLEMENTATIONS = pytest.mark.parametrize("implementation", ["cpu", "reference"])
-PICTURES = ("rgb", "alpha", "median_depth", "median_z", "mean_depth")
+IMAGES = ("rgb", "alpha", "median_depth", "median_z", "mean_depth")
 ALIGNED = [(0, 0, 90, 61), (32, 16, 48, 32), (64, 48, 26, 13), (0, 32, 16, 16), (16, 0, 1, 1)]
 """Regions that begin where a tile does."""
 ANYWHERE = [(7, 5, 33, 29), (89, 60, 1, 1), (1, 0, 89, 61), (40, 13, 3, 48)]
@@ -47,8 +47,8 @@ def drawn(gaussians: GaussianArrays, options: RasterizeOptions, implementation: 
         return rasterize(tensors(gaussians), CAMERA, BACKGROUND, options, implementation=implementation, **more)
 
 
-def assert_same_picture(found: Image, expected: Image, region: tuple[int, int, int, int], exactly: bool) -> None:
-    for name in PICTURES:
+def assert_same_image(found: Image, expected: Image, region: tuple[int, int, int, int], exactly: bool) -> None:
+    for name in IMAGES:
         part = cut(getattr(expected, name), region)
         if exactly:
             assert torch.equal(getattr(found, name).nan_to_num(-1), part.nan_to_num(-1)), name
@@ -57,19 +57,19 @@ def assert_same_picture(found: Image, expected: Image, region: tuple[int, int, i
 
 
 @pytest.mark.parametrize("region", ALIGNED)
-def test_a_region_of_whole_tiles_has_the_bits_of_the_whole_picture(region: tuple[int, int, int, int]) -> None:
+def test_a_region_of_whole_tiles_has_the_bits_of_the_whole_image(region: tuple[int, int, int, int]) -> None:
     whole = drawn(crowd(), EVERYTHING, "cpu")
-    assert_same_picture(drawn(crowd(), replace(EVERYTHING, region=region), "cpu"), whole, region, exactly=True)
+    assert_same_image(drawn(crowd(), replace(EVERYTHING, region=region), "cpu"), whole, region, exactly=True)
 
 
 @IMPLEMENTATIONS
 @pytest.mark.parametrize("region", ALIGNED + ANYWHERE)
-def test_a_region_is_its_part_of_the_whole_picture(region: tuple[int, int, int, int], implementation: str) -> None:
+def test_a_region_is_its_part_of_the_whole_image(region: tuple[int, int, int, int], implementation: str) -> None:
     """Where tiles begin elsewhere positions round differently, and nothing else."""
     whole = drawn(crowd(), EVERYTHING, implementation)
     part = drawn(crowd(), replace(EVERYTHING, region=region), implementation)
     assert part.rgb.shape == (region[3], region[2], 3)
-    assert_same_picture(part, whole, region, exactly=False)
+    assert_same_image(part, whole, region, exactly=False)
     assert bool((part.max_weights <= whole.max_weights * (1 + 1e-5)).all())
 
 
@@ -110,7 +110,7 @@ def test_gradients_of_a_region_are_those_of_a_loss_on_it(
     "region", [(-1, 0, 5, 5), (0, -1, 5, 5), (86, 0, 5, 5), (0, 57, 5, 5), (0, 0, 0, 5), (0, 0, 5, -2), (0, 0, 91, 61)]
 )
 @IMPLEMENTATIONS
-def test_regions_that_do_not_lie_in_the_picture_are_refused(
+def test_regions_that_do_not_lie_in_the_image_are_refused(
     region: tuple[int, int, int, int], implementation: str
 ) -> None:
     with pytest.raises(ValueError, match="90 x 61"):
@@ -121,7 +121,7 @@ def test_depth_limits_equal_the_reference() -> None:
     limit = shallow_limit()
     image, gradients = draw_with_gradients(crowd(), CAMERA, "cpu", depth_limit=limit)
     expected, by = draw_with_gradients(crowd(), CAMERA, "reference", torch.float64, depth_limit=limit)
-    for name in PICTURES:
+    for name in IMAGES:
         difference = (getattr(image, name) - getattr(expected, name)).abs().nan_to_num(0)
         assert float((difference > 1e-4).double().mean()) <= 3e-4, name
     assert torch.equal(image.median_z.isnan(), expected.median_z.isnan())

@@ -118,7 +118,7 @@ def test_absolute_gradients_equal_the_reference(compensate: bool, limited: bool)
 
 @IMPLEMENTATIONS
 def test_opposite_pulls_cancel_in_the_sum_and_not_in_the_absolute(implementation: str) -> None:
-    """A splat in the middle of a picture that should be covered more everywhere: no side wins."""
+    """A splat in the middle of an image that should be covered more everywhere: no side wins."""
     leaves = tensors(one_gaussian((0, 0, 2.0), scales=[[0.1, 0.1, 0.1]]))
     image = rasterize(leaves, plain_camera(), options=ABSOLUTE, implementation=implementation)
     assert not image.screen_absolute.any()

@@ -1,10 +1,10 @@
 """The native library against the reference in float64 on hundreds of random scenes of every kind.
 
-Pictures: where float32 decides a threshold the other way a whole contribution appears or goes, which no tolerance can
+Images: where float32 decides a threshold the other way a whole contribution appears or goes, which no tolerance can
 hide. Such pixels ("flips", beyond FLIP) are counted over all scenes together and must be very rare; all others are held
 to a mean error. A single scene may hold a few more of them than its share.
 
-Gradients: the relative L2 error of every parameter's, where no pixel flipped: where the pictures agree within AGREEMENT
+Gradients: the relative L2 error of every parameter's, where no pixel flipped: where the images agree within AGREEMENT
 everywhere. Over all scenes together it is held to GRADIENT_ERROR. In a few of a hundred scenes float32 does not suffice
 (1 - alpha of an alpha near 0.999 has lost three digits; hundreds of pixels' parts cancel): alone they may be beyond
 that, never by much.

@@ -65,7 +65,7 @@ def test_colour_depends_on_position_through_the_viewing_direction(degree: int) -
         assert relative_error(gradients[name], differences(gaussians, camera, name)) < 1e-6
 
 
-def test_gaussians_beside_the_picture_where_the_linearisation_is_clamped() -> None:
+def test_gaussians_beside_the_image_where_the_linearisation_is_clamped() -> None:
     camera = odd_camera(17, 11)
     gaussians = scene(camera, 1)
     local = gaussians.means @ camera.rotation.T + camera.world_to_camera[:3, 3]

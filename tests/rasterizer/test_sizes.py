@@ -1,4 +1,4 @@
-"""Sizes of pictures that nobody can draw: refused in Python, and by the library itself, which others may call."""
+"""Sizes of images that nobody can draw: refused in Python, and by the library itself, which others may call."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from support.builders import one_gaussian, plain_camera, random_gaussians
 from frog_blender.engine.capture.camera import NEUTRAL, Camera
 from frog_blender.engine.native import binding, structs
 from frog_blender.engine.playback import render as drawing
-from frog_blender.engine.playback.render import draw, picture, to_uint8
+from frog_blender.engine.playback.render import draw, render_image, to_uint8
 from frog_blender.engine.rasterizer import RasterizeOptions
 from frog_blender.engine.rasterizer.mesh_depth import mesh_depth
 
@@ -33,7 +33,7 @@ ABSURD = [
 def test_absurd_sizes_are_refused_before_memory_is_asked_for(size: tuple[int, int]) -> None:
     camera = Camera("c", *size, np.eye(3), np.eye(4))
     gaussians = one_gaussian((0, 0, 1.0), scales=[[1e3] * 3]).checked()
-    for draw_it in (draw, picture):
+    for draw_it in (draw, render_image):
         with pytest.raises(ValueError, match="region"):
             draw_it(gaussians, camera)
     with pytest.raises(ValueError, match="region"):
@@ -45,7 +45,7 @@ def test_absurd_sizes_are_refused_before_memory_is_asked_for(size: tuple[int, in
     "region", [None, (-1, 0, 8, 8), (0, -1, 8, 8), (0, 0, 9, 8), (2**31 - 8, 0, 8, 8), (0, 0, 0, 8)]
 )
 def test_the_library_does_nothing_for_absurd_sizes(size: tuple[int, int], region: tuple[int, ...] | None) -> None:
-    """Every pointer to a picture is null: whatever were written would end the process."""
+    """Every pointer to an image is null: whatever were written would end the process."""
     gaussians = one_gaussian((0, 0, 1.0), scales=[[1e3] * 3]).checked()
     camera = structs.camera_struct(plain_camera(8, 8))
     if region is None:
@@ -62,7 +62,7 @@ def test_the_library_does_nothing_for_absurd_sizes(size: tuple[int, int], region
 
 
 @pytest.mark.parametrize("size", ABSURD, ids=str)
-def test_pictures_of_absurd_sizes_are_not_compared(size: tuple[int, int]) -> None:
+def test_images_of_absurd_sizes_are_not_compared(size: tuple[int, int]) -> None:
     width, height = size
     value = c_float()
     assert binding.library().frog_similarity(height, width, None, None, None, None) == 2
@@ -81,7 +81,7 @@ def test_the_largest_sides_are_drawn(size: tuple[int, int]) -> None:
 
 @pytest.mark.parametrize("exposure", [NEUTRAL, (1.5, 1.0, 0.5)])
 @pytest.mark.parametrize("band", [1, 300, 2**22])
-def test_pictures_drawn_in_bands_have_the_same_bits(
+def test_images_drawn_in_bands_have_the_same_bits(
     monkeypatch: pytest.MonkeyPatch, band: int, exposure: tuple[float, float, float]
 ) -> None:
     camera = replace(plain_camera(70, 50), exposure=exposure)
@@ -89,5 +89,5 @@ def test_pictures_drawn_in_bands_have_the_same_bits(
     monkeypatch.setattr(drawing, "_BAND", band)
     background = (0.1, 0.2, 0.3)
     np.testing.assert_array_equal(
-        picture(gaussians, camera, background), to_uint8(draw(gaussians, camera, background).rgb)
+        render_image(gaussians, camera, background), to_uint8(draw(gaussians, camera, background).rgb)
     )

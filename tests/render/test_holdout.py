@@ -68,7 +68,7 @@ def test_a_slanted_surface_is_one():
 
 
 @pytest.mark.parametrize("region", [None, (5, 3, 31, 20)])
-def test_a_picture_is_mixed_of_both(monkeypatch, region):
+def test_an_image_is_mixed_of_both(monkeypatch, region):
     camera = odd_camera()
     gaussians, options = random_gaussians(camera, 60), RasterizeOptions(region=region)
     depths = np.sort(gaussians.means @ camera.rotation[2] + camera.world_to_camera[2, 3])

@@ -24,7 +24,7 @@ def drawing_of(width: int, height: int) -> Any:
 
 
 @SIZES
-@pytest.mark.parametrize("background", [(0.2, 0.7, 0.0), (0.5, 3.0, 0.1)])  # the second brighter than any picture
+@pytest.mark.parametrize("background", [(0.2, 0.7, 0.0), (0.5, 3.0, 0.1)])  # the second brighter than any image
 def test_opaque_colour_is_over_the_background_as_displayed(size: tuple[int, int], background: tuple) -> None:
     drawing, behind = drawing_of(*size), np.array(background, np.float32)
     over = drawing.rgb + (1 - drawing.alpha.clip(0, 1)[..., None]) * behind

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from support.builders import scene_file
 
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.scene import blocks, quantization
 from frog_blender.engine.scene.blocks import BLOCK
@@ -92,14 +92,14 @@ def with_far_rows(count: int = 600) -> tuple[object, object]:
 def test_a_packed_scene_looks_the_same_with_far_gaussians(tmp_path: Path) -> None:
     _, astray = with_far_rows()
     path = tmp_path / "x.frog"
-    pictures = {}
+    images = {}
     for kind in ("plain", "packed", "together"):
         with patch.object(blocks, "_inside", blocks._inside if kind != "together" else lambda *_: None):
             write_scene(path, astray, compact=kind != "plain")
-        scene = PlayableScene.load(path)
-        pictures[kind] = draw(scene.at_frame(3), scene.header.cameras[0]).rgb
-    assert np.abs(pictures["packed"] - pictures["plain"]).max() < 0.06
-    assert np.abs(pictures["together"] - pictures["plain"]).max() > 0.2, "the test's own scene shows nothing"
+        scene = ScenePlayer.load(path)
+        images[kind] = draw(scene.at_frame(3), scene.header.cameras[0]).rgb
+    assert np.abs(images["packed"] - images["plain"]).max() < 0.06
+    assert np.abs(images["together"] - images["plain"]).max() > 0.2, "the test's own scene shows nothing"
 
 
 def test_files_of_version_4_are_read_and_ours_says_its_number(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""What a training says of its capacity: in words, and in a picture."""
+"""What a training says of its capacity: in words, and in an image."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import torch
 from support.training_steps import train
 
 from frog_blender.engine.scene.compression_report import lines, reduction_line, summary
-from frog_blender.engine.training.compression.report_image import capacity_picture
-from frog_blender.engine.training.optimize.gaussian_order import put_to_rest
+from frog_blender.engine.training.compression.report_image import draw_report_image
+from frog_blender.engine.training.optimize.gaussian_order import freeze_motion
 from frog_blender.engine.training.optimize.trainer import Trainer
 
 
@@ -47,23 +47,23 @@ def test_the_report_in_words() -> None:
     assert reduction_line(CAPACITY["reductions"][0]) == rest
 
 
-def test_the_picture_tells_what_moves_from_what_rests(make_trainer: Callable[..., Trainer]) -> None:
+def test_the_image_tells_what_moves_from_what_rests(make_trainer: Callable[..., Trainer]) -> None:
     trainer = make_trainer(60, capacity="auto")
     train(trainer, until=40)
     canonical = trainer.model.canonical
 
     def redness() -> float:
-        red, _, blue = capacity_picture(trainer, 8).astype(float).mean((0, 1))
+        red, _, blue = draw_report_image(trainer, 8).astype(float).mean((0, 1))
         return red - blue
 
-    picture = capacity_picture(trainer, 8)
-    assert picture.shape == (36, 48, 3) and picture.dtype == np.uint8
+    image = draw_report_image(trainer, 8)
+    assert image.shape == (36, 48, 3) and image.dtype == np.uint8
     moving = redness()
     names = ("means", "quaternions", "log_scales", "opacity_logits", "sh")
     state = {name: getattr(canonical, name).detach().clone() for name in names}
-    put_to_rest(trainer, torch.arange(canonical.moving), state)
+    freeze_motion(trainer, torch.arange(canonical.moving), state)
     assert moving > 10 > -10 > redness()
-    assert trainer.parsimony
+    assert trainer.compression
     resting = redness()
-    trainer.parsimony.removed = canonical.means.detach().numpy() + 0.0
+    trainer.compression.removed = canonical.means.detach().numpy() + 0.0
     assert redness() > resting + 1  # red dots

@@ -16,7 +16,7 @@ from support.builders import scene_file
 
 from frog_blender.engine.capture.camera import MOST_PIXELS, Camera
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.playback.player import CANONICAL, PlayableScene, some_of
+from frog_blender.engine.playback.player import CANONICAL, ScenePlayer, some_of
 from frog_blender.engine.scene import scene_file as scene_files
 from frog_blender.engine.scene.header import MOST_FRAMES, MOST_STANDING, SceneHeader
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene
@@ -140,7 +140,7 @@ def test_names_lose_their_control_characters_and_stay_names(tmp_path: Path) -> N
 
 def test_many_cameras_have_to_be_a_moving_one(tmp_path: Path) -> None:
     data, one = copy.deepcopy(PLAIN), PLAIN["cameras"][1]
-    data |= {"cameras": [one | {"name": f"picture {k}"} for k in range(MOST_STANDING + 1)], "test_cameras": []}
+    data |= {"cameras": [one | {"name": f"image {k}"} for k in range(MOST_STANDING + 1)], "test_cameras": []}
     data["camera_shots"] = [[k] for k in range(MOST_STANDING + 1)]
     assert read_scene(written(tmp_path / "x.frog", data)).header.is_moving
     data["camera_shots"][0] = [0, 1]
@@ -172,7 +172,7 @@ def test_arrays_that_no_scene_of_its_method_has_are_passed_over(tmp_path: Path) 
     found = read_scene(tmp_path / "x.frog")
     assert found.arrays.keys() == CANONICAL
     assert len(some_of(found, np.arange(5)).arrays["means"]) == 5
-    assert PlayableScene(found).only(np.arange(5)).at(0.5).means.shape == (5, 3)
+    assert ScenePlayer(found).only(np.arange(5)).at(0.5).means.shape == (5, 3)
 
 
 @pytest.mark.parametrize(("name", "kind"), [("means", np.float64), ("sh", np.float16), ("embeddings", np.int32)])

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from support.builders import steps_between
 
-from frog_blender.engine.scene.morton_order import along_curve, neighbours_together
+from frog_blender.engine.scene.morton_order import morton_order, neighbours_together
 
 
 def test_neighbours_come_together() -> None:
     means = np.float32(np.random.default_rng(3).uniform(-1, 1, (4000, 3)))
-    order = along_curve(means)
+    order = morton_order(means)
     assert sorted(order) == list(range(4000))
     assert steps_between(means[order]) < 0.2 * steps_between(means)
 
@@ -19,7 +19,7 @@ def test_neighbours_come_together() -> None:
 def test_one_far_away_leaves_the_others_in_order() -> None:
     means = np.float32(np.random.default_rng(3).uniform(-1, 1, (4000, 3)))
     means[17] = 1e6
-    order = along_curve(means)
+    order = morton_order(means)
     assert steps_between(means[order[order != 17]]) < 0.2 * steps_between(means)
 
 
@@ -28,9 +28,9 @@ def test_those_that_move_stay_before_those_at_rest(moving: int) -> None:
     means = np.float32(np.random.default_rng(4).normal(size=(50, 3)))
     order = neighbours_together(means, moving)
     assert sorted(order[:moving]) == list(range(moving))
-    np.testing.assert_array_equal(order[:moving], along_curve(means[:moving]))
-    np.testing.assert_array_equal(order[moving:], moving + along_curve(means[moving:]))
+    np.testing.assert_array_equal(order[:moving], morton_order(means[:moving]))
+    np.testing.assert_array_equal(order[moving:], moving + morton_order(means[moving:]))
 
 
 def test_no_gaussians() -> None:
-    assert along_curve(np.empty((0, 3), np.float32)).shape == (0,)
+    assert morton_order(np.empty((0, 3), np.float32)).shape == (0,)

@@ -17,7 +17,7 @@ from safetensors.numpy import save
 from support.builders import scene_file
 
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.blocks import BLOCK
 from frog_blender.engine.scene.quantization import BITS, pack, unpack, unpack_scene
 from frog_blender.engine.scene.scene_file import read_scene, scene_bytes, write_scene
@@ -71,7 +71,7 @@ def test_a_packed_scene_plays_as_the_plain_one(tmp_path: Path, moving: int) -> N
     scene = scene_file(moving=moving)
     write_scene(tmp_path / "plain.frog", scene)
     write_scene(tmp_path / "packed.frog", scene, compact=True)
-    plain, packed = (PlayableScene.load(tmp_path / f"{name}.frog") for name in ("plain", "packed"))
+    plain, packed = (ScenePlayer.load(tmp_path / f"{name}.frog") for name in ("plain", "packed"))
     assert packed.moving == moving
     for time in (0.0, 0.4, 1.0):
         for name, values in vars(plain.at(time)).items():

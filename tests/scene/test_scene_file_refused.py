@@ -13,7 +13,7 @@ from support.builders import MODEL, scene_file
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene import scene_file as scene_files
 from frog_blender.engine.scene.header import FORMAT_VERSION
 from frog_blender.engine.scene.scene_file import read_scene, write_scene
@@ -30,7 +30,7 @@ def path(tmp_path: Path) -> Path:
 def refused(path: Path) -> str:
     """The one sentence with which a file is refused, by playback too."""
     with pytest.raises(FrogError) as caught:
-        PlayableScene.load(path).at(0.3)
+        ScenePlayer.load(path).at(0.3)
     sentence = str(caught.value)
     assert "\n" not in sentence and sentence.endswith(".") and len(sentence) < 600
     return sentence
@@ -69,7 +69,7 @@ def test_random_damage_is_refused_or_harmless(path: Path) -> None:
         changed[int(random.integers(0, 3000))] = int(random.integers(256))
         path.write_bytes(changed)
         try:
-            PlayableScene.load(path)
+            ScenePlayer.load(path)
         except FrogError as error:
             assert "\n" not in str(error)
 
@@ -174,7 +174,7 @@ def test_arrays_of_the_wrong_shape(path: Path, name: str, shape: tuple[int, ...]
         scene.arrays[name] = np.ones(shape, np.float32)
     path.write_bytes(scene_files.serialize(scene.arrays, metadata={"frog": scene.header.to_json()}))
     with pytest.raises(FrogError) as caught:
-        PlayableScene.load(path)
+        ScenePlayer.load(path)
     assert "\n" not in str(caught.value)
 
 
@@ -184,7 +184,7 @@ def test_heads_of_the_wrong_shape(tmp_path: Path, name: str) -> None:
     scene.arrays[name] = scene.arrays[name][: -16 if name != "network.output_weight" else -1].copy()
     write_scene(tmp_path / "x.frog", scene)
     with pytest.raises(FrogError):
-        PlayableScene.load(tmp_path / "x.frog")
+        ScenePlayer.load(tmp_path / "x.frog")
 
 
 def test_modulation_of_the_wrong_shape(tmp_path: Path) -> None:

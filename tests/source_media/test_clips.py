@@ -1,4 +1,4 @@
-"""Finding the pictures that a scene's cameras took, by its header alone."""
+"""Finding the images that a scene's cameras took, by its header alone."""
 
 from __future__ import annotations
 
@@ -46,10 +46,10 @@ def test_videos_by_their_names(tmp_path, layout):
     }
 
 
-def test_one_picture_for_each_camera(tmp_path):
+def test_one_image_for_each_camera(tmp_path):
     folder = empty_files(tmp_path, "images/a.png", "images/b.jpg")
     found = find_clips(header(["a", "b"], frames=1), folder)
-    assert found == {"a": Clip(folder / "images/a.png", "PICTURE"), "b": Clip(folder / "images/b.jpg", "PICTURE")}
+    assert found == {"a": Clip(folder / "images/a.png", "IMAGE"), "b": Clip(folder / "images/b.jpg", "IMAGE")}
 
 
 def moving(names, frames=None, **changes):
@@ -63,13 +63,13 @@ def moving(names, frames=None, **changes):
         (["000", "001", "002", "003"], None, (0, 1)),
         (["7", "8", "9", "10"], None, (7, 1)),  # no leading zeros, more digits on the way
         (["004", "008", "012"], None, (4, 4)),
-        (["01", "03", "07"], (1, 3, 7), (0, 1)),  # pictures that are missing
+        (["01", "03", "07"], (1, 3, 7), (0, 1)),  # images that are missing
         (["30", "20", "10"], None, (30, -10)),
         (["001", "002", "004"], None, None),
         (["001", "0002", "003"], None, None),
     ],
 )
-def test_numbered_pictures_of_a_moving_camera(tmp_path, numbers, frames, expected):
+def test_numbered_images_of_a_moving_camera(tmp_path, numbers, frames, expected):
     names = [f"left1_{number}" for number in numbers]
     folder = empty_files(tmp_path, *(f"rgb/2x/{name}.png" for name in names), "rgb/1x/left1_001.png")
     scene = moving(names, frames, layout="hypernerf")
@@ -88,7 +88,7 @@ def test_a_rig_that_takes_turns_is_no_sequence(tmp_path):
     assert not find_clips(moving(names, layout="hypernerf"), folder)
 
 
-def test_listed_pictures(tmp_path):
+def test_listed_images(tmp_path):
     names = [f"images/f{i}" for i in range(3)]
     empty_files(tmp_path, *(f"{name}.png" for name in names))
     frames = [{"file_path": name, "transform_matrix": [[i]]} for i, name in enumerate(names)]
@@ -99,8 +99,8 @@ def test_listed_pictures(tmp_path):
     assert not find_clips(scene, tmp_path)
 
 
-def test_listed_pictures_of_standing_cameras(tmp_path):
-    """Each is a sequence of its own; where a picture's number is missing, its first picture stands for it."""
+def test_listed_images_of_standing_cameras(tmp_path):
+    """Each is a sequence of its own; where an image's number is missing, its first image stands for it."""
     names = ["a_10", "b_20", "a_11", "b_21", "a_12", "b_23"]
     empty_files(tmp_path, *(f"{name}.png" for name in names))
     frames = [{"file_path": name, "time": i // 2, "transform_matrix": [[name[0]]]} for i, name in enumerate(names)]
@@ -108,7 +108,7 @@ def test_listed_pictures_of_standing_cameras(tmp_path):
     scene = header(["a", "b"], layout="transforms", shots=[(0, 1, 2), (0, 1, 2)], frames=3)
     assert find_clips(scene, tmp_path) == {
         "a": Clip(tmp_path / "a_10.png", "SEQUENCE", 10, 1, 3),
-        "b": Clip(tmp_path / "b_20.png", "PICTURE"),
+        "b": Clip(tmp_path / "b_20.png", "IMAGE"),
     }
 
 

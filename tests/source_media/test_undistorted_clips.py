@@ -16,7 +16,7 @@ from support.synthetic_capture import write_capture
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.decoding import decode_shots
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.capture.video import decode, read_facts, read_picture
+from frog_blender.engine.capture.video import decode, read_facts, read_image
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.scene.header import SceneHeader
 from frog_blender.engine.source_media.clips import Clip
@@ -162,7 +162,7 @@ def test_straight_lenses_need_no_films(tmp_path: Path) -> None:
     assert straightening(header, tmp_path / "x.frog", tmp_path / "nowhere") is None
 
 
-def test_pictures_no_program_takes_for_a_film(tmp_path: Path) -> None:
+def test_images_no_program_takes_for_a_film(tmp_path: Path) -> None:
     """Technicolor's, of which one camera's lacks a frame."""
     folder = tmp_path / "Birthday"
     folder.mkdir()
@@ -172,8 +172,8 @@ def test_pictures_no_program_takes_for_a_film(tmp_path: Path) -> None:
     for camera in range(2):
         for frame in (7, 8, 9, 10):
             if (camera, frame) != (1, 8):
-                picture = np.full((68, 128, 3), 20 * frame + 30 * camera, np.uint8)
-                cv2.imwrite(str(folder / f"Birthday_undist_{frame:05d}_{camera:02d}.png"), picture)
+                image = np.full((68, 128, 3), 20 * frame + 30 * camera, np.uint8)
+                cv2.imwrite(str(folder / f"Birthday_undist_{frame:05d}_{camera:02d}.png"), image)
     header = header_of(open_capture(folder))
     films = straightening(header, tmp_path / "b.frog", folder)
     assert films is not None
@@ -181,7 +181,7 @@ def test_pictures_no_program_takes_for_a_film(tmp_path: Path) -> None:
     list(films.steps)
     for camera, brightness in enumerate(([140, 160, 180, 200], [170, 170, 210, 230])):
         clip = straight_clips(header, tmp_path / "b.frog")[f"cam{camera:02d}"]
-        found = [picture.mean() for picture in decode(clip.path, range(4))]
+        found = [image.mean() for image in decode(clip.path, range(4))]
         np.testing.assert_allclose(found, brightness, atol=4)
 
 
@@ -203,11 +203,11 @@ def test_one_moving_camera_has_one_film(tmp_path: Path) -> None:
     header = header_of(open_capture(folder))
     list(straightening(header, tmp_path / "m.frog", folder).steps)
     ((_, clip),) = straight_clips(header, tmp_path / "m.frog").items()
-    found = [picture.mean() for picture in decode(clip.path, range(6))]
+    found = [image.mean() for image in decode(clip.path, range(6))]
     np.testing.assert_allclose(found, [20, 50, 80, 110, 140, 170], atol=4)
 
 
-def test_a_single_moment_is_a_picture_and_any_name_a_file(tmp_path: Path) -> None:
+def test_a_single_moment_is_an_image_and_any_name_a_file(tmp_path: Path) -> None:
     folder = moving_capture(tmp_path / "still", k1=0.1)
     data = json.loads((folder / "transforms.json").read_text())
     data["frames"] = [{**frame, "time": 0.0} for frame in data["frames"]]
@@ -216,15 +216,15 @@ def test_a_single_moment_is_a_picture_and_any_name_a_file(tmp_path: Path) -> Non
     header = replace(header_of(capture), cameras=capture.cameras)
     list(straightening(header, tmp_path / "s.frog", folder).steps)
     clips = straight_clips(header, tmp_path / "s.frog")
-    assert [clip.kind for clip in clips.values()] == ["PICTURE"] * 6
+    assert [clip.kind for clip in clips.values()] == ["IMAGE"] * 6
     assert {clip.path.parent for clip in clips.values()} == {clips_folder(tmp_path / "s.frog")}
-    assert [read_picture(clip.path).mean() for clip in clips.values()] == [20, 50, 80, 110, 140, 170]
+    assert [read_image(clip.path).mean() for clip in clips.values()] == [20, 50, 80, 110, 140, 170]
 
 
 def test_another_capture_is_told_apart(bent: Path, tmp_path: Path) -> None:
     header = header_of(open_capture(bent))
     renamed = replace(header, cameras=tuple(replace(c, name=f"other {c.name}") for c in header.cameras))
-    with pytest.raises(FrogError, match="not all pictures of other left"):
+    with pytest.raises(FrogError, match="not all images of other left"):
         straightening(renamed, tmp_path / "x.frog", bent)
 
 

@@ -23,7 +23,7 @@ from support import synthetic_capture as film
 from support.killed_trainings import forked
 
 from frog_blender.cli.main import main as frog
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session import job as job_module
 
@@ -63,7 +63,7 @@ def steps_of(path: Path) -> int:
     reading, writing = os.pipe()
 
     def play() -> None:
-        scene = PlayableScene.load(path)
+        scene = ScenePlayer.load(path)
         assert len(scene.at(0.4).means) == scene.count
         os.write(writing, str(scene.header.steps).encode())
 

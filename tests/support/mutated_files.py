@@ -37,7 +37,7 @@ from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.evaluation.evaluate import load_masks
 from frog_blender.engine.playback.bake import Bake, write_bake
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.scene.scene_file import write_scene
 
@@ -158,7 +158,7 @@ class Bakes(Kind):
     def __init__(self, folder: Path) -> None:
         self.path, self._source = folder / "x.frogbake", folder / "x.frog"
         write_scene(self._source, spared())
-        self._scene = PlayableScene.load(self._source)
+        self._scene = ScenePlayer.load(self._source)
         list(write_bake(self.path, self._source, self._scene, [0.0, 0.5, 1.0]))
         self.whole = [self.path.read_bytes()]
 
@@ -311,9 +311,9 @@ class Checkpoints(Kind):
 
     def use(self) -> bool:
         from frog_blender.engine.training.session.checkpoint import load_checkpoint
-        from frog_blender.engine.training.session.resume import as_it_began
+        from frog_blender.engine.training.session.resume import restore_job
 
-        job, _ = as_it_began(self._job)
+        job, _ = restore_job(self._job)
         trainer = self._trainer(job)
         load_checkpoint(self.path, trainer)
         for _ in range(3):

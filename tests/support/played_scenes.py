@@ -10,15 +10,15 @@ import numpy as np
 from support.builders import ATTRIBUTES, scene_file
 
 from frog_blender.engine.playback.frame_delta import column_of, width_of
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import SceneFile
 
 TIMES = (0.0, 0.31, 0.5, 1.0)
 
 
-def assert_same_bits(scene: SceneFile, times: tuple[float, ...] = TIMES) -> PlayableScene:
+def assert_same_bits(scene: SceneFile, times: tuple[float, ...] = TIMES) -> ScenePlayer:
     """Joined parts and columns are what another player of the scene computes as a whole."""
-    playable, other = PlayableScene(scene), PlayableScene(scene)
+    playable, other = ScenePlayer(scene), ScenePlayer(scene)
     parts = {time: playable.part_at(time) for time in times}
     for time, part in parts.items():
         assert tuple(part.columns) == playable.changing

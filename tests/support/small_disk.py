@@ -23,7 +23,7 @@ task = job.TrainingJob(capture, disk / "x.frog", recipe=settings, save_seconds=0
 for event in job.run_training(task):
     if isinstance(event, events.Started) and fault == "read-only":
         subprocess.run(["mount", "-o", "remount,ro", str(disk)], check=True)
-    if isinstance(event, events.Warned):
+    if isinstance(event, events.WarningEvent):
         print(event.message)
     if isinstance(event, events.Finished):
         print("left on the disk:", sorted(path.name for path in disk.iterdir()))

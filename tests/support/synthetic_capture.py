@@ -48,7 +48,7 @@ def gaussians_at(frame: int) -> GaussianArrays:
     return GaussianArrays(means, quaternions, scales, np.full(count, 0.9), sh)
 
 
-def picture(camera: Camera, frame: int) -> np.ndarray:
+def image(camera: Camera, frame: int) -> np.ndarray:
     """(H, W, 3) uint8."""
     return to_uint8(draw(gaussians_at(frame), camera).rgb)
 
@@ -71,7 +71,7 @@ def write_capture(folder: Path) -> Path:
         codec = cv2.VideoWriter_fourcc(*"mp4v")
         writer = cv2.VideoWriter(str(folder / f"{camera.name}.mp4"), codec, 24.0, (WIDTH, HEIGHT))
         for frame in range(FRAMES):
-            writer.write(np.ascontiguousarray(picture(camera, frame)[:, :, ::-1]))
+            writer.write(np.ascontiguousarray(image(camera, frame)[:, :, ::-1]))
         writer.release()
         right, down, forward = camera.rotation
         matrix = np.stack([down, right, -forward, camera.center, [HEIGHT, WIDTH, FOCAL]], axis=1)

@@ -30,10 +30,10 @@ def image_weights(camera: Camera, seed: int = 5) -> tuple[torch.Tensor, torch.Te
     )
 
 
-def cut(picture: torch.Tensor, region: tuple[int, int, int, int]) -> torch.Tensor:
-    """The region (left, top, width, height) of a picture (H, W, ...)."""
+def cut(image: torch.Tensor, region: tuple[int, int, int, int]) -> torch.Tensor:
+    """The region (left, top, width, height) of an image (H, W, ...)."""
     left, top, width, height = region
-    return picture[top : top + height, left : left + width]
+    return image[top : top + height, left : left + width]
 
 
 def draw_with_gradients(
@@ -46,7 +46,7 @@ def draw_with_gradients(
     pose: np.ndarray | None = None,
     depth_limit: torch.Tensor | None = None,
 ) -> tuple[Image, dict[str, np.ndarray]]:
-    """The picture, and gradients of a random linear loss on rgb and alpha by attribute, and by ``screen``, ``pose`` and
+    """The image, and gradients of a random linear loss on rgb and alpha by attribute, and by ``screen``, ``pose`` and
     ``screen_absolute`` where there are any."""
     leaves = tensors(gaussians, dtype)
     moving = None if pose is None else torch.tensor(pose, dtype=torch.float32).to(dtype).requires_grad_()
@@ -64,7 +64,7 @@ def draw_with_gradients(
     return image, gradients
 
 
-def native_picture(gaussians: GaussianArrays, camera: Camera) -> dict[str, np.ndarray]:
+def native_image(gaussians: GaussianArrays, camera: Camera) -> dict[str, np.ndarray]:
     """Every output of the native library and every gradient, by name."""
     image, gradients = draw_with_gradients(gaussians, camera, "cpu")
     names = ("rgb", "alpha", "radii", "median_depth", "median_z", "mean_depth", "max_weights")

@@ -25,7 +25,7 @@ LIVELY = {"steps_per_moment": 0, "network_rate": 1e-3, "embedding_rate": 3e-2, "
 
 
 class WatchedStore:
-    """A frame store that remembers which pictures were read."""
+    """A frame store that remembers which images were read."""
 
     def __init__(self, store: FrameStore) -> None:
         self._store = store
@@ -84,7 +84,7 @@ def halfway(make_trainer: Callable[..., Trainer]) -> Callable[..., Trainer]:
     def make(**changes: Any) -> Trainer:
         trainer = make_trainer(120, capacity="auto", **changes)
         with pytest.MonkeyPatch.context() as patched:
-            patched.setattr(schedule, "rest_unchanged", lambda *_: None)
+            patched.setattr(schedule, "freeze_static_regions", lambda *_: None)
             while trainer.step_count < 90:
                 trainer.step()
         return trainer

@@ -17,11 +17,11 @@ from ..errors import brief, printable
 from ..io.plain_values import UnfitValue, entries, number, numbers, text, whole
 
 NEUTRAL = (1.0, 1.0, 1.0)
-"""The exposure of a camera whose pictures are as bright as the scene is."""
+"""The exposure of a camera whose images are as bright as the scene is."""
 MOST_SIDE = 65_536
-"""Pixels of a picture's width or height: the native code counts tiles in 16 bits, and a side's pixels exactly."""
+"""Pixels of an image's width or height: the native code counts tiles in 16 bits, and a side's pixels exactly."""
 MOST_PIXELS = 2**26
-"""Pixels of a camera's whole picture: 8192 x 8192, twice what an 8K video has."""
+"""Pixels of a camera's whole image: 8192 x 8192, twice what an 8K video has."""
 _FARTHEST = 1e12  # world units, pixels
 _MOST_EXPOSURE = 1e6
 _LONGEST_NAME = 1024
@@ -39,7 +39,7 @@ class Camera:
         width, height: pixels.
         intrinsics: (3, 3) float64 matrix K, pixels.
         world_to_camera: (4, 4) float64, rigid; ``x_camera = world_to_camera @ x_world``, world units.
-        exposure: positive factors by which what it sees is brighter in its pictures: red, green and blue,
+        exposure: positive factors by which what it sees is brighter in its images: red, green and blue,
             display-referred (see training.exposures).
     """
 

@@ -1,6 +1,6 @@
-"""What was filmed: cameras, and which picture shows which camera at which moment.
+"""What was filmed: cameras, and which image shows which camera at which moment.
 
-A capture only names its pictures; ``frames.FrameStore`` decodes them.
+A capture only names its images; ``frames.FrameStore`` decodes them.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from .camera import Camera
 
 MOST_FRAMES = 1_000_000
 """Moments of a capture: nine hours at 30 a second. What claims more is mistaken."""
-MOST_PICTURES = 4_000_000
+MOST_IMAGES = 4_000_000
 """Of a capture: each that is listed takes a few hundred bytes."""
 
 
 @dataclass(frozen=True, eq=False)
 class Distortion:
-    """Lens distortion of the stored pictures; removed when frames are decoded.
+    """Lens distortion of the stored images; removed when frames are decoded.
 
     Attributes:
         coefficients: (4..14,) float64 in OpenCV's order k1 k2 p1 p2 k3 ...
-        skew: K[0, 1] of the stored pictures over their focal length in x; removed too, so that cameras have none.
+        skew: K[0, 1] of the stored images over their focal length in x; removed too, so that cameras have none.
     """
 
     coefficients: np.ndarray
@@ -41,7 +41,7 @@ class Distortion:
 
 @dataclass(frozen=True)
 class Shot:
-    """One picture: a camera at a moment.
+    """One image: a camera at a moment.
 
     Attributes:
         camera: index into ``Capture.cameras``.
@@ -57,11 +57,11 @@ class Shot:
 
 
 class Alteration(Protocol):
-    """Changes decoded pictures; conditions.alterations tests with them how much a method bears.
+    """Changes decoded images; conditions.alterations tests with them how much a method bears.
 
     Attributes:
         key: names everything that decides what comes out.
-        tests_too: pictures that judge are changed as well.
+        tests_too: images that judge are changed as well.
     """
 
     @property
@@ -70,8 +70,8 @@ class Alteration(Protocol):
     @property
     def tests_too(self) -> bool: ...
 
-    def apply(self, picture: np.ndarray, camera: str, frame: int) -> np.ndarray:
-        """The picture (H, W, 3) uint8 that the camera of this name took at that moment, changed."""
+    def apply(self, image: np.ndarray, camera: str, frame: int) -> np.ndarray:
+        """The image (H, W, 3) uint8 that the camera of this name took at that moment, changed."""
         ...
 
 
@@ -87,14 +87,14 @@ class Capture:
         shots: ordered by frame, then camera.
         frame_count: number of moments.
         frames_per_second: of the videos; 30 where the format does not say.
-        crops: for each camera the pixel (dx, dy) of its calibrated picture at which the video's corner lies.
+        crops: for each camera the pixel (dx, dy) of its calibrated image at which the video's corner lies.
         test_cameras: names of cameras that are held out.
         test_frames: moments withheld in every camera.
         near_far: distances in world units between which the scene lies, where the format gives them.
-        background: colour in [0, 1] under transparent pictures.
+        background: colour in [0, 1] under transparent images.
         points: (N, 3) float64 points on surfaces that came with the capture, world units; None for most.
         warnings: one sentence each.
-        alteration: what is done to the pictures once they are decoded.
+        alteration: what is done to the images once they are decoded.
     """
 
     path: Path
@@ -122,7 +122,7 @@ class Capture:
     def is_moving(self) -> bool:
         """True for one moving camera: every camera has one shot, and no two that may be trained on share a moment.
 
-        A withheld picture may share it: of a rig of two cameras one is trained on and the other judges.
+        A withheld image may share it: of a rig of two cameras one is trained on and the other judges.
         """
         if len({shot.camera for shot in self.shots}) < len(self.shots):
             return False
@@ -134,16 +134,16 @@ class Capture:
         return {(shot.camera, shot.frame): index for index, shot in enumerate(self.shots)}
 
     def shot_index(self, camera: int, frame: int) -> int | None:
-        """Index into ``shots`` of a camera at a moment, None where that picture does not exist."""
+        """Index into ``shots`` of a camera at a moment, None where that image does not exist."""
         return self._shot_indices.get((camera, frame))
 
     def is_test(self, shot: Shot) -> bool:
-        """True for a picture that must not be trained on."""
+        """True for an image that must not be trained on."""
         return shot.frame in self.test_frames or self.cameras[shot.camera].name in self.test_cameras
 
     @property
     def train_shots(self) -> tuple[Shot, ...]:
-        """The pictures that training may see."""
+        """The images that training may see."""
         return tuple(shot for shot in self.shots if not self.is_test(shot))
 
     @property
@@ -153,12 +153,12 @@ class Capture:
 
     @property
     def train_indices(self) -> list[int]:
-        """Where the pictures that training may see stand among ``shots``."""
+        """Where the images that training may see stand among ``shots``."""
         return [index for index, shot in enumerate(self.shots) if not self.is_test(shot)]
 
     @property
     def test_shots(self) -> tuple[Shot, ...]:
-        """The pictures that only evaluation may see."""
+        """The images that only evaluation may see."""
         return tuple(shot for shot in self.shots if self.is_test(shot))
 
     def with_holdout(self, every: int) -> Capture:
@@ -173,31 +173,31 @@ class Capture:
         return replace(self, test_frames=frames)
 
     def scaled(self, scale: float) -> Capture:
-        """The capture at another picture size (rounded); the frame store resizes to it.
+        """The capture at another image size (rounded); the frame store resizes to it.
 
         Raises:
             FrogError: if the factor is not a positive finite number or leaves a camera without pixels.
         """
         if not (np.isfinite(scale) and scale > 0):
-            raise FrogError(f"A picture scale of {scale} makes no sense: give a positive number such as 0.5.")
+            raise FrogError(f"An image scale of {scale} makes no sense: give a positive number such as 0.5.")
         cameras = []
         for camera in self.cameras:
             width, height = round(camera.width * scale), round(camera.height * scale)
             if min(width, height) < 8:
                 raise FrogError(
-                    f"A picture scale of {scale} leaves {width} x {height} pixels of {camera.name}, expected 8 x 8."
+                    f"An image scale of {scale} leaves {width} x {height} pixels of {camera.name}, expected 8 x 8."
                 )
             cameras.append(camera.resized(width, height))
         return replace(self, cameras=tuple(cameras))
 
     def with_cameras(self, cameras: Iterable[Camera]) -> Capture:
-        """The same pictures, said to be taken by these cameras: one for each of the capture's, in its order."""
+        """The same images, said to be taken by these cameras: one for each of the capture's, in its order."""
         other = copy(self)  # with what it knows of its shots: a training may ask for one at every step
         object.__setattr__(other, "cameras", tuple(cameras))
         return other
 
     def with_pixel_offsets(self, offsets: Mapping[str, tuple[float, float]]) -> Capture:
-        """The capture with videos known to begin at pixel (dx, dy) of their calibrated pictures.
+        """The capture with videos known to begin at pixel (dx, dy) of their calibrated images.
 
         Call it on a capture at its own size (before ``scaled``).
 

@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import FrogError
 from .camera import Camera
 from .capture import Capture, Distortion
-from .video import VIDEO_SUFFIXES, decode, load_opencv, read_picture
+from .video import VIDEO_SUFFIXES, decode, load_opencv, read_image
 
 Maps = tuple[np.ndarray, np.ndarray]
 
@@ -27,24 +27,24 @@ def decode_shots(capture: Capture, order: Sequence[int]) -> Iterator[np.ndarray]
         shots = [capture.shots[index] for index in group]
         camera, distortion = capture.cameras[camera_index], capture.distortions[camera_index]
         if path.suffix.lower() in VIDEO_SUFFIXES:
-            pictures: Iterator[np.ndarray] = decode(path, [shot.index for shot in shots])
+            images: Iterator[np.ndarray] = decode(path, [shot.index for shot in shots])
         else:
-            # One picture may stand for several moments: a damaged one is replaced by that of the frame before.
-            pictures = repeat(read_picture(path, capture.background), len(shots))
+            # One image may stand for several moments: a damaged one is replaced by that of the frame before.
+            images = repeat(read_image(path, capture.background), len(shots))
         maps: Maps | None = None
         map_shape: tuple[int, ...] = ()
-        for picture in pictures:
-            if picture.shape != map_shape:
-                map_shape = picture.shape
+        for image in images:
+            if image.shape != map_shape:
+                map_shape = image.shape
                 _check_proportions(camera, map_shape, str(path))
                 maps = None if distortion is None else undistortion_maps(camera, distortion, map_shape[1], map_shape[0])
-            yield _finish(picture, camera, maps)
+            yield _finish(image, camera, maps)
 
 
 def undistortion_maps(camera: Camera, distortion: Distortion, width: int, height: int) -> Maps:
-    """For each pixel of the straightened picture, where it lies in the stored one (fixed-point, for ``cv2.remap``).
+    """For each pixel of the straightened image, where it lies in the stored one (fixed-point, for ``cv2.remap``).
 
-    Both pictures are ``width`` x ``height`` pixels and share the camera's K at that size.
+    Both images are ``width`` x ``height`` pixels and share the camera's K at that size.
     """
     cv2 = load_opencv()
     intrinsics = camera.resized(width, height).intrinsics.copy()
@@ -66,17 +66,17 @@ def _check_proportions(camera: Camera, shape: tuple[int, ...], path: str) -> Non
     tolerance = 0.02 + 0.5 / min(camera.width, camera.height)
     if abs(width * camera.height / (height * camera.width) - 1) > tolerance:
         raise FrogError(
-            f"{path}: found a picture of {width} x {height} pixels, expected the proportions of its camera, "
+            f"{path}: found an image of {width} x {height} pixels, expected the proportions of its camera, "
             f"{camera.width} x {camera.height}."
         )
 
 
-def _finish(picture: np.ndarray, camera: Camera, maps: Maps | None) -> np.ndarray:
+def _finish(image: np.ndarray, camera: Camera, maps: Maps | None) -> np.ndarray:
     cv2 = load_opencv()
     if maps is not None:
-        picture = cv2.remap(picture, maps[0], maps[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    if picture.shape[:2] != (camera.height, camera.width):
-        is_smaller = camera.width < picture.shape[1]
+        image = cv2.remap(image, maps[0], maps[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    if image.shape[:2] != (camera.height, camera.width):
+        is_smaller = camera.width < image.shape[1]
         method = cv2.INTER_AREA if is_smaller else cv2.INTER_LINEAR
-        picture = cv2.resize(picture, (camera.width, camera.height), interpolation=method)
-    return np.ascontiguousarray(picture)
+        image = cv2.resize(image, (camera.width, camera.height), interpolation=method)
+    return np.ascontiguousarray(image)

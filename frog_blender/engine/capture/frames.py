@@ -67,7 +67,7 @@ class FrameStore:
 
         Raises:
             DecodingCancelled: if ``cancelled`` said so.
-            FrogError: if a file is missing or cut off, pictures are too large, or the disk has no room.
+            FrogError: if a file is missing or cut off, images are too large, or the disk has no room.
         """
         _check_sizes(capture)
         cache = Path(cache_folder) if cache_folder is not None else default_cache_folder()
@@ -97,13 +97,13 @@ class FrameStore:
 
         Returns:
             The bytes that were freed; 0, and nothing is deleted, where another training reads the same frames, or
-            somebody here holds a picture: the disk has no room before that goes.
+            somebody here holds an image: the disk has no room before that goes.
         """
         if not only_here(self._in_use):
             return 0
         size, self._pixels, self._in_use = self._pixels.size, np.empty(0, np.uint8), None
         mapped = self._map()
-        if mapped is not None:  # never closed by force: who reads a picture then ends the process
+        if mapped is not None:  # never closed by force: who reads an image then ends the process
             self._pixels, self._in_use = np.frombuffer(mapped, np.uint8), shared_file(self.folder / _INDEX)
             return 0
         shutil.rmtree(self.folder, ignore_errors=True)
@@ -111,11 +111,11 @@ class FrameStore:
 
 
 def _check_sizes(capture: Capture) -> None:
-    """FrogError for pictures of which no scene could be written."""
+    """FrogError for images of which no scene could be written."""
     for camera in capture.cameras:
         if max(camera.width, camera.height) > MOST_SIDE or camera.width * camera.height > MOST_PIXELS:
-            found = f"pictures of {camera.width} x {camera.height} pixels of {camera.name}"
-            expected = f"at most {MOST_SIDE:,} a side and {MOST_PIXELS:,} in all; choose a smaller picture scale"
+            found = f"images of {camera.width} x {camera.height} pixels of {camera.name}"
+            expected = f"at most {MOST_SIDE:,} a side and {MOST_PIXELS:,} in all; choose a smaller image scale"
             raise found_instead(capture.path, found, expected)
 
 
@@ -212,7 +212,7 @@ def _is_whole(folder: Path, capture: Capture) -> bool:
 def _remove_stale(cache: Path, capture: Capture) -> None:
     """Remove what killed runs left, and stores of this capture made from files that have changed since.
 
-    Stores of some of its cameras, or of its pictures altered, stay beside that of the whole.
+    Stores of some of its cameras, or of its images altered, stay beside that of the whole.
     """
     for entry in cache.iterdir():
         try:
@@ -238,12 +238,12 @@ def _changed(sources: object) -> bool:
         return True
 
 
-def _altered(capture: Capture, index: int, picture: np.ndarray) -> np.ndarray:
-    """A decoded picture as the capture shows it, contiguous."""
+def _altered(capture: Capture, index: int, image: np.ndarray) -> np.ndarray:
+    """A decoded image as the capture shows it, contiguous."""
     shot, alteration = capture.shots[index], capture.alteration
     if alteration is None or (capture.is_test(shot) and not alteration.tests_too):
-        return picture
-    return np.ascontiguousarray(alteration.apply(picture, capture.cameras[shot.camera].name, shot.frame))
+        return image
+    return np.ascontiguousarray(alteration.apply(image, capture.cameras[shot.camera].name, shot.frame))
 
 
 def _build(
@@ -259,17 +259,17 @@ def _build(
     if free < total + _SPARE_BYTES:
         raise FrogError(
             f"{folder.parent}: the decoded frames need {total / 1e9:.2f} GB, found {free / 1e9:.2f} GB free: "
-            "choose a smaller picture scale, or another cache folder with FROG_CACHE."
+            "choose a smaller image scale, or another cache folder with FROG_CACHE."
         )
     partial = Path(tempfile.mkdtemp(prefix=folder.name + _PARTIAL, dir=folder.parent))
     try:
         with (partial / _PIXELS).open("wb") as file:
             file.truncate(total)
             order = decoding_order(capture)
-            for done, (index, picture) in enumerate(zip(order, decode_shots(capture, order), strict=True), start=1):
+            for done, (index, image) in enumerate(zip(order, decode_shots(capture, order), strict=True), start=1):
                 if cancelled is not None and cancelled():
                     raise DecodingCancelled(f"{capture.path}: decoding was cancelled.")
-                file.write(_altered(capture, index, picture).data)
+                file.write(_altered(capture, index, image).data)
                 if progress is not None:
                     progress(done, len(capture.shots))
             file.flush()

@@ -1,4 +1,4 @@
-"""The size of a picture as its first bytes say it, of PNG and JPEG."""
+"""The size of an image as its first bytes say it, of PNG and JPEG."""
 
 from __future__ import annotations
 

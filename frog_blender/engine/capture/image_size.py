@@ -1,4 +1,4 @@
-"""The size of a picture from its file's first bytes: captures list hundreds of them, and decoding them takes long."""
+"""The size of an image from its file's first bytes: captures list hundreds of them, and decoding them takes long."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from pathlib import Path
 from ..errors import found_instead
 from ..io.regular_file import regular_file
 from .image_header import size_in_header
-from .video import check_picture_size, read_picture
+from .video import check_image_size, read_image
 
 
-def picture_size(path: Path) -> tuple[int, int]:
-    """(width, height) as ``read_picture`` decodes them; PNG and JPEG are not decoded for it.
+def image_size(path: Path) -> tuple[int, int]:
+    """(width, height) as ``read_image`` decodes them; PNG and JPEG are not decoded for it.
 
     Raises:
-        FrogError: if the file is missing or no picture, or one too large to be decoded.
+        FrogError: if the file is missing or no image, or one too large to be decoded.
     """
     try:
-        with regular_file(path, "a picture").open("rb") as file:
+        with regular_file(path, "an image").open("rb") as file:
             size = size_in_header(file)
     except OSError as error:
-        raise found_instead(path, f"a file that cannot be read ({error.strerror})", "a picture") from error
+        raise found_instead(path, f"a file that cannot be read ({error.strerror})", "an image") from error
     if size is None or min(size) < 1:
-        height, width = read_picture(path).shape[:2]
+        height, width = read_image(path).shape[:2]
         return width, height
-    check_picture_size(path, size)
+    check_image_size(path, size)
     return size

@@ -31,7 +31,7 @@ def stored_seeds(
     share: float = 1.0,
     progress: Callable[[int, int], None] | None = None,
 ) -> Seeds:
-    """``find_seeds``, or what it found for the same pictures, cameras and arguments before."""
+    """``find_seeds``, or what it found for the same images, cameras and arguments before."""
     path = store.folder / f"seeds-{_key(capture, count_limit, seed, share)}.npz"
     if (kept := _kept(path, count_limit)) is not None:
         return kept

@@ -1,4 +1,4 @@
-"""Where the first Gaussians stand: points on the scene's surfaces, found from the training pictures alone."""
+"""Where the first Gaussians stand: points on the scene's surfaces, found from the training images alone."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .capture import Capture
 from .seeding.given import given_points
 from .seeding.matching import triangulate
 from .seeding.plane_sweep import DepthMap, consistent, sweep, world_points
-from .seeding.views import Pictures, View, cameras_move, load_view, neighbours, scene_depth, spread
+from .seeding.views import Images, View, cameras_move, load_view, neighbours, scene_depth, spread
 from .seeding.volume import fill_volume
 
 _MATCH_SIDE, _SWEEP_SIDE = 800, 256  # longest side in pixels
@@ -42,7 +42,7 @@ Cloud = tuple[np.ndarray, np.ndarray]
 
 def find_seeds(
     capture: Capture,
-    store: Pictures,
+    store: Images,
     *,
     count_limit: int = 25_000,
     seed: int = 0,
@@ -61,11 +61,11 @@ def find_seeds(
         progress: called with (steps done, steps in all).
 
     Raises:
-        FrogError: if no training picture is left, or no point is seen by the cameras.
+        FrogError: if no training image is left, or no point is seen by the cameras.
     """
     train = capture.train_indices
     if not train:
-        raise FrogError(f"{capture.path}: every picture is held out, expected some to train on.")
+        raise FrogError(f"{capture.path}: every image is held out, expected some to train on.")
     random = np.random.default_rng(seed)
     references = _references(capture, train)
     steps = len(references) + 2
@@ -130,7 +130,7 @@ def _candidates(capture: Capture, train: list[int], reference: int) -> list[int]
     return [index for index in train if capture.shots[index].frame == frame and index != reference]
 
 
-def _match(capture: Capture, store: Pictures, train: list[int], depth: float) -> Cloud:
+def _match(capture: Capture, store: Images, train: list[int], depth: float) -> Cloud:
     """Points triangulated from features, at some moments or between near frames."""
     if cameras_move(capture):
         shots = spread(train, _MATCH_VIEWS // 2)
@@ -166,7 +166,7 @@ def _depth_range(capture: Capture, points: np.ndarray, depth: float) -> tuple[fl
 
 def _sweep(
     capture: Capture,
-    store: Pictures,
+    store: Images,
     train: list[int],
     references: list[int],
     near_far: tuple[float, float],
@@ -196,7 +196,7 @@ def _sweep(
         good |= consistent(depth_map, others_maps) & depth_map.is_unique & depth_map.is_textured
         chosen = np.flatnonzero(good)
         points.append(world_points(depth_map)[chosen])
-        colors.append(depth_map.view.picture.reshape(-1, 3)[chosen])
+        colors.append(depth_map.view.image.reshape(-1, 3)[chosen])
         textured.append(depth_map.is_textured.ravel()[chosen])
     return (np.concatenate(points), np.concatenate(colors)), np.concatenate(textured)
 

@@ -1,4 +1,4 @@
-"""Videos and pictures through OpenCV, with sentences instead of codec chatter."""
+"""Videos and images through OpenCV, with sentences instead of codec chatter."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from .camera import MOST_SIDE
 from .image_header import size_in_header
 
 VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm"})
-PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp")
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp")
 # Containers whose frame count is an estimate from the duration, not a number that was stored.
 _ESTIMATING_SUFFIXES = frozenset({".mkv", ".webm"})
 # Videos of fewer pixels than this are decoded once when opened, to count their frames for certain.
 _COUNT_BY_DECODING = 1e8
-_MOST_DECODED = 2**28  # pixels of a picture: the largest cameras have half as many
+_MOST_DECODED = 2**28  # pixels of an image: the largest cameras have half as many
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ def load_opencv() -> Any:
     except ImportError as error:
         if not is_missing(error):
             raise FrogError(f"{not_loaded(error, 'cv2')}.") from error
-        raise FrogError("Videos and pictures need OpenCV: pip install opencv-contrib-python-headless.") from error
+        raise FrogError("Videos and images need OpenCV: pip install opencv-contrib-python-headless.") from error
     if hasattr(cv2, "setLogLevel"):
         cv2.setLogLevel(0)
     return cv2
@@ -97,10 +97,10 @@ def read_facts(path: Path) -> VideoFacts:
     try:
         with _sentences(path, "a complete video"):
             declared, rate = (video.get(key) for key in (cv2.CAP_PROP_FRAME_COUNT, cv2.CAP_PROP_FPS))
-            is_read, picture = video.read()
+            is_read, image = video.read()
             if not is_read:
                 raise found_instead(path, "a video of which no frame can be decoded", "a complete video")
-            height, width = picture.shape[:2]
+            height, width = image.shape[:2]
             count = int(declared) if np.isfinite(declared) and declared > 0 else 0
             is_estimate = not count or path.suffix.lower() in _ESTIMATING_SUFFIXES
             if is_estimate or count * width * height < _COUNT_BY_DECODING:
@@ -133,10 +133,10 @@ def decode(path: Path, indices: Iterable[int]) -> Iterator[np.ndarray]:
             for index in wanted:
                 while position < index and video.grab():
                     position += 1
-                is_read, picture = video.read() if position == index else (False, None)
-                if is_read and picture is not None:
+                is_read, image = video.read() if position == index else (False, None)
+                if is_read and image is not None:
                     position += 1
-                    last = cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
+                    last = cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
                 elif last is None or wanted[-1] + 1 - position > _may_miss(wanted[-1] + 1) // 2:
                     raise truncated(path, position, wanted[-1] + 1)
                 yield last
@@ -144,58 +144,58 @@ def decode(path: Path, indices: Iterable[int]) -> Iterator[np.ndarray]:
         video.release()
 
 
-def read_picture(path: Path, background: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> np.ndarray:
-    """A picture file as (H, W, 3) uint8 RGB; transparent pixels lie over ``background``.
+def read_image(path: Path, background: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> np.ndarray:
+    """An image file as (H, W, 3) uint8 RGB; transparent pixels lie over ``background``.
 
     Raises:
-        FrogError: if the file is missing or no picture, or one too large to be decoded.
+        FrogError: if the file is missing or no image, or one too large to be decoded.
     """
     cv2 = load_opencv()
-    with _sentences(path, "a picture"):
-        picture = _decoded(path, cv2.IMREAD_UNCHANGED)
-        if picture.dtype != np.uint8:
-            if not np.issubdtype(picture.dtype, np.unsignedinteger):
-                raise found_instead(path, f"a picture of {picture.dtype} values", "8 or 16 bits a channel")
-            picture = (picture >> (8 * (picture.dtype.itemsize - 1))).astype(np.uint8)
-        if picture.ndim == 2:
-            return cv2.cvtColor(picture, cv2.COLOR_GRAY2RGB)
-        if picture.shape[2] == 3:
-            return cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
-        rgba = cv2.cvtColor(picture, cv2.COLOR_BGRA2RGBA).astype(np.float32)
+    with _sentences(path, "an image"):
+        image = _decoded(path, cv2.IMREAD_UNCHANGED)
+        if image.dtype != np.uint8:
+            if not np.issubdtype(image.dtype, np.unsignedinteger):
+                raise found_instead(path, f"an image of {image.dtype} values", "8 or 16 bits a channel")
+            image = (image >> (8 * (image.dtype.itemsize - 1))).astype(np.uint8)
+        if image.ndim == 2:
+            return cv2.cvtColor(image, cv2.COLOR_GRAY2RGB)
+        if image.shape[2] == 3:
+            return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+        rgba = cv2.cvtColor(image, cv2.COLOR_BGRA2RGBA).astype(np.float32)
     alpha = rgba[..., 3:] / 255.0
     over = rgba[..., :3] * alpha + np.float32(255.0) * np.asarray(background, np.float32) * (1.0 - alpha)
     return (over + 0.5).astype(np.uint8)
 
 
 def read_gray(path: Path) -> np.ndarray:
-    """A picture file as (H, W) uint8 brightness; errors as of ``read_picture``."""
-    with _sentences(path, "a picture"):
+    """An image file as (H, W) uint8 brightness; errors as of ``read_image``."""
+    with _sentences(path, "an image"):
         return _decoded(path, load_opencv().IMREAD_GRAYSCALE)
 
 
-def check_picture_size(path: Path, size: tuple[int, int]) -> None:
-    """FrogError for a picture of so many pixels, (width, height), that decoding it takes all memory."""
+def check_image_size(path: Path, size: tuple[int, int]) -> None:
+    """FrogError for an image of so many pixels, (width, height), that decoding it takes all memory."""
     width, height = size
     if max(size) > MOST_SIDE or width * height > _MOST_DECODED:
-        found = f"a picture of {width} x {height} pixels"
+        found = f"an image of {width} x {height} pixels"
         raise found_instead(path, found, f"at most {MOST_SIDE:,} a side and {_MOST_DECODED:,} in all")
 
 
 def _decoded(path: Path, how: int) -> np.ndarray:
-    """A picture as OpenCV decodes it, with its own errors for what it cannot."""
-    regular_file(path, "a picture")
+    """An image as OpenCV decodes it, with its own errors for what it cannot."""
+    regular_file(path, "an image")
     # Through memory: OpenCV cannot open paths outside the system's code page on Windows.
     try:
         content = path.read_bytes()
     except OSError as error:
-        raise found_instead(path, f"a file that cannot be read ({error.strerror})", "a picture") from error
+        raise found_instead(path, f"a file that cannot be read ({error.strerror})", "an image") from error
     if not content:
-        raise found_instead(path, "an empty file", "a picture")
-    check_picture_size(path, size_in_header(BytesIO(content)) or (1, 1))
-    picture = load_opencv().imdecode(np.frombuffer(content, dtype=np.uint8), how)
-    if picture is None:
-        raise found_instead(path, "a file that cannot be decoded", "a picture")
-    return picture
+        raise found_instead(path, "an empty file", "an image")
+    check_image_size(path, size_in_header(BytesIO(content)) or (1, 1))
+    image = load_opencv().imdecode(np.frombuffer(content, dtype=np.uint8), how)
+    if image is None:
+        raise found_instead(path, "a file that cannot be decoded", "an image")
+    return image
 
 
 @contextmanager
@@ -212,9 +212,9 @@ def find_videos(folder: Path) -> list[Path]:
     return _files(folder, VIDEO_SUFFIXES)
 
 
-def find_pictures(folder: Path) -> list[Path]:
-    """Picture files of a folder, sorted by name; hidden files (macOS writes ``._NAME.png``) do not count."""
-    return _files(folder, PICTURE_SUFFIXES)
+def find_images(folder: Path) -> list[Path]:
+    """Image files of a folder, sorted by name; hidden files (macOS writes ``._NAME.png``) do not count."""
+    return _files(folder, IMAGE_SUFFIXES)
 
 
 def _files(folder: Path, suffixes: Collection[str]) -> list[Path]:
@@ -225,8 +225,8 @@ def _files(folder: Path, suffixes: Collection[str]) -> list[Path]:
 
 
 def with_ending(path: Path) -> Path | None:
-    """The picture file whose path without its ending is ``path``; None where there is none."""
-    endings = (ending for suffix in PICTURE_SUFFIXES for ending in (suffix, suffix.upper()))
+    """The image file whose path without its ending is ``path``; None where there is none."""
+    endings = (ending for suffix in IMAGE_SUFFIXES for ending in (suffix, suffix.upper()))
     candidates = (Path(f"{path}{ending}") for ending in endings)
     return next((candidate for candidate in candidates if candidate.is_file()), None)
 

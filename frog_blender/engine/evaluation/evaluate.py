@@ -1,4 +1,4 @@
-"""How good a finished scene is, on pictures of the capture it was trained on. No torch."""
+"""How good a finished scene is, on images of the capture it was trained on. No torch."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ import numpy as np
 
 from ..capture.capture import Capture
 from ..capture.frames import FrameStore
-from ..capture.image_size import picture_size
+from ..capture.image_size import image_size
 from ..capture.video import read_gray
 from ..errors import FrogError, found_instead
 from ..io.numpy_files import read_npz
 from ..io.regular_file import regular_file
-from ..playback.player import PlayableScene
+from ..playback.player import ScenePlayer
 from ..playback.render import draw
 from .metrics import gradient_energy, psnr_of, ssim
 
 Measure = Callable[[np.ndarray, np.ndarray], float]
-"""A figure of a picture and its truth, both (H, W, 3) in [0, 1]."""
+"""A figure of an image and its truth, both (H, W, 3) in [0, 1]."""
 
-_MASKS = "a picture or an .npz of masks"
+_MASKS = "an image or an .npz of masks"
 _MORE_FRAMES = 1000  # masks may be of the whole film, where a capture ends before
 _MOVING_DEVIATION = 6 / 255  # temporal standard deviation above which a pixel counts as moving
 
 
 @dataclass
 class _Sums:
-    """Running sums over one camera's pictures."""
+    """Running sums over one camera's images."""
 
     psnr: float = 0.0
     ssim: float = 0.0
@@ -44,19 +44,19 @@ class _Sums:
 
 def moving_mask(store: FrameStore, shot_indices: list[int]) -> np.ndarray:
     """(H, W) bool: pixels of one fixed camera whose standard deviation over time, in the channel where it is largest,
-    exceeds 6/255 in the true pictures."""
+    exceeds 6/255 in the true images."""
     total = square = np.zeros(())
     for index in shot_indices:
-        picture = store.image(index).astype(np.float64) / 255
-        total = total + picture
-        square = square + picture**2
+        image = store.image(index).astype(np.float64) / 255
+        total = total + image
+        square = square + image**2
     count = len(shot_indices)
     variance = square / count - (total / count) ** 2
     return np.sqrt(np.maximum(variance, 0).max(axis=2)) > _MOVING_DEVIATION
 
 
 def load_masks(path: Path, capture: Capture) -> dict[str, np.ndarray]:
-    """Masks by camera name: a picture (white counts) for all cameras, or an ``.npz`` with an array for each camera,
+    """Masks by camera name: an image (white counts) for all cameras, or an ``.npz`` with an array for each camera,
     (H, W) or (frames, H, W). FrogError when a name or a size does not fit."""
     regular_file(path, _MASKS)
     names = {camera.name: (camera.height, camera.width) for camera in capture.cameras}
@@ -73,14 +73,14 @@ def load_masks(path: Path, capture: Capture) -> dict[str, np.ndarray]:
         pixels = sum(height * width for height, width in names.values())
         masks = read_npz(path, _MASKS, check, (capture.frame_count + _MORE_FRAMES) * pixels)
         return {name: mask > 0 for name, mask in masks.items()}
-    size = picture_size(path)
+    size = image_size(path)
     for name in names:
         check(name, size[::-1])
     return dict.fromkeys(names, read_gray(path) > 127)
 
 
 def evaluate(
-    scene: PlayableScene,
+    scene: ScenePlayer,
     capture: Capture,
     store: FrameStore,
     *,
@@ -92,12 +92,12 @@ def evaluate(
 ) -> dict[str, Any]:
     """Figures as plain values, over all cameras and for each.
 
-    ``psnr`` and ``ssim`` are means over pictures; ``psnr_moving`` comes from the mean squared error over the masked
-    pixels of all pictures. Without a mask file the mask is ``moving_mask``, which a moving camera does not have.
+    ``psnr`` and ``ssim`` are means over images; ``psnr_moving`` comes from the mean squared error over the masked
+    pixels of all images. Without a mask file the mask is ``moving_mask``, which a moving camera does not have.
 
     Args:
-        split: "held-out", "training", or "auto": held-out pictures if there are any.
-        measures: further figures by name, means over pictures (see comparison.perceptual); they take time.
+        split: "held-out", "training", or "auto": held-out images if there are any.
+        measures: further figures by name, means over images (see comparison.perceptual); they take time.
     """
     header = scene.header
     held_out = [
@@ -107,7 +107,7 @@ def evaluate(
         split = "held-out" if held_out else "training"
     chosen = held_out if split == "held-out" else sorted(set(range(len(capture.shots))) - set(held_out))
     if not chosen:
-        raise FrogError(f"{capture.path}: there is no {split} picture to evaluate on.")
+        raise FrogError(f"{capture.path}: there is no {split} image to evaluate on.")
     masks = load_masks(mask_file, capture) if mask_file else None
     mask_cache: dict[int, np.ndarray | None] = {}
 
@@ -125,26 +125,26 @@ def evaluate(
         shot = capture.shots[index]
         camera = capture.cameras[shot.camera]
         truth = store.image(index).astype(np.float32) / 255
-        picture = draw(scene.at_frame(shot.frame), camera, header.background).rgb.clip(0, 1)
-        error = (picture.astype(np.float64) - truth) ** 2
+        image = draw(scene.at_frame(shot.frame), camera, header.background).rgb.clip(0, 1)
+        error = (image.astype(np.float64) - truth) ** 2
         entry = sums.setdefault(camera.name, _Sums())
         entry.psnr += psnr_of(float(error.mean()))
-        entry.ssim += ssim(picture, truth)
+        entry.ssim += ssim(image, truth)
         for name, measure in (measures or {}).items():
-            entry.measured[name] = entry.measured.get(name, 0.0) + measure(picture, truth)
+            entry.measured[name] = entry.measured.get(name, 0.0) + measure(image, truth)
         entry.frames += 1
         mask = mask_of(shot.camera, shot.frame)
         if mask is not None and mask.any():
             entry.masked_error += float(error[mask].mean(axis=1).sum())
             entry.masked_count += int(mask.sum())
-            entry.sharpness += gradient_energy(picture, mask)
+            entry.sharpness += gradient_energy(image, mask)
             entry.true_sharpness += gradient_energy(truth, mask)
         if progress:
             progress(done + 1, len(chosen))
     return _report(scene, sums, split, file_bytes)
 
 
-def _report(scene: PlayableScene, sums: dict[str, _Sums], split: str, file_bytes: int) -> dict[str, Any]:
+def _report(scene: ScenePlayer, sums: dict[str, _Sums], split: str, file_bytes: int) -> dict[str, Any]:
     def figures(parts: list[_Sums]) -> dict[str, Any]:
         frames, count = sum(p.frames for p in parts), sum(p.masked_count for p in parts)
         true_sharpness = sum(p.true_sharpness for p in parts)

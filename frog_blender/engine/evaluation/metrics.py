@@ -1,4 +1,4 @@
-"""PSNR, SSIM and FLIP on numpy pictures; no torch."""
+"""PSNR, SSIM and FLIP on numpy images; no torch."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ _WINDOW, _SIGMA = 11, 1.5
 
 
 def psnr_of(mean_squared_error: float) -> float:
-    """Decibels for pictures in [0, 1]; 100 where they are equal, NaN where there is no number."""
+    """Decibels for images in [0, 1]; 100 where they are equal, NaN where there is no number."""
     if np.isnan(mean_squared_error):
         return float("nan")  # comparisons below would take it for perfection
     return min(100.0, -10.0 * float(np.log10(max(mean_squared_error, 1e-10))))
 
 
 def psnr(image: np.ndarray, truth: np.ndarray) -> float:
-    """Of (H, W, 3) pictures in [0, 1]."""
+    """Of (H, W, 3) images in [0, 1]."""
     return psnr_of(float(np.mean((image.astype(np.float64) - truth) ** 2)))
 
 
 def ssim(image: np.ndarray, truth: np.ndarray) -> float:
-    """Mean structural similarity of (H, W, 3) pictures in [0, 1], with the window of 3DGS (11 pixels, sigma 1.5)."""
+    """Mean structural similarity of (H, W, 3) images in [0, 1], with the window of 3DGS (11 pixels, sigma 1.5)."""
     import cv2
 
-    def smooth(picture: np.ndarray) -> np.ndarray:
-        return cv2.GaussianBlur(picture, (_WINDOW, _WINDOW), _SIGMA, borderType=cv2.BORDER_CONSTANT)
+    def smooth(image: np.ndarray) -> np.ndarray:
+        return cv2.GaussianBlur(image, (_WINDOW, _WINDOW), _SIGMA, borderType=cv2.BORDER_CONSTANT)
 
     # BORDER_CONSTANT in GaussianBlur means zeros, as the padding of the original's convolution.
     x, y = image.astype(np.float64), truth.astype(np.float64)
@@ -37,16 +37,16 @@ def ssim(image: np.ndarray, truth: np.ndarray) -> float:
 
 
 def flip(image: np.ndarray, truth: np.ndarray) -> float:
-    """Mean FLIP error of (H, W, 3) pictures in [0, 1], 0 for equal ones (Andersson et al. 2020, for a viewer that sees
+    """Mean FLIP error of (H, W, 3) images in [0, 1], 0 for equal ones (Andersson et al. 2020, for a viewer that sees
     67 pixels a degree). ModuleNotFoundError where the package ``flip-evaluator`` is missing."""
     import flip_evaluator
 
-    pictures = (np.ascontiguousarray(picture, np.float32) for picture in (truth, image))
-    return float(flip_evaluator.evaluate(*pictures, "LDR", applyMagma=False)[1])
+    images = (np.ascontiguousarray(image, np.float32) for image in (truth, image))
+    return float(flip_evaluator.evaluate(*images, "LDR", applyMagma=False)[1])
 
 
 def gradient_energy(image: np.ndarray, mask: np.ndarray | None = None) -> float:
-    """How sharp a picture is: its mean squared brightness gradient, inside ``mask`` (H, W) if given."""
+    """How sharp an image is: its mean squared brightness gradient, inside ``mask`` (H, W) if given."""
     grey = image.astype(np.float64).mean(axis=2)
     energy = np.zeros_like(grey)
     energy[:, :-1] += np.diff(grey, axis=1) ** 2

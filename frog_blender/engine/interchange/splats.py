@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import FrogError
-from ..playback.player import CANONICAL, PlayableScene
+from ..playback.player import CANONICAL, ScenePlayer
 from ..playback.transform import transform
 from ..scene.header import SceneHeader
-from ..scene.morton_order import along_curve
+from ..scene.morton_order import morton_order
 from ..scene.scene_file import SceneFile, read_scene, write_scene
 from .ply import read_splats, write_splats
 
@@ -55,7 +55,7 @@ def import_splats(source: Path, target: Path, *, compact: bool = False) -> Impor
     splats = read_splats(source)
     arrays = splats.arrays
     if compact:  # neighbours in the file are packed well if they are neighbours in the scene
-        order = along_curve(arrays["means"])
+        order = morton_order(arrays["means"])
         arrays = {name: array[order] for name, array in arrays.items()}
     assert arrays.keys() == CANONICAL
     header = SceneHeader(
@@ -104,7 +104,7 @@ def numbered(path: Path, frame: int) -> Path:
 
 
 def export_frames(
-    scene: PlayableScene,
+    scene: ScenePlayer,
     frames: Iterable[int],
     folder: Path,
     stem: str,

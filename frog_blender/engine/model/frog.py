@@ -20,7 +20,7 @@ from .deformation import DeformationField
 from .fused import deform_fused, field_arrays
 from .fused_rendering import draw_fused
 from .fusion import fuse, fused_size, network_count
-from .interface import FINISHED, Drawn, Progressing, SceneModel
+from .interface import FINISHED, RenderResult, SceneModel, ScheduleState
 from .opacity import reduction_factor
 
 
@@ -96,7 +96,7 @@ class Frog(SceneModel):
         for name in settings.silent_heads if settings.deformed_opacity else (*settings.silent_heads, "opacity_logits"):
             self.silence(name)
 
-    def fine_rows(self, progressing: Progressing) -> int:
+    def fine_rows(self, progressing: ScheduleState) -> int:
         """Rows of the fine embedding as its schedule stands."""
         s = self.settings
         return round(s.coarse_rows + (s.temporal_rows - s.coarse_rows) * progressing.fine_rows)
@@ -149,7 +149,7 @@ class Frog(SceneModel):
         """The opacity reduction; none where opacities do not deform."""
         return self.settings.opacity_reduction if self.settings.deformed_opacity else "off"
 
-    def temporal_embedding(self, time: float, progressing: Progressing = FINISHED) -> torch.Tensor:
+    def temporal_embedding(self, time: float, progressing: ScheduleState = FINISHED) -> torch.Tensor:
         """(networks, T) coarse and fine embedding, fused (FRoG, section on early fusion)."""
         s = self.settings
         rows = (s.coarse_rows, self.fine_rows(progressing))
@@ -161,7 +161,7 @@ class Frog(SceneModel):
         return fuse(s.fusion, coarse, fine, attention)
 
     def deform(
-        self, time: float, progressing: Progressing = FINISHED, sh_count: int | None = None
+        self, time: float, progressing: ScheduleState = FINISHED, sh_count: int | None = None
     ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
         """See SceneModel."""
         sh_count = sh_count or self.canonical.sh.shape[1]
@@ -180,10 +180,10 @@ class Frog(SceneModel):
         camera: Camera,
         background: tuple[float, float, float],
         options: RasterizeOptions,
-        progressing: Progressing = FINISHED,
+        progressing: ScheduleState = FINISHED,
         sh_count: int | None = None,
         pose: torch.Tensor | None = None,
-    ) -> Drawn:
+    ) -> RenderResult:
         """See SceneModel."""
         if not (self._is_fused and self.canonical.moving and torch.is_grad_enabled()) or options.absolute:
             return super().draw(time, camera, background, options, progressing, sh_count, pose)
@@ -198,7 +198,7 @@ class Frog(SceneModel):
         means = self.canonical.means
         return means.dtype == torch.float32 and means.device.type == "cpu"
 
-    def _field_shape(self, progressing: Progressing, sh_count: int) -> FieldShape:
+    def _field_shape(self, progressing: ScheduleState, sh_count: int) -> FieldShape:
         s = self.settings
         return FieldShape(
             s.head_width,
@@ -212,7 +212,7 @@ class Frog(SceneModel):
         )
 
     def deform_plainly(
-        self, temporal: torch.Tensor, progressing: Progressing, sh_count: int
+        self, temporal: torch.Tensor, progressing: ScheduleState, sh_count: int
     ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
         """``deform`` in plain torch, on any device and in any floating-point type; the fused one is tested against it.
 
@@ -257,7 +257,7 @@ class Frog(SceneModel):
             return None
         return self.table_smoothness * self.temporal_table.diff(dim=0).square().mean()
 
-    def stored_settings(self, progressing: Progressing) -> dict[str, Any]:
+    def stored_settings(self, progressing: ScheduleState) -> dict[str, Any]:
         """Schedules included: a scene stopped early plays as it was trained."""
         settings = replace(
             self.settings,

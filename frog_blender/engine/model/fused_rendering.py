@@ -1,4 +1,4 @@
-"""A picture of the fused field and its way back, by native calls one after the other.
+"""An image of the fused field and its way back, by native calls one after the other.
 
 The same bits as ``deform_fused`` and ``rasterize`` with automatic differentiation, which keeps track of some twenty
 arrays between them: that takes a tenth of a training's step.
@@ -16,11 +16,11 @@ from ..native.deformation import FieldShape
 from ..rasterizer import GaussianArrays, RasterizeOptions, exposed
 from ..rasterizer.cpu import Drawing, draw
 from .fused import FieldPass, pass_field
-from .interface import Drawn
+from .interface import RenderResult
 
 
 @dataclass(frozen=True)
-class FusedDrawn(Drawn):
+class FusedRenderResult(RenderResult):
     """See Drawn.
 
     Attributes:
@@ -41,7 +41,7 @@ class FusedDrawn(Drawn):
     def backward(self, by_rgb: torch.Tensor) -> None:
         """See Drawn; RuntimeError when an array has been changed in place since."""
         if _versions(self.arrays, self.gaussians) != self.versions:
-            raise RuntimeError("one of the scene's arrays has been changed since the picture was drawn")
+            raise RuntimeError("one of the scene's arrays has been changed since the image was drawn")
         if self.drawing.camera.exposure != NEUTRAL:
             by_rgb = by_rgb * by_rgb.new_tensor(self.drawing.camera.exposure)
         by_gaussians = self.drawing.backward(by_rgb, None, None if self.pose is None else self.pose.shape)
@@ -67,13 +67,13 @@ def draw_fused(
     pose: torch.Tensor | None,
     silent: list[slice],
     by_attribute: Callable[[torch.Tensor], dict[str, torch.Tensor]],
-) -> FusedDrawn:
-    """A picture whose colours, alpha and Gaussians are without gradients of their own.
+) -> FusedRenderResult:
+    """An image whose colours, alpha and Gaussians are without gradients of their own.
 
     Args:
         shape, arrays: see ``pass_field``; parameters but for ``temporal``.
         camera, background, options, pose: see ``rasterizer.rasterize``; without ``options.absolute``.
-        silent: see FusedDrawn.
+        silent: see FusedRenderResult.
         by_attribute: see DeformationField.
     """
     if pose is not None:
@@ -83,7 +83,7 @@ def draw_fused(
     screen = torch.empty((len(gaussians), 2), dtype=torch.float32, device="cpu")  # for its gradient alone
     image = exposed(drawing.image(rgb, alpha, screen), camera)
     versions = _versions(arrays, gaussians)
-    return FusedDrawn(image, gaussians, by_attribute(changes), arrays, pose, field, drawing, silent, versions)
+    return FusedRenderResult(image, gaussians, by_attribute(changes), arrays, pose, field, drawing, silent, versions)
 
 
 def _versions(arrays: dict[str, torch.Tensor], gaussians: GaussianArrays) -> list[int]:

@@ -14,7 +14,7 @@ from .canonical import CanonicalField
 
 
 @dataclass(frozen=True)
-class Progressing:
+class ScheduleState:
     """How far the schedules inside a model have come, each from 0 to 1 (all 1 in a finished scene).
 
     Attributes:
@@ -26,12 +26,12 @@ class Progressing:
     opacity: float = 1.0
 
 
-FINISHED = Progressing()
+FINISHED = ScheduleState()
 
 
 @dataclass(frozen=True)
-class Drawn:
-    """A picture of a moment.
+class RenderResult:
+    """An image of a moment.
 
     Attributes:
         image: what was drawn.
@@ -43,7 +43,7 @@ class Drawn:
     changes: dict[str, torch.Tensor]
 
     def backward(self, by_rgb: torch.Tensor) -> None:
-        """Adds the gradients that (H, W, 3) by the picture's colours bring to those of everything it was drawn from."""
+        """Adds the gradients that (H, W, 3) by the image's colours bring to those of everything it was drawn from."""
         self.image.rgb.backward(by_rgb)
 
 
@@ -57,7 +57,7 @@ class SceneModel(nn.Module):
     canonical: CanonicalField
 
     def deform(
-        self, time: float, progressing: Progressing = FINISHED, sh_count: int | None = None
+        self, time: float, progressing: ScheduleState = FINISHED, sh_count: int | None = None
     ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
         """The Gaussians at ``time`` and the changes (M, size) by attribute of those that move, means in world units;
         {} where a method has none.
@@ -73,16 +73,16 @@ class SceneModel(nn.Module):
         camera: Camera,
         background: tuple[float, float, float],
         options: RasterizeOptions,
-        progressing: Progressing = FINISHED,
+        progressing: ScheduleState = FINISHED,
         sh_count: int | None = None,
         pose: torch.Tensor | None = None,
-    ) -> Drawn:
-        """A picture of ``time`` that knows its way back, to the model's parameters and to ``pose``; for the arguments
+    ) -> RenderResult:
+        """An image of ``time`` that knows its way back, to the model's parameters and to ``pose``; for the arguments
         see ``deform`` and ``rasterizer.rasterize``."""
         gaussians, changes = self.deform(time, progressing, sh_count)
-        return Drawn(rasterize(gaussians, camera, background, options, pose=pose), gaussians, changes)
+        return RenderResult(rasterize(gaussians, camera, background, options, pose=pose), gaussians, changes)
 
-    def forward(self, time: float, progressing: Progressing = FINISHED) -> GaussianArrays:
+    def forward(self, time: float, progressing: ScheduleState = FINISHED) -> GaussianArrays:
         return self.deform(time, progressing)[0]
 
     def rate_groups(self) -> dict[str, list[nn.Parameter]]:
@@ -93,6 +93,6 @@ class SceneModel(nn.Module):
         """A loss of the method's own, weighted."""
         return None
 
-    def stored_settings(self, progressing: Progressing) -> dict[str, Any]:
+    def stored_settings(self, progressing: ScheduleState) -> dict[str, Any]:
         """Plain values that playback needs, with the schedules as they stand at the end."""
         return {}

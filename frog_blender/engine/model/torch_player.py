@@ -1,6 +1,6 @@
 """A finished scene played and drawn by torch, on a GPU: the network in half precision where that is harmless.
 
-Blender plays without torch (engine/inference); this is for pictures by the hundred (``frog render --device cuda``).
+Blender plays without torch (engine/inference); this is for images by the hundred (``frog render --device cuda``).
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from ..errors import FrogError
 from ..field.opacity_tracks import Fades
 from ..rasterizer import GaussianArrays, rasterize
 from ..scene.header import RESHAPED
-from ..scene.scene_file import FADES, LIFETIMES, SceneFile
+from ..scene.scene_file import LIFETIMES, OPACITY_TRACKS, SceneFile
 from .canonical import ATTRIBUTES, CanonicalField
 from .frog import Frog, FrogSettings
-from .interface import Progressing
+from .interface import ScheduleState
 
 HALF_TOLERANCE = 1e-3
 """What half precision may change: of means in motion units, of logarithms of scales, of opacities and colours."""
@@ -28,8 +28,8 @@ _TRIAL_TIMES = (0.0, 0.31, 0.69, 1.0)
 _METHODS = ("frog", "ed3dgs")
 
 
-class SceneOnDevice:
-    """Like PlayableScene, with tensors on ``device``.
+class TorchScenePlayer:
+    """Like ScenePlayer, with tensors on ``device``.
 
     Args:
         scene: what a ``.frog`` holds, of FRoG or E-D3DGS.
@@ -50,7 +50,7 @@ class SceneOnDevice:
         self.header = scene.header
         self._model = model_of(scene).to(device)
         self._reshaped = int(scene.header.model.get(RESHAPED, self._model.canonical.moving))
-        self._fades = Fades(scene.arrays[FADES]) if FADES in scene.arrays else None
+        self._fades = Fades(scene.arrays[OPACITY_TRACKS]) if OPACITY_TRACKS in scene.arrays else None
         if half is None and torch.device(device).type != "cpu":
             half = half_error(self._model) <= HALF_TOLERANCE
         self.half = bool(half)
@@ -58,7 +58,7 @@ class SceneOnDevice:
             self._model = _halved(self._model)
 
     def at_frame(self, frame: float) -> GaussianArrays:
-        """As PlayableScene.at_frame; quaternions of any length."""
+        """As ScenePlayer.at_frame; quaternions of any length."""
         return self.at(frame_to_time(frame, self.header.frame_count))
 
     @torch.inference_mode()
@@ -78,7 +78,7 @@ class SceneOnDevice:
         return gaussians
 
     @torch.inference_mode()
-    def picture(self, frame: float, camera: Camera) -> np.ndarray:
+    def render_image(self, frame: float, camera: Camera) -> np.ndarray:
         """(H, W, 3) float32, display-referred, over the scene's background."""
         return rasterize(self.at_frame(frame), camera, self.header.background).rgb.cpu().numpy()
 
@@ -99,14 +99,14 @@ def _gaussians(model: Frog, time: float) -> GaussianArrays:
     s = model.settings
     rows = s.temporal_rows - s.coarse_rows
     fine = ((s.fine_rows or s.temporal_rows) - s.coarse_rows) / rows if rows else 1.0
-    progressing = Progressing(fine, s.opacity_share)
+    progressing = ScheduleState(fine, s.opacity_share)
     temporal = model.temporal_embedding(time, progressing)
     return model.deform_plainly(temporal, progressing, model.canonical.sh.shape[1])[0]
 
 
 def model_of(scene: SceneFile) -> Frog:
     """The model as training had it, on the CPU and without gradients; FrogError when the file does not hold one."""
-    learned = {name: array for name, array in scene.arrays.items() if name not in (FADES, LIFETIMES)}
+    learned = {name: array for name, array in scene.arrays.items() if name not in (OPACITY_TRACKS, LIFETIMES)}
     values = {name: torch.from_numpy(np.array(array, np.float32)) for name, array in learned.items()}
     state = {
         f"canonical.{name}" if name in ATTRIBUTES else name.replace("network.", "deformation."): value

@@ -27,7 +27,7 @@ ABI_VERSION = 14
 CELL = 16  # FROG_CELL: pixels a side of the cells of ``compare``, which are the rasterizer's tiles
 _EXPECTED = "the native rasterizer"
 MANY_INSTANCES = 60_000_000
-"""(Gaussian, tile) pairs of a picture that takes seconds; a scene of a million Gaussians at 4K has a third of them."""
+"""(Gaussian, tile) pairs of an image that takes seconds; a scene of a million Gaussians at 4K has a third of them."""
 SLOT_LIMIT = 6_000_000  # (Gaussian, tile) pairs that a backward pass keeps gradients of at a time, 36 bytes each
 
 
@@ -129,20 +129,20 @@ def check_status(status: int, what: str) -> None:
 
 
 def similarity(image: Any, truth: Any, gradient: Any) -> float:
-    """Mean structural similarity of two pictures (H, W, 3) in [0, 1], window of 3DGS; fills ``gradient`` (H, W, 3)
+    """Mean structural similarity of two images (H, W, 3) in [0, 1], window of 3DGS; fills ``gradient`` (H, W, 3)
     with its gradient by ``image``."""
     height, width = image.shape[:2]
     value = c_float()
     addresses = [structs.address(array) for array in (image, truth)]
     check_status(
         library().frog_similarity(height, width, *addresses, ctypes.addressof(value), structs.address(gradient)),
-        f"comparing two pictures of {width} x {height}",
+        f"comparing two images of {width} x {height}",
     )
     return value.value
 
 
 def compare(image: Any, truth: Any, weight: float, gradient: Any, cells: Any, truth_floats: Any = None) -> float:
-    """Mean absolute difference of a drawing (H, W, 3) and the picture it should be, in one pass on all threads.
+    """Mean absolute difference of a drawing (H, W, 3) and the image it should be, in one pass on all threads.
 
     Args:
         image: contiguous float32.
@@ -155,7 +155,7 @@ def compare(image: Any, truth: Any, weight: float, gradient: Any, cells: Any, tr
     (height, width, _), absolute = truth.shape, c_float()
     sizes = {tuple(array.shape) for array in (image, gradient, truth_floats) if array is not None}
     if truth.dtype != np.uint8 or truth.strides[1:] != (3, 1) or sizes != {truth.shape}:
-        raise ValueError(f"expected pictures of {truth.shape}, truth in uint8 and rows, found {sizes}, {truth.dtype}")
+        raise ValueError(f"expected images of {truth.shape}, truth in uint8 and rows, found {sizes}, {truth.dtype}")
     if tuple(cells.shape) != (-(-height // CELL), -(-width // CELL)):
         raise ValueError(f"expected a cell for {CELL} x {CELL} pixels of {height} x {width}, found {cells.shape}")
     comparison = structs.Comparison(
@@ -163,14 +163,14 @@ def compare(image: Any, truth: Any, weight: float, gradient: Any, cells: Any, tr
         *(structs.address(array) for array in (gradient, cells, truth_floats)),
     )
     check_status(
-        library().frog_compare(byref(comparison), byref(absolute)), f"comparing two pictures of {width} x {height}"
+        library().frog_compare(byref(comparison), byref(absolute)), f"comparing two images of {width} x {height}"
     )
     return absolute.value
 
 
 def takes_long(gaussians: int) -> str:
-    """A sentence about a picture of MANY_INSTANCES."""
-    return f"Many of the {gaussians:,} Gaussians cover most of the picture; drawing it takes seconds."
+    """A sentence about an image of MANY_INSTANCES."""
+    return f"Many of the {gaussians:,} Gaussians cover most of the image; drawing it takes seconds."
 
 
 class Frame:

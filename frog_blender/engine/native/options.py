@@ -30,7 +30,7 @@ class RasterizeOptions:
         near_plane: planar depth below which a Gaussian is culled, world units.
         compensate: take from each opacity what the low-pass added to the splat's area, so that small Gaussians do not
             grow brighter when seen from afar (mip-splatting; gsplat's "antialiased").
-        region: (left, top, width, height) in pixels, the only part of the camera's picture that is drawn; pictures
+        region: (left, top, width, height) in pixels, the only part of the camera's image that is drawn; images
             then have its size. None is all of it.
     """
 
@@ -43,11 +43,11 @@ class RasterizeOptions:
     region: tuple[int, int, int, int] | None = None
 
     def region_of(self, camera: Camera) -> tuple[int, int, int, int]:
-        """The region, checked; ValueError for one that is empty, too large or reaches out of the camera's picture."""
+        """The region, checked; ValueError for one that is empty, too large or reaches out of the camera's image."""
         region = self.region or (0, 0, camera.width, camera.height)
         left, top, width, height = region
         if min(left, top) < 0 or min(width, height) < 1 or left + width > camera.width or top + height > camera.height:
-            raise ValueError(f"region {region} does not lie in a picture of {camera.width} x {camera.height}")
+            raise ValueError(f"region {region} does not lie in an image of {camera.width} x {camera.height}")
         if max(camera.width, camera.height) > MOST_SIDE or width * height > MOST_PIXELS:
             raise ValueError(f"region {region} is too large to draw, expected sides of at most {MOST_SIDE} pixels")
         return region

@@ -22,20 +22,20 @@ from ..errors import FrogError, brief, found_instead
 from ..io.atomic_files import remove_unfinished, whole_file
 from ..io.plain_values import whole
 from ..io.regular_file import regular_file
-from .frame_delta import MovingPart, width_of
-from .player import PlayableScene
+from .frame_delta import FrameDelta, width_of
+from .player import ScenePlayer
 
 SUFFIX = ".frogbake"
 _TENSOR, _KIND = "moments", "a bake of a .frog scene"
 _LONGEST_HEADER, _MOST_LISTS, _LONGEST_AXIS = 1 << 25, 64, 1 << 40
 
 
-def bytes_needed(scene: PlayableScene, moments: int) -> int:
+def bytes_needed(scene: ScenePlayer, moments: int) -> int:
     """How large a bake of so many moments gets, but for its header."""
     return moments * scene.part_bytes
 
 
-def write_bake(path: Path, source: Path, scene: PlayableScene, times: Sequence[float]) -> Generator[int, None, None]:
+def write_bake(path: Path, source: Path, scene: ScenePlayer, times: Sequence[float]) -> Generator[int, None, None]:
     """Writes the moments at ``times``; yields how many are done.  The file appears when the last one is.
 
     Closing the iterator before its end leaves nothing behind.
@@ -83,7 +83,7 @@ class Bake:
         FrogError: damaged, of another kind, or made from another version of the scene.
     """
 
-    def __init__(self, path: Path, source: Path, scene: PlayableScene) -> None:
+    def __init__(self, path: Path, source: Path, scene: ScenePlayer) -> None:
         self.problem = ""
         self._path, self._lock = path, threading.Lock()
         self._columns = [(name, width_of(name)) for name in scene.changing]
@@ -110,7 +110,7 @@ class Bake:
         """Moments."""
         return len(self._places)
 
-    def find(self, time: float, rows: np.ndarray | None = None) -> MovingPart | None:
+    def find(self, time: float, rows: np.ndarray | None = None) -> FrameDelta | None:
         """What was baked of a time in [0, 1], bit for bit as computed; None where it was not, or cannot be read.
 
         Args:
@@ -139,7 +139,7 @@ class Bake:
             column = row[begin:end].reshape(self._moving, width)
             columns[name] = column if rows is None else column.take(rows, axis=0)  # indexing takes four times as long
             begin = end
-        return MovingPart(columns)
+        return FrameDelta(columns)
 
     def close(self) -> None:
         """Lets go of the file, which some systems ask for before it can be replaced or deleted."""
@@ -187,7 +187,7 @@ def fingerprint(path: Path) -> str:
         raise found_instead(path, f"a file that cannot be read ({error.strerror or error})", "a .frog scene") from error
 
 
-def _header(scene: PlayableScene, times: Sequence[float], identity: str) -> bytes:
+def _header(scene: ScenePlayer, times: Sequence[float], identity: str) -> bytes:
     row = scene.part_bytes // 4
     tensor = {"dtype": "F32", "shape": [len(times), row], "data_offsets": [0, 4 * len(times) * row]}
     metadata = {"scene": identity, "columns": json.dumps(scene.changing), "times": json.dumps(list(times))}

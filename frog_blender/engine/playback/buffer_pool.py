@@ -10,7 +10,7 @@ import threading
 import numpy as np
 
 
-class FrameMemory:
+class BufferPool:
     """Hands out the same arrays again and again, each time when the last holder of the time before is gone.
 
     Args:

@@ -19,13 +19,13 @@ from ..field.opacity_tracks import Fades
 from ..gaussians import GaussianArrays
 from ..native.deformation import FieldShape, PlayedField
 from ..scene.header import RESHAPED
-from ..scene.scene_file import FADES, LIFETIMES
-from .buffer_pool import FrameMemory
+from ..scene.scene_file import LIFETIMES, OPACITY_TRACKS
+from .buffer_pool import BufferPool
 from .canonical import at_rest
-from .frame_delta import MovingPart, taken_from
+from .frame_delta import FrameDelta, taken_from
 from .simd_layout import group_count, grouped, network_in_columns
 from .temporal import TemporalEmbedding, checked
-from .visibility import GroupLifetimes
+from .visibility import VisibilityMask
 
 _SHAPE = ("quaternions", "scales")
 _CANONICAL = ("means", "log_scales", "quaternions", "opacity_logits")
@@ -37,7 +37,7 @@ def _checked_arrays(arrays: dict[str, np.ndarray], model: dict, temporal: Tempor
     KeyError or ValueError unless every array is what the settings say: the library only sees addresses.
     """
     count, networks, embedding = len(arrays["means"]), temporal.networks, int(model["embedding_size"])
-    deformed, fading = len(arrays["embeddings"]), len(arrays.get(FADES, ()))
+    deformed, fading = len(arrays["embeddings"]), len(arrays.get(OPACITY_TRACKS, ()))
     if deformed + fading > count:
         raise ValueError(f"{deformed + fading} of its {count} Gaussians move")
     hidden, heads, colors = (int(model[name]) for name in ("hidden_width", "head_width", "deformed_sh"))
@@ -94,7 +94,7 @@ def _changing(arrays: dict[str, np.ndarray], deformed: int) -> frozenset[str]:
     return frozenset(name for name, (first, last) in outputs.items() if reached[first:last].any())
 
 
-class PlayableDeformation:
+class DeformationPlayer:
     """Deformed Gaussians at a time, exactly as the training path computes them, but for rounding.
 
     Args:
@@ -117,8 +117,8 @@ class PlayableDeformation:
             a = _checked_arrays(arrays, model, self._temporal)
             self._shape = _shape(model, a["sh"].shape[1], self._temporal.networks)
             self.deformed = len(a["embeddings"])
-            self.lifetimes = GroupLifetimes(arrays[LIFETIMES], self.deformed) if LIFETIMES in arrays else None
-            self._fades = Fades(arrays[FADES]) if FADES in arrays else None
+            self.lifetimes = VisibilityMask(arrays[LIFETIMES], self.deformed) if LIFETIMES in arrays else None
+            self._fades = Fades(arrays[OPACITY_TRACKS]) if OPACITY_TRACKS in arrays else None
             self._reshaped = _reshaped(model, self.deformed)
         except (KeyError, ValueError, TypeError, AttributeError, IndexError, OverflowError) as error:
             raise FrogError(
@@ -134,7 +134,7 @@ class PlayableDeformation:
             self.changing |= {"base"}  # in which opacities are
         self._still = vars(at_rest(a))
         stirred = {"stirred": np.ones(group_count(self.deformed), np.float32)} if self.lifetimes else {}
-        self._memory = FrameMemory({k: v for k, v in self._still.items() if k != "sh" or colors} | stirred)
+        self._memory = BufferPool({k: v for k, v in self._still.items() if k != "sh" or colors} | stirred)
         for name in _CANONICAL:
             a[name] = a[name][: self.deformed]
         a["sh"] = np.ascontiguousarray(a["sh"][: self.deformed, :colors])  # the others are in the frames' memory
@@ -179,7 +179,7 @@ class PlayableDeformation:
         result.pop("stirred", None)
         return GaussianArrays(**result)
 
-    def part_at(self, time: float, names: Collection[str]) -> MovingPart:
+    def part_at(self, time: float, names: Collection[str]) -> FrameDelta:
         """Columns of the Gaussians that move, at a time in [0, 1]: the same bits as in ``at``."""
         count, colors = self.moving, self._shape.sh_deformed
         sizes = {"means": (3,), "quaternions": (4,), "scales": (3,), "opacities": (), "sh": (colors, 3)}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 
-from .frame_delta import MovingPart
+from .frame_delta import FrameDelta
 
 Key = tuple[str, float]
 """A scene's token and a time."""
@@ -20,7 +20,7 @@ class FrameCache:
 
     def __init__(self, limit: int) -> None:
         self._limit = limit
-        self._parts: OrderedDict[Key, MovingPart] = OrderedDict()
+        self._parts: OrderedDict[Key, FrameDelta] = OrderedDict()
         self._bytes = 0
         self._lock = threading.Lock()
 
@@ -47,7 +47,7 @@ class FrameCache:
     def __contains__(self, key: Key) -> bool:
         return key in self._parts
 
-    def find(self, key: Key) -> MovingPart | None:
+    def find(self, key: Key) -> FrameDelta | None:
         """What was kept of a moment, which is now the one used last; None if there is nothing."""
         with self._lock:
             part = self._parts.get(key)
@@ -55,7 +55,7 @@ class FrameCache:
                 self._parts.move_to_end(key)
             return part
 
-    def keep(self, key: Key, part: MovingPart) -> None:
+    def keep(self, key: Key, part: FrameDelta) -> None:
         """Remembers a moment, and forgets others for it; one that is larger than the limit is not remembered."""
         with self._lock:
             self._bytes -= self._parts.pop(key).bytes if key in self._parts else 0

@@ -27,7 +27,7 @@ def width_of(name: str) -> int:
 
 
 @dataclass(frozen=True)
-class MovingPart:
+class FrameDelta:
     """The changing columns of the first M Gaussians at one moment; they are not to be written into.
 
     Attributes:
@@ -54,6 +54,6 @@ def column_of(gaussians: GaussianArrays, name: str, count: int | None = None) ->
     return np.ascontiguousarray(gaussians.sh[:count, int(name.removeprefix("sh_"))])
 
 
-def taken_from(gaussians: GaussianArrays, names: Collection[str], count: int | None = None) -> MovingPart:
+def taken_from(gaussians: GaussianArrays, names: Collection[str], count: int | None = None) -> FrameDelta:
     """Those columns of the first ``count`` Gaussians."""
-    return MovingPart({name: column_of(gaussians, name, count) for name in names})
+    return FrameDelta({name: column_of(gaussians, name, count) for name in names})

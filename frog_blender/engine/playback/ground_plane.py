@@ -1,8 +1,8 @@
 """Where up is in a scene, and where its floor: from its cameras, then from its Gaussians.
 
-Up comes from how people hold cameras: level, that is, with their pictures' lines horizontal. The direction most nearly
+Up comes from how people hold cameras: level, that is, with their images' lines horizontal. The direction most nearly
 perpendicular to all of those is up ("vertical" in nerfstudio, nerfstudio/cameras/camera_utils.py); cameras that all
-look the same way leave their pitch open, and then the mean of their pictures' own up is taken.
+look the same way leave their pitch open, and then the mean of their images' own up is taken.
 
 The floor is the plane with the most Gaussians in it that is nearly perpendicular to up and has nearly nothing beneath:
 random samples (Fischler and Bolles, RANSAC, 1981) with a fixed seed, then a least-squares fit to what lies in it.
@@ -20,7 +20,7 @@ from ..capture.camera import Camera
 from ..errors import FrogError
 
 if TYPE_CHECKING:
-    from .player import PlayableScene
+    from .player import ScenePlayer
 
 _SAMPLES = 600  # planes that are tried
 _DRAWN = 8_000  # Gaussians, at most, that vote
@@ -57,7 +57,7 @@ class Floor:
     tilt: float
 
 
-def resting(scene: PlayableScene) -> tuple[np.ndarray, np.ndarray]:
+def resting(scene: ScenePlayer) -> tuple[np.ndarray, np.ndarray]:
     """Points (N, 3) and weights (N,) of the opaque Gaussians that stay where they are; all if that leaves none.
 
     A weight is opacity times size, so that a bare floor of a few large Gaussians counts as what it covers.
@@ -241,5 +241,5 @@ def _level(vector: np.ndarray, up: np.ndarray) -> np.ndarray:
 def _unit(vector: np.ndarray) -> np.ndarray:
     length = np.linalg.norm(vector)
     if not length > 1e-9:
-        raise FrogError("The cameras' pictures have no up in common, so the scene's floor cannot be looked for.")
+        raise FrogError("The cameras' images have no up in common, so the scene's floor cannot be looked for.")
     return vector / length

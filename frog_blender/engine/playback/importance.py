@@ -1,4 +1,4 @@
-"""Which Gaussians a picture misses most: one fixed order a scene, so that leaving out the last never flickers.
+"""Which Gaussians an image misses most: one fixed order a scene, so that leaving out the last never flickers.
 
 A Gaussian counts by its opacity times its area (its two largest standard deviations), times the largest share it has
 in a pixel of what the scene's own cameras saw; the mean of moments spread over the scene's time.
@@ -13,14 +13,14 @@ from ..gaussians import GaussianArrays
 from ..native.binding import Frame
 from ..native.options import RasterizeOptions
 from ..scene.header import SceneHeader
-from .player import PlayableScene
+from .player import ScenePlayer
 
-_LOOKS = 8  # pictures at most: a second for 200,000 Gaussians
+_LOOKS = 8  # images at most: a second for 200,000 Gaussians
 _LONGEST_SIDE = 320  # pixels; finer ones rank no better
 _UNSEEN = 0.02  # share of what no camera saw: it may be all there is from elsewhere
 
 
-def ranking(scene: PlayableScene) -> np.ndarray:
+def ranking(scene: ScenePlayer) -> np.ndarray:
     """(N,) every Gaussian's index, the most important first; the same for the same scene on any day."""
     score = np.zeros(scene.count)
     for camera, frame in _looks(scene.header):
@@ -49,7 +49,7 @@ def _looks(header: SceneHeader) -> list[tuple[Camera | None, int]]:
 
 
 def _visible_weights(gaussians: GaussianArrays, camera: Camera) -> np.ndarray:
-    """(N,) each Gaussian's largest blending weight in a small picture."""
+    """(N,) each Gaussian's largest blending weight in a small image."""
     factor = min(1.0, _LONGEST_SIDE / max(camera.width, camera.height))
     small = camera.resized(max(1, round(camera.width * factor)), max(1, round(camera.height * factor)))
     size = small.height, small.width

@@ -17,18 +17,18 @@ import numpy as np
 from ..capture.time import frame_to_time
 from ..gaussians import GaussianArrays
 from ..scene.header import RESHAPED, SceneHeader
-from ..scene.scene_file import FADES, LIFETIMES, SceneFile, read_scene
-from .baselines import RIVALS
-from .buffer_pool import FrameMemory
+from ..scene.scene_file import LIFETIMES, OPACITY_TRACKS, SceneFile, read_scene
+from .baselines import BASELINES
+from .buffer_pool import BufferPool
 from .canonical import at_rest, unit
-from .deformation import PlayableDeformation
-from .frame_delta import MovingPart, column_names, column_of, taken_from, width_of
-from .visibility import GroupLifetimes
+from .deformation import DeformationPlayer
+from .frame_delta import FrameDelta, column_names, column_of, taken_from, width_of
+from .visibility import VisibilityMask
 
 PLAYABLE: dict[str, Callable[[dict[str, np.ndarray], dict], Any]] = {
-    "frog": PlayableDeformation,
-    "ed3dgs": PlayableDeformation,
-    **RIVALS,
+    "frog": DeformationPlayer,
+    "ed3dgs": DeformationPlayer,
+    **BASELINES,
 }
 """What moves a scene, by the method in its header, unless there is no more in the file than CANONICAL: nothing moves
 then. Quaternions may be of any length, and arrays of any layout, unless the class has a true ``gives_checked``."""
@@ -46,8 +46,8 @@ def rows_of(arrays: dict[str, np.ndarray]) -> dict[str, range]:
     rows = dict.fromkeys(CANONICAL & arrays.keys(), everyone)
     if "embeddings" in arrays:
         rows["embeddings"] = range(deformed)
-    if FADES in arrays:
-        rows[FADES] = range(deformed, deformed + len(arrays[FADES]))
+    if OPACITY_TRACKS in arrays:
+        rows[OPACITY_TRACKS] = range(deformed, deformed + len(arrays[OPACITY_TRACKS]))
     return rows
 
 
@@ -60,21 +60,23 @@ def some_of(scene: SceneFile, kept: np.ndarray) -> SceneFile:
     arrays, header = dict(scene.arrays), scene.header
     if {LIFETIMES, "embeddings"} <= arrays.keys():
         deformed = len(arrays["embeddings"])
-        arrays[LIFETIMES] = GroupLifetimes(arrays[LIFETIMES], deformed).of(kept[kept < deformed])
+        arrays[LIFETIMES] = VisibilityMask(arrays[LIFETIMES], deformed).of(kept[kept < deformed])
     for name, rows in rows_of(scene.arrays).items():
         arrays[name] = arrays[name][kept[(kept >= rows.start) & (kept < rows.stop)] - rows.start]
     if RESHAPED in header.model:
         reshaped = int((kept < header.model[RESHAPED]).sum())
         header = replace(header, model=header.model | {RESHAPED: reshaped})
-    if FADES in arrays and not len(arrays[FADES]):
-        del arrays[FADES]
-    if "embeddings" in arrays and not len(arrays["embeddings"]) and FADES not in arrays:  # none of those that move
+    if OPACITY_TRACKS in arrays and not len(arrays[OPACITY_TRACKS]):
+        del arrays[OPACITY_TRACKS]
+    if (
+        "embeddings" in arrays and not len(arrays["embeddings"]) and OPACITY_TRACKS not in arrays
+    ):  # none of those that move
         arrays = {name: arrays[name] for name in CANONICAL}
         header = replace(header, model={})
     return SceneFile(header, arrays)
 
 
-class PlayableScene:
+class ScenePlayer:
     """Stateless to its callers: any time, in any order, from any thread.
 
     Attributes:
@@ -90,8 +92,8 @@ class PlayableScene:
         self.header: SceneHeader = scene.header
         self._arrays = scene.arrays
         self.count = len(scene.arrays["means"])
-        nothing_moves = not scene.header.model and scene.arrays.keys() <= CANONICAL
-        playable = None if nothing_moves else PLAYABLE.get(scene.header.method)
+        is_static_capture = not scene.header.model and scene.arrays.keys() <= CANONICAL
+        playable = None if is_static_capture else PLAYABLE.get(scene.header.method)
         self._deformation = playable(scene.arrays, scene.header.model) if playable else None
         self.sh_degree = math.isqrt(scene.arrays["sh"].shape[1]) - 1
         self.moving = int(getattr(self._deformation, "moving", self.count)) if self._deformation is not None else 0
@@ -103,17 +105,17 @@ class PlayableScene:
         self._lock = threading.Lock()
 
     @classmethod
-    def load(cls, path: str | Path) -> PlayableScene:
+    def load(cls, path: str | Path) -> ScenePlayer:
         """FrogError in one sentence when the file cannot be used."""
         return cls(read_scene(path))
 
-    def only(self, kept: np.ndarray) -> PlayableScene:
+    def only(self, kept: np.ndarray) -> ScenePlayer:
         """A scene of some of the Gaussians alone, which are and move there as they do here.
 
         Args:
             kept: (M,) their indices, ascending, at least one.
         """
-        return PlayableScene(some_of(SceneFile(self.header, self._arrays), kept))
+        return ScenePlayer(some_of(SceneFile(self.header, self._arrays), kept))
 
     def at_frame(self, frame: float) -> GaussianArrays:
         """Gaussians at a frame counted from 0; fractions are legal, frames outside are held."""
@@ -123,7 +125,7 @@ class PlayableScene:
         """The time in [0, 1] of a frame counted from 0; 0 where nothing moves, which is one moment."""
         return self._held(frame_to_time(frame, self.header.frame_count))
 
-    def at(self, time: float, part: MovingPart | None = None) -> GaussianArrays:
+    def at(self, time: float, part: FrameDelta | None = None) -> GaussianArrays:
         """Gaussians at a time in [0, 1] (clamped): unit quaternions, scales and opacities activated.
 
         The arrays are read-only: others may be shown the same ones.  With ``part``, what was kept of that time (see
@@ -142,10 +144,10 @@ class PlayableScene:
             self._recent[time] = gaussians
         return _copy(gaussians)
 
-    def part_at(self, time: float) -> MovingPart:
+    def part_at(self, time: float) -> FrameDelta:
         """What of a time in [0, 1] (clamped) is not as at all others: ``changing`` of the Gaussians that move."""
         if not self.changing:
-            return MovingPart({})
+            return FrameDelta({})
         compute = getattr(self._deformation, "part_at", None)
         if compute is not None:
             return compute(self._held(time), self.changing)
@@ -156,7 +158,7 @@ class PlayableScene:
         """How much memory ``part_at`` gives."""
         return 4 * self.moving * sum(width_of(name) for name in self.changing)
 
-    def column(self, name: str, part: MovingPart) -> np.ndarray:
+    def column(self, name: str, part: FrameDelta) -> np.ndarray:
         """(N, width) a column at the time of ``part``; it is good until the caller drops it, and not to be changed."""
         moved = part.columns.get(name)
         if moved is None:
@@ -176,17 +178,17 @@ class PlayableScene:
         return self._compute(0.0)
 
     @cached_property
-    def _column_memory(self) -> dict[str, FrameMemory]:
-        return {name: FrameMemory({name: column_of(self._still, name)}) for name in self.changing}
+    def _column_memory(self) -> dict[str, BufferPool]:
+        return {name: BufferPool({name: column_of(self._still, name)}) for name in self.changing}
 
     @cached_property
-    def _joined_memory(self) -> FrameMemory:
+    def _joined_memory(self) -> BufferPool:
         plain = [name for name in self.changing if hasattr(self._still, name) and self.moving < self.count]
         opacities = ["opacities"] if "base" in self.changing else []
         colors = ["sh"] if any(name == "base" or name.startswith("sh_") for name in self.changing) else []
-        return FrameMemory({name: getattr(self._still, name) for name in [*plain, *opacities, *colors]})
+        return BufferPool({name: getattr(self._still, name) for name in [*plain, *opacities, *colors]})
 
-    def _joined(self, part: MovingPart) -> GaussianArrays:
+    def _joined(self, part: FrameDelta) -> GaussianArrays:
         arrays = {field.name: getattr(self._still, field.name) for field in fields(GaussianArrays)}
         arrays |= self._joined_memory.take()
         for name, column in part.columns.items():

@@ -11,12 +11,12 @@ from ..gaussians import GaussianArrays
 from ..native.binding import Frame
 from ..native.options import RasterizeOptions
 
-_BAND = 2**22  # pixels of a large picture that are drawn at a time
+_BAND = 2**22  # pixels of a large image that are drawn at a time
 
 
 @dataclass
 class Drawing:
-    """One picture, all float32.
+    """One image, all float32.
 
     Attributes:
         rgb: (H, W, 3) display-referred, over the background (over black: premultiplied by alpha).
@@ -77,7 +77,7 @@ def draw(
     )
 
 
-def picture(
+def render_image(
     gaussians: GaussianArrays, camera: Camera, background: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> np.ndarray:
     """(H, W, 3) uint8: the colours of ``draw`` alone, in little more memory than the result takes."""

@@ -8,7 +8,7 @@ from ..errors import FrogError
 from ..gaussians import GaussianArrays
 
 Y_DOWN = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
-"""(4, 4) from Blender's axes (z up) to those of most 3DGS files (y down, z into the picture)."""
+"""(4, 4) from Blender's axes (z up) to those of most 3DGS files (y down, z into the image)."""
 
 
 def transform(gaussians: GaussianArrays, matrix: np.ndarray) -> GaussianArrays:

@@ -3,7 +3,7 @@
 What moves fast is made of Gaussians that are there for a few moments each, and FRoG's opacity reduction makes those
 transparent at all others. Masks of what is active between key frames are 4DGS-1K's (Yuan et al., arXiv 2503.16422);
 here a mask is of a group, which is what the native library works on, and of the time between two frames, and takes only
-what no picture of a frame shows anyway.
+what no image of a frame shows anyway.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def share_deformed(bits: np.ndarray, count: int) -> float:
     return float(np.unpackbits(bits, axis=1, count=group_count(count)).mean())
 
 
-class GroupLifetimes:
+class VisibilityMask:
     """What ``of_groups`` gave, for playback.
 
     Args:

@@ -21,9 +21,9 @@ _INTEGERS: dict[str, Any] = {"dtype": torch.int32, "device": "cpu"}
 
 @dataclass(frozen=True)
 class Drawing:
-    """What a drawing's way back needs, and what it gave besides the picture. Without automatic differentiation.
+    """What a drawing's way back needs, and what it gave besides the image. Without automatic differentiation.
 
-    It does not hold the picture: one that knows its way back and is known there would never be freed.
+    It does not hold the image: one that knows its way back and is known there would never be freed.
 
     Attributes:
         gaussians, camera: what was drawn.
@@ -70,7 +70,7 @@ def draw(
     depth_limit: torch.Tensor | None = None,
     differentiable: bool = True,
 ) -> tuple[Drawing, torch.Tensor, torch.Tensor]:
-    """A drawing, its picture (H, W, 3) and the picture's alpha (H, W), without automatic differentiation.
+    """A drawing, its image (H, W, 3) and the image's alpha (H, W), without automatic differentiation.
 
     Args:
         gaussians: contiguous float32 tensors on the CPU.
@@ -119,7 +119,7 @@ class _Rasterize(torch.autograd.Function):
         ctx.save_for_backward(*vars(gaussians).values())  # torch refuses tensors changed since; the frame reads them
         ctx.pose_shape = None if pose is None else pose.shape
         ctx.screen_absolute = order.screen_absolute
-        ctx.set_materialize_grads(False)  # of alpha: zeros of the size of the picture
+        ctx.set_materialize_grads(False)  # of alpha: zeros of the size of the image
         return rgb, alpha
 
     @staticmethod

@@ -72,7 +72,7 @@ class _Splats:
 
 
 def _clamped_tangents(local: torch.Tensor, camera: Camera) -> torch.Tensor:
-    """x / z and y / z (N, 2), clamped to the picture and 15 % around it, where the projection is linearised."""
+    """x / z and y / z (N, 2), clamped to the image and 15 % around it, where the projection is linearised."""
     k = camera.intrinsics
     tangents = []
     for axis, (focal, center, size) in enumerate([(k[0, 0], k[0, 2], camera.width), (k[1, 1], k[1, 2], camera.height)]):

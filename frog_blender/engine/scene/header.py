@@ -21,7 +21,7 @@ shape. All of them where it is missing."""
 MOST_FRAMES = 1_048_574
 """Of a capture: where Blender's timeline ends, ten hours of film."""
 MOST_CAMERAS = 65_536
-"""Of a scene. A moving camera is one for each of its pictures."""
+"""Of a scene. A moving camera is one for each of its images."""
 MOST_STANDING = 4096
 """Of those, where they are no moving camera's: each becomes an object in Blender."""
 _LONGEST_NAME, _LONGEST_PATH = 1024, 32_768  # characters
@@ -69,7 +69,7 @@ class SceneHeader:
 
     @property
     def is_moving(self) -> bool:
-        """One moving camera: every entry of ``cameras`` is one moment of it, or a withheld picture."""
+        """One moving camera: every entry of ``cameras`` is one moment of it, or a withheld image."""
         if any(len(frames) != 1 for frames in self.camera_shots):
             return False
         named = zip(self.cameras, self.camera_shots, strict=True)
@@ -77,7 +77,7 @@ class SceneHeader:
         return len(moments) > 1 and len(set(moments)) == len(moments)
 
     def is_test(self, camera_name: str, frame: int) -> bool:
-        """True for a picture that training did not see."""
+        """True for an image that training did not see."""
         return camera_name in self.test_cameras or frame in self.test_frames
 
     def to_json(self) -> str:

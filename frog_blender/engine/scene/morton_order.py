@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 
-def along_curve(means: np.ndarray) -> np.ndarray:
+def morton_order(means: np.ndarray) -> np.ndarray:
     """(N,) an order of ``means`` (N, 3) in which neighbours follow each other: Morton's curve through them."""
     if not len(means):
         return np.empty(0, np.int64)
@@ -24,4 +24,4 @@ def neighbours_together(means: np.ndarray, *bounds: int) -> np.ndarray:
     """(N,) an order of ``means`` (N, 3): the first up to each of the ``bounds``, and the others, each along a curve of
     their own."""
     edges = pairwise((0, *bounds, len(means)))
-    return np.concatenate([first + along_curve(means[first:last]) for first, last in edges])
+    return np.concatenate([first + morton_order(means[first:last]) for first, last in edges])

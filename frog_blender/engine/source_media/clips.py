@@ -1,6 +1,6 @@
-"""Where the pictures lie that a scene's cameras took: found again by the header, with nothing opened or decoded.
+"""Where the images lie that a scene's cameras took: found again by the header, with nothing opened or decoded.
 
-Video programs name a picture by one number. A video's first frame is number 1; a sequence of picture files is numbered
+Video programs name an image by one number. A video's first frame is number 1; a sequence of image files is numbered
 by the last digits in the files' names. A clip says how that number follows from the capture's frame.
 """
 
@@ -12,7 +12,7 @@ from pathlib import Path, PureWindowsPath
 from typing import TYPE_CHECKING
 
 from ..capture.readers import transforms_json
-from ..capture.video import VIDEO_SUFFIXES, composed, find_pictures, find_videos
+from ..capture.video import VIDEO_SUFFIXES, composed, find_images, find_videos
 from ..errors import FrogError
 from ..io.paths import leads_elsewhere
 
@@ -28,9 +28,9 @@ class Clip:
     """What one camera filmed.
 
     Attributes:
-        path: the video, or the first picture.
-        kind: "VIDEO", "SEQUENCE" of numbered pictures, or "PICTURE".
-        first: number of the picture that shows the capture's frame 0.
+        path: the video, or the first image.
+        kind: "VIDEO", "SEQUENCE" of numbered images, or "IMAGE".
+        first: number of the image that shows the capture's frame 0.
         step: how much that number grows from one frame of the capture to the next.
         count: frames of the capture.
     """
@@ -54,9 +54,9 @@ def capture_folders(header: SceneHeader, scene_file: Path) -> list[Path]:
 
 
 def find_clips(header: SceneHeader, folder: Path) -> dict[str, Clip]:
-    """Clips by camera name, of the cameras whose pictures are in a capture's folder; {} where there is none.
+    """Clips by camera name, of the cameras whose images are in a capture's folder; {} where there is none.
 
-    The path of one moving camera has the name of its first picture's camera (see ``camera_path``).
+    The path of one moving camera has the name of its first image's camera (see ``camera_path``).
     """
     try:
         found = _files(header, folder) if folder.is_dir() else {}
@@ -78,18 +78,18 @@ def find_clips(header: SceneHeader, folder: Path) -> dict[str, Clip]:
         if len(of) == len(frames):  # a standing camera's
             sequence = _sequence(list(zip(sorted(frames), of, strict=True)), header.frame_count)
         is_video = of[0].suffix.lower() in VIDEO_SUFFIXES
-        alone = Clip(of[0], "VIDEO", count=header.frame_count) if is_video else Clip(of[0], "PICTURE")
+        alone = Clip(of[0], "VIDEO", count=header.frame_count) if is_video else Clip(of[0], "IMAGE")
         clips[camera.name] = sequence or alone
     return clips
 
 
 def moves_alone(header: SceneHeader) -> bool:
-    """One moving camera, whose pictures are the moments of one path."""
+    """One moving camera, whose images are the moments of one path."""
     return header.is_moving and header.frame_count > 1
 
 
 def camera_path(header: SceneHeader) -> list[tuple[int, Camera]]:
-    """The moments of a moving camera in order: frame, and the camera there; pictures to train on go before others."""
+    """The moments of a moving camera in order: frame, and the camera there; images to train on go before others."""
     by_frame: dict[int, Camera] = {}
     for camera, frames in zip(header.cameras, header.camera_shots, strict=True):
         for frame in frames:
@@ -99,28 +99,28 @@ def camera_path(header: SceneHeader) -> list[tuple[int, Camera]]:
 
 
 def _files(header: SceneHeader, folder: Path) -> dict[str, list[Path]]:
-    """The video, or the pictures in order of time, of each camera by its name, as the reader of that format named
+    """The video, or the images in order of time, of each camera by its name, as the reader of that format named
     them."""
     match header.capture_format:
         case "n3dv" | "calibrated_videos":
             videos = {video.stem: [video] for video in find_videos(folder)}
             return videos or _by_stem(folder / "images")
         case "transforms":
-            return transforms_json.pictures_by_camera(folder) if transforms_json.matches(folder) else {}
+            return transforms_json.images_by_camera(folder) if transforms_json.matches(folder) else {}
         case "hypernerf":
             folders = [folder / "rgb" / "2x", *sorted((folder / "rgb").glob("*x"))]
             return next((files for each in folders if (files := _by_stem(each))), {})
-    return {}  # names of Technicolor's pictures end with the camera's number: no program takes them for a sequence
+    return {}  # names of Technicolor's images end with the camera's number: no program takes them for a sequence
 
 
 def _by_stem(folder: Path) -> dict[str, list[Path]]:
     if not folder.is_dir():
         return {}
-    return {picture.stem: [picture] for picture in find_pictures(folder)}
+    return {image.stem: [image] for image in find_images(folder)}
 
 
 def _sequence(files: list[tuple[int, Path]], count: int) -> Clip | None:
-    """Pictures by frame as one sequence; None where their numbers do not follow the frames in equal steps."""
+    """Images by frame as one sequence; None where their numbers do not follow the frames in equal steps."""
     if len(files) < 2:
         return None
     numbers: list[tuple[int, int]] = []

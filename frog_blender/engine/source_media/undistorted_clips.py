@@ -1,6 +1,6 @@
 """Films of a capture's cameras as training saw them, for video programs: free of lens distortion, one for each camera.
 
-Needed where lenses distort, or where a video program cannot read a layout's pictures as a film (Technicolor's end with
+Needed where lenses distort, or where a video program cannot read a layout's images as a film (Technicolor's end with
 the camera's number). They lie in a folder beside the scene's file, with an index that says what they were made from,
 and that they are whole.
 """
@@ -45,7 +45,7 @@ class Straightening:
     """Films on their way.
 
     Attributes:
-        total: pictures to write.
+        total: images to write.
         steps: yields how many are written, after each; closed early it leaves no films. Raises FrogError.
     """
 
@@ -67,7 +67,7 @@ def straight_clips(header: SceneHeader, scene_file: Path) -> dict[str, Clip]:
     clips = {}
     for name, moments in _moments(header).items():
         file = _file(folder, name, len(moments))
-        clips[name] = Clip(file, "VIDEO", count=header.frame_count) if len(moments) > 1 else Clip(file, "PICTURE")
+        clips[name] = Clip(file, "VIDEO", count=header.frame_count) if len(moments) > 1 else Clip(file, "IMAGE")
     return clips if all(clip.path.is_file() for clip in clips.values()) else {}
 
 
@@ -117,7 +117,7 @@ def _films(header: SceneHeader, capture: Capture, folder: Path) -> dict[str, lis
         shots = [capture.shot_index(index.get(camera, -1), frame) for frame, camera in moments]
         films[name] = [shot for shot in shots if shot is not None]
         if not shots or None in shots:
-            raise FrogError(f"{folder}: not all pictures of {name} are there, expected those that were trained on.")
+            raise FrogError(f"{folder}: not all images of {name} are there, expected those that were trained on.")
     return films
 
 
@@ -211,14 +211,14 @@ def _remove_abandoned(folder: Path) -> None:
 
 
 def _write_clip(path: Path, rate: int, capture: Capture, shots: Sequence[int]) -> Generator[None, None, None]:
-    """One camera's shots, ordered by frame: a picture, or a video of all moments that repeats one where one lacks.
+    """One camera's shots, ordered by frame: an image, or a video of all moments that repeats one where one lacks.
 
-    Whoever shows it asks for pictures by number, so a whole rate will do; MPEG-4 cannot say every other.
+    Whoever shows it asks for images by number, so a whole rate will do; MPEG-4 cannot say every other.
     """
     cv2 = load_opencv()
-    pictures = (cv2.cvtColor(picture, cv2.COLOR_RGB2BGR) for picture in decode_shots(capture, shots))
+    images = (cv2.cvtColor(image, cv2.COLOR_RGB2BGR) for image in decode_shots(capture, shots))
     if len(shots) == 1:
-        path.write_bytes(cv2.imencode(".png", next(pictures))[1].tobytes())
+        path.write_bytes(cv2.imencode(".png", next(images))[1].tobytes())
         yield
         return
     camera = capture.cameras[capture.shots[shots[0]].camera]
@@ -228,8 +228,8 @@ def _write_clip(path: Path, rate: int, capture: Capture, shots: Sequence[int]) -
         if not video.isOpened():
             raise FrogError(f"{path}: OpenCV cannot write this video (no encoder for MPEG-4, or no room).")
         changes = [capture.shots[shot].frame for shot in shots[1:]]
-        for picture, first, end in zip(pictures, [0, *changes], [*changes, capture.frame_count], strict=True):
-            shown = picture if picture.shape[1::-1] == size else cv2.resize(picture, size)
+        for image, first, end in zip(images, [0, *changes], [*changes, capture.frame_count], strict=True):
+            shown = image if image.shape[1::-1] == size else cv2.resize(image, size)
             for _ in range(first, end):
                 video.write(shown)
             yield
@@ -240,4 +240,4 @@ def _write_clip(path: Path, rate: int, capture: Capture, shots: Sequence[int]) -
     except FrogError:
         written = 0
     if written != capture.frame_count:  # an encoder does not say that a disk is full
-        raise FrogError(f"{path}: {written} of {capture.frame_count} pictures could be written; is the disk full?")
+        raise FrogError(f"{path}: {written} of {capture.frame_count} images could be written; is the disk full?")

@@ -24,21 +24,21 @@ MOTION_UNIT = 0.2
 
 
 @dataclass(frozen=True)
-class Beginning:
+class ModelInit:
     """What a model is made of.
 
     Attributes:
         canonical: the seeds' Gaussians, with embeddings (N, ``recipe.embedding_size``) of zeros.
         recipe: as the method adapted it.
         frame_count: moments of the capture.
-        picture_count: training pictures.
+        image_count: training images.
         scene_scale: world units, see ``start.scale_of``.
     """
 
     canonical: CanonicalField
     recipe: Recipe
     frame_count: int
-    picture_count: int
+    image_count: int
     scene_scale: float
 
 
@@ -54,12 +54,12 @@ class Method:
 
     title: str
     adapt: Callable[[Recipe], Recipe]
-    build: Callable[[Beginning], SceneModel]
+    build: Callable[[ModelInit], SceneModel]
 
 
-def _frog(begin: Beginning) -> Frog:
+def _frog(begin: ModelInit) -> Frog:
     recipe, sh_count = begin.recipe, begin.canonical.sh.shape[1]
-    rows = recipe.temporal_rows_for(begin.frame_count, begin.picture_count)
+    rows = recipe.temporal_rows_for(begin.frame_count, begin.image_count)
     settings = FrogSettings(
         temporal_rows=rows,
         coarse_rows=recipe.coarse_rows_for(rows),
@@ -119,13 +119,13 @@ def _curves_recipe(recipe: Recipe) -> Recipe:
     return _plain(recipe, curves.EMBEDDING_SIZE)
 
 
-def _d3dgs(begin: Beginning) -> d3dgs.D3dgs:
+def _d3dgs(begin: ModelInit) -> d3dgs.D3dgs:
     scale = begin.scene_scale
     settings = d3dgs.settings_for(begin.recipe.hidden_width, begin.frame_count, MOTION_UNIT * scale)
     return d3dgs.D3dgs(begin.canonical, settings, scale)
 
 
-def _hexplane(begin: Beginning) -> hexplane.HexPlane:
+def _hexplane(begin: ModelInit) -> hexplane.HexPlane:
     recipe, sh_count = begin.recipe, begin.canonical.sh.shape[1]
     settings = hexplane.settings_for(
         recipe.hidden_width,
@@ -138,7 +138,7 @@ def _hexplane(begin: Beginning) -> hexplane.HexPlane:
     return hexplane.HexPlane(begin.canonical, settings)
 
 
-def _curves(begin: Beginning) -> curves.Curves:
+def _curves(begin: ModelInit) -> curves.Curves:
     return curves.Curves(begin.canonical, curves.settings_for(MOTION_UNIT * begin.scene_scale))
 
 

@@ -19,7 +19,7 @@ _MOST_STEPS, _MOST_GAUSSIANS, _MOST_SEEDS, _WIDEST, _FASTEST = 10**9, 10**7, 10*
 _NEVER, _OFTENEST = 10.0, 1e-6  # fractions of a training
 _MOST_NUMBERS = 2**27  # of all seed points' attributes together
 _GROWN, _GROWN_FROM = 1.075, 0.5
-"""Times as many Gaussians as a scene keeps, with automatic capacity, before what pictures do not miss is left out; and
+"""Times as many Gaussians as a scene keeps, with automatic capacity, before what images do not miss is left out; and
 the fraction of the training before which there are no more than it keeps."""
 
 
@@ -29,7 +29,7 @@ class Recipe:
 
     Attributes:
         name: "draft" or "standard"; "paper" (N3DV), "hypernerf" and "technicolor" follow the papers.
-        steps: optimiser steps, each on one picture or part of it, at least.
+        steps: optimiser steps, each on one image or part of it, at least.
         steps_per_moment: for each of the capture's moments; what is longer of the two is trained.
         max_gaussians: of a scene at most, see ``growth_limit_at``.
         kept_gaussians: of them, those that a scene has in the end at most, with automatic capacity; 0 for as many as it
@@ -44,7 +44,7 @@ class Recipe:
             them).
         embedding_size, temporal_size, hidden_width, head_width, deformed_sh, deformed_opacity: see model.frog.
         modulation: see model.deformation; the papers have none.
-        frames_per_row, pictures_per_row, most_temporal_rows: frames and training pictures for each row of the temporal
+        frames_per_row, pictures_per_row, most_temporal_rows: frames and training images for each row of the temporal
             table at least, and rows at most.
         coarse_share: the coarse embedding's share of the rows; 0 for half of them, at most 30. E-D3DGS has a fifth (150
             and 30 for 300 frames), which leaves short captures very few.
@@ -58,7 +58,7 @@ class Recipe:
             exponentially by ``rate_decay`` to the end, the others by ``attribute_decay``.
         cool_down: fraction of training, the last, over which all rates go down to nothing as well, linearly: steps as
             large as they were leave the scene a few tenths of a dB beside where they lead.
-        pose_reach, pose_from: how far a training camera's pose may go in a training, as a share of its picture's width,
+        pose_reach, pose_from: how far a training camera's pose may go in a training, as a share of its image's width,
             and the fraction of training at which it begins (see training.poses); the papers take poses as they are.
         exposure_from: fraction of training from which on training cameras' exposures are compared (see
             training.exposures); 1 for never, as in the papers.
@@ -66,15 +66,15 @@ class Recipe:
             (FRoG, section on optimisation: 5 of 50 after an eighth of the training).
         smoothness_weight, smoothness_neighbours, smoothness_falloff: embedding smoothness; the falloff (the paper's
             lambda_w) multiplies squared distances in units of the median nearest-neighbour distance.
-        frame_choice: "even" draws every training picture alike; "loss" draws every second moment in proportion to its
+        frame_choice: "even" draws every training image alike; "loss" draws every second moment in proportion to its
             last loss (E-D3DGS's loss-based frame sampling).
-        half_size_until: fraction of training in which pictures have half their size (see training.resolution).
+        half_size_until: fraction of training in which images have half their size (see training.resolution).
         region_share, region_size, region_emphasis: probability that a step draws only a rectangle where the errors
-            are, the rectangle's sides over the picture's, and how much more its pixels weigh than a whole picture's:
+            are, the rectangle's sides over the image's, and how much more its pixels weigh than a whole image's:
             with 0 a pixel weighs the same in every step, with 1 a step weighs the same (see training.regions).
         densify_from, densify_until, densify_every: fractions.
-        densify_threshold: mean screen gradient (in half picture widths, as in 3DGS) above which a Gaussian splits.
-        densify_growth: share of new Gaussians a round at most, see ``newcomers``.
+        densify_threshold: mean screen gradient (in half image widths, as in 3DGS) above which a Gaussian splits.
+        densify_growth: share of new Gaussians a round at most, see ``num_new``.
         replaced_below: largest blending weight of late below which a Gaussian makes room for a new one when there are
             ``max_gaussians``; 0 for none, as in the papers.
         split_scale: above this size a Gaussian is split, below it is cloned.
@@ -84,7 +84,7 @@ class Recipe:
             "off".
         sampling_depth: "median" (the paper's) or "mean" depth along the pixel's ray.
         sampling_from, sampling_until, sampling_every: fractions; sampling_share: new anchors a round, see
-            ``newcomers``.
+            ``num_new``.
     """
 
     name: str = setting.name("standard")
@@ -163,11 +163,11 @@ class Recipe:
         """Steps for a capture of so many moments: motion takes time to learn, and more of it more time."""
         return max(self.steps, self.steps_per_moment * moments)
 
-    def temporal_rows_for(self, frames: int, pictures: int) -> int:
-        """Rows of the temporal table for a capture of so many moments and training pictures."""
+    def temporal_rows_for(self, frames: int, images: int) -> int:
+        """Rows of the temporal table for a capture of so many moments and training images."""
         rows = math.ceil(frames / self.frames_per_row)
         if self.pictures_per_row:
-            rows = min(rows, int(pictures / self.pictures_per_row))
+            rows = min(rows, int(images / self.pictures_per_row))
         return max(2, min(rows, self.most_temporal_rows))
 
     def coarse_rows_for(self, rows: int) -> int:
@@ -185,7 +185,7 @@ class Recipe:
         """Gaussians that a scene has in the end."""
         return self.kept_gaussians or self.max_gaussians
 
-    def newcomers(self, count: int, share: float, while_few: float) -> int:
+    def num_new(self, count: int, share: float, while_few: float) -> int:
         """New Gaussians of a round: a share of those there are; where seeds were few ``while_few`` of half the limit,
         until there are as many, so that a scene that begins with a hundred points comes to its size in time."""
         half = self.max_gaussians // 2

@@ -1,6 +1,6 @@
-"""What happens to pictures on their way into a capture: exposure, light, noise, compression, things in the way.
+"""What happens to images on their way into a capture: exposure, light, noise, compression, things in the way.
 
-Each alteration is a ``capture.Alteration``: the same picture always comes out the same, whoever asks.
+Each alteration is a ``capture.Alteration``: the same image always comes out the same, whoever asks.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class _Alteration:
         return repr(self)
 
     def _random(self, camera: str, frame: int = -1) -> np.random.Generator:
-        """Of one camera, or of one of its pictures."""
+        """Of one camera, or of one of its images."""
         return np.random.default_rng([zlib.crc32(repr(self).encode()), zlib.crc32(camera.encode()), frame + 1])
 
 
@@ -33,19 +33,19 @@ class Exposure(_Alteration):
 
     stops: float
 
-    def apply(self, picture: np.ndarray, camera: str, frame: int) -> np.ndarray:
-        return brightened(picture, 2 ** self._random(camera).normal(0, self.stops))
+    def apply(self, image: np.ndarray, camera: str, frame: int) -> np.ndarray:
+        return brightened(image, 2 ** self._random(camera).normal(0, self.stops))
 
 
 @dataclass(frozen=True)
 class Light(_Alteration):
-    """The lamps give ``gain`` times the light; the pictures that judge are as dark."""
+    """The lamps give ``gain`` times the light; the images that judge are as dark."""
 
     gain: float
     tests_too = True
 
-    def apply(self, picture: np.ndarray, camera: str, frame: int) -> np.ndarray:
-        return brightened(picture, self.gain)
+    def apply(self, image: np.ndarray, camera: str, frame: int) -> np.ndarray:
+        return brightened(image, self.gain)
 
 
 @dataclass(frozen=True)
@@ -54,9 +54,9 @@ class Noise(_Alteration):
 
     deviation: float
 
-    def apply(self, picture: np.ndarray, camera: str, frame: int) -> np.ndarray:
-        noise = self._random(camera, frame).normal(0, self.deviation, picture.shape)
-        return (picture + noise).round().clip(0, 255).astype(np.uint8)
+    def apply(self, image: np.ndarray, camera: str, frame: int) -> np.ndarray:
+        noise = self._random(camera, frame).normal(0, self.deviation, image.shape)
+        return (image + noise).round().clip(0, 255).astype(np.uint8)
 
 
 @dataclass(frozen=True)
@@ -65,38 +65,38 @@ class Compression(_Alteration):
 
     quality: int
 
-    def apply(self, picture: np.ndarray, camera: str, frame: int) -> np.ndarray:
+    def apply(self, image: np.ndarray, camera: str, frame: int) -> np.ndarray:
         cv2 = load_opencv()
-        _, data = cv2.imencode(".jpg", picture[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, self.quality])
+        _, data = cv2.imencode(".jpg", image[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, self.quality])
         return np.ascontiguousarray(cv2.imdecode(data, cv2.IMREAD_COLOR)[:, :, ::-1])
 
 
 @dataclass(frozen=True)
 class Occlusion(_Alteration):
-    """Somebody walks close past every camera, each at a time and pace of their own: a grey figure, half a picture
-    high, stands in ``share`` of the pictures."""
+    """Somebody walks close past every camera, each at a time and pace of their own: a grey figure, half an image
+    high, stands in ``share`` of the images."""
 
     share: float
     frames: int
 
-    def apply(self, picture: np.ndarray, camera: str, frame: int) -> np.ndarray:
+    def apply(self, image: np.ndarray, camera: str, frame: int) -> np.ndarray:
         random = self._random(camera)
         begin, grey = random.random() * self.frames, random.integers(40, 120)
         passed = ((frame - begin) % self.frames) / (self.share * self.frames)
         if passed >= 1:
-            return picture
-        height, width = picture.shape[:2]
+            return image
+        height, width = image.shape[:2]
         center = (round(passed * width), round(0.6 * height))
         size = (round(0.11 * height), round(0.27 * height))
-        return load_opencv().ellipse(picture.copy(), center, size, 0, 0, 360, (int(grey),) * 3, -1)
+        return load_opencv().ellipse(image.copy(), center, size, 0, 0, 360, (int(grey),) * 3, -1)
 
 
-def brightened(picture: np.ndarray, gain: float) -> np.ndarray:
-    """An sRGB picture, uint8 or in [0, 1], with ``gain`` times the light, as its camera would clip it."""
-    if picture.dtype == np.uint8:
+def brightened(image: np.ndarray, gain: float) -> np.ndarray:
+    """An sRGB image, uint8 or in [0, 1], with ``gain`` times the light, as its camera would clip it."""
+    if image.dtype == np.uint8:
         table = 255 * _to_srgb(_to_linear(np.arange(256) / 255) * gain)
-        return table.round().astype(np.uint8)[picture]
-    return _to_srgb(_to_linear(picture) * gain)
+        return table.round().astype(np.uint8)[image]
+    return _to_srgb(_to_linear(image) * gain)
 
 
 def _to_linear(value: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Captures with fewer cameras, wrong poses, clocks that disagree, or another pace. Pictures that judge stay as they
+"""Captures with fewer cameras, wrong poses, clocks that disagree, or another pace. Images that judge stay as they
 are."""
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def wrong_poses(capture: Capture, degrees: float) -> Capture:
 
 def wrong_clocks(capture: Capture, most: int) -> Capture:
     """Each training camera shows what happened up to ``most`` moments earlier or later; where its film has no such
-    picture there is none."""
+    image there is none."""
     random = np.random.default_rng(11)
     late = {
         index: 0 if camera.name in capture.test_cameras else int(random.integers(-most, most + 1))

@@ -36,7 +36,7 @@ class Condition:
         base: one of ``BASES``.
         change: makes the capture of the clean one.
         settings: of the recipe, where it is the training that begins worse.
-        light: of the whole scene; PSNR rises by itself as pictures darken, so these are compared as if all were as
+        light: of the whole scene; PSNR rises by itself as images darken, so these are compared as if all were as
             bright.
         against: the name of the condition that this one is measured against, "" for one that is its own measure.
     """

@@ -1,4 +1,4 @@
-"""Pictures as they go wrong: always the same way, and never those that judge unless the whole scene is different."""
+"""Images as they go wrong: always the same way, and never those that judge unless the whole scene is different."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ ALL = [Exposure(0.3), Light(0.25), Noise(8), Compression(30), Occlusion(0.4, 10)
 
 
 @pytest.mark.parametrize("alteration", ALL, ids=lambda item: type(item).__name__)
-def test_the_same_picture_always_comes_out_the_same(alteration: Noise) -> None:
+def test_the_same_image_always_comes_out_the_same(alteration: Noise) -> None:
     before = GREY.copy()
-    pictures = [alteration.apply(GREY, "cam01", 4) for _ in range(2)]
-    assert np.array_equal(*pictures)
-    assert (pictures[0].shape, pictures[0].dtype) == (GREY.shape, np.uint8)
-    assert np.array_equal(GREY, before), "the decoded picture is not written to"
+    images = [alteration.apply(GREY, "cam01", 4) for _ in range(2)]
+    assert np.array_equal(*images)
+    assert (images[0].shape, images[0].dtype) == (GREY.shape, np.uint8)
+    assert np.array_equal(GREY, before), "the decoded image is not written to"
 
 
 def test_exposure_is_a_cameras_own_and_stays() -> None:
@@ -44,21 +44,19 @@ def test_exposures_spread_as_asked() -> None:
     assert np.mean(gains) == pytest.approx(0, abs=0.04)
 
 
-def test_noise_is_as_strong_as_asked_and_new_in_every_picture() -> None:
+def test_noise_is_as_strong_as_asked_and_new_in_every_image() -> None:
     first, second = (Noise(8).apply(GREY, "cam01", frame).astype(float) - 128 for frame in (0, 1))
     assert first.std() == pytest.approx(8, rel=0.05)
     assert abs(np.corrcoef(first.ravel(), second.ravel())[0, 1]) < 0.05
 
 
 def test_compression_loses_more_at_a_lower_quality() -> None:
-    picture = np.random.default_rng(0).integers(0, 255, GREY.shape).astype(np.uint8)
-    errors = [
-        np.abs(Compression(quality).apply(picture, "cam", 0) - picture.astype(int)).mean() for quality in (90, 20)
-    ]
+    image = np.random.default_rng(0).integers(0, 255, GREY.shape).astype(np.uint8)
+    errors = [np.abs(Compression(quality).apply(image, "cam", 0) - image.astype(int)).mean() for quality in (90, 20)]
     assert 0 < errors[0] < errors[1]
 
 
-def test_someone_stands_before_a_camera_in_the_share_of_its_pictures() -> None:
+def test_someone_stands_before_a_camera_in_the_share_of_its_images() -> None:
     hidden = [not np.array_equal(Occlusion(0.3, 50).apply(GREY, "cam", frame), GREY) for frame in range(50)]
     assert sum(hidden) == pytest.approx(15, abs=1)
     frame = hidden.index(True)
@@ -73,7 +71,7 @@ def test_brightening_takes_the_dark_back() -> None:
 
 
 @pytest.mark.parametrize(("alteration", "judged"), [(Noise(20), False), (Light(0.25), True)])
-def test_pictures_that_judge_change_only_with_the_whole_scene(
+def test_images_that_judge_change_only_with_the_whole_scene(
     filmed: Path, cache_folder: Path, alteration: Noise, judged: bool
 ) -> None:
     clean = open_capture(filmed)

@@ -29,7 +29,7 @@ class Scene:
         options: of the drawing.
         pose: the camera's own matrix is given as a tensor with gradients.
         limit: planar depths between 1.5 and 5 hide what lies behind, without end at a fifth of the pixels.
-        tolerance: of pictures and depths.
+        tolerance: of images and depths.
     """
 
     camera: Camera

@@ -107,7 +107,7 @@ def test_what_is_strange_leaves_everything_finite(compensate: bool, emulator: Em
     assert found["alpha"].min() >= 0 and found["alpha"].max() <= 1
 
 
-def test_a_picture_over_the_budget_is_refused_with_a_sentence(
+def test_an_image_over_the_budget_is_refused_with_a_sentence(
     emulator: Emulator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(emulator, "memory", 10_000)

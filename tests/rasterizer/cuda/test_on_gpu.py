@@ -57,7 +57,7 @@ def test_automatic_for_float32_on_a_gpu() -> None:
     np.testing.assert_allclose(image.rgb[16, 16].detach().cpu().numpy(), expected, atol=1e-5)
 
 
-def test_a_large_picture_and_many_gaussians_agree_with_the_cpu() -> None:
+def test_a_large_image_and_many_gaussians_agree_with_the_cpu() -> None:
     """More than 32,767 tiles: keys of 32 bits. Against the native library, which the reference vouches for."""
     camera = odd_camera(3000, 3000)
     scene = Scene(camera, random_gaussians(camera, 20_000, 1, seed=1), EVERYTHING)

@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.training.compression.budget import fit_within, with_budget
-from frog_blender.engine.training.compression.schedule import Parsimony
+from frog_blender.engine.training.compression.schedule import CompressionSchedule
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.recipe import recipe
-from frog_blender.engine.training.session.events import Cancelled, Finished, Started, Warned
+from frog_blender.engine.training.session.events import Cancelled, Finished, Started, WarningEvent
 from frog_blender.engine.training.session.job import TrainingJob, run_training
 
 pytestmark = pytest.mark.usefixtures("seeds_at_no_cost")
@@ -28,7 +28,7 @@ def test_a_scene_is_grown_beyond_what_it_keeps_late() -> None:
 
 @pytest.mark.parametrize(("capacity", "grown"), [("auto", 344), ("fixed", 320)])
 def test_the_most_gaussians_are_never_exceeded(make_trainer: Make, capacity: str, grown: int) -> None:
-    """A little more while it grows, where what pictures do not miss is left out later."""
+    """A little more while it grows, where what images do not miss is left out later."""
     trainer, most = make_trainer(60, capacity=capacity, max_gaussians=320), 0
     while not trainer.finished:
         trainer.step()
@@ -48,7 +48,7 @@ def test_a_training_may_grow_beyond_what_it_keeps(make_trainer: Make) -> None:
         trainer.step()
         most = max(most, trainer.count)
     assert most > 300 and 200 < trainer.count <= 250
-    assert any(each.what == "pruned" and each.before > 250 >= each.after for each in trainer.parsimony.reductions)
+    assert any(each.what == "pruned" and each.before > 250 >= each.after for each in trainer.compression.reductions)
 
 
 def test_a_cancelled_training_keeps_no_more_either(filmed: Path, tmp_path: Path, lively: Callable) -> None:
@@ -62,7 +62,7 @@ def test_a_cancelled_training_keeps_no_more_either(filmed: Path, tmp_path: Path,
         return steps > 40
 
     assert isinstance(list(run_training(task, cancelled))[-1], Cancelled)
-    assert PlayableScene.load(task.output).count == 250
+    assert ScenePlayer.load(task.output).count == 250
     begun = next(each for each in run_training(replace(task, resume=True)) if isinstance(each, Started))
     assert begun.gaussians > 250
 
@@ -83,7 +83,7 @@ def test_a_budget_of_bytes_holds_exactly(filmed: Path, tmp_path: Path, lively: C
         most = limits[name] = int(share * sizes.get("a", 0)) or None
         path = tmp_path / f"{name}.frog"
         finished = list(run_training(TrainingJob(filmed, path, recipe=small, max_bytes=most)))[-1]
-        sizes[name], counts[name] = path.stat().st_size, PlayableScene.load(path).count
+        sizes[name], counts[name] = path.stat().st_size, ScenePlayer.load(path).count
         assert counts[name] == finished.capacity["gaussians"] == finished.gaussians
     for name in ("b", "c", "again"):
         assert limits[name] - 5_000 < sizes[name] <= limits[name]
@@ -93,17 +93,17 @@ def test_a_budget_of_bytes_holds_exactly(filmed: Path, tmp_path: Path, lively: C
 def test_a_budget_that_one_gaussian_meets_is_met(make_trainer: Make) -> None:
     """The first guess of what each takes may be far off: all bytes but a few are common to all of them."""
     trainer = make_trainer(10, capacity="auto")
-    fit_within(trainer.parsimony, trainer, lambda: 90_000 + trainer.count, 90_001)
+    fit_within(trainer.compression, trainer, lambda: 90_000 + trainer.count, 90_001)
     assert trainer.count == 1
     with pytest.raises(FrogError, match="a single Gaussian takes 90001"):
-        fit_within(trainer.parsimony, trainer, lambda: 90_000 + trainer.count, 90_000)
+        fit_within(trainer.compression, trainer, lambda: 90_000 + trainer.count, 90_000)
 
 
 def test_a_budget_that_was_too_small_can_be_raised(
     filmed: Path, tmp_path: Path, lively: Callable, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A doubtful one is named before the training, which is not lost when it proves too small."""
-    monkeypatch.setattr(Parsimony, "_round", lambda *_: None)  # the whole network stays
+    monkeypatch.setattr(CompressionSchedule, "_round", lambda *_: None)  # the whole network stays
     task = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(30, capacity="auto"))
     with pytest.raises(FrogError, match="expected at least") as refused:
         list(run_training(replace(task, max_bytes=100)))
@@ -111,7 +111,7 @@ def test_a_budget_that_was_too_small_can_be_raised(
     told = []
     with pytest.raises(FrogError, match="resume it"):
         for event in run_training(replace(task, max_bytes=least + 300)):
-            told += [event.message] if isinstance(event, Warned) else []
+            told += [event.message] if isinstance(event, WarningEvent) else []
     assert any("may be too small" in message for message in told) and not task.output.exists()
     finished = list(run_training(replace(task, resume=True, max_bytes=2 * least)))[-1]
     assert isinstance(finished, Finished) and task.output.stat().st_size <= 2 * least

@@ -11,8 +11,8 @@ import pytest
 from support.builders import ATTRIBUTES, odd_camera, scene_file
 from support.played_scenes import assert_same_bits, flickering, in_four_threads, without_lifetimes
 
-from frog_blender.engine.model.torch_player import SceneOnDevice
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.model.torch_player import TorchScenePlayer
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.playback.visibility import share_deformed
 from frog_blender.engine.scene.compression_report import reduction_line
@@ -31,11 +31,11 @@ QUARTERS = [k / 24 for k in range(25)]
 
 @pytest.mark.parametrize("packed", [False, True])
 @pytest.mark.parametrize("model", [{}, {"moving": 201}, {"deformed_sh": 4, "moving": 290}, {"deformed_sh": 0}], ids=str)
-def test_pictures_are_the_same(model: dict, packed: bool) -> None:
+def test_images_are_the_same(model: dict, packed: bool) -> None:
     plain = flickering(**model)
     scene = as_packed(arranged(plain)) if packed else arranged(plain)
     assert share_deformed(scene.arrays["lifetimes"], len(scene.arrays["embeddings"])) < 0.85
-    playable, always, camera = PlayableScene(scene), PlayableScene(without_lifetimes(scene)), odd_camera()
+    playable, always, camera = ScenePlayer(scene), ScenePlayer(without_lifetimes(scene)), odd_camera()
     moments = {time: (playable.at(time), always.at(time)) for time in QUARTERS}
     assert all((found.opacities == 0).any() for found, _ in moments.values())
     assert any((found.opacities[: playable.moving] > 0.1).any() for found, _ in moments.values())
@@ -48,7 +48,7 @@ def test_the_order_is_nobodys_matter(frames: int) -> None:
     plain = flickering()
     plain = SceneFile(replace(plain.header, frame_count=frames), plain.arrays)
     scene, camera = arranged(plain), odd_camera()
-    found = PlayableScene(scene).at(0.25), PlayableScene(plain).at(0.25)
+    found = ScenePlayer(scene).at(0.25), ScenePlayer(plain).at(0.25)
     np.testing.assert_allclose(*(draw(each, camera).rgb for each in found), atol=1e-5)
     assert len(scene.arrays.get("lifetimes", [0])) == frames - 1
     unfinished = arranged(plain, finished=False)
@@ -58,17 +58,17 @@ def test_the_order_is_nobodys_matter(frames: int) -> None:
 def test_moments_in_any_order_have_the_same_bits() -> None:
     scene = arranged(flickering(moving=201))
     random = np.random.default_rng(0)
-    playable = PlayableScene(scene)
+    playable = ScenePlayer(scene)
     for time in random.choice(TIMES, 40):
-        found, fresh = playable.at(time), PlayableScene(scene).at(time)
+        found, fresh = playable.at(time), ScenePlayer(scene).at(time)
         for name in ATTRIBUTES:
             np.testing.assert_array_equal(getattr(found, name), getattr(fresh, name), err_msg=name)
     assert_same_bits(scene, TIMES)
 
 
 def test_threads_see_what_one_alone_sees() -> None:
-    scene = PlayableScene(arranged(flickering()))
-    expected = {time: PlayableScene(arranged(flickering())).at(time).means for time in TIMES}
+    scene = ScenePlayer(arranged(flickering()))
+    expected = {time: ScenePlayer(arranged(flickering())).at(time).means for time in TIMES}
     wrong: list[float] = []
 
     def play(seed: int) -> None:
@@ -85,12 +85,12 @@ def test_threads_see_what_one_alone_sees() -> None:
 def test_a_part_of_a_scene_shows_the_same() -> None:
     scene, camera = arranged(flickering(moving=201)), odd_camera()
     kept = np.delete(np.arange(300), [3, 90, 91, 230])
-    part, whole = PlayableScene(scene).only(kept), PlayableScene(without_lifetimes(scene)).only(kept)
+    part, whole = ScenePlayer(scene).only(kept), ScenePlayer(without_lifetimes(scene)).only(kept)
     left_out = [sum(int((each.at(time).opacities == 0).sum()) for time in QUARTERS) for each in (part, whole)]
     assert left_out[0] > left_out[1]
     for time in QUARTERS:
         np.testing.assert_array_equal(draw(part.at(time), camera).rgb, draw(whole.at(time), camera).rgb)
-    still = PlayableScene(scene).only(np.arange(201, 300))
+    still = ScenePlayer(scene).only(np.arange(201, 300))
     assert still.moving == 0 and len(still.at(0.5)) == 99
 
 
@@ -121,8 +121,8 @@ def test_files_keep_them(tmp_path: Path, compact: bool) -> None:
     assert back.arrays.keys() == expected.arrays.keys()
     for name, array in expected.arrays.items():
         np.testing.assert_array_equal(back.arrays[name], array, err_msg=name)
-    on_device = SceneOnDevice(back, "cpu").at(0.3)
-    np.testing.assert_allclose(on_device.opacities.numpy(), PlayableScene(back).at(0.3).opacities, atol=1 / 255)
+    on_device = TorchScenePlayer(back, "cpu").at(0.3)
+    np.testing.assert_allclose(on_device.opacities.numpy(), ScenePlayer(back).at(0.3).opacities, atol=1 / 255)
 
 
 @pytest.mark.parametrize("worth", [0.0, 2.0])

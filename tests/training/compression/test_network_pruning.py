@@ -11,7 +11,7 @@ import torch
 from support.training_steps import train
 
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.rasterizer import rasterize
 from frog_blender.engine.training.compression import network_pruning
 from frog_blender.engine.training.compression.network_pruning import (
@@ -20,7 +20,7 @@ from frog_blender.engine.training.compression.network_pruning import (
     visible_moments,
     without_units,
 )
-from frog_blender.engine.training.compression.sensitivity import Look, draw_looks
+from frog_blender.engine.training.compression.sensitivity import SampledView, sample_views
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session.checkpoint import load_checkpoint, save_checkpoint, state_of
 from frog_blender.engine.training.session.export import save_scene
@@ -80,17 +80,17 @@ def test_units_that_are_nearly_the_same_leave_first() -> None:
     torch.testing.assert_close(after, before, atol=1e-3, rtol=0)
 
 
-def test_outputs_that_no_picture_shows() -> None:
+def test_outputs_that_no_image_shows() -> None:
     values = torch.rand(100, 32)
     *_, found = without_units(torch.zeros(2, 33, 33, dtype=torch.float64), *layer(2, 32))
     assert torch.isfinite(found.weight).all() and len(found.units) == 16
     assert torch.isfinite(values @ found.weight.T + found.bias).all()
 
 
-def test_what_a_picture_changes_with_an_output(halfway: Make) -> None:
+def test_what_an_image_changes_with_an_output(halfway: Make) -> None:
     """Summed over the Gaussians it is what it changes with the outputs' bias, opacity reduction and all."""
     trainer = halfway()
-    model, look, camera = trainer.model, Look(2, 0.4), trainer.capture.cameras[2]
+    model, look, camera = trainer.model, SampledView(2, 0.4), trainer.capture.cameras[2]
     found = sensitivities(trainer, model, trainer.capture, look, torch.Generator().manual_seed(5)).sum(0)
     gaussians, _ = trainer.gaussians_at(look.time, trainer.progress)
     image = rasterize(gaussians, camera, trainer.capture.background)
@@ -108,9 +108,9 @@ def test_a_layer_keeps_sixteen_units() -> None:
     assert without_units(moments_of(values[:, :16], torch.ones(100, 2)), *layer(2, 16)) == []
 
 
-def test_what_no_picture_shows_has_no_moments(halfway: Make) -> None:
+def test_what_no_image_shows_has_no_moments(halfway: Make) -> None:
     trainer = halfway()
-    looks = [Look(0, 0.25), Look(3, 0.75)]
+    looks = [SampledView(0, 0.25), SampledView(3, 0.75)]
     found = visible_moments(trainer, trainer.model, looks, torch.Generator().manual_seed(0))
     assert found.shape == (14, 65, 65) and (found.diagonal(dim1=1, dim2=2)[:, -1] > 0).all()
     assert all(parameter.grad is None for parameter in trainer.model.parameters())
@@ -120,10 +120,10 @@ def test_what_no_picture_shows_has_no_moments(halfway: Make) -> None:
 
 
 def narrowed(trainer: Trainer) -> Trainer:
-    assert trainer.parsimony
+    assert trainer.compression
     generator = torch.Generator().manual_seed(0)
-    looks = draw_looks(trainer.capture, trainer.parsimony.looked_at, 8, generator)
-    narrow(trainer.parsimony, trainer, trainer.parsimony.judge(trainer), looks, generator)
+    looks = sample_views(trainer.capture, trainer.compression.looked_at, 8, generator)
+    narrow(trainer.compression, trainer, trainer.compression.judge(trainer), looks, generator)
     return trainer
 
 
@@ -143,14 +143,14 @@ def test_a_narrower_network_trains_saves_and_plays(
     assert field.modulation_weight.shape == field.embedding_weight.shape == (16, 32)
     units = [int((rows == row).all(1).nonzero()) for row in field.embedding_weight]
     assert torch.equal(trainer.optimizer.adam.state[field.output_weight]["exp_avg"], memory[:, units])
-    assert trainer.parsimony
-    last = trainer.parsimony.reductions[-1]
+    assert trainer.compression
+    last = trainer.compression.reductions[-1]
     assert (last.what, last.before, last.after) == ("network width", 64, 16) and last.bytes > 0
     before = field.bias.detach().clone()
     train(trainer)
     assert (field.bias != before).any() and not field.output_weight[silent].any()
     save_scene(TrainingJob(filmed, tmp_path / "a.frog", lossless=True), trainer, 1.0, {})
-    played = PlayableScene.load(tmp_path / "a.frog")
+    played = ScenePlayer.load(tmp_path / "a.frog")
     assert played.header.model["hidden_width"] == 16
     expected = trainer.gaussians_at(0.4, 1.0)[0].means.detach().numpy()
     np.testing.assert_allclose(played.at(0.4).means, expected, atol=1e-5)
@@ -161,8 +161,8 @@ def test_a_network_that_is_needed_stays_as_it_is(halfway: Make, monkeypatch: pyt
     trainer = halfway()
     weight = trainer.model.deformation.output_weight.detach().clone()
     narrowed(trainer)
-    assert trainer.parsimony
-    assert trainer.model.settings.hidden_width == 64 and trainer.parsimony.reductions == []
+    assert trainer.compression
+    assert trainer.model.settings.hidden_width == 64 and trainer.compression.reductions == []
     assert torch.equal(trainer.model.deformation.output_weight, weight)
 
 
@@ -170,7 +170,9 @@ def test_a_network_that_is_needed_stays_as_it_is(halfway: Make, monkeypatch: pyt
 def test_networks_of_more_layers_stay_as_they_are(halfway: Make, changes: dict) -> None:
     trainer = halfway(**changes)
     width = trainer.model.settings.hidden_width
-    assert trainer.parsimony and "network width" not in [each.what for each in narrowed(trainer).parsimony.reductions]
+    assert trainer.compression and "network width" not in [
+        each.what for each in narrowed(trainer).compression.reductions
+    ]
     assert trainer.model.settings.hidden_width == width
 
 

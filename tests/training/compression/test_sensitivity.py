@@ -1,4 +1,4 @@
-"""What is measured by looking: motion in pixels, what a Gaussian adds to pictures, errors that change with time."""
+"""What is measured by looking: motion in pixels, what a Gaussian adds to images, errors that change with time."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from frog_blender.engine.capture.time import frame_to_time
 from frog_blender.engine.rasterizer import GaussianArrays, rasterize
 from frog_blender.engine.training.compression.sensitivity import (
     PIXELS_OF_A_CHANGE,
-    Look,
-    Measured,
+    SampledView,
+    Sensitivity,
     _seen_from,
-    draw_looks,
     measure,
+    sample_views,
 )
-from frog_blender.engine.training.compression.temporal_residual import unrest
+from frog_blender.engine.training.compression.temporal_residual import temporal_error_std
 
 STATIC = len(film.gaussians_at(0)) - 12  # the wall; the ball's Gaussians come after it
 
@@ -36,11 +36,11 @@ def at(time: float) -> GaussianArrays:
     return true_gaussians(round(time * (film.FRAMES - 1)))
 
 
-def looks_of(capture: Capture, cameras: tuple[int, ...] = (1, 2, 3)) -> list[Look]:
-    return [Look(camera, frame / (film.FRAMES - 1)) for camera in cameras for frame in range(film.FRAMES)]
+def looks_of(capture: Capture, cameras: tuple[int, ...] = (1, 2, 3)) -> list[SampledView]:
+    return [SampledView(camera, frame / (film.FRAMES - 1)) for camera in cameras for frame in range(film.FRAMES)]
 
 
-def measured(capture: Capture, gaussians_at: Callable[[float], GaussianArrays]) -> Measured:
+def measured(capture: Capture, gaussians_at: Callable[[float], GaussianArrays]) -> Sensitivity:
     count = len(gaussians_at(0.0))
     return measure(gaussians_at, count, capture, looks_of(capture), torch.Generator().manual_seed(0))
 
@@ -108,7 +108,11 @@ def test_the_contribution_is_what_leaving_out_changes(capture: Capture) -> None:
 @pytest.mark.parametrize("name", ["means", "quaternions", "scales", "opacities", "sh"])
 def test_the_rest_energy_is_what_standing_still_changes(capture: Capture, name: str) -> None:
     """Of one Gaussian alone, whose change is small enough for the first order."""
-    index, looks, size = STATIC + 5, 2 * [Look(1, 0.0), Look(1, 1.0)], 0.05 if name == "quaternions" else 0.01
+    index, looks, size = (
+        STATIC + 5,
+        2 * [SampledView(1, 0.0), SampledView(1, 1.0)],
+        0.05 if name == "quaternions" else 0.01,
+    )
 
     def swinging(time: float, rests: bool = False) -> GaussianArrays:
         g = true_gaussians(2)
@@ -137,11 +141,11 @@ def test_errors_that_change_with_time_show_who_should_move(capture: Capture) -> 
 
     def truth_of(index: int) -> torch.Tensor:
         shot = capture.shots[index]
-        return torch.from_numpy(film.picture(capture.cameras[shot.camera], shot.frame)).float() / 255
+        return torch.from_numpy(film.image(capture.cameras[shot.camera], shot.frame)).float() / 255
 
-    right = unrest(at, truth_of, capture, shots)
+    right = temporal_error_std(at, truth_of, capture, shots)
     assert float(right.max()) < 0.01
-    frozen = unrest(lambda _: true_gaussians(film.FRAMES // 2), truth_of, capture, shots)
+    frozen = temporal_error_std(lambda _: true_gaussians(film.FRAMES // 2), truth_of, capture, shots)
     assert float(frozen[STATIC:].max()) > 0.05
     far = torch.from_numpy(film.gaussians_at(0).means[:STATIC, 1] > 1.2)  # below the ball's path
     assert float(frozen[:STATIC][far].max()) < 0.02
@@ -150,18 +154,18 @@ def test_errors_that_change_with_time_show_who_should_move(capture: Capture) -> 
 def test_no_stretch_of_time_is_overlooked(capture: Capture) -> None:
     shots = [i for i, shot in enumerate(capture.shots) if not capture.is_test(shot)]
     for seed in range(20):
-        looks = draw_looks(capture, shots, film.FRAMES, torch.Generator().manual_seed(seed))
+        looks = sample_views(capture, shots, film.FRAMES, torch.Generator().manual_seed(seed))
         assert [round(look.time * (film.FRAMES - 1) - frame) for frame, look in enumerate(looks)] == film.FRAMES * [0]
-    twice = draw_looks(capture, shots, 2 * len(shots), torch.Generator().manual_seed(0))
+    twice = sample_views(capture, shots, 2 * len(shots), torch.Generator().manual_seed(0))
     moments = Counter((look.camera, round(look.time * (film.FRAMES - 1))) for look in twice)
     assert set(moments.values()) == {2} and len(moments) == len(shots)
 
 
 def test_looks_are_spread_and_jittered(capture: Capture) -> None:
     shots = [i for i, shot in enumerate(capture.shots) if not capture.is_test(shot)]
-    looks = draw_looks(capture, shots, len(shots), torch.Generator().manual_seed(1))
+    looks = sample_views(capture, shots, len(shots), torch.Generator().manual_seed(1))
     assert len({(look.camera, round(look.time * (film.FRAMES - 1))) for look in looks}) > 0.6 * len(shots)
     assert all(0 <= look.time <= 1 for look in looks)
     whole = {frame_to_time(frame, capture.frame_count) for frame in range(capture.frame_count)}
     assert sum(look.time not in whole for look in looks) > len(looks) / 2
-    assert looks == draw_looks(capture, shots, len(shots), torch.Generator().manual_seed(1))
+    assert looks == sample_views(capture, shots, len(shots), torch.Generator().manual_seed(1))

@@ -16,12 +16,12 @@ from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.evaluation.evaluate import evaluate
 from frog_blender.engine.gaussians import GaussianArrays
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.compression_report import reduction_line
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene
 from frog_blender.engine.training.compression import finalize, static_attributes
 from frog_blender.engine.training.compression.finalize import played_by
-from frog_blender.engine.training.compression.static_attributes import spare_attributes
+from frog_blender.engine.training.compression.static_attributes import freeze_attributes
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session.export import _scene
 from frog_blender.engine.training.session.job import TrainingJob, run_training
@@ -42,8 +42,8 @@ def scene_of(trainer: Trainer) -> SceneFile:
 
 
 def psnr(trainer: Trainer, scene: SceneFile) -> float:
-    assert trainer.parsimony
-    return trainer.parsimony.judge(trainer, played=played_by(PlayableScene(scene), trainer.device)).now
+    assert trainer.compression
+    return trainer.compression.judge(trainer, played=played_by(ScenePlayer(scene), trainer.device)).now
 
 
 def allow(monkeypatch: pytest.MonkeyPatch, fading: float, shape: float, live: float = 2.0) -> None:
@@ -59,10 +59,10 @@ def test_it_costs_what_is_said_and_no_more_than_allowed(
     finished: Trainer, monkeypatch: pytest.MonkeyPatch, fading: float, shape: float
 ) -> None:
     allow(monkeypatch, fading, shape)
-    assert finished.parsimony
+    assert finished.compression
     before = scene_of(finished)
-    found, reductions = spare_attributes(finished.parsimony, finished, before)
-    playable, whole = PlayableScene(found), PlayableScene(before)
+    found, reductions = freeze_attributes(finished.compression, finished, before)
+    playable, whole = ScenePlayer(found), ScenePlayer(before)
     assert (playable.count, playable.moving) == (whole.count, whole.moving)
     lost = 0.0
     for reduction in reductions:
@@ -82,11 +82,13 @@ def test_it_costs_what_is_said_and_no_more_than_allowed(
 def test_who_must_change_most_goes_on_changing(finished: Trainer, monkeypatch: pytest.MonkeyPatch) -> None:
     """Energies decide: with others' energies it would cost more."""
     allow(monkeypatch, 0.05, 0.0)
-    assert finished.parsimony and finished.parsimony.motion
-    motion, before = finished.parsimony.motion, scene_of(finished)
-    _, (right, *_) = spare_attributes(finished.parsimony, finished, before)
-    monkeypatch.setattr(finished.parsimony, "motion", replace(motion, fade_energy=1 / motion.fade_energy.clamp(1e-12)))
-    _, wrong = spare_attributes(finished.parsimony, finished, before)
+    assert finished.compression and finished.compression.motion
+    motion, before = finished.compression.motion, scene_of(finished)
+    _, (right, *_) = freeze_attributes(finished.compression, finished, before)
+    monkeypatch.setattr(
+        finished.compression, "motion", replace(motion, fade_energy=1 / motion.fade_energy.clamp(1e-12))
+    )
+    _, wrong = freeze_attributes(finished.compression, finished, before)
     faded = [each.before - each.after for each in wrong if each.what == "only fade"]
     assert right.what == "only fade" and right.before - right.after > max([*faded, 0])
 
@@ -96,10 +98,10 @@ def test_where_it_is_not_worth_it_the_scene_stays(
     finished: Trainer, monkeypatch: pytest.MonkeyPatch, what: str
 ) -> None:
     allow(monkeypatch, 0.5, -1.0)
-    assert finished.parsimony
+    assert finished.compression
     before = scene_of(finished)
     if what == "nothing known":
-        monkeypatch.setattr(finished.parsimony, "motion", None)
+        monkeypatch.setattr(finished.compression, "motion", None)
     elif what == "heads":
         before = SceneFile(replace(before.header, model=before.header.model | {"head_width": 8}), before.arrays)
     elif what == "long":
@@ -110,7 +112,7 @@ def test_where_it_is_not_worth_it_the_scene_stays(
         monkeypatch.setattr(static_attributes, "_FADING_WORTH_IT", 1.1)
     else:
         monkeypatch.setattr(static_attributes, "pack", lambda name, array: Bytes(len(array) + 2 * (name == "fades")))
-    assert spare_attributes(finished.parsimony, finished, before) == (before, [])
+    assert freeze_attributes(finished.compression, finished, before) == (before, [])
 
 
 class Bytes:
@@ -126,7 +128,7 @@ class Passing:
     moving, header = 2, scene_file().header
 
     def at_frame(self, frame: int) -> GaussianArrays:
-        gaussians = PlayableScene(scene_file(2)).at(0.0)
+        gaussians = ScenePlayer(scene_file(2)).at(0.0)
         opacities = np.array([0.9 * (frame == 1), 0.5], np.float32)
         return replace(gaussians, means=gaussians.means * 0 + frame, opacities=opacities)
 
@@ -134,7 +136,7 @@ class Passing:
 def test_the_state_is_that_at_which_they_are_seen() -> None:
     state = static_attributes._seen_state(Passing())
     np.testing.assert_allclose(state["means"], [[1.0] * 3, [3.0] * 3], atol=1e-5)
-    np.testing.assert_allclose(state["scales"], PlayableScene(scene_file(2)).at(0.0).scales, rtol=1e-5)
+    np.testing.assert_allclose(state["scales"], ScenePlayer(scene_file(2)).at(0.0).scales, rtol=1e-5)
 
 
 def test_a_training_writes_them_and_says_so(filmed: Path, tmp_path: Path, lively: Callable) -> None:
@@ -146,11 +148,11 @@ def test_a_training_writes_them_and_says_so(filmed: Path, tmp_path: Path, lively
         assert "fades" in scene.arrays and "reshaped" in scene.header.model
         whats = [each["what"] for each in done.capacity["reductions"]]
         assert whats[-4:-1] == ["only fade", "keep their shape", "packed"] and whats[-1] == "unseen left out"
-        assert done.capacity["dynamic"] == PlayableScene(scene).moving == scene.header.capacity["dynamic"]
+        assert done.capacity["dynamic"] == ScenePlayer(scene).moving == scene.header.capacity["dynamic"]
         packed = next(each for each in done.capacity["reductions"] if each["what"] == "packed")
         assert abs(packed["loss"]) < 0.05  # what others cost is not counted again
         rebuilt = open_capture(filmed).with_cameras(scene.header.cameras)
-        found = evaluate(PlayableScene(scene), rebuilt, FrameStore.open(rebuilt))["psnr"]
+        found = evaluate(ScenePlayer(scene), rebuilt, FrameStore.open(rebuilt))["psnr"]
         assert done.psnr == scene.header.metrics["psnr"] == pytest.approx(found, abs=0.05)
         plain = replace(task, output=tmp_path / "y.frog", max_bytes=10**6)
         list(run_training(plain))
@@ -165,9 +167,9 @@ def test_the_same_scene_from_a_checkpoint(finished: Trainer, make_trainer: Make,
     load_checkpoint(tmp_path / "c", other)
     with pytest.MonkeyPatch.context() as patch:
         allow(patch, 0.05, 0.05)
-        assert finished.parsimony and other.parsimony
-        mine, again = (spare_attributes(each.parsimony, each, scene_of(each))[0] for each in (finished, other))
+        assert finished.compression and other.compression
+        mine, again = (freeze_attributes(each.compression, each, scene_of(each))[0] for each in (finished, other))
     assert mine.header.model == again.header.model
     for name, array in mine.arrays.items():
         assert np.array_equal(array, again.arrays[name]), name
-    assert isinstance(other.parsimony.motion.fade_energy, torch.Tensor)
+    assert isinstance(other.compression.motion.fade_energy, torch.Tensor)

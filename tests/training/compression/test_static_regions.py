@@ -12,8 +12,8 @@ from support import synthetic_capture as film
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.frames import FrameStore
-from frog_blender.engine.playback.player import PlayableScene
-from frog_blender.engine.training.compression.static_regions import measure_changes, nothing_moves
+from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.engine.training.compression.static_regions import is_static_capture, measure_temporal_variance
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session.job import TrainingJob, run_training
 
@@ -22,24 +22,24 @@ Make = Callable[..., Trainer]
 
 
 class Repeated:
-    """A store whose pictures are a camera's first, with noise; ``moved`` pixels of one moment differ."""
+    """A store whose images are a camera's first, with noise; ``moved`` pixels of one moment differ."""
 
     def __init__(self, capture: Capture, noise: float, moved: int = 0) -> None:
         self._capture, self._noise, self._moved = capture, noise, moved
 
     def image(self, index: int) -> np.ndarray:
         shot = self._capture.shots[index]
-        picture = film.picture(self._capture.cameras[shot.camera], 0).astype(float)
-        picture += np.random.default_rng(index).normal(0, self._noise, picture.shape)
+        image = film.image(self._capture.cameras[shot.camera], 0).astype(float)
+        image += np.random.default_rng(index).normal(0, self._noise, image.shape)
         if self._moved and shot.frame == 3:
-            picture[10 : 10 + self._moved, 20 : 20 + self._moved] = 255 - picture[10, 20]
-        return picture.round().clip(0, 255).astype(np.uint8)
+            image[10 : 10 + self._moved, 20 : 20 + self._moved] = 255 - image[10, 20]
+        return image.round().clip(0, 255).astype(np.uint8)
 
 
 @pytest.mark.parametrize("noise", [0.0, 1.5, 4.0])
 def test_stillness_is_seen_through_noise(capture: Capture, noise: float) -> None:
-    assert nothing_moves(capture, Repeated(capture, noise))
-    assert not nothing_moves(capture, Repeated(capture, noise, moved=4))
+    assert is_static_capture(capture, Repeated(capture, noise))
+    assert not is_static_capture(capture, Repeated(capture, noise, moved=4))
 
 
 @pytest.mark.parametrize("kind", ["waves", "fade"])
@@ -51,7 +51,7 @@ def test_motion_everywhere_is_no_noise(capture: Capture, kind: str) -> None:
             row = 128 + 120 * np.sin(2 * np.pi * x) if kind == "waves" else np.full(film.WIDTH, 30.0 + 20 * frame)
             return np.tile(row[None, :, None], (film.HEIGHT, 1, 3)).astype(np.uint8)
 
-    assert not nothing_moves(capture, Everywhere())
+    assert not is_static_capture(capture, Everywhere())
 
 
 @pytest.mark.parametrize(("cameras", "frames"), [(4, 4), (2, 3), (1, 1)])
@@ -62,41 +62,41 @@ def test_a_short_event_is_seen_by_some_camera(capture: Capture, cameras: int, fr
 
     class Short(Repeated):
         def image(self, index: int) -> np.ndarray:
-            picture = super().image(index)
+            image = super().image(index)
             if 100 <= capture.shots[index].frame < 100 + frames:
-                picture[10:20, 10:20] = 255 - picture[10:20, 10:20]
-            return picture
+                image[10:20, 10:20] = 255 - image[10:20, 10:20]
+            return image
 
-    assert not nothing_moves(capture, Short(capture, 1.0))
+    assert not is_static_capture(capture, Short(capture, 1.0))
 
 
 def test_motion_is_no_stillness_nor_is_a_single_moment(capture: Capture, store: object) -> None:
-    assert not nothing_moves(capture, store)
+    assert not is_static_capture(capture, store)
     one = replace(capture, shots=tuple(shot for shot in capture.shots if shot.frame == 0))
-    assert not nothing_moves(one, store)
+    assert not is_static_capture(one, store)
 
 
 class Painted:
-    """A store of random textures, each camera's at rest but for what ``change(picture, frame)`` does in place."""
+    """A store of random textures, each camera's at rest but for what ``change(image, frame)`` does in place."""
 
     def __init__(self, capture: Capture, change: Callable[[np.ndarray, int], None], noise: float = 0.0) -> None:
         self._capture, self._change, self._noise = capture, change, noise
 
     def image(self, index: int) -> np.ndarray:
         shot = self._capture.shots[index]
-        of_camera, of_picture = np.random.default_rng(shot.camera), np.random.default_rng([7, index])
-        picture = of_camera.uniform(40, 200, (film.HEIGHT, film.WIDTH, 3))
-        self._change(picture, shot.frame)
-        picture += of_picture.normal(0, self._noise, picture.shape)
-        return picture.round().clip(0, 255).astype(np.uint8)
+        of_camera, of_image = np.random.default_rng(shot.camera), np.random.default_rng([7, index])
+        image = of_camera.uniform(40, 200, (film.HEIGHT, film.WIDTH, 3))
+        self._change(image, shot.frame)
+        image += of_image.normal(0, self._noise, image.shape)
+        return image.round().clip(0, 255).astype(np.uint8)
 
 
-def brightens(picture: np.ndarray, frame: int) -> None:
-    picture[8:16, 16:24] += 2.0 * frame
+def brightens(image: np.ndarray, frame: int) -> None:
+    image[8:16, 16:24] += 2.0 * frame
 
 
-def slides_by_a_pixel(picture: np.ndarray, frame: int) -> None:
-    picture[8:16, 16:24] = np.roll(picture[8:16, 16:24], frame % 2, axis=1)
+def slides_by_a_pixel(image: np.ndarray, frame: int) -> None:
+    image[8:16, 16:24] = np.roll(image[8:16, 16:24], frame % 2, axis=1)
 
 
 @pytest.mark.parametrize("change", [brightens, slides_by_a_pixel])
@@ -105,26 +105,26 @@ def test_changes_are_found_where_they_are(
     capture: Capture, change: Callable[[np.ndarray, int], None], noise: float
 ) -> None:
     """Of a cell's brightness, and of a texture finer than a cell, whose mean stays what it is."""
-    changes = measure_changes(capture, Painted(capture, change, noise))
+    changes = measure_temporal_variance(capture, Painted(capture, change, noise))
     assert changes is not None and sorted(changes.variance) == [1, 2, 3]  # not the held-out camera's
     assert 0.9 < changes.still(2 / 255) < 1
     for camera, variance in changes.variance.items():
         assert np.unravel_index(variance.argmax(), variance.shape) == (1, 2)
         others = variance.copy()
         others[1, 2] = 0
-        assert others.max() < 0.25 * variance[1, 2]  # the pictures' 4.5 cells are 4
+        assert others.max() < 0.25 * variance[1, 2]  # the images' 4.5 cells are 4
         of_pixels = changes.map_of(camera, 2 * film.HEIGHT, 2 * film.WIDTH)
         assert of_pixels.shape == (2 * film.HEIGHT, 2 * film.WIDTH)
         assert (of_pixels[20:30, 36:46] == variance[1, 2]).all()
 
 
-def test_what_all_of_a_picture_does_is_a_change(capture: Capture) -> None:
+def test_what_all_of_an_image_does_is_a_change(capture: Capture) -> None:
     """A lamp that fades is no noise: every cell changes by as much as it does."""
 
-    def fade(picture: np.ndarray, frame: int) -> None:
-        picture += 6.0 * frame
+    def fade(image: np.ndarray, frame: int) -> None:
+        image += 6.0 * frame
 
-    changes = measure_changes(capture, Painted(capture, fade))
+    changes = measure_temporal_variance(capture, Painted(capture, fade))
     assert changes is not None
     assert changes.still(2 / 255) == 0
     true = np.var(6.0 * np.arange(film.FRAMES) / 255)
@@ -136,9 +136,12 @@ def test_moving_cameras_and_single_moments_tell_nothing(capture: Capture, store:
     shots = tuple(replace(capture.shots[0], camera=0, frame=frame) for frame in range(4))
     cameras = tuple(capture.cameras[0] for _ in shots)
     moving = tuple(replace(shot, camera=shot.frame) for shot in shots)
-    assert measure_changes(replace(capture, cameras=cameras, shots=moving, test_cameras=frozenset()), store) is None
+    assert (
+        measure_temporal_variance(replace(capture, cameras=cameras, shots=moving, test_cameras=frozenset()), store)
+        is None
+    )
     one = replace(capture, shots=tuple(shot for shot in capture.shots if shot.frame == 0))
-    assert measure_changes(one, store) is None
+    assert measure_temporal_variance(one, store) is None
 
 
 def test_a_still_scene_has_no_network_and_plays(
@@ -149,6 +152,6 @@ def test_a_still_scene_has_no_network_and_plays(
     task = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(60, capacity="auto"), holdout_frames=0)
     finished = list(run_training(task))[-1]
     assert finished.capacity["dynamic"] == 0 and finished.capacity["heads"] == []
-    scene = PlayableScene.load(tmp_path / "x.frog")
+    scene = ScenePlayer.load(tmp_path / "x.frog")
     assert scene.moving == 0 and scene.header.model == {}
     np.testing.assert_array_equal(scene.at(0.2).means, scene.at(0.9).means)

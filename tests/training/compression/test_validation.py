@@ -1,4 +1,4 @@
-"""The withheld pictures that judge what may be left out, and the search for how much."""
+"""The withheld images that judge what may be left out, and the search for how much."""
 
 from __future__ import annotations
 
@@ -13,32 +13,32 @@ from support import synthetic_capture as film
 from support.training_steps import train
 
 from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.training.compression.validation import most_within, withheld_shots
-from frog_blender.engine.training.optimize.schedule import ShotPicker
+from frog_blender.engine.training.compression.validation import largest_count_within, validation_shots
+from frog_blender.engine.training.optimize.schedule import ViewSampler
 from frog_blender.engine.training.optimize.trainer import Trainer
 
 Make = Callable[..., Trainer]
 
 
-def test_withheld_pictures_are_training_pictures_spread_over_time(capture: Capture) -> None:
+def test_withheld_images_are_training_images_spread_over_time(capture: Capture) -> None:
     capture = film.longer(capture, 40)
-    found = withheld_shots(capture, 3)
+    found = validation_shots(capture, 3)
     assert 4 <= len(found) <= 8
     assert not any(capture.is_test(capture.shots[i]) for i in found)
     frames = sorted(capture.shots[i].frame for i in found)
     assert np.diff(frames).min() > 0 and frames[0] < 10 and frames[-1] > 30
-    assert found == withheld_shots(capture, 3) != withheld_shots(capture, 4)
+    assert found == validation_shots(capture, 3) != validation_shots(capture, 4)
 
 
-def test_where_pictures_are_few_none_is_spared(capture: Capture) -> None:
-    assert withheld_shots(capture, 0) == ()
+def test_where_images_are_few_none_is_spared(capture: Capture) -> None:
+    assert validation_shots(capture, 0) == ()
 
 
-def test_withheld_pictures_are_not_drawn(capture: Capture) -> None:
+def test_withheld_images_are_not_drawn(capture: Capture) -> None:
     capture = film.longer(capture, 10)
-    withheld = withheld_shots(capture, 0)
+    withheld = validation_shots(capture, 0)
     for choice in ("even", "loss"):
-        picker, generator = ShotPicker(capture, choice), torch.Generator().manual_seed(0)
+        picker, generator = ViewSampler(capture, choice), torch.Generator().manual_seed(0)
         picker.withhold(withheld)
         assert withheld and not set(withheld) & {picker.pick(generator) for _ in range(400)}
         other = next(i for i, s in enumerate(capture.shots) if not capture.is_test(s) and i not in withheld)
@@ -47,10 +47,10 @@ def test_withheld_pictures_are_not_drawn(capture: Capture) -> None:
         assert set(withheld) < {picker.pick(generator) for _ in range(400)}
 
 
-def test_no_test_picture_is_ever_looked_at(make_trainer: Make, watched: Callable, capture: Capture) -> None:
+def test_no_test_image_is_ever_looked_at(make_trainer: Make, watched: Callable, capture: Capture) -> None:
     store = watched()
     trainer = train(make_trainer(60, capacity="auto", watched=store))
-    assert trainer.parsimony and trainer.parsimony.reductions
+    assert trainer.compression and trainer.compression.reductions
     assert store.read and not any(capture.is_test(capture.shots[index]) for index in store.read)
 
 
@@ -63,7 +63,7 @@ def test_the_search_never_allows_too_much(candidates: int, allowed: float, wrong
         asked.append(number)
         return number**1.5 / 100
 
-    number, cost = most_within(loss, wrong * np.arange(1, candidates + 1) ** power, allowed)
+    number, cost = largest_count_within(loss, wrong * np.arange(1, candidates + 1) ** power, allowed)
     assert len(asked) == len(set(asked)) <= 4 and all(0 < each <= candidates for each in asked)
     assert cost <= allowed and (number == 0 or cost == number**1.5 / 100)
 
@@ -72,18 +72,18 @@ def test_the_search_never_allows_too_much(candidates: int, allowed: float, wrong
 def test_the_search_needs_few_looks(candidates: int, share: float, wrong: float, power: float) -> None:
     """Where loss is ten times what was expected or a tenth of it, or grows faster or more slowly."""
     truth = (np.arange(1, candidates + 1) / (share * candidates)) ** 3.0
-    number, _ = most_within(lambda n: float(truth[n - 1]) ** power, wrong * truth, 1.0)
+    number, _ = largest_count_within(lambda n: float(truth[n - 1]) ** power, wrong * truth, 1.0)
     assert 0.85 * share * candidates - 2 <= number <= share * candidates * (1 + 1e-9)
 
 
 def test_the_search_takes_everything_where_nothing_is_missed() -> None:
-    assert most_within(lambda n: 0.0, 0.3 * np.arange(1.0, 1001.0) ** 4 / 1000**4, 0.05) == (1000, 0.0)
+    assert largest_count_within(lambda n: 0.0, 0.3 * np.arange(1.0, 1001.0) ** 4 / 1000**4, 0.05) == (1000, 0.0)
 
 
 def test_withholding_may_begin_within_a_burst(capture: Capture) -> None:
-    """One camera: whoever is withheld was the only picture of its moment."""
+    """One camera: whoever is withheld was the only image of its moment."""
     shots = tuple(shot for shot in film.longer(capture, 40).shots if shot.camera == 1)
-    picker, generator = ShotPicker(replace(capture, shots=shots, frame_count=40)), torch.Generator().manual_seed(0)
+    picker, generator = ViewSampler(replace(capture, shots=shots, frame_count=40)), torch.Generator().manual_seed(0)
     picker.withhold((5,))
     assert {picker.pick_same_moment(5, generator) for _ in range(30)}.isdisjoint({5})
     assert picker.pick_same_moment(6, generator) == 6

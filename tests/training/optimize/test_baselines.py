@@ -12,7 +12,7 @@ from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session.checkpoint import load_checkpoint, save_checkpoint
 
-RIVALS = ("d3dgs", "hexplane", "curves")
+BASELINES = ("d3dgs", "hexplane", "curves")
 STEPS = 480  # 4DGaussians has found the ball by then, whatever the seed
 
 
@@ -20,7 +20,7 @@ def moving_psnr(trainer: Trainer, store: FrameStore, camera: int) -> float:
     """Over the pixels of one camera that clearly change in time."""
     shots = [i for i, shot in enumerate(trainer.capture.shots) if shot.camera == camera]
     truth = np.stack([store.image(i) / 255.0 for i in shots])
-    drawn = np.stack([trainer.picture(i) for i in shots])
+    drawn = np.stack([trainer.render_image(i) for i in shots])
     mask = truth.std(0).max(-1) > 15 / 255
     return -10 * float(np.log10(((truth - drawn)[:, mask] ** 2).mean()))
 
@@ -30,7 +30,7 @@ def static(make_trainer: Callable[..., Trainer]) -> Trainer:
     return train(make_trainer(STEPS, "static"))
 
 
-@pytest.mark.parametrize("method", RIVALS)
+@pytest.mark.parametrize("method", BASELINES)
 def test_what_moves_is_followed(
     make_trainer: Callable[..., Trainer], store: FrameStore, static: Trainer, method: str
 ) -> None:
@@ -40,7 +40,7 @@ def test_what_moves_is_followed(
     assert min(gains) > 1.5
 
 
-@pytest.mark.parametrize("method", RIVALS)
+@pytest.mark.parametrize("method", BASELINES)
 def test_a_stopped_training_goes_on_to_the_same_bits(
     make_trainer: Callable[..., Trainer], bits: Callable[[Trainer], dict[str, bytes]], tmp_path, method: str
 ) -> None:
@@ -52,7 +52,7 @@ def test_a_stopped_training_goes_on_to_the_same_bits(
     assert bits(train(resumed)) == bits(whole)
 
 
-@pytest.mark.parametrize("method", RIVALS)
+@pytest.mark.parametrize("method", BASELINES)
 def test_nothing_of_frogs_own_happens(make_trainer: Callable[..., Trainer], method: str) -> None:
     trainer = make_trainer(5, method)
     r = trainer.recipe

@@ -1,4 +1,4 @@
-"""Where new anchors are put, and picture similarity."""
+"""Where new anchors are put, and image similarity."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def generator(seed: int = 0) -> torch.Generator:
     return torch.Generator().manual_seed(seed)
 
 
-def pictures(height: int = 40, width: int = 60) -> tuple[torch.Tensor, torch.Tensor]:
+def images(height: int = 40, width: int = 60) -> tuple[torch.Tensor, torch.Tensor]:
     """A smooth truth and a drawing of it that is off by different shares in different places."""
     y, x = torch.meshgrid(torch.linspace(0, 3, height), torch.linspace(0, 5, width), indexing="ij")
     truth = (0.6 + 0.2 * torch.sin(x) * torch.cos(2 * y))[:, :, None].repeat(1, 1, 3)
@@ -37,7 +37,7 @@ def pictures(height: int = 40, width: int = 60) -> tuple[torch.Tensor, torch.Ten
 
 
 def test_a_dim_copy_has_the_same_order_of_errors() -> None:
-    truth, drawn = pictures()
+    truth, drawn = images()
     bright = error_map(drawn, truth).flatten()
     dim = error_map(drawn * 0.2, truth * 0.2).flatten()
     ranks = [score.argsort().argsort().double() for score in (bright, dim)]
@@ -47,8 +47,8 @@ def test_a_dim_copy_has_the_same_order_of_errors() -> None:
     assert float(dim.mean() / bright.mean()) > 0.6
 
 
-def test_the_dim_half_of_a_picture_receives_anchors_too() -> None:
-    truth, drawn = pictures()
+def test_the_dim_half_of_an_image_receives_anchors_too() -> None:
+    truth, drawn = images()
     light = torch.ones(40, 60, 1)
     light[:, 30:] = 0.25
     mirrored = torch.cat([truth[:, :30], truth[:, :30].flip(1)], 1) * light
@@ -91,9 +91,9 @@ def test_the_worst_tenth_is_drawn_from() -> None:
 
 @pytest.fixture
 def drawn_wall() -> tuple[Image, torch.Tensor]:
-    """A picture of a wall at Euclidean distance 3 to 4, half of it without depth."""
+    """An image of a wall at Euclidean distance 3 to 4, half of it without depth."""
     camera = odd_camera(60, 40)
-    truth, drawn = pictures()
+    truth, drawn = images()
     depth = torch.linspace(3, 4, 60).expand(40, 60).clone()
     depth[:20] = NAN
     size = (camera.height, camera.width)
@@ -122,7 +122,7 @@ def test_anchors_project_back_to_the_pixels_they_came_from(drawn_wall: tuple[Ima
     assert new["sh"].shape == (len(colors), 4, 3) and torch.isfinite(new["log_scales"]).all()
 
 
-def test_a_picture_without_any_depth_gives_no_anchor(drawn_wall: tuple[Image, torch.Tensor]) -> None:
+def test_an_image_without_any_depth_gives_no_anchor(drawn_wall: tuple[Image, torch.Tensor]) -> None:
     image, truth = drawn_wall
     image.median_depth[:] = NAN
     points, colors = worst_points(image, truth, odd_camera(60, 40), 40, "median", generator())

@@ -15,9 +15,9 @@ from support.training_steps import train
 
 from frog_blender.engine.rasterizer import RasterizeOptions
 from frog_blender.engine.training.optimize import trainer as trainer_module
-from frog_blender.engine.training.optimize.crop_sampler import CELL, RegionPicker
-from frog_blender.engine.training.optimize.device import picture_on
-from frog_blender.engine.training.optimize.losses import PictureLoss, picture_loss_plainly
+from frog_blender.engine.training.optimize.crop_sampler import CELL, CropSampler
+from frog_blender.engine.training.optimize.device import image_on
+from frog_blender.engine.training.optimize.losses import PhotometricLoss, photometric_loss_reference
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session.checkpoint import load_checkpoint, save_checkpoint
 
@@ -28,15 +28,15 @@ Region = tuple[int, int, int, int]
 SIZES = [(160, 96), (161, 97), (175, 95), (48, 36), (47, 200), (17, 33), (16, 16), (9, 5), (1, 1)]
 
 
-def picker_of(size: tuple[int, int], share: float = 1.0, region_size: float = 0.4) -> RegionPicker:
-    """For one camera, whose whole picture has been seen with the same error everywhere."""
-    picker = RegionPicker([plain_camera(*size)], share, region_size)
+def picker_of(size: tuple[int, int], share: float = 1.0, region_size: float = 0.4) -> CropSampler:
+    """For one camera, whose whole image has been seen with the same error everywhere."""
+    picker = CropSampler([plain_camera(*size)], share, region_size)
     picker.observe(0, (0, 0, *size), torch.ones(picker.errors[0].shape))
     picker.settle()
     return picker
 
 
-def picks(picker: RegionPicker, count: int, seed: int = 0) -> list[Region]:
+def picks(picker: CropSampler, count: int, seed: int = 0) -> list[Region]:
     generator = torch.Generator().manual_seed(seed)
     found = [picker.pick(0, generator) for _ in range(count)]
     return [region for region in found if region is not None]
@@ -44,7 +44,7 @@ def picks(picker: RegionPicker, count: int, seed: int = 0) -> list[Region]:
 
 def test_a_camera_is_first_seen_whole() -> None:
     cameras = [plain_camera(80, 64), plain_camera(50, 40)]
-    picker, generator = RegionPicker(cameras, 1.0, 0.4), torch.Generator().manual_seed(0)
+    picker, generator = CropSampler(cameras, 1.0, 0.4), torch.Generator().manual_seed(0)
     assert all(picker.pick(camera, generator) is None for camera in (0, 1) for _ in range(5))
     picker.observe(1, (0, 0, 50, 40), torch.rand(3, 4))
     assert picker.pick(0, generator) is None and picker.pick(1, generator) is not None
@@ -56,10 +56,10 @@ def test_a_camera_is_first_seen_whole() -> None:
 
 @pytest.mark.parametrize("region_size", [0.05, 0.4, 1.0])
 @pytest.mark.parametrize("size", SIZES)
-def test_rectangles_lie_in_the_picture_on_whole_cells_and_have_the_size(
+def test_rectangles_lie_in_the_image_on_whole_cells_and_have_the_size(
     size: tuple[int, int], region_size: float
 ) -> None:
-    """The picture's last cell may be cut; small pictures are taken whole, and nothing is smaller than 48 pixels."""
+    """The image's last cell may be cut; small images are taken whole, and nothing is smaller than 48 pixels."""
     picker = picker_of(size, region_size=region_size)
     found = picks(picker, 200)
     assert len(found) == 200
@@ -96,7 +96,7 @@ def test_a_share_of_zero_draws_no_random_number() -> None:
 def test_rectangles_follow_the_error() -> None:
     """Of ten by six cells two are wrong, one nine times as much (in squares) as the other, away from the borders: all
     rectangles are centred on one of them, in that proportion."""
-    picker = RegionPicker([plain_camera(160, 96)], 1.0, 0.3)
+    picker = CropSampler([plain_camera(160, 96)], 1.0, 0.3)
     cells = torch.zeros(6, 10)
     cells[2, 2], cells[3, 7] = 0.3**2, 0.1**2
     picker.observe(0, (0, 0, 160, 96), cells)
@@ -109,7 +109,7 @@ def test_rectangles_follow_the_error() -> None:
 
 
 def test_an_error_of_zero_everywhere_is_survived() -> None:
-    picker = RegionPicker([plain_camera(90, 70)], 1.0, 0.4)
+    picker = CropSampler([plain_camera(90, 70)], 1.0, 0.4)
     picker.observe(0, (0, 0, 90, 70), torch.zeros(5, 6))
     assert len(picks(picker, 50)) == 50
 
@@ -131,7 +131,7 @@ def test_only_cells_that_were_seen_are_updated() -> None:
 REGION: Region = (16, 0, 32, 32)
 
 
-class Stubborn(RegionPicker):
+class Stubborn(CropSampler):
     """Always the same rectangle."""
 
     def pick(self, camera: int, generator: torch.Generator) -> Region | None:
@@ -139,20 +139,20 @@ class Stubborn(RegionPicker):
 
 
 def regional(trainer: Trainer, least: int, monkeypatch: pytest.MonkeyPatch) -> Trainer:
-    """With rectangles that may be smaller than the pictures of the tests."""
+    """With rectangles that may be smaller than the images of the tests."""
     monkeypatch.setattr("frog_blender.engine.training.optimize.crop_sampler._LEAST", least)
     return trainer
 
 
 def test_training_on_rectangles_learns(make_trainer: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     regions: list[Region | None] = []
-    pick = RegionPicker.pick
+    pick = CropSampler.pick
 
-    def watched(self: RegionPicker, camera: int, generator: torch.Generator) -> Region | None:
+    def watched(self: CropSampler, camera: int, generator: torch.Generator) -> Region | None:
         regions.append(pick(self, camera, generator))
         return regions[-1]
 
-    monkeypatch.setattr(RegionPicker, "pick", watched)
+    monkeypatch.setattr(CropSampler, "pick", watched)
     trainer = regional(make_trainer(300, region_share=0.8, region_size=0.4), 16, monkeypatch)
     before = trainer.evaluate(6)[0]
     train(trainer)
@@ -162,7 +162,7 @@ def test_training_on_rectangles_learns(make_trainer: Make, monkeypatch: pytest.M
     assert all(region[2] <= 32 and region[3] <= 32 for region in rectangles) and len(set(rectangles)) > 3
 
 
-@pytest.mark.parametrize("stop", [2, 33])  # before and after every picture was seen whole
+@pytest.mark.parametrize("stop", [2, 33])  # before and after every image was seen whole
 def test_resumed_bits_are_those_of_an_undisturbed_training(
     make_trainer: Make, bits: Bits, tmp_path: Path, stop: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -184,15 +184,15 @@ def test_resumed_bits_are_those_of_an_undisturbed_training(
 
 
 def one_step(trainer: Trainer, masked: bool) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
-    """Gradients of one step by parameter, and what densification collected. ``masked`` draws the whole picture, but is
+    """Gradients of one step by parameter, and what densification collected. ``masked`` draws the whole image, but is
     told that all is well outside the rectangle."""
     gradients: dict[str, torch.Tensor] = {}
     trainer.density.gradient_sum.zero_()
 
-    def flattering(image: torch.Tensor, pixels: np.ndarray, *, weight: float, **_: float) -> PictureLoss:
+    def flattering(image: torch.Tensor, pixels: np.ndarray, *, weight: float, **_: float) -> PhotometricLoss:
         truth = image.detach().clone()
-        cut(truth, REGION)[:] = cut(picture_on(image.device, pixels), REGION)
-        return picture_loss_plainly(image, truth, weight=weight)
+        cut(truth, REGION)[:] = cut(image_on(image.device, pixels), REGION)
+        return photometric_loss_reference(image, truth, weight=weight)
 
     def read() -> None:
         gradients.update({n: p.grad.clone() for n, p in trainer.model.named_parameters() if p.grad is not None})
@@ -201,7 +201,7 @@ def one_step(trainer: Trainer, masked: bool) -> tuple[dict[str, torch.Tensor], t
     trainer.optimizer.step = read  # type: ignore[method-assign]
     with pytest.MonkeyPatch.context() as patch:
         if masked:
-            patch.setattr(trainer_module, "picture_loss", flattering)
+            patch.setattr(trainer_module, "photometric_loss", flattering)
         else:
             trainer.regions = Stubborn(trainer.capture.cameras, 1.0, 0.4)
         trainer.step()
@@ -232,7 +232,7 @@ def test_a_rectangle_weighs_as_the_recipe_says(make_trainer: Make, emphasis: flo
 
 
 def test_a_pull_counts_the_same_for_densification(make_trainer: Make) -> None:
-    """Pulls are in half picture widths, whatever part of the picture was drawn."""
+    """Pulls are in half image widths, whatever part of the image was drawn."""
     (_, found), (_, expected) = pair(make_trainer, 0.0)
     pulled = expected > 0
     assert int(pulled.sum()) > 20

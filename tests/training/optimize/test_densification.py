@@ -12,7 +12,7 @@ from support.training_steps import OnlyGaussians
 
 from frog_blender.engine.model.canonical import ATTRIBUTES, CanonicalField, new_gaussians
 from frog_blender.engine.rasterizer import rasterize
-from frog_blender.engine.training.optimize.densification import DensityControl
+from frog_blender.engine.training.optimize.densification import DensificationStrategy
 from frog_blender.engine.training.optimize.optimizer import SceneOptimizer
 from frog_blender.engine.training.recipe import RECIPES
 
@@ -31,7 +31,7 @@ class Scene:
         values = new_gaussians(points, torch.rand(COUNT, 3, generator=generator), spacings, 4, 3, opacity=0.5)
         self.canonical = CanonicalField(values)
         self.optimizer = SceneOptimizer(OnlyGaussians(self.canonical), recipe, 1.0)
-        self.density = DensityControl(recipe, 1.0, COUNT)
+        self.density = DensificationStrategy(recipe, 1.0, COUNT)
         for name in ATTRIBUTES:
             parameter = getattr(self.canonical, name)
             rows = torch.arange(1.0, COUNT + 1).reshape(-1, *[1] * (parameter.dim() - 1))
@@ -215,11 +215,11 @@ def test_what_is_seen_at_one_moment_outlives_what_is_never_seen() -> None:
     torch.testing.assert_close(scene.canonical.means.detach(), scene.before["means"][3:4])
 
 
-def test_observation_counts_only_what_is_seen_in_half_picture_widths() -> None:
+def test_observation_counts_only_what_is_seen_in_half_image_widths() -> None:
     camera = plain_camera(48, 32)
     points = torch.tensor([[0.0, 0, 2], [0.2, 0.1, 2], [50.0, 0, 2], [0, 0, -2]])
     canonical = CanonicalField(new_gaussians(points, torch.rand(4, 3), torch.full((4,), 0.1), 1, 0))
-    density = DensityControl(RECIPE, 1.0, 4)
+    density = DensificationStrategy(RECIPE, 1.0, 4)
     image = rasterize(canonical.gaussians(), camera, BACKGROUND)
     gaussians = canonical.gaussians()
     density.observe(image, gaussians.opacities, camera)  # before a backward pass: nothing to see

@@ -32,8 +32,8 @@ from frog_blender.engine.training.optimize import exposure_compensation, nearest
 from frog_blender.engine.training.optimize import optimizer as optimizer_module
 from frog_blender.engine.training.optimize import trainer as trainer_module
 from frog_blender.engine.training.optimize.densification import COLLECTED
-from frog_blender.engine.training.optimize.device import EXPERIMENTAL, choose_device, picture_on
-from frog_blender.engine.training.optimize.losses import PictureLoss, picture_loss_plainly
+from frog_blender.engine.training.optimize.device import EXPERIMENTAL, choose_device, image_on
+from frog_blender.engine.training.optimize.losses import PhotometricLoss, photometric_loss_reference
 from frog_blender.engine.training.optimize.running_loss import RunningLoss
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
 from frog_blender.engine.training.session import events, job
@@ -58,11 +58,11 @@ BUSY = {
 Make = Callable[..., Trainer]
 
 
-def picture_loss_on_any_device(
+def photometric_loss_on_any_device(
     image: torch.Tensor, pixels: np.ndarray, *, dssim_weight: float = 0.0, weight: float = 1.0
-) -> PictureLoss:
+) -> PhotometricLoss:
     """As a GPU has it: the library's differs in the last bits."""
-    return picture_loss_plainly(image, picture_on(image.device, pixels), dssim_weight, weight)
+    return photometric_loss_reference(image, image_on(image.device, pixels), dssim_weight, weight)
 
 
 @pytest.fixture
@@ -81,7 +81,7 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Iterator[Machine]:
 
     for module in (trainer_module, interface_module):
         monkeypatch.setattr(module, "rasterize", slowly)
-    monkeypatch.setattr(trainer_module, "picture_loss", picture_loss_on_any_device)
+    monkeypatch.setattr(trainer_module, "photometric_loss", photometric_loss_on_any_device)
     monkeypatch.setattr(Frog, "deform", deform)
     monkeypatch.setattr(Frog, "draw", SceneModel.draw)
     monkeypatch.setattr(nearest_neighbours, "_by_tree", nearest_neighbours._by_distances)
@@ -128,7 +128,7 @@ def test_it_learns_elsewhere_what_it_learns_here(machine: Machine, make: Make, m
     assert numbers(there) == numbers(here)
     assert there.loss == pytest.approx(here.loss, rel=1e-5)
     assert there.evaluate(2) == here.evaluate(2)
-    assert type(there.picture(0)) is np.ndarray and there.picture(0).dtype == np.float32
+    assert type(there.render_image(0)) is np.ndarray and there.render_image(0).dtype == np.float32
     assert there.neighbourhood is not None or method == "static"
     assert not machine.homeless
 
@@ -147,15 +147,15 @@ def test_rounds_of_parsimony_are_the_same_elsewhere(
     monkeypatch.setattr(passes, "_LEAST_CHANGE", 0.2)  # so that many rest early
     monkeypatch.setattr(passes, "_WAKES_ABOVE", 0.0)
     there, here = (train(make(device, capacity="auto")) for device in (ELSEWHERE, CPU))
-    assert there.parsimony and here.parsimony
-    done = [(each.what, each.before, each.after) for each in there.parsimony.reductions]
-    assert done == [(each.what, each.before, each.after) for each in here.parsimony.reductions]
+    assert there.compression and here.compression
+    done = [(each.what, each.before, each.after) for each in there.compression.reductions]
+    assert done == [(each.what, each.before, each.after) for each in here.compression.reductions]
     assert {"put to rest", "woken"} <= {what for what, _, _ in done}
     assert all(isinstance(value, Remote) for value in state(there).values())
     assert numbers(there) == numbers(here)
-    np.testing.assert_array_equal(there.parsimony.removed, here.parsimony.removed)
-    picture = report_image.capacity_picture(there, 8)
-    np.testing.assert_array_equal(picture, report_image.capacity_picture(here, 8))
+    np.testing.assert_array_equal(there.compression.removed, here.compression.removed)
+    image = report_image.draw_report_image(there, 8)
+    np.testing.assert_array_equal(image, report_image.draw_report_image(here, 8))
     assert not machine.homeless
 
 
@@ -263,11 +263,11 @@ def test_a_running_loss_is_the_same_on_both_devices_and_goes_on() -> None:
         here.add(torch.tensor(float("inf")), 1)
 
 
-def test_pictures_arrive_as_they_are(machine: Machine) -> None:
+def test_images_arrive_as_they_are(machine: Machine) -> None:
     bytes_ = np.random.default_rng(0).integers(0, 256, (20, 30, 3), dtype=np.uint8)
     bytes_.flags.writeable = False
     part = bytes_[3:11, 4:19]
-    here, there = picture_on(CPU, part), picture_on(ELSEWHERE, part)
+    here, there = image_on(CPU, part), image_on(ELSEWHERE, part)
     assert torch.equal(here, torch.tensor(part.astype(np.float32) / 255))
     assert isinstance(there, Remote) and torch.equal(there.cpu(), here)
     assert not machine.waits.keys() - {"fetch"}

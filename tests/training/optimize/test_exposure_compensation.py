@@ -16,7 +16,7 @@ from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.rasterizer import GaussianArrays, rasterize
-from frog_blender.engine.training.optimize.exposure_compensation import Exposures
+from frog_blender.engine.training.optimize.exposure_compensation import ExposureCompensation
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.recipe import Recipe, recipe
 from frog_blender.engine.training.session.checkpoint import restore, state_of
@@ -28,7 +28,7 @@ MEAN = np.exp(np.mean([np.log(factors) for factors in FACTORS.values()], axis=0)
 
 
 class Exposed:
-    """A store of pictures that each camera exposed otherwise."""
+    """A store of images that each camera exposed otherwise."""
 
     def __init__(self, store: FrameStore, capture: Capture) -> None:
         self._store, self._capture = store, capture
@@ -66,10 +66,10 @@ def test_cameras_that_are_alike_stay_as_they_are(make_trainer: Callable[..., Tra
 
 def test_whose_exposure_is_found(capture: Capture) -> None:
     """A rig's; not a single moving camera's, and not by the papers' recipes."""
-    assert Exposures.wanted(capture, Recipe())
-    assert not Exposures.wanted(capture, recipe("paper"))
+    assert ExposureCompensation.wanted(capture, Recipe())
+    assert not ExposureCompensation.wanted(capture, recipe("paper"))
     one_a_moment = [shot for shot in capture.shots if shot.camera == shot.frame % len(capture.cameras)][:3]
-    assert not Exposures.wanted(replace(capture, shots=tuple(one_a_moment)), Recipe())
+    assert not ExposureCompensation.wanted(replace(capture, shots=tuple(one_a_moment)), Recipe())
 
 
 def test_a_resume_has_the_same_exposures(make_trainer: Callable[..., Trainer], exposed: Exposed) -> None:

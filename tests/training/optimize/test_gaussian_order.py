@@ -9,7 +9,7 @@ import torch
 from support.builders import steps_between
 from support.training_steps import train
 
-from frog_blender.engine.training.optimize.gaussian_order import arrange, put_neighbours_together, put_to_rest, wake
+from frog_blender.engine.training.optimize.gaussian_order import arrange, freeze_motion, sort_by_morton_code, wake
 from frog_blender.engine.training.optimize.trainer import Trainer
 
 pytestmark = pytest.mark.usefixtures("seeds_at_no_cost")
@@ -17,7 +17,7 @@ Make = Callable[..., Trainer]
 
 
 def rest_of(trainer: Trainer, who: torch.Tensor) -> dict[str, torch.Tensor]:
-    """A state that tells every Gaussian apart, for put_to_rest."""
+    """A state that tells every Gaussian apart, for freeze_motion."""
     canonical = trainer.model.canonical
     names = ("means", "quaternions", "log_scales", "opacity_logits", "sh")
     return {name: getattr(canonical, name).detach()[: canonical.moving] + 0.01 for name in names}
@@ -28,7 +28,7 @@ def test_rest_is_the_same_at_all_times_and_moves_no_one_else(make_trainer: Make)
     count, who = trainer.count, torch.tensor([3, 10, 11, 200])
     before, state = trainer.gaussians_at(0.3, 1.0)[0], rest_of(trainer, who)
     memory = trainer.optimizer.adam.state[trainer.model.canonical.means]["exp_avg"].clone()
-    put_to_rest(trainer, who, state)
+    freeze_motion(trainer, who, state)
     canonical = trainer.model.canonical
     assert (trainer.count, canonical.moving) == (count, count - 4)
     others = torch.tensor([i for i in range(count) if i not in who.tolist()])
@@ -49,7 +49,7 @@ def test_rest_is_the_same_at_all_times_and_moves_no_one_else(make_trainer: Make)
 def test_waking_gives_an_embedding_and_keeps_the_state(make_trainer: Make) -> None:
     trainer = train(make_trainer(60), until=20)
     everyone = torch.arange(trainer.count)
-    put_to_rest(trainer, everyone, rest_of(trainer, everyone))
+    freeze_motion(trainer, everyone, rest_of(trainer, everyone))
     assert trainer.model.canonical.moving == 0
     assert trainer.gaussians_at(0.5, 1.0)[1] == {}
     trainer.step()
@@ -64,7 +64,7 @@ def test_waking_gives_an_embedding_and_keeps_the_state(make_trainer: Make) -> No
 
 def test_neighbours_come_together_and_everything_follows(make_trainer: Make) -> None:
     trainer = train(make_trainer(100), until=50)
-    put_to_rest(trainer, torch.arange(20, 90), rest_of(trainer, torch.arange(20, 90)))
+    freeze_motion(trainer, torch.arange(20, 90), rest_of(trainer, torch.arange(20, 90)))
     canonical, adam = trainer.model.canonical, trainer.optimizer.adam
     shuffled = torch.randperm(canonical.moving, generator=torch.Generator().manual_seed(1))
     still = torch.arange(canonical.moving, trainer.count)
@@ -75,7 +75,7 @@ def test_neighbours_come_together_and_everything_follows(make_trainer: Make) -> 
     memory, embeddings = adam.state[canonical.embeddings]["exp_avg"].clone(), canonical.embeddings.detach().clone()
     drawn = trainer.gaussians_at(0.3, 1.0)[0]
 
-    put_neighbours_together(trainer)
+    sort_by_morton_code(trainer)
     who = trainer.density.peak_weight.long()
     assert canonical.moving == moving and sorted(who.tolist()) == list(range(trainer.count))
     assert (who[:moving] < moving).all() and (who[moving:] >= moving).all()

@@ -1,4 +1,4 @@
-"""Half-size pictures at the start of a training."""
+"""Half-size images at the start of a training."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from frog_blender.engine.training.optimize import canonical_sampling
 from frog_blender.engine.training.optimize.half_resolution import (
     halved,
     halved_capture,
-    halved_picture,
+    halved_image,
     is_halved,
     sized,
 )
@@ -30,9 +30,9 @@ def test_a_halved_camera_sees_the_same_at_half_the_pixels() -> None:
 
 
 @pytest.mark.parametrize("size", [(64, 96), (65, 97)])
-def test_a_halved_picture_has_the_means_and_the_size_of_the_camera(size: tuple[int, int]) -> None:
+def test_a_halved_image_has_the_means_and_the_size_of_the_camera(size: tuple[int, int]) -> None:
     pixels = np.random.default_rng(1).integers(0, 256, (*size, 3)).astype(np.uint8)
-    found = halved_picture(pixels)
+    found = halved_image(pixels)
     camera = halved(odd_camera(size[1], size[0]))
     assert found.shape == (camera.height, camera.width, 3) and found.dtype == np.uint8
     assert found.mean() == pytest.approx(pixels.mean(), abs=1)
@@ -41,14 +41,14 @@ def test_a_halved_picture_has_the_means_and_the_size_of_the_camera(size: tuple[i
         assert np.abs(found - means).max() <= 0.5
 
 
-def test_small_pictures_stay_as_they_are() -> None:
+def test_small_images_stay_as_they_are() -> None:
     assert is_halved(odd_camera(64, 80), 0.1, 0.4)
     assert not is_halved(odd_camera(63, 80), 0.1, 0.4)
     assert not is_halved(odd_camera(64, 80), 0.4, 0.4)
     assert not is_halved(odd_camera(64, 80), 0.0, 0.0)
 
 
-def test_a_halved_capture_has_pictures_that_fit(filmed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_halved_capture_has_images_that_fit(filmed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     capture = open_capture(filmed)
     width, height = capture.cameras[0].width, capture.cameras[0].height
     pixels = np.random.default_rng(2).integers(0, 256, (height, width, 3)).astype(np.uint8)
@@ -58,7 +58,7 @@ def test_a_halved_capture_has_pictures_that_fit(filmed: Path, monkeypatch: pytes
     monkeypatch.setattr("frog_blender.engine.training.optimize.half_resolution._LEAST", min(width, height))
     small = halved_capture(capture)
     assert small.shots == capture.shots and small.cameras[0].width == width // 2
-    np.testing.assert_array_equal(sized(pixels, small.cameras[0]), halved_picture(pixels))
+    np.testing.assert_array_equal(sized(pixels, small.cameras[0]), halved_image(pixels))
 
 
 def test_a_training_begins_at_half_size_and_ends_at_whole(

@@ -1,4 +1,4 @@
-"""The loss of a picture in the native library against plain torch in float64."""
+"""The loss of an image in the native library against plain torch in float64."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import pytest
 import torch
 
 from frog_blender.engine.native import binding
-from frog_blender.engine.training.optimize.losses import PictureLoss, picture_loss, picture_loss_plainly
+from frog_blender.engine.training.optimize.losses import PhotometricLoss, photometric_loss, photometric_loss_reference
 
 # Smaller than the window and than a cell, one row or column, strips of rows that are full, cut, and one row long.
 SIZES = [(1, 1), (5, 7), (1, 40), (40, 1), (32, 20), (33, 17), (16, 48), (70, 90)]
 
 
-def pictures(height: int, width: int) -> tuple[torch.Tensor, np.ndarray]:
-    """A drawing, some of whose numbers are exactly those of the picture beside it."""
+def images(height: int, width: int) -> tuple[torch.Tensor, np.ndarray]:
+    """A drawing, some of whose numbers are exactly those of the image beside it."""
     random = np.random.default_rng(height * 100 + width)
     truth = random.integers(0, 256, (height, width, 3), np.uint8)
     drawn = (truth / 255 + random.normal(0, 0.2, truth.shape)).clip(0, 1).astype(np.float32)
@@ -22,17 +22,17 @@ def pictures(height: int, width: int) -> tuple[torch.Tensor, np.ndarray]:
     return torch.from_numpy(drawn), truth
 
 
-def exactly(image: torch.Tensor, truth: np.ndarray, dssim_weight: float, weight: float) -> PictureLoss:
+def exactly(image: torch.Tensor, truth: np.ndarray, dssim_weight: float, weight: float) -> PhotometricLoss:
     """In float64, where what is equal in float32 must stay equal."""
     wanted = torch.from_numpy(truth.astype(np.float32) / 255).double()
-    return picture_loss_plainly(image.double(), wanted, dssim_weight, weight)
+    return photometric_loss_reference(image.double(), wanted, dssim_weight, weight)
 
 
 @pytest.mark.parametrize("dssim_weight", [0.0, 0.4])
 @pytest.mark.parametrize("size", SIZES)
 def test_values_and_gradient(size: tuple[int, int], dssim_weight: float) -> None:
-    image, truth = pictures(*size)
-    found = picture_loss(image.requires_grad_(), truth, dssim_weight=dssim_weight, weight=0.7)
+    image, truth = images(*size)
+    found = photometric_loss(image.requires_grad_(), truth, dssim_weight=dssim_weight, weight=0.7)
     expected = exactly(image, truth, dssim_weight, 0.7)
     assert abs(float(found.loss) - float(expected.loss)) < 1e-6
     assert abs(float(found.error) - float(expected.error)) < 1e-6
@@ -44,9 +44,9 @@ def test_values_and_gradient(size: tuple[int, int], dssim_weight: float) -> None
 
 @pytest.mark.parametrize("size", SIZES)
 def test_cells_hold_the_mean_square_of_their_pixels(size: tuple[int, int]) -> None:
-    """Also the cells that the picture's border cuts."""
-    image, truth = pictures(*size)
-    cells = picture_loss(image, truth).cell_errors
+    """Also the cells that the image's border cuts."""
+    image, truth = images(*size)
+    cells = photometric_loss(image, truth).cell_errors
     square = (image.numpy() - truth.astype(np.float64) / 255) ** 2
     assert cells.shape == (-(-size[0] // 16), -(-size[1] // 16))
     for (row, column), found in np.ndenumerate(cells.numpy()):
@@ -54,42 +54,42 @@ def test_cells_hold_the_mean_square_of_their_pixels(size: tuple[int, int]) -> No
         np.testing.assert_allclose(found, cell.mean(), rtol=1e-5)
 
 
-def test_a_part_of_a_larger_picture() -> None:
-    image, truth = pictures(60, 70)
+def test_a_part_of_a_larger_image() -> None:
+    image, truth = images(60, 70)
     part = image[10:50, 20:60].contiguous()
-    found = picture_loss(part, truth[10:50, 20:60], dssim_weight=0.2)
-    expected = picture_loss(part, np.ascontiguousarray(truth[10:50, 20:60]), dssim_weight=0.2)
+    found = photometric_loss(part, truth[10:50, 20:60], dssim_weight=0.2)
+    expected = photometric_loss(part, np.ascontiguousarray(truth[10:50, 20:60]), dssim_weight=0.2)
     assert float(found.loss) == float(expected.loss)
     assert torch.equal(found.cell_errors, expected.cell_errors)
 
 
 def test_a_drawing_that_is_not_contiguous() -> None:
-    image, truth = pictures(40, 30)
+    image, truth = images(40, 30)
     turned = np.ascontiguousarray(truth.transpose(1, 0, 2))
-    found = picture_loss(image.transpose(0, 1), turned, dssim_weight=0.3).loss
-    assert float(found) == pytest.approx(float(picture_loss(image, truth, dssim_weight=0.3).loss), abs=1e-6)
+    found = photometric_loss(image.transpose(0, 1), turned, dssim_weight=0.3).loss
+    assert float(found) == pytest.approx(float(photometric_loss(image, truth, dssim_weight=0.3).loss), abs=1e-6)
 
 
-def test_equal_pictures() -> None:
-    _, truth = pictures(50, 60)
-    found = picture_loss(torch.from_numpy(truth.astype(np.float32) / 255), truth, dssim_weight=0.5)
+def test_equal_images() -> None:
+    _, truth = images(50, 60)
+    found = photometric_loss(torch.from_numpy(truth.astype(np.float32) / 255), truth, dssim_weight=0.5)
     assert float(found.error) == 0.0 and float(found.loss) == pytest.approx(0, abs=1e-6)
     assert float(found.gradient.abs().max()) < 1e-6 and not found.cell_errors.any()
 
 
 @pytest.mark.parametrize("bad", [float("nan"), float("inf")])
 def test_what_is_no_number_shows(bad: float) -> None:
-    image, truth = pictures(20, 20)
+    image, truth = images(20, 20)
     image[3, 4, 1] = bad
-    assert not np.isfinite(float(picture_loss(image, truth).loss))
+    assert not np.isfinite(float(photometric_loss(image, truth).loss))
 
 
 def test_the_same_bits_on_any_number_of_threads() -> None:
     results = []
     for threads in (1, 2, 7):
         binding.set_thread_count(threads)
-        image, truth = pictures(100, 64)
-        found = picture_loss(image, truth, dssim_weight=0.2)
+        image, truth = images(100, 64)
+        found = photometric_loss(image, truth, dssim_weight=0.2)
         results.append((float(found.loss), found.gradient, found.cell_errors))
     binding.set_thread_count(0)
     for value, gradient, cells in results[1:]:
@@ -99,7 +99,7 @@ def test_the_same_bits_on_any_number_of_threads() -> None:
 
 def test_what_does_not_fit_is_refused() -> None:
     """Native code only sees addresses."""
-    image, truth = pictures(20, 33)
+    image, truth = images(20, 33)
     drawn, gradient, cells = image, torch.empty(20, 33, 3), torch.empty(2, 3)
     binding.compare(drawn, truth, 1.0, gradient, cells)
     for arguments in (

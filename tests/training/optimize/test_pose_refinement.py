@@ -15,7 +15,7 @@ from support.training_steps import train
 from frog_blender.cli.actions import open_evaluated
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.rasterizer import GaussianArrays, rasterize
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.optimize.pose_refinement import PoseRefinement
@@ -44,7 +44,7 @@ def disagreement(found: Sequence[Camera], capture: Capture) -> float:
 
 
 def test_a_camera_finds_back_to_where_it_was(capture: Capture) -> None:
-    """The scene is known here, so the pose alone has to explain the picture."""
+    """The scene is known here, so the pose alone has to explain the image."""
     index = 2
     true = capture.cameras[index]
     wrong = true.moved(np.radians([0.5, -0.4, 0.8]), np.array([0.02, -0.03, 0.05]))
@@ -110,7 +110,7 @@ def test_a_training_mends_its_poses(
     found = scene.header.cameras
     assert pixels_off(found[0], capture.cameras[0]) == 0.0
     assert disagreement(found, capture) < 0.75 * disagreement(askew.cameras, capture)
-    seen, _ = open_evaluated(PlayableScene(scene), filmed)
+    seen, _ = open_evaluated(ScenePlayer(scene), filmed)
     for found, expected in zip(seen.cameras, scene.header.cameras, strict=True):
         np.testing.assert_array_equal(found.world_to_camera, expected.world_to_camera)
 

@@ -1,4 +1,4 @@
-"""Rounds, ramps and the order of pictures."""
+"""Rounds, ramps and the order of images."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from support.builders import plain_camera
 
 from frog_blender.engine.capture.capture import Capture, Shot
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.training.optimize.schedule import Every, ShotPicker, ramp
+from frog_blender.engine.training.optimize.schedule import Every, ViewSampler, ramp
 from frog_blender.engine.training.recipe import RECIPES, recipe
 
 
@@ -60,12 +60,12 @@ def rig(cameras: int, frames: int, moving: bool = False) -> Capture:
 
 
 def picks(capture: Capture, count: int = 2000) -> Counter[tuple[int, int]]:
-    picker, generator = ShotPicker(capture), torch.Generator().manual_seed(0)
+    picker, generator = ViewSampler(capture), torch.Generator().manual_seed(0)
     shots = [capture.shots[picker.pick(generator)] for _ in range(count)]
     return Counter((shot.camera, shot.frame) for shot in shots)
 
 
-def test_every_training_picture_is_picked_about_as_often() -> None:
+def test_every_training_image_is_picked_about_as_often() -> None:
     capture = rig(5, 21)
     found = picks(capture, 84 * 60)
     assert set(found) == {(shot.camera, shot.frame) for shot in capture.train_shots}
@@ -80,7 +80,7 @@ def test_nothing_withheld_is_ever_picked() -> None:
 
 def test_loss_based_choice_looks_everywhere_first_and_then_where_the_loss_is() -> None:
     capture = rig(3, 8)
-    picker, generator = ShotPicker(capture, "loss"), torch.Generator().manual_seed(0)
+    picker, generator = ViewSampler(capture, "loss"), torch.Generator().manual_seed(0)
     error = {frame: 0.3 if frame == 5 else 0.1 for frame in range(8)}
     found: list[tuple[int, int]] = []
     for _ in range(3000):
@@ -92,14 +92,14 @@ def test_loss_based_choice_looks_everywhere_first_and_then_where_the_loss_is() -
     late = Counter(frame for _, frame in found[200:])
     assert late[5] > 0.5 * sum(late.values())  # nearly every second draw, and an eighth of the others
     assert min(late.values()) > 100
-    even = ShotPicker(capture)
+    even = ViewSampler(capture)
     even.observe(capture.shot_index(1, 0), torch.tensor(1.0))
     assert len(even.losses.unique()) == 1  # nobody pays for what is not used
 
 
 def test_another_camera_at_the_same_moment() -> None:
     capture = rig(4, 6)
-    picker, generator = ShotPicker(capture), torch.Generator().manual_seed(0)
+    picker, generator = ViewSampler(capture), torch.Generator().manual_seed(0)
     shot = capture.shot_index(2, 3)
     found = {picker.pick_same_moment(shot, generator) for _ in range(60)}
     assert found == {capture.shot_index(camera, 3) for camera in (1, 2, 3)}
@@ -141,9 +141,9 @@ def test_recipes_that_do_not_exist(name: str, changes: dict) -> None:
 def test_a_scene_of_few_seeds_can_grow() -> None:
     """A share of a hundred would be nobody in a round of anchors, and no forest from a few in a density round."""
     standard = RECIPES["standard"]
-    assert standard.newcomers(100, 0.002, while_few=0.01) == 200
-    assert standard.newcomers(19_999, 0.03, while_few=1.0) == 20_000
-    assert standard.newcomers(20_000, 0.03, while_few=1.0) == 600
+    assert standard.num_new(100, 0.002, while_few=0.01) == 200
+    assert standard.num_new(19_999, 0.03, while_few=1.0) == 20_000
+    assert standard.num_new(20_000, 0.03, while_few=1.0) == 600
 
 
 def test_more_moments_take_more_steps() -> None:
@@ -154,7 +154,7 @@ def test_more_moments_take_more_steps() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "frames", "pictures", "rows"),
+    ("name", "frames", "images", "rows"),
     [
         ("paper", 300, 5700, 150),  # N3DV, as in E-D3DGS's own settings; the next is one of its HyperNeRF scenes
         ("hypernerf", 164, 82, 82),
@@ -165,8 +165,8 @@ def test_more_moments_take_more_steps() -> None:
         ("standard", 1, 1, 2),
     ],
 )
-def test_rows_follow_frames_and_pictures(name: str, frames: int, pictures: int, rows: int) -> None:
-    assert recipe(name).temporal_rows_for(frames, pictures) == rows
+def test_rows_follow_frames_and_images(name: str, frames: int, images: int, rows: int) -> None:
+    assert recipe(name).temporal_rows_for(frames, images) == rows
 
 
 @pytest.mark.parametrize(("rows", "share", "expected"), [(150, 0.2, 30), (250, 0.2, 50), (30, 0.0, 15), (150, 0.0, 30)])

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import torch
 
-from frog_blender.engine.training.optimize.smoothness import Neighbourhood
+from frog_blender.engine.training.optimize.smoothness import NeighbourGraph
 from frog_blender.engine.training.recipe import RECIPES
 
 
-def drawn(count: int) -> Neighbourhood:
+def drawn(count: int) -> NeighbourGraph:
     means = torch.randn(count, 3, generator=torch.Generator().manual_seed(0))
-    found = Neighbourhood.drawn(means, RECIPES["draft"], torch.Generator().manual_seed(1))
+    found = NeighbourGraph.drawn(means, RECIPES["draft"], torch.Generator().manual_seed(1))
     assert found is not None
     return found
 

@@ -17,7 +17,7 @@ from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.training.optimize import canonical_sampling, losses, smoothness
-from frog_blender.engine.training.optimize.densification import DensityControl
+from frog_blender.engine.training.optimize.densification import DensificationStrategy
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
 
 STEPS = 600
@@ -32,7 +32,7 @@ def moving_psnr(trainer: Trainer, store: FrameStore, camera: int) -> float:
     """Over the pixels of one camera that clearly change in time."""
     shots = [i for i, shot in enumerate(trainer.capture.shots) if shot.camera == camera]
     truth = np.stack([store.image(i) / 255.0 for i in shots])
-    drawn = np.stack([trainer.picture(i) for i in shots])
+    drawn = np.stack([trainer.render_image(i) for i in shots])
     mask = truth.std(0).max(-1) > 15 / 255
     assert 0.1 < mask.mean() < 0.6
     return -10 * float(np.log10(((truth - drawn)[:, mask] ** 2).mean()))
@@ -78,7 +78,7 @@ def test_number_of_threads_does_not_change_the_training(
 
 
 @pytest.mark.parametrize("holdout", [0, 3])
-def test_no_held_out_picture_is_ever_read(
+def test_no_held_out_image_is_ever_read(
     make_trainer: Callable[..., Trainer], watched: Callable[[], Any], capture: Capture, lively: Any, holdout: int
 ) -> None:
     watching = watched()
@@ -90,7 +90,7 @@ def test_no_held_out_picture_is_ever_read(
     assert set(watching.read) == set(range(24)) - held_out
 
 
-def test_evaluation_looks_at_held_out_pictures_and_changes_nothing(
+def test_evaluation_looks_at_held_out_images_and_changes_nothing(
     make_trainer: Callable[..., Trainer], watched: Callable[[], Any], bits: Callable[[Trainer], dict[str, bytes]]
 ) -> None:
     undisturbed = train(make_trainer(60))
@@ -103,7 +103,7 @@ def test_evaluation_looks_at_held_out_pictures_and_changes_nothing(
             psnr, split = trainer.evaluate(4)
             assert split == "held-out" and 5 < psnr < 50
             assert all(trainer.capture.is_test(trainer.capture.shots[i]) for i in watching.read[before:])
-            trainer.picture(3)
+            trainer.render_image(3)
     assert bits(trainer) == bits(undisturbed)
 
 
@@ -129,7 +129,7 @@ def test_a_short_training_passes_through_every_schedule(
     trainer = make_trainer(120, sh_degree=3, deformed_sh=4, densify_threshold=1e-5)
     for module, name in ((losses, "similarity"), (smoothness, "add_embedding_smoothness")):
         monkeypatch.setattr(module, name, counted(name, getattr(module, name)))
-    anchors, density_round, draw = canonical_sampling.new_anchors, DensityControl.round, trainer.model.draw
+    anchors, density_round, draw = canonical_sampling.new_anchors, DensificationStrategy.round, trainer.model.draw
 
     def watch_anchors(*arguments: Any) -> Any:
         new = anchors(*arguments)
@@ -149,7 +149,7 @@ def test_a_short_training_passes_through_every_schedule(
         return drawn
 
     monkeypatch.setattr(canonical_sampling, "new_anchors", watch_anchors)
-    monkeypatch.setattr(DensityControl, "round", watch_round)
+    monkeypatch.setattr(DensificationStrategy, "round", watch_round)
     monkeypatch.setattr(trainer.model, "draw", watch_draw)
     start = trainer.count
     train(trainer)

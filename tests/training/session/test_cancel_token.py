@@ -18,7 +18,7 @@ from frog_blender.engine.io.tensor_files import read_tensors
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session import events, loop, preview
-from frog_blender.engine.training.session.cancel_token import Control
+from frog_blender.engine.training.session.cancel_token import CancelToken
 from frog_blender.engine.training.session.checkpoint import checkpoint_path, checkpoint_settings
 from frog_blender.engine.training.session.job import TrainingJob, run_training
 from frog_blender.engine.training.session.preview import watched_shot
@@ -54,12 +54,12 @@ def taken(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[int]]:
 class Worker:
     """A training on a thread of its own."""
 
-    def __init__(self, job: TrainingJob, control: Control) -> None:
+    def __init__(self, job: TrainingJob, control: CancelToken) -> None:
         self.said: list[Any] = []
         self._thread = threading.Thread(target=self._work, args=(job, control), daemon=True)
         self._thread.start()
 
-    def _work(self, job: TrainingJob, control: Control) -> None:
+    def _work(self, job: TrainingJob, control: CancelToken) -> None:
         for event in run_training(job, control):
             self.said.append(event)
 
@@ -78,7 +78,7 @@ def until(condition: Callable[[], bool]) -> None:
 
 
 def test_a_control_answers_waits_and_goes_on() -> None:
-    control = Control()
+    control = CancelToken()
     assert not control() and not control.paused
     control.pause()
     answers: list[bool] = []
@@ -92,13 +92,13 @@ def test_a_control_answers_waits_and_goes_on() -> None:
     control.pause()
     control.cancel()
     assert control() and not control.paused
-    assert Control.of(control) is control and Control.of(lambda: True)() and not Control.of(lambda: False)()
+    assert CancelToken.of(control) is control and CancelToken.of(lambda: True)() and not CancelToken.of(lambda: False)()
 
 
 def test_a_pause_costs_nothing_and_changes_nothing(task: TrainingJob, taken: Callable[..., list[int]]) -> None:
     undisturbed = replace(task, output=task.output.with_name("other.frog"))
     list(run_training(undisturbed))
-    control = Control()
+    control = CancelToken()
     done = taken(PAUSED_AT, control.pause)
     worker = Worker(task, control)
     until(lambda: checkpoint_path(task.output).is_file())  # written before it waits
@@ -112,11 +112,11 @@ def test_a_pause_costs_nothing_and_changes_nothing(task: TrainingJob, taken: Cal
         np.testing.assert_array_equal(arrays[name], array)
 
 
-@pytest.mark.parametrize("where", ["evaluate", "picture"])
-def test_a_pause_that_comes_while_a_picture_is_drawn_is_saved_first(
+@pytest.mark.parametrize("where", ["evaluate", "render_image"])
+def test_a_pause_that_comes_while_an_image_is_drawn_is_saved_first(
     task: TrainingJob, monkeypatch: pytest.MonkeyPatch, where: str
 ) -> None:
-    control, real, paused_at = Control(), getattr(Trainer, where), []
+    control, real, paused_at = CancelToken(), getattr(Trainer, where), []
 
     def pausing(self: Trainer, *arguments: Any) -> Any:
         if self.step_count >= PAUSED_AT and not paused_at:
@@ -138,7 +138,7 @@ def test_a_pause_is_no_training_time(
     task: TrainingJob, taken: Callable[..., list[int]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """By a clock that stands still but in the pause, which lasts an hour."""
-    control, clock = Control(), [0.0]
+    control, clock = CancelToken(), [0.0]
     taken(PAUSED_AT, control.pause)
     monkeypatch.setattr("frog_blender.engine.training.optimize.trainer.time.perf_counter", lambda: clock[0])
     worker = Worker(task, control)
@@ -149,7 +149,7 @@ def test_a_pause_is_no_training_time(
 
 
 def test_cancelling_a_paused_training_keeps_what_it_learned(task: TrainingJob, taken: Callable[..., list[int]]) -> None:
-    control = Control()
+    control = CancelToken()
     taken(PAUSED_AT, control.pause)
     worker = Worker(task, control)
     until(lambda: checkpoint_path(task.output).is_file())
@@ -162,7 +162,7 @@ def test_cancelling_a_paused_training_keeps_what_it_learned(task: TrainingJob, t
 
 def test_decoding_can_be_held_too(task: TrainingJob, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
-    control = Control()
+    control = CancelToken()
     control.pause()
     worker = Worker(task, control)
     threading.Event().wait(0.2)
@@ -186,16 +186,16 @@ def test_previews_are_small_and_show_the_camera_that_was_chosen(
     task: TrainingJob, taken: Callable[..., list[int]], capture: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(preview, "LARGEST_SIDE", 24)
-    control = Control()
+    control = CancelToken()
     drawn: list[int] = []
-    picture = Trainer.picture
+    image = Trainer.render_image
 
     def watched(trainer: Trainer, shot: int, largest_side: int | None = None, played: Any = None) -> np.ndarray:
         if largest_side:
             drawn.append(shot)
-        return picture(trainer, shot, largest_side, played)
+        return image(trainer, shot, largest_side, played)
 
-    monkeypatch.setattr(Trainer, "picture", watched)
+    monkeypatch.setattr(Trainer, "render_image", watched)
 
     def choose() -> None:
         control.preview_camera = "cam03"
@@ -211,7 +211,7 @@ def test_previews_are_small_and_show_the_camera_that_was_chosen(
 
 def test_a_preview_of_no_camera_is_said_once(task: TrainingJob) -> None:
     said = list(run_training(replace(task, preview_camera="cam77", preview_seconds=0.0)))
-    (warning,) = [event.message for event in said if isinstance(event, events.Warned)]
+    (warning,) = [event.message for event in said if isinstance(event, events.WarningEvent)]
     assert "cam77" in warning and len(previews_of(said)) == STEPS - 1
 
 
@@ -221,4 +221,4 @@ def test_what_previews_show_by_default(capture: Capture) -> None:
     chosen = watched_shot(capture, "cam02")
     assert chosen is not None and capture.shots[chosen].frame == film.FRAMES // 2
     assert watched_shot(capture, "none") is None
-    assert loop.watched_shot is watched_shot  # the picture of what moves shows the same
+    assert loop.watched_shot is watched_shot  # the image of what moves shows the same

@@ -17,7 +17,7 @@ from support.training_steps import train
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.scene.scene_file import write_scene
 from frog_blender.engine.training.compression.sensitivity import Motion
-from frog_blender.engine.training.optimize.running_loss import Unstable
+from frog_blender.engine.training.optimize.running_loss import TrainingDiverged
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session.checkpoint import (
     checkpoint_path,
@@ -146,8 +146,8 @@ VALUES: list[tuple[str, Any]] = [
 def trained(make_trainer: Make) -> Trainer:
     trainer = train(make_trainer(40, capacity="auto"), until=37)
     moving = trainer.model.canonical.moving
-    assert trainer.parsimony
-    trainer.parsimony.motion = Motion(*torch.rand(4, moving))  # as where nobody rests before the end
+    assert trainer.compression
+    trainer.compression.motion = Motion(*torch.rand(4, moving))  # as where nobody rests before the end
     return trainer
 
 
@@ -199,6 +199,6 @@ def test_two_hundred_damaged_checkpoints(trained: Trainer, make_trainer: Make, t
             for _ in range(3):
                 if not trainer.finished:
                     trainer.step()
-        except Unstable:
+        except TrainingDiverged:
             pass
     assert min(counts.values()) > 10

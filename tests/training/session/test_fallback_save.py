@@ -18,7 +18,7 @@ from support import synthetic_capture as film
 from support.builders import run_python
 
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session import checkpoint, events, fallback_save, job
@@ -39,7 +39,7 @@ def task(
 
 
 def warnings(stream: list) -> list[str]:
-    return [event.message for event in stream if isinstance(event, events.Warned)]
+    return [event.message for event in stream if isinstance(event, events.WarningEvent)]
 
 
 def can_mount() -> bool:
@@ -67,7 +67,7 @@ def test_a_disk_that_takes_nothing_more(filmed: Path, tmp_path: Path, fault: str
     place = tmp_path / "cache" / "rescued" / "x.frog"
     assert f"The scene was saved as {place} instead." in done.stdout
     assert done.stdout.rstrip().endswith(f"Finished {place}")
-    assert PlayableScene.load(place).header.steps == 40
+    assert ScenePlayer.load(place).header.steps == 40
     assert "left on the disk: []" in done.stdout, "no half-written file"
 
 
@@ -75,7 +75,7 @@ def test_a_disk_that_takes_nothing_more(filmed: Path, tmp_path: Path, fault: str
 def test_frames_make_room_where_none_could_be_kept(
     task: TrainingJob, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cancels: bool
 ) -> None:
-    """In the end no picture of them is held, however a training comes to it."""
+    """In the end no image of them is held, however a training comes to it."""
     monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))  # other tests may still hold what they share
     refusals, write, asked = [OSError(errno.ENOSPC, "No space left on device")], fallback_save.write_atomically, []
 
@@ -189,7 +189,7 @@ def test_memory_that_stays_short_ends_in_a_sentence(task: TrainingJob, monkeypat
         list(run_training(task))
 
 
-@pytest.mark.parametrize("where", ["evaluate", "picture", "remember"])
+@pytest.mark.parametrize("where", ["evaluate", "render_image", "remember"])
 def test_memory_that_ends_between_steps_costs_gaussians_too(
     task: TrainingJob, monkeypatch: pytest.MonkeyPatch, where: str
 ) -> None:
@@ -220,7 +220,7 @@ def test_a_checkpoint_without_memory_costs_nothing_else(task: TrainingJob, monke
     stream = list(run_training(task))
     (warning,) = warnings(stream)
     assert warning.endswith("out of memory); nothing was changed. Training goes on without this checkpoint.")
-    assert isinstance(stream[-1], events.Finished) and PlayableScene.load(task.output).header.steps == STEPS
+    assert isinstance(stream[-1], events.Finished) and ScenePlayer.load(task.output).header.steps == STEPS
 
 
 def test_memory_that_really_ends_is_recognised() -> None:

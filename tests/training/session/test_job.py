@@ -22,7 +22,7 @@ from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.evaluation.metrics import psnr
 from frog_blender.engine.io.tensor_files import read_tensors
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.scene import header as scene_header
 from frog_blender.engine.scene.scene_file import read_scene
@@ -143,23 +143,23 @@ def test_the_file_says_what_was_done(task: TrainingJob, filmed: Path) -> None:
     assert header.recipe["hidden_width"] == 64 and header.train_seconds > 0
     assert header.metrics["split"] == "held-out"
     assert header.metrics["psnr"] == pytest.approx(finished.psnr)
-    scene = PlayableScene.load(task.output)
+    scene = ScenePlayer.load(task.output)
     assert scene.count == finished.gaussians
     np.testing.assert_allclose(header.cameras[0].center, film.rig()[0].center, atol=1e-9)  # judges, so is not refined
     np.testing.assert_allclose(header.cameras[2].center, film.rig()[2].center, atol=0.1)
 
 
-def test_the_file_plays_the_picture_that_training_saw(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The job's trainer and the written file draw the same held-out picture."""
+def test_the_file_plays_the_image_that_training_saw(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The job's trainer and the written file draw the same held-out image."""
     seen: list[Trainer] = []
     evaluate = Trainer.evaluate
     monkeypatch.setattr(Trainer, "evaluate", lambda self, limit: (seen.append(self), evaluate(self, limit))[1])
     list(run_training(task))
-    scene, trainer = PlayableScene.load(task.output), seen[-1]
+    scene, trainer = ScenePlayer.load(task.output), seen[-1]
     for index in (0, 9, 23):
         shot = trainer.capture.shots[index]
         drawn = draw(scene.at_frame(shot.frame), scene.header.cameras[shot.camera], scene.header.background).rgb
-        assert np.abs(drawn - trainer.picture(index)).mean() < 1e-5
+        assert np.abs(drawn - trainer.render_image(index)).mean() < 1e-5
 
 
 @pytest.mark.parametrize(
@@ -184,7 +184,7 @@ def test_cancelling_keeps_a_scene_that_plays_and_resuming_ends_with_the_same_bit
         stream = list(run_training(task, stopping_after(23, patch)))
     assert stream[-1] == events.Cancelled(23, str(task.output))
     assert names(stream)[-3:] == ["Evaluated", "Saved", "Cancelled"]
-    assert PlayableScene.load(task.output).header.steps == 23
+    assert ScenePlayer.load(task.output).header.steps == 23
     assert checkpoint_path(task.output).is_file()
     resumed = list(run_training(replace(task, resume=True)))
     assert next(event for event in resumed if isinstance(event, events.Progress)).step == 24
@@ -255,7 +255,7 @@ def test_a_scene_before_the_near_plane_is_named(
 ) -> None:
     monkeypatch.setattr(trainer, "scale_of", lambda *_: scene_scale)
     stream = itertools.takewhile(lambda event: not isinstance(event, events.Started), run_training(task))
-    messages = [event.message for event in stream if isinstance(event, events.Warned)]
+    messages = [event.message for event in stream if isinstance(event, events.WarningEvent)]
     assert [message[:28] for message in messages] == told
 
 
@@ -275,7 +275,7 @@ def test_a_resume_keeps_method_and_recipe_whatever_is_asked(
     with monkeypatch.context() as patch:
         list(run_training(began, stopping_after(STEPS // 2, patch)))
     stream = list(run_training(TrainingJob(task.capture, task.output, resume=True, device="cpu")))
-    (said,) = [event.message for event in stream if isinstance(event, events.Warned)]
+    (said,) = [event.message for event in stream if isinstance(event, events.WarningEvent)]
     assert said == f"The training goes on as it began: method {method}, recipe draft, capacity auto."
     kept = read_scene(task.output)
     assert kept.header.steps == STEPS and kept.header.method == method
@@ -283,7 +283,7 @@ def test_a_resume_keeps_method_and_recipe_whatever_is_asked(
     list(run_training(whole))
     assert kept.arrays["means"].tobytes() == read_scene(whole.output).arrays["means"].tobytes()
     again = list(run_training(replace(began, resume=True, recipe=began.recipe)))
-    assert not [event for event in again if isinstance(event, events.Warned)], "nothing else was asked for"
+    assert not [event for event in again if isinstance(event, events.WarningEvent)], "nothing else was asked for"
 
 
 @pytest.mark.parametrize(
@@ -325,8 +325,8 @@ def test_a_disk_that_takes_no_checkpoint_costs_no_scene(task: TrainingJob, monke
     monkeypatch.setattr(fallback_save, "write_checkpoint", full)
     stream = list(run_training(replace(task, save_seconds=0.0)))
     assert isinstance(stream[-1], events.Finished)
-    assert any(isinstance(event, events.Warned) and "No space left" in event.message for event in stream)
-    assert PlayableScene.load(task.output).header.steps == STEPS
+    assert any(isinstance(event, events.WarningEvent) and "No space left" in event.message for event in stream)
+    assert ScenePlayer.load(task.output).header.steps == STEPS
 
 
 def test_a_scene_stopped_early_plays_as_it_was_trained(
@@ -334,11 +334,11 @@ def test_a_scene_stopped_early_plays_as_it_was_trained(
 ) -> None:
     began = replace(task, recipe=replace(task.recipe, opacity_ramp=(0.0, 1.0), fine_rows_until=1.0))
     list(run_training(began, stopping_after(STEPS // 2, monkeypatch)))
-    scene = PlayableScene.load(task.output)
+    scene = ScenePlayer.load(task.output)
     assert 0 < scene.header.model["opacity_share"] < 1
     values = []
     for index, shot in enumerate(capture.shots):
         if capture.is_test(shot):
-            picture = draw(scene.at_frame(shot.frame), capture.cameras[shot.camera]).rgb.clip(0, 1)
-            values.append(psnr(picture, store.image(index) / 255.0))
+            image = draw(scene.at_frame(shot.frame), capture.cameras[shot.camera]).rgb.clip(0, 1)
+            values.append(psnr(image, store.image(index) / 255.0))
     assert sum(values) / len(values) == pytest.approx(scene.header.metrics["psnr"], abs=1e-3)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import torch
 
-from frog_blender.engine.playback.player import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.compression import schedule
 from frog_blender.engine.training.compression.passes import silence_heads
@@ -28,12 +28,12 @@ ERRORS = [
     MemoryError(),
 ]
 AT_THE_END = [
-    *((schedule, name) for name in ("state_of_movers", "rest", "narrow", "silence_heads")),
-    *((export, name) for name in ("spare_attributes", "arranged", "compactions", "_capacity")),
-    *((loop, name) for name in ("fit_budget", "capacity_picture")),
+    *((schedule, name) for name in ("mean_dynamic_state", "rest", "narrow", "silence_heads")),
+    *((export, name) for name in ("freeze_attributes", "arranged", "compactions", "_capacity")),
+    *((loop, name) for name in ("fit_budget", "capacity_image")),
     (Trainer, "evaluate"),
 ]
-ON_THE_WAY = [(schedule, name) for name in ("rest_unchanged", "wake_some", "prune", "cut_colors")]
+ON_THE_WAY = [(schedule, name) for name in ("freeze_static_regions", "wake_some", "prune", "reduce_sh_degree")]
 
 
 def name_of(value: Any) -> str | None:
@@ -60,9 +60,9 @@ def broken(monkeypatch: pytest.MonkeyPatch, what: tuple[Any, str], error: Except
     monkeypatch.setattr(owner, name, fails)
 
 
-def plays(task: TrainingJob) -> PlayableScene:
+def plays(task: TrainingJob) -> ScenePlayer:
     """The scene that lies where the job wants it, played at some moments."""
-    scene = PlayableScene.load(task.output)
+    scene = ScenePlayer.load(task.output)
     for moment in (0.0, 0.4, 1.0):
         assert all(np.isfinite(values).all() for values in vars(scene.at(moment)).values())
     return scene
@@ -71,7 +71,7 @@ def plays(task: TrainingJob) -> PlayableScene:
 def check(task: TrainingJob, monkeypatch: pytest.MonkeyPatch, what: tuple[Any, str], error: Exception) -> None:
     broken(monkeypatch, what, error)
     stream = list(run_training(task))
-    said = [event.message for event in stream if isinstance(event, events.Warned)]
+    said = [event.message for event in stream if isinstance(event, events.WarningEvent)]
     assert isinstance(stream[-1], events.Finished) and plays(task).header.steps == STEPS
     assert all(message.endswith(".") and "\n" not in message for message in said)
     assert len(said) == (2 if what[1] == "wake_some" else 1)  # which there are two rounds of
@@ -125,7 +125,7 @@ def test_a_training_goes_on_after_a_round_that_failed(task: TrainingJob, monkeyp
     broken(monkeypatch, (schedule, "prune"), ValueError("no"))
     stream = list(run_training(task))
     assert isinstance(stream[-1], events.Finished)
-    (said,) = [event.message for event in stream if isinstance(event, events.Warned)]
+    (said,) = [event.message for event in stream if isinstance(event, events.WarningEvent)]
     assert said == "Leaving out what the scene does not need failed (no): nothing was left out at 80 %."
     assert [event.step for event in stream if isinstance(event, events.Evaluated)][-1] == STEPS
 

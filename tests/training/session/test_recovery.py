@@ -16,7 +16,7 @@ from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.tensor_files import read_tensors
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.optimize import losses
-from frog_blender.engine.training.optimize.running_loss import Unstable
+from frog_blender.engine.training.optimize.running_loss import TrainingDiverged
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session import events, job
 from frog_blender.engine.training.session.checkpoint import checkpoint_path, load_checkpoint, save_checkpoint
@@ -48,7 +48,7 @@ def failing(monkeypatch: pytest.MonkeyPatch, when: Callable[[int], bool]) -> Non
 def test_one_bad_step_costs_no_training(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
     failing(monkeypatch, lambda call: call == 3)
     stream = list(run_training(task))
-    (warning,) = [event.message for event in stream if isinstance(event, events.Warned)]
+    (warning,) = [event.message for event in stream if isinstance(event, events.WarningEvent)]
     assert "unstable at step 52" in warning and "goes on from step 48 with steps of half the size" in warning
     assert isinstance(stream[-1], events.Finished) and stream[-1].steps == 60
     assert all(np.isfinite(array).all() for array in read_scene(task.output).arrays.values())
@@ -65,7 +65,7 @@ def test_what_never_gets_better_ends_in_a_sentence(task: TrainingJob, monkeypatc
     with pytest.raises(FrogError):
         for event in stream:
             said.append(event)
-    assert sum(isinstance(event, events.Warned) for event in said) == 3
+    assert sum(isinstance(event, events.WarningEvent) for event in said) == 3
 
 
 def test_going_back_restores_every_bit(make_trainer: Make, bits: Callable, tmp_path: Path) -> None:
@@ -74,10 +74,10 @@ def test_going_back_restores_every_bit(make_trainer: Make, bits: Callable, tmp_p
     recovery, before = Recovery(trainer), bits(trainer)
     train(trainer, until=33)  # past a round that brings Gaussians
     assert bits(trainer) != before
-    assert "step 20" in recovery.go_back(trainer, Unstable("Training became unstable."))
+    assert "step 20" in recovery.rollback(trainer, TrainingDiverged("Training became unstable."))
     assert bits(trainer) == before and trainer.step_count == 20
     assert trainer.optimizer.rate_factor == 0.5
-    recovery.go_back(trainer, Unstable("Again."))
+    recovery.rollback(trainer, TrainingDiverged("Again."))
     assert trainer.optimizer.rate_factor == 0.25  # smaller each time
     trainer.step()
     assert trainer.optimizer.adam.param_groups[0]["lr"] > 0
@@ -92,14 +92,14 @@ def test_a_model_that_is_not_finite_is_not_remembered(make_trainer: Make) -> Non
     trainer.step()
     recovery = Recovery(trainer)
     trainer.model.canonical.embeddings.data[3, 1] = float("nan")
-    with pytest.raises(Unstable, match="embeddings is not finite"):
+    with pytest.raises(TrainingDiverged, match="embeddings is not finite"):
         recovery.remember(trainer)
-    recovery.go_back(trainer, Unstable("x"))
+    recovery.rollback(trainer, TrainingDiverged("x"))
     assert torch.isfinite(trainer.model.canonical.embeddings).all()
 
 
 def losing_a_gaussian(monkeypatch: pytest.MonkeyPatch, at: int) -> None:
-    """After step ``at``, the first time, a Gaussian is none, which no picture and no loss shows."""
+    """After step ``at``, the first time, a Gaussian is none, which no image and no loss shows."""
     step, done = Trainer.step, [False]
 
     def sometimes(self: Trainer) -> None:
@@ -122,7 +122,7 @@ def test_no_checkpoint_holds_numbers_that_are_none(task: TrainingJob, monkeypatc
     for event in stream:
         if checkpoint_path(task.output).is_file():
             seen.append(finite(checkpoint_path(task.output)))
-        if isinstance(event, events.Warned):
+        if isinstance(event, events.WarningEvent):
             assert "means is not finite" in event.message and "goes on from step 7" in event.message
     assert isinstance(event, events.Finished) and event.steps == 60
     assert len(seen) > 60 and all(seen)
@@ -143,7 +143,7 @@ def test_a_cancelled_training_goes_back_too(task: TrainingJob, monkeypatch: pyte
 
     monkeypatch.setattr(Trainer, "step", counted)
     stream = list(run_training(task, lambda: taken[0] >= 23))
-    assert [event for event in stream if isinstance(event, events.Warned)]
+    assert [event for event in stream if isinstance(event, events.WarningEvent)]
     assert stream[-1] == events.Cancelled(18, str(task.output)) and finite(checkpoint_path(task.output))
     assert read_scene(task.output).header.steps == 18
     taken[0] = -100
@@ -154,17 +154,17 @@ def test_a_cancelled_training_goes_back_too(task: TrainingJob, monkeypatch: pyte
 def test_a_state_that_is_not_finite_is_never_what_is_gone_back_to(make_trainer: Make) -> None:
     trainer = make_trainer(60)
     trainer.model.canonical.sh.data[0, 0, 0] = float("inf")
-    with pytest.raises(Unstable, match="sh is not finite"):
+    with pytest.raises(TrainingDiverged, match="sh is not finite"):
         Recovery(trainer)
 
 
-def test_what_a_bad_picture_said_of_its_regions_is_forgotten(make_trainer: Make) -> None:
+def test_what_a_bad_image_said_of_its_regions_is_forgotten(make_trainer: Make) -> None:
     trainer = make_trainer(60)
     train(trainer, until=12)
     recovery = Recovery(trainer)
     camera, shape = trainer.capture.cameras[1], trainer.regions.errors[1].shape
     trainer.regions.observe(1, (0, 0, camera.width, camera.height), torch.full(shape, torch.nan))
-    recovery.go_back(trainer, Unstable("x"))
+    recovery.rollback(trainer, TrainingDiverged("x"))
     trainer.settle()
     assert all(not np.isnan(errors).any() for errors in trainer.regions.errors)
     np.testing.assert_array_equal(trainer.regions.errors[1], recovery.state[0]["regions.1"])

@@ -20,7 +20,7 @@ from frog_blender.engine.training.session.checkpoint import checkpoint_path, wri
 from frog_blender.engine.training.session.job import TrainingJob, run_training
 from frog_blender.engine.training.session.loop import KEPT
 from frog_blender.engine.training.session.output_paths import is_of_another
-from frog_blender.engine.training.session.resume import as_it_began
+from frog_blender.engine.training.session.resume import restore_job
 
 pytestmark = pytest.mark.usefixtures("seeds_at_no_cost")
 
@@ -38,7 +38,7 @@ def said(task: TrainingJob) -> list[str]:
     """Warnings of a training that finishes."""
     stream = list(run_training(task))
     assert isinstance(stream[-1], events.Finished)
-    return [event.message for event in stream if isinstance(event, events.Warned)]
+    return [event.message for event in stream if isinstance(event, events.WarningEvent)]
 
 
 def test_another_capture_that_is_still_there_is_refused(task: TrainingJob, tmp_path: Path) -> None:
@@ -98,15 +98,15 @@ HOSTILE: dict[str, list[Any]] = {
 
 def test_what_a_checkpoint_says_of_its_job_is_looked_at(task: TrainingJob) -> None:
     assert set(HOSTILE) == set(resume._KINDS) == set(KEPT)
-    as_it_began(task)
+    restore_job(task)
     before = json.loads(read_tensors(checkpoint_path(task.output), "")[1]["frog-checkpoint"])["settings"]
     for name, values in HOSTILE.items():
         for value in values:
             with pytest.raises(FrogError, match=rf"settings that do not fit \({name} is ") as caught:
-                as_it_began(rewritten(task, **{name: value}))
+                restore_job(rewritten(task, **{name: value}))
             assert "\n" not in str(caught.value)
         rewritten(task, **{name: before[name]})
-    as_it_began(task)
+    restore_job(task)
 
 
 @pytest.mark.parametrize("change", [{"seed_gaussians": -1}, {"seed_gaussians": 0}, {"head_width": 10**9}, {"speed": 1}])
@@ -130,5 +130,5 @@ def test_no_computer_is_called_that_a_checkpoint_names(
         assert is_of_another(task.output.with_name("none.frog"), task.capture) is False
         task.output.unlink()
         assert is_of_another(task.output, Path("/somewhere/other"))
-    as_it_began(task)
+    restore_job(task)
     assert not [path for path in looked_at if "evil" in path]

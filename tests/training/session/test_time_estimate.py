@@ -18,7 +18,7 @@ from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session import time_estimate as module
 from frog_blender.engine.training.session.job import TrainingJob, run_training
 from frog_blender.engine.training.session.time_estimate import (
-    Measured,
+    Sensitivity,
     Workload,
     about,
     estimate,
@@ -90,28 +90,28 @@ def test_a_first_guess_says_that_it_is_one(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_estimates_learn_from_every_training() -> None:
-    remember(Measured("cpu", "standard", 100.0, 300.0))
+    remember(Sensitivity("cpu", "standard", 100.0, 300.0))
     once = estimate(WORK)
     assert once.seconds == pytest.approx(3 * WORK.seconds) and str(once).startswith("About") and once.trainings == 1
-    remember(Measured("cpu", "standard", 100.0, 100.0))
+    remember(Sensitivity("cpu", "standard", 100.0, 100.0))
     twice = estimate(WORK).seconds
     assert twice is not None and WORK.seconds < twice < math.sqrt(3) * WORK.seconds, "the later one counts more"
-    remember(Measured("cpu", "draft", 100.0, 900.0))
+    remember(Sensitivity("cpu", "draft", 100.0, 900.0))
     other = estimate(WORK).seconds
     draft = estimate(replace(WORK, recipe=recipe("draft")))
     assert other is not None and draft.seconds is not None
     assert other / WORK.seconds < 3 < draft.seconds / replace(WORK, recipe=recipe("draft")).seconds
     assert estimate(WORK, "cuda").seconds is None, "a processor says nothing of a GPU"
-    remember(Measured("cuda", "standard", 100.0, 5.0))
+    remember(Sensitivity("cuda", "standard", 100.0, 5.0))
     assert estimate(WORK, "cuda").seconds == pytest.approx(WORK.seconds / 20)
     for _ in range(100):
-        remember(Measured("cpu", "standard", 100.0, 200.0))
+        remember(Sensitivity("cpu", "standard", 100.0, 200.0))
     assert len(remembered()) == module._KEPT and estimate(WORK).seconds == pytest.approx(2 * WORK.seconds)
 
 
 @pytest.mark.parametrize("content", ["", "{}", "[1, null]", "\xff", '[{"device": "cpu"}]', "[[]]"])
 def test_damaged_memories_are_left_out(content: str) -> None:
-    good = Measured("cpu", "draft", 1.0, 2.0)
+    good = Sensitivity("cpu", "draft", 1.0, 2.0)
     remember(good)
     (path,) = Path(module.default_cache_folder()).glob("*.json")
     kept = json.loads(path.read_text())
@@ -125,7 +125,7 @@ def test_damaged_memories_are_left_out(content: str) -> None:
 def test_a_disk_that_takes_nothing_changes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").write_text("no folder")
     monkeypatch.setenv("FROG_CACHE", str(tmp_path / "file"))
-    remember(Measured("cpu", "draft", 1.0, 2.0))
+    remember(Sensitivity("cpu", "draft", 1.0, 2.0))
     assert remembered() == [] and estimate(WORK).trainings == 0
 
 

@@ -20,7 +20,7 @@ _READERS = {
     "calibrated_videos": calibrated_videos,
 }
 KNOWN_LAYOUTS = (
-    "videos with poses_bounds.npy (N3DV), pictures with transforms.json, transforms_train.json, "
+    "videos with poses_bounds.npy (N3DV), images with transforms.json, transforms_train.json, "
     "dataset.json and camera (HyperNeRF) or cameras_parameters.txt (Technicolor), "
     "or videos with cameras_opencv.json or *.qca.txt"
 )
@@ -54,7 +54,7 @@ def open_capture(path: Path, *, pixel_offsets: Mapping[str, tuple[float, float]]
 
     Args:
         path: the folder.
-        pixel_offsets: for cameras by name, the pixel (dx, dy) of the calibrated picture at which the video's
+        pixel_offsets: for cameras by name, the pixel (dx, dy) of the calibrated image at which the video's
             upper left corner lies, for videos that were cropped after calibration.
 
     Raises:

@@ -89,7 +89,7 @@ def _match_names(path: Path, calibration: Path, cameras: set[str], videos: set[s
 
 
 def _fit_to_video(camera: Camera, video: Path, facts: VideoFacts) -> tuple[Camera, str | None]:
-    """The calibrated camera for the pictures that the video really has, and a warning if they differ."""
+    """The calibrated camera for the images that the video really has, and a warning if they differ."""
     if (facts.width, facts.height) == (camera.width, camera.height):
         return camera, None
     sizes = f"{video}: {facts.width} x {facts.height} pixels, calibrated at {camera.width} x {camera.height}"
@@ -97,7 +97,7 @@ def _fit_to_video(camera: Camera, video: Path, facts: VideoFacts) -> tuple[Camer
     much = abs(wide / high - 1) < 0.01 and abs(wide - 1) > 0.05
     little = wide != 1 and high != 1 and abs(wide - high) <= _ROUNDING / camera.width + _ROUNDING / camera.height
     if much or little:
-        return camera.resized(facts.width, facts.height), f"{sizes}; taken as the same picture, resized."
+        return camera.resized(facts.width, facts.height), f"{sizes}; taken as the same image, resized."
     return (
         replace(camera, width=facts.width, height=facts.height),
         f"{sizes}; taken as its upper left part unless a pixel offset is given.",

@@ -13,7 +13,7 @@ import numpy as np
 from ...errors import FrogError, found_instead
 from ...io.regular_file import regular_file
 from ..camera import MOST_SIDE, exact_pinhole
-from ..capture import MOST_FRAMES, MOST_PICTURES, Capture, Shot
+from ..capture import MOST_FRAMES, MOST_IMAGES, Capture, Shot
 from ..video import VideoFacts
 
 FARTHEST = 1e12
@@ -88,7 +88,7 @@ def number(value: Any, path: Path, what: str, *, positive: bool = False, most: f
 
 
 def size(value: Any, path: Path, what: str) -> int:
-    """``value`` as a picture's width or height in pixels.
+    """``value`` as an image's width or height in pixels.
 
     Raises:
         FrogError: if it is no number between 1 and 65536.
@@ -147,10 +147,10 @@ def moments(first: int, last: int, path: Path, what: str) -> int:
     return count
 
 
-def check_pictures(path: Path, count: int) -> None:
-    """FrogError for more pictures than can be listed."""
-    if count > MOST_PICTURES:
-        raise FrogError(f"{path}: found {count:,} pictures, expected at most {MOST_PICTURES:,}.")
+def check_images(path: Path, count: int) -> None:
+    """FrogError for more images than can be listed."""
+    if count > MOST_IMAGES:
+        raise FrogError(f"{path}: found {count:,} images, expected at most {MOST_IMAGES:,}.")
 
 
 def rotation(matrix: np.ndarray, path: Path, what: str) -> np.ndarray:
@@ -185,7 +185,7 @@ def shared_moments(path: Path, videos: Sequence[Path], facts: Sequence[VideoFact
     if shared < 1:
         raise found_instead(videos[counts.index(shared)], "no frame", "videos that share at least one moment")
     moments(0, shared - 1, path, "frames")
-    check_pictures(path, shared * len(videos))
+    check_images(path, shared * len(videos))
     warnings = []
     if shared != max(counts):
         shortest, longest = videos[counts.index(shared)].name, videos[counts.index(max(counts))].name
@@ -208,9 +208,9 @@ def checked(capture: Capture) -> Capture:
     """A capture as a reader made it, if a training can take it: numbers fine one by one may not be so together.
 
     Raises:
-        FrogError: for cameras that see nothing or from nowhere, or too many pictures.
+        FrogError: for cameras that see nothing or from nowhere, or too many images.
     """
-    check_pictures(capture.path, len(capture.shots))
+    check_images(capture.path, len(capture.shots))
     for camera in capture.cameras:
         lens, pose = camera.intrinsics, camera.world_to_camera
         far = not (np.abs(lens) <= FARTHEST).all() or not (np.abs(pose) <= FARTHEST).all()

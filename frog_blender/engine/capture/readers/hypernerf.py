@@ -1,8 +1,8 @@
 """HyperNeRF and Nerfies: ``dataset.json``, ``metadata.json``, ``camera/ID.json`` and ``rgb/Nx/ID.png``.
 
-Every picture has its own camera, in OpenCV's axes: ``orientation`` is the world-to-camera rotation, ``position`` the
-centre; lengths in pixels belong to the 1x pictures, whose corner is (0, 0). ``dataset.json`` says which pictures are
-for training and which are withheld. A rig of two cameras ("vrig") has two pictures a moment: of each one trains and
+Every image has its own camera, in OpenCV's axes: ``orientation`` is the world-to-camera rotation, ``position`` the
+centre; lengths in pixels belong to the 1x images, whose corner is (0, 0). ``dataset.json`` says which images are
+for training and which are withheld. A rig of two cameras ("vrig") has two images a moment: of each one trains and
 the other judges, left and right by turns. (google/nerfies, nerfies/camera.py and its README.)
 
 Lens distortion and skew are removed when frames are decoded. World units are the files' own: ``scene.json``'s
@@ -20,7 +20,7 @@ from ...errors import FrogError, found_instead
 from ...io.numpy_files import read_npy
 from ..camera import Camera
 from ..capture import Capture, Distortion, Shot
-from ..video import read_picture, with_ending
+from ..video import read_image, with_ending
 from .checks import FARTHEST, moments, number, numbers, pose, read_json, rotation, size
 
 _DATASET, _METADATA, _SCENE, _POINTS = "dataset.json", "metadata.json", "scene.json", "points.npy"
@@ -38,19 +38,19 @@ def matches(path: Path) -> bool:
 def read(path: Path) -> Capture:
     """Open a HyperNeRF or Nerfies folder.
 
-    The pictures of ``rgb/2x`` are taken, as in the papers; without them the largest of at most 1600 pixels a side.
+    The images of ``rgb/2x`` are taken, as in the papers; without them the largest of at most 1600 pixels a side.
     Where ``dataset.json`` withholds nothing, the papers' rule holds: of its ids the first of every four trains and the
     third is withheld.
 
     Raises:
-        FrogError: if a file is missing, no listed picture exists, or a value cannot be used.
+        FrogError: if a file is missing, no listed image exists, or a value cannot be used.
     """
     warnings: list[str] = []
     train, held_out = _split(path, warnings)
-    pictures = _pictures(path, [*train, *held_out], warnings)
-    train, held_out = ([name for name in names if name in pictures] for names in (train, held_out))
+    images = _images(path, [*train, *held_out], warnings)
+    train, held_out = ([name for name in names if name in images] for names in (train, held_out))
     if not train:
-        raise found_instead(path / _DATASET, "no picture to train on", "train_ids with pictures in rgb and in camera")
+        raise found_instead(path / _DATASET, "no image to train on", "train_ids with images in rgb and in camera")
     names = [*train, *held_out]
     at = _moments(path, names)
     cameras: list[Camera] = []
@@ -59,8 +59,8 @@ def read(path: Path) -> Capture:
     for name in names:
         camera, distortion = _camera(name, path / "camera" / f"{name}.json")
         full = (camera.width, camera.height)
-        if full not in sizes:  # the pictures of one camera share a size; decoding the first is enough
-            sizes[full] = _picture_size(pictures[name], full, path / "camera" / f"{name}.json")
+        if full not in sizes:  # the images of one camera share a size; decoding the first is enough
+            sizes[full] = _image_size(images[name], full, path / "camera" / f"{name}.json")
         cameras.append(camera.resized(*sizes[full]))
         distortions.append(distortion)
     points = _points(path / _POINTS)
@@ -69,7 +69,7 @@ def read(path: Path) -> Capture:
         format="hypernerf",
         cameras=tuple(cameras),
         distortions=tuple(distortions),
-        shots=tuple(Shot(i, at[name], pictures[name], 0) for i, name in enumerate(names)),
+        shots=tuple(Shot(i, at[name], images[name], 0) for i, name in enumerate(names)),
         frame_count=max(at.values()) + 1,
         test_cameras=frozenset(held_out),
         near_far=_near_far(path, cameras[: len(train)], points),
@@ -79,7 +79,7 @@ def read(path: Path) -> Capture:
 
 
 def _split(path: Path, warnings: list[str]) -> tuple[list[str], list[str]]:
-    """Names of the pictures to train on and of the withheld ones."""
+    """Names of the images to train on and of the withheld ones."""
     data = read_json(path / _DATASET)
     listed = {key: _names(data.get(key, []), path / _DATASET, key) for key in ("ids", "train_ids", "val_ids")}
     train, held_out = listed["train_ids"], listed["val_ids"]
@@ -88,7 +88,7 @@ def _split(path: Path, warnings: list[str]) -> tuple[list[str], list[str]]:
         train, held_out = ids[0::4], ids[2::4]
         if held_out:
             warnings.append(
-                f"{path / _DATASET}: nothing is withheld by val_ids, so of every four pictures the first trains, "
+                f"{path / _DATASET}: nothing is withheld by val_ids, so of every four images the first trains, "
                 "the third is withheld and the others are left out."
             )
     if both := set(train) & set(held_out):
@@ -97,32 +97,32 @@ def _split(path: Path, warnings: list[str]) -> tuple[list[str], list[str]]:
 
 
 def _names(value: Any, path: Path, key: str) -> list[str]:
-    """The list of picture names under a key, each once."""
+    """The list of image names under a key, each once."""
     if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
         raise found_instead(path, f"{key} that is no list of names", f'"{key}": ["000001", ...]')
     for name in value:
         if not name or "\0" in name or "\\" in name or Path(name).name != name:
-            raise found_instead(path, f"the picture name {name!r} in {key}", "a name without folders")
+            raise found_instead(path, f"the image name {name!r} in {key}", "a name without folders")
     return list(dict.fromkeys(value))
 
 
-def _pictures(path: Path, names: list[str], warnings: list[str]) -> dict[str, Path]:
-    """The picture files by name, of those that have one and a camera."""
-    folder = _picture_folder(path, names, warnings)
+def _images(path: Path, names: list[str], warnings: list[str]) -> dict[str, Path]:
+    """The image files by name, of those that have one and a camera."""
+    folder = _image_folder(path, names, warnings)
     files = {name: with_ending(folder / name) for name in names}
     found = {
         name: file for name, file in files.items() if file is not None and (path / "camera" / f"{name}.json").is_file()
     }
     if lacking := [name for name in names if name not in found]:
         warnings.append(
-            f"{path}: {len(lacking)} of {len(names)} listed pictures (the first is {lacking[0]}) lack their file in "
+            f"{path}: {len(lacking)} of {len(names)} listed images (the first is {lacking[0]}) lack their file in "
             f"{folder.name} or in camera and are left out."
         )
     return found
 
 
-def _picture_folder(path: Path, names: list[str], warnings: list[str]) -> Path:
-    """``rgb/2x``, or the folder beside it whose pictures fit best."""
+def _image_folder(path: Path, names: list[str], warnings: list[str]) -> Path:
+    """``rgb/2x``, or the folder beside it whose images fit best."""
     examples: dict[Path, Path] = {}
     for folder in sorted(path.glob("rgb/*x")):
         example = next((file for name in names if (file := with_ending(folder / name)) is not None), None)
@@ -132,22 +132,22 @@ def _picture_folder(path: Path, names: list[str], warnings: list[str]) -> Path:
     if usual in examples:
         return usual
     if not examples:
-        raise found_instead(path, "none of the listed pictures", f"them in rgb/{_USUAL} (or rgb/1x, rgb/4x, ...)")
-    sides = {folder: max(read_picture(example).shape[:2]) for folder, example in examples.items()}
+        raise found_instead(path, "none of the listed images", f"them in rgb/{_USUAL} (or rgb/1x, rgb/4x, ...)")
+    sides = {folder: max(read_image(example).shape[:2]) for folder, example in examples.items()}
     fitting = [folder for folder, side in sides.items() if side <= _LARGEST_SIDE]
     chosen = max(fitting, key=sides.__getitem__) if fitting else min(sides, key=sides.__getitem__)
-    warnings.append(f"{path}: there are no pictures in rgb/{_USUAL}, those of rgb/{chosen.name} are taken.")
+    warnings.append(f"{path}: there are no images in rgb/{_USUAL}, those of rgb/{chosen.name} are taken.")
     return chosen
 
 
 def _moments(path: Path, names: list[str]) -> dict[str, int]:
-    """The moment of each picture, counted from 0 in steps as long as the shortest that all share."""
+    """The moment of each image, counted from 0 in steps as long as the shortest that all share."""
     metadata = read_json(path / _METADATA)
     entries: list[dict[str, Any]] = []
     for name in names:
         entry = metadata.get(name)
         if not isinstance(entry, dict):
-            raise found_instead(path / _METADATA, f"nothing about the picture {name}", '{"warp_id": ...}')
+            raise found_instead(path / _METADATA, f"nothing about the image {name}", '{"warp_id": ...}')
         entries.append(entry)
     key = "time_id" if all("time_id" in entry for entry in entries) else "warp_id"
     values = [
@@ -164,7 +164,7 @@ def _moments(path: Path, names: list[str]) -> dict[str, int]:
 
 
 def _camera(name: str, file: Path) -> tuple[Camera, Distortion | None]:
-    """The camera of one picture at its 1x size."""
+    """The camera of one image at its 1x size."""
     data = read_json(file)
     width, height = (
         size(value, file, "image_size") for value in numbers(data.get("image_size"), (2,), file, "image_size")
@@ -184,11 +184,11 @@ def _camera(name: str, file: Path) -> tuple[Camera, Distortion | None]:
     return camera, Distortion(coefficients, skew) if skew or np.any(coefficients) else None
 
 
-def _picture_size(picture: Path, full: tuple[int, int], file: Path) -> tuple[int, int]:
-    """(width, height) of a stored picture, which must have the proportions of its camera."""
-    height, width = read_picture(picture).shape[:2]
+def _image_size(image: Path, full: tuple[int, int], file: Path) -> tuple[int, int]:
+    """(width, height) of a stored image, which must have the proportions of its camera."""
+    height, width = read_image(image).shape[:2]
     if abs(width * full[1] / (height * full[0]) - 1) > 0.02:
-        found = f"image_size {full[0]} x {full[1]} for {picture.parent.name} pictures of {width} x {height}"
+        found = f"image_size {full[0]} x {full[1]} for {image.parent.name} images of {width} x {height}"
         raise found_instead(file, found, "[width, height] of the same proportions")
     return width, height
 

@@ -2,7 +2,7 @@
 
 A row of ``poses_bounds.npy`` is a 3 x 5 matrix [R | t | (H, W, f)], camera-to-world, followed by near and far.
 The columns of R are LLFF's axes (down, right, backwards). Rows belong to the videos sorted by name; the numbers in
-the names may have gaps. The principal point is the picture's centre; the first camera is the test view.
+the names may have gaps. The principal point is the image's centre; the first camera is the test view.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from ...errors import FrogError, found_instead
 from ...io.numpy_files import read_npy
 from ..camera import Camera
 from ..capture import Capture, Shot
-from ..video import find_pictures, find_videos, read_facts, read_picture
+from ..video import find_images, find_videos, read_facts, read_image
 from .checks import numbers, pose, rotation, shared_moments, video_shots
 
 _POSES = "poses_bounds.npy"
@@ -35,11 +35,11 @@ def read(path: Path) -> Capture:
     """
     rows = _read_rows(path / _POSES)
     videos = [video for video in find_videos(path) if video.stem.lower().startswith("cam")] or find_videos(path)
-    images = path / "images"
-    pictures = find_pictures(images) if not videos and images.is_dir() else []
-    if not videos and not pictures:
+    folder = path / "images"
+    images = find_images(folder) if not videos and folder.is_dir() else []
+    if not videos and not images:
         raise found_instead(path, f"{len(rows)} poses and no video", f"{len(rows)} videos cam00.mp4, cam01.mp4, ...")
-    sources = videos or pictures
+    sources = videos or images
     if len(rows) != len(sources):
         raise FrogError(
             f"{path / _POSES}: found {len(rows)} rows for {len(sources)} videos ({sources[0].name} to "
@@ -53,16 +53,16 @@ def read(path: Path) -> Capture:
         rate = facts[0].frames_per_second
         shots = video_shots(videos, frame_count)
     else:
-        shapes = [read_picture(picture).shape for picture in pictures]
+        shapes = [read_image(image).shape for image in images]
         sizes = [(shape[1], shape[0]) for shape in shapes]
         frame_count, rate = 1, 30.0
-        shots = tuple(Shot(index, 0, picture, 0) for index, picture in enumerate(pictures))
+        shots = tuple(Shot(index, 0, image, 0) for index, image in enumerate(images))
     cameras = [_camera(row, source, size) for row, source, size in zip(rows, sources, sizes, strict=True)]
     for camera, row in zip(cameras, rows, strict=True):
         stored_height, stored_width = row[4], row[9]
         if abs(camera.width / camera.height - stored_width / stored_height) > 0.01 * stored_width / stored_height:
             warnings.append(
-                f"{path}: the pictures of {camera.name} are {camera.width} x {camera.height}, "
+                f"{path}: the images of {camera.name} are {camera.width} x {camera.height}, "
                 f"{_POSES} says {stored_width:g} x {stored_height:g}: their proportions differ."
             )
     near_far = (float(rows[:, 15].min()), float(rows[:, 16].max()))

@@ -1,7 +1,7 @@
-"""Standing cameras among posed pictures: pictures that are listed with the same pose and lens are one camera's.
+"""Standing cameras among posed images: images that are listed with the same pose and lens are one camera's.
 
-Lists give every picture a pose of its own, those of films from several standing cameras too (N3DV as 4D-GS's converter
-writes it). Only of a camera that stands still is it known what changes in its pictures.
+Lists give every image a pose of its own, those of films from several standing cameras too (N3DV as 4D-GS's converter
+writes it). Only of a camera that stands still is it known what changes in its images.
 """
 
 from __future__ import annotations
@@ -9,38 +9,38 @@ from __future__ import annotations
 import re
 from collections.abc import Hashable, Sequence
 
-_MOMENT = re.compile(r"[\W_]*\d*$")  # the end of what the names of a camera's pictures have in common
+_MOMENT = re.compile(r"[\W_]*\d*$")  # the end of what the names of a camera's images have in common
 
 
-def first_pictures(views: Sequence[Hashable], moments: Sequence[float]) -> list[int]:
-    """Of each picture's camera, its first picture: an index.
+def first_images(views: Sequence[Hashable], moments: Sequence[float]) -> list[int]:
+    """Of each image's camera, its first image: an index.
 
-    Where each view was taken at several moments, once at each, a view is one camera; elsewhere every picture is one.
+    Where each view was taken at several moments, once at each, a view is one camera; elsewhere every image is one.
 
     Args:
-        views: pose and lens of each picture; equal where they are the same.
-        moments: of each picture.
+        views: pose and lens of each image; equal where they are the same.
+        moments: of each image.
     """
-    pictures: dict[Hashable, list[int]] = {}
+    images: dict[Hashable, list[int]] = {}
     for index, view in enumerate(views):
-        pictures.setdefault(view, []).append(index)
-    if any(len(of) < 2 or len({moments[index] for index in of}) < len(of) for of in pictures.values()):
+        images.setdefault(view, []).append(index)
+    if any(len(of) < 2 or len({moments[index] for index in of}) < len(of) for of in images.values()):
         return list(range(len(views)))
-    return [pictures[view][0] for view in views]
+    return [images[view][0] for view in views]
 
 
 def camera_names(first: Sequence[int], names: Sequence[str]) -> list[str]:
-    """The name of each picture's camera: what the names of its pictures begin with (``cam00_0000``, ``cam00_0001``:
-    cam00), or, where that tells no two cameras apart, its first picture's.
+    """The name of each image's camera: what the names of its images begin with (``cam00_0000``, ``cam00_0001``:
+    cam00), or, where that tells no two cameras apart, its first image's.
 
     Args:
-        first: see first_pictures.
-        names: of each picture, no two alike.
+        first: see first_images.
+        names: of each image, no two alike.
     """
-    pictures: dict[int, list[str]] = {}
+    images: dict[int, list[str]] = {}
     for camera, name in zip(first, names, strict=True):
-        pictures.setdefault(camera, []).append(name)
-    common = {camera: _common(of) if len(of) > 1 else of[0] for camera, of in pictures.items()}
+        images.setdefault(camera, []).append(name)
+    common = {camera: _common(of) if len(of) > 1 else of[0] for camera, of in images.items()}
     if "" in common.values() or len({*common.values()}) < len(common):
         return [names[camera] for camera in first]
     return [common[camera] for camera in first]

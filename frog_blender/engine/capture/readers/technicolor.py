@@ -21,11 +21,11 @@ from ...io.regular_file import regular_file
 from ..camera import Camera
 from ..capture import Capture, Distortion, Shot
 from ..image_header import PNG_HEADER, png_size
-from ..video import check_picture_size
+from ..video import check_image_size
 from .checks import check_length, moments, numbers, pose
 
 _PARAMETERS = "cameras_parameters.txt"
-_PICTURE = re.compile(r"(?P<scene>[^.].*)_undist_(?P<frame>\d{1,9})_(?P<camera>\d{1,4})\.png", re.IGNORECASE)
+_IMAGE = re.compile(r"(?P<scene>[^.].*)_undist_(?P<frame>\d{1,9})_(?P<camera>\d{1,4})\.png", re.IGNORECASE)
 _CALIBRATED = (2048, 1088)  # pixels that the parameters belong to
 _COLUMNS = 12
 _TEST_CAMERA = "cam10"
@@ -38,22 +38,22 @@ def matches(path: Path) -> bool:
 
 
 def read(path: Path, frames: range | None = None) -> Capture:
-    """Open a scene's folder, whose pictures lie in it or in ``images`` beneath.
+    """Open a scene's folder, whose images lie in it or in ``images`` beneath.
 
-    A picture that is cut off (Birthday's frame 173 of camera 9 is published so) is replaced by that of the same
+    An image that is cut off (Birthday's frame 173 of camera 9 is published so) is replaced by that of the same
     camera's frame before; of the test camera it is left out, where a repeated frame would judge wrongly.
 
     Args:
         frames: numbers of the frames to take, as in the files' names; by default all from the lowest to the highest.
 
     Raises:
-        FrogError: if one of ``frames`` has no picture at all, or a value cannot be used.
+        FrogError: if one of ``frames`` has no image at all, or a value cannot be used.
     """
     rows = _read_rows(path / _PARAMETERS)
-    files = _find_pictures(path, len(rows))
+    files = _find_images(path, len(rows))
     found = {frame for _, frame in files}
     if frames is None:
-        frames = range(min(found), min(found) + moments(min(found), max(found), path, "pictures of frames"))
+        frames = range(min(found), min(found) + moments(min(found), max(found), path, "images of frames"))
     elif not found.issuperset(frames):
         expected = f"every frame from {frames[0]} to {frames[-1]}"
         raise found_instead(path, f"frames between {min(found)} and {max(found)}", expected)
@@ -66,17 +66,17 @@ def read(path: Path, frames: range | None = None) -> Capture:
         # One that is cut off before its size is among those that are replaced or left out.
         example = next((file for file in own if file.stat().st_size >= PNG_HEADER), own[0])
         camera, distortion = _camera(f"cam{index:02d}", rows[index], path / _PARAMETERS)
-        cameras.append(camera.resized(*_picture_size(example)))
+        cameras.append(camera.resized(*_image_size(example)))
         distortions.append(distortion)
     warnings = []
     if len(used) < len(rows):
-        warnings.append(f"{path}: {_PARAMETERS} has {len(rows)} cameras, and {len(used)} of them have pictures.")
+        warnings.append(f"{path}: {_PARAMETERS} has {len(rows)} cameras, and {len(used)} of them have images.")
     if missing := len(used) * len(frames) - len(files):
-        warnings.append(f"{path}: {missing} of {len(used) * len(frames)} pictures are missing and left out.")
+        warnings.append(f"{path}: {missing} of {len(used) * len(frames)} images are missing and left out.")
     whole = _replace_damaged(files, warnings)
     names = {camera.name for camera in cameras}
     if _TEST_CAMERA not in names:
-        warnings.append(f"{path}: the test view {_TEST_CAMERA} has no pictures, so no camera is withheld.")
+        warnings.append(f"{path}: the test view {_TEST_CAMERA} has no images, so no camera is withheld.")
     return Capture(
         path=path,
         format="technicolor",
@@ -113,26 +113,26 @@ def _read_rows(path: Path) -> np.ndarray:
     return np.array(rows)
 
 
-def _find_pictures(path: Path, cameras: int) -> dict[tuple[int, int], Path]:
-    """The pictures by (camera, frame number)."""
+def _find_images(path: Path, cameras: int) -> dict[tuple[int, int], Path]:
+    """The images by (camera, frame number)."""
     for folder in (path, path / "images"):
         if not folder.is_dir():
             continue
-        named = [(file, match) for file in sorted(folder.iterdir()) if (match := _PICTURE.fullmatch(file.name))]
+        named = [(file, match) for file in sorted(folder.iterdir()) if (match := _IMAGE.fullmatch(file.name))]
         if not named:
             continue
         scenes = Counter(match["scene"] for _, match in named)
         if len(scenes) > 1:
-            raise found_instead(folder, f"pictures of {' and '.join(sorted(scenes))}", "those of one scene")
+            raise found_instead(folder, f"images of {' and '.join(sorted(scenes))}", "those of one scene")
         files = {(int(match["camera"]), int(match["frame"])): file for file, match in named}
         highest = max(camera for camera, _ in files)
         if highest >= cameras:
             raise FrogError(
-                f"{path / _PARAMETERS}: found {cameras} rows and pictures of camera {highest} "
+                f"{path / _PARAMETERS}: found {cameras} rows and images of camera {highest} "
                 f"({files[max(files)].name}), expected a row for each camera from 0."
             )
         return files
-    raise found_instead(path, f"{_PARAMETERS} and no picture", "pictures named SCENE_undist_00151_00.png and so on")
+    raise found_instead(path, f"{_PARAMETERS} and no image", "images named SCENE_undist_00151_00.png and so on")
 
 
 def _camera(name: str, row: np.ndarray, path: Path) -> tuple[Camera, Distortion | None]:
@@ -157,37 +157,37 @@ def _camera(name: str, row: np.ndarray, path: Path) -> tuple[Camera, Distortion 
     return camera, Distortion(np.zeros(5), skew / focal) if skew else None
 
 
-def _picture_size(picture: Path) -> tuple[int, int]:
+def _image_size(image: Path) -> tuple[int, int]:
     """(width, height) from a PNG's header, checked against the proportions of the calibration."""
-    with regular_file(picture, "a picture").open("rb") as file:
+    with regular_file(image, "an image").open("rb") as file:
         size = png_size(file.read(PNG_HEADER))
     if size is None:
-        raise found_instead(picture, "a file that is not a PNG", "a picture")
-    check_picture_size(picture, size)
+        raise found_instead(image, "a file that is not a PNG", "an image")
+    check_image_size(image, size)
     width, height = size
     if not height or abs(width * _CALIBRATED[1] / (height * _CALIBRATED[0]) - 1) > 0.02:
         expected = f"the proportions of {_CALIBRATED[0]} x {_CALIBRATED[1]}"
-        raise found_instead(picture, f"a picture of {width} x {height} pixels", expected)
+        raise found_instead(image, f"an image of {width} x {height} pixels", expected)
     return width, height
 
 
 def _replace_damaged(files: dict[tuple[int, int], Path], warnings: list[str]) -> dict[tuple[int, int], Path]:
-    """The pictures, damaged ones replaced by the frame before of the same camera, or left out where none is whole."""
+    """The images, damaged ones replaced by the frame before of the same camera, or left out where none is whole."""
     whole = {key: file for key, file in files.items() if _is_whole(file)}
     for (camera, frame), file in sorted(files.items()):
         if (camera, frame) in whole:
             continue
         before = whole.get((camera, frame - 1))
         if before is None or f"cam{camera:02d}" == _TEST_CAMERA:
-            warnings.append(f"{file}: the picture is cut off and left out.")
+            warnings.append(f"{file}: the image is cut off and left out.")
         else:
             whole[camera, frame] = before
-            warnings.append(f"{file}: the picture is cut off; {before.name} takes its place.")
+            warnings.append(f"{file}: the image is cut off; {before.name} takes its place.")
     return whole
 
 
-def _is_whole(picture: Path) -> bool:
+def _is_whole(image: Path) -> bool:
     """True if a PNG has its end; decoders fill what is missing with black and say nothing."""
-    with regular_file(picture, "a picture").open("rb") as file:
-        file.seek(max(0, picture.stat().st_size - 1024))
+    with regular_file(image, "an image").open("rb") as file:
+        file.seek(max(0, image.stat().st_size - 1024))
         return _PNG_END in file.read()

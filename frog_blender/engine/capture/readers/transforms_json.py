@@ -1,8 +1,8 @@
-"""Pictures with ``transforms.json`` (nerfstudio) or ``transforms_train.json`` (D-NeRF, Blender).
+"""Images with ``transforms.json`` (nerfstudio) or ``transforms_train.json`` (D-NeRF, Blender).
 
-Each listed picture has its own pose: camera-to-world in OpenGL's axes (x right, y up, looking along -z). Intrinsics
-and distortion stand at the top level or with a picture, whose own values win. ``time`` is optional: without it the
-pictures follow one another in the order of the list. Pictures of one standing camera are found by their equal poses.
+Each listed image has its own pose: camera-to-world in OpenGL's axes (x right, y up, looking along -z). Intrinsics
+and distortion stand at the top level or with an image, whose own values win. ``time`` is optional: without it the
+images follow one another in the order of the list. Images of one standing camera are found by their equal poses.
 """
 
 from __future__ import annotations
@@ -18,36 +18,36 @@ import numpy as np
 from ...errors import FrogError, found_instead
 from ..camera import Camera
 from ..capture import Capture, Distortion, Shot
-from ..image_size import picture_size
+from ..image_size import image_size
 from ..video import with_ending
 from .checks import number, pose, read_json, rigid, rotation, size
-from .static_cameras import camera_names, first_pictures
+from .static_cameras import camera_names, first_images
 
 _SINGLE = "transforms.json"
 _TRAIN = "transforms_train.json"
 _HELD_OUT = ("transforms_val.json", "transforms_test.json")
 _HOLDOUT_EVERY = 8
-_FASTEST = 1e6  # pictures a second
+_FASTEST = 1e6  # images a second
 _LATEST = 1e30  # of any unit: nanoseconds since 1970 are times too
 _LENS = ("camera_model", "is_fisheye", "w", "h", "fl_x", "fl_y", "camera_angle_x", "camera_angle_y", "cx", "cy")
-_VIEW = ("transform_matrix", *_LENS, "k1", "k2", "k3", "p1", "p2")  # what tells a picture's camera from another's
+_VIEW = ("transform_matrix", *_LENS, "k1", "k2", "k3", "p1", "p2")  # what tells an image's camera from another's
 
 
 @dataclass(frozen=True)
 class _Entry:
-    """A listed picture that exists.
+    """A listed image that exists.
 
     Attributes:
         file: the list.
-        top, own: what it says of all its pictures, and of this one.
-        picture: the file.
-        place: in the list, missing pictures counted.
+        top, own: what it says of all its images, and of this one.
+        image: the file.
+        place: in the list, missing images counted.
     """
 
     file: Path
     top: dict[str, Any]
     own: dict[str, Any]
-    picture: Path
+    image: Path
     place: int
 
 
@@ -57,12 +57,12 @@ def matches(path: Path) -> bool:
 
 
 def read(path: Path) -> Capture:
-    """Open a folder of posed pictures.
+    """Open a folder of posed images.
 
-    Every eighth moment of a single moving camera is held out; with separate lists, the test and val pictures are.
+    Every eighth moment of a single moving camera is held out; with separate lists, the test and val images are.
 
     Raises:
-        FrogError: if no listed picture exists, a path leads outside the folder, or a value cannot be used.
+        FrogError: if no listed image exists, a path leads outside the folder, or a value cannot be used.
     """
     entries, warnings = _entries(path)
     training = entries[0].file
@@ -70,12 +70,12 @@ def read(path: Path) -> Capture:
     times = _times(entries)
     order = {time: rank for rank, time in enumerate(sorted(set(times)))}
     names = _camera_names(path, entries, times)
-    first: dict[str, _Entry] = {}  # picture of each camera
+    first: dict[str, _Entry] = {}  # image of each camera
     for name, entry in zip(names, entries, strict=True):
         first.setdefault(name, entry)
     place = {name: index for index, name in enumerate(first)}
-    views = [_camera(name, entry, picture_size(entry.picture)) for name, entry in first.items()]
-    shots = [Shot(place[name], order[time], e.picture, 0) for name, time, e in zip(names, times, entries, strict=True)]
+    views = [_camera(name, entry, image_size(entry.image)) for name, entry in first.items()]
+    shots = [Shot(place[name], order[time], e.image, 0) for name, time, e in zip(names, times, entries, strict=True)]
     rate = number(entries[0].top.get("fps", 30.0), training, "fps", positive=True, most=_FASTEST)
     capture = Capture(
         path=path,
@@ -86,7 +86,7 @@ def read(path: Path) -> Capture:
         frame_count=len(order),
         frames_per_second=rate,
         test_cameras=frozenset(name for name, entry in first.items() if entry.file != training),
-        # Pictures with splits are rendered over white, as everyone who publishes numbers on them does.
+        # Images with splits are rendered over white, as everyone who publishes numbers on them does.
         background=(1.0, 1.0, 1.0) if has_splits else (0.0, 0.0, 0.0),
         warnings=tuple(warnings),
     )
@@ -94,8 +94,8 @@ def read(path: Path) -> Capture:
     return capture.with_holdout(_HOLDOUT_EVERY) if is_one_camera and not has_splits else capture
 
 
-def pictures_by_camera(path: Path) -> dict[str, list[Path]]:
-    """The pictures of each camera by its name, in order of time, of those that exist; nothing is decoded.
+def images_by_camera(path: Path) -> dict[str, list[Path]]:
+    """The images of each camera by its name, in order of time, of those that exist; nothing is decoded.
 
     Raises:
         FrogError: for a list that cannot be used.
@@ -103,10 +103,10 @@ def pictures_by_camera(path: Path) -> dict[str, list[Path]]:
     entries, _ = _entries(path)
     times = _times(entries)
     names = _camera_names(path, entries, times)
-    pictures: dict[str, list[Path]] = {}
+    images: dict[str, list[Path]] = {}
     for _, name, entry in sorted(zip(times, names, entries, strict=True), key=lambda found: found[0]):
-        pictures.setdefault(name, []).append(entry.picture)
-    return pictures
+        images.setdefault(name, []).append(entry.image)
+    return images
 
 
 def _entries(folder: Path) -> tuple[list[_Entry], list[str]]:
@@ -117,17 +117,17 @@ def _entries(folder: Path) -> tuple[list[_Entry], list[str]]:
     entries: list[_Entry] = []
     warnings: list[str] = []
     for file in files:
-        found, listed = _find_pictures(folder, file)
+        found, listed = _find_images(folder, file)
         if not found and file == files[0]:
-            raise found_instead(file, f"{listed} listed pictures of which none exists", "the pictures beside it")
+            raise found_instead(file, f"{listed} listed images of which none exists", "the images beside it")
         if len(found) < listed:
-            warnings.append(f"{file}: {listed - len(found)} of {listed} listed pictures are missing and left out.")
+            warnings.append(f"{file}: {listed - len(found)} of {listed} listed images are missing and left out.")
         entries += found
     return entries, warnings
 
 
-def _find_pictures(folder: Path, file: Path) -> tuple[list[_Entry], int]:
-    """The entries whose pictures exist, and how many are listed."""
+def _find_images(folder: Path, file: Path) -> tuple[list[_Entry], int]:
+    """The entries whose images exist, and how many are listed."""
     top = read_json(file)
     frames = top.get("frames")
     if not isinstance(frames, list) or not frames or not all(isinstance(frame, dict) for frame in frames):
@@ -139,15 +139,15 @@ def _find_pictures(folder: Path, file: Path) -> tuple[list[_Entry], int]:
             raise found_instead(file, "a frame without a file_path", "a file_path for each frame")
         inside = os.path.normpath(os.path.join(folder, name.replace("\\", "/")))
         if not Path(os.path.abspath(inside)).is_relative_to(os.path.abspath(folder)):
-            raise FrogError(f"{file}: the picture {name!r} lies outside the capture's folder, expected one inside.")
-        picture = Path(inside) if os.path.isfile(inside) else with_ending(Path(inside))
-        if picture is not None:
-            found.append(_Entry(file, top, frame, picture, place))
+            raise FrogError(f"{file}: the image {name!r} lies outside the capture's folder, expected one inside.")
+        image = Path(inside) if os.path.isfile(inside) else with_ending(Path(inside))
+        if image is not None:
+            found.append(_Entry(file, top, frame, image, place))
     return found, len(frames)
 
 
 def _times(entries: list[_Entry]) -> list[float]:
-    """A time for each picture: its own where all have one, else its place in its list."""
+    """A time for each image: its own where all have one, else its place in its list."""
     if all(entry.own.get("time") is not None for entry in entries):
         # Rounded, so that 1/3 written with 6 digits by one list and 16 by another is one moment.
         return [round(number(entry.own["time"], entry.file, "time", most=_LATEST), 6) for entry in entries]
@@ -155,32 +155,32 @@ def _times(entries: list[_Entry]) -> list[float]:
 
 
 def _camera_names(folder: Path, entries: list[_Entry], times: list[float]) -> list[str]:
-    """The name of each picture's camera; the lists to train on and to judge have cameras of their own."""
+    """The name of each image's camera; the lists to train on and to judge have cameras of their own."""
     first: list[int] = []
     for file in dict.fromkeys(entry.file for entry in entries):
         of = [index for index, entry in enumerate(entries) if entry.file == file]
         views = [_view(entries[index]) for index in of]
-        first += [of[index] for index in first_pictures(views, [times[index] for index in of])]
-    return camera_names(first, _picture_names(folder, [entry.picture for entry in entries]))
+        first += [of[index] for index in first_images(views, [times[index] for index in of])]
+    return camera_names(first, _image_names(folder, [entry.image for entry in entries]))
 
 
 def _view(entry: _Entry) -> str:
-    """Pose and lens: equal to another picture's where both are known to be the same."""
+    """Pose and lens: equal to another image's where both are known to be the same."""
     known = entry.own.get("transform_matrix") is not None
     return json.dumps([entry.own.get(key) for key in _VIEW] if known else entry.place)
 
 
-def _picture_names(folder: Path, pictures: list[Path]) -> list[str]:
-    """A unique name for each picture: the file's name, with its folders where that is not unique."""
-    stems = [picture.stem for picture in pictures]
+def _image_names(folder: Path, images: list[Path]) -> list[str]:
+    """A unique name for each image: the file's name, with its folders where that is not unique."""
+    stems = [image.stem for image in images]
     if len(set(stems)) == len(stems):
         return stems
-    names = [Path(os.path.relpath(picture, folder)).as_posix() for picture in pictures]
+    names = [Path(os.path.relpath(image, folder)).as_posix() for image in images]
     return names if len(set(names)) == len(names) else [f"{name}#{index}" for index, name in enumerate(names)]
 
 
 def _camera(name: str, entry: _Entry, real: tuple[int, int]) -> tuple[Camera, Distortion | None]:
-    """The OpenCV camera of one picture, at the picture's real (width, height)."""
+    """The OpenCV camera of one image, at the image's real (width, height)."""
     file, top, own = entry.file, entry.top, entry.own
     both = {**top, **own}
     model = str(both.get("camera_model", "OPENCV")).upper()
@@ -189,7 +189,7 @@ def _camera(name: str, entry: _Entry, real: tuple[int, int]) -> tuple[Camera, Di
     width = size(both.get("w", real[0]), file, "w")
     height = size(both.get("h", real[1]), file, "h")
     if abs(width * real[1] / (height * real[0]) - 1) > 0.02:
-        found = f"w x h = {width} x {height} for {entry.picture.name} of {real[0]} x {real[1]} pixels"
+        found = f"w x h = {width} x {height} for {entry.image.name} of {real[0]} x {real[1]} pixels"
         raise found_instead(file, found, "the same proportions")
     focal_x = _focal(file, top, own, "x", width)
     if focal_x is None:
@@ -208,12 +208,12 @@ def _camera(name: str, entry: _Entry, real: tuple[int, int]) -> tuple[Camera, Di
 
 
 def _focal(file: Path, top: dict[str, Any], own: dict[str, Any], axis: str, pixels: int) -> float | None:
-    """Focal length in pixels along x or y: the picture's own before the list's, fl before the angle."""
+    """Focal length in pixels along x or y: the image's own before the list's, fl before the angle."""
     for source in (own, top):
         if source.get(f"fl_{axis}") is not None:
             return number(source[f"fl_{axis}"], file, f"fl_{axis}", positive=True)
         if axis == "y" and any(source.get(key) is not None for key in ("fl_x", "camera_angle_x")) and source is own:
-            return None  # square pixels: do not mix a picture's own fl_x with the list's fl_y
+            return None  # square pixels: do not mix an image's own fl_x with the list's fl_y
         if source.get(f"camera_angle_{axis}") is not None:
             angle = number(source[f"camera_angle_{axis}"], file, f"camera_angle_{axis}", positive=True)
             if angle >= np.pi:

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from ..capture import Capture
-from .views import Pictures, load_view, look_up, spread
+from .views import Images, load_view, look_up, spread
 
 _VIEWS = 16
 _LONGEST_SIDE = 400  # pixels
 _MOST = 100_000  # points that are looked up
 
 
-def given_points(capture: Capture, store: Pictures, train: list[int]) -> tuple[np.ndarray, np.ndarray]:
-    """World points (N, 3) that training pictures see, and their colours (N, 3) float32 in [0, 1].
+def given_points(capture: Capture, store: Images, train: list[int]) -> tuple[np.ndarray, np.ndarray]:
+    """World points (N, 3) that training images see, and their colours (N, 3) float32 in [0, 1].
 
     N is 0 for captures that bring none.
     A point's colour is the median over the views that look at it: what hides it from some of them does not count.
@@ -25,7 +25,7 @@ def given_points(capture: Capture, store: Pictures, train: list[int]) -> tuple[n
     values, seen = [], []
     for index in spread(train, _VIEWS):
         view = load_view(capture, store, index, _LONGEST_SIDE)
-        value, is_seen = look_up(view, points, view.picture)
+        value, is_seen = look_up(view, points, view.image)
         values.append(np.where(is_seen[:, None], value, np.nan))
         seen.append(is_seen)
     kept = np.any(seen, axis=0)

@@ -10,7 +10,7 @@ from ..camera import Camera
 from ..video import load_opencv
 from .views import View
 
-_FEATURES = 2500  # a picture
+_FEATURES = 2500  # an image
 _RATIO = 0.8  # best to second best descriptor distance
 _EPIPOLAR_PIXELS = 2.0
 _MIN_PARALLAX = np.radians(1.0)
@@ -21,7 +21,7 @@ Features = tuple[np.ndarray, np.ndarray]
 def describe(view: View) -> Features:
     """Positions (N, 2) in pixels and unit-free descriptors (N, 128) of the SIFT features of a view."""
     cv2 = load_opencv()
-    gray = cv2.cvtColor((view.picture * 255).astype(np.uint8), cv2.COLOR_RGB2GRAY)
+    gray = cv2.cvtColor((view.image * 255).astype(np.uint8), cv2.COLOR_RGB2GRAY)
     points, descriptors = cv2.SIFT_create(nfeatures=_FEATURES, contrastThreshold=0.02).detectAndCompute(gray, None)
     if descriptors is None:
         return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
@@ -63,7 +63,7 @@ def triangulate_pair(first: View, second: View, features: tuple[Features, Featur
     angle = np.arccos(np.clip((rays[0] * rays[1]).sum(axis=1) / np.maximum(lengths, 1e-12), -1, 1))
     good &= angle > _MIN_PARALLAX
     columns, lines = pixels_a[good].astype(int).T
-    return points[good], first.picture[lines, columns]
+    return points[good], first.image[lines, columns]
 
 
 def triangulate(pairs: Iterable[tuple[View, View]]) -> tuple[np.ndarray, np.ndarray]:

@@ -12,18 +12,18 @@ import numpy as np
 
 from ..capture import Capture
 from ..video import load_opencv
-from .views import Pictures, View, load_view, look_up, spread
+from .views import Images, View, load_view, look_up, spread
 
 _LONGEST_SIDE = 320
 _BACKGROUND_MOMENTS = 9
 _MOMENTS = 12
 _CANDIDATES = 40_000  # points looked at for each moment, near those that the coarse search found
-_CHANGE = 0.1  # of the display range: a larger difference from the median picture is motion
+_CHANGE = 0.1  # of the display range: a larger difference from the median image is motion
 
 
 def moving_points(
     capture: Capture,
-    store: Pictures,
+    store: Images,
     by_frame: dict[int, list[int]],
     samples: np.ndarray,
     count: int,
@@ -35,11 +35,11 @@ def moving_points(
         by_frame: training shots of each frame; the cameras stand still.
         samples: (S, 3) world points all over the seen volume.
     """
-    medians = _median_pictures(capture, store, by_frame)
+    medians = _median_images(capture, store, by_frame)
     frames = spread(sorted(by_frame), _MOMENTS)
     points, colors = [np.zeros((0, 3))], [np.zeros((0, 3))]
     for frame in frames:
-        # A camera whose pictures are missing at the background's moments cannot say what moves.
+        # A camera whose images are missing at the background's moments cannot say what moves.
         known = [shot for shot in by_frame[frame] if capture.shots[shot].camera in medians]
         views = [load_view(capture, store, shot, _LONGEST_SIDE) for shot in known]
         masks = [_moving_mask(view, medians[capture.shots[view.shot].camera]) for view in views]
@@ -64,19 +64,19 @@ def _around(points: np.ndarray, count: int, random: np.random.Generator) -> np.n
     return points[chosen] + random.normal(size=(count, 3)) * apart
 
 
-def _median_pictures(capture: Capture, store: Pictures, by_frame: dict[int, list[int]]) -> dict[int, np.ndarray]:
-    """For each camera the median (H, W, 3) of its pictures over some moments: what stands still."""
+def _median_images(capture: Capture, store: Images, by_frame: dict[int, list[int]]) -> dict[int, np.ndarray]:
+    """For each camera the median (H, W, 3) of its images over some moments: what stands still."""
     stacks: dict[int, list[np.ndarray]] = {}
     for frame in spread(sorted(by_frame), _BACKGROUND_MOMENTS):
         for shot in by_frame[frame]:
-            picture = load_view(capture, store, shot, _LONGEST_SIDE).picture
-            stacks.setdefault(capture.shots[shot].camera, []).append(picture)
+            image = load_view(capture, store, shot, _LONGEST_SIDE).image
+            stacks.setdefault(capture.shots[shot].camera, []).append(image)
     return {camera: np.median(np.stack(stack), axis=0) for camera, stack in stacks.items()}
 
 
 def _moving_mask(view: View, median: np.ndarray) -> np.ndarray:
     cv2 = load_opencv()
-    difference = np.abs(view.picture - median).max(axis=2)
+    difference = np.abs(view.image - median).max(axis=2)
     mask = cv2.medianBlur((difference > _CHANGE).astype(np.uint8), 5)
     return cv2.dilate(mask, np.ones((5, 5), np.uint8))
 
@@ -90,7 +90,7 @@ def _in_hull(
     color, square = np.zeros((len(points), 3)), np.zeros((len(points), 3))
     for view, mask in zip(views, masks, strict=True):
         is_moving, seen = look_up(view, points, mask)
-        value = look_up(view, points, view.picture)[0] * seen[:, None]
+        value = look_up(view, points, view.image)[0] * seen[:, None]
         seen_by += seen
         moving_in += seen & (is_moving > 0)
         color += value

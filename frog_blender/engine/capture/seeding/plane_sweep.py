@@ -27,7 +27,7 @@ class DepthMap:
         view: the reference.
         depth: (H, W) planar depth in world units, NaN where no neighbour sees the pixel.
         is_unique: (H, W) True where no other depth agrees nearly as well.
-        is_textured: (H, W) True where the picture has structure to measure depth with.
+        is_textured: (H, W) True where the image has structure to measure depth with.
         step: difference of inverse depth between two hypotheses.
     """
 
@@ -41,8 +41,8 @@ class DepthMap:
 def sweep(view: View, others: Sequence[View], near: float, far: float, hypotheses: int = 64) -> DepthMap:
     """The depth map of ``view`` from its neighbours, planes evenly spaced in inverse depth from near to far."""
     inverse_depths = np.linspace(1 / far, 1 / near, hypotheses)
-    reference = _channels(view.picture)
-    sources = [_channels(_match_exposure(other.picture, view.picture)) for other in others]
+    reference = _channels(view.image)
+    sources = [_channels(_match_exposure(other.image, view.image)) for other in others]
     height, width = reference.shape[:2]
     volume = np.empty((hypotheses, height, width), np.float32)
     for plane, inverse_depth in enumerate(inverse_depths):
@@ -100,22 +100,22 @@ def world_points(depth_map: DepthMap) -> np.ndarray:
     return (local - camera.world_to_camera[:3, 3]) @ camera.rotation
 
 
-def _channels(picture: np.ndarray) -> np.ndarray:
+def _channels(image: np.ndarray) -> np.ndarray:
     """(H, W, 4) float32: colour, and the length of the brightness gradient (which ignores rotation and exposure)."""
     cv2 = load_opencv()
-    gray = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
+    gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     across, along = cv2.Scharr(gray, cv2.CV_32F, 1, 0), cv2.Scharr(gray, cv2.CV_32F, 0, 1)
-    return np.dstack([picture, np.sqrt(across**2 + along**2) / np.float32(16)])
+    return np.dstack([image, np.sqrt(across**2 + along**2) / np.float32(16)])
 
 
-def _match_exposure(picture: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """``picture`` with each channel's mean and spread brought to the reference's: cameras differ in exposure."""
-    mean, spread = picture.mean(axis=(0, 1)), picture.std(axis=(0, 1)) + 1e-3
+def _match_exposure(image: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """``image`` with each channel's mean and spread brought to the reference's: cameras differ in exposure."""
+    mean, spread = image.mean(axis=(0, 1)), image.std(axis=(0, 1)) + 1e-3
     wanted_mean, wanted_spread = reference.mean(axis=(0, 1)), reference.std(axis=(0, 1)) + 1e-3
     gain = np.clip(wanted_spread / spread, 0.6, 1.6)
     # Pulled halfway only: views of different parts of a scene have different means for good reasons.
     gain, shift = (1 + gain) / 2, 0.5 * (wanted_mean - mean * gain)
-    return ((picture - mean) * gain + mean + shift * 0.5).astype(np.float32)
+    return ((image - mean) * gain + mean + shift * 0.5).astype(np.float32)
 
 
 def _cost(reference: np.ndarray, source: np.ndarray, camera: Camera, other: Camera, inverse_depth: float) -> np.ndarray:

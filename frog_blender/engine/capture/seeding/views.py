@@ -1,4 +1,4 @@
-"""Training pictures at a reduced size, and which of them see the same things."""
+"""Training images at a reduced size, and which of them see the same things."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..capture import Capture
 from ..video import load_opencv
 
 
-class Pictures(Protocol):
+class Images(Protocol):
     """What seeding needs of a frame store."""
 
     def image(self, shot_index: int) -> np.ndarray:
@@ -23,47 +23,47 @@ class Pictures(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A training picture and its camera, both reduced.
+    """A training image and its camera, both reduced.
 
     Attributes:
         shot: index into ``Capture.shots``.
         frame: the moment.
-        camera: at the picture's size.
-        picture: (H, W, 3) float32 in [0, 1].
+        camera: at the image's size.
+        image: (H, W, 3) float32 in [0, 1].
     """
 
     shot: int
     frame: int
     camera: Camera
-    picture: np.ndarray
+    image: np.ndarray
 
 
-def load_view(capture: Capture, store: Pictures, shot: int, longest_side: int) -> View:
-    """The picture of a training shot, reduced so that its longest side has at most ``longest_side`` pixels."""
+def load_view(capture: Capture, store: Images, shot: int, longest_side: int) -> View:
+    """The image of a training shot, reduced so that its longest side has at most ``longest_side`` pixels."""
     if capture.is_test(capture.shots[shot]):
-        raise AssertionError("a held-out picture must not be read")
+        raise AssertionError("a held-out image must not be read")
     camera = capture.cameras[capture.shots[shot].camera]
-    picture = store.image(shot)
+    image = store.image(shot)
     factor = min(1.0, longest_side / max(camera.width, camera.height))
     if factor < 1:
         camera = camera.resized(round(camera.width * factor), round(camera.height * factor))
         cv2 = load_opencv()
-        picture = cv2.resize(picture, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
-    return View(shot, capture.shots[shot].frame, camera, picture.astype(np.float32) / np.float32(255))
+        image = cv2.resize(image, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
+    return View(shot, capture.shots[shot].frame, camera, image.astype(np.float32) / np.float32(255))
 
 
-def look_up(view: View, points: np.ndarray, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Values (N, ...) of a picture where the points (N, 3) project, and whether (N,) the view sees them at all."""
+def look_up(view: View, points: np.ndarray, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Values (N, ...) of an image where the points (N, 3) project, and whether (N,) the view sees them at all."""
     pixels, depths = view.camera.project(points)
     # Far outside is as good as outside; the clip keeps the conversion to integers defined.
     columns, lines = np.floor(np.clip(pixels, -1.0, 1e6)).astype(int).T
-    height, width = picture.shape[:2]
+    height, width = image.shape[:2]
     seen = (depths > 0) & (columns >= 0) & (lines >= 0) & (columns < width) & (lines < height)
-    return picture[np.where(seen, lines, 0), np.where(seen, columns, 0)], seen
+    return image[np.where(seen, lines, 0), np.where(seen, columns, 0)], seen
 
 
 def cameras_move(capture: Capture) -> bool:
-    """True where every camera took one picture and they show several moments: a moving camera, or a moving rig."""
+    """True where every camera took one image and they show several moments: a moving camera, or a moving rig."""
     frames = {shot.frame for shot in capture.train_shots}
     return len(frames) > 1 and len({shot.camera for shot in capture.shots}) == len(capture.shots)
 
@@ -98,7 +98,7 @@ def parallax(first: Camera, second: Camera, depth: float) -> float:
     """Angle in degrees between two cameras as seen from the point ``depth`` before the first; 180 if unseen."""
     target = first.center + depth * first.forward
     pixel, second_depth = second.project(target[None])
-    margin = 0.5 * max(second.width, second.height)  # the pictures may overlap away from the first one's centre
+    margin = 0.5 * max(second.width, second.height)  # the images may overlap away from the first one's centre
     inside = -margin < pixel[0, 0] < second.width + margin and -margin < pixel[0, 1] < second.height + margin
     if second_depth[0] <= 0 or not inside:
         return 180.0

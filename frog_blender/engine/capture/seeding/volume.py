@@ -1,6 +1,6 @@
 """Seed points for cameras too far apart to match: drawn in the volume that several cameras see.
 
-Points whose pictures agree in colour are preferred, and a share lies on what moves (see moving.py).
+Points whose images agree in colour are preferred, and a share lies on what moves (see moving.py).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 from ..capture import Capture
 from ..video import load_opencv
 from .moving import moving_points
-from .views import Pictures, View, cameras_move, load_view, look_up, spread
+from .views import Images, View, cameras_move, load_view, look_up, spread
 
 _SAMPLES = 300_000
 _LONGEST_SIDE = 320
@@ -20,7 +20,7 @@ _MOVING_SHARE = 0.4
 
 
 def fill_volume(
-    capture: Capture, store: Pictures, near: float, far: float, count: int, random: np.random.Generator
+    capture: Capture, store: Images, near: float, far: float, count: int, random: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """At most ``count`` world points (N, 3) seen by several training cameras, and their colours (N, 3) in [0, 1]."""
     by_frame: dict[int, list[int]] = {}
@@ -49,7 +49,7 @@ def _sample_frustums(
         distances = near + (far - near) * random.random(each)
         parts.append(view.camera.unproject(pixels, distances))
     points = np.concatenate(parts)
-    seen = sum(look_up(view, points, view.picture)[1].astype(int) for view in views)
+    seen = sum(look_up(view, points, view.image)[1].astype(int) for view in views)
     well_seen = points[seen >= 3]
     return well_seen if len(well_seen) >= 0.05 * len(points) else points[seen >= min(2, len(views))]
 
@@ -61,8 +61,8 @@ def _agreeing_points(
     cv2 = load_opencv()
     values, weights, roughness = [], [], []
     for view in views:
-        mean = cv2.blur(view.picture, (3, 3))
-        local = np.sqrt(np.maximum(cv2.blur(view.picture**2, (9, 9)) - cv2.blur(view.picture, (9, 9)) ** 2, 0))
+        mean = cv2.blur(view.image, (3, 3))
+        local = np.sqrt(np.maximum(cv2.blur(view.image**2, (9, 9)) - cv2.blur(view.image, (9, 9)) ** 2, 0))
         value, seen = look_up(view, points, mean)
         rough, _ = look_up(view, points, local.mean(axis=2))
         values.append(value)

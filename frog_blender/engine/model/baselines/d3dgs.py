@@ -19,7 +19,7 @@ from torch.nn import functional
 
 from ...rasterizer import GaussianArrays
 from ..canonical import CanonicalField
-from ..interface import FINISHED, Progressing, SceneModel
+from ..interface import FINISHED, SceneModel, ScheduleState
 from .changes import bounds_of, deformed
 from .visible_rows import through_visible_rows
 
@@ -132,7 +132,7 @@ class D3dgs(SceneModel):
         self.deformation = D3dgsNetwork(settings, canonical.means, unit)
 
     def deform(
-        self, time: float, progressing: Progressing = FINISHED, sh_count: int | None = None
+        self, time: float, progressing: ScheduleState = FINISHED, sh_count: int | None = None
     ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
         """See SceneModel."""
         output = through_visible_rows(self.deformation, self.canonical.means.detach(), time)
@@ -143,5 +143,5 @@ class D3dgs(SceneModel):
     def rate_groups(self) -> dict[str, list[nn.Parameter]]:
         return {"network": list(self.deformation.parameters())}
 
-    def stored_settings(self, progressing: Progressing) -> dict[str, Any]:
+    def stored_settings(self, progressing: ScheduleState) -> dict[str, Any]:
         return asdict(self.settings)

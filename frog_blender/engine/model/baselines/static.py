@@ -6,7 +6,7 @@ import torch
 
 from ...rasterizer import GaussianArrays
 from ..canonical import CanonicalField
-from ..interface import FINISHED, Progressing, SceneModel
+from ..interface import FINISHED, SceneModel, ScheduleState
 
 
 class Static(SceneModel):
@@ -17,7 +17,7 @@ class Static(SceneModel):
         self.canonical: CanonicalField = canonical
 
     def deform(
-        self, time: float, progressing: Progressing = FINISHED, sh_count: int | None = None
+        self, time: float, progressing: ScheduleState = FINISHED, sh_count: int | None = None
     ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
         """See SceneModel; nothing changes."""
         return self.canonical.gaussians(sh_count), {}

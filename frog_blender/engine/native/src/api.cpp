@@ -50,7 +50,7 @@ void end_weights(const FrogFrame &frame, float *max_weights) {
   });
 }
 
-// Splats over the whole picture have thousands of instances each: 60,000 of them took 2.6 GB.
+// Splats over the whole image have thousands of instances each: 60,000 of them took 2.6 GB.
 constexpr uint64_t BAND_INSTANCES = 24ull << 20;  // of 8 bytes
 
 // Has `use` look at frame.tiles: all of them, or those of a band of tile rows after another.
@@ -86,7 +86,7 @@ void draw(FrogFrame &frame, const FrogGaussians &gaussians, const FrogImage &ima
   if (image.max_weights) end_weights(frame, image.max_weights);
 }
 
-// Sizes of pictures that the code below can count: tiles in 16 bits, and no side's pixels lost in a float.
+// Sizes of images that the code below can count: tiles in 16 bits, and no side's pixels lost in a float.
 constexpr int32_t MOST_SIDE = 65536;
 constexpr int64_t MOST_PIXELS = int64_t{1} << 30;
 

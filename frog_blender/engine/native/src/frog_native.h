@@ -13,7 +13,7 @@
 
 extern "C" {
 
-// Pictures have the size (H, W) of the options' region.
+// Images have the size (H, W) of the options' region.
 typedef struct {
   float *rgb;            // (H, W, 3)
   float *alpha;          // (H, W)
@@ -97,7 +97,7 @@ typedef struct {
 
 enum { FROG_CELL = 16 };  // pixels a side; native.py has it too
 
-// A drawing and the picture it should be.
+// A drawing and the image it should be.
 typedef struct {
   int32_t height, width;
   const float *image;    // (H, W, 3)
@@ -105,7 +105,7 @@ typedef struct {
   int64_t truth_row;
   float weight;
   float *gradient;       // (H, W, 3) `weight` times that of the mean absolute difference by the drawing
-  float *cells;          // (rows, columns) mean squared difference in each cell, of which the picture's border cuts the last
+  float *cells;          // (rows, columns) mean squared difference in each cell, of which the image's border cuts the last
   float *truth_floats;   // (H, W, 3) the truth in [0, 1] (or null)
 } FrogComparison;
 
@@ -116,14 +116,14 @@ FROG_EXPORT const char *frog_instruction_set(void);
 FROG_EXPORT void frog_set_thread_count(int32_t count);  // 0: one for each core
 FROG_EXPORT int32_t frog_thread_count(void);
 
-// Pictures have sides of 1 to 65,536 pixels and 2^30 pixels at most, and regions lie in the camera's picture. What draws or
+// Images have sides of 1 to 65,536 pixels and 2^30 pixels at most, and regions lie in the camera's image. What draws or
 // compares another does nothing: frog_draw returns null, the others 2.
 
 // Draws, and keeps what the backward pass needs where there will be one; null when memory ran out. Free the result with
 // frog_free.
 FROG_EXPORT FrogFrame *frog_draw(const FrogGaussians *, const FrogCamera *, const FrogOptions *, FrogImage *,
                                  int32_t differentiable);
-// Gradients of the picture that a differentiable `frame` drew, with the same Gaussians. Returns 0, or 1 when memory ran out.
+// Gradients of the image that a differentiable `frame` drew, with the same Gaussians. Returns 0, or 1 when memory ran out.
 FROG_EXPORT int32_t frog_backward(FrogFrame *, const FrogGaussians *, const FrogImageGradient *, const FrogGradients *);
 // (Gaussian, tile) pairs of a frame.
 FROG_EXPORT int64_t frog_count_instances(const FrogFrame *);
@@ -138,7 +138,7 @@ FROG_EXPORT int32_t frog_mesh_depth(const float *vertices, int32_t vertex_count,
                                     int32_t triangle_count, const FrogCamera *, const int32_t region[4], float near_plane,
                                     float *depth);
 
-// Mean structural similarity of two (H, W, 3) pictures in [0, 1] (window of 11 pixels, sigma 1.5, zero outside), and its
+// Mean structural similarity of two (H, W, 3) images in [0, 1] (window of 11 pixels, sigma 1.5, zero outside), and its
 // gradient (H, W, 3) by the first. Returns 0, or 1 when memory ran out.
 FROG_EXPORT int32_t frog_similarity(int32_t height, int32_t width, const float *image, const float *truth, float *similarity,
                                     float *gradient);

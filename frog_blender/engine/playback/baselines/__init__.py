@@ -6,5 +6,5 @@ from .curves import PlayableCurves
 from .d3dgs import PlayableD3dgs
 from .hexplane import PlayableHexPlane
 
-RIVALS = {"d3dgs": PlayableD3dgs, "hexplane": PlayableHexPlane, "curves": PlayableCurves}
+BASELINES = {"d3dgs": PlayableD3dgs, "hexplane": PlayableHexPlane, "curves": PlayableCurves}
 """By the method's name in the scene file's header."""

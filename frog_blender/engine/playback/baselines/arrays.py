@@ -59,7 +59,7 @@ def sigmoid(logits: np.ndarray) -> np.ndarray:
     return 1 / (1 + np.exp(-np.clip(logits, -80, 80)))
 
 
-class StillGaussians:
+class StaticGaussians:
     """The canonical Gaussians, and what becomes of them when changes are added before activation."""
 
     def __init__(self, arrays: dict[str, np.ndarray]) -> None:

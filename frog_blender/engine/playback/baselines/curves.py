@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...gaussians import GaussianArrays
-from .arrays import StillGaussians, number, readable, scales_of, sigmoid, take
+from .arrays import StaticGaussians, number, readable, scales_of, sigmoid, take
 
 _NUMBERS = 15
 
@@ -22,7 +22,7 @@ class PlayableCurves:
 
     def __init__(self, arrays: dict[str, np.ndarray], model: dict) -> None:
         with readable("curves"):
-            count = len(StillGaussians(arrays))
+            count = len(StaticGaussians(arrays))
             embeddings = take(arrays, "embeddings", count, _NUMBERS)
             units = [number({"motion_units": unit}, "motion_units") for unit in model["motion_units"]]
             if len(units) != 3:

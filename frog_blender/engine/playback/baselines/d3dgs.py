@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...gaussians import GaussianArrays
-from .arrays import StillGaussians, in_blocks, number, readable, take, whole
+from .arrays import StaticGaussians, in_blocks, number, readable, take, whole
 
 _SIZES = {"means": 3, "quaternions": 4, "log_scales": 3}
 _WIDEST = 4096
@@ -30,7 +30,7 @@ class PlayableD3dgs:
 
     def __init__(self, arrays: dict[str, np.ndarray], model: dict) -> None:
         with readable("deformation network"):
-            self._still = StillGaussians(arrays)
+            self._still = StaticGaussians(arrays)
             depth, width = whole(model, "depth", 1, 64), whole(model, "width", 1, _WIDEST)
             space = 3 + 6 * whole(model, "space_frequencies", 0, 24)
             self._frequencies = whole(model, "time_frequencies", 0, 24)

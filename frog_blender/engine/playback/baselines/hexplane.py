@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...gaussians import GaussianArrays
-from .arrays import StillGaussians, in_blocks, number, readable, take, whole
+from .arrays import StaticGaussians, in_blocks, number, readable, take, whole
 
 _AXES = ((0, 1), (0, 2), (1, 2))  # columns and rows of the planes of space
 _WIDEST = 4096
@@ -67,7 +67,7 @@ class PlayableHexPlane:
 
     def __init__(self, arrays: dict[str, np.ndarray], model: dict) -> None:
         with readable("planes or network"):
-            self._still = StillGaussians(arrays)
+            self._still = StaticGaussians(arrays)
             channels, rows = whole(model, "channels", 1, _WIDEST), whole(model, "time_rows", 2, 1 << 20)
             hidden, self._head = whole(model, "hidden_width", 1, _WIDEST), whole(model, "head_width", 0, _WIDEST)
             deformed = whole(model, "deformed_sh", 0, self._still.sh_count)

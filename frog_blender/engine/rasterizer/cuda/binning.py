@@ -23,7 +23,7 @@ _MOST_SHORT_TILES = 2**15 - 1  # that a 16-bit key tells apart
 
 @dataclass(frozen=True)
 class Bins:
-    """The (tile, Gaussian) pairs of a picture, M of them.
+    """The (tile, Gaussian) pairs of an image, M of them.
 
     Attributes:
         tile_splats: (M,) int32 Gaussians, tile after tile, nearest first within each.
@@ -59,7 +59,7 @@ def bin_splats(
         depths: (N,) float32 planar depths; larger than any other where a Gaussian is not drawn.
         tile_counts: (N,) int32 tiles that each splat reaches.
         at_fault: (1,) int64.
-        size: width and height of the picture in pixels.
+        size: width and height of the image in pixels.
 
     Raises:
         FrogError: the lists would take more than half of the device's memory.
@@ -92,5 +92,5 @@ def _refuse_too_many(pairs: int, memory: int, size: tuple[int, int]) -> None:
         found = f"{pairs:,} overlaps of Gaussians and tiles need about {needed / 2**30:.1f} GiB"
         raise FrogError(
             f"Drawing at {size[0]} x {size[1]}: {found} of GPU memory, more than half of its {memory / 2**30:.1f} GiB; "
-            "expected a smaller picture, or fewer or smaller Gaussians."
+            "expected a smaller image, or fewer or smaller Gaussians."
         )

@@ -43,7 +43,7 @@ class _View:
 
 @dataclass
 class _Outputs:
-    """What the forward pass fills besides the picture; None where it is not wanted. See Image."""
+    """What the forward pass fills besides the image; None where it is not wanted. See Image."""
 
     radii: torch.Tensor
     median_index: torch.Tensor | None
@@ -168,7 +168,7 @@ def rasterize(
 
     Raises:
         ValueError: a tensor has another shape, type or device.
-        FrogError: no compiler or driver was found, or the picture needs too much memory.
+        FrogError: no compiler or driver was found, or the image needs too much memory.
     """
     means = gaussians.means
     count, device = len(gaussians), means.device

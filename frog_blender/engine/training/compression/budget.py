@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 from ...errors import FrogError
 from ...scene.quantization import BITS
 from ..methods import method_named
-from ..optimize.gaussian_order import all_but, arrange
+from ..optimize.gaussian_order import arrange, mask_excluding
 from ..recipe import Recipe
-from .schedule import LOOKS_OF_A_BUDGET, Parsimony, Reduction
+from .schedule import NUM_BUDGET_VIEWS, CompressionSchedule, CompressionStep
 
 if TYPE_CHECKING:
     from ..optimize.trainer import Trainer
@@ -43,12 +43,12 @@ def gaussians_within(size: int, recipe: Recipe) -> int:
     return max(_LEAST_GROWN, int((size - _REST_OF_FILE) / of_each))
 
 
-def keep_within(rounds: Parsimony, trainer: Trainer, most: int) -> None:
+def keep_within(rounds: CompressionSchedule, trainer: Trainer, most: int) -> None:
     """Leaves out what adds least until there are at most ``most`` Gaussians."""
     _leave_out(rounds, trainer, lambda: trainer.count - most)
 
 
-def fit_within(rounds: Parsimony, trainer: Trainer, size_of: Callable[[], int], most: int) -> None:
+def fit_within(rounds: CompressionSchedule, trainer: Trainer, size_of: Callable[[], int], most: int) -> None:
     """Leaves out what adds least until ``size_of()``, the bytes of the scene's file, is at most ``most``.
 
     FrogError when a file of a single Gaussian would be larger.
@@ -71,9 +71,9 @@ def fit_within(rounds: Parsimony, trainer: Trainer, size_of: Callable[[], int], 
 
 
 def _leave_out(
-    rounds: Parsimony, trainer: Trainer, too_many: Callable[[], int], saved: Callable[[], int] = lambda: 0
+    rounds: CompressionSchedule, trainer: Trainer, too_many: Callable[[], int], saved: Callable[[], int] = lambda: 0
 ) -> None:
-    """Leaves out what all pictures together would lose least with, until there are not ``too_many()``.
+    """Leaves out what all images together would lose least with, until there are not ``too_many()``.
 
     Args:
         saved: bytes, in the end.
@@ -84,9 +84,9 @@ def _leave_out(
         return
     psnr = rounds.judge(trainer).now
     while number > 0:
-        measured = rounds.measure(trainer, rounds.draw_looks(generator, LOOKS_OF_A_BUDGET), generator)
-        keep = all_but(measured.energy.argsort()[:number], trainer.count).nonzero().squeeze(1)
+        measured = rounds.measure(trainer, rounds.sample_views(generator, NUM_BUDGET_VIEWS), generator)
+        keep = mask_excluding(measured.energy.argsort()[:number], trainer.count).nonzero().squeeze(1)
         arrange(trainer, keep, keep[keep < trainer.model.canonical.moving])
         number = too_many()
     loss = psnr - rounds.judge(trainer).now
-    rounds.reductions.append(Reduction("pruned", trainer.progress, before, trainer.count, loss, bytes=saved()))
+    rounds.reductions.append(CompressionStep("pruned", trainer.progress, before, trainer.count, loss, bytes=saved()))

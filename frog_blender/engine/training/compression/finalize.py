@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 
-from ...playback.deformation import PlayableDeformation
-from ...playback.player import PlayableScene, rows_of
+from ...playback.deformation import DeformationPlayer
+from ...playback.player import ScenePlayer, rows_of
 from ...playback.visibility import lifetimes, of_groups, share_deformed, together
 from ...rasterizer import GaussianArrays
 from ...scene.header import RESHAPED
 from ...scene.morton_order import neighbours_together
 from ...scene.quantization import unpack
-from ...scene.scene_file import FADES, LIFETIMES, SceneFile, packed_arrays
-from .schedule import Parsimony, Reduction
+from ...scene.scene_file import LIFETIMES, OPACITY_TRACKS, SceneFile, packed_arrays
+from .schedule import CompressionSchedule, CompressionStep
 
 if TYPE_CHECKING:
     from ..optimize.trainer import Trainer
@@ -31,10 +31,10 @@ def arranged(scene: SceneFile, finished: bool = True) -> SceneFile:
     """Neighbours together, each kind of Gaussians in its place; and when training is ``finished``, of those that are
     deformed, those that live at the same times, where that spares playback some of them, which the array ``lifetimes``
     then says (see inference.lifetimes)."""
-    deformed, fading = len(scene.arrays.get("embeddings", ())), len(scene.arrays.get(FADES, ()))
+    deformed, fading = len(scene.arrays.get("embeddings", ())), len(scene.arrays.get(OPACITY_TRACKS, ()))
     reshaped = scene.header.model.get(RESHAPED, deformed)
     near = in_order(scene, neighbours_together(scene.arrays["means"], reshaped, deformed, deformed + fading))
-    if not finished or not comes_and_goes(near):
+    if not finished or not has_transients(near):
         return near
     lives = _lives(near)
     order = np.concatenate([together(lives[:, :reshaped]), reshaped + together(lives[:, reshaped:])])
@@ -49,7 +49,7 @@ def in_groups(scene: SceneFile) -> bool:
     return bool(len(scene.arrays.get("embeddings", ())) and header.method == "frog" and not header.model["head_width"])
 
 
-def comes_and_goes(scene: SceneFile) -> bool:
+def has_transients(scene: SceneFile) -> bool:
     """Whether playback needs to deform clearly fewer Gaussians at a moment than there are, together as they live."""
     if not in_groups(scene) or scene.header.frame_count < 2:
         return False
@@ -64,30 +64,30 @@ def as_packed(scene: SceneFile) -> SceneFile:
 
 
 def compactions(
-    rounds: Parsimony, trainer: Trainer, scene: SceneFile, size: int, lost: float
-) -> tuple[Reduction, Reduction | None]:
+    rounds: CompressionSchedule, trainer: Trainer, scene: SceneFile, size: int, lost: float
+) -> tuple[CompressionStep, CompressionStep | None]:
     """What packing an ``arranged`` scene into ``size`` bytes saves and costs, and what its lifetimes do, if any.
 
     Args:
         lost: dB that the scene itself is below the model.
     """
     packed = as_packed(scene)
-    playable = PlayableScene(packed)
-    always = PlayableScene(SceneFile(packed.header, {k: v for k, v in packed.arrays.items() if k != LIFETIMES}))
+    playable = ScenePlayer(packed)
+    always = ScenePlayer(SceneFile(packed.header, {k: v for k, v in packed.arrays.items() if k != LIFETIMES}))
     plain, psnr = sum(array.nbytes for array in scene.arrays.values()), _psnr(rounds, trainer, always)
     loss = rounds.judge(trainer).now - lost - psnr
-    packing = Reduction("packed", 1.0, plain, size, loss, bytes=plain - size)
+    packing = CompressionStep("packed", 1.0, plain, size, loss, bytes=plain - size)
     if LIFETIMES not in packed.arrays:
         return packing, None
     count = len(packed.arrays["embeddings"])
     deformed = round(count * share_deformed(packed.arrays[LIFETIMES], count))
     loss, saved = psnr - _psnr(rounds, trainer, playable), milliseconds_between(always, playable)
-    return packing, Reduction("unseen left out", 1.0, count, deformed, loss, saved)
+    return packing, CompressionStep("unseen left out", 1.0, count, deformed, loss, saved)
 
 
 def _lives(scene: SceneFile) -> np.ndarray:
     """(frames - 1, M) of those that are deformed, see inference.lifetimes."""
-    field = PlayableDeformation(scene.arrays, scene.header.model)
+    field = DeformationPlayer(scene.arrays, scene.header.model)
     return lifetimes(lambda moment: field.at(moment).opacities[: field.deformed], scene.header.frame_count)
 
 
@@ -98,7 +98,7 @@ def in_order(scene: SceneFile, order: np.ndarray) -> SceneFile:
     return SceneFile(scene.header, arrays)
 
 
-def played_by(scene: PlayableScene, device: torch.device) -> Callable[[float], GaussianArrays]:
+def played_by(scene: ScenePlayer, device: torch.device) -> Callable[[float], GaussianArrays]:
     """Its Gaussians at a time in [0, 1], for torch."""
 
     def gaussians_at(moment: float) -> GaussianArrays:
@@ -108,12 +108,12 @@ def played_by(scene: PlayableScene, device: torch.device) -> Callable[[float], G
     return gaussians_at
 
 
-def _psnr(rounds: Parsimony, trainer: Trainer, scene: PlayableScene) -> float:
-    """Of the scene as it is played, on the withheld pictures."""
+def _psnr(rounds: CompressionSchedule, trainer: Trainer, scene: ScenePlayer) -> float:
+    """Of the scene as it is played, on the withheld images."""
     return rounds.judge(trainer, played=played_by(scene, trainer.device)).now
 
 
-def milliseconds_between(slow: PlayableScene, fast: PlayableScene) -> float:
+def milliseconds_between(slow: ScenePlayer, fast: ScenePlayer) -> float:
     """By which a frame of the one takes longer, in the median of some moments at which they take turns."""
     longer = []
     for moment in np.linspace(0, 1, _TIMED):

@@ -1,8 +1,8 @@
-"""Making the deformation network narrower: units leave whose part in the pictures the others can take over.
+"""Making the deformation network narrower: units leave whose part in the images the others can take over.
 
 Optimal brain surgeon (Hassibi and Stork, 1993) for the layer that the outputs read: leaving a unit out and correcting
 the others' weights in the best way costs w^2 / (2 [H^-1]_uu), with H the second moments of the units' values. Here the
-moments are weighed by how much a picture changes with each Gaussian's each output, so that the cost is in pictures.
+moments are weighed by how much an image changes with each Gaussian's each output, so that the cost is in images.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from ...model.frog import Frog
 from ...rasterizer import rasterize
 from ..optimize.gaussian_order import gaussians_at
 from ..optimize.half_resolution import halved_capture
-from .sensitivity import Look, backward_by_signs
-from .validation import Judge, most_within
+from .sensitivity import SampledView, backward_by_signs
+from .validation import ValidationEvaluator, largest_count_within
 
 if TYPE_CHECKING:
     from ..optimize.trainer import Trainer
-    from .schedule import Parsimony
+    from .schedule import CompressionSchedule
 
 ALLOWED_WIDTH_LOSS = 0.01
-"""dB that a narrower network may cost on the withheld pictures; no step makes it up."""
+"""dB that a narrower network may cost on the withheld images; no step makes it up."""
 STEP, LEAST = 4, 16  # units that leave together, and that stay
 _LOOKS, _GAUSSIANS = (
     12,
@@ -53,9 +53,13 @@ class Narrower:
 
 
 def narrow(
-    rounds: Parsimony, trainer: Trainer, judge: Judge, looks: Sequence[Look], generator: torch.Generator
+    rounds: CompressionSchedule,
+    trainer: Trainer,
+    judge: ValidationEvaluator,
+    looks: Sequence[SampledView],
+    generator: torch.Generator,
 ) -> None:
-    """Leaves out units of the first layer, STEP at a time, as many as the withheld pictures do not miss.
+    """Leaves out units of the first layer, STEP at a time, as many as the withheld images do not miss.
 
     The papers' networks, whose heads have layers of their own, and dual ones stay as they are.
     """
@@ -78,7 +82,7 @@ def narrow(
         return judge.now - rounds.psnr_with(trainer, change)
 
     expected = 0.2 * ALLOWED_WIDTH_LOSS * _GROWTH ** np.arange(len(narrower))
-    number, loss = most_within(loss_of, expected, ALLOWED_WIDTH_LOSS)
+    number, loss = largest_count_within(loss_of, expected, ALLOWED_WIDTH_LOSS)
     if not number:
         return
     chosen = narrower[number - 1]
@@ -93,9 +97,11 @@ def narrow(
     judge.accept(loss)
 
 
-def visible_moments(trainer: Trainer, model: Frog, looks: Sequence[Look], generator: torch.Generator) -> torch.Tensor:
+def visible_moments(
+    trainer: Trainer, model: Frog, looks: Sequence[SampledView], generator: torch.Generator
+) -> torch.Tensor:
     """(outputs, U + 1, U + 1) float64 second moments of the units' values and a constant 1 over Gaussians that move and
-    the looks, for each output weighed by the square of what the look's picture changes with that Gaussian's output.
+    the looks, for each output weighed by the square of what the look's image changes with that Gaussian's output.
 
     In double precision: single rounds by more than what tells the least units apart.
     """
@@ -113,9 +119,9 @@ def visible_moments(trainer: Trainer, model: Frog, looks: Sequence[Look], genera
 
 
 def sensitivities(
-    trainer: Trainer, model: Frog, capture: Capture, look: Look, generator: torch.Generator
+    trainer: Trainer, model: Frog, capture: Capture, look: SampledView, generator: torch.Generator
 ) -> torch.Tensor:
-    """(M, outputs) how much a look's picture in ``capture`` changes with each output of the network for each Gaussian
+    """(M, outputs) how much a look's image in ``capture`` changes with each output of the network for each Gaussian
     that moves: estimates (see motion.backward_by_signs). Leaves the model no gradient."""
     progressing = trainer.progressing(trainer.progress)
     temporal = model.temporal_embedding(look.time, progressing)
@@ -143,7 +149,7 @@ def without_units(moments: torch.Tensor, weight: torch.Tensor, bias: torch.Tenso
     """
     count = weight.shape[1]
     diagonal = moments.diagonal(dim1=1, dim2=2)
-    least = torch.finfo(torch.float64).tiny ** 0.5  # for outputs that no picture shows
+    least = torch.finfo(torch.float64).tiny ** 0.5  # for outputs that no image shows
     damping = _DAMPING * diagonal.mean(1, keepdim=True) + least
     inverse = torch.linalg.inv(moments + torch.diag_embed(damping.expand_as(diagonal)))
     layer = torch.cat([weight, bias[:, None]], dim=1).double()

@@ -15,38 +15,40 @@ import torch
 
 from ...model.frog import Frog
 from ...rasterizer import GaussianArrays
-from ..optimize.device import picture_on
-from ..optimize.gaussian_order import all_but, arrange, gaussians_at, put_to_rest, state_of_movers, wake
+from ..optimize.device import image_on
+from ..optimize.gaussian_order import arrange, freeze_motion, gaussians_at, mask_excluding, mean_dynamic_state, wake
 from ..optimize.half_resolution import halved_capture, sized
-from .sensitivity import Measured, Motion
-from .static_regions import measure_changes
-from .temporal_residual import change, unrest
-from .validation import Judge, most_within
+from .sensitivity import Motion, Sensitivity
+from .static_regions import measure_temporal_variance
+from .temporal_residual import change, temporal_error_std
+from .validation import ValidationEvaluator, largest_count_within
 
 if TYPE_CHECKING:
     from ..optimize.trainer import Trainer
-    from .schedule import Parsimony
+    from .schedule import CompressionSchedule
 
 ALLOWED_LOSS, ALLOWED_LOSS_AT_END = 0.05, 0.02
-"""dB that putting Gaussians to rest may cost on the withheld pictures, where steps make it up and where none does."""
+"""dB that putting Gaussians to rest may cost on the withheld images, where steps make it up and where none does."""
 ALLOWED_PRUNING_LOSS, ALLOWED_COLOR_LOSS, ALLOWED_HEAD_LOSS = 0.03, 0.03, 0.01
 RESTS_BELOW, ALL_REST_BELOW = 4.0, 2.0
 """Score (see motion.Motion) below which a Gaussian may rest; and below which every one may, if none is above."""
-_UNCHANGED, _LEAST_CHANGE = 0.002, 2 / 255  # of the pictures' squared error; standard deviation that may be seen
+_UNCHANGED, _LEAST_CHANGE = 0.002, 2 / 255  # of the images' squared error; standard deviation that may be seen
 _WORTH_IT = 0.25  # of those that move: where fewer may rest early, that saves no time, and dim lost 0.24 dB by it
-_MOSTLY_STILL = 0.5  # of the pictures: Gaussians are fewer where nothing moves, so with less it cannot be worth it
-_GLANCE, _CLEARLY = 2, 5.0  # pictures that tell at once what costs clearly more than is allowed: so many times
+_MOSTLY_STILL = 0.5  # of the images: Gaussians are fewer where nothing moves, so with less it cannot be worth it
+_GLANCE, _CLEARLY = 2, 5.0  # images that tell at once what costs clearly more than is allowed: so many times
 _MOST_PRUNED = 0.6  # of the Gaussians, in a round
-_WAKES_ABOVE = 0.1  # error that changes with time, of the pictures' mean brightness
+_WAKES_ABOVE = 0.1  # error that changes with time, of the images' mean brightness
 _MOST_WOKEN = 0.1  # of the Gaussians at rest
 _WAKING_CAMERAS, _WAKING_MOMENTS = 3, 8
 
 
-def prune(rounds: Parsimony, trainer: Trainer, judge: Judge, measured: Measured) -> Measured:
-    """Leaves out Gaussians that pictures do not need, or that the limit has no room for; returns what was measured of
+def prune(
+    rounds: CompressionSchedule, trainer: Trainer, judge: ValidationEvaluator, measured: Sensitivity
+) -> Sensitivity:
+    """Leaves out Gaussians that images do not need, or that the limit has no room for; returns what was measured of
     those that stay.
 
-    What no picture may miss is judged by the picture that would miss it most; where a budget forces, by what all of
+    What no image may miss is judged by the image that would miss it most; where a budget forces, by what all of
     them together would.
     """
     count, canonical = trainer.count, trainer.model.canonical
@@ -54,28 +56,28 @@ def prune(rounds: Parsimony, trainer: Trainer, judge: Judge, measured: Measured)
     order = (measured.energy if forced > 0 and trainer.recipe.kept_gaussians else measured.contribution).argsort()
 
     def without(number: int) -> float:
-        there = all_but(order[:number], count)
+        there = mask_excluding(order[:number], count)
         return judge.loss(lambda gaussians: replace(gaussians, opacities=gaussians.opacities * there))
 
     expected = judge.expected(measured.energy[order[: int(_MOST_PRUNED * count)]])
-    number, loss = most_within(without, expected, ALLOWED_PRUNING_LOSS)
+    number, loss = largest_count_within(without, expected, ALLOWED_PRUNING_LOSS)
     if forced > number:
         number, loss = forced, without(forced)
     if not number:
         return measured
-    keep = all_but(order[:number], count)
+    keep = mask_excluding(order[:number], count)
     rounds.removed = np.concatenate([rounds.removed, canonical.means.detach()[~keep].cpu().numpy()])
     kept = keep.nonzero().squeeze(1)
     movers = kept[kept < canonical.moving]
-    with rounds.noted("pruned", trainer, lambda: trainer.count, lambda: trainer.picture(rounds.judged[0]), loss):
+    with rounds.noted("pruned", trainer, lambda: trainer.count, lambda: trainer.render_image(rounds.judged[0]), loss):
         arrange(trainer, kept, movers)
     judge.accept(loss)
     state = {name: values[movers] for name, values in measured.state.items()}
-    return Measured(measured.motion.of(movers), measured.contribution[kept], measured.energy[kept], state)
+    return Sensitivity(measured.motion.of(movers), measured.contribution[kept], measured.energy[kept], state)
 
 
-def cut_colors(rounds: Parsimony, trainer: Trainer, judge: Judge) -> None:
-    """Takes the highest degrees of spherical harmonics away that the withheld pictures do not miss, all together."""
+def reduce_sh_degree(rounds: CompressionSchedule, trainer: Trainer, judge: ValidationEvaluator) -> None:
+    """Takes the highest degrees of spherical harmonics away that the withheld images do not miss, all together."""
     canonical, lost = trainer.model.canonical, 0.0
 
     def degree() -> int:
@@ -88,14 +90,14 @@ def cut_colors(rounds: Parsimony, trainer: Trainer, judge: Judge) -> None:
 
         if lost + (loss := judge.loss(cut)) > ALLOWED_COLOR_LOSS:
             break
-        with rounds.noted("SH degree", trainer, degree, lambda: trainer.picture(rounds.judged[0]), loss):
-            trainer.optimizer.cut_colors(left)
+        with rounds.noted("SH degree", trainer, degree, lambda: trainer.render_image(rounds.judged[0]), loss):
+            trainer.optimizer.reduce_sh_degree(left)
         judge.accept(loss)
         lost += loss
 
 
-def silence_heads(rounds: Parsimony, trainer: Trainer, judge: Judge) -> None:
-    """Sets heads of the network to zero, for good, whose output the withheld pictures do not miss.
+def silence_heads(rounds: CompressionSchedule, trainer: Trainer, judge: ValidationEvaluator) -> None:
+    """Sets heads of the network to zero, for good, whose output the withheld images do not miss.
 
     Zeros take no room in a packed file, and where heads have layers of their own (the papers' networks) a silent head's
     is not computed; elsewhere the outputs of all heads are one matrix product of whole vectors.
@@ -127,14 +129,14 @@ def silence_heads(rounds: Parsimony, trainer: Trainer, judge: Judge) -> None:
 
 
 def rest(
-    rounds: Parsimony,
+    rounds: CompressionSchedule,
     trainer: Trainer,
-    judge: Judge,
+    judge: ValidationEvaluator,
     motion: Motion,
     state: dict[str, torch.Tensor],
     allowed: float = ALLOWED_LOSS,
 ) -> None:
-    """Puts Gaussians to rest, in their mean ``state`` (see motion.Measured), whose motion pictures miss least: for
+    """Puts Gaussians to rest, in their mean ``state`` (see motion.Measured), whose motion images miss least: for
     ``allowed`` dB at most, and none whose motion anybody would see but for what ``dynamic_share`` forces."""
     canonical = trainer.model.canonical
     if not canonical.moving:
@@ -147,7 +149,7 @@ def rest(
     def at_rest(number: int) -> float:
         return _loss_at_rest(trainer, judge, order[:number], state)
 
-    number, loss = most_within(at_rest, judge.expected(motion.rest_energy[order[:candidates]]), allowed)
+    number, loss = largest_count_within(at_rest, judge.expected(motion.rest_energy[order[:candidates]]), allowed)
     share = trainer.recipe.dynamic_share
     forced = canonical.moving - int(share * trainer.count) if share else 0
     if forced > number:
@@ -155,19 +157,19 @@ def rest(
     if not number:
         return
     with rounds.noted("put to rest", trainer, lambda: canonical.moving, lambda: gaussians_at(trainer, 0.5), loss):
-        put_to_rest(trainer, order[:number].sort().values, state)
+        freeze_motion(trainer, order[:number].sort().values, state)
     judge.accept(loss)
 
 
-def rest_unchanged(rounds: Parsimony, trainer: Trainer, generator: torch.Generator) -> None:
-    """Puts to rest, while motion is still being learned, what lies where the pictures hardly change: those whose pixels
-    change least, none that anybody would see, as many as cost no more than a small part of the pictures' error now. Few
+def freeze_static_regions(rounds: CompressionSchedule, trainer: Trainer, generator: torch.Generator) -> None:
+    """Puts to rest, while motion is still being learned, what lies where the images hardly change: those whose pixels
+    change least, none that anybody would see, as many as cost no more than a small part of the images' error now. Few
     are not worth the change of a training that is still finding its motion."""
     canonical = trainer.model.canonical
-    changes = measure_changes(trainer.capture, trainer.store) if canonical.moving else None
+    changes = measure_temporal_variance(trainer.capture, trainer.store) if canonical.moving else None
     if not changes or changes.still(_LEAST_CHANGE) < _MOSTLY_STILL:
         return
-    looks = [look for look in rounds.draw_looks(generator) if look.camera in changes.variance]
+    looks = [look for look in rounds.sample_views(generator) if look.camera in changes.variance]
     if not looks:
         return
     judge = rounds.judge(trainer)
@@ -180,18 +182,20 @@ def rest_unchanged(rounds: Parsimony, trainer: Trainer, generator: torch.Generat
     number = int(((lost[order].cumsum(0) <= allowed) & (each[order] < _LEAST_CHANGE**2)).sum())
     if number < max(1, _WORTH_IT * canonical.moving):
         return
-    state = state_of_movers(trainer, looks)
+    state = mean_dynamic_state(trainer, looks)
     loss = _loss_at_rest(trainer, judge, order[:number], state)
     if loss > ALLOWED_LOSS:
         return
     with rounds.noted("put to rest", trainer, lambda: canonical.moving, lambda: gaussians_at(trainer, 0.5), loss):
-        put_to_rest(trainer, order[:number].sort().values, state)
+        freeze_motion(trainer, order[:number].sort().values, state)
 
 
-def _loss_at_rest(trainer: Trainer, judge: Judge, who: torch.Tensor, state: dict[str, torch.Tensor]) -> float:
+def _loss_at_rest(
+    trainer: Trainer, judge: ValidationEvaluator, who: torch.Tensor, state: dict[str, torch.Tensor]
+) -> float:
     """dB that it costs when Gaussians that move, ``who``, are as in ``state`` (of all that move)."""
     canonical = trainer.model.canonical
-    moves = all_but(who, canonical.moving)
+    moves = mask_excluding(who, canonical.moving)
     drawn = {
         **state,
         "scales": state["log_scales"].exp(),
@@ -206,7 +210,7 @@ def _loss_at_rest(trainer: Trainer, judge: Judge, who: torch.Tensor, state: dict
     return judge.loss(lambda gaussians: GaussianArrays(**{k: at_rest(k, v) for k, v in vars(gaussians).items()}))
 
 
-def wake_some(rounds: Parsimony, trainer: Trainer, generator: torch.Generator) -> None:
+def unfreeze_high_error(rounds: CompressionSchedule, trainer: Trainer, generator: torch.Generator) -> None:
     """Lets those move again around which the error changes with time; half the pixels a side show that."""
     canonical = trainer.model.canonical
     moving = canonical.moving
@@ -217,10 +221,12 @@ def wake_some(rounds: Parsimony, trainer: Trainer, generator: torch.Generator) -
 
     def truth_of(index: int) -> torch.Tensor:
         camera = capture.cameras[capture.shots[index].camera]
-        return picture_on(trainer.device, sized(trainer.store.image(index), camera))
+        return image_on(trainer.device, sized(trainer.store.image(index), camera))
 
     truths = {index: truth_of(index) for of in shots for index in of}
-    found = unrest(lambda moment: gaussians_at(trainer, moment), truths.__getitem__, capture, shots)[moving:]
+    found = temporal_error_std(lambda moment: gaussians_at(trainer, moment), truths.__getitem__, capture, shots)[
+        moving:
+    ]
     brightness = float(np.mean([float(truth.mean()) for truth in truths.values()]))
     most = int(_MOST_WOKEN * len(found))
     if trainer.recipe.dynamic_share:

@@ -1,4 +1,4 @@
-"""A picture of where a scene's capacity went: what rests, what moves, and what was left out."""
+"""An image of where a scene's capacity went: what rests, what moves, and what was left out."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ AT_REST, MOVING, REMOVED = (0.35, 0.60, 0.85), (1.00, 0.60, 0.05), (0.85, 0.10, 
 
 
 @torch.no_grad()
-def capacity_picture(trainer: Trainer, shot_index: int) -> np.ndarray:
+def draw_report_image(trainer: Trainer, shot_index: int) -> np.ndarray:
     """(H, W, 3) uint8 what a shot shows, in blue what rests, in orange what moves, with red dots where Gaussians were.
 
     Brightness is the scene's own, so that things can be told.
@@ -40,7 +40,7 @@ def capacity_picture(trainer: Trainer, shot_index: int) -> np.ndarray:
 
 def _with_removed(trainer: Trainer, gaussians: GaussianArrays, colors: torch.Tensor) -> GaussianArrays:
     """Those that are there in ``colors``, and small balls for those that are not."""
-    removed = torch.from_numpy(trainer.parsimony.removed if trainer.parsimony else np.empty((0, 3), np.float32))
+    removed = torch.from_numpy(trainer.compression.removed if trainer.compression else np.empty((0, 3), np.float32))
     removed = removed.to(gaussians.means)
     count, size = len(removed), 0.3 * float(gaussians.scales.median())
     upright = torch.tensor([1.0, 0, 0, 0], device=removed.device).repeat(count, 1)

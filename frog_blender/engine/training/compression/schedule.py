@@ -1,8 +1,8 @@
-"""Model no more than a scene needs: rounds that leave Gaussians out, put them to rest or wake them, judged on pictures.
+"""Model no more than a scene needs: rounds that leave Gaussians out, put them to rest or wake them, judged on images.
 
-With ``capacity="auto"`` a training withholds a few of its pictures for a while (training.validation). Rounds measure
-what each Gaussian adds to pictures and how much of its motion can be seen (training.motion), and take away as much as
-those pictures allow (training.reductions, training.narrowing): Gaussians while steps can make up for them, motion and
+With ``capacity="auto"`` a training withholds a few of its images for a while (training.validation). Rounds measure
+what each Gaussian adds to images and how much of its motion can be seen (training.motion), and take away as much as
+those images allow (training.reductions, training.narrowing): Gaussians while steps can make up for them, motion and
 the network's units mostly at the end.
 """
 
@@ -22,32 +22,40 @@ from ...model.frog import Frog
 from ...model.interface import SceneModel
 from ...rasterizer import GaussianArrays
 from ...scene.compression_report import reduction_line
-from ..optimize.gaussian_order import arrange, gaussians_at, state_of_movers
+from ..optimize.gaussian_order import arrange, gaussians_at, mean_dynamic_state
 from .network_pruning import narrow
-from .passes import ALLOWED_LOSS_AT_END, cut_colors, prune, rest, rest_unchanged, silence_heads, wake_some
-from .sensitivity import Look, Measured, Motion, draw_looks, measure
-from .static_regions import nothing_moves
-from .validation import Judge, withheld_shots
+from .passes import (
+    ALLOWED_LOSS_AT_END,
+    freeze_static_regions,
+    prune,
+    reduce_sh_degree,
+    rest,
+    silence_heads,
+    unfreeze_high_error,
+)
+from .sensitivity import Motion, SampledView, Sensitivity, measure, sample_views
+from .static_regions import is_static_capture
+from .validation import ValidationEvaluator, validation_shots
 
 if TYPE_CHECKING:
     from ..optimize.trainer import Trainer
 
-SETTLED = 0.8
-ROUNDS = {0.1: "rest", 0.3: "wake", 0.6: "wake", SETTLED: "prune", 1.0: "finish"}
-"""What happens at which fraction of the training. What lies where pictures do not change rests early, if it is much,
+PRUNE_AT = 0.8
+MILESTONES = {0.1: "rest", 0.3: "wake", 0.6: "wake", PRUNE_AT: "prune", 1.0: "finish"}
+"""What happens at which fraction of the training. What lies where images do not change rests early, if it is much,
 and costs no step any more; then the rest of what hardly moves does so at the fourth. Elsewhere motion is learned to the
 end: what was put to rest before it, however little it moved, cost others 0.1 dB (docs/parsimony.md)."""
-WITHHELD = (0.75, SETTLED)
-"""Fractions of the training between which the withheld pictures are not learned from: long enough that they lose what
-test pictures lose when Gaussians are left out, and no longer, since what is at rest then cannot learn them any more. By
-what the last round takes, pictures that were learned from lose no less."""
-_LOOKS, _JUDGED = 24, 8  # views that Gaussians are measured on; pictures that judge where none was withheld
-LOOKS_OF_A_BUDGET = 72
-"""Where what pictures need has to be weighed, few moments and sides must be overlooked."""
+WITHHELD = (0.75, PRUNE_AT)
+"""Fractions of the training between which the withheld images are not learned from: long enough that they lose what
+test images lose when Gaussians are left out, and no longer, since what is at rest then cannot learn them any more. By
+what the last round takes, images that were learned from lose no less."""
+_LOOKS, _JUDGED = 24, 8  # views that Gaussians are measured on; images that judge where none was withheld
+NUM_BUDGET_VIEWS = 72
+"""Where what images need has to be weighed, few moments and sides must be overlooked."""
 
 
 @dataclass(frozen=True)
-class Reduction:
+class CompressionStep:
     """What one round did in one respect.
 
     Attributes:
@@ -56,7 +64,7 @@ class Reduction:
         progress: of the training, 0 to 1.
         before, after: Gaussians, those that move (of "put to rest" and "woken"), the degree, hidden units, heads,
             Gaussians that are deformed at all, that turn and grow, or that are deformed for a frame, or bytes.
-        loss: dB that it cost on the withheld pictures before training went on; None where nothing was measured.
+        loss: dB that it cost on the withheld images before training went on; None where nothing was measured.
         milliseconds: that it saves a frame: of drawing, or of deformation.
         bytes: that it saves, of numbers as training has them.
     """
@@ -70,7 +78,7 @@ class Reduction:
     bytes: int = 0
 
 
-class RoundFailed(Exception):
+class CompressionFailed(Exception):
     """A round ended in an error, which is its cause: what it left is of no use."""
 
     @property
@@ -80,11 +88,11 @@ class RoundFailed(Exception):
         return self.__cause__
 
 
-class Parsimony:
+class CompressionSchedule:
     """The rounds of one training.
 
     Args:
-        seed: the training's; a resumed training finds the same pictures and looks.
+        seed: the training's; a resumed training finds the same images and looks.
 
     Attributes:
         seed: the same.
@@ -99,7 +107,7 @@ class Parsimony:
     def __init__(self, trainer: Trainer, seed: int) -> None:
         self._capture = trainer.capture
         self._seed_with(seed)
-        self.reductions: list[Reduction] = []
+        self.reductions: list[CompressionStep] = []
         self._told = 0
         self.removed = np.empty((0, 3), np.float32)
         self.motion: Motion | None = None
@@ -112,16 +120,16 @@ class Parsimony:
     def settled(progress: float) -> bool:
         """True when nothing is to be added any more: what came now would have no time to learn, in places that were
         just cleared (the papers' recipes grow until 95 %)."""
-        return progress >= SETTLED
+        return progress >= PRUNE_AT
 
     def _seed_with(self, seed: int) -> None:
         self.seed = seed
-        self.withheld = withheld_shots(self._capture, seed)
+        self.withheld = validation_shots(self._capture, seed)
         training = self._capture.train_indices
         self.judged = self.withheld or tuple(training[:: max(1, len(training) // _JUDGED)])
         self.looked_at = [i for i in training if i not in self.withheld]
 
-    def resume(self, seed: int, reductions: list[Reduction], removed: np.ndarray, motion: Motion | None) -> None:
+    def resume(self, seed: int, reductions: list[CompressionStep], removed: np.ndarray, motion: Motion | None) -> None:
         """Takes over a checkpoint's training; TypeError or ValueError for what does not fit."""
         for reduction in reductions:
             reduction_line(asdict(reduction))  # said to people at the end
@@ -132,7 +140,7 @@ class Parsimony:
         self.removed, self.motion = removed, motion
         self.reductions, self._told = reductions, len(reductions)
 
-    def news(self) -> list[Reduction]:
+    def news(self) -> list[CompressionStep]:
         """The reductions since this was called last."""
         new, self._told = self.reductions[self._told :], len(self.reductions)
         return new
@@ -140,7 +148,7 @@ class Parsimony:
     def psnr_with(
         self, trainer: Trainer, change: Callable[[str, torch.Tensor], torch.Tensor], most: int | None = None
     ) -> float:
-        """On the withheld pictures, ``most`` of them at most, with ``change(name, value)`` in place of the model's
+        """On the withheld images, ``most`` of them at most, with ``change(name, value)`` in place of the model's
         tensors."""
         kept = {name: value.clone() for name, value in trainer.model.state_dict().items()}
         trainer.model.load_state_dict({name: change(name, value) for name, value in kept.items()})
@@ -149,53 +157,53 @@ class Parsimony:
         return changed
 
     def begin(self, trainer: Trainer) -> None:
-        """Lets everything rest from the start where the pictures show no motion."""
-        if nothing_moves(trainer.capture, trainer.store):
+        """Lets everything rest from the start where the images show no motion."""
+        if is_static_capture(trainer.capture, trainer.store):
             everyone = torch.arange(trainer.count, device=trainer.device)
             arrange(trainer, everyone, everyone[:0])
             self.note("put to rest", trainer, trainer.count, 0)
 
     def after_step(self, trainer: Trainer, before: float, now: float) -> None:
-        """Holds the rounds that lie in (before, now]; RoundFailed where one cannot be held."""
+        """Holds the rounds that lie in (before, now]; CompressionFailed where one cannot be held."""
         if not self.settled(now):
             self.motion = None  # of a training that was resumed for more steps: Gaussians come and go again
-        for number, (at, kind) in enumerate(ROUNDS.items()):
+        for number, (at, kind) in enumerate(MILESTONES.items()):
             if before < at <= now:
                 trainer.before_round()
                 try:
                     self._round(trainer, kind, self.generator(number))
                 except Exception as error:
-                    raise RoundFailed(kind) from error
+                    raise CompressionFailed(kind) from error
 
-    def generator(self, number: int = len(ROUNDS)) -> torch.Generator:
+    def generator(self, number: int = len(MILESTONES)) -> torch.Generator:
         """A round's own, or the end's, so that a resumed training draws what an undisturbed one does."""
         return torch.Generator("cpu").manual_seed(1000 * self.seed + number)
 
     def _round(self, trainer: Trainer, kind: str, generator: torch.Generator) -> None:
         match kind:
             case "rest":
-                rest_unchanged(self, trainer, generator)
+                freeze_static_regions(self, trainer, generator)
             case "wake":
-                wake_some(self, trainer, generator)
+                unfreeze_high_error(self, trainer, generator)
             case "prune":
                 self._leave_out(trainer, generator)
             case "finish" if trainer.model.canonical.moving:
                 self._finish(trainer, generator)
 
     def _leave_out(self, trainer: Trainer, generator: torch.Generator) -> None:
-        looks = self.draw_looks(generator, LOOKS_OF_A_BUDGET if trainer.recipe.kept_gaussians else _LOOKS)
+        looks = self.sample_views(generator, NUM_BUDGET_VIEWS if trainer.recipe.kept_gaussians else _LOOKS)
         judge = self.judge(trainer)
         measured = prune(self, trainer, judge, self.measure(trainer, looks, generator))
-        cut_colors(self, trainer, judge)
+        reduce_sh_degree(self, trainer, judge)
         self.motion = measured.motion
         if self._rests_before_the_end(trainer):
             rest(self, trainer, judge, measured.motion, measured.state)
 
     def _finish(self, trainer: Trainer, generator: torch.Generator) -> None:
-        looks, judge = self.draw_looks(generator), self.judge(trainer)
+        looks, judge = self.sample_views(generator), self.judge(trainer)
         if not self._rests_before_the_end(trainer):
             self.motion = self.motion or self.measure(trainer, looks, generator).motion
-            rest(self, trainer, judge, self.motion, state_of_movers(trainer, looks), ALLOWED_LOSS_AT_END)
+            rest(self, trainer, judge, self.motion, mean_dynamic_state(trainer, looks), ALLOWED_LOSS_AT_END)
         narrow(self, trainer, judge, looks, generator)
         silence_heads(self, trainer, judge)
 
@@ -204,11 +212,11 @@ class Parsimony:
         """Where some rest already; and where a share is forced, for which steps have to make up."""
         return trainer.model.canonical.moving < trainer.count or trainer.recipe.dynamic_share > 0
 
-    def draw_looks(self, generator: torch.Generator, count: int = _LOOKS) -> list[Look]:
-        """At the pictures that are learned from."""
-        return draw_looks(self._capture, self.looked_at, count, generator)
+    def sample_views(self, generator: torch.Generator, count: int = _LOOKS) -> list[SampledView]:
+        """At the images that are learned from."""
+        return sample_views(self._capture, self.looked_at, count, generator)
 
-    def measure(self, trainer: Trainer, looks: list[Look], generator: torch.Generator) -> Measured:
+    def measure(self, trainer: Trainer, looks: list[SampledView], generator: torch.Generator) -> Sensitivity:
         """Of the Gaussians as they stand."""
         moving = trainer.model.canonical.moving
         return measure(lambda moment: gaussians_at(trainer, moment), moving, trainer.capture, looks, generator)
@@ -218,19 +226,19 @@ class Parsimony:
         trainer: Trainer,
         most: int | None = None,
         played: Callable[[float], GaussianArrays] | None = None,
-    ) -> Judge:
-        """Of the Gaussians as they stand, or as they are ``played`` at a time; by ``most`` pictures at most."""
+    ) -> ValidationEvaluator:
+        """Of the Gaussians as they stand, or as they are ``played`` at a time; by ``most`` images at most."""
         capture = trainer.capture
 
         def gaussians_of(shot: int) -> GaussianArrays:
             moment = frame_to_time(capture.shots[shot].frame, capture.frame_count)
             return played(moment) if played else gaussians_at(trainer, moment)
 
-        return Judge(capture, trainer.store, self.judged[:most], gaussians_of)
+        return ValidationEvaluator(capture, trainer.store, self.judged[:most], gaussians_of)
 
     def note(self, what: str, trainer: Trainer, before: int, after: int, loss: float | None = None) -> None:
         """Adds a reduction that saves neither time nor bytes by itself."""
-        self.reductions.append(Reduction(what, trainer.progress, before, after, loss))
+        self.reductions.append(CompressionStep(what, trainer.progress, before, after, loss))
 
     @contextmanager
     def noted(
@@ -245,7 +253,7 @@ class Parsimony:
         before, size, seconds = count(), _bytes_of(trainer), _median_seconds(work)
         yield
         saved = 1e3 * (seconds - _median_seconds(work)), size - _bytes_of(trainer)
-        self.reductions.append(Reduction(what, trainer.progress, before, count(), loss, *saved))
+        self.reductions.append(CompressionStep(what, trainer.progress, before, count(), loss, *saved))
 
 
 def heads_of(model: SceneModel) -> list[str]:

@@ -1,6 +1,6 @@
-"""What of each Gaussian can be seen: its motion, what it adds to pictures, and how it looks on average.
+"""What of each Gaussian can be seen: its motion, what it adds to images, and how it looks on average.
 
-Everything is measured by looking: a sample of training views at jittered times is drawn, so that what no picture shows
+Everything is measured by looking: a sample of training views at jittered times is drawn, so that what no image shows
 counts as nothing, and training's own moments are not over-fitted.
 """
 
@@ -28,14 +28,14 @@ FAINT = 1e-4
 
 
 @dataclass(frozen=True)
-class Look:
+class SampledView:
     """One view at one moment; times are jittered by up to half a frame."""
 
     camera: int
     time: float
 
 
-def draw_looks(capture: Capture, shots: Sequence[int], count: int, generator: torch.Generator) -> list[Look]:
+def sample_views(capture: Capture, shots: Sequence[int], count: int, generator: torch.Generator) -> list[SampledView]:
     """``count`` looks at ``shots`` (more than there are: some twice), one from each of as many stretches of time with
     equally many shots: what shows for a few moments only must not be missed. They are in order of time."""
     shuffled = [shots[int(k)] for k in torch.randperm(len(shots), generator=generator, device="cpu")]
@@ -45,7 +45,7 @@ def draw_looks(capture: Capture, shots: Sequence[int], count: int, generator: to
     for k in range(count):
         shot = capture.shots[in_time[int((k + choice[k]) / count * len(in_time))]]
         frame = min(max(shot.frame + jitter[k] - 0.5, 0.0), capture.frame_count - 1.0)
-        looks.append(Look(shot.camera, frame_to_time(frame, capture.frame_count)))
+        looks.append(SampledView(shot.camera, frame_to_time(frame, capture.frame_count)))
     return looks
 
 
@@ -56,7 +56,7 @@ class Motion:
     Attributes:
         score: (M,) pixels that they move, grow or turn by at most, and PIXELS_OF_A_CHANGE times their change of colour
             and opacity, each times their blending weight in the look where that is most.
-        rest_energy: (M,) the mean over the looks of the sum of squares over pixels and channels by which a picture
+        rest_energy: (M,) the mean over the looks of the sum of squares over pixels and channels by which an image
             would change, to first order, if this Gaussian alone were in its mean state.
         fade_energy, shape_energy: (M,) the same, if it were as in the mean over the moments at which it is seen, all
             but its opacity, or its SHAPE alone.
@@ -73,14 +73,14 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Measured:
+class Sensitivity:
     """What looks show of Gaussians.
 
     Attributes:
         motion: of those that move.
-        contribution: (N,) by how much a look's picture would change if this Gaussian alone were left out: root of the
+        contribution: (N,) by how much a look's image would change if this Gaussian alone were left out: root of the
             sum of squares over its pixels and channels, of the display range, in the look where that is most.
-        energy: (N,) the mean of that sum of squares over the looks: what all pictures together would lose.
+        energy: (N,) the mean of that sum of squares over the looks: what all images together would lose.
         state: how those that move look on average over the looks, as the canonical field's attributes but embeddings.
     """
 
@@ -118,9 +118,9 @@ def measure(
     gaussians_at: Callable[[float], GaussianArrays],
     moving: int,
     capture: Capture,
-    looks: Sequence[Look],
+    looks: Sequence[SampledView],
     generator: torch.Generator,
-) -> Measured:
+) -> Sensitivity:
     """Draws every look, at least one.
 
     Args:
@@ -157,10 +157,12 @@ def measure(
         reach.add((image.max_weights * _pixels_per_unit(gaussians, image, camera))[:moving])
     score = _score(ranges, weight.largest, reach.largest)
     motion = Motion(score, rest_energy.mean, fade_energy.mean, shape_energy.mean)
-    return Measured(motion, contribution.largest, energy.mean, canonical_state(mean))
+    return Sensitivity(motion, contribution.largest, energy.mean, canonical_state(mean))
 
 
-def mean_state(gaussians_at: Callable[[float], GaussianArrays], looks: Sequence[Look]) -> dict[str, torch.Tensor]:
+def mean_state(
+    gaussians_at: Callable[[float], GaussianArrays], looks: Sequence[SampledView]
+) -> dict[str, torch.Tensor]:
     """How Gaussians look on average over the looks, see Measured.state."""
     ranges = {name: _Range() for name in _ATTRIBUTES}
     for look in looks:
@@ -195,7 +197,7 @@ def _score(ranges: dict[str, _Range], weight: torch.Tensor, reach: torch.Tensor)
 def _squares(
     gaussians: GaussianArrays, slopes: dict[str, torch.Tensor], state: dict[str, torch.Tensor]
 ) -> torch.Tensor:
-    """(M,) by how much a look's picture changes when those that move are as in ``state``, see ``_seen_from``."""
+    """(M,) by how much a look's image changes when those that move are as in ``state``, see ``_seen_from``."""
     change = torch.zeros((), device=gaussians.means.device)
     for name, values in state.items():
         ways = (values - getattr(gaussians, name)[: len(values)]) * slopes[name][: len(values)]
@@ -214,7 +216,7 @@ def _seen_from(
     """What a camera sees, and gradients by attribute.
 
     Such a gradient times a change of one Gaussian's attributes, squared, is in the mean the sum of squares by which the
-    picture changes (see backward_by_signs): to first order, and exactly for opacities, in each of which it is affine.
+    image changes (see backward_by_signs): to first order, and exactly for opacities, in each of which it is affine.
     """
     drawn = GaussianArrays(*(value.detach().clone().requires_grad_() for value in vars(gaussians).values()))
     image = rasterize(drawn, camera, background, RasterizeOptions(weights=True))
@@ -224,7 +226,7 @@ def _seen_from(
 
 def backward_by_signs(image: Image, generator: torch.Generator) -> None:
     """One backward pass with random signs at the pixels: the square of each gradient that it gives is, in the mean, the
-    squared norm of the picture's derivative (Hutchinson's estimator)."""
+    squared norm of the image's derivative (Hutchinson's estimator)."""
     signs = torch.randint(2, image.rgb.shape, generator=generator, dtype=torch.float32, device="cpu")
     signs.mul_(2).sub_(1)
     image.rgb.backward(signs.to(image.rgb.device))

@@ -14,36 +14,38 @@ import numpy as np
 import torch
 
 from ...field.opacity_tracks import as_tracks
-from ...playback.player import PlayableScene
+from ...playback.player import ScenePlayer
 from ...rasterizer import GaussianArrays
 from ...scene.header import RESHAPED
 from ...scene.quantization import pack
-from ...scene.scene_file import FADES, SceneFile
-from ..optimize.gaussian_order import all_but
-from .finalize import comes_and_goes, in_groups, in_order, milliseconds_between, played_by
-from .schedule import Parsimony, Reduction
+from ...scene.scene_file import OPACITY_TRACKS, SceneFile
+from ..optimize.gaussian_order import mask_excluding
+from .finalize import has_transients, in_groups, in_order, milliseconds_between, played_by
+from .schedule import CompressionSchedule, CompressionStep
 from .sensitivity import FAINT, SHAPE, STATE
-from .validation import most_within
+from .validation import largest_count_within
 
 if TYPE_CHECKING:
     from ..optimize.trainer import Trainer
 
 ALLOWED_FADING_LOSS, ALLOWED_SHAPE_LOSS = 0.03, 0.015
-"""dB on the withheld pictures that it may cost when some only fade, and when some keep their shape."""
+"""dB on the withheld images that it may cost when some only fade, and when some keep their shape."""
 _FADING_WORTH_IT, _SHAPE_WORTH_IT = 0.1, 0.25  # of those that move: fewer are not worth another kind of Gaussian
 _LONGEST = 256  # frames; an embedding says more in less where there are more
 _MOMENTS = 32  # at most, that a mean is taken over
 
 
-def spare_attributes(rounds: Parsimony, trainer: Trainer, scene: SceneFile) -> tuple[SceneFile, list[Reduction]]:
-    """The scene without changes of attributes that the withheld pictures do not miss, and what that saved; the scene
+def freeze_attributes(
+    rounds: CompressionSchedule, trainer: Trainer, scene: SceneFile
+) -> tuple[SceneFile, list[CompressionStep]]:
+    """The scene without changes of attributes that the withheld images do not miss, and what that saved; the scene
     itself where nothing is known of those that move, or few would be spared."""
     if not rounds.motion or not in_groups(scene):
         return scene, []
-    reductions, motion = list[Reduction](), rounds.motion
-    if scene.header.frame_count <= _LONGEST and comes_and_goes(scene):
+    reductions, motion = list[CompressionStep](), rounds.motion
+    if scene.header.frame_count <= _LONGEST and has_transients(scene):
         scene, who, reductions = _fade_some(rounds, trainer, scene, motion.fade_energy)
-        motion = motion.of(all_but(who, len(motion.score)))
+        motion = motion.of(mask_excluding(who, len(motion.score)))
     if not in_groups(scene):  # all of them fade
         return scene, reductions
     scene, shapes = _keep_shapes(rounds, trainer, scene, motion.shape_energy)
@@ -51,15 +53,15 @@ def spare_attributes(rounds: Parsimony, trainer: Trainer, scene: SceneFile) -> t
 
 
 def _fade_some(
-    rounds: Parsimony, trainer: Trainer, scene: SceneFile, energy: torch.Tensor
-) -> tuple[SceneFile, torch.Tensor, list[Reduction]]:
+    rounds: CompressionSchedule, trainer: Trainer, scene: SceneFile, energy: torch.Tensor
+) -> tuple[SceneFile, torch.Tensor, list[CompressionStep]]:
     """Lets those only fade whose other changes are not missed, if the file does not grow by it; and who they are."""
-    playable, count = PlayableScene(scene), len(energy)
+    playable, count = ScenePlayer(scene), len(energy)
     state = _seen_state(playable)
     who, loss = _spared(rounds, trainer, playable, energy, state, STATE, ALLOWED_FADING_LOSS)
     chosen, tracks = who.cpu().numpy(), _tracks(playable)
     embeddings, tracks = scene.arrays["embeddings"][chosen], tracks[chosen]
-    smaller = pack(FADES, tracks).content.size <= pack("embeddings", embeddings).content.size
+    smaller = pack(OPACITY_TRACKS, tracks).content.size <= pack("embeddings", embeddings).content.size
     if len(who) < max(1, _FADING_WORTH_IT * count) or not smaller:
         return scene, who[:0], []
     arrays = _in_state(scene, chosen, state, STATE)
@@ -67,17 +69,17 @@ def _fade_some(
     arrays["opacity_logits"][chosen] = np.log(brightest / (1 - brightest))
     found = _last_of_movers(SceneFile(scene.header, arrays), chosen)
     deformed = found.arrays["embeddings"][: count - len(chosen)]
-    found = SceneFile(found.header, found.arrays | {"embeddings": deformed, FADES: tracks})
+    found = SceneFile(found.header, found.arrays | {"embeddings": deformed, OPACITY_TRACKS: tracks})
     saved = embeddings.nbytes - tracks.nbytes
-    faster = milliseconds_between(playable, PlayableScene(found))
-    return found, who, [Reduction("only fade", 1.0, count, count - len(who), loss, faster, saved)]
+    faster = milliseconds_between(playable, ScenePlayer(found))
+    return found, who, [CompressionStep("only fade", 1.0, count, count - len(who), loss, faster, saved)]
 
 
 def _keep_shapes(
-    rounds: Parsimony, trainer: Trainer, scene: SceneFile, energy: torch.Tensor
-) -> tuple[SceneFile, list[Reduction]]:
+    rounds: CompressionSchedule, trainer: Trainer, scene: SceneFile, energy: torch.Tensor
+) -> tuple[SceneFile, list[CompressionStep]]:
     """Lets those keep their shape of which that is not missed."""
-    playable, count = PlayableScene(scene), len(energy)
+    playable, count = ScenePlayer(scene), len(energy)
     state = _seen_state(playable)
     who, loss = _spared(rounds, trainer, playable, energy, state, SHAPE, ALLOWED_SHAPE_LOSS)
     if len(who) < max(1, _SHAPE_WORTH_IT * count):
@@ -85,14 +87,14 @@ def _keep_shapes(
     chosen = who.cpu().numpy()
     header = replace(scene.header, model=scene.header.model | {RESHAPED: count - len(chosen)})
     found = _last_of_movers(SceneFile(header, _in_state(scene, chosen, state, SHAPE)), chosen)
-    faster = milliseconds_between(playable, PlayableScene(found))
-    return found, [Reduction("keep their shape", 1.0, count, count - len(who), loss, faster)]
+    faster = milliseconds_between(playable, ScenePlayer(found))
+    return found, [CompressionStep("keep their shape", 1.0, count, count - len(who), loss, faster)]
 
 
 def _spared(
-    rounds: Parsimony,
+    rounds: CompressionSchedule,
     trainer: Trainer,
-    playable: PlayableScene,
+    playable: ScenePlayer,
     energy: torch.Tensor,
     state: dict[str, np.ndarray],
     names: tuple[str, ...],
@@ -103,10 +105,10 @@ def _spared(
     judge, order = rounds.judge(trainer, played=played_by(playable, trainer.device)), energy.argsort()
 
     def loss(number: int) -> float:
-        chosen = ~all_but(order[:number], len(energy))
+        chosen = ~mask_excluding(order[:number], len(energy))
         return judge.loss(lambda gaussians: replace(gaussians, **_where(chosen, still, gaussians)))
 
-    number, lost = most_within(loss, judge.expected(energy[order]), allowed)
+    number, lost = largest_count_within(loss, judge.expected(energy[order]), allowed)
     return order[:number].sort().values, lost
 
 
@@ -120,13 +122,13 @@ def _where(chosen: torch.Tensor, still: dict[str, torch.Tensor], gaussians: Gaus
     return changed
 
 
-def _moments(playable: PlayableScene, most: int) -> list[int]:
+def _moments(playable: ScenePlayer, most: int) -> list[int]:
     """Frames, spread over all of them."""
     frames = playable.header.frame_count
     return np.unique(np.linspace(0, frames - 1, min(frames, most)).round().astype(int)).tolist()
 
 
-def _seen_state(playable: PlayableScene) -> dict[str, np.ndarray]:
+def _seen_state(playable: ScenePlayer) -> dict[str, np.ndarray]:
     """How those that move look (GaussianArrays, by name), in the mean over frames weighed by squared opacity."""
     count, total = playable.moving, 0.0
     sums: dict[str, np.ndarray | float] = dict.fromkeys(STATE, 0.0)
@@ -144,7 +146,7 @@ def _as_wide(weight: np.ndarray, values: np.ndarray) -> np.ndarray:
     return weight.reshape(-1, *[1] * (values.ndim - 1))
 
 
-def _tracks(playable: PlayableScene) -> np.ndarray:
+def _tracks(playable: ScenePlayer) -> np.ndarray:
     """(M, frames) of those that move, see model.fading."""
     frames = range(playable.header.frame_count)
     return np.stack([as_tracks(playable.at_frame(frame).opacities[: playable.moving]) for frame in frames], axis=1)

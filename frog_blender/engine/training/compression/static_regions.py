@@ -1,4 +1,4 @@
-"""What moves, from pictures alone: where nothing does, no motion is learned, and little where they hardly change."""
+"""What moves, from images alone: where nothing does, no motion is learned, and little where they hardly change."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from ...capture.frames import FrameStore
 
 _CELL = 8  # pixels a side: a cell's mean is nearly free of noise, and of a film's compression
 _CAMERAS = 4
-_PICTURES = 12, 240  # looked at: of each camera where that shows motion, as it mostly does; else of all together
+_IMAGES = 12, 240  # looked at: of each camera where that shows motion, as it mostly does; else of all together
 _LEAST_CHANGE = 3 / 255
 _OF_NOISE = 2.0  # times what the typical cell changes by, where that is noise
-_MEASURED = 16, 240  # pictures that changes are measured on: of each camera, and of all together, at least
+_MEASURED = 16, 240  # images that changes are measured on: of each camera, and of all together, at least
 _SAMPLED = 2  # every second pixel a side tells how much a cell's pixels change
 _QUIET = 0.25  # of the cells have no more noise than all have
 
 
-def nothing_moves(capture: Capture, store: FrameStore) -> bool:
-    """True when no part of the training pictures changes over time; False where no camera stands still."""
+def is_static_capture(capture: Capture, store: FrameStore) -> bool:
+    """True when no part of the training images changes over time; False where no camera stands still."""
     if capture.is_moving:
         return False
     several = [shots for shots in _training_shots(capture).values() if len(shots) > 1]
     chosen = [several[int(k)] for k in np.linspace(0, len(several) - 1, min(_CAMERAS, len(several)))]
-    few, most = _PICTURES
+    few, most = _IMAGES
     return bool(chosen) and not any(
         _changes(store, _spread(shots, count, number / _CAMERAS))
         for count in (few, max(few, most // len(chosen)))
@@ -34,12 +34,12 @@ def nothing_moves(capture: Capture, store: FrameStore) -> bool:
 
 
 @dataclass(frozen=True)
-class Changes:
-    """How much each standing camera's pictures change over time.
+class TemporalVariance:
+    """How much each standing camera's images change over time.
 
     Attributes:
         variance: (rows, columns) float32 by camera, of the display range squared: of cells' means over time, or, where
-            that is more, the mean over a cell of its pixels', less what all of the picture has, which is noise. What is
+            that is more, the mean over a cell of its pixels', less what all of the image has, which is noise. What is
             coloured alike is found by the first, what is finer than a cell by the second.
     """
 
@@ -57,8 +57,8 @@ class Changes:
         return np.asarray(cv2.resize(self.variance[camera], (width, height), interpolation=cv2.INTER_NEAREST))
 
 
-def measure_changes(capture: Capture, store: FrameStore) -> Changes | None:
-    """Of the training pictures; None where cameras move, or none has several pictures."""
+def measure_temporal_variance(capture: Capture, store: FrameStore) -> TemporalVariance | None:
+    """Of the training images; None where cameras move, or none has several images."""
     if capture.is_moving:
         return None
     several = {camera: shots for camera, shots in _training_shots(capture).items() if len(shots) > 1}
@@ -67,20 +67,20 @@ def measure_changes(capture: Capture, store: FrameStore) -> Changes | None:
     spread = {
         camera: _spread(shots, count, number / len(several)) for number, (camera, shots) in enumerate(several.items())
     }
-    return Changes({camera: _variance(store, shots) for camera, shots in spread.items()}) if several else None
+    return TemporalVariance({camera: _variance(store, shots) for camera, shots in spread.items()}) if several else None
 
 
 def _variance(store: FrameStore, shots: list[int]) -> np.ndarray:
     """(rows, columns) of Changes.variance."""
-    pictures = [store.image(index)[::_SAMPLED, ::_SAMPLED] for index in shots]
+    images = [store.image(index)[::_SAMPLED, ::_SAMPLED] for index in shots]
     cell = _CELL // _SAMPLED
-    total, squares = (np.zeros(pictures[0].shape, np.int64) for _ in range(2))
-    for picture in pictures:
-        total += picture
-        squares += picture.astype(np.uint16) ** 2
+    total, squares = (np.zeros(images[0].shape, np.int64) for _ in range(2))
+    for image in images:
+        total += image
+        squares += image.astype(np.uint16) ** 2
     of_each = (squares - total**2 / len(shots)) / len(shots)
     of_pixels = _cells(of_each / 255, cell).mean(2)
-    of_means = np.var([_cells(picture, cell) for picture in pictures], axis=0).mean(2)
+    of_means = np.var([_cells(image, cell) for image in images], axis=0).mean(2)
     noise = _OF_NOISE * float(np.quantile(of_pixels, _QUIET))
     return np.maximum(np.maximum(of_means - noise / cell**2, of_pixels - noise), 0).astype(np.float32)
 
@@ -100,18 +100,18 @@ def _spread(shots: list[int], most: int, shift: float) -> list[int]:
 
 
 def _changes(store: FrameStore, shots: list[int]) -> bool:
-    """Whether a camera's pictures change."""
+    """Whether a camera's images change."""
     least = greatest = _cells(store.image(shots[0]))
     for index in shots[1:]:
         cells = _cells(store.image(index))
         least, greatest = np.minimum(least, cells), np.maximum(greatest, cells)
     spread = greatest - least
-    typical = float(np.median(spread))  # noise, unless most of the picture moves
+    typical = float(np.median(spread))  # noise, unless most of the image moves
     return typical > _LEAST_CHANGE or bool(spread.max() > max(_LEAST_CHANGE, _OF_NOISE * typical))
 
 
 def _cells(pixels: np.ndarray, cell: int = _CELL) -> np.ndarray:
-    """(rows, columns, 3) means in [0, 1] of whole cells of (H, W, 3) in [0, 255]; a picture smaller than one is one."""
+    """(rows, columns, 3) means in [0, 1] of whole cells of (H, W, 3) in [0, 255]; an image smaller than one is one."""
     import cv2
 
     height, width = pixels.shape[:2]

@@ -1,4 +1,4 @@
-"""What changes over time where each Gaussian is: the error that its motion leaves, and the pictures themselves."""
+"""What changes over time where each Gaussian is: the error that its motion leaves, and the images themselves."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from ...capture.capture import Capture
 from ...capture.time import frame_to_time
 from ...model.canonical import SH_DC
 from ...rasterizer import GaussianArrays, Image, rasterize
-from .sensitivity import Look
-from .static_regions import Changes
+from .sensitivity import SampledView
+from .static_regions import TemporalVariance
 
 
-def unrest(
+def temporal_error_std(
     gaussians_at: Callable[[float], GaussianArrays],
     truth_of: Callable[[int], torch.Tensor],
     capture: Capture,
@@ -27,7 +27,7 @@ def unrest(
     explains. 0 where a Gaussian was not seen twice.
 
     Args:
-        truth_of: (H, W, 3) picture of a shot.
+        truth_of: (H, W, 3) image of a shot.
         shots: some shots of each of some cameras, at several moments.
     """
     variance = looks = torch.zeros(0, device="cpu")
@@ -51,10 +51,13 @@ def unrest(
 
 
 def change(
-    gaussians_at: Callable[[float], GaussianArrays], capture: Capture, looks: Sequence[Look], changes: Changes
+    gaussians_at: Callable[[float], GaussianArrays],
+    capture: Capture,
+    looks: Sequence[SampledView],
+    changes: TemporalVariance,
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """(N,) pixels that each Gaussian colours, in all looks together, and the sum over them of ``changes``: what the
-    pictures lose, squared, if it looks at all times as they do in the mean, and more where others pass before it."""
+    images lose, squared, if it looks at all times as they do in the mean, and more where others pass before it."""
     pixels = lost = torch.zeros(1, device="cpu")
     for look in looks:
         camera = capture.cameras[look.camera]
@@ -69,7 +72,7 @@ def change(
 def _drawn(
     gaussians: GaussianArrays, camera: Camera, background: tuple[float, float, float]
 ) -> tuple[Image, torch.Tensor]:
-    """A picture, and the colours it was drawn with, which ask for gradients as nothing else does."""
+    """An image, and the colours it was drawn with, which ask for gradients as nothing else does."""
     colors = gaussians.sh.detach().clone().requires_grad_()
     g = gaussians
     image = rasterize(GaussianArrays(g.means, g.quaternions, g.scales, g.opacities, colors), camera, background)
@@ -79,7 +82,7 @@ def _drawn(
 def _coloured(image: Image, colors: torch.Tensor, values: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """(N,) pixels that each Gaussian colours, each by its blending weight, and the sum over them of ``values`` (H, W).
 
-    A Gaussian's red is in the picture's red by its blending weights: the backward pass sums what it is given in their
+    A Gaussian's red is in the image's red by its blending weights: the backward pass sums what it is given in their
     proportion. It is given the values in red and ones in green, which counts the weights.
     """
     image.rgb.backward(torch.stack([values, torch.ones_like(values), torch.zeros_like(values)], dim=2))

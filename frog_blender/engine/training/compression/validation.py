@@ -1,6 +1,6 @@
-"""Training pictures that judge what may be taken from a model; nothing is learned from them for a while before that.
+"""Training images that judge what may be taken from a model; nothing is learned from them for a while before that.
 
-Never a test picture: those are for people to look at afterwards.
+Never a test image: those are for people to look at afterwards.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from ...capture.capture import Capture
 from ...capture.frames import FrameStore
 from ...evaluation.metrics import psnr_of
 from ...rasterizer import GaussianArrays, rasterize
-from ..optimize.device import picture_on
+from ..optimize.device import image_on
 
 _SHARE = 0.06
 _LEAST, _MOST = 4, 8
 _ENOUGH, _AIM, _STEP = 0.75, 0.9, 10.0  # of what may be lost: good enough, tried next; and by how much more at most
 _TINY = 1e-30
 _TOGETHER = 8.0  # times the sum of what each costs, cost all of them: what is similar is wrong in the same places
-_FEW = 20  # training pictures: with fewer none is spared
+_FEW = 20  # training images: with fewer none is spared
 
 
-def withheld_shots(capture: Capture, seed: int) -> tuple[int, ...]:
+def validation_shots(capture: Capture, seed: int) -> tuple[int, ...]:
     """Shots of the training's share, spread over the moments, cameras at random; none where there are few."""
     training = capture.train_indices
     if len(training) < _FEW:
@@ -38,7 +38,7 @@ def withheld_shots(capture: Capture, seed: int) -> tuple[int, ...]:
     return tuple(sorted(training[int(random.integers(a, b))] for a, b in pairwise(edges)))
 
 
-class Judge:
+class ValidationEvaluator:
     """PSNR of Gaussians on some shots, as they stand and as they are proposed.
 
     Args:
@@ -68,7 +68,7 @@ class Judge:
         """(N,) dB that the first change costs, the first two and so on, about.
 
         Args:
-            energies: (N,) by how much a picture changes with each alone: sum of squares over pixels and channels.
+            energies: (N,) by how much an image changes with each alone: sum of squares over pixels and channels.
         """
         cameras = [self._capture.cameras[self._capture.shots[index].camera] for index in self._shots]
         squares = 10 ** (-self.now / 10) * 3 * np.mean([camera.width * camera.height for camera in cameras])
@@ -87,12 +87,12 @@ class Judge:
         for index, gaussians in self._gaussians.items():
             camera = self._capture.cameras[self._capture.shots[index].camera]
             image = rasterize(change(gaussians), camera, self._capture.background)
-            truth = picture_on(image.rgb.device, self._store.image(index))
+            truth = image_on(image.rgb.device, self._store.image(index))
             values.append(psnr_of(float((image.rgb.clamp(0, 1) - truth).square().mean())))
         return float(np.mean(values))
 
 
-def most_within(
+def largest_count_within(
     loss: Callable[[int], float], expected: np.ndarray, allowed: float, tries: int = 4
 ) -> tuple[int, float]:
     """About the largest number of candidates, from the first, whose loss is allowed: (number, its loss).

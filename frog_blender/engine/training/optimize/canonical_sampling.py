@@ -17,8 +17,8 @@ from ...capture.camera import Camera
 from ...model.canonical import ATTRIBUTES, new_gaussians
 from ...model.frog import total_deformation
 from ...rasterizer import Image, RasterizeOptions
-from .device import picture_on
-from .gaussian_order import all_but
+from .device import image_on
+from .gaussian_order import mask_excluding
 from .nearest_neighbours import nearest, spacings
 
 if TYPE_CHECKING:
@@ -32,8 +32,8 @@ _BRIGHTNESS_FLOOR = 0.05  # of the display range: below it, error counts as it i
 def error_map(rgb: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
     """(H, W) mean absolute error over a patch, relative to the patch's brightness, so that dim places count too."""
 
-    def smooth(picture: torch.Tensor) -> torch.Tensor:
-        return functional.avg_pool2d(picture[None, None], _PATCH, 1, _PATCH // 2, count_include_pad=False)[0, 0]
+    def smooth(image: torch.Tensor) -> torch.Tensor:
+        return functional.avg_pool2d(image[None, None], _PATCH, 1, _PATCH // 2, count_include_pad=False)[0, 0]
 
     return smooth((rgb - truth).abs().mean(2)) / (smooth(truth.mean(2)) + _BRIGHTNESS_FLOOR)
 
@@ -72,7 +72,7 @@ def worst_points(
 
     Args:
         image: drawn with depth.
-        truth: (H, W, 3) the training picture.
+        truth: (H, W, 3) the training image.
         depth: "median" or "mean".
     """
     distances = distances_along_rays(image, camera, depth)
@@ -122,19 +122,19 @@ def inject_anchors(trainer: Trainer, progress: float, shot_index: int) -> None:
     """A round: new anchors where the drawing of a shot is wrong, at the end of the Gaussians that move. At the limit
     they take the places of those that are least needed (see training.density)."""
     recipe, canonical = trainer.recipe, trainer.model.canonical
-    newcomers = recipe.newcomers(trainer.count, recipe.sampling_share, _WHILE_FEW)
+    num_new = recipe.num_new(trainer.count, recipe.sampling_share, _WHILE_FEW)
     room = max(recipe.growth_limit_at(progress) - trainer.count, 0)
-    replaced = trainer.density.least_needed(newcomers - room)
-    newcomers = min(newcomers, room + len(replaced))
-    if not newcomers:
+    replaced = trainer.density.least_needed(num_new - room)
+    num_new = min(num_new, room + len(replaced))
+    if not num_new:
         return
     pixels, drawn = trainer.draw(shot_index, progress, RasterizeOptions(depth=True))
     changes = drawn.changes
     if not changes:
         return
     camera = trainer.camera_at(trainer.capture.shots[shot_index].camera, progress)
-    truth = picture_on(trainer.device, pixels)
-    points, colors = worst_points(drawn.image, truth, camera, newcomers, recipe.sampling_depth, trainer.generator)
+    truth = image_on(trainer.device, pixels)
+    points, colors = worst_points(drawn.image, truth, camera, num_new, recipe.sampling_depth, trainer.generator)
     if recipe.sampling == "inverse":
         moved = drawn.gaussians.means[: canonical.moving]
         points, embeddings = undeformed(points, moved, changes["means"], canonical.embeddings)
@@ -143,7 +143,7 @@ def inject_anchors(trainer: Trainer, progress: float, shot_index: int) -> None:
         embeddings = calmest.expand(len(points), -1)
     new = new_anchors(points, colors, embeddings, canonical.means.detach(), canonical.sh.shape[1])
     replaced = replaced[: max(len(points) - room, 0)]  # fewer pixels than asked for may have a depth
-    kept = all_but(replaced, trainer.count).nonzero().squeeze(1)
+    kept = mask_excluding(replaced, trainer.count).nonzero().squeeze(1)
     who = trainer.optimizer.replace_gaussians(kept, {name: new[name] for name in ATTRIBUTES})
     trainer.density.arrange(who)
     if trainer.neighbourhood is not None and len(replaced):  # new ones alone come behind those that move

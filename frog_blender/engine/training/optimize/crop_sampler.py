@@ -1,6 +1,6 @@
-"""Where in a picture a step looks: most steps draw only a rectangle of it, chosen where the errors are.
+"""Where in an image a step looks: most steps draw only a rectangle of it, chosen where the errors are.
 
-A picture's still part is learned long before its moving part, yet costs most of every step. A step on a rectangle costs
+An image's still part is learned long before its moving part, yet costs most of every step. A step on a rectangle costs
 little more than its share of the pixels, so the same time holds several times the steps where they are needed.
 """
 
@@ -30,13 +30,13 @@ class _Look:
     cells: OnItsWay
 
 
-class RegionPicker:
+class CropSampler:
     """Running mean squared error of every camera in cells of CELL x CELL pixels, and rectangles drawn from it.
 
     Args:
-        cameras: of the capture; pictures may differ in size.
+        cameras: of the capture; images may differ in size.
         share: probability that a step looks at a rectangle, in [0, 1].
-        size: sides of the rectangle over those of the picture, in (0, 1].
+        size: sides of the rectangle over those of the image, in (0, 1].
 
     Attributes:
         errors: (rows, columns) float32 by camera, infinite where nothing was drawn yet. ``settle`` first.
@@ -49,7 +49,7 @@ class RegionPicker:
         self._arriving: list[_Look] = []
 
     def pick(self, camera: int, generator: torch.Generator) -> tuple[int, int, int, int] | None:
-        """(left, top, width, height) in pixels, or None for the whole picture. Its centre falls into a cell with the
+        """(left, top, width, height) in pixels, or None for the whole image. Its centre falls into a cell with the
         probability of that cell's share of the squared error."""
         if self._share == 0.0 or float(torch.rand(1, generator=generator)) >= self._share:
             return None
@@ -65,7 +65,7 @@ class RegionPicker:
         return left, top, width, height
 
     def _interval(self, cell: int, length: int) -> tuple[int, int]:
-        """Start and length in pixels, whole cells around ``cell`` (the picture's last cell may be cut)."""
+        """Start and length in pixels, whole cells around ``cell`` (the image's last cell may be cut)."""
         cells = -(-length // CELL)
         wanted = min(cells, max(_LEAST // CELL, round(cells * self._size)))
         first = min(max(cell - wanted // 2, 0), cells - wanted)

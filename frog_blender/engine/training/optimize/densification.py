@@ -1,8 +1,8 @@
-"""Adaptive density control: Gaussians that the pictures pull at are split or cloned, invisible ones removed.
+"""Adaptive density control: Gaussians that the images pull at are split or cloned, invisible ones removed.
 
 The rules of 3DGS, without its opacity reset (which costs dynamic scenes; E-D3DGS never resets), and with a budget:
 each round takes the strongest candidates until the recipe's growth or its Gaussian limit is reached. At the limit they
-take the places of those that pictures need least: seeds lie where nothing is to be seen, too.
+take the places of those that images need least: seeds lie where nothing is to be seen, too.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from .optimizer import SceneOptimizer
 from .state_checks import fitting
 
 COLLECTED = {"gradient_sum": 0.0, "seen": 0.0, "peak_opacity": 1.0, "peak_weight": 1.0}
-"""What is known of each Gaussian, by attribute of ``DensityControl``, at first: nobody pulls, everybody is needed."""
+"""Statistics kept by Gaussian, by attribute of ``DensificationStrategy``, and their values at the start."""
 
 _GROWTH_WHILE_FEW = 1.0  # every candidate may grow
-# Peaks fade from round to round, over several of them: one round's steps may miss the moment, or the part of a picture,
+# Peaks fade from round to round, over several of them: one round's steps may miss the moment, or the part of an image,
 # at which a Gaussian is seen.
 _FADING_OPACITY, _FADING_WEIGHT = 0.5, 0.6
 _LOOKS = 25  # a round with fewer looks at a Gaussian than that lets weights fade by less: nobody was missed yet
 
 
-class DensityControl:
+class DensificationStrategy:
     """Collects screen gradients between rounds.
 
     Args:
@@ -76,7 +76,7 @@ class DensityControl:
             torch.maximum(self.peak_weight, image.max_weights, out=self.peak_weight)
         if image.screen.grad is None:
             return
-        half = max(camera.width, camera.height) / 2  # 3DGS counts in half picture widths
+        half = max(camera.width, camera.height) / 2  # 3DGS counts in half image widths
         across, down = image.screen.grad.unbind(1)  # zero where nothing was seen
         self.gradient_sum.add_((across * across).addcmul_(down, down).sqrt_(), alpha=half)
         self.seen += image.radii > 0
@@ -99,7 +99,7 @@ class DensityControl:
         keep |= ~keep.any()  # never everything
         pull = self.gradient_sum / self.seen.clamp(min=1)
         candidates = ((pull > recipe.densify_threshold) & keep).nonzero().squeeze(1)
-        wanted = min(recipe.newcomers(count, recipe.densify_growth, _GROWTH_WHILE_FEW), len(candidates))
+        wanted = min(recipe.num_new(count, recipe.densify_growth, _GROWTH_WHILE_FEW), len(candidates))
         chosen = candidates[pull[candidates].topk(wanted).indices]
         room = max(limit - int(keep.sum()), 0)
         if wanted > room:

@@ -1,4 +1,4 @@
-"""Where a training computes: the choice between processor and GPU, and how pictures get there."""
+"""Where a training computes: the choice between processor and GPU, and how images get there."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def choose_device(name: str) -> tuple[torch.device, str]:
 
 
 def _draw_one_gaussian(device: torch.device) -> None:
-    """Compiles and runs the kernels once, forward and backward; FrogError when the picture or a gradient is wrong."""
+    """Compiles and runs the kernels once, forward and backward; FrogError when the image or a gradient is wrong."""
     values = {
         "means": [[0.0, 0.0, 2.0]],
         "quaternions": [[1.0, 0.0, 0.0, 0.0]],
@@ -106,7 +106,7 @@ class OnItsWay:
         return self._copy
 
 
-def picture_on(device: torch.device, pixels: np.ndarray) -> torch.Tensor:
+def image_on(device: torch.device, pixels: np.ndarray) -> torch.Tensor:
     """(H, W, 3) float32 in [0, 1] on ``device`` from bytes (H, W, 3)."""
     if device.type == "cpu":
         return torch.from_numpy(pixels.astype(np.float32)) / 255

@@ -12,7 +12,7 @@ import torch
 from ...capture.camera import NEUTRAL, Camera
 from ...capture.capture import Capture
 from ..recipe import Recipe
-from .device import picture_on
+from .device import image_on
 from .schedule import Every
 from .state_checks import fitting
 
@@ -27,7 +27,7 @@ _DARKEST, _BRIGHTEST = 0.02, 0.98  # of the display range: what lies beyond is c
 _LARGEST = 4.0  # times as bright, or as dark
 
 
-class Exposures:
+class ExposureCompensation:
     """Finds the exposures of a rig's training cameras: factors of red, green and blue by which what they filmed is
     brighter than what was drawn in the same places, gathered over many steps.
 
@@ -36,7 +36,7 @@ class Exposures:
     has nothing to multiply then. A single moving camera is left alone: its withheld moments have no exposure.
 
     Attributes:
-        sums: (C, 2, 3) brightness of pictures, and of drawings before their camera's exposure; what is old counts less.
+        sums: (C, 2, 3) brightness of images, and of drawings before their camera's exposure; what is old counts less.
 
     Args:
         recipe: ``exposure_from``.
@@ -59,7 +59,7 @@ class Exposures:
 
     def observe(self, index: int, camera: Camera, rgb: torch.Tensor, pixels: np.ndarray) -> None:
         """Adds what a step drew of camera ``index``, (H, W, 3), and the bytes that it should be."""
-        truth = picture_on(rgb.device, np.ascontiguousarray(pixels[::_EVERY_PIXEL, ::_EVERY_PIXEL]))
+        truth = image_on(rgb.device, np.ascontiguousarray(pixels[::_EVERY_PIXEL, ::_EVERY_PIXEL]))
         counts = (truth > _DARKEST) & (truth < _BRIGHTEST)
         drawn = rgb.detach()[::_EVERY_PIXEL, ::_EVERY_PIXEL]
         both = torch.stack([(counts * truth).sum((0, 1)), (counts * drawn).sum((0, 1))])

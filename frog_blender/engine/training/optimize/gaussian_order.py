@@ -11,7 +11,7 @@ import torch
 from ...model.frog import total_deformation
 from ...rasterizer import GaussianArrays
 from ...scene.morton_order import neighbours_together
-from ..compression.sensitivity import Look, mean_state
+from ..compression.sensitivity import SampledView, mean_state
 
 if TYPE_CHECKING:
     from .trainer import Trainer
@@ -24,13 +24,13 @@ def gaussians_at(trainer: Trainer, moment: float) -> GaussianArrays:
     return GaussianArrays(*(value.detach() for value in vars(gaussians).values()))
 
 
-def state_of_movers(trainer: Trainer, looks: Sequence[Look]) -> dict[str, torch.Tensor]:
+def mean_dynamic_state(trainer: Trainer, looks: Sequence[SampledView]) -> dict[str, torch.Tensor]:
     """How those that move look on average over the looks, see motion.Measured.state."""
     state = mean_state(lambda moment: gaussians_at(trainer, moment), looks)
     return {name: values[: trainer.model.canonical.moving] for name, values in state.items()}
 
 
-def all_but(who: torch.Tensor, count: int) -> torch.Tensor:
+def mask_excluding(who: torch.Tensor, count: int) -> torch.Tensor:
     """(count,) true but for the indices ``who``."""
     keep = torch.ones(count, dtype=torch.bool, device=who.device)
     keep[who] = False
@@ -43,13 +43,13 @@ def arrange(
     """See SceneOptimizer.arrange; everything else in the trainer that knows Gaussians by their places follows."""
     trainer.optimizer.arrange(who, movers, new or {})
     trainer.density.arrange(who)
-    if trainer.parsimony and trainer.parsimony.motion:
-        trainer.parsimony.motion = trainer.parsimony.motion.of(movers)
+    if trainer.compression and trainer.compression.motion:
+        trainer.compression.motion = trainer.compression.motion.of(movers)
     if trainer.neighbourhood is not None:
         trainer.find_neighbours()
 
 
-def put_neighbours_together(trainer: Trainer) -> None:
+def sort_by_morton_code(trainer: Trainer) -> None:
     """Steps are faster then, those on rectangles most: what they draw lies together (docs/design.md)."""
     canonical = trainer.model.canonical
     order = neighbours_together(canonical.means.detach().cpu().numpy(), canonical.moving)
@@ -61,7 +61,7 @@ def put_neighbours_together(trainer: Trainer) -> None:
         trainer.neighbourhood = trainer.neighbourhood.arranged(movers)
 
 
-def put_to_rest(trainer: Trainer, who: torch.Tensor, state: dict[str, torch.Tensor]) -> None:
+def freeze_motion(trainer: Trainer, who: torch.Tensor, state: dict[str, torch.Tensor]) -> None:
     """Lets moving Gaussians ``who`` (indices, ascending) look at all times as in ``state`` (see motion.Measured)."""
     canonical = trainer.model.canonical
     for name, values in state.items():
@@ -70,7 +70,7 @@ def put_to_rest(trainer: Trainer, who: torch.Tensor, state: dict[str, torch.Tens
             count = min(parameter.shape[1], values.shape[1])
             parameter, values = parameter[:, :count], values[:, :count]
         parameter[who] = values[who]
-    movers = all_but(who, canonical.moving).nonzero().squeeze(1)
+    movers = mask_excluding(who, canonical.moving).nonzero().squeeze(1)
     still = torch.arange(canonical.moving, trainer.count, device=who.device)
     arrange(trainer, torch.cat([movers, who, still]), movers)
 
@@ -84,7 +84,7 @@ def wake(trainer: Trainer, who: torch.Tensor) -> None:
         changes = trainer.gaussians_at(0.5, trainer.progress)[1]
         embedding = canonical.embeddings.detach()[int(total_deformation(changes).argmin())][None]
     everyone = torch.arange(trainer.count, device=who.device)
-    still = all_but(who, trainer.count)
+    still = mask_excluding(who, trainer.count)
     still[: canonical.moving] = False
     order = torch.cat([everyone[: canonical.moving], who, everyone[still]])
     movers = torch.arange(canonical.moving + len(who), device=who.device)

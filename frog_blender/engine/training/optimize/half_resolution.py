@@ -1,4 +1,4 @@
-"""Half-size pictures at the start of a training.
+"""Half-size images at the start of a training.
 
 A quarter of the pixels shows where things are and how they move; details are learned afterwards. At equal time a
 training that begins so ends sharper, and motion has a wider basin to be found in.
@@ -11,7 +11,7 @@ import numpy as np
 from ...capture.camera import Camera
 from ...capture.capture import Capture
 
-_LEAST = 64  # pixels a side; smaller pictures stay as they are
+_LEAST = 64  # pixels a side; smaller images stay as they are
 
 
 def is_halved(camera: Camera, progress: float, until: float) -> bool:
@@ -28,7 +28,7 @@ def halved(camera: Camera) -> Camera:
     return camera.resized(camera.width // 2, camera.height // 2)
 
 
-def halved_picture(pixels: np.ndarray) -> np.ndarray:
+def halved_image(pixels: np.ndarray) -> np.ndarray:
     """(H // 2, W // 2, 3) uint8 means over the area of each pixel, of (H, W, 3) uint8."""
     import cv2
 
@@ -37,10 +37,10 @@ def halved_picture(pixels: np.ndarray) -> np.ndarray:
 
 
 def halved_capture(capture: Capture) -> Capture:
-    """The same shots from cameras with half the pixels a side, but for those whose pictures stay as they are."""
+    """The same shots from cameras with half the pixels a side, but for those whose images stay as they are."""
     return capture.with_cameras(halved(each) if _is_large(each) else each for each in capture.cameras)
 
 
 def sized(pixels: np.ndarray, camera: Camera) -> np.ndarray:
-    """(H, W, 3) uint8 a picture as its camera or the halved one sees it."""
-    return pixels if pixels.shape[:2] == (camera.height, camera.width) else halved_picture(pixels)
+    """(H, W, 3) uint8 an image as its camera or the halved one sees it."""
+    return pixels if pixels.shape[:2] == (camera.height, camera.width) else halved_image(pixels)

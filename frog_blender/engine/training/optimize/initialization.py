@@ -10,7 +10,7 @@ from ...capture.seeds import Seeds
 from ...model.canonical import CanonicalField, new_gaussians
 from ...model.interface import SceneModel
 from ...rasterizer import RasterizeOptions
-from ..methods import Beginning, method_named
+from ..methods import ModelInit, method_named
 from ..recipe import Recipe
 from .nearest_neighbours import spacings
 
@@ -41,6 +41,6 @@ def first_model(
     points, colors = (torch.from_numpy(array).to(device) for array in (seeds.points, seeds.colors))
     sh_count = (recipe.sh_degree + 1) ** 2
     canonical = CanonicalField(new_gaussians(points, colors, spacings(points), sh_count, recipe.embedding_size))
-    pictures = len(capture.train_shots)
-    begin = Beginning(canonical, recipe, capture.frame_count, pictures, scene_scale)
+    images = len(capture.train_shots)
+    begin = ModelInit(canonical, recipe, capture.frame_count, images, scene_scale)
     return method_named(method).build(begin).to(device)

@@ -1,4 +1,4 @@
-"""How far a drawing is from the picture it should be: the loss and its gradient, and the errors by cells."""
+"""How far a drawing is from the image it should be: the loss and its gradient, and the errors by cells."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import torch
 from torch.nn import functional
 
 from ...native.binding import CELL, compare, similarity
-from .device import picture_on
+from .device import image_on
 
 _WINDOW, _SIGMA = 11, 1.5
 
 
 @dataclass(frozen=True)
-class PictureLoss:
-    """How far a drawing is from its picture; nothing of it has gradients.
+class PhotometricLoss:
+    """How far a drawing is from its image; nothing of it has gradients.
 
     Attributes:
         loss: ().
@@ -32,19 +32,19 @@ class PictureLoss:
     gradient: torch.Tensor
 
 
-def picture_loss(
+def photometric_loss(
     image: torch.Tensor, pixels: np.ndarray, *, dssim_weight: float = 0.0, weight: float = 1.0
-) -> PictureLoss:
+) -> PhotometricLoss:
     """``weight`` (mean |image - truth| + ``dssim_weight`` (1 - SSIM) / 2).
 
-    Float32 on the CPU goes through the native library: the first part in one pass over the picture.
+    Float32 on the CPU goes through the native library: the first part in one pass over the image.
 
     Args:
         image: (H, W, 3) a drawing.
-        pixels: (H, W, 3) uint8 what it should be; its rows may be part of a larger picture's.
+        pixels: (H, W, 3) uint8 what it should be; its rows may be part of a larger image's.
     """
     if image.dtype != torch.float32 or image.device.type != "cpu":
-        return picture_loss_plainly(image, picture_on(image.device, pixels), dssim_weight, weight)
+        return photometric_loss_reference(image, image_on(image.device, pixels), dssim_weight, weight)
     image = image.detach().contiguous()
     gradient, cells = torch.empty_like(image), image.new_empty([-(-length // CELL) for length in pixels.shape[:2]])
     truth = torch.empty_like(image) if dssim_weight else None
@@ -53,13 +53,15 @@ def picture_loss(
         slope = torch.empty_like(image)
         loss += dssim_weight * (1 - similarity(image, truth, slope)) / 2
         gradient.sub_(slope, alpha=weight * dssim_weight / 2)
-    return PictureLoss(torch.tensor(weight * loss, device="cpu"), torch.tensor(error, device="cpu"), cells, gradient)
+    return PhotometricLoss(
+        torch.tensor(weight * loss, device="cpu"), torch.tensor(error, device="cpu"), cells, gradient
+    )
 
 
-def picture_loss_plainly(
+def photometric_loss_reference(
     image: torch.Tensor, truth: torch.Tensor, dssim_weight: float = 0.0, weight: float = 1.0
-) -> PictureLoss:
-    """``picture_loss`` in plain torch, on any device and in any floating-point type; ``truth`` in [0, 1]."""
+) -> PhotometricLoss:
+    """``photometric_loss`` in plain torch, on any device and in any floating-point type; ``truth`` in [0, 1]."""
     with torch.enable_grad():
         image = image.detach().requires_grad_()
         difference = image - truth
@@ -68,7 +70,7 @@ def picture_loss_plainly(
         (gradient,) = torch.autograd.grad(loss, image)
     square = difference.detach().square().permute(2, 0, 1)
     cells = functional.avg_pool2d(square, CELL, ceil_mode=True, count_include_pad=False).mean(0)
-    return PictureLoss(loss.detach(), error.detach(), cells, gradient)
+    return PhotometricLoss(loss.detach(), error.detach(), cells, gradient)
 
 
 @functools.cache
@@ -79,7 +81,7 @@ def _kernel() -> torch.Tensor:
 
 
 def ssim(image: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
-    """Mean structural similarity of (H, W, 3) pictures in [0, 1], with the window of 3DGS (11 pixels, sigma 1.5)."""
+    """Mean structural similarity of (H, W, 3) images in [0, 1], with the window of 3DGS (11 pixels, sigma 1.5)."""
     x, y = image.permute(2, 0, 1), truth.permute(2, 0, 1)
     moments = torch.cat([x, y, x * x, y * y, x * y])[None]
     channels = moments.shape[1]

@@ -100,7 +100,7 @@ class SceneOptimizer:
         for name in ATTRIBUTES:
             self._replace(name, movers if name == "embeddings" else who, new.get(name))
 
-    def cut_colors(self, count: int) -> None:
+    def reduce_sh_degree(self, count: int) -> None:
         """Keeps the first ``count`` SH coefficients."""
         old: Any = self._canonical.sh
         parameter = self._canonical.sh = nn.Parameter(old.detach()[:, :count].contiguous())

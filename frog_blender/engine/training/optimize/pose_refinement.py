@@ -90,7 +90,7 @@ class PoseRefinement:
         second = _MEMORY * self.moments[1, drawn] + (1 - _MEMORY) * slopes**2
         self.moments[:, drawn] = first, second
         directions = (first / (1 - _MOMENTUM**counts)) / (np.sqrt(second / (1 - _MEMORY**counts)) + _TINY)
-        widths = np.array([[camera.width / camera.intrinsics[0, 0]] for camera in cameras])  # of the pictures, radians
+        widths = np.array([[camera.width / camera.intrinsics[0, 0]] for camera in cameras])  # of the images, radians
         lengths = self._recipe.pose_reach * widths * 2 * (1 - progress) * since
         changes = np.zeros_like(self.moments[0])
         changes[drawn] = -lengths * directions * np.repeat([1.0, self._distance], 3)

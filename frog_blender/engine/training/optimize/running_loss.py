@@ -9,7 +9,7 @@ import torch
 from ...errors import FrogError
 
 
-class Unstable(FrogError):
+class TrainingDiverged(FrogError):
     """A training has come to numbers that are none; see training.recovery."""
 
 
@@ -40,7 +40,7 @@ class RunningLoss:
         self._mean, self._empty, self._unseen = mean, math.isnan(mean), 0
 
     def add(self, loss: torch.Tensor, step: int) -> None:
-        """Takes in the loss of step number ``step``; Unstable when it is seen not to be a number."""
+        """Takes in the loss of step number ``step``; TrainingDiverged when it is seen not to be a number."""
         if loss.device.type == "cpu":
             value: float | torch.Tensor = loss.item()
             if not math.isfinite(value):
@@ -54,11 +54,11 @@ class RunningLoss:
             self.check(step)
 
     def check(self, step: int) -> None:
-        """Unstable when a loss that was not looked at yet was not a number."""
+        """TrainingDiverged when a loss that was not looked at yet was not a number."""
         if self._unseen and not math.isfinite(self.mean):
             raise _unstable(step)
         self._unseen = 0
 
 
-def _unstable(step: int) -> Unstable:
-    return Unstable(f"Training became unstable at step {step} (the loss is not a number).")
+def _unstable(step: int) -> TrainingDiverged:
+    return TrainingDiverged(f"Training became unstable at step {step} (the loss is not a number).")

@@ -1,4 +1,4 @@
-"""Where in the training one is, and which picture comes next."""
+"""Where in the training one is, and which image comes next."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ def ramp(progress: float, start: float, end: float) -> float:
     return max(0.0, (progress - start) / (end - start)) if end > start else 1.0
 
 
-_UNSEEN = 100.0  # no picture in [0, 1] can lose as much
+_UNSEEN = 100.0  # no image in [0, 1] can lose as much
 _MOST = 1e12  # of what a checkpoint may say
 
 
-class ShotPicker:
-    """Draws training pictures; never one that is withheld.
+class ViewSampler:
+    """Draws training images; never one that is withheld.
 
     Args:
         choice: "even": each as often as every other. "loss": every second draw picks its moment in proportion to the
@@ -99,13 +99,13 @@ class ShotPicker:
         return there[int(torch.randint(len(there), (1,), generator=generator))]
 
     def observe(self, shot: int, error: torch.Tensor) -> None:
-        """Takes in the mean absolute difference () of a drawn picture from the truth."""
+        """Takes in the mean absolute difference () of a drawn image from the truth."""
         if self._by_loss:
             drawn = self._capture.shots[shot]
             self.losses[drawn.camera, drawn.frame] = error.cpu()
 
     def pick_same_moment(self, shot: int, generator: torch.Generator) -> int:
-        """Another camera at the moment of ``shot`` (the same picture when there is only one); any picture when all of
+        """Another camera at the moment of ``shot`` (the same image when there is only one); any image when all of
         that moment are withheld."""
         there = self._by_frame.get(self._capture.shots[shot].frame, self._shots)
         return there[int(torch.randint(len(there), (1,), generator=generator))]

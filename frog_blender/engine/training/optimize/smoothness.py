@@ -14,7 +14,7 @@ _BATCH = 64  # anchors that such a step looks at
 
 
 @dataclass(frozen=True)
-class Neighbourhood:
+class NeighbourGraph:
     """A sample of the Gaussians that move: anchors (A,), neighbours (A, k), weights (A, k)."""
 
     anchors: torch.Tensor
@@ -23,7 +23,7 @@ class Neighbourhood:
 
     @classmethod
     @torch.no_grad()
-    def drawn(cls, means: torch.Tensor, recipe: Recipe, generator: torch.Generator) -> Neighbourhood | None:
+    def drawn(cls, means: torch.Tensor, recipe: Recipe, generator: torch.Generator) -> NeighbourGraph | None:
         """A new sample among ``means`` (M, 3); None where nobody has a neighbour."""
         if len(means) < 2:
             return None
@@ -31,7 +31,7 @@ class Neighbourhood:
         distances, neighbours = nearest(means[chosen], means, recipe.smoothness_neighbours, skip_self=True)
         return cls(chosen, neighbours, neighbour_weights(distances, recipe.smoothness_falloff))
 
-    def arranged(self, who: torch.Tensor) -> Neighbourhood | None:
+    def arranged(self, who: torch.Tensor) -> NeighbourGraph | None:
         """The same sample where others have come and some have gone, who are nobody's neighbours any more; None without
         anchors.
 
@@ -44,7 +44,9 @@ class Neighbourhood:
         left = places[self.anchors] >= 0
         neighbours = places[self.neighbours[left]]
         weights = torch.where(neighbours >= 0, self.weights[left], 0.0)
-        return Neighbourhood(places[self.anchors[left]], neighbours.clamp(min=0), weights) if bool(left.any()) else None
+        return (
+            NeighbourGraph(places[self.anchors[left]], neighbours.clamp(min=0), weights) if bool(left.any()) else None
+        )
 
     def add_gradient(self, embeddings: torch.Tensor, step: int, weight: float) -> None:
         """Regularises ``embeddings`` (M, E) for SMOOTHED_EVERY steps at once; another part of the sample each time."""

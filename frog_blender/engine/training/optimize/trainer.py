@@ -20,25 +20,25 @@ from ...capture.frames import FrameStore
 from ...capture.seeds import Seeds
 from ...capture.time import frame_to_time
 from ...evaluation.metrics import psnr_of
-from ...model.interface import Drawn, Progressing, SceneModel
+from ...model.interface import RenderResult, SceneModel, ScheduleState
 from ...rasterizer import GaussianArrays, RasterizeOptions, rasterize
-from ..compression.schedule import Parsimony
+from ..compression.schedule import CompressionSchedule
 from ..methods import method_named
 from ..recipe import Recipe
 from .canonical_sampling import inject_anchors
-from .crop_sampler import RegionPicker
-from .densification import DensityControl
+from .crop_sampler import CropSampler
+from .densification import DensificationStrategy
 from .device import torch_threads
-from .exposure_compensation import Exposures
-from .gaussian_order import put_neighbours_together
+from .exposure_compensation import ExposureCompensation
+from .gaussian_order import sort_by_morton_code
 from .half_resolution import halved, is_halved, sized
 from .initialization import first_model, scale_of
-from .losses import picture_loss
+from .losses import photometric_loss
 from .optimizer import SceneOptimizer
 from .pose_refinement import PoseRefinement
-from .running_loss import RunningLoss, Unstable
-from .schedule import Every, ShotPicker, ramp
-from .smoothness import SMOOTHED_EVERY, Neighbourhood
+from .running_loss import RunningLoss, TrainingDiverged
+from .schedule import Every, ViewSampler, ramp
+from .smoothness import SMOOTHED_EVERY, NeighbourGraph
 from .working_time import worked_since
 
 Played = Callable[[float], GaussianArrays]
@@ -60,7 +60,7 @@ class Trainer:
     """Call ``step`` until ``progress`` is 1.
 
     Everything that grows with the Gaussians lives on ``device``. Random numbers are drawn on the CPU, so that a seed
-    picks the same pictures and regions anywhere.
+    picks the same images and regions anywhere.
 
     Attributes:
         model: ``model.deform(time, progressing)`` gives Gaussians and changes.
@@ -91,22 +91,22 @@ class Trainer:
         center = np.median(seeds.points, axis=0)
         refined = PoseRefinement.wanted(capture, recipe)
         self.poses = PoseRefinement(capture, recipe, center, self.scene_scale) if refined else None
-        compared = Exposures.wanted(capture, recipe)
-        self.exposures = Exposures(capture, recipe, self.device) if compared else None
-        self.density = DensityControl(recipe, self.scene_scale, self.count, self.device)
-        self.neighbourhood: Neighbourhood | None = None
+        compared = ExposureCompensation.wanted(capture, recipe)
+        self.exposures = ExposureCompensation(capture, recipe, self.device) if compared else None
+        self.density = DensificationStrategy(recipe, self.scene_scale, self.count, self.device)
+        self.neighbourhood: NeighbourGraph | None = None
         self.step_count, self.seconds, self.progress = 0, 0.0, 0.0
         self.before_round: Callable[[], None] = lambda: None
         self._loss = RunningLoss()
         self.burst_shot = -1
-        self.parsimony = Parsimony(self, seed) if recipe.capacity == "auto" else None
-        self.picker = ShotPicker(capture, recipe.frame_choice)
-        self.regions = RegionPicker(capture.cameras, recipe.region_share, recipe.region_size)
+        self.compression = CompressionSchedule(self, seed) if recipe.capacity == "auto" else None
+        self.picker = ViewSampler(capture, recipe.frame_choice)
+        self.regions = CropSampler(capture.cameras, recipe.region_share, recipe.region_size)
         self._densify = Every(recipe.densify_from, recipe.densify_until, recipe.densify_every)
         self._sort = Every(recipe.densify_from, recipe.densify_until, _SORTED_EVERY)
         self._sample = Every(recipe.sampling_from, recipe.sampling_until, recipe.sampling_every)
-        if self.parsimony:
-            self.parsimony.begin(self)
+        if self.compression:
+            self.compression.begin(self)
 
     def rebuild_optimizer(self) -> None:
         """A fresh optimiser, after the model's parameters were replaced from outside."""
@@ -133,8 +133,8 @@ class Trainer:
         self.progress = min(before, now)
         if self.poses and now != before:
             self.poses.begin_at(now)
-        if self.parsimony:
-            self.picker.withhold(self.parsimony.withheld_at(self.progress))
+        if self.compression:
+            self.picker.withhold(self.compression.withheld_at(self.progress))
 
     @property
     def count(self) -> int:
@@ -151,12 +151,12 @@ class Trainer:
         return self._loss.mean
 
     def check(self) -> None:
-        """Unstable when the loss or the model is not finite (a Gaussian that is none is not drawn, and shows in no
-        loss); call it before anything is saved."""
+        """Raises TrainingDiverged when the loss or a parameter is not finite. Call it before anything is saved: a
+        non-finite Gaussian is not drawn, so the loss alone does not show it."""
         self._loss.check(self.step_count)
         for name, parameter in self.model.named_parameters():
             if not bool(torch.isfinite(parameter).all()):
-                raise Unstable(f"Training became unstable at step {self.step_count} ({name} is not finite).")
+                raise TrainingDiverged(f"Training became unstable at step {self.step_count} ({name} is not finite).")
 
     def settle(self) -> None:
         """Takes in what the last step found and has not been waited for."""
@@ -166,7 +166,7 @@ class Trainer:
             self.capture = self.poses.capture
 
     def step(self) -> None:
-        """One optimiser step on one picture, and whatever round is due after it."""
+        """One optimiser step on one image, and whatever round is due after it."""
         with torch_threads(1):
             self._step()
 
@@ -188,7 +188,7 @@ class Trainer:
         share = 1.0 if region is None else region[2] * region[3] / (camera.width * camera.height)
         dssim_weight = self.recipe.dssim_weight if self._in_burst(before) else 0.0
         weight = share ** (1 - self.recipe.region_emphasis)
-        found = picture_loss(image.rgb, pixels, dssim_weight=dssim_weight, weight=weight)
+        found = photometric_loss(image.rgb, pixels, dssim_weight=dssim_weight, weight=weight)
         if whole_size:
             self.regions.observe(camera_index, options.region_of(camera), found.cell_errors)
         self.picker.observe(shot, found.error)
@@ -239,8 +239,8 @@ class Trainer:
 
     def draw(
         self, shot_index: int, progress: float, options: RasterizeOptions, pose: torch.Tensor | None = None
-    ) -> tuple[np.ndarray, Drawn]:
-        """A picture (H, W, 3) uint8 and its drawing."""
+    ) -> tuple[np.ndarray, RenderResult]:
+        """An image (H, W, 3) uint8 and its drawing."""
         shot = self.capture.shots[shot_index]
         camera = self.camera_at(shot.camera, progress)
         pixels = sized(self.store.image(shot_index), camera)
@@ -249,7 +249,7 @@ class Trainer:
         background, sh_count = self.capture.background, self.sh_count_at(progress)
         if progress < self.recipe.warm_up:
             gaussians = self.model.canonical.gaussians(sh_count)
-            return pixels, Drawn(rasterize(gaussians, camera, background, options, pose=pose), gaussians, {})
+            return pixels, RenderResult(rasterize(gaussians, camera, background, options, pose=pose), gaussians, {})
         time_, schedules = frame_to_time(shot.frame, self.capture.frame_count), self.progressing(progress)
         return pixels, self.model.draw(time_, camera, background, options, schedules, sh_count, pose)
 
@@ -265,10 +265,10 @@ class Trainer:
         camera = self.capture.cameras[index]
         return halved(camera) if is_halved(camera, progress, self.recipe.half_size_until) else camera
 
-    def progressing(self, progress: float) -> Progressing:
+    def progressing(self, progress: float) -> ScheduleState:
         """The schedules inside the model at ``progress``."""
         r = self.recipe
-        return Progressing(ramp(progress, 0.0, r.fine_rows_until), ramp(progress, *r.opacity_ramp))
+        return ScheduleState(ramp(progress, 0.0, r.fine_rows_until), ramp(progress, *r.opacity_ramp))
 
     def sh_count_at(self, progress: float) -> int:
         """Coefficients of the degrees that have begun."""
@@ -285,7 +285,7 @@ class Trainer:
     def _rounds(self, before: float, now: float, shot: int) -> None:
         if self.exposures and (exposed := self.exposures.found(self.capture, before, now)):
             self.see_through(exposed)
-        grows = not (self.parsimony and self.parsimony.settled(now))
+        grows = not (self.compression and self.compression.settled(now))
         densified = grows and self._densify.due(before, now)
         if densified:
             limit = self.recipe.growth_limit_at(now)
@@ -295,10 +295,10 @@ class Trainer:
         if densified and self.recipe.smoothness_weight:
             self.find_neighbours()
         if grows and self._sort.due(before, now):
-            put_neighbours_together(self)
-        if self.parsimony:
-            self.parsimony.after_step(self, before, now)
-            self.picker.withhold(self.parsimony.withheld_at(now))
+            sort_by_morton_code(self)
+        if self.compression:
+            self.compression.after_step(self, before, now)
+            self.picker.withhold(self.compression.withheld_at(now))
 
     def see_through(self, capture: Capture) -> None:
         """The same capture, whose cameras are known better."""
@@ -309,10 +309,12 @@ class Trainer:
     def find_neighbours(self) -> None:
         """Draws the embedding smoothness's sample anew, among the Gaussians that move."""
         means = self.model.canonical.means.detach()[: self.model.canonical.moving]
-        self.neighbourhood = Neighbourhood.drawn(means, self.recipe, self.generator)
+        self.neighbourhood = NeighbourGraph.drawn(means, self.recipe, self.generator)
 
     @torch.no_grad()
-    def picture(self, shot_index: int, largest_side: int | None = None, played: Played | None = None) -> np.ndarray:
+    def render_image(
+        self, shot_index: int, largest_side: int | None = None, played: Played | None = None
+    ) -> np.ndarray:
         """(H, W, 3) float32 what a shot looks like as training stands, or as it is ``played``, at so many pixels a side
         at most."""
         shot = self.capture.shots[shot_index]
@@ -325,7 +327,7 @@ class Trainer:
         return rasterize(gaussians, camera, self.capture.background).rgb.cpu().numpy()
 
     def evaluate(self, limit: int, played: Played | None = None) -> tuple[float, str]:
-        """Mean PSNR over at most ``limit`` evenly spread held-out pictures (training ones when none is withheld), as
+        """Mean PSNR over at most ``limit`` evenly spread held-out images (training ones when none is withheld), as
         training stands or of Gaussians ``played`` at a time.
 
         A figure for people: nothing in the training looks at it.
@@ -336,5 +338,5 @@ class Trainer:
         values = []
         for index in chosen:
             truth = self.store.image(index).astype(np.float32) / 255
-            values.append(psnr_of(float(np.mean((self.picture(index, None, played).clip(0, 1) - truth) ** 2))))
+            values.append(psnr_of(float(np.mean((self.render_image(index, None, played).clip(0, 1) - truth) ** 2))))
         return float(np.mean(values)), "held-out" if held_out else "training"

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable
 
 
-class Control:
+class CancelToken:
     """Between its steps a training calls it: true when it is to end. While paused the call waits.
 
     Attributes:
@@ -21,9 +21,9 @@ class Control:
         self._paused = self._cancelled = False
 
     @classmethod
-    def of(cls, cancelled: Callable[[], bool]) -> Control:
+    def of(cls, cancelled: Callable[[], bool]) -> CancelToken:
         """What ``run_training`` was given, as a control."""
-        return cancelled if isinstance(cancelled, Control) else cls(cancelled)
+        return cancelled if isinstance(cancelled, CancelToken) else cls(cancelled)
 
     @property
     def paused(self) -> bool:

@@ -23,10 +23,10 @@ from ...model.canonical import ATTRIBUTES
 from ...model.deformation import UNITS
 from ...model.frog import Frog
 from ...scene.scene_file import settings_json
-from ..compression.schedule import Reduction, heads_of
+from ..compression.schedule import CompressionStep, heads_of
 from ..compression.sensitivity import Motion
 from ..optimize.densification import COLLECTED
-from ..optimize.smoothness import Neighbourhood
+from ..optimize.smoothness import NeighbourGraph
 from ..optimize.state_checks import fitting
 from ..optimize.trainer import Trainer
 from .output_paths import checkpoint_path as checkpoint_path
@@ -62,10 +62,10 @@ def state_of(trainer: Trainer, settings: dict[str, Any] | None = None) -> State:
         exposures = [camera.exposure for camera in trainer.capture.cameras]
         tensors["exposures"] = torch.tensor(exposures, dtype=torch.float64, device="cpu")
         tensors["exposures.sums"] = trainer.exposures.sums
-    if trainer.parsimony:
-        tensors["removed"] = torch.from_numpy(trainer.parsimony.removed)
-        if trainer.parsimony.motion:
-            tensors |= {f"motion.{name}": getattr(trainer.parsimony.motion, name) for name in _MOTION}
+    if trainer.compression:
+        tensors["removed"] = torch.from_numpy(trainer.compression.removed)
+        if trainer.compression.motion:
+            tensors |= {f"motion.{name}": getattr(trainer.compression.motion, name) for name in _MOTION}
     if trainer.neighbourhood is not None:
         tensors |= {f"neighbourhood.{name}": getattr(trainer.neighbourhood, name) for name in _NEIGHBOURHOOD}
     values = {
@@ -134,7 +134,7 @@ def _set_width(tensors: dict[str, torch.Tensor], model: Frog, most: int) -> None
     model.set_width(arrays)
 
 
-def _neighbourhood(tensors: dict[str, torch.Tensor], trainer: Trainer) -> Neighbourhood | None:
+def _neighbourhood(tensors: dict[str, torch.Tensor], trainer: Trainer) -> NeighbourGraph | None:
     """What was drawn for the embedding smoothness, if anything; ValueError for Gaussians that do not move."""
     if "neighbourhood.anchors" not in tensors:
         return None
@@ -147,7 +147,7 @@ def _neighbourhood(tensors: dict[str, torch.Tensor], trainer: Trainer) -> Neighb
     who = torch.cat([anchors, neighbours.flatten()])
     if not bool(((who >= 0) & (who < trainer.model.canonical.moving)).all()):
         raise ValueError("neighbours that are none")
-    return Neighbourhood(*(part.to(trainer.device) for part in (anchors, neighbours, weights)))
+    return NeighbourGraph(*(part.to(trainer.device) for part in (anchors, neighbours, weights)))
 
 
 def _motion(tensors: dict[str, torch.Tensor], trainer: Trainer) -> Motion | None:
@@ -159,9 +159,9 @@ def _motion(tensors: dict[str, torch.Tensor], trainer: Trainer) -> Motion | None
 
 
 def _parsimony_state(trainer: Trainer) -> dict[str, Any]:
-    if not trainer.parsimony:
+    if not trainer.compression:
         return {}
-    return {"seed": trainer.parsimony.seed, "reductions": [asdict(each) for each in trainer.parsimony.reductions]}
+    return {"seed": trainer.compression.seed, "reductions": [asdict(each) for each in trainer.compression.reductions]}
 
 
 def _read(path: Path, wanted: Callable[[str], bool] = lambda name: True) -> State:
@@ -243,10 +243,10 @@ def restore(trainer: Trainer, state: State) -> None:
         found = tensors["exposures.sums"], tensors["exposures"]
         trainer.see_through(trainer.exposures.resume(*found, trainer.capture))
     trainer.neighbourhood = _neighbourhood(tensors, trainer)
-    if trainer.parsimony:
+    if trainer.compression:
         rounds = values["parsimony"]
-        reductions = [Reduction(**each) for each in rounds["reductions"]]
-        trainer.parsimony.resume(rounds["seed"], reductions, arrays["removed"], _motion(tensors, trainer))
+        reductions = [CompressionStep(**each) for each in rounds["reductions"]]
+        trainer.compression.resume(rounds["seed"], reductions, arrays["removed"], _motion(tensors, trainer))
     trainer.resume_at(values)
     trainer.check()
     if isinstance(trainer.model, Frog):  # last: silencing writes zeros

@@ -28,7 +28,7 @@ class Started:
     device: str = "cpu"
     """"cpu" or "cuda"."""
     pixels: int = 0
-    """Of a picture, in the mean over the cameras."""
+    """Of an image, in the mean over the cameras."""
 
 
 @dataclass(frozen=True)
@@ -69,8 +69,8 @@ class Preview:
 
 
 @dataclass(frozen=True)
-class Pictured:
-    """A picture of what moves, what rests and what was left out, beside the scene."""
+class CompressionPreview:
+    """An image of what moves, what rests and what was left out, beside the scene."""
 
     path: str
     image: np.ndarray
@@ -78,7 +78,7 @@ class Pictured:
 
 
 @dataclass(frozen=True)
-class Warned:
+class WarningEvent:
     message: str
 
 
@@ -106,4 +106,16 @@ class Cancelled:
     """The scene as far as it came, None when training had not begun."""
 
 
-Event = Stage | Started | Progress | Reduced | Evaluated | Preview | Pictured | Warned | Saved | Finished | Cancelled
+Event = (
+    Stage
+    | Started
+    | Progress
+    | Reduced
+    | Evaluated
+    | Preview
+    | CompressionPreview
+    | WarningEvent
+    | Saved
+    | Finished
+    | Cancelled
+)

@@ -13,16 +13,16 @@ import torch
 from ...errors import FrogError, reason
 from ...io.atomic_files import write_atomically
 from ...model.canonical import ATTRIBUTES
-from ...playback.player import CANONICAL, PlayableScene, rows_of
+from ...playback.player import CANONICAL, ScenePlayer, rows_of
 from ...scene.header import SceneHeader
 from ...scene.scene_file import SceneFile, scene_bytes, settings_json
 from ..compression.budget import fit_within, keep_within
 from ..compression.finalize import arranged, compactions, played_by
-from ..compression.schedule import Parsimony, Reduction, heads_of
-from ..compression.static_attributes import spare_attributes
+from ..compression.schedule import CompressionSchedule, CompressionStep, heads_of
+from ..compression.static_attributes import freeze_attributes
 from ..optimize.gaussian_order import arrange
 
-EVALUATED = 30  # pictures, at most, that a finished scene's PSNR is of
+EVALUATED = 30  # images, at most, that a finished scene's PSNR is of
 _REPORT_BYTES = 4000  # what is left out when a budget is measured: report, figures, times
 _PACKING_LOSS = 0.05  # dB above which a file is not packed
 
@@ -63,10 +63,12 @@ def fit_budget(job: TrainingJob, trainer: Trainer, scale: float) -> None:
 
     That of bytes holds for a finished training, since before its end much is not yet what it will be.
     """
-    if trainer.parsimony:
-        keep_within(trainer.parsimony, trainer, trainer.recipe.kept_at_most)
-    if job.max_bytes and trainer.parsimony and trainer.finished:
-        fit_within(trainer.parsimony, trainer, lambda: _size(arranged(_scene(job, trainer, scale, {}))), job.max_bytes)
+    if trainer.compression:
+        keep_within(trainer.compression, trainer, trainer.recipe.kept_at_most)
+    if job.max_bytes and trainer.compression and trainer.finished:
+        fit_within(
+            trainer.compression, trainer, lambda: _size(arranged(_scene(job, trainer, scale, {}))), job.max_bytes
+        )
 
 
 def _size(scene: SceneFile) -> int:
@@ -102,10 +104,10 @@ def build_scene(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[
     Whatever fails on the way to a smaller file, every number is kept as it is instead.
     """
     metrics = {name: value for name, value in metrics.items() if not isinstance(value, float) or math.isfinite(value)}
-    if trainer.parsimony is None or job.lossless:
+    if trainer.compression is None or job.lossless:
         return _as_it_is(job, trainer, scale, metrics)
     try:
-        return _compact(job, trainer, trainer.parsimony, scale, metrics)
+        return _compact(job, trainer, trainer.compression, scale, metrics)
     except Exception as error:
         built = _as_it_is(job, trainer, scale, metrics)
         return replace(built, said=f"The scene could not be packed ({reason(error)}): every number is kept as it is.")
@@ -120,13 +122,15 @@ def _as_it_is(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[st
         return Built(scene, scene_bytes(scene), f"The scene's file has no report ({reason(error)}).")
 
 
-def _compact(job: TrainingJob, trainer: Trainer, rounds: Parsimony, scale: float, metrics: dict[str, Any]) -> Built:
-    scene, found = _scene(job, trainer, scale, metrics), list[Reduction]()
+def _compact(
+    job: TrainingJob, trainer: Trainer, rounds: CompressionSchedule, scale: float, metrics: dict[str, Any]
+) -> Built:
+    scene, found = _scene(job, trainer, scale, metrics), list[CompressionStep]()
     if trainer.finished and not job.max_bytes:  # which was met by the scene as it is
-        scene, found = spare_attributes(rounds, trainer, scene)
+        scene, found = freeze_attributes(rounds, trainer, scene)
     scene = arranged(scene, trainer.finished)
     if found and "psnr" in metrics:  # of what is written
-        psnr, _ = trainer.evaluate(EVALUATED, played_by(PlayableScene(scene), trainer.device))
+        psnr, _ = trainer.evaluate(EVALUATED, played_by(ScenePlayer(scene), trainer.device))
         scene = _with(scene, metrics={**metrics, "psnr": psnr})
     content = scene_bytes(scene, compact=True)
     if not trainer.finished:
@@ -175,7 +179,7 @@ def _scene(
     shots: list[list[int]] = [[] for _ in capture.cameras]
     for shot in capture.shots:
         shots[shot.camera].append(shot.frame)
-    moves = not trainer.parsimony or trainer.model.canonical.moving > 0
+    moves = not trainer.compression or trainer.model.canonical.moving > 0
     header = SceneHeader(
         method=trainer.method,
         recipe=settings_json(trainer.recipe),
@@ -194,7 +198,7 @@ def _scene(
         metrics=metrics,
         steps=trainer.step_count,
         train_seconds=trainer.seconds,
-        capacity=_capacity(trainer, trainer.parsimony.reductions) if trainer.parsimony and report else {},
+        capacity=_capacity(trainer, trainer.compression.reductions) if trainer.compression and report else {},
     )
     return SceneFile(header, _arrays(trainer))
 
@@ -205,14 +209,14 @@ def _arrays(trainer: Trainer) -> dict[str, np.ndarray]:
     for name, value in trainer.model.state_dict().items():
         name = name.removeprefix("canonical.").replace("deformation.", "network.")
         arrays[name] = value.detach().cpu().numpy()
-    if trainer.parsimony and not trainer.model.canonical.moving:  # then there is nothing for a network to do
+    if trainer.compression and not trainer.model.canonical.moving:  # then there is nothing for a network to do
         arrays = {name: array for name, array in arrays.items() if name in CANONICAL}
     elif not arrays["embeddings"].size:
         del arrays["embeddings"]
     return arrays
 
 
-def _capacity(trainer: Trainer, reductions: list[Reduction]) -> dict[str, Any]:
+def _capacity(trainer: Trainer, reductions: list[CompressionStep]) -> dict[str, Any]:
     canonical = trainer.model.canonical
     return {
         "gaussians": trainer.count,

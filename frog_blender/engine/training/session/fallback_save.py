@@ -45,7 +45,7 @@ class Checkpoints:
         except FrogError as error:
             if str(error) != self._said:
                 self._said = str(error)
-                yield events.Warned(f"{error} Training goes on without this checkpoint.")
+                yield events.WarningEvent(f"{error} Training goes on without this checkpoint.")
 
     def keep(self, state: State, room: Room) -> None:
         """For a training that ends unforeseen: writes a remembered state that is newer than the last checkpoint."""
@@ -63,7 +63,7 @@ class Checkpoints:
                 how = room.write(self._path, lambda: self._write(state))
             else:
                 self._write(state)
-            yield events.Warned(f"{self._path}: it was written in the end{how}.")
+            yield events.WarningEvent(f"{self._path}: it was written in the end{how}.")
 
     def is_older(self, state: State) -> bool:
         """True when the checkpoint does not know all that the state does."""
@@ -80,7 +80,7 @@ class Room:
     Args:
         output: where the scene is to lie.
         size: its bytes, at most.
-        store: the training's frames. Once they are given up no picture can be looked at any more.
+        store: the training's frames. Once they are given up no image can be looked at any more.
     """
 
     def __init__(self, output: Path, size: int, store: FrameStore) -> None:
@@ -117,7 +117,7 @@ class Room:
         return ""
 
 
-def save_somewhere(output: Path, content: bytes, room: Room) -> Generator[Event, None, Path]:
+def save_with_fallback(output: Path, content: bytes, room: Room) -> Generator[Event, None, Path]:
     """Writes a scene where it is wanted, else to a folder that takes it; where it is.
 
     Raises:
@@ -131,9 +131,9 @@ def save_somewhere(output: Path, content: bytes, room: Room) -> Generator[Event,
             first = first or error
             continue
         if first:
-            yield events.Warned(f"{first} The scene was saved as {place} instead{how}.")
+            yield events.WarningEvent(f"{first} The scene was saved as {place} instead{how}.")
         elif how:
-            yield events.Warned(f"{output.parent}: the disk is full; the scene was saved{how}.")
+            yield events.WarningEvent(f"{output.parent}: the disk is full; the scene was saved{how}.")
         return place
     assert first is not None
     raise first

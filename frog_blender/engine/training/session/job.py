@@ -20,21 +20,21 @@ from ...capture.seed_store import stored_seeds
 from ...capture.seeds import Seeds
 from ...errors import FrogError
 from ...io.atomic_files import remove_unfinished, try_name
-from ...memory import old_objects_left_alone
+from ...memory import gc_frozen
 from ..methods import method_named
 from ..optimize.device import choose_device
 from ..optimize.initialization import doubt_of_scale
 from ..optimize.trainer import Limits, Trainer
 from ..recipe import Recipe, recipe
 from . import events
-from .cancel_token import Control
+from .cancel_token import CancelToken
 from .checkpoint import checkpoint_path, load_checkpoint
 from .events import Event
 from .export import check_budget, check_readable
 from .loop import train
 from .output_lock import claimed
 from .output_paths import check_unused
-from .resume import as_it_began
+from .resume import restore_job
 from .time_estimate import pixels_of, usual_scale
 
 Result = TypeVar("Result")
@@ -52,7 +52,7 @@ class TrainingJob:
         recipe: the settings.
         steps, seconds: limits; the recipe's steps when neither is given.
         seed: of everything random.
-        scale: picture size factor; None shrinks to at most 1600 pixels a side.
+        scale: image size factor; None shrinks to at most 1600 pixels a side.
         holdout_frames: withhold every n-th moment; None keeps what the format says.
         overwrite: replace a scene, or a checkpoint, that lies at ``output``; otherwise that is refused.
         resume: go on from the checkpoint beside ``output``, with the method, recipe and other settings that it began
@@ -65,7 +65,7 @@ class TrainingJob:
         device: "auto", "cpu" or "cuda", see ``choose_device``; a resume may choose another.
         opened: the capture itself, where it is not what ``open_capture`` makes of the folder (a segment, a protocol's
             own split).
-        evaluated_shots: pictures that each evaluation on the way looks at, at most.
+        evaluated_shots: images that each evaluation on the way looks at, at most.
         save_seconds: between checkpoints; what a killed training loses at most.
         preview_camera: whose view the previews show, see ``preview.watched_shot``.
         preview_seconds: between previews, at most; every tenth of the training has one besides.
@@ -122,30 +122,30 @@ def run_training(job: TrainingJob, cancelled: Callable[[], bool] = lambda: False
     Cancelling keeps what was learned: a scene that plays and a checkpoint that resumes.
 
     Args:
-        cancelled: asked between steps; a ``Control`` can pause as well.
+        cancelled: asked between steps; a ``CancelToken`` can pause as well.
     """
     _check_output(job.output)
     with claimed(job.output):
-        yield from _run(job, Control.of(cancelled))
+        yield from _run(job, CancelToken.of(cancelled))
 
 
-def _run(job: TrainingJob, control: Control) -> Iterator[Event]:
+def _run(job: TrainingJob, control: CancelToken) -> Iterator[Event]:
     """``run_training`` once nobody else writes the output."""
     if not (job.overwrite or job.resume):
         check_unused(job.output)
     for path in (job.output, checkpoint_path(job.output)):
         remove_unfinished(path)
     if job.resume:  # what does not fit is said before minutes of decoding
-        job, said = as_it_began(job)
+        job, said = restore_job(job)
         if said:
-            yield events.Warned(said)
+            yield events.WarningEvent(said)
     adapted = method_named(job.method).adapt(job.recipe)
     if job.max_bytes and (adapted.capacity != "auto" or job.lossless):
         raise FrogError("A budget of bytes needs FRoG with automatic capacity, and a file that may be packed.")
     capture, scale = prepare_capture(job.capture, job.scale, job.holdout_frames, job.pixel_offsets, job.opened)
     device, said_of_it = choose_device(job.device)
     for warning in (*capture.warnings, *([said_of_it] if said_of_it else [])):
-        yield events.Warned(warning)
+        yield events.WarningEvent(warning)
     if control():
         yield events.Cancelled(0, None)
         return
@@ -167,11 +167,11 @@ def _run(job: TrainingJob, control: Control) -> Iterator[Event]:
     check_readable(job, trainer, scale)
     for doubt in (doubt_of_scale(trainer.scene_scale), check_budget(job, trainer, scale)):
         if doubt:
-            yield events.Warned(doubt)
+            yield events.WarningEvent(doubt)
     counts = (len(capture.cameras), capture.frame_count, trainer.count)
     pixels = round(pixels_of(capture.cameras))
     yield events.Started(job.method, limits.steps, *counts, device.type, pixels)
-    with old_objects_left_alone():
+    with gc_frozen():
         yield from train(job, trainer, scale, control)
 
 

@@ -12,16 +12,16 @@ from ...errors import FrogError, reason
 from ...io.atomic_files import write_atomically
 from ...scene.compression_report import reduction_line
 from ...scene.scene_file import SceneFile, settings_json
-from ..compression.report_image import capacity_picture
-from ..compression.schedule import RoundFailed
-from ..optimize.running_loss import Unstable
+from ..compression.report_image import draw_report_image
+from ..compression.schedule import CompressionFailed
+from ..optimize.running_loss import TrainingDiverged
 from ..optimize.trainer import Trainer
 from . import events
-from .cancel_token import Control
+from .cancel_token import CancelToken
 from .checkpoint import restore
 from .events import Event
 from .export import EVALUATED, build_scene, bytes_at_most, drop_broken, fit_budget
-from .fallback_save import Checkpoints, Room, save_somewhere
+from .fallback_save import Checkpoints, Room, save_with_fallback
 from .output_paths import beside
 from .preview import Previews, watched_shot
 from .recovery import Recovery
@@ -46,7 +46,7 @@ KEPT: dict[str, Any] = {
 """Fields of a job that a resume takes over besides its recipe, and what they are."""
 
 
-def train(job: TrainingJob, trainer: Trainer, scale: float, control: Control) -> Iterator[Event]:
+def train(job: TrainingJob, trainer: Trainer, scale: float, control: CancelToken) -> Iterator[Event]:
     """Trains from where ``trainer`` stands to its end, or until ``control`` says so, and saves; see
     ``job.run_training``."""
     began = trainer.step_count
@@ -62,11 +62,11 @@ def train(job: TrainingJob, trainer: Trainer, scale: float, control: Control) ->
                     return
                 place, scene = yield from _scene(job, trainer, scale, recovery, room)
                 break
-            except RoundFailed as failed:
+            except CompressionFailed as failed:
                 said = recovery.without_round(trainer, failed)
-            except (Unstable, RuntimeError, MemoryError) as error:
-                said = recovery.go_back(trainer, error)
-            yield events.Warned(said)
+            except (TrainingDiverged, RuntimeError, MemoryError) as error:
+                said = recovery.rollback(trainer, error)
+            yield events.WarningEvent(said)
         yield from checkpoints.save_late(recovery.state, None if trainer.finished else room)
     except Exception:
         checkpoints.keep(recovery.state, room)
@@ -78,14 +78,14 @@ def train(job: TrainingJob, trainer: Trainer, scale: float, control: Control) ->
     if not trainer.finished:
         yield events.Cancelled(trainer.step_count, str(place))
         return
-    if trainer.parsimony:
-        yield from _capacity_picture(place, trainer, watched_shot(trainer.capture) or 0)
+    if trainer.compression:
+        yield from _capacity_image(place, trainer, watched_shot(trainer.capture) or 0)
     psnr = scene.header.metrics.get("psnr")
     yield events.Finished(str(place), trainer.step_count, trainer.seconds, psnr, trainer.count, scene.header.capacity)
 
 
 def _steps(
-    job: TrainingJob, trainer: Trainer, recovery: Recovery, checkpoints: Checkpoints, control: Control
+    job: TrainingJob, trainer: Trainer, recovery: Recovery, checkpoints: Checkpoints, control: CancelToken
 ) -> Iterator[Event]:
     """Trains to the end or until it is to end; then the checkpoint is as new as the training."""
     last_event = last_save = time.monotonic()
@@ -136,41 +136,41 @@ def _scene(
         raise
     except Exception as error:
         restore(trainer, recovery.state)
-        yield events.Warned(f"The budget could not be kept ({reason(error)}): all Gaussians were saved.")
+        yield events.WarningEvent(f"The budget could not be kept ({reason(error)}): all Gaussians were saved.")
     if job.max_bytes and not trainer.finished:
-        yield events.Warned("The budget of bytes holds for a finished training; this one was cancelled.")
+        yield events.WarningEvent("The budget of bytes holds for a finished training; this one was cancelled.")
     metrics: dict[str, Any] = {}
     try:
         psnr, split = trainer.evaluate(EVALUATED)
         metrics = {"psnr": psnr, "split": split}
         yield events.Evaluated(trainer.step_count, psnr, split, trainer.seconds)
     except Exception as error:
-        yield events.Warned(f"How good the scene is could not be measured ({reason(error)}).")
+        yield events.WarningEvent(f"How good the scene is could not be measured ({reason(error)}).")
     drop_broken(trainer)
     built = build_scene(job, trainer, scale, metrics)
     if built.said:
-        yield events.Warned(built.said)
-    place = yield from save_somewhere(job.output, built.content, room)
+        yield events.WarningEvent(built.said)
+    place = yield from save_with_fallback(job.output, built.content, room)
     return place, built.scene
 
 
-def _capacity_picture(scene: Path, trainer: Trainer, shot: int) -> Iterator[Event]:
+def _capacity_image(scene: Path, trainer: Trainer, shot: int) -> Iterator[Event]:
     """Beside the scene, for people; what cannot be drawn or written costs nothing else."""
     import cv2
 
     path = beside(scene.with_suffix(""), ".capacity.png")
     try:
-        picture = capacity_picture(trainer, shot)
-        write_atomically(path, cv2.imencode(".png", picture[:, :, ::-1])[1].tobytes())
+        image = draw_report_image(trainer, shot)
+        write_atomically(path, cv2.imencode(".png", image[:, :, ::-1])[1].tobytes())
     except Exception as error:
-        yield events.Warned(f"There is no picture of what moves and what rests ({reason(error)}).")
+        yield events.WarningEvent(f"There is no image of what moves and what rests ({reason(error)}).")
         return
-    yield events.Pictured(str(path), picture)
+    yield events.CompressionPreview(str(path), image)
 
 
 def _reductions(trainer: Trainer) -> Iterator[Event]:
     """What the last step's round did, if it was one."""
-    for reduction in trainer.parsimony.news() if trainer.parsimony else ():
+    for reduction in trainer.compression.news() if trainer.compression else ():
         yield events.Reduced(trainer.step_count, reduction_line(asdict(reduction)))
 
 

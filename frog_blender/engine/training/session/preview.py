@@ -1,4 +1,4 @@
-"""Small pictures of a training as it stands, for whoever watches it."""
+"""Small images of a training as it stands, for whoever watches it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from ...capture.capture import Capture
 from ...playback.render import to_uint8
 from . import events
-from .cancel_token import Control
+from .cancel_token import CancelToken
 from .events import Event
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ LARGEST_SIDE = 512  # pixels of a preview, at most: drawing one takes less than 
 
 
 def watched_shot(capture: Capture, camera: str | None = None) -> int | None:
-    """The picture that previews show: of a camera, by name, the middle moment; by default what is held out first.
+    """The image that previews show: of a camera, by name, the middle moment; by default what is held out first.
 
     None for a name that is no camera of the capture.
     """
@@ -34,7 +34,7 @@ class Previews:
     """Says when a preview is due, and draws it: at once, every ``job.preview_seconds``, and when another camera is
     asked for."""
 
-    def __init__(self, job: TrainingJob, control: Control) -> None:
+    def __init__(self, job: TrainingJob, control: CancelToken) -> None:
         self._job, self._control = job, control
         self._last, self._camera = float("-inf"), self._asked
         self._refused: set[str] = set()
@@ -56,7 +56,7 @@ class Previews:
             name = self._camera or ""
             if name not in self._refused:
                 self._refused.add(name)
-                yield events.Warned(f"The preview shows no camera {name!r}: the capture has none of this name.")
+                yield events.WarningEvent(f"The preview shows no camera {name!r}: the capture has none of this name.")
             shot = watched_shot(trainer.capture) or 0
-        yield events.Preview(trainer.step_count, to_uint8(trainer.picture(shot, LARGEST_SIDE)))
+        yield events.Preview(trainer.step_count, to_uint8(trainer.render_image(shot, LARGEST_SIDE)))
         self._last = time.monotonic()

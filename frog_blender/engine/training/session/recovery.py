@@ -9,9 +9,9 @@ from typing import Any
 import torch
 
 from ...errors import FrogError, reason
-from ..compression.schedule import RoundFailed
+from ..compression.schedule import CompressionFailed
 from ..optimize.gaussian_order import arrange
-from ..optimize.running_loss import Unstable
+from ..optimize.running_loss import TrainingDiverged
 from ..optimize.trainer import Trainer
 from .checkpoint import State, restore, state_of
 
@@ -36,17 +36,17 @@ class Recovery:
         self.remember(trainer)
 
     def remember(self, trainer: Trainer) -> None:
-        """Call it now and then, and before a state is written. Unstable when there is nothing good to remember."""
+        """Call it now and then, and before a state is written. Raises TrainingDiverged for a non-finite state."""
         trainer.check()
         self.state: State = state_of(trainer, self._settings)
 
-    def go_back(self, trainer: Trainer, error: Exception) -> str:
+    def rollback(self, trainer: Trainer, error: Exception) -> str:
         """Restores the remembered state, mends what went wrong and says so.
 
         Raises ``error`` where nothing can be mended, and after several times; a FrogError where the memory stays short.
         """
         short = is_out_of_memory(error)
-        if not (short or isinstance(error, Unstable)):
+        if not (short or isinstance(error, TrainingDiverged)):
             raise error
         if not self._left:
             raise FrogError("The memory stays too short for this training: try a smaller scale.") if short else error
@@ -56,12 +56,12 @@ class Recovery:
         restore(trainer, self.state)
         return self._with_fewer(trainer, count) if short else self._with_smaller_steps(trainer, error)
 
-    def without_round(self, trainer: Trainer, failed: RoundFailed) -> str:
+    def without_round(self, trainer: Trainer, failed: CompressionFailed) -> str:
         """Restores what was remembered before a round that failed (``remember`` is its trainer's ``before_round``) and
-        says so. Where the memory ended in the middle of a training, see ``go_back``: its steps will need as much."""
+        says so. Where the memory ended in the middle of a training, see ``rollback``: its steps will need as much."""
         error = failed.error
         if is_out_of_memory(error) and not trainer.finished:
-            return self.go_back(trainer, error)
+            return self.rollback(trainer, error)
         error.__traceback__ = failed.__traceback__ = None
         restore(trainer, self.state)
         gc.collect()

@@ -52,7 +52,7 @@ _KINDS: dict[str, Kind] = {
 """What a checkpoint may say of each of ``loop.KEPT``."""
 
 
-def as_it_began(job: TrainingJob) -> tuple[TrainingJob, str | None]:
+def restore_job(job: TrainingJob) -> tuple[TrainingJob, str | None]:
     """A resumed job with what it was started with, and what is to be said of that; only the limits can be set anew.
 
     FrogError when the checkpoint cannot be used, or is another capture's.

@@ -32,7 +32,7 @@ from .events import Event
 if TYPE_CHECKING:
     from .job import TrainingJob
 
-LARGEST_SIDE = 1600  # pixels, to which pictures are shrunk unless told otherwise
+LARGEST_SIDE = 1600  # pixels, to which images are shrunk unless told otherwise
 MODEL = 1  # raise it when the model of a step's cost changes: what was remembered no longer fits then
 
 _MOMENTS = np.linspace(0.0, 1.0, 401)  # of a training, between which its cost is summed
@@ -49,12 +49,12 @@ _CORES, _BY_CORES = 2, 0.7  # how a step gains from more cores; not measured
 
 
 def pixels_of(cameras: Iterable[Camera], scale: float = 1.0) -> float:
-    """Of a picture at that scale, in the mean over the cameras."""
+    """Of an image at that scale, in the mean over the cameras."""
     return float(np.mean([camera.width * camera.height for camera in cameras])) * scale**2
 
 
 def usual_scale(cameras: Iterable[Camera]) -> float:
-    """The picture size factor where none is chosen: at most LARGEST_SIDE pixels a side."""
+    """The image size factor where none is chosen: at most LARGEST_SIDE pixels a side."""
     return min(1.0, LARGEST_SIDE / max(max(camera.width, camera.height) for camera in cameras))
 
 
@@ -65,7 +65,7 @@ class Workload:
     Attributes:
         recipe: its schedules, Gaussians and network.
         steps: of the whole training.
-        pixels: of a whole picture.
+        pixels: of a whole image.
     """
 
     recipe: Recipe
@@ -74,7 +74,7 @@ class Workload:
 
     @classmethod
     def of(cls, capture: Capture, recipe: Recipe, steps: int | None = None, scale: float = 1.0) -> Workload:
-        """For a capture at a picture scale; ``steps`` None for the recipe's own."""
+        """For a capture at an image scale; ``steps`` None for the recipe's own."""
         return cls(recipe, steps or recipe.steps_for(capture.frame_count), pixels_of(capture.cameras, scale))
 
     @property
@@ -110,7 +110,7 @@ def _weights(recipe: Recipe) -> int:
 
 
 @dataclass(frozen=True)
-class Measured:
+class Sensitivity:
     """A training that was finished.
 
     Attributes:
@@ -210,11 +210,11 @@ def remembering(stream: Iterator[Event], job: TrainingJob) -> Iterator[Event]:
         elif isinstance(event, events.Finished) and started and started.steps and event.seconds > 0:
             work = Workload(job.recipe, started.steps, started.pixels)
             if work.seconds >= _SHORT:
-                remember(Measured(started.device, job.recipe.name, work.seconds, event.seconds))
+                remember(Sensitivity(started.device, job.recipe.name, work.seconds, event.seconds))
         yield event
 
 
-def remember(measured: Measured) -> None:
+def remember(measured: Sensitivity) -> None:
     """Adds a training to those that estimates rest on; a disk that does not take it changes nothing."""
     entries = [asdict(one) for one in [*remembered(), measured]][-_KEPT:]
     with suppress(FrogError, OSError):
@@ -222,7 +222,7 @@ def remember(measured: Measured) -> None:
         write_atomically(_file(), json.dumps(entries, indent=1).encode())
 
 
-def remembered() -> list[Measured]:
+def remembered() -> list[Sensitivity]:
     """Trainings on this computer, oldest first; what a damaged file says besides is left out."""
     try:
         entries = json.loads(_file().read_text(encoding="utf-8"))
@@ -232,9 +232,9 @@ def remembered() -> list[Measured]:
     return [one for one in found if one is not None]
 
 
-def _measured(entry: Any) -> Measured | None:
+def _measured(entry: Any) -> Sensitivity | None:
     try:
-        one = Measured(
+        one = Sensitivity(
             str(entry["device"]),
             str(entry["recipe"]),
             float(entry["modelled"]),

@@ -1,4 +1,4 @@
-// A drawing against the picture it should be, a row of cells at a time: each number is read once.
+// A drawing against the image it should be, a row of cells at a time: each number is read once.
 
 struct DifferenceSums {
   Floats absolute = {}, square = {};

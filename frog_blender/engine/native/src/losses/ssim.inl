@@ -1,20 +1,20 @@
-// Structural similarity of two pictures and its gradient, for a strip of rows of one channel (window of 11 pixels, sigma
-// 1.5, zero outside the picture, as 3DGS has it). A strip computes the rows around it that it needs by itself.
+// Structural similarity of two images and its gradient, for a strip of rows of one channel (window of 11 pixels, sigma
+// 1.5, zero outside the image, as 3DGS has it). A strip computes the rows around it that it needs by itself.
 
 constexpr int SSIM_REACH = 5;
-constexpr int SSIM_ROWS = SSIM_STRIP + 4 * SSIM_REACH;           // of the pictures that a strip looks at
+constexpr int SSIM_ROWS = SSIM_STRIP + 4 * SSIM_REACH;           // of the images that a strip looks at
 constexpr int SSIM_MOMENTS = 5;                                  // x, y, x^2, y^2, xy
 constexpr int SSIM_SLOPES = 3;                                   // by the means of x, x^2 and xy
 
-static_assert(LANES <= 16 && 2 * SSIM_REACH <= 16, "what a row has beyond the picture");
-// Rows are so long that whole registers may be read and written beyond the picture.
+static_assert(LANES <= 16 && 2 * SSIM_REACH <= 16, "what a row has beyond the image");
+// Rows are so long that whole registers may be read and written beyond the image.
 static inline long long ssim_row(int width) { return (width + 15) / 16 * 16 + 16; }
 
 static long long similarity_scratch(int width) {
   return ssim_row(width) * (2 * SSIM_ROWS + SSIM_MOMENTS * SSIM_ROWS + 2 * SSIM_SLOPES * SSIM_ROWS + SSIM_MOMENTS + SSIM_SLOPES);
 }
 
-// out[i] = sum_k window[k] (from[i + k]), along a row that begins SSIM_REACH before the picture.
+// out[i] = sum_k window[k] (from[i + k]), along a row that begins SSIM_REACH before the image.
 static inline void blur_row(const float *window, const float *from, int width, float *out) {
   for (int i = 0; i < width; i += LANES) {
     Floats sum = {};

@@ -1,4 +1,4 @@
-// The Gaussians that a picture pulls at: those with a gradient that is not zero. A step that draws a part of a picture
+// The Gaussians that an image pulls at: those with a gradient that is not zero. A step that draws a part of an image
 // sees few of them, and for the others the deformation's backward pass would add up zeros.
 #pragma once
 #include <memory>

@@ -5,12 +5,12 @@
 
 static inline bool inside(const TileSize &size, int pixel) { return pixel % TILE < size.columns && pixel / TILE < size.rows; }
 
-// Pixels outside the picture start finished. `limit` may be null.
+// Pixels outside the image start finished. `limit` may be null.
 static inline void open_tile(const FrameView &view, const Tile &tile, float *transmittance, float *limit) {
   const TileSize size = size_of(view, tile);
   for (int i = 0; i < TILE_PIXELS; ++i) {
     transmittance[i] = inside(size, i) ? 1.0f : -1.0f;
-    if (limit) limit[i] = inside(size, i) ? view.options.depth_limit[picture_index(view, tile, i)] : 0.0f;
+    if (limit) limit[i] = inside(size, i) ? view.options.depth_limit[image_index(view, tile, i)] : 0.0f;
   }
 }
 
@@ -100,7 +100,7 @@ static int64_t blend_tile(const FrameView &view, const Tile &tile, const FrogIma
 
   for (int row = 0; row < size.rows; ++row) {
     const int begin = row * TILE, end = begin + size.columns;
-    const long long to = picture_index(view, tile, begin) - begin;
+    const long long to = image_index(view, tile, begin) - begin;
     for (int i = begin; i < end; ++i) {
       const float left = fabsf(p.transmittance[i]);
       float *rgb = image.rgb + 3 * (to + i);

@@ -1,10 +1,10 @@
 // Gradients of one tile, by the way back: the same splats, from the last to the first.
 //
-// Picture C = sum w_i c_i + T_end background, alpha A = 1 - T_end. With g = dL/dC and h = dL/dA, the part of the loss
+// Image C = sum w_i c_i + T_end background, alpha A = 1 - T_end. With g = dL/dC and h = dL/dA, the part of the loss
 // that lies behind Gaussian i is rest_i = sum_{j > i} w_j g.c_j + T_end (g.background - h); on the way back it begins with
 // its last term and gains w_i g.c_i at each step, and T_i = T_{i+1} / (1 - alpha_i). Then dL/dalpha_i = T_i g.c_i - rest_i /
 // (1 - alpha_i), and dL/dlog(alpha_i) = w_i g.c_i - rest_i alpha_i / (1 - alpha_i). On the way out rest would begin as the
-// whole picture's, and behind opaque Gaussians what is left of it would be its rounding (docs/rasterizer.md).
+// whole image's, and behind opaque Gaussians what is left of it would be its rounding (docs/rasterizer.md).
 
 static inline float *slot_of(const SlotView &slots, const Instance &instance) {
   // The sum wraps on purpose, see place_slots.
@@ -25,9 +25,9 @@ static inline uint32_t open_backward(const FrameView &view, const Tile &tile, co
   const TileSize size = size_of(view, tile);
   const float *background = view.options.background;
   int32_t furthest = 0;
-  for (int i = 0; i < TILE_PIXELS; ++i) p.transmittance[i] = 1;  // outside the picture, too
+  for (int i = 0; i < TILE_PIXELS; ++i) p.transmittance[i] = 1;  // outside the image, too
   for (int row = 0; row < size.rows; ++row) {
-    long long at = picture_index(view, tile, row * TILE);
+    long long at = image_index(view, tile, row * TILE);
     for (int i = row * TILE; i < row * TILE + size.columns; ++i, ++at) {
       p.red[i] = gradient.rgb[3 * at], p.green[i] = gradient.rgb[3 * at + 1], p.blue[i] = gradient.rgb[3 * at + 2];
       const float by_left = p.red[i] * background[0] + p.green[i] * background[1] + p.blue[i] * background[2];

@@ -17,7 +17,7 @@ struct Point {
   double x, y, z;  // camera space: z along the view
 };
 
-// A triangle on the picture: inverse depth is linear there, 1/z = a x + b y + c, and so are the three edge functions,
+// A triangle on the image: inverse depth is linear there, 1/z = a x + b y + c, and so are the three edge functions,
 // which are not negative inside.
 struct Flat {
   double edges[3][3], inverse[3];

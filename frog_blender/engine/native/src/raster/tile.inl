@@ -82,6 +82,6 @@ static inline TileSize size_of(const FrameView &view, const Tile &tile) {
   return {right < TILE ? right : TILE, bottom < TILE ? bottom : TILE};
 }
 
-static inline long long picture_index(const FrameView &view, const Tile &tile, int pixel) {
+static inline long long image_index(const FrameView &view, const Tile &tile, int pixel) {
   return static_cast<long long>(tile.y * TILE + pixel / TILE) * view.options.region[2] + tile.x * TILE + pixel % TILE;
 }

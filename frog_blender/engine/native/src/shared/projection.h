@@ -48,7 +48,7 @@ FROG_FUNCTION SplatState project_gaussian(const FrogGaussians &g, const FrogCame
     return SPLAT_AT_FAULT;
   if (!(z >= options.near_plane && g.opacities[i] > ALPHA_MIN)) return SPLAT_UNSEEN;
 
-  // The linearisation is clamped a little outside the picture, whose centre need not be the principal point.
+  // The linearisation is clamped a little outside the image, whose centre need not be the principal point.
   const float margin_x = 0.15f * camera.width, margin_y = 0.15f * camera.height;
   const float u = static_cast<float>(p.local[0]) / z, v = static_cast<float>(p.local[1]) / z;
   p.u = clamped(u, (-margin_x - camera.cx) / camera.fx, (camera.width + margin_x - camera.cx) / camera.fx);

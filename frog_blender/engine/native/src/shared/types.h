@@ -39,7 +39,7 @@ typedef struct {
   float low_pass;      // variance in pixels^2 added to each splat's screen covariance
   float near_plane;    // planar depth below which a Gaussian is culled, world units
   int compensate;      // scale opacities by sqrt(det without / det with the low-pass)
-  int region[4];       // left, top, width, height: the part of the camera's picture that is drawn, pixels
+  int region[4];       // left, top, width, height: the part of the camera's image that is drawn, pixels
   const float *depth_limit;  // (height, width) of the region: Gaussians of larger planar depth are hidden there (or null)
 } FrogOptions;
 
