@@ -14,7 +14,7 @@ NATIVE := $(wildcard frog_blender/engine/rasterizer/src/* frog_blender/engine/ra
 # The CUDA run-time compiler, for tests that compile every kernel; there is none for macOS.
 NVRTC := $(if $(filter Darwin,$(shell uname)),,nvidia-cuda-nvrtc-cu12)
 
-.PHONY: demo chart stability test test-fast test-slow test-sanitizers test-blender test-bpy45 test-bpy53 tour lint format extension clean setup
+.PHONY: demo chart stability experiment-tables test test-fast test-slow test-sanitizers test-blender test-bpy45 test-bpy53 tour lint format extension clean setup
 
 setup: $(VENV)/.ready
 
@@ -33,7 +33,7 @@ demo: setup
 
 # Trains every method on the bundled captures, for hours; killed, it goes on where it stopped. CHART_FLAGS overrides the grid.
 CHART_CAPTURES ?= examples/captures/room examples/captures/dim examples/captures/fast
-CHART_OUT ?= docs/chart
+CHART_OUT ?= out/chart
 CHART_FLAGS ?= --ablation --equal-time --timing
 
 chart: setup
@@ -41,7 +41,7 @@ chart: setup
 
 # Renders the captures that `room`, `dim` and `fast` do not stand for (an hour), then trains under every condition, for
 # hours; killed, it goes on where it stopped. STABILITY_FLAGS overrides the grid.
-STABILITY_OUT ?= docs/stability
+STABILITY_OUT ?= out/stability
 STABILITY_FLAGS ?=
 RENDERED := out/captures
 
@@ -54,6 +54,11 @@ $(RENDERED)/still/cam11.mp4: setup
 stability: $(RENDERED)/long/cam06.mp4 $(RENDERED)/still/cam11.mp4
 	$(BIN)/frog stability examples/captures/room --long $(RENDERED)/long --dim examples/captures/dim \
 		--appearing examples/captures/fast --still $(RENDERED)/still --out $(STABILITY_OUT) $(STABILITY_FLAGS)
+
+# Every table and picture of docs/experiments, from the results kept there. New ones are kept by
+# .venv/bin/python tools/experiment_tables.py --keep out/stability/runs.jsonl stability
+experiment-tables: setup
+	$(BIN)/python tools/experiment_tables.py
 
 test: setup
 	$(BIN)/python -m pytest -q
