@@ -7,7 +7,7 @@ import tomllib
 import pytest
 from support.builders import REPOSITORY
 
-from frog_blender.cli import main
+from frog_blender.cli.main import main
 
 
 def test_frog_prints_the_version_of_the_manifest(capsys: pytest.CaptureFixture[str]) -> None:
