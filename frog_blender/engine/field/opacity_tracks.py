@@ -1,6 +1,7 @@
 """Gaussians of which nothing changes but their opacity, which a track says for every frame. No torch.
 
-What moves fast is made of many Gaussians that come and go, and hardly stir while they are there (docs/parsimony.md).
+What moves fast is made of many Gaussians that come and go, and hardly stir while they are there
+(docs/experiments/compression.md).
 They need no embedding and no network: playback reads their opacities.
 """
 

@@ -282,7 +282,7 @@ def initial_table(settings: FrogSettings) -> torch.Tensor:
     neighbouring moments learn from each other from the first step (0.5 dB better in the moving region than noise of
     the same size after a short training). The frequencies lie evenly spread and in pairs so that none is missing
     and none depends on its phase: drawn freely they decided more about a training than anything else that is drawn
-    (docs/stability.md). On the CPU, as the network's first weights.
+    (docs/experiments/stability.md). On the CPU, as the network's first weights.
     """
     times = torch.linspace(0, 1, settings.temporal_rows, device="cpu")[:, None]
     waves = -(-settings.temporal_size // 2)

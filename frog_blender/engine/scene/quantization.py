@@ -37,7 +37,7 @@ BITS = {
 """Of a number of each Gaussian's attributes; what is not here is stored in half precision, and bytes as they are.
 
 Means have 16: a block's extent in 65,536 parts is a hundredth of a pixel, in 256 parts several pixels. The others
-were measured to cost nothing that shows (docs/parsimony.md)."""
+were measured to cost nothing that shows (docs/experiments/compression.md)."""
 
 
 @dataclass(frozen=True)

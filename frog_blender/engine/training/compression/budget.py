@@ -27,7 +27,8 @@ def with_budget(recipe: Recipe, count: int, method: str) -> Recipe:
     """A recipe whose scenes have ``count`` Gaussians at most.
 
     With automatic capacity a training grows as it would without a budget, to twice as many at most, and leaves out what
-    adds least when it settles (``reductions.prune``). That is better than never having had them (docs/parsimony.md).
+    adds least when it settles (``reductions.prune``). That is better than never having had them
+    (docs/experiments/compression.md).
     """
     if method_named(method).adapt(recipe).capacity != "auto":
         return replace(recipe, max_gaussians=count)

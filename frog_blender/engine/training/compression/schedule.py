@@ -44,7 +44,7 @@ PRUNE_AT = 0.8
 MILESTONES = {0.1: "rest", 0.3: "wake", 0.6: "wake", PRUNE_AT: "prune", 1.0: "finish"}
 """What happens at which fraction of the training. What lies where images do not change rests early, if it is much,
 and costs no step any more; then the rest of what hardly moves does so at the fourth. Elsewhere motion is learned to the
-end: what was put to rest before it, however little it moved, cost others 0.1 dB (docs/parsimony.md)."""
+end: what was put to rest before it, however little it moved, cost others 0.1 dB (docs/experiments/compression.md)."""
 WITHHELD = (0.75, PRUNE_AT)
 """Fractions of the training between which the withheld images are not learned from: long enough that they lose what
 test images lose when Gaussians are left out, and no longer, since what is at rest then cannot learn them any more. By

@@ -2,7 +2,7 @@
 
 Most Gaussians that are deformed keep their shape (they move, fade and take on colours), and where things move fast many
 only fade: they are there for some moments, and hardly stir while they are. What need not change stands still in its
-mean over the moments at which the Gaussian is seen (docs/parsimony.md).
+mean over the moments at which the Gaussian is seen (docs/experiments/compression.md).
 """
 
 from __future__ import annotations

@@ -50,7 +50,7 @@ def arrange(
 
 
 def sort_by_morton_code(trainer: Trainer) -> None:
-    """Steps are faster then, those on rectangles most: what they draw lies together (docs/design.md)."""
+    """Steps are faster then: what a crop draws lies together in memory (docs/experiments/rasterizer.md)."""
     canonical = trainer.model.canonical
     order = neighbours_together(canonical.means.detach().cpu().numpy(), canonical.moving)
     who = torch.from_numpy(order).to(trainer.device)

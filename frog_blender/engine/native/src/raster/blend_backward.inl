@@ -4,7 +4,7 @@
 // that lies behind Gaussian i is rest_i = sum_{j > i} w_j g.c_j + T_end (g.background - h); on the way back it begins with
 // its last term and gains w_i g.c_i at each step, and T_i = T_{i+1} / (1 - alpha_i). Then dL/dalpha_i = T_i g.c_i - rest_i /
 // (1 - alpha_i), and dL/dlog(alpha_i) = w_i g.c_i - rest_i alpha_i / (1 - alpha_i). On the way out rest would begin as the
-// whole image's, and behind opaque Gaussians what is left of it would be its rounding (docs/rasterizer.md).
+// whole image's, and behind opaque Gaussians what is left of it would be its rounding (docs/experiments/rasterizer.md).
 
 static inline float *slot_of(const SlotView &slots, const Instance &instance) {
   // The sum wraps on purpose, see place_slots.
