@@ -45,6 +45,14 @@ def test_every_page_is_in_the_index() -> None:
         assert page.name == "index.md" or f"({page.relative_to(DOCS)})" in index.replace("\\", "/"), page.name
 
 
+def test_pages_that_the_code_names_are_there() -> None:
+    sources = [
+        path for path in (REPOSITORY / "frog_blender").rglob("*.*") if path.suffix in (".py", ".inl", ".cpp", ".h")
+    ]
+    named = {name for path in sources for name in re.findall(r"docs/[\w/-]+\.md", text_of(path))}
+    assert named and [name for name in sorted(named) if not (REPOSITORY / name).is_file()] == []
+
+
 def test_every_image_is_shown() -> None:
     shown = "".join(text_of(page) for page in [*PAGES, *EXPERIMENTS])
     assert [image.name for image in DOCS.glob("images/**/*.*") if f"{image.name})" not in shown] == []
