@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from ..engine.capture.capture import Capture
 from ..engine.capture.frames import FrameStore
 from ..engine.capture.readers import open_capture
 from ..engine.errors import FrogError
+from ..engine.evaluation.as_trained import as_trained
 from ..engine.evaluation.evaluate import Measure, evaluate
 from ..engine.io.atomic_files import write_atomically
 from ..engine.playback.player import ScenePlayer
@@ -87,29 +88,11 @@ def _heads(scene: ScenePlayer) -> list[str]:
     return [name for name in names if name not in model.get("silent_heads", ())]
 
 
-def open_evaluated(scene: ScenePlayer, capture_path: Path) -> tuple[Any, FrameStore]:
+def open_evaluated(scene: ScenePlayer, capture_path: Path) -> tuple[Capture, FrameStore]:
     """The capture as the scene saw it (size, offsets, poses), and its frames. FrogError when it is another capture."""
-    header = scene.header
-    capture = open_capture(capture_path, pixel_offsets=header.pixel_offsets or None)
-    if header.scale != 1.0:
-        capture = capture.scaled(header.scale)
-    for found, expected in _pairs(capture.cameras, capture.frame_count, header.cameras, header.frame_count):
-        if found != expected:
-            raise FrogError(f"{capture_path}: found {found}, expected {expected} as the scene was trained on.")
-    seen = capture.with_cameras(header.cameras)  # their poses may have been refined in training
-    return seen, FrameStore.open(capture)
-
-
-def _pairs(
-    cameras: Sequence[Camera], frames: int, trained: Sequence[Camera], trained_frames: int
-) -> Iterator[tuple[str, str]]:
-    """What a capture and a scene must have in common, as each has it."""
-    yield f"{len(cameras)} cameras and {frames} frames", f"{len(trained)} cameras and {trained_frames} frames"
-    for camera, own in zip(cameras, trained, strict=True):
-        yield (
-            f"camera {camera.name} of {camera.width} x {camera.height} pixels",
-            f"camera {own.name} of {own.width} x {own.height} pixels",
-        )
+    capture = open_capture(capture_path, pixel_offsets=scene.header.pixel_offsets or None)
+    sized, seen = as_trained(scene.header, capture)
+    return seen, FrameStore.open(sized)
 
 
 def evaluate_file(
