@@ -20,6 +20,7 @@ from ..engine.capture.frames import FrameStore
 from ..engine.errors import FrogError
 from ..engine.evaluation.evaluate import evaluate
 from ..engine.evaluation.metrics import psnr_of
+from ..engine.evaluation.perceptual import perceptual_metrics
 from ..engine.io.atomic_files import write_atomically
 from ..engine.playback.player import ScenePlayer
 from ..engine.scene.scene_file import read_scene, scene_bytes, settings_json
@@ -31,7 +32,6 @@ from .corruptions.alterations import brightened
 from .corruptions.catalogue import condition_named
 from .grid import Run
 from .machine import describe_machine, describe_versions, limited_threads
-from .perceptual import perceptual_measures
 from .results import Record, finished
 
 _EVALUATED_SHOTS = 30  # for each point of the curves, as many as for their ends
@@ -282,11 +282,11 @@ def _measure(job: TrainingJob, light: float) -> Record:
     capture, _ = prepare_capture(job.capture, job.scale, job.holdout_frames, job.pixel_offsets, job.opened)
     scene = ScenePlayer.load(job.output)
     capture = capture.with_cameras(scene.header.cameras)  # as training left their poses
-    measures, missing = perceptual_measures()
+    metrics, missing = perceptual_metrics()
     if light != 1:
-        measures = {**measures, "psnr_bright": partial(_bright_psnr, 1 / light)}
+        metrics = {**metrics, "psnr_bright": partial(_bright_psnr, 1 / light)}
     size = job.output.stat().st_size
-    found = evaluate(scene, capture, FrameStore.open(capture), measures=measures, file_bytes=size)
+    found = evaluate(scene, capture, FrameStore.open(capture), more_metrics=metrics, file_bytes=size)
     camera = capture.cameras[0]
     figures = {name: found.get(name) for name in _FIGURES}
     packed = len(scene_bytes(read_scene(job.output), compact=True))
