@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 def add_grid_arguments(command: argparse.ArgumentParser) -> None:
     """Adds the options that decide how a grid is run, not what it holds."""
     command.add_argument(
-        "--jobs", type=positive(int), default=1, metavar="N", help="number of runs at once, which share the cores"
+        "--jobs", type=positive(int), default=1, metavar="N", help="number of parallel runs, which share the cores"
     )
     command.add_argument("--device", choices=["auto", "cpu", "cuda"], default="auto")
     command.add_argument("--plan", action="store_true", help="list the runs and stop")
