@@ -56,7 +56,7 @@ def moments_after(scene: Any, frame: float, step: float) -> list[Moment]:
         for moment in _shown(scene, objects, stretched(scene, following)):
             if moment.key in found or not moment.scene.changing:
                 continue
-            room -= moment.scene.part_bytes
+            room -= moment.scene.delta_bytes
             if room < 0:
                 return list(found.values())
             found[moment.key] = moment
