@@ -10,9 +10,8 @@ from types import ModuleType
 import cv2
 import numpy as np
 import pytest
-from helpers import REPOSITORY, scene_file
-
 from frog_blender.engine.files import write_scene
+from helpers import REPOSITORY, scene_file
 
 
 @pytest.fixture

@@ -13,6 +13,7 @@ from .capture.capture import Capture
 from .capture.frames import FrameStore
 from .capture.readers import open_capture as read_capture
 from .evaluation.as_trained import as_trained
+from .evaluation.evaluate import Figures
 from .evaluation.evaluate import evaluate as evaluate_images
 from .playback.player import ScenePlayer
 from .playback.render import Drawing, draw
@@ -211,11 +212,11 @@ def evaluate(
     """
     if not isinstance(capture, Capture):
         capture = open_capture(capture, pixel_offsets=scene.header.pixel_offsets)
-    sized, seen = as_trained(scene.header, capture)
+    seen = as_trained(scene.header, capture)
     figures = evaluate_images(
         scene,
         seen,
-        FrameStore.open(sized),
+        FrameStore.open(seen),
         split=split,
         mask_file=Path(mask) if mask is not None else None,
         progress=on_progress,
@@ -224,5 +225,5 @@ def evaluate(
     return Metrics(**_metrics(figures), split=figures["split"], cameras=cameras)
 
 
-def _metrics(figures: Mapping[str, Any]) -> dict[str, Any]:
+def _metrics(figures: Figures) -> dict[str, Any]:
     return {**{name: figures[name] for name in ("psnr", "ssim", "psnr_moving")}, "images": figures["frames"]}

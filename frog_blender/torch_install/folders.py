@@ -16,7 +16,7 @@ import sys
 from pathlib import Path
 from typing import BinaryIO
 
-from ..engine.capture.sharing import only_here, shared_file
+from ..engine.capture.sharing import lock_exclusively, open_shared
 
 _POINTER = ".current"
 _held: dict[str, BinaryIO] = {}  # open, and so in use, for as long as this process lives
@@ -30,7 +30,7 @@ def hold() -> None:
         spec = importlib.util.find_spec("torch")
         found = spec.origin if spec is not None else None
     if found is not None and found not in _held:
-        file = shared_file(Path(found))
+        file = open_shared(Path(found))
         if file is not None:
             _held[found] = file
 
@@ -115,11 +115,11 @@ def _is_held(folder: Path) -> bool:
     """Whether any process holds the torch in a folder."""
     if not has_torch(folder):
         return False
-    file = shared_file(_torch_in(folder))
+    file = open_shared(_torch_in(folder))
     if file is None:
         return True
     with file:
-        return not only_here(file)
+        return not lock_exclusively(file)
 
 
 def switch_to(partial: Path, folder: Path) -> Path:

@@ -17,8 +17,8 @@ import pytest
 from support import synthetic_capture as film
 from support.builders import scene_file
 
-from frog_blender.cli import progress, view_commands
-from frog_blender.cli.actions import parse_frames
+from frog_blender.cli import info_command, progress
+from frog_blender.cli.arguments import frames_of
 from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.playback.player import ScenePlayer
@@ -275,13 +275,13 @@ def test_the_path_of_a_moving_camera_is_that_of_its_training_images(run: Run, tm
 
 
 def test_frames() -> None:
-    assert parse_frames(None, 10) == range(10)
-    assert parse_frames("2:5", 10) == range(2, 5)
-    assert parse_frames(":3", 10) == range(3) and parse_frames("7:", 10) == range(7, 10)
-    assert parse_frames(":", 4) == range(4)
+    assert frames_of(None, 10) == range(10)
+    assert frames_of("2:5", 10) == range(2, 5)
+    assert frames_of(":3", 10) == range(3) and frames_of("7:", 10) == range(7, 10)
+    assert frames_of(":", 4) == range(4)
     for text in ("5", "a:b", "3:3", "5:2", "0:11", "-1:4", "1:2:3"):
         with pytest.raises(FrogError, match="--frames"):
-            parse_frames(text, 10)
+            frames_of(text, 10)
 
 
 def test_missing_files(run: Run, trained: Path, filmed: Path, tmp_path: Path) -> None:
@@ -302,10 +302,10 @@ def test_what_the_system_refuses(run: Run, tmp_path: Path, monkeypatch: pytest.M
     refused(run("info", tmp_path / ("x" * 300)), "could not be read", "too long")
     refused(run("info", tmp_path / ("x" * 300 + ".frog")), "too long")
 
-    def refuse(_: object) -> int:
+    def refuse(*_: object, **__: object) -> None:
         raise PermissionError(13, "Permission denied", "secret")
 
-    monkeypatch.setattr(view_commands, "_info", refuse)
+    monkeypatch.setattr(info_command, "open_capture", refuse)
     refused(run("info", tmp_path), "secret: the file or folder could not be used (Permission denied)")
 
 

@@ -35,7 +35,7 @@ from frog_blender.engine.capture import seed_store
 from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.evaluation.evaluate import load_masks
+from frog_blender.engine.evaluation.masks import load_masks
 from frog_blender.engine.playback.bake import Bake, write_bake
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw

@@ -9,10 +9,8 @@ from ..errors import FrogError
 from ..scene.header import SceneHeader
 
 
-def as_trained(header: SceneHeader, capture: Capture) -> tuple[Capture, Capture]:
-    """The capture at the size that a scene was trained on, as it was filmed and with the scene's own cameras.
-
-    The first is what frames are decoded for, the second what the scene is compared with.
+def as_trained(header: SceneHeader, capture: Capture) -> Capture:
+    """The capture at the image size that a scene was trained on, with the scene's own cameras.
 
     Args:
         capture: opened with ``header.pixel_offsets``, at its own size.
@@ -24,7 +22,7 @@ def as_trained(header: SceneHeader, capture: Capture) -> tuple[Capture, Capture]
     for found, expected in _facts(sized, header):
         if found != expected:
             raise FrogError(f"{capture.path}: found {found}, expected {expected} as the scene was trained on.")
-    return sized, sized.with_cameras(header.cameras)
+    return sized.with_cameras(header.cameras)
 
 
 def _facts(capture: Capture, header: SceneHeader) -> Iterator[tuple[str, str]]:

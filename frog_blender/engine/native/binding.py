@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ..capture.camera import MOST_SIDE, Camera
+from ..capture.camera import MAX_SIDE, Camera
 from ..errors import FrogError, found_instead
 from ..gaussians import GaussianArrays
 from ..io.regular_file import regular_file
@@ -123,7 +123,7 @@ def set_thread_count(count: int) -> None:
 def check_status(status: int, what: str) -> None:
     """MemoryError or ValueError for what a function of the library returned, where that is not 0."""
     if status == 2:
-        raise ValueError(f"{what} is not possible: found sizes that cannot be, expected 1 to {MOST_SIDE} pixels a side")
+        raise ValueError(f"{what} is not possible: found sizes that cannot be, expected 1 to {MAX_SIDE} pixels a side")
     if status:
         raise MemoryError(f"{what} ran out of memory")
 

@@ -18,7 +18,7 @@ SHAPE_DYNAMIC = "reshaped"
 """The model setting that says how many of those that are deformed, the first, turn and grow; the others keep their
 shape. All of them where it is missing."""
 
-MOST_FRAMES = 1_048_574
+MAX_FRAMES = 1_048_574
 """Of a capture: where Blender's timeline ends, ten hours of film."""
 MOST_CAMERAS = 65_536
 """Of a scene. A moving camera is one for each of its images."""
@@ -143,12 +143,12 @@ def _filmed(data: dict[str, Any]) -> dict[str, Any]:
             for name in items(data["test_cameras"], "test_cameras", MOST_CAMERAS)
         ),
         "test_frames": _frames(data["test_frames"], "test_frames"),
-        "frame_count": whole(data["frame_count"], "frame_count", 1, MOST_FRAMES),
+        "frame_count": whole(data["frame_count"], "frame_count", 1, MAX_FRAMES),
     }
 
 
 def _frames(value: Any, what: str) -> tuple[int, ...]:
-    return tuple(whole(frame, f"a frame of {what}", 0, MOST_FRAMES - 1) for frame in items(value, what, MOST_FRAMES))
+    return tuple(whole(frame, f"a frame of {what}", 0, MAX_FRAMES - 1) for frame in items(value, what, MAX_FRAMES))
 
 
 def _offsets(value: Any) -> dict[str, tuple[float, float]]:

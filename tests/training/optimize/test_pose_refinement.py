@@ -12,9 +12,9 @@ import torch
 from support import synthetic_capture as film
 from support.training_steps import train
 
-from frog_blender.cli.actions import open_evaluated
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Capture
+from frog_blender.engine.evaluation.evaluate_file import open_training_capture
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.rasterizer import GaussianArrays, rasterize
 from frog_blender.engine.scene.scene_file import read_scene
@@ -110,7 +110,7 @@ def test_a_training_mends_its_poses(
     found = scene.header.cameras
     assert pixels_off(found[0], capture.cameras[0]) == 0.0
     assert disagreement(found, capture) < 0.75 * disagreement(askew.cameras, capture)
-    seen, _ = open_evaluated(ScenePlayer(scene), filmed)
+    seen = open_training_capture(ScenePlayer(scene), filmed)
     for found, expected in zip(seen.cameras, scene.header.cameras, strict=True):
         np.testing.assert_array_equal(found.world_to_camera, expected.world_to_camera)
 

@@ -1,4 +1,4 @@
-"""FLIP and LPIPS where they can be computed, a reason where they cannot, and never a download."""
+"""FLIP and LPIPS where they can be computed, the reason where they cannot, and never a download."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ import pytest
 import torch
 
 from frog_blender.engine.evaluation.metrics import flip
-from frog_blender.experiments import perceptual
-from frog_blender.experiments.perceptual import perceptual_measures
+from frog_blender.engine.evaluation.perceptual import is_installed, perceptual_metrics
 
 IMAGE = np.random.default_rng(0).random((40, 48, 3)).astype(np.float32)
 
@@ -27,25 +26,21 @@ def test_flip_is_zero_for_equal_images_and_grows_with_the_error() -> None:
     assert flip(dark, bright) > 0.9, "black for white is nearly the largest error there is"
 
 
-@pytest.fixture
-def installed(monkeypatch: pytest.MonkeyPatch) -> set[str]:
-    """The packages that seem to be installed; change it."""
-    names: set[str] = set()
-    monkeypatch.setattr(perceptual, "find_spec", lambda name: object() if name in names else None)
-    return names
-
-
-def test_what_is_not_installed_is_said(installed: set[str]) -> None:
-    assert perceptual_measures() == ({}, {"flip": "not installed", "lpips": "not installed"})
-    installed |= {"flip_evaluator", "torch", "lpips"}
-    found, missing = perceptual_measures()
+def test_missing_packages_are_named() -> None:
+    assert perceptual_metrics(lambda name: False) == ({}, {"flip": "not installed", "lpips": "not installed"})
+    found, missing = perceptual_metrics({"flip_evaluator", "torch", "lpips"}.__contains__)
     assert list(found) == ["flip"] and missing == {"lpips": "not installed"}
+    assert is_installed("numpy") and not is_installed("a_package_that_nobody_has")
+
+
+def all_but_flip(name: str) -> bool:
+    """As if LPIPS were installed."""
+    return name in ("torch", "torchvision", "lpips")
 
 
 @pytest.fixture
-def fake_lpips(installed: set[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
-    """A package of that name whose distance is the mean difference; the list says how networks were asked for."""
-    installed |= {"torch", "torchvision", "lpips"}
+def fake_lpips(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
+    """A package of that name whose distance is the mean difference; the list has the options of each network built."""
     asked: list[dict[str, Any]] = []
 
     class LPIPS(torch.nn.Module):
@@ -61,20 +56,21 @@ def fake_lpips(installed: set[str], tmp_path: Path, monkeypatch: pytest.MonkeyPa
     module = types.ModuleType("lpips")
     module.LPIPS = LPIPS  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "lpips", module)
-    monkeypatch.setattr(torch.hub, "get_dir", lambda: str(tmp_path))
+    monkeypatch.setenv("TORCH_HOME", str(tmp_path))
     return asked
 
 
 def test_lpips_without_its_weights_is_not_even_built(fake_lpips: list[dict[str, Any]]) -> None:
-    found, missing = perceptual_measures()
+    found, missing = perceptual_metrics(all_but_flip)
     assert "lpips" not in found and missing["lpips"] == "weights missing"
     assert fake_lpips == [], "building it would fetch the weights"
 
 
 def test_lpips_with_its_weights(fake_lpips: list[dict[str, Any]], tmp_path: Path) -> None:
-    (tmp_path / "checkpoints").mkdir()
-    (tmp_path / "checkpoints" / "alexnet-owt-7be5be79.pth").write_bytes(b"")
-    found, missing = perceptual_measures()
+    weights = tmp_path / "hub" / "checkpoints" / "alexnet-owt-7be5be79.pth"
+    weights.parent.mkdir(parents=True)
+    weights.write_bytes(b"")
+    found, missing = perceptual_metrics(all_but_flip)
     assert "lpips" not in missing and fake_lpips[0]["net"] == "alex"
     assert found["lpips"](IMAGE, IMAGE) == 0
     assert found["lpips"](np.ones_like(IMAGE), np.zeros_like(IMAGE)) == pytest.approx(2.0)
