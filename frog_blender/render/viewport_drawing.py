@@ -12,7 +12,7 @@ from ..cameras import view_camera
 from ..engine.errors import FrogError
 from ..timeline import open_scenes, playback
 from .collect_instances import gather, visible_captures
-from .frog_engine import sentence_of
+from .messages import error_message
 from .viewport import STILL_AFTER, Viewport, ViewportImage, draw_view
 from .world import background_of
 
@@ -28,7 +28,7 @@ def draw(engine: Any, context: Any, depsgraph: Any) -> None:
     try:
         image = image_of(viewport, depsgraph, context.region_data, size, context.space_data)
     except (FrogError, MemoryError) as error:
-        _say(engine, [sentence_of(error)])
+        _say(engine, [error_message(error)])
         return
     _say(engine, viewport.problems)
     if viewport.shown is not image:

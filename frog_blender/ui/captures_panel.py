@@ -7,9 +7,9 @@ from typing import Any
 import bpy
 
 from .. import capture_files, point_cloud
-from ..compositing import renders
 from ..nodes import ellipsoid_nodes
 from ..relative_paths import library_of
+from ..render.compositing import renders
 from ..scene_import.scene_setup import is_set_up
 from ..timeline import open_scenes, playback, playback_cache, retiming
 from . import refreshing

@@ -21,7 +21,7 @@ from composed_scene import (
 from small_scenes import read_png
 
 from frog_blender import point_cloud
-from frog_blender.compositing import checks, compositor, renders
+from frog_blender.render.compositing import checks, compositor, renders
 from frog_blender.timeline import playback
 
 

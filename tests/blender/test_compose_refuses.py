@@ -11,7 +11,7 @@ import pytest
 from composed_scene import cameras, card, compose, is_striped, name_of, nodes_of, the_capture
 from small_scenes import read_png, rig_of_three, write_scene
 
-from frog_blender.compositing import compositor, renders
+from frog_blender.render.compositing import compositor, renders
 from frog_blender.timeline import playback
 
 

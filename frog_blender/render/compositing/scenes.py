@@ -13,8 +13,8 @@ from typing import Any
 import bpy
 from bpy.app.handlers import persistent
 
-from .. import app_handlers, point_cloud
-from ..timeline import playback
+from ... import app_handlers, point_cloud
+from ...timeline import playback
 from . import compositor
 
 Change = Callable[[], object]

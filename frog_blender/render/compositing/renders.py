@@ -14,9 +14,9 @@ from typing import Any
 import bpy
 from bpy.app.handlers import persistent
 
-from .. import app_handlers
-from ..engine.errors import FrogError
-from ..timeline.render_thread import in_main_thread
+from ... import app_handlers
+from ...engine.errors import FrogError
+from ...timeline.render_thread import in_main_thread
 from . import scenes
 from .checks import foreign, trouble
 
