@@ -56,14 +56,14 @@ def _times(scene: Any, objects: list[Any]) -> set[float]:
     """The times in [0, 1] that objects show over a scene's frame range."""
     frames = range(scene.frame_start, scene.frame_end + 1)
     if not any(needs_evaluated_time(obj) for obj in objects):
-        return {playback.moment(obj, stretched(scene, frame)).time for obj in objects for frame in frames}
+        return {playback.scene_time(obj, stretched(scene, frame)).time for obj in objects for frame in frames}
     stood, layer, found = (scene.frame_current, scene.frame_subframe), scene.view_layers[0], set()
     for frame in frames:
         scene.frame_set(frame)
         layer.update()
         evaluated = [obj.evaluated_get(layer.depsgraph) for obj in objects]
         shown = zip(objects, evaluated, strict=True)
-        found |= {playback.moment(obj, scene.frame_current_final, each).time for obj, each in shown}
+        found |= {playback.scene_time(obj, scene.frame_current_final, each).time for obj, each in shown}
     scene.frame_set(stood[0], subframe=stood[1])
     return found
 

@@ -71,7 +71,7 @@ class FrogRenderEngine(bpy.types.RenderEngine):
         except Exception as error:  # a render that goes on without its captures would be worse than any sentence
             sentence = error_message(error)
             if not isinstance(error, (FrogError, MemoryError)):
-                reported_once.unforeseen(f"rendering {scene.name}", error)
+                reported_once.unexpected(f"rendering {scene.name}", error)
             # Not error_set: that neither ends an animation nor makes a script's render call raise.
             self.report({"ERROR"}, sentence)
             if renders.note_failure(scene, sentence):

@@ -48,7 +48,7 @@ def draw(engine: Any, context: Any, depsgraph: Any) -> None:
 def _say(engine: Any, problems: list[str]) -> None:
     """In the header of the viewport, which an empty text clears."""
     for problem in problems:
-        reported_once.once(problem)
+        reported_once.message(problem)
     others = f" ({len(problems) - 1:,} more in the console)" if len(problems) > 1 else ""
     engine.update_stats("FRoG" if problems else "", problems[0] + others if problems else "")
 

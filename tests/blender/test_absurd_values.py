@@ -55,7 +55,7 @@ def test_the_timeline_goes_on(empty, captures, static_rig, capfd, name, value):
     capfd.readouterr()
     for frame in (2, 3, 4, 5):
         empty.frame_set(frame)
-        prefetch.look_ahead(empty)
+        prefetch.prefetch(empty)
         np.testing.assert_array_equal(
             point_cloud.read(good)["position"], ScenePlayer.load(good.frog.filepath).at_frame(frame - 1.0).means
         )

@@ -77,8 +77,8 @@ def test_every_object_of_the_file_and_its_own_time_is_baked(empty, capture, stat
     assert (tmp_path / "bakes" / "figure.frogbake").is_file()
     with pytest.raises(StopIteration):
         next(path for path in tmp_path.glob("*.frogbake"))
-    found = playback.moment(twin, 2.0).bake
-    assert len(found) == 10 + 5 and found.find(playback.moment(twin, 2.0).time) is not None
+    found = playback.scene_time(twin, 2.0).bake
+    assert len(found) == 10 + 5 and found.find(playback.scene_time(twin, 2.0).time) is not None
 
 
 def test_clearing_deletes_it(empty, capture, static_rig):
@@ -293,7 +293,7 @@ def test_a_thinned_capture_takes_its_share_of_the_bake(empty, tmp_path, computed
     """The most important ones of the whole frame, to the bit, without the network."""
     capture = of_which_move(tmp_path / "part.frog", moving)
     capture.frog.density = share
-    whole, fewer = playback.moment(capture, 1.0).scene, playback.displayed(capture, 1.0).scene
+    whole, fewer = playback.scene_time(capture, 1.0).scene, playback.displayed(capture, 1.0).scene
     kept = most_important(ranking(whole), round(60 * share / 100))
     expected = {frame: whole.at_frame(frame - 1) for frame in (4, 9)}
     assert fewer.count == len(kept) and fewer.moving == (kept < moving).sum() > 0
@@ -309,7 +309,8 @@ def test_a_thinned_capture_takes_its_share_of_the_bake(empty, tmp_path, computed
         np.testing.assert_array_equal(shown["rotation"], gaussians.quaternions[kept])
         np.testing.assert_array_equal(shown["radiance:base"][:, 3], gaussians.opacities[kept])
     assert [time for time in computed if time] == [], "only what never changes may be looked up"
-    assert playback_cache.frames.bytes == len(playback_cache.frames) * fewer.part_bytes, "no more is kept than shown"
+    kept_frames = playback_cache.frames()
+    assert kept_frames.bytes == len(kept_frames) * fewer.part_bytes, "no more is kept than shown"
 
 
 def test_what_is_thinned_to_nothing_that_moves_stands(empty, tmp_path):
