@@ -26,6 +26,12 @@ def get(kind: type[T]) -> T:
     return found
 
 
+def put(state: object) -> None:
+    """Has an object take the place of the one of its class, such as one that was made with other arguments."""
+    with _lock:
+        _kept[type(state)] = state
+
+
 def reset(kind: type) -> None:
     """Drops the object of a class; the next ``get`` makes a new one."""
     with _lock:

@@ -17,7 +17,7 @@ from ..engine.errors import FrogError
 from ..scene_import.capture_objects import named_or_chosen
 from ..timeline import open_scenes, playback, playback_cache
 from ..timeline.retiming import needs_evaluated_time, stretched
-from .modal_operator import Stepwise, has_window
+from .modal_operator import ModalOperator, has_window
 
 
 @dataclass
@@ -81,7 +81,7 @@ class _OnCapture:
         return named_or_chosen(context, self.object_name)
 
 
-class FROG_OT_bake(_OnCapture, Stepwise, bpy.types.Operator):
+class FROG_OT_bake(_OnCapture, ModalOperator, bpy.types.Operator):
     """Compute every frame of this capture in the scene's frame range and keep them on disk, so that scrubbing has \
 nothing to compute. Esc or the right mouse button stops it"""
 

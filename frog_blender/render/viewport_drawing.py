@@ -28,9 +28,9 @@ def draw(engine: Any, context: Any, depsgraph: Any) -> None:
     try:
         image = image_of(viewport, depsgraph, context.region_data, size, context.space_data)
     except (FrogError, MemoryError) as error:
-        _say(engine, [error_message(error)])
+        show_problems(engine, [error_message(error)])
         return
-    _say(engine, viewport.problems)
+    show_problems(engine, viewport.problems)
     if viewport.shown is not image:
         height, width = image.pixels.shape[:2]
         buffer = gpu.types.Buffer("FLOAT", width * height * 4, image.pixels.reshape(-1))
@@ -45,7 +45,7 @@ def draw(engine: Any, context: Any, depsgraph: Any) -> None:
         _redraw_later()
 
 
-def _say(engine: Any, problems: list[str]) -> None:
+def show_problems(engine: Any, problems: list[str]) -> None:
     """In the header of the viewport, which an empty text clears."""
     for problem in problems:
         reported_once.message(problem)

@@ -40,6 +40,18 @@ class _File:
             return self.content
 
 
+def _load_scene(path: Path) -> ScenePlayer:
+    from ..engine.playback.player import ScenePlayer
+
+    return ScenePlayer.load(path)
+
+
+def _load_bake(path: Path, file: Path, scene: ScenePlayer) -> Bake:
+    from ..engine.playback.bake import Bake
+
+    return Bake(path, file, scene)
+
+
 class OpenScenes:
     """The files that were read.
 
@@ -47,9 +59,18 @@ class OpenScenes:
         scenes: by path.
         bakes: by path of the bake and of its scene file.
         lock: of both dictionaries.
+
+    Args:
+        load_scene: reads a scene file; FrogError if it is unusable.
+        load_bake: reads a bake of a scene file; FrogError if it is unusable.
     """
 
-    def __init__(self) -> None:
+    def __init__(
+        self,
+        load_scene: Callable[[Path], ScenePlayer] = _load_scene,
+        load_bake: Callable[[Path, Path, ScenePlayer], Bake] = _load_bake,
+    ) -> None:
+        self.load_scene, self.load_bake = load_scene, load_bake
         self.scenes: dict[Path, _File] = {}
         self.bakes: dict[tuple[Path, Path], _File] = {}
         self.lock = threading.Lock()
@@ -184,9 +205,7 @@ def _forget_frames(content: ScenePlayer | str | None) -> None:
 
 def _read(path: Path) -> ScenePlayer | str:
     try:
-        from ..engine.playback.player import ScenePlayer
-
-        return ScenePlayer.load(path)
+        return _open().load_scene(path)
     except FrogError as error:
         return str(error)
     except Exception as error:
@@ -195,10 +214,8 @@ def _read(path: Path) -> ScenePlayer | str:
 
 
 def _read_bake(path: Path, file: Path, scene: ScenePlayer) -> Bake | str:
-    from ..engine.playback.bake import Bake
-
     try:
-        return Bake(path, file, scene)
+        return _open().load_bake(path, file, scene)
     except FrogError as error:
         return str(error)
     except Exception as error:

@@ -126,7 +126,7 @@ time.sleep(60 * {cancelled:d})
 
 
 def test_no_room_is_said_before_anything_is_fetched(tmp_path, monkeypatch):
-    monkeypatch.setattr(installer, "_ROOM", 1e18)
+    monkeypatch.setattr(installer, "BYTES_NEEDED", 1e18)
     with pytest.raises(FrogError, match="GB free, torch needs"):
         Installation(tmp_path / "data" / "torch").start()
 

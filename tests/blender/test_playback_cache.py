@@ -218,9 +218,9 @@ print("busy", playback_cache.worker().is_alive, flush=True)
 
 def test_the_same_moment_is_not_written_twice_and_rest_only_once(empty, capture, static_rig, monkeypatch):
     written = []
-    write = point_cloud._set
+    write = point_cloud.write_attribute
     monkeypatch.setattr(
-        point_cloud, "_set", lambda mesh, name, values: written.append(name) or write(mesh, name, values)
+        point_cloud, "write_attribute", lambda mesh, name, values: written.append(name) or write(mesh, name, values)
     )
     empty.frame_set(2)
     assert len(written) == 7

@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 import pytest
 
-from frog_blender import point_cloud, reported_once
+from frog_blender import addon_state, point_cloud, reported_once
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.timeline import handlers, level_of_detail, open_scenes, playback, render_thread
 
@@ -94,9 +94,9 @@ def test_an_animation_by_frog_writes_no_points_and_leaves_the_right_ones(
     empty, capture, static_rig, tmp_path, monkeypatch
 ):
     written = []
-    write = point_cloud._set
+    write = point_cloud.write_attribute
     monkeypatch.setattr(
-        point_cloud, "_set", lambda *given: written.append(render_thread.is_rendering()) or write(*given)
+        point_cloud, "write_attribute", lambda *given: written.append(render_thread.is_rendering()) or write(*given)
     )
     empty.render.use_motion_blur = True
     empty.frame_start, empty.frame_end = 3, 5
@@ -110,9 +110,9 @@ def test_an_animation_by_frog_writes_no_points_and_leaves_the_right_ones(
 
 def test_cycles_still_gets_the_points_of_its_frames(empty, capture, monkeypatch, tmp_path):
     written = []
-    write = point_cloud._set
+    write = point_cloud.write_attribute
     monkeypatch.setattr(
-        point_cloud, "_set", lambda *given: written.append(render_thread.is_rendering()) or write(*given)
+        point_cloud, "write_attribute", lambda *given: written.append(render_thread.is_rendering()) or write(*given)
     )
     empty.render.engine, empty.cycles.samples = "CYCLES", 1
     empty.frame_start, empty.frame_end, empty.render.resolution_percentage = 3, 4, 25
@@ -124,10 +124,10 @@ def test_cycles_still_gets_the_points_of_its_frames(empty, capture, monkeypatch,
 def test_threads_share_what_is_kept_of_files(empty, capture, tmp_path, monkeypatch):
     """A render's thread and Blender's own ask for scenes, bakes and thinned scenes while others are dropped."""
     ready = ScenePlayer.load(playback.file_of(capture))
-    monkeypatch.setattr(
-        open_scenes, "_read", lambda path: copy.copy(ready)
-    )  # reading takes long and is not looked at here
-    monkeypatch.setattr(open_scenes, "_read_bake", lambda *_: SimpleNamespace(close=lambda: None, problem=""))
+    open_scenes.forget()
+    bake_file = SimpleNamespace(close=lambda: None, problem="")
+    # Reading takes long and is not looked at here.
+    addon_state.put(open_scenes.OpenScenes(lambda path: copy.copy(ready), lambda *_: bake_file))
     paths = [tmp_path / f"{number}.frog" for number in range(200)]
     for path in (*paths, bake := tmp_path / "x.frogbake"):
         path.touch()
@@ -167,4 +167,5 @@ def test_threads_share_what_is_kept_of_files(empty, capture, tmp_path, monkeypat
         dropper.join()
     finally:
         sys.setswitchinterval(before)
+        addon_state.reset(open_scenes.OpenScenes)
     assert not raised, raised
