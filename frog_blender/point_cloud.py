@@ -126,7 +126,7 @@ def show(obj: Any, scene: ScenePlayer, time: float, part: Callable[[], FrameDelt
     another moment of the same scene.
 
     Args:
-        part: gives what ``scene.part_at(time)`` does; called if there is something to write.
+        part: gives what ``scene.delta_at(time)`` does; called if there is something to write.
     """
     mesh = obj.data
     if getattr(mesh, "is_editmode", False):  # point clouds have none to tell

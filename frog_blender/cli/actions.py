@@ -63,7 +63,7 @@ def _describe_scene(scene: ScenePlayer, path: Path) -> dict[str, Any]:
     return {
         "method": header.method,
         "gaussians": scene.count,
-        "dynamic": scene.moving,
+        "dynamic": scene.num_dynamic,
         "heads": _heads(scene),
         "sh_degree": scene.sh_degree,
         "bytes": path.stat().st_size,
@@ -81,7 +81,7 @@ def _describe_scene(scene: ScenePlayer, path: Path) -> dict[str, Any]:
 def _heads(scene: ScenePlayer) -> list[str]:
     """What the network of a scene changes; none where there is none of FRoG's kind, or nothing moves."""
     model = scene.header.model
-    if not scene.moving or scene.header.method not in ("frog", "ed3dgs"):
+    if not scene.num_dynamic or scene.header.method not in ("frog", "ed3dgs"):
         return []
     names = ["means", "log_scales", "quaternions", "opacity_logits", *(["sh"] if model["deformed_sh"] else [])]
     return [name for name in names if name not in model.get("silent_heads", ())]
@@ -161,7 +161,7 @@ def image_maker(scene: SceneFile, device: str) -> Callable[[float, Camera], np.n
         chosen, said_of_it = choose_device(device)
         if said_of_it:
             print(f"warning: {said_of_it}", file=sys.stderr)
-        if chosen.type != "cpu" and played.moving:  # what stands still needs no GPU to be moved
+        if chosen.type != "cpu" and played.num_dynamic:  # what stands still needs no GPU to be moved
             on_device = TorchScenePlayer(scene, chosen)
             return lambda frame, camera: to_uint8(on_device.render_image(frame, camera))
     return lambda frame, camera: render_image(played.at_frame(frame), camera, scene.header.background)

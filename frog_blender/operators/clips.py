@@ -10,7 +10,7 @@ import bpy
 from bpy.props import BoolProperty, FloatProperty, StringProperty
 
 from ..engine.errors import FrogError
-from ..engine.source_media.undistorted_clips import Straightening
+from ..engine.source_media.undistorted_clips import Undistortion
 from ..scene_import.camera_clips import OPACITY, add_clips, begin_straightening, hide_clip, revive
 from ..scene_import.capture_objects import cameras_of, chosen, known_by
 from .modal_operator import ModalOperator, has_window
@@ -114,7 +114,7 @@ class FROG_OT_add_clips(ModalOperator, bpy.types.Operator):
             self.report({"INFO"}, self.finished_sentence())
         return {"FINISHED"}
 
-    def _write(self, films: Straightening, capture: int) -> Generator[int, None, None]:
+    def _write(self, films: Undistortion, capture: int) -> Generator[int, None, None]:
         """Write the films, then show them if the capture is still there."""
         yield from films.steps
         obj = known_by(bpy.data.objects, capture)

@@ -50,7 +50,7 @@ class SceneTime:
         """What changes in time, at this time: kept, baked, or computed at once; kept from now on."""
         found = frames().find(self.key)
         if found is None:
-            found = self._baked() or self.scene.part_at(self.time)
+            found = self._baked() or self.scene.delta_at(self.time)
             frames().keep(self.key, found)
         return found
 

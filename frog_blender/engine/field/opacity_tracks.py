@@ -14,12 +14,12 @@ LEVELS = 255
 """Opacities are told apart by so much; the first step is about where the rasterizer begins to draw."""
 
 
-def as_tracks(opacities: np.ndarray) -> np.ndarray:
+def quantize_opacities(opacities: np.ndarray) -> np.ndarray:
     """uint8 from activated opacities, in the same shape."""
     return np.rint(LEVELS * opacities.clip(0, 1)).astype(np.uint8)
 
 
-class Fades:
+class OpacityTracks:
     """Opacities of those that only fade, for playback: linear from one frame to the next.
 
     Args:

@@ -63,7 +63,7 @@ def pack(name: str, array: np.ndarray) -> Packed:
             raise ValueError(f"{name} holds numbers too large for half precision")
         stored = blocks.by_significance(array.astype(np.float16).reshape(-1).view(np.uint8), 2)
     else:
-        found = blocks.quantise(name, array.reshape(len(array), math.prod(array.shape[1:])), bits)
+        found = blocks.quantize(name, array.reshape(len(array), math.prod(array.shape[1:])), bits)
         stored, apart = blocks.stored(found), len(found.places)
     content = np.frombuffer(zlib.compress(stored, _LEVEL), np.uint8)
     described = {"shape": list(array.shape), "bits": bits} | ({"apart": apart} if apart else {})

@@ -69,7 +69,7 @@ class Curves(SceneModel):
                 canonical.embeddings[:, 13] = offsets.to(canonical.embeddings.device)
 
     def deform(
-        self, time: float, progressing: ScheduleState = FINISHED, sh_count: int | None = None
+        self, time: float, schedule_state: ScheduleState = FINISHED, sh_count: int | None = None
     ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
         """See SceneModel."""
         c, s = self.canonical, self.settings
@@ -90,5 +90,5 @@ class Curves(SceneModel):
         )
         return gaussians, {"means": motion, "quaternions": turn}
 
-    def stored_settings(self, progressing: ScheduleState) -> dict[str, Any]:
+    def stored_settings(self, schedule_state: ScheduleState) -> dict[str, Any]:
         return asdict(self.settings)

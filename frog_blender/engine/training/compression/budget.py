@@ -86,7 +86,7 @@ def _leave_out(
     while number > 0:
         measured = rounds.measure(trainer, rounds.sample_views(generator, NUM_BUDGET_VIEWS), generator)
         keep = mask_excluding(measured.energy.argsort()[:number], trainer.count).nonzero().squeeze(1)
-        arrange(trainer, keep, keep[keep < trainer.model.canonical.moving])
+        arrange(trainer, keep, keep[keep < trainer.model.canonical.num_dynamic])
         number = too_many()
     loss = psnr - rounds.judge(trainer).now
     rounds.reductions.append(CompressionStep("pruned", trainer.progress, before, trainer.count, loss, bytes=saved()))

@@ -62,7 +62,7 @@ static void activate(const FrogDeformation &field, const DeformationLayout &l, f
   exponentials(scales, 3 * rows);
   exponentials(opacities, rows);
   if (!reduces(field)) return;
-  if (begin < field.moving)
+  if (begin < field.num_dynamic)
     exponentials(reductions, rows);
   else  // at rest: the factor is one in every form
     for (int r = 0; r < rows; ++r) reductions[r] = 0;
@@ -118,7 +118,7 @@ static void finish(const DeformationPlan &plan, const DeformationLayout &l, floa
     add(sh_out, sh, y, deformed);
     copy(sh_out + deformed, sh + deformed, there - deformed);
   }
-  if (!out.changes || begin >= field.moving) return;
+  if (!out.changes || begin >= field.num_dynamic) return;
   y = scratch + l.result;
   float *changes = out.changes + static_cast<long long>(plan.outputs) * begin;
   for (int r = 0; r < rows; ++r, changes += plan.outputs, y += l.outputs) {

@@ -41,8 +41,8 @@ float *thread_scratch(size_t length) {
 // Chunks of so many Gaussians that all move, then chunks of Gaussians at rest.
 template <class Work>
 void in_chunks(const FrogDeformation &field, int size, const Work &work) {
-  parallel_for(field.moving, size, work);
-  const int first = field.moving;
+  parallel_for(field.num_dynamic, size, work);
+  const int first = field.num_dynamic;
   parallel_for(field.count - first, size, [&](int begin, int end) { work(first + begin, first + end); });
 }
 
@@ -51,12 +51,12 @@ void backward_of_all(const Kernels &kernels, const FrogDeformation &field, const
   const Packed packed = plan_of(field, true);
   const DeformationPlan &plan = packed.plan;
   const DeformationLayout l = layout_of(plan);
-  const long long chunks = (field.moving + DEFORM_CHUNK - 1) / DEFORM_CHUNK;
+  const long long chunks = (field.num_dynamic + DEFORM_CHUNK - 1) / DEFORM_CHUNK;
   Buffer<float> partials;
   partials.resize(std::max(1ll, chunks) * l.partial);
   std::fill_n(partials.data(), l.partial, 0.0f);  // the sum, where there is no chunk
   in_chunks(field, DEFORM_CHUNK, [&](int begin, int end) {
-    float *mine = begin < field.moving ? partials.data() + begin / DEFORM_CHUNK * l.partial : nullptr;
+    float *mine = begin < field.num_dynamic ? partials.data() + begin / DEFORM_CHUNK * l.partial : nullptr;
     if (mine) std::fill_n(mine, l.partial, 0.0f);
     kernels.deform_backward(plan, by, result, begin, end, thread_scratch(l.scratch), mine);
   });

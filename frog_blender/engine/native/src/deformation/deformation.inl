@@ -28,7 +28,7 @@ static void first_layer(const DeformationPlan &plan, const DeformationLayout &l,
 static Ahead memory_of_block(const DeformationPlan &plan, const FrogDeformed &out, long long begin, int rows) {
   const FrogDeformation &field = *plan.field;
   Ahead ahead;
-  const bool moves = begin < field.moving;
+  const bool moves = begin < field.num_dynamic;
   if (moves) ahead.add(embeddings_of(plan, static_cast<int>(begin)), plan.embedding * rows);
   ahead.add(field.means + 3 * begin, 3 * rows), ahead.add(field.log_scales + 3 * begin, 3 * rows);
   ahead.add(field.quaternions + 4 * begin, 4 * rows), ahead.add(field.opacity_logits + begin, rows);

@@ -19,7 +19,7 @@ bool any(const float *values, int count) {
 }  // namespace
 
 PulledRows::PulledRows(const FrogDeformation &field, const FrogDeformed &by)
-    : moving_(field.moving), field_(field), by_(by) {
+    : moving_(field.num_dynamic), field_(field), by_(by) {
   places_.resize(field.count);
   const int colors = 3 * field.sh_active;
   std::atomic<int> all{0};
