@@ -59,7 +59,7 @@ def add_clips(
             continue
         background = clip_of(camera) or camera.data.background_images.new()
         try:
-            background.image = _load(clip)
+            background.image = load_image(clip)
         except RuntimeError:  # no image or video that Blender can open
             camera.data.background_images.remove(background)
             continue
@@ -106,7 +106,8 @@ def clip_of(camera: Any) -> Any:
     return next((each for each in images if each.image is not None and _MARK in each.image), None)
 
 
-def _load(clip: Clip) -> Any:
+def load_image(clip: Clip) -> Any:
+    """The image data-block of a clip, the add-on's own; RuntimeError for what Blender cannot open."""
     wanted = os.path.normpath(clip.path)
     ours = (image for image in bpy.data.images if _MARK in image and image.library is None)
     known = next((image for image in ours if os.path.normpath(bpy.path.abspath(image.filepath)) == wanted), None)

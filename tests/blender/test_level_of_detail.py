@@ -97,7 +97,7 @@ def test_renders_of_other_engines_have_their_own(empty, capture, counting):
     assert counting == [300] * 4 and point_cloud.count(capture) == 40
     capture.frog.render_density = 10
     bpy.ops.render.render()
-    assert counting[-1] == 40 and not level_of_detail._is_for_render
+    assert counting[-1] == 40 and not level_of_detail.is_for_render()
 
 
 def test_two_captures_of_one_file(empty, capture, many):

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..cameras import engine_camera
-from ..engine.errors import FrogError
-from ..render.collect_instances import check_placement
-from ..timeline import playback
-from ..timeline.render_thread import in_main_thread
+from ...cameras import engine_camera
+from ...engine.errors import FrogError
+from ...timeline import playback
+from ...timeline.render_thread import in_main_thread
+from ..collect_instances import check_placement
 from . import compositor, scenes
 
 

@@ -13,8 +13,8 @@ from typing import Any
 import bpy
 from bpy.app.handlers import persistent
 
-from .. import app_handlers, point_cloud
-from ..timeline import playback
+from ... import addon_state, app_handlers, point_cloud
+from ...timeline import playback
 from . import compositor
 
 Change = Callable[[], object]
@@ -29,9 +29,20 @@ _OF_RENDERS = (
 )
 _PASSES = 8  # until nothing is left to change: what one changes may show what else has to be
 
-_following = True  # whether there may be something to follow: a scene, or points that are to be drawn again
-_laid: set[int] | None = None  # scenes that FRoG's images lay over when their captures were last looked for
-_busy = False
+
+class Following:
+    """What is known of the scenes that are followed.
+
+    Attributes:
+        is_needed: whether there may be something to follow: a scene, or points that are to be drawn again.
+        laid: session_uid of scenes that FRoG's images lay over when their captures were last looked for.
+        is_busy: while scenes are being brought up to date, which Blender tells of as well.
+    """
+
+    def __init__(self) -> None:
+        self.is_needed = True
+        self.laid: set[int] | None = None
+        self.is_busy = False
 
 
 def followers() -> list[Any]:
@@ -53,22 +64,21 @@ def follow_all(objects_changed: bool = True) -> None:
         objects_changed: whether there may be other captures than before; looking for them takes long among very many
             objects.
     """
-    global _following, _laid, _busy
-    found = followers()
-    if _busy or not (found or _following):
+    following, found = addon_state.get(Following), followers()
+    if following.is_busy or not (found or following.is_needed):
         return
-    _busy = True
+    following.is_busy = True
     try:
         for splats in found:
             follow(splats)
         over = [scene for scene in {splats.frog.composed_with for splats in found} if laid_over(scene) is not None]
         laid = {scene.session_uid for scene in over}
-        if objects_changed or laid != _laid:
+        if objects_changed or laid != following.laid:
             _settle_points(over)
-            _laid = laid
+            following.laid = laid
     finally:
-        _busy = False
-    _following = bool(found)
+        following.is_busy = False
+    following.is_needed = bool(found)
 
 
 def follow(splats: Any) -> None:
@@ -160,7 +170,7 @@ def _settle_points(over: list[Any]) -> None:
 
 @persistent
 def _on_update(_scene: Any, depsgraph: Any) -> None:
-    if not _following or bpy.app.is_job_running("RENDER"):
+    if not addon_state.get(Following).is_needed or bpy.app.is_job_running("RENDER"):
         return
     objects_changed = depsgraph.id_type_updated("COLLECTION") or any(map(_is_back, depsgraph.updates))
     if objects_changed or any(map(depsgraph.id_type_updated, ("SCENE", "NODETREE"))):
@@ -177,8 +187,7 @@ def _is_back(update: Any) -> bool:
 
 def begin() -> None:
     """Has whatever scenes there are followed from now on."""
-    global _following
-    _following = True
+    addon_state.get(Following).is_needed = True
     follow_all()
 
 

@@ -14,9 +14,9 @@ from typing import Any
 import bpy
 from bpy.app.handlers import persistent
 
-from .. import app_handlers
-from ..engine.errors import FrogError
-from ..timeline.render_thread import in_main_thread
+from ... import addon_state, app_handlers
+from ...engine.errors import FrogError
+from ...timeline.render_thread import in_main_thread
 from . import scenes
 from .checks import foreign, trouble
 
@@ -46,17 +46,30 @@ class _Render:
     frame: int | None = None
 
 
-_render = _Render()
-said: list[str] = []
-"""What went wrong in the last render, for the panel."""
+class ComposedRenders:
+    """The render that goes on, and what went wrong in the last one, a sentence each."""
+
+    def __init__(self) -> None:
+        self.current = _Render()
+        self.problems: list[str] = []
+
+
+def _renders() -> ComposedRenders:
+    return addon_state.get(ComposedRenders)
+
+
+def problems() -> list[str]:
+    """What went wrong in the last render, for the panel."""
+    return _renders().problems
 
 
 def leading(scene: Any) -> Any:
     """The scene whose image this one's is part of, by whose size, region and time Blender renders it: itself, if
     it is rendered alone."""
+    first = _renders().current.scene
     try:
-        if _render.scene is not None and _render.scene.name:
-            return _render.scene
+        if first is not None and first.name:
+            return first
     except ReferenceError:
         pass  # that scene is gone, and nobody has said that its render is over
     return scene.frog.composed_with or scene
@@ -65,18 +78,20 @@ def leading(scene: Any) -> Any:
 def check(scene: Any) -> None:
     """Raises FrogError if there is to be no image of a scene that FROG is about to draw."""
     first = leading(scene)
-    if _render.refusal:
-        raise FrogError(_render.refusal)
+    refusal = _renders().current.refusal
+    if refusal:
+        raise FrogError(refusal)
     if first != scene and scene.frog.composed_with not in (None, first):
         raise FrogError(foreign(first, scene))
 
 
 def note_drawn(scene: Any, has_captures: bool) -> None:
     """To be told of an image that FROG has drawn."""
-    if scene != _render.splats or _render.drawn:
+    render = _renders().current
+    if scene != render.splats or render.drawn:
         return
-    _render.drawn = True
-    if not has_captures and not said:
+    render.drawn = True
+    if not has_captures and not problems():
         _say(
             f"{leading(scene).name} shows no capture at frame {leading(scene).frame_current}: the image has the "
             "objects alone."
@@ -87,84 +102,87 @@ def note_failure(scene: Any, sentence: str) -> bool:
     """To be told why FROG could not draw. Returns whether the image is part of another scene's, which goes on."""
     if leading(scene) == scene:
         return False
-    _render.failure = sentence
+    _renders().current.failure = sentence
     return True
 
 
 def _say(sentence: str) -> None:
     print(f"FRoG: {sentence}", file=sys.stderr)
-    said.append(sentence)
+    problems().append(sentence)
 
 
 @persistent
 def _on_init(scene: Any, *_: Any) -> None:
-    global _render
     _restore()
-    said.clear()
-    _render = _Render(scene)
+    problems().clear()
+    render = _renders().current = _Render(scene)
     if in_main_thread():
         scenes.follow_all()
-    _render.refusal = trouble(scene)
-    _render.splats = scenes.laid_over(scene)
-    if _render.refusal and in_main_thread() and scene.render.engine != "FROG":
-        _stop(scene.render)
+    render.refusal = trouble(scene)
+    render.splats = scenes.laid_over(scene)
+    if render.refusal and in_main_thread() and scene.render.engine != "FROG":
+        _stop(render)
 
 
-def _stop(render: Any) -> None:
+def _stop(render: _Render) -> None:
     """The one way to stop a render before it begins: the engine that is asked for the image refuses. Compositor and
     sequencer might not ask it."""
     instead = {"engine": "FROG", "use_compositing": False, "use_sequencer": False}
-    _render.kept = {name: getattr(render, name) for name in instead}
+    settings = render.scene.render
+    render.kept = {name: getattr(settings, name) for name in instead}
     for name, value in instead.items():
-        setattr(render, name, value)
+        setattr(settings, name, value)
 
 
 @persistent
 def _on_pre(scene: Any, *_: Any) -> None:
-    if scene == _render.scene:
-        _render.drawn, _render.failure = False, ""
-        if in_main_thread() and not _render.kept:
+    render = _renders().current
+    if scene == render.scene:
+        render.drawn, render.failure = False, ""
+        if in_main_thread() and not render.kept:
             scenes.follow_all(objects_changed=False)  # settings may be animated
 
 
 @persistent
 def _on_post(scene: Any, *_: Any) -> None:
     """Of what went wrong in this frame."""
-    if scene != _render.scene or _render.kept:
+    render = _renders().current
+    if scene != render.scene or render.kept:
         return
-    failure = _render.failure
-    if not failure and _render.splats is not None and not _render.drawn:
-        failure = f"{_render.splats.name} was not rendered: the image lacks the captures."
-    if failure and failure not in said:
+    failure = render.failure
+    if not failure and render.splats is not None and not render.drawn:
+        failure = f"{render.splats.name} was not rendered: the image lacks the captures."
+    if failure and failure not in problems():
         _say(failure)
-    _render.failure = failure
+    render.failure = failure
 
 
 @persistent
 def _on_write(scene: Any, *_: Any) -> None:
     """Ends an animation whose image has failed."""
-    if scene == _render.scene and _render.failure and _render.frame is None:
-        _render.frame, scene.frame_current = scene.frame_current, _PAST_ALL
+    render = _renders().current
+    if scene == render.scene and render.failure and render.frame is None:
+        render.frame, scene.frame_current = scene.frame_current, _PAST_ALL
 
 
 @persistent
 def _on_end(scene: Any, *_: Any) -> None:
-    global _render
-    if scene == _render.scene:
+    if scene == _renders().current.scene:
         _restore()
-        _render = _Render()
+        _renders().current = _Render()
 
 
 def _restore() -> None:
     """Gives the scene back what stopping the render has changed."""
+    render = _renders().current
     try:
-        for name, value in _render.kept.items():
-            setattr(_render.scene.render, name, value)
-        if _render.frame is not None and _render.scene.frame_current == _PAST_ALL:
-            _render.scene.frame_current = _render.frame
+        for name, value in render.kept.items():
+            setattr(render.scene.render, name, value)
+        if render.frame is not None and render.scene.frame_current == _PAST_ALL:
+            render.scene.frame_current = render.frame
     except ReferenceError:
         pass  # the scene is gone
-    _render.kept, _render.frame = {}, None
+    render.kept, render.frame = {}, None
 
 
 @persistent
@@ -175,9 +193,8 @@ def _on_save_pre(*_: Any) -> None:
 
 @persistent
 def _on_load_pre(*_: Any) -> None:
-    global _render
-    _render = _Render()
-    said.clear()
+    _renders().current = _Render()
+    problems().clear()
 
 
 def _handlers() -> app_handlers.Handlers:
