@@ -14,6 +14,31 @@ if str(Path(__file__).parent) not in sys.path:
     sys.path.insert(0, str(Path(__file__).parent))
 
 
+INTEGRATION = (
+    "benchmarks",
+    "blender",
+    "capture/test_seeds.py",
+    "cli",
+    "experiments",
+    "rasterizer/cuda",
+    "training/compression",
+    "training/session",
+)
+"""Folders and files of this one whose tests train, or start other processes or Blender. ``make test-fast`` leaves them
+out; what is added to another folder and does so belongs here as well."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Marks what ``INTEGRATION`` names."""
+    tests = Path(__file__).parent
+    marked = {tests / name for name in INTEGRATION}
+    if missing := sorted(path for path in marked if not path.exists()):
+        raise pytest.UsageError(f"{missing[0]}: there are no such tests; mend INTEGRATION in {__file__}.")
+    for item in items:
+        if not marked.isdisjoint((item.path, *item.path.parents)):
+            item.add_marker(pytest.mark.integration)
+
+
 @pytest.fixture(scope="session", autouse=True)
 def one_torch_thread() -> None:
     if "torch" in sys.modules:
