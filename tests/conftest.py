@@ -21,8 +21,7 @@ INTEGRATION = (
     "cli",
     "experiments",
     "rasterizer/cuda",
-    "training/compression",
-    "training/session",
+    "training",
 )
 """Folders and files of this one whose tests train, or start other processes or Blender. ``make test-fast`` leaves them
 out; what is added to another folder and does so belongs here as well."""
