@@ -20,11 +20,16 @@ INTEGRATION = (
     "capture/test_seeds.py",
     "cli",
     "experiments",
+    "io/test_mutated_files.py",
+    "playback/test_without_torch.py",
     "rasterizer/cuda",
+    "rasterizer/test_bands.py",
+    "rasterizer/test_random_scenes.py",
+    "rasterizer/test_reference_gradients.py",
     "training",
 )
-"""Folders and files of this one whose tests train, or start other processes or Blender. ``make test-fast`` leaves them
-out; what is added to another folder and does so belongs here as well."""
+"""Folders and files of this one whose tests train, start other processes or Blender, or draw for seconds. ``make
+test-fast`` leaves them out; what is added to another folder and does so belongs here as well."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
