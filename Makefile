@@ -63,9 +63,9 @@ experiment-tables: setup
 test: setup
 	$(BIN)/python -m pytest -q
 
-# Under two minutes on two quiet cores: no training, no process or window of its own (tests/conftest.py says which).
+# Under two minutes on two quiet cores: no whole training, no Blender (tests/conftest.py says what is left out).
 test-fast: setup
-	$(BIN)/python -m pytest -q -m "not slow and not training"
+	$(BIN)/python -m pytest -q -m "not slow and not integration"
 
 test-slow: setup
 	$(BIN)/python -m pytest -q -m slow
