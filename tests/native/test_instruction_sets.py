@@ -27,7 +27,7 @@ def draw(scene, camera, gaussians, options=RasterizeOptions(), limited=False):
     extras["max_weights"], extras["num_invalid"] = np.empty(count, np.float32), np.zeros(1, np.int32)
     gaussians = gaussians.checked()
     limit = np.float32(random.uniform(1, 5, (height, width))) if limited else None
-    frame = native.Frame(gaussians, camera, (0.3, 0.6, 0.1), options, {**image, **extras}, limit, differentiable=True)
+    frame = binding.Frame(gaussians, camera, (0.3, 0.6, 0.1), options, {**image, **extras}, limit, differentiable=True)
     gradients = {name: np.empty_like(value) for name, value in vars(gaussians).items()}
     gradients["screen"], gradients["screen_absolute"] = np.empty((2, count, 2), np.float32)
     gradients["pose"] = np.empty((3, 4), np.float32)
