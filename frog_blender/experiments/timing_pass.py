@@ -14,8 +14,10 @@ from ..engine.playback.player import ScenePlayer
 from ..engine.training.optimize.device import choose_device
 from ..engine.training.optimize.trainer import Limits, Trainer
 from ..engine.training.session.checkpoint import checkpoint_path, load_checkpoint
-from ..engine.training.session.export import save_scene
-from ..engine.training.session.job import TrainingJob, prepare_capture
+from ..engine.training.session.export import export_scene
+from ..engine.training.session.job import TrainingJob
+from ..engine.training.session.run import prepare_capture
+from ..engine.training.session.session import Session
 from .grid import Run
 from .results import Record, append
 from .runs import Conditions, identity, made_on
@@ -78,7 +80,8 @@ def _time(
     planned = run.steps or recipe.steps_for(capture.frame_count)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "short.frog"
-        save_scene(TrainingJob(Path(run.capture), path, method=run.method, recipe=recipe), short, scale, {})
+        job = TrainingJob(Path(run.capture), path, method=run.method, recipe=recipe)
+        export_scene(Session(job, short, scale), path)
         finished, model_of = conditions.scene(run), short
         if finished.is_file() and checkpoint_path(finished).is_file():
             model_of = trainer(planned)

@@ -15,7 +15,8 @@ from support import synthetic_capture as film
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.scene.scene_file import read_scene
-from frog_blender.engine.training.session import job
+from frog_blender.engine.training.optimize.trainer import Trainer
+from frog_blender.engine.training.session import run as training_run
 from frog_blender.experiments import execute, runs, worker
 from frog_blender.experiments.execute import Progress, run_grid, seconds_left
 from frog_blender.experiments.grid import Run, chart_grid
@@ -159,7 +160,7 @@ def test_time_left_looks_at_the_most_similar_runs() -> None:
 
 @pytest.fixture
 def quick_seeds(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(job, "stored_seeds", lambda *_, **__: film.seeds())
+    monkeypatch.setattr(training_run, "stored_seeds", lambda *_, **__: film.seeds())
 
 
 def filmed_run(filmed: Path, **changes: Any) -> Run:
@@ -188,18 +189,18 @@ def test_a_killed_training_goes_on(filmed: Path, tmp_path: Path, quick_seeds: No
     conditions, run = Conditions(tmp_path), filmed_run(filmed, steps=40)
     train = runs.run_training  # with a checkpoint after every step
     monkeypatch.setattr(runs, "run_training", lambda job, stop: train(replace(job, save_seconds=0.0), stop))
-    take = job.Trainer.step
+    take = Trainer.step
 
-    def killed(trainer: job.Trainer) -> None:
+    def killed(trainer: Trainer) -> None:
         if trainer.step_count == 25:
             raise KeyboardInterrupt
         take(trainer)
 
-    monkeypatch.setattr(job.Trainer, "step", killed)
+    monkeypatch.setattr(Trainer, "step", killed)
     with pytest.raises(KeyboardInterrupt):
         perform(run, conditions)
     steps: list[int] = []
-    monkeypatch.setattr(job.Trainer, "step", lambda trainer: (steps.append(trainer.step_count), take(trainer)))
+    monkeypatch.setattr(Trainer, "step", lambda trainer: (steps.append(trainer.step_count), take(trainer)))
     record = perform(run, conditions)
     assert steps[0] == 25 and record["steps"] == 40
     assert [point[1] for point in record["curve"]] == [4 * i for i in range(1, 11)], "the curve's beginning was kept"
@@ -211,8 +212,8 @@ def test_a_checkpoint_of_other_settings_is_not_used(
     conditions, run = Conditions(tmp_path), filmed_run(filmed)
     perform(run, conditions)
     steps: list[int] = []
-    take = job.Trainer.step
-    monkeypatch.setattr(job.Trainer, "step", lambda trainer: (steps.append(trainer.step_count), take(trainer)))
+    take = Trainer.step
+    monkeypatch.setattr(Trainer, "step", lambda trainer: (steps.append(trainer.step_count), take(trainer)))
     monkeypatch.setattr(runs, "settings_of", lambda _: {"network_rate": 7.0})  # as if the recipe had been changed
     perform(run, conditions)
     assert steps[0] == 0 and len(steps) == 20

@@ -10,7 +10,7 @@ from support import synthetic_capture as film
 from support.builders import odd_camera, scene_file
 
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.engine.training.session import job
+from frog_blender.engine.training.session import run as training_run
 from frog_blender.experiments import timing, timing_pass
 from frog_blender.experiments.grid import chart_grid
 from frog_blender.experiments.results import read
@@ -63,7 +63,7 @@ def test_a_trainings_length_follows_from_its_steps() -> None:
 
 @pytest.fixture
 def quick(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (job, timing_pass):
+    for module in (training_run, timing_pass):
         monkeypatch.setattr(module, "stored_seeds", lambda *_, **__: film.seeds())
     monkeypatch.setattr(timing, "MOMENTS", 3)
 
