@@ -12,6 +12,7 @@ from ..engine.capture.seed_store import stored_seeds
 from ..engine.errors import FrogError
 from ..engine.playback.player import ScenePlayer
 from ..engine.training.optimize.device import choose_device
+from ..engine.training.optimize.running_loss import TrainingDiverged
 from ..engine.training.optimize.trainer import Limits, Trainer
 from ..engine.training.session.checkpoint import checkpoint_path, load_checkpoint
 from ..engine.training.session.export import export_scene
@@ -51,7 +52,7 @@ def time_grid(
             if run.scene not in prepared:
                 prepared = {run.scene: _prepare(run, conditions)}  # one at a time: frames are large
             record = _time(run, conditions, steps, *prepared[run.scene])
-        except FrogError as error:
+        except (FrogError, TrainingDiverged) as error:
             record = {"kind": "failed", **identity(run), "error": str(error).replace(run.capture, run.scene)}
         append(conditions.results, record)
         records.append(record)

@@ -34,7 +34,7 @@ from frog_blender.engine.training.optimize import trainer as trainer_module
 from frog_blender.engine.training.optimize.densification import COLLECTED
 from frog_blender.engine.training.optimize.device import EXPERIMENTAL, choose_device, image_on
 from frog_blender.engine.training.optimize.losses import PhotometricLoss, photometric_loss_reference
-from frog_blender.engine.training.optimize.running_loss import RunningLoss
+from frog_blender.engine.training.optimize.running_loss import RunningLoss, TrainingDiverged
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session import run as training_run
@@ -241,9 +241,9 @@ def test_a_loss_that_is_not_a_number_is_seen_late_but_not_missed(machine: Machin
     losses.add(torch.tensor(float("nan"), device=ELSEWHERE), 1)
     for step in range(2, 19):
         losses.add(torch.tensor(0.5, device=ELSEWHERE), step)
-    with pytest.raises(FrogError, match="unstable at step 19"):
+    with pytest.raises(TrainingDiverged, match="unstable at step 19"):
         losses.add(torch.tensor(0.5, device=ELSEWHERE), 19)
-    with pytest.raises(FrogError, match="unstable at step 7"):
+    with pytest.raises(TrainingDiverged, match="unstable at step 7"):
         losses.check(7)
 
 
@@ -261,7 +261,7 @@ def test_a_running_loss_is_the_same_on_both_devices_and_goes_on() -> None:
     here.resume(float("nan"))
     here.add(torch.tensor(0.25), 0)
     assert here.mean == 0.25
-    with pytest.raises(FrogError, match="unstable at step 1 "):
+    with pytest.raises(TrainingDiverged, match="unstable at step 1 "):
         here.add(torch.tensor(float("inf")), 1)
 
 

@@ -17,7 +17,7 @@ from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.io.tensor_files import read_tensors
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.optimize.trainer import Trainer
-from frog_blender.engine.training.session import events, preview
+from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.cancel_token import CancelToken
 from frog_blender.engine.training.session.checkpoint import checkpoint_path, checkpoint_settings
 from frog_blender.engine.training.session.job import TrainingJob
@@ -186,7 +186,6 @@ def test_previews_come_at_once_and_every_tenth(task: TrainingJob) -> None:
 def test_previews_are_small_and_show_the_camera_that_was_chosen(
     task: TrainingJob, taken: Callable[..., list[int]], capture: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(preview, "LARGEST_SIDE", 24)
     control = CancelToken()
     drawn: list[int] = []
     image = Trainer.render_image
@@ -202,7 +201,7 @@ def test_previews_are_small_and_show_the_camera_that_was_chosen(
         control.preview_camera = "cam03"
 
     taken(PAUSED_AT, choose)
-    said = list(run_training(replace(task, preview_camera="cam02"), control))
+    said = list(run_training(replace(task, preview_camera="cam02", preview_size=24), control))
     assert {event.image.shape for event in previews_of(said)} == {(18, 24, 3)}
     names = [capture.cameras[capture.shots[shot].camera].name for shot in drawn]
     assert names == sorted(names) and set(names) == {"cam02", "cam03"}

@@ -46,6 +46,7 @@ class TrainingJob:
         evaluated_shots: images that each evaluation during the training looks at, at most.
         save_seconds: between checkpoints: the most that a killed training loses.
         preview_camera: whose view the previews show, see ``preview.preview_shot``.
+        preview_size: pixels of a preview's longer side, at most: rendering 512 takes less than a step.
         preview_seconds: between previews, at most; there is one at every tenth of the training besides.
     """
 
@@ -71,6 +72,7 @@ class TrainingJob:
     evaluated_shots: int = 6
     save_seconds: float = 180.0
     preview_camera: str | None = None
+    preview_size: int = 512
     preview_seconds: float = 10.0
 
     def stored_settings(self) -> dict[str, Any]:

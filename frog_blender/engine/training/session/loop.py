@@ -61,8 +61,10 @@ def train(session: Session) -> Iterator[Event]:
                 message = recovery.rollback(trainer, error)
             yield events.WarningEvent(message)
         yield from checkpoints.save_late(recovery.state, None if trainer.finished else space)
-    except Exception:
+    except Exception as error:
         checkpoints.write_emergency(recovery.state, space)
+        if isinstance(error, TrainingDiverged):  # after every rollback: what the user can mend
+            raise FrogError(error) from error
         raise
     finally:
         space.release()
@@ -123,7 +125,7 @@ def _export(session: Session, recovery: Recovery, space: SpareSpace) -> Generato
     trainer, job = session.trainer, session.job
     try:
         fit_budget(session)
-    except FrogError:  # a budget that cannot be met: the checkpoint can be resumed with a larger one
+    except (FrogError, TrainingDiverged):  # a budget that cannot be met: the checkpoint resumes with a larger one
         raise
     except Exception as error:
         restore(trainer, recovery.state)

@@ -11,8 +11,6 @@ from . import events
 from .events import Event
 from .session import Session
 
-LARGEST_SIDE = 512  # pixels of a preview, at most: rendering one takes less than a step
-
 
 def preview_shot(capture: Capture, camera: str | None = None) -> int | None:
     """The shot that previews show: the named camera's middle frame; by default the first held-out one.
@@ -27,14 +25,10 @@ def preview_shot(capture: Capture, camera: str | None = None) -> int | None:
 
 class Previews:
     """Says when a preview is due, and renders it: at once, every ``job.preview_seconds``, and when another camera is
-    asked for.
+    asked for."""
 
-    Args:
-        largest_side: pixels of a preview, at most.
-    """
-
-    def __init__(self, session: Session, largest_side: int = LARGEST_SIDE) -> None:
-        self._session, self._largest_side = session, largest_side
+    def __init__(self, session: Session) -> None:
+        self._session = session
         self._last, self._camera = float("-inf"), self._wanted
         self._unknown: set[str] = set()
 
@@ -60,5 +54,5 @@ class Previews:
                 self._unknown.add(name)
                 yield events.WarningEvent(f"The capture has no camera {name!r}: previews show another one.")
             shot = preview_shot(capture) or 0
-        yield events.Preview(trainer.step_count, to_uint8(trainer.render_image(shot, self._largest_side)))
+        yield events.Preview(trainer.step_count, to_uint8(trainer.render_image(shot, self._session.job.preview_size)))
         self._last = time.monotonic()
