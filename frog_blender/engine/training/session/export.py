@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ...errors import FrogError, reason
 from ...io.atomic_files import write_atomically
 from ...model.canonical import ATTRIBUTES
-from ...playback.player import CANONICAL, ScenePlayer, rows_of
+from ...playback.player import CANONICAL, ScenePlayer, row_ranges
 from ...scene.header import SceneHeader
 from ...scene.scene_file import SceneFile, scene_bytes, settings_json
 from ..compression.budget import fit_within, keep_within
@@ -128,7 +128,7 @@ def check_budget(session: Session) -> str | None:
     if not budget:
         return None
     scene, draw = _scene(session), np.random.default_rng(0)
-    rows = rows_of(scene.arrays)
+    rows = row_ranges(scene.arrays)
     one = {name: array[:1] if name in rows else array for name, array in scene.arrays.items()}
     least = _packed_size(SceneFile(scene.header, one))
     if least > budget:
@@ -157,7 +157,7 @@ def fit_budget(session: Session) -> None:
 def size_limit(session: Session) -> int:
     """Bytes of the scene's file, at most, whatever the training still adds."""
     scene = _scene(session)
-    rows = rows_of(scene.arrays)
+    rows = row_ranges(scene.arrays)
     count = max(session.trainer.count, session.recipe.growth_limit_at(1.0))
     each = sum(array.nbytes / max(len(array), 1) for name, array in scene.arrays.items() if name in rows)
     rest = sum(array.nbytes for name, array in scene.arrays.items() if name not in rows)
@@ -175,7 +175,7 @@ def remove_non_finite(session: Session) -> None:
         finite[: len(values)] &= rows.all(1)
     if bool(finite.any()) and not bool(finite.all()):
         kept = finite.nonzero().squeeze(1)
-        dynamic = kept[kept < canonical.moving] if canonical.embeddings.shape[1] else kept
+        dynamic = kept[kept < canonical.num_dynamic] if canonical.embeddings.shape[1] else kept
         arrange(trainer, kept, dynamic)
 
 
@@ -224,11 +224,11 @@ def _scene(session: Session, metrics: Metrics | None = None, *, report: bool = T
     shots: list[list[int]] = [[] for _ in capture.cameras]
     for shot in capture.shots:
         shots[shot.camera].append(shot.frame)
-    is_dynamic = not trainer.compression or trainer.model.canonical.moving > 0
+    is_dynamic = not trainer.compression or trainer.model.canonical.num_dynamic > 0
     header = SceneHeader(
         method=trainer.method,
         recipe=settings_json(trainer.recipe),
-        model=trainer.model.stored_settings(trainer.progressing(trainer.progress)) if is_dynamic else {},
+        model=trainer.model.stored_settings(trainer.schedule_state(trainer.progress)) if is_dynamic else {},
         cameras=capture.cameras,
         camera_shots=tuple(tuple(frames) for frames in shots),
         test_cameras=tuple(sorted(capture.test_cameras)),
@@ -256,7 +256,7 @@ def _arrays(session: Session) -> dict[str, NDArray[np.generic]]:
     for name, value in trainer.model.state_dict().items():
         name = name.removeprefix("canonical.").replace("deformation.", "network.")
         arrays[name] = value.detach().cpu().numpy()
-    if trainer.compression and not trainer.model.canonical.moving:  # the network has nothing to deform
+    if trainer.compression and not trainer.model.canonical.num_dynamic:  # the network has nothing to deform
         arrays = {name: array for name, array in arrays.items() if name in CANONICAL}
     elif not arrays["embeddings"].size:
         del arrays["embeddings"]
@@ -269,7 +269,7 @@ def compression_report(session: Session, steps: list[CompressionStep]) -> dict[s
     canonical = trainer.model.canonical
     return {
         "gaussians": trainer.count,
-        "dynamic": canonical.moving,
+        "dynamic": canonical.num_dynamic,
         "heads": heads_of(trainer.model),
         "sh_degree": int(canonical.sh.shape[1] ** 0.5) - 1,
         "reductions": [asdict(step) for step in steps],

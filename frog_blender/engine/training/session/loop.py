@@ -179,5 +179,5 @@ def _progress_event(session: Session, work: Workload) -> events.Progress:
         trainer.seconds * (1 - done) / done,
         trainer.loss,
         trainer.count,
-        trainer.model.canonical.moving,
+        trainer.model.canonical.num_dynamic,
     )

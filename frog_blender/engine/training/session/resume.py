@@ -8,7 +8,7 @@ from typing import Any
 
 from ...capture.readers import detect
 from ...errors import FrogError, found_instead
-from ...io.paths import leads_elsewhere
+from ...io.paths import is_network_path
 from ..recipe import stored_recipe
 from ..setting import check
 from .checkpoint import checkpoint_settings
@@ -52,7 +52,7 @@ def _check_capture(path: Path, stored: dict[str, Any], capture: Path) -> None:
         return
     try:
         # A path in a file must not make this computer contact another: a capture there counts as moved.
-        if leads_elsewhere(folder) or Path(folder).resolve() == Path(capture).resolve():
+        if is_network_path(folder) or Path(folder).resolve() == Path(capture).resolve():
             return
         detect(Path(folder))
     except (FrogError, OSError, ValueError):
