@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import run_python
-
-from frog_blender.cli import main
 from frog_blender.engine.files import read_scene, write_scene
 from frog_blender.engine.inference.draw import draw
 from frog_blender.engine.inference.scene import PlayableScene
+from helpers import run_python
+
+from frog_blender.cli import main
 
 FOLDER = Path(__file__).parent / "fixtures" / "old_formats"
 EXPECTED: dict[str, Any] = json.loads((FOLDER / "expected.json").read_text())

@@ -24,7 +24,7 @@ from frog_blender.engine.errors import FrogError
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw, to_uint8
 from frog_blender.engine.scene.scene_file import read_scene, write_scene
-from frog_blender.engine.training.session import job, loop
+from frog_blender.engine.training.session import run as training_run
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -47,7 +47,7 @@ def trained(filmed: Path, cache_folder: Path, tmp_path_factory: pytest.TempPathF
     path = tmp_path_factory.mktemp("trained") / "x.frog"
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("FROG_CACHE", str(cache_folder))
-        patch.setattr(job, "stored_seeds", partial(find_few_seeds, job.stored_seeds))
+        patch.setattr(training_run, "stored_seeds", partial(find_few_seeds, training_run.stored_seeds))
         options = ["--out", str(path), "--recipe", "draft", "--steps", "30", "--seed", "1"]
         assert main(["train", str(filmed), *options]) == 0
     return path
@@ -120,7 +120,7 @@ def test_train_wrote_what_it_was_asked_for(trained: Path) -> None:
 
 @pytest.fixture
 def free_seeds(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(job, "stored_seeds", lambda *_, **__: film.seeds())
+    monkeypatch.setattr(training_run, "stored_seeds", lambda *_, **__: film.seeds())
 
 
 def test_train_says_how_it_went_and_resumes(run: Run, filmed: Path, tmp_path: Path, free_seeds: None) -> None:
@@ -143,7 +143,7 @@ def test_train_says_how_it_went_and_resumes(run: Run, filmed: Path, tmp_path: Pa
     status, out, _ = run(*options, "--steps", "9", "--method", "static", "--resume")
     assert status == 0 and "9 steps" in out
     status, out, err = run(*options, "--steps", "12", "--resume")  # another method: the one that it began with stays
-    assert status == 0 and "12 steps" in out and "goes on as it began: method static, recipe draft" in out + err
+    assert status == 0 and "12 steps" in out and "original settings: method static, recipe draft" in out + err
     assert read_scene(tmp_path / "y.frog").header.method == "static"
 
 
@@ -152,7 +152,7 @@ def test_a_resume_says_which_options_it_leaves_aside(run: Run, filmed: Path, tmp
     began = ("--recipe", "draft", "--seed", "5", "--max-gaussians", "310", "--pixel-offset", "cam01=1,0")
     assert run(*options, *began, "--steps", "4")[0] == 0
     status, _, err = run(*options, *began, "--steps", "5", "--resume", "--device", "cpu", "--save-every", "9")
-    assert status == 0 and "left aside" not in err and "as it began" not in err
+    assert status == 0 and "ignored" not in err and "original settings" not in err
     other = {
         "--seed": ["0"],  # which it would be by itself
         "--scale": ["0.5"],
@@ -164,9 +164,9 @@ def test_a_resume_says_which_options_it_leaves_aside(run: Run, filmed: Path, tmp
     }
     asked = [word for option, values in other.items() for word in (option, *values)]
     status, _, err = run(*options, "--recipe", "draft", *asked, "--steps", "6", "--resume")
-    (said,) = [line for line in err.splitlines() if "left aside" in line]
-    assert status == 0 and "The training goes on as it began: method frog, recipe draft, capacity auto; left" in said
-    assert set(said.split("left aside: ")[1].rstrip(".").split(", ")) == set(other)
+    (said,) = [line for line in err.splitlines() if "ignored" in line]
+    assert status == 0 and "Resuming with the original settings: method frog, recipe draft, capacity auto; ign" in said
+    assert set(said.split("ignored: ")[1].rstrip(".").split(", ")) == set(other)
     header = read_scene(tmp_path / "y.frog").header
     assert (header.scale, header.test_frames, header.steps) == (1.0, (), 6)
 
@@ -183,7 +183,6 @@ def test_one_bar_for_each_kind_of_work(
             super().__init__(*arguments, **options)
 
     monkeypatch.setattr(progress, "tqdm", Watched)
-    monkeypatch.setattr(loop, "_EVENT_SECONDS", 0.0)
     monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
     assert run("train", filmed, "--out", tmp_path / "y.frog", "--recipe", "draft", "--steps", "12")[0] == 0
     assert made == ["Decoding frames", "Training"]

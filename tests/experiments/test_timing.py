@@ -12,7 +12,7 @@ from frog_blender.engine.gaussians import GaussianArrays
 from frog_blender.engine.playback.frame_delta import FrameDelta
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import SceneFile
-from frog_blender.engine.training.session import job
+from frog_blender.engine.training.session import run as training_run
 from frog_blender.engine.training.session.checkpoint import checkpoint_path
 from frog_blender.experiments import timing, timing_pass
 from frog_blender.experiments.grid import CommonSettings, SeedCounts, chart_grid
@@ -75,7 +75,7 @@ def test_a_trainings_length_follows_from_its_steps() -> None:
 
 @pytest.fixture
 def quick(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (job, timing_pass):
+    for module in (training_run, timing_pass):
         monkeypatch.setattr(module, "stored_seeds", lambda *_, **__: film.seeds())
 
 

@@ -20,7 +20,8 @@ from frog_blender.engine.scene.scene_file import SceneFile, read_scene, write_sc
 from frog_blender.engine.training.compression import finalize
 from frog_blender.engine.training.compression.finalize import arranged, as_packed
 from frog_blender.engine.training.session import export
-from frog_blender.engine.training.session.job import TrainingJob, run_training
+from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.run import run_training
 
 pytestmark = pytest.mark.usefixtures("seeds_at_no_cost")
 

@@ -20,8 +20,9 @@ from frog_blender.engine.training.compression.sensitivity import Motion, Sensiti
 from frog_blender.engine.training.optimize.gaussian_order import arrange, freeze_motion, gaussians_at
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session.checkpoint import load_checkpoint, save_checkpoint
-from frog_blender.engine.training.session.job import TrainingJob, run_training
+from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.recovery import Recovery
+from frog_blender.engine.training.session.run import run_training
 
 pytestmark = pytest.mark.usefixtures("seeds_at_no_cost")
 Make = Callable[..., Trainer]

@@ -23,8 +23,10 @@ from frog_blender.engine.training.compression import finalize, static_attributes
 from frog_blender.engine.training.compression.finalize import played_by
 from frog_blender.engine.training.compression.static_attributes import freeze_attributes
 from frog_blender.engine.training.optimize.trainer import Trainer
-from frog_blender.engine.training.session.export import _scene
-from frog_blender.engine.training.session.job import TrainingJob, run_training
+from frog_blender.engine.training.session.export import build_scene
+from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.run import run_training
+from frog_blender.engine.training.session.session import Session
 
 Make = Callable[..., Trainer]
 STEPS = 400  # after which the ball moves
@@ -37,8 +39,8 @@ def finished(make_trainer: Make) -> Trainer:
 
 
 def scene_of(trainer: Trainer) -> SceneFile:
-    job = TrainingJob(trainer.capture.path, Path("x.frog"), recipe=trainer.recipe)
-    return _scene(job, trainer, 1.0, {})
+    job = TrainingJob(trainer.capture.path, Path("x.frog"), recipe=trainer.recipe, lossless=True)
+    return build_scene(Session(job, trainer), {}).scene
 
 
 def psnr(trainer: Trainer, scene: SceneFile) -> float:

@@ -15,7 +15,8 @@ from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.training.compression.static_regions import is_static_capture, measure_temporal_variance
 from frog_blender.engine.training.optimize.trainer import Trainer
-from frog_blender.engine.training.session.job import TrainingJob, run_training
+from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.run import run_training
 
 pytestmark = pytest.mark.usefixtures("seeds_at_no_cost")
 Make = Callable[..., Trainer]

@@ -23,7 +23,8 @@ from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.recipe import Recipe, recipe
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.checkpoint import restore, state_of
-from frog_blender.engine.training.session.job import TrainingJob, run_training
+from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.run import run_training
 
 POINTS = np.array(
     [[0, 0, 1], [2, 1.5, 1], [-2, 1.5, 1], [2, -1.5, 1], [-2, -1.5, 1.0], [0, 0, -0.5]]

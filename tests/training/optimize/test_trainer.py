@@ -15,9 +15,9 @@ from support.training_steps import train
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.frames import FrameStore
-from frog_blender.engine.errors import FrogError
 from frog_blender.engine.training.optimize import canonical_sampling, losses, smoothness
 from frog_blender.engine.training.optimize.densification import DensificationStrategy
+from frog_blender.engine.training.optimize.running_loss import TrainingDiverged
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
 
 STEPS = 600
@@ -246,5 +246,5 @@ def test_a_loss_that_is_not_a_number_stops_the_training(
 ) -> None:
     monkeypatch.setattr(losses, "native_ssim", lambda *_: float("nan"))
     trainer = make_trainer(20, dssim_from=0.0)
-    with pytest.raises(FrogError, match="unstable at step 0"):
+    with pytest.raises(TrainingDiverged, match="unstable at step 0"):
         trainer.step()
