@@ -11,6 +11,7 @@ from ..engine.capture.frames import FrameStore
 from ..engine.capture.seed_store import stored_seeds
 from ..engine.errors import FrogError
 from ..engine.playback.player import ScenePlayer
+from ..engine.training.build import build_trainer
 from ..engine.training.optimize.device import choose_device
 from ..engine.training.optimize.trainer import Limits, Trainer
 from ..engine.training.session.checkpoint import checkpoint_path, load_checkpoint
@@ -70,7 +71,7 @@ def _time(
     recipe = run.plain_recipe()
 
     def trainer(limit: int) -> Trainer:
-        return Trainer(capture, store, seeds, recipe, run.method, Limits(limit), run.seed, device)
+        return build_trainer(capture, store, seeds, recipe, run.method, Limits(limit), seed=run.seed, device=device)
 
     short = trainer(steps)
     step_times = time_steps(short)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,10 +17,11 @@ from ...playback.player import CANONICAL, ScenePlayer, rows_of
 from ...scene.header import SceneHeader
 from ...scene.scene_file import SceneFile, scene_bytes, settings_json
 from ..compression.budget import fit_within, keep_within
-from ..compression.finalize import arranged, compactions, played_by
-from ..compression.schedule import CompressionSchedule, CompressionStep, heads_of
+from ..compression.context import CompressionContext, CompressionStep
+from ..compression.finalize import playback_steps, played_by, reorder_for_playback
+from ..compression.schedule import compression_of
 from ..compression.static_attributes import freeze_attributes
-from ..optimize.gaussian_order import arrange
+from ..optimize.gaussian_state import heads_of
 
 EVALUATED = 30  # images, at most, that a finished scene's PSNR is of
 _REPORT_BYTES = 4000  # what is left out when a budget is measured: report, figures, times
@@ -63,12 +64,12 @@ def fit_budget(job: TrainingJob, trainer: Trainer, scale: float) -> None:
 
     That of bytes holds for a finished training, since before its end much is not yet what it will be.
     """
-    if trainer.compression:
-        keep_within(trainer.compression, trainer, trainer.recipe.kept_at_most)
-    if job.max_bytes and trainer.compression and trainer.finished:
-        fit_within(
-            trainer.compression, trainer, lambda: _size(arranged(_scene(job, trainer, scale, {}))), job.max_bytes
-        )
+    compression = compression_of(trainer)
+    if not compression:
+        return
+    keep_within(compression, trainer.recipe.kept_at_most)
+    if job.max_bytes and trainer.finished:
+        fit_within(compression, lambda: _size(reorder_for_playback(_scene(job, trainer, scale, {}))), job.max_bytes)
 
 
 def _size(scene: SceneFile) -> int:
@@ -104,10 +105,11 @@ def build_scene(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[
     Whatever fails on the way to a smaller file, every number is kept as it is instead.
     """
     metrics = {name: value for name, value in metrics.items() if not isinstance(value, float) or math.isfinite(value)}
-    if trainer.compression is None or job.lossless:
+    compression = compression_of(trainer)
+    if compression is None or job.lossless:
         return _as_it_is(job, trainer, scale, metrics)
     try:
-        return _compact(job, trainer, trainer.compression, scale, metrics)
+        return _compact(job, trainer, compression, scale, metrics)
     except Exception as error:
         built = _as_it_is(job, trainer, scale, metrics)
         return replace(built, said=f"The scene could not be packed ({reason(error)}): every number is kept as it is.")
@@ -123,12 +125,12 @@ def _as_it_is(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[st
 
 
 def _compact(
-    job: TrainingJob, trainer: Trainer, rounds: CompressionSchedule, scale: float, metrics: dict[str, Any]
+    job: TrainingJob, trainer: Trainer, compression: CompressionContext, scale: float, metrics: dict[str, Any]
 ) -> Built:
     scene, found = _scene(job, trainer, scale, metrics), list[CompressionStep]()
     if trainer.finished and not job.max_bytes:  # which was met by the scene as it is
-        scene, found = freeze_attributes(rounds, trainer, scene)
-    scene = arranged(scene, trainer.finished)
+        scene, found = freeze_attributes(compression, scene)
+    scene = reorder_for_playback(scene, trainer.finished, compression.settings.max_visible)
     if found and "psnr" in metrics:  # of what is written
         psnr, _ = trainer.evaluate(EVALUATED, played_by(ScenePlayer(scene), trainer.device))
         scene = _with(scene, metrics={**metrics, "psnr": psnr})
@@ -136,10 +138,10 @@ def _compact(
     if not trainer.finished:
         return Built(scene, content)
     lost = sum(reduction.loss or 0.0 for reduction in found)
-    packed, unseen = compactions(rounds, trainer, scene, len(content), lost)
+    packed, unseen = playback_steps(compression, scene, len(content), lost)
     compact = packed.loss is None or packed.loss <= _PACKING_LOSS or bool(job.max_bytes)
     found += [each for each in (packed if compact else None, unseen) if each]
-    scene = _with(scene, capacity=_capacity(trainer, [*rounds.reductions, *found]))
+    scene = _with(scene, capacity=_capacity(trainer, [*compression.record.log, *found]))
     return Built(scene, scene_bytes(scene, compact=compact))
 
 
@@ -167,9 +169,7 @@ def drop_broken(trainer: Trainer) -> None:
         rows = torch.isfinite(values).reshape(len(values), math.prod(values.shape[1:]))
         finite[: len(values)] &= rows.all(1)
     if bool(finite.any()) and not bool(finite.all()):
-        kept = finite.nonzero().squeeze(1)
-        movers = kept[kept < canonical.moving] if canonical.embeddings.shape[1] else kept
-        arrange(trainer, kept, movers)
+        trainer.gaussians.keep(finite.nonzero().squeeze(1))
 
 
 def _scene(
@@ -179,11 +179,11 @@ def _scene(
     shots: list[list[int]] = [[] for _ in capture.cameras]
     for shot in capture.shots:
         shots[shot.camera].append(shot.frame)
-    moves = not trainer.compression or trainer.model.canonical.moving > 0
+    compression, moves = compression_of(trainer), trainer.gaussians.num_dynamic > 0
     header = SceneHeader(
         method=trainer.method,
         recipe=settings_json(trainer.recipe),
-        model=trainer.model.stored_settings(trainer.progressing(trainer.progress)) if moves else {},
+        model=trainer.model.stored_settings(trainer.schedule_state()) if moves else {},
         cameras=capture.cameras,
         camera_shots=tuple(tuple(frames) for frames in shots),
         test_cameras=tuple(sorted(capture.test_cameras)),
@@ -198,7 +198,7 @@ def _scene(
         metrics=metrics,
         steps=trainer.step_count,
         train_seconds=trainer.seconds,
-        capacity=_capacity(trainer, trainer.compression.reductions) if trainer.compression and report else {},
+        capacity=_capacity(trainer, compression.record.log) if compression and report else {},
     )
     return SceneFile(header, _arrays(trainer))
 
@@ -209,19 +209,19 @@ def _arrays(trainer: Trainer) -> dict[str, np.ndarray]:
     for name, value in trainer.model.state_dict().items():
         name = name.removeprefix("canonical.").replace("deformation.", "network.")
         arrays[name] = value.detach().cpu().numpy()
-    if trainer.compression and not trainer.model.canonical.moving:  # then there is nothing for a network to do
+    if not trainer.gaussians.num_dynamic:  # then there is nothing for a network to do
         arrays = {name: array for name, array in arrays.items() if name in CANONICAL}
     elif not arrays["embeddings"].size:
         del arrays["embeddings"]
     return arrays
 
 
-def _capacity(trainer: Trainer, reductions: list[CompressionStep]) -> dict[str, Any]:
+def _capacity(trainer: Trainer, steps: list[CompressionStep]) -> dict[str, Any]:
     canonical = trainer.model.canonical
     return {
         "gaussians": trainer.count,
-        "dynamic": canonical.moving,
+        "dynamic": trainer.gaussians.num_dynamic,
         "heads": heads_of(trainer.model),
         "sh_degree": int(canonical.sh.shape[1] ** 0.5) - 1,
-        "reductions": [asdict(reduction) for reduction in reductions],
+        "reductions": [step.to_json() for step in steps],
     }

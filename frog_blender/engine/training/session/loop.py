@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Generator, Iterator
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,8 +11,9 @@ from ...errors import FrogError, reason
 from ...io.atomic_files import write_atomically
 from ...scene.compression_report import reduction_line
 from ...scene.scene_file import SceneFile, settings_json
+from ..compression.context import CompressionContext
 from ..compression.report_image import draw_report_image
-from ..compression.schedule import CompressionFailed
+from ..compression.schedule import CompressionFailed, compression_of
 from ..optimize.running_loss import TrainingDiverged
 from ..optimize.trainer import Trainer
 from . import events
@@ -52,7 +52,7 @@ def train(job: TrainingJob, trainer: Trainer, scale: float, control: CancelToken
     began = trainer.step_count
     checkpoints, room = Checkpoints(job, began), Room(job.output, bytes_at_most(job, trainer, scale), trainer.store)
     recovery = Recovery(trainer, _settings(job))
-    trainer.before_round = lambda: recovery.remember(trainer)
+    trainer.hooks.append(recovery)
     try:
         while True:
             try:
@@ -63,23 +63,23 @@ def train(job: TrainingJob, trainer: Trainer, scale: float, control: CancelToken
                 place, scene = yield from _scene(job, trainer, scale, recovery, room)
                 break
             except CompressionFailed as failed:
-                said = recovery.without_round(trainer, failed)
+                said = recovery.without_milestone(trainer, failed)
             except (TrainingDiverged, RuntimeError, MemoryError) as error:
                 said = recovery.rollback(trainer, error)
             yield events.WarningEvent(said)
-        yield from checkpoints.save_late(recovery.state, None if trainer.finished else room)
+        yield from checkpoints.save_late(recovery.last_state, None if trainer.finished else room)
     except Exception:
-        checkpoints.keep(recovery.state, room)
+        checkpoints.keep(recovery.last_state, room)
         raise
     finally:
         room.give_back()
-        trainer.before_round = lambda: None  # the other one would hold on to the trainer, its frames and their lock
+        trainer.hooks.remove(recovery)
     yield events.Saved(str(place))
     if not trainer.finished:
         yield events.Cancelled(trainer.step_count, str(place))
         return
-    if trainer.compression:
-        yield from _capacity_image(place, trainer, watched_shot(trainer.capture) or 0)
+    if compression := compression_of(trainer):
+        yield from _capacity_image(place, compression, watched_shot(trainer.capture) or 0)
     psnr = scene.header.metrics.get("psnr")
     yield events.Finished(str(place), trainer.step_count, trainer.seconds, psnr, trainer.count, scene.header.capacity)
 
@@ -101,7 +101,7 @@ def _steps(
         if paused and control():
             break
         trainer.step()
-        yield from _reductions(trainer)
+        yield from _compression_steps(trainer)
         now = time.monotonic()
         if now - last_event >= _EVENT_SECONDS or trainer.finished:
             last_event = now
@@ -109,21 +109,21 @@ def _steps(
         a_tenth = int(trainer.progress * _EVALUATIONS) > evaluated and not trainer.finished
         if a_tenth:
             evaluated = int(trainer.progress * _EVALUATIONS)
-            recovery.remember(trainer)
+            recovery.snapshot(trainer)
             psnr, split = trainer.evaluate(job.evaluated_shots)
             yield events.Evaluated(trainer.step_count, psnr, split, trainer.seconds)
         if a_tenth or (previews.due and not trainer.finished):
             yield from previews.draw(trainer)
     if trainer.step_count == checkpoints.step:  # it knows all; before the first step there is nothing to know
-        recovery.remember(trainer)
+        recovery.snapshot(trainer)
     else:
         yield from _save(trainer, recovery, checkpoints)
 
 
 def _save(trainer: Trainer, recovery: Recovery, checkpoints: Checkpoints) -> Iterator[Event]:
     """Only what is good to go back to is written."""
-    recovery.remember(trainer)
-    yield from checkpoints.save(recovery.state)
+    recovery.snapshot(trainer)
+    yield from checkpoints.save(recovery.last_state)
 
 
 def _scene(
@@ -135,7 +135,7 @@ def _scene(
     except FrogError:  # a budget that cannot be kept: the checkpoint is there for a larger one
         raise
     except Exception as error:
-        restore(trainer, recovery.state)
+        restore(trainer, recovery.last_state)
         yield events.WarningEvent(f"The budget could not be kept ({reason(error)}): all Gaussians were saved.")
     if job.max_bytes and not trainer.finished:
         yield events.WarningEvent("The budget of bytes holds for a finished training; this one was cancelled.")
@@ -154,13 +154,13 @@ def _scene(
     return place, built.scene
 
 
-def _capacity_image(scene: Path, trainer: Trainer, shot: int) -> Iterator[Event]:
+def _capacity_image(scene: Path, compression: CompressionContext, shot: int) -> Iterator[Event]:
     """Beside the scene, for people; what cannot be drawn or written costs nothing else."""
     import cv2
 
     path = beside(scene.with_suffix(""), ".capacity.png")
     try:
-        image = draw_report_image(trainer, shot)
+        image = draw_report_image(compression, shot)
         write_atomically(path, cv2.imencode(".png", image[:, :, ::-1])[1].tobytes())
     except Exception as error:
         yield events.WarningEvent(f"There is no image of what moves and what rests ({reason(error)}).")
@@ -168,10 +168,11 @@ def _capacity_image(scene: Path, trainer: Trainer, shot: int) -> Iterator[Event]
     yield events.CompressionPreview(str(path), image)
 
 
-def _reductions(trainer: Trainer) -> Iterator[Event]:
-    """What the last step's round did, if it was one."""
-    for reduction in trainer.compression.news() if trainer.compression else ():
-        yield events.Reduced(trainer.step_count, reduction_line(asdict(reduction)))
+def _compression_steps(trainer: Trainer) -> Iterator[Event]:
+    """What the last step's milestone did, if it was one."""
+    compression = compression_of(trainer)
+    for step in compression.record.new_steps() if compression else ():
+        yield events.Reduced(trainer.step_count, reduction_line(step.to_json()))
 
 
 def _progress_event(trainer: Trainer, work: Workload) -> events.Progress:
@@ -185,7 +186,7 @@ def _progress_event(trainer: Trainer, work: Workload) -> events.Progress:
         trainer.seconds * (1 - done) / done,
         trainer.loss,
         trainer.count,
-        trainer.model.canonical.moving,
+        trainer.gaussians.num_dynamic,
     )
 
 
