@@ -19,7 +19,7 @@ from frog_blender.engine.playback.canonical import at_rest
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.simd_layout import GROUP
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene, write_scene
-from frog_blender.engine.training.compression.finalize import arranged, as_packed
+from frog_blender.engine.training.compression.finalize import as_packed, reorder_for_playback
 
 SHAPE = FieldShape(0, 4, 1, "unit", 10.0, 1.0, 0.5)
 
@@ -110,7 +110,7 @@ def test_parts_of_a_scene_keep_their_kinds() -> None:
 @pytest.mark.parametrize("compact", [False, True])
 def test_files_keep_them(tmp_path: Path, compact: bool) -> None:
     """In the order of a file, with lifetimes beside them; torch plays the same."""
-    scene = arranged(spared(fleeting=True))
+    scene = reorder_for_playback(spared(fleeting=True))
     assert "lifetimes" in scene.arrays
     write_scene(tmp_path / "a.frog", scene, compact=compact)
     back, expected = read_scene(tmp_path / "a.frog"), as_packed(scene) if compact else scene
@@ -131,7 +131,7 @@ def test_files_keep_them(tmp_path: Path, compact: bool) -> None:
 def test_the_order_of_a_file_keeps_kinds_apart() -> None:
     """Whoever is where: the same Gaussians of each kind, at the same time."""
     scene = spared(fleeting=True)
-    found = arranged(scene)
+    found = reorder_for_playback(scene)
     for first, last in ((0, 50), (50, 120), (120, 160), (160, 200)):
         before, after = (sorted(map(tuple, each.arrays["means"][first:last])) for each in (scene, found))
         assert before == after

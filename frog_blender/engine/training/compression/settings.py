@@ -24,6 +24,7 @@ class CompressionSettings:
         max_prune_loss, max_sh_loss, max_head_loss, max_width_loss: for pruning Gaussians, reducing the SH degree,
             pruning heads and pruning hidden units.
         max_fade_loss, max_shape_loss: for Gaussians that only fade, and for those that keep their shape.
+        max_packing_loss: above which a file is not packed.
         freeze_score, freeze_all_score: score (see ``Motion``) below which motion may be frozen; and below which all may
             be, if no score is above.
         static_error: of the images' squared error that freezing static regions may add.
@@ -55,6 +56,7 @@ class CompressionSettings:
     max_width_loss: float = 0.01
     max_fade_loss: float = 0.03
     max_shape_loss: float = 0.015
+    max_packing_loss: float = 0.05
     freeze_score: float = 4.0
     freeze_all_score: float = 2.0
     static_error: float = 0.002

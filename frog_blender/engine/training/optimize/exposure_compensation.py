@@ -41,12 +41,13 @@ class ExposureCompensation:
 
     Args:
         recipe: ``exposure_from``.
+        every: fraction of the training between updates.
     """
 
-    def __init__(self, rig: CameraRig, recipe: Recipe, device: torch.device) -> None:
+    def __init__(self, rig: CameraRig, recipe: Recipe, device: torch.device, every: float = _EVERY) -> None:
         self._rig, self._learned = rig, rig.capture.train_cameras
         self._from = recipe.exposure_from
-        self._due = Every(self._from + _EVERY, _UNTIL, _EVERY)
+        self._due = Every(self._from + every, _UNTIL, every)
         self.sums = torch.zeros(len(rig.capture.cameras), 2, 3, device=device)
 
     @staticmethod

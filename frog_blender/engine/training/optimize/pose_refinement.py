@@ -95,16 +95,8 @@ class PoseRefinement:
         lengths = self._recipe.pose_reach * widths * 2 * (1 - progress) * since
         changes = np.zeros_like(self.moments[0])
         changes[drawn] = -lengths * directions * np.repeat([1.0, self._distance], 3)
-        self._move(self._without_common(changes[self._learned]))
-
-    def _without_common(self, changes: np.ndarray) -> np.ndarray:
-        """(L, 6) changes of the learned cameras without what all of them do together."""
-        own = changes - changes.mean(axis=0)
         centers = np.array([self._rig.capture.cameras[index].center for index in self._learned])
-        centers -= centers.mean(axis=0)
-        growth = (own[:, 3:] * centers).sum() / max((centers**2).sum(), _TINY)  # all nearer to the middle, or away
-        own[:, 3:] -= growth * centers
-        return own
+        self._move(without_common(changes[self._learned], centers))
 
     def _slope(self, camera: Camera, gradient: np.ndarray) -> np.ndarray:
         """(6,) of the loss by the world's turn about the centre and its shift in distances, as this camera sees it."""
@@ -149,6 +141,15 @@ class PoseRefinement:
     def begin_at(self, progress: float) -> None:
         """After a jump of the training's progress to ``progress``: no camera's step spans what lies before."""
         self.moved[:, 1] = max(progress, self._recipe.pose_from)
+
+
+def without_common(changes: np.ndarray, centers: np.ndarray) -> np.ndarray:
+    """(L, 6) changes of cameras with ``centers`` (L, 3) without what all of them do together."""
+    own = changes - changes.mean(axis=0)
+    centers = centers - centers.mean(axis=0)
+    growth = (own[:, 3:] * centers).sum() / max((centers**2).sum(), _TINY)  # all nearer to the middle, or away
+    own[:, 3:] -= growth * centers
+    return own
 
 
 def _check_poses(found: np.ndarray) -> None:

@@ -36,7 +36,7 @@ def ramp(progress: float, start: float, end: float) -> float:
     """0 before ``start``, 1 after ``end``, linear between."""
     if progress >= end:
         return 1.0
-    return max(0.0, (progress - start) / (end - start)) if end > start else 1.0
+    return max(0.0, (progress - start) / (end - start)) if end > start else 0.0
 
 
 _UNSEEN = 100.0  # no image in [0, 1] can lose as much

@@ -25,7 +25,6 @@ from ..optimize.gaussian_state import heads_of
 
 EVALUATED = 30  # images, at most, that a finished scene's PSNR is of
 _REPORT_BYTES = 4000  # what is left out when a budget is measured: report, figures, times
-_PACKING_LOSS = 0.05  # dB above which a file is not packed
 
 if TYPE_CHECKING:
     from ..optimize.trainer import Trainer
@@ -139,7 +138,7 @@ def _compact(
         return Built(scene, content)
     lost = sum(reduction.loss or 0.0 for reduction in found)
     packed, unseen = playback_steps(compression, scene, len(content), lost)
-    compact = packed.loss is None or packed.loss <= _PACKING_LOSS or bool(job.max_bytes)
+    compact = packed.loss is None or packed.loss <= compression.settings.max_packing_loss or bool(job.max_bytes)
     found += [each for each in (packed if compact else None, unseen) if each]
     scene = _with(scene, capacity=_capacity(trainer, [*compression.record.log, *found]))
     return Built(scene, scene_bytes(scene, compact=compact))

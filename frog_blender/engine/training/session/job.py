@@ -22,6 +22,7 @@ from ...errors import FrogError
 from ...io.atomic_files import remove_unfinished, try_name
 from ...memory import gc_frozen
 from ..build import build_trainer
+from ..compression.settings import DEFAULT, CompressionSettings
 from ..methods import method_named
 from ..optimize.device import choose_device
 from ..optimize.initialization import doubt_of_scale
@@ -70,6 +71,7 @@ class TrainingJob:
         save_seconds: between checkpoints; what a killed training loses at most.
         preview_camera: whose view the previews show, see ``preview.watched_shot``.
         preview_seconds: between previews, at most; every tenth of the training has one besides.
+        compression: thresholds, with the recipe's capacity "auto".
     """
 
     capture: Path
@@ -93,6 +95,7 @@ class TrainingJob:
     save_seconds: float = 180.0
     preview_camera: str | None = None
     preview_seconds: float = 10.0
+    compression: CompressionSettings = DEFAULT
 
 
 def prepare_capture(
@@ -162,7 +165,8 @@ def _run(job: TrainingJob, control: CancelToken) -> Iterator[Event]:
         yield events.Cancelled(0, None)
         return
     limits = Limits(job.steps or (None if job.seconds else job.recipe.steps_for(capture.frame_count)), job.seconds)
-    trainer = build_trainer(capture, store, seeds, job.recipe, job.method, limits, seed=job.seed, device=device)
+    options = {"seed": job.seed, "device": device, "compression": job.compression}
+    trainer = build_trainer(capture, store, seeds, job.recipe, job.method, limits, **options)
     if job.resume:
         load_checkpoint(checkpoint_path(job.output), trainer)
     check_readable(job, trainer, scale)
