@@ -147,7 +147,7 @@ def measure(
         camera = capture.cameras[view.camera]
         with torch.no_grad():
             gaussians = gaussians_at(view.time)
-        image, slopes = _view_gradients(gaussians, camera, capture.background, generator)
+        image, slopes = view_gradients(gaussians, camera, capture.background, generator)
         assert image.max_weights is not None
         change = (slopes["opacities"] * gaussians.opacities).abs()
         contribution.add(change)
@@ -199,7 +199,7 @@ def _score(ranges: dict[str, _Range], weight: torch.Tensor, reach: torch.Tensor)
 def _squares(
     gaussians: GaussianArrays, slopes: dict[str, torch.Tensor], state: dict[str, torch.Tensor]
 ) -> torch.Tensor:
-    """(M,) by how much a view's image changes when dynamic Gaussians are as in ``state``, see ``_view_gradients``."""
+    """(M,) by how much a view's image changes when dynamic Gaussians are as in ``state``, see ``view_gradients``."""
     change = torch.zeros((), device=gaussians.means.device)
     for name, values in state.items():
         product = (values - getattr(gaussians, name)[: len(values)]) * slopes[name][: len(values)]
@@ -212,7 +212,7 @@ def _scale_rows(factors: torch.Tensor, values: torch.Tensor) -> torch.Tensor:
     return values * factors.view(-1, *[1] * (values.dim() - 1))
 
 
-def _view_gradients(
+def view_gradients(
     gaussians: GaussianArrays, camera: Camera, background: tuple[float, float, float], generator: torch.Generator
 ) -> tuple[Image, dict[str, torch.Tensor]]:
     """A camera's image, and gradients by attribute.
