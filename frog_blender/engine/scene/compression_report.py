@@ -21,7 +21,7 @@ class StepKind(StrEnum):
     HEAD_SH = "head sh"
     ONLY_FADE = "only fade"
     KEEP_SHAPE = "keep their shape"
-    LIFETIMES = "unseen left out"
+    VISIBILITY = "unseen left out"
     PACK = "packed"
 
     @property
@@ -38,7 +38,7 @@ _UNITS = {
     StepKind.PACK: "bytes",
     StepKind.ONLY_FADE: "deformed Gaussians",
     StepKind.KEEP_SHAPE: "Gaussians that turn and grow",
-    StepKind.LIFETIMES: "Gaussians deformed a frame",
+    StepKind.VISIBILITY: "Gaussians deformed a frame",
 }
 _HEADS = (
     StepKind.HEAD_MEANS,

@@ -130,7 +130,7 @@ def narrowed(trainer: Trainer) -> Trainer:
 def test_a_narrower_network_trains_saves_and_plays(halfway: Make, filmed: Path, tmp_path: Path) -> None:
     trainer = halfway(ANY_LOSS)
     silent = trainer.model.output_rows("quaternions")
-    trainer.model.silence("quaternions")
+    trainer.model.prune_head("quaternions")
     trainer.optimizer.stop(trainer.model.deformation.output_weight, silent)
     field = trainer.model.deformation
     memory = trainer.optimizer.adam.state[field.output_weight]["exp_avg"].clone()

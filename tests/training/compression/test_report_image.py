@@ -27,7 +27,7 @@ def test_the_image_tells_what_moves_from_what_rests(make_trainer: Callable[..., 
     moving = redness()
     names = ("means", "quaternions", "log_scales", "opacity_logits", "sh")
     state = {name: getattr(canonical, name).detach().clone() for name in names}
-    freeze_motion(trainer.gaussians, torch.arange(canonical.moving), state)
+    freeze_motion(trainer.gaussians, torch.arange(canonical.num_dynamic), state)
     assert moving > 10 > -10 > redness()
     resting = redness()
     compression(trainer).record.removed = canonical.means.detach().numpy() + 0.0

@@ -35,8 +35,8 @@ def test_rounds_make_the_scene_smaller_and_training_goes_on(make_trainer: Make) 
     log = compression(auto).record.log
     whats = [step.what for step in log]
     assert "pruned" in whats and "put to rest" in whats
-    assert auto.count < fixed.count and 0 < auto.model.canonical.moving < auto.count / 2
-    assert fixed.model.canonical.moving == fixed.count
+    assert auto.count < fixed.count and 0 < auto.model.canonical.num_dynamic < auto.count / 2
+    assert fixed.model.canonical.num_dynamic == fixed.count
     assert auto.evaluate(6)[0] > fixed.evaluate(6)[0] - 1.0
     assert all((step.loss or 0.0) <= max(DEFAULT.max_freeze_loss, DEFAULT.max_prune_loss) for step in log)
 
@@ -54,7 +54,7 @@ def test_motion_is_learned_to_the_end_unless_some_rest_already(
     monkeypatch.setattr(schedule, "freeze_static_regions", freeze_static_regions)
     trainer = make_trainer(100, capacity="auto", dynamic_share=share)
     train(trainer, until=79)
-    assert (trainer.model.canonical.moving < trainer.count) == some_rest  # copies of those at rest are at rest
+    assert (trainer.model.canonical.num_dynamic < trainer.count) == some_rest  # copies of those at rest are at rest
     train(trainer)
     log = compression(trainer).record.log
     frozen = [each for each in log if each.what == "put to rest"]
@@ -81,7 +81,7 @@ def test_what_lies_where_images_hardly_change_rests_early(make_trainer: Make, ca
     trainer = make_trainer(100, watched=Exact(capture), compression=FEW, capacity="auto")
     train(trainer, until=10)
     (found,) = compression(trainer).record.log
-    moving = trainer.model.canonical.moving
+    moving = trainer.model.canonical.num_dynamic
     assert found.what == "put to rest" and found.before == trainer.count and found.after == moving
     assert 3 < trainer.count - moving < trainer.count / 10
     height = trainer.model.canonical.means[:, 1].detach().abs()  # the ball's path is at most 0.4 from the middle
@@ -107,7 +107,7 @@ def test_what_the_images_would_miss_does_not_rest_early_and_neither_do_few(
     trainer = make_trainer(100, watched=Exact(capture), compression=replace(FEW, **change), capacity="auto")
     train(trainer, until=20)
     assert compression(trainer).record.log == []
-    assert trainer.model.canonical.moving == trainer.count
+    assert trainer.model.canonical.num_dynamic == trainer.count
 
 
 def test_many_rest_early_as_they_are(make_trainer: Make, capture: Capture) -> None:
@@ -134,7 +134,7 @@ def test_looking_leaves_no_gradient_behind(make_trainer: Make) -> None:
         assert (motion.contribution > 0).any()
         unfreeze(compression(trainer))
         assert all(parameter.grad is None for parameter in trainer.model.parameters())
-        trainer.gaussians.reindex(torch.arange(trainer.model.canonical.moving), 0)
+        trainer.gaussians.reindex(torch.arange(trainer.model.canonical.num_dynamic), 0)
 
 
 def test_a_silenced_head_stays_silent(make_trainer: Make) -> None:
@@ -144,7 +144,7 @@ def test_a_silenced_head_stays_silent(make_trainer: Make) -> None:
     assert model.heads == ["means", "log_scales", "quaternions", "opacity_logits", "sh"]
     rows = model.output_rows("log_scales")
     assert rows == slice(3, 6) and model.deformation.output_weight[rows].abs().sum() > 0
-    model.silence("log_scales")
+    model.prune_head("log_scales")
     trainer.optimizer.stop(model.deformation.output_weight, rows)
     trainer.optimizer.stop(model.deformation.output_bias, rows)
     train(trainer)
@@ -209,7 +209,7 @@ def test_what_images_miss_is_not_taken(halfway: Make) -> None:
     count, found = trainer.count, measured(trainer)
     far = {**found.state, "means": found.state["means"] + 5.0}
     freeze(context, replace(found.motion, score=torch.zeros(count)), far)
-    assert trainer.model.canonical.moving > 0.9 * count  # those that nobody sees may go
+    assert trainer.model.canonical.num_dynamic > 0.9 * count  # those that nobody sees may go
     reversed_ = replace(found, contribution=torch.arange(count, 0, -1).float())
     hold(passes.prune, changed(context, max_prune_loss=-100.0), reversed_)
     assert trainer.count == count
@@ -219,7 +219,7 @@ def test_what_moves_far_is_not_even_proposed(halfway: Make) -> None:
     trainer = halfway()
     found = measured(trainer)
     freeze(compression(trainer), replace(found.motion, score=torch.full((trainer.count,), 50.0)), found.state)
-    assert compression(trainer).record.log == [] and trainer.model.canonical.moving == trainer.count
+    assert compression(trainer).record.log == [] and trainer.model.canonical.num_dynamic == trainer.count
 
 
 @pytest.mark.parametrize("forced", [False, True])
@@ -233,7 +233,7 @@ def test_those_rest_first_that_images_miss_least(halfway: Make, monkeypatch: pyt
     places = trainer.model.canonical.means.detach().clone()
     kept = places[energy.argsort()[-int(0.1 * count) :].sort().values]
     freeze(compression(trainer), Motion(score, energy, energy, energy), state)
-    moving = trainer.model.canonical.moving
+    moving = trainer.model.canonical.num_dynamic
     assert moving == int(0.1 * count)
     torch.testing.assert_close(trainer.model.canonical.means.detach()[:moving], kept)
 
@@ -242,15 +242,15 @@ def test_a_share_of_those_that_move_may_be_forced(halfway: Make) -> None:
     trainer = halfway(dynamic_share=0.1)
     found = measured(trainer)
     freeze(compression(trainer), replace(found.motion, score=found.motion.score + 50.0), found.state)
-    assert trainer.model.canonical.moving == int(0.1 * trainer.count)
+    assert trainer.model.canonical.num_dynamic == int(0.1 * trainer.count)
     unfreeze(changed(compression(trainer), unfreeze_error=0.0))
-    assert trainer.model.canonical.moving == int(0.1 * trainer.count)
+    assert trainer.model.canonical.num_dynamic == int(0.1 * trainer.count)
 
 
 def test_heads_that_nobody_misses_are_silenced(make_trainer: Make, halfway: Make, tmp_path: Path) -> None:
     trainer = halfway()
-    trainer.model.silence("sh")  # as if nothing had been learned there
-    trainer.model.give_back("sh")
+    trainer.model.prune_head("sh")  # as if nothing had been learned there
+    trainer.model.restore_head("sh")
     hold(passes.prune_heads, compression(trainer))
     assert "sh" not in trainer.model.heads and "means" in trainer.model.heads
     assert compression(trainer).record.log[-1].what.startswith("head ")
@@ -276,7 +276,7 @@ GROWING = {"densify_until": 1.0, "densify_threshold": 0.0}
 
 def resumed(make_trainer: Make, trainer: Trainer, path: Path, steps: int) -> Trainer:
     """Another training of so many steps that goes on where ``trainer`` is, after its motion was measured."""
-    assert compression(trainer).record.motion and trainer.model.canonical.moving == trainer.count
+    assert compression(trainer).record.motion and trainer.model.canonical.num_dynamic == trainer.count
     save_checkpoint(path, trainer)
     other = make_trainer(steps, capacity="auto", **GROWING)
     load_checkpoint(path, other)
@@ -289,7 +289,7 @@ def frozen_at_the_end(trainer: Trainer) -> bool:
     record = compression(trainer).record
     progress = [each.progress for each in record.log if each.what == "put to rest"]
     left = record.motion is not None and len(record.motion.score)
-    return progress == [1.0] and left == trainer.model.canonical.moving < trainer.count
+    return progress == [1.0] and left == trainer.model.canonical.num_dynamic < trainer.count
 
 
 def test_motion_that_was_measured_outlives_a_resume(
@@ -318,7 +318,7 @@ def test_memory_that_ends_late_leaves_what_was_measured_of_those_that_stay(
     count, before = trainer.count, record.motion
     Recovery(trainer).rollback(trainer, MemoryError())
     after = record.motion
-    assert before and after and trainer.count < count and len(after.score) == trainer.model.canonical.moving
+    assert before and after and trainer.count < count and len(after.score) == trainer.model.canonical.num_dynamic
     assert set(after.rest_energy.tolist()) < set(before.rest_energy.tolist())
     save_checkpoint(tmp_path / "c", trainer)
     other = make_trainer(120, capacity="auto", max_gaussians=trainer.recipe.max_gaussians)

@@ -118,7 +118,7 @@ def output_sensitivities(
     Gaussian: estimates (see ``backward_by_signs``). Leaves the model no gradient."""
     schedules = training.schedule_state()
     temporal = model.temporal_embedding(view.time, schedules)
-    gaussians, changes = model.deform_plainly(temporal, schedules, model.canonical.sh.shape[1])
+    gaussians, changes = model.deform_reference(temporal, schedules, model.canonical.sh.shape[1])
     for change in changes.values():
         change.retain_grad()
     image = rasterize(gaussians, capture.cameras[view.camera], capture.background)

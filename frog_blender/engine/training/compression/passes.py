@@ -116,7 +116,7 @@ def prune_heads(context: CompressionContext, evaluator: ValidationEvaluator) -> 
             return evaluator.now - context.psnr_with(zeroed)
 
         def apply(number: int, name: str = name, rows: slice = rows) -> None:
-            model.silence(name)
+            model.prune_head(name)
             for parameter in (model.deformation.output_weight, model.deformation.output_bias):
                 gaussians.optimizer.stop(parameter, rows)
 

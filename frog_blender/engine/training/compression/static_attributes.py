@@ -12,11 +12,11 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from ...field.opacity_tracks import as_tracks
+from ...field.opacity_tracks import quantize_opacities
 from ...playback.player import ScenePlayer
 from ...rasterizer import GaussianArrays
 from ...scene.compression_report import StepKind
-from ...scene.header import RESHAPED
+from ...scene.header import SHAPE_DYNAMIC
 from ...scene.quantization import pack
 from ...scene.scene_file import OPACITY_TRACKS, SceneFile
 from ..optimize.gaussian_order import mask_excluding
@@ -75,7 +75,7 @@ def _freeze_shape(
     if len(indices) < max(1, settings.min_rigid * count):
         return scene, []
     chosen = indices.cpu().numpy()
-    header = replace(scene.header, model=scene.header.model | {RESHAPED: count - len(chosen)})
+    header = replace(scene.header, model=scene.header.model | {SHAPE_DYNAMIC: count - len(chosen)})
     found = _last_of_dynamic(SceneFile(header, _in_state(scene, chosen, state, SHAPE)), chosen)
     faster = milliseconds_between(player, ScenePlayer(found))
     return found, [CompressionStep(StepKind.KEEP_SHAPE, 1.0, count, count - len(indices), loss, faster)]
@@ -120,7 +120,7 @@ def _frames(player: ScenePlayer, most: int) -> list[int]:
 def seen_state(player: ScenePlayer, most: int) -> dict[str, np.ndarray]:
     """How dynamic Gaussians look (GaussianArrays, by name), in the mean over at most ``most`` frames, weighted by
     squared opacity."""
-    count, total = player.moving, 0.0
+    count, total = player.num_dynamic, 0.0
     sums: dict[str, np.ndarray | float] = dict.fromkeys(STATE, 0.0)
     for frame in _frames(player, most):
         gaussians = player.at_frame(frame)
@@ -139,7 +139,9 @@ def _as_wide(weight: np.ndarray, values: np.ndarray) -> np.ndarray:
 def _tracks(player: ScenePlayer) -> np.ndarray:
     """(M, frames) of the dynamic Gaussians, see field.opacity_tracks."""
     frames = range(player.header.frame_count)
-    return np.stack([as_tracks(player.at_frame(frame).opacities[: player.moving]) for frame in frames], axis=1)
+    return np.stack(
+        [quantize_opacities(player.at_frame(frame).opacities[: player.num_dynamic]) for frame in frames], axis=1
+    )
 
 
 def _in_state(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 
 from ...model.frog import total_deformation
-from ...scene.morton_order import neighbours_together
+from ...scene.morton_order import morton_order_by_range
 from .gaussian_state import GaussianState
 from .stateful import Tensors
 
@@ -19,7 +19,7 @@ def mask_excluding(indices: torch.Tensor, count: int) -> torch.Tensor:
 
 def sort_by_morton_code(gaussians: GaussianState) -> None:
     """Makes steps faster, those on crops most: what they draw lies together (docs/experiments)."""
-    order = neighbours_together(gaussians.canonical.means.detach().cpu().numpy(), gaussians.num_dynamic)
+    order = morton_order_by_range(gaussians.canonical.means.detach().cpu().numpy(), gaussians.num_dynamic)
     gaussians.reindex(torch.from_numpy(order).to(gaussians.device), gaussians.num_dynamic, resample=False)
 
 

@@ -77,7 +77,7 @@ class GaussianState:
     @property
     def num_dynamic(self) -> int:
         """Gaussians that are deformed, M."""
-        return self.canonical.moving
+        return self.canonical.num_dynamic
 
     @property
     def device(self) -> torch.device:
@@ -151,9 +151,9 @@ class GaussianState:
         self.optimizer.resume(tensors, float(values["rate_factor"]))
         if isinstance(model, Frog):  # last: silencing writes zeros
             for name in values["heads"]:
-                model.give_back(name)
+                model.restore_head(name)
             for name in set(heads_of(model)) - set(values["heads"]):
-                model.silence(name)
+                model.prune_head(name)
 
     def _checked(self, tensors: Tensors) -> Tensors:
         """The canonical attributes on the device; ValueError unless there is a row for every Gaussian."""
@@ -171,7 +171,7 @@ class GaussianState:
 
 def heads_of(model: SceneModel) -> list[str]:
     """Names of what a model's network changes; none where nothing is dynamic."""
-    return model.heads if isinstance(model, Frog) and model.canonical.moving else []
+    return model.heads if isinstance(model, Frog) and model.canonical.num_dynamic else []
 
 
 def _set_width(tensors: Tensors, model: Frog, most: int) -> None:

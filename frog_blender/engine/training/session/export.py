@@ -13,7 +13,7 @@ import torch
 from ...errors import FrogError, reason
 from ...io.atomic_files import write_atomically
 from ...model.canonical import ATTRIBUTES
-from ...playback.player import CANONICAL, ScenePlayer, rows_of
+from ...playback.player import CANONICAL, ScenePlayer, row_ranges
 from ...scene.header import SceneHeader
 from ...scene.scene_file import SceneFile, scene_bytes, settings_json
 from ..compression.budget import fit_within, keep_within
@@ -45,7 +45,7 @@ def check_budget(job: TrainingJob, trainer: Trainer, scale: float) -> str | None
     if not job.max_bytes:
         return None
     scene, draw = _scene(job, trainer, scale, {}), np.random.default_rng(0)
-    rows = rows_of(scene.arrays)
+    rows = row_ranges(scene.arrays)
     one = {name: array[:1] if name in rows else array for name, array in scene.arrays.items()}
     least = _size(SceneFile(scene.header, one))
     if least > job.max_bytes:
@@ -152,7 +152,7 @@ def _with(scene: SceneFile, **fields: Any) -> SceneFile:
 def bytes_at_most(job: TrainingJob, trainer: Trainer, scale: float) -> int:
     """Of the scene's file, whatever the training still adds."""
     scene = _scene(job, trainer, scale, {})
-    rows = rows_of(scene.arrays)
+    rows = row_ranges(scene.arrays)
     count = max(trainer.count, trainer.recipe.growth_limit_at(1.0))
     each = sum(array.nbytes / max(len(array), 1) for name, array in scene.arrays.items() if name in rows)
     rest = sum(array.nbytes for name, array in scene.arrays.items() if name not in rows)
