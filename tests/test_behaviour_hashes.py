@@ -10,7 +10,7 @@ from types import ModuleType
 import cv2
 import numpy as np
 import pytest
-from helpers import REPOSITORY, scene_file
+from support.builders import REPOSITORY, scene_file
 
 from frog_blender.engine.scene.scene_file import write_scene
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import run_python
+from support.builders import run_python
 
 from frog_blender.cli import main
 from frog_blender.engine.playback.player import ScenePlayer
