@@ -120,12 +120,12 @@ def view_camera(view_matrix: Any, window_matrix: Any, width: int, height: int, f
 
 def _expect_numbers(lens: np.ndarray, place: np.ndarray, name: str) -> None:
     if not (np.isfinite(lens).all() and np.isfinite(place).all()):
-        raise FrogError(f"{name}: found a lens or a place that is no number, expected finite ones.")
+        raise FrogError(f"{name}: found non-finite values in its lens or position, expected finite ones.")
 
 
 def _expect_focal(focal: np.ndarray, name: str) -> None:
     if not (focal > 0).all():
-        raise FrogError(f"{name}: found a focal length that is not above zero, expected one that is.")
+        raise FrogError(f"{name}: found a focal length of zero or less, expected a positive one.")
 
 
 def nearest_rotation(matrix: np.ndarray, name: str) -> np.ndarray:

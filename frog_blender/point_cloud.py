@@ -57,7 +57,7 @@ def create(name: str, gaussians: GaussianArrays) -> Any:
             obj = bpy.data.objects.new(name, cloud)
             write(obj, gaussians)
         except (AttributeError, KeyError, RuntimeError, TypeError, ValueError) as error:
-            print(f"FRoG: Blender's own splats cannot be used ({error}); points stand in for them.", file=sys.stderr)
+            print(f"FRoG: Blender's own splats cannot be used ({error}). Using points instead.", file=sys.stderr)
             bpy.data.pointclouds.remove(cloud)  # and the object that has it
         else:
             return obj

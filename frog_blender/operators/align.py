@@ -16,7 +16,7 @@ from ..timeline import playback
 
 
 class FROG_OT_align_to_floor(bpy.types.Operator):
-    """Turn and move the capture so that its floor lies on the grid, up is up, and it stands at the origin"""
+    """Rotate and move the capture so that its floor lies on the grid, z points up and its center is at the origin"""
 
     bl_idname = "frog.align_to_floor"
     bl_label = "Align to Floor"
@@ -24,23 +24,23 @@ class FROG_OT_align_to_floor(bpy.types.Operator):
 
     use_floor: BoolProperty(
         name="Find Floor",
-        description="Look for the floor among the Gaussians; otherwise only the cameras say where up is",
+        description="Look for the floor among the Gaussians. Otherwise the cameras alone determine the up direction",
         default=True,
     )
     flip: BoolProperty(
         name="Flip",
-        description="Turn the capture upside down, for cameras that hung that way",
+        description="Turn the capture upside down, for cameras that were mounted that way",
         default=False,
     )
     use_length: BoolProperty(
         name="Set Size",
-        description="Scale the capture so that a distance in it is as long as you say: between the two selected "
-        "objects, such as two of its cameras, or else between its two cameras that stand farthest apart",
+        description="Scale the capture to a known distance: between the two selected objects, such as two of its "
+        "cameras, or otherwise between its two cameras that are farthest apart",
         default=False,
     )
     length: FloatProperty(
         name="Distance",
-        description="How long that distance is in truth",
+        description="The real length of that distance",
         default=1.0,
         min=1e-4,
         soft_max=100.0,
@@ -57,7 +57,7 @@ class FROG_OT_align_to_floor(bpy.types.Operator):
         root = placed_by(obj)
         context.view_layer.update()  # or what was placed just now is measured where it was
         if root.library is not None:
-            self.report({"ERROR"}, f"{root.name} is linked from another file; append it to move it.")
+            self.report({"ERROR"}, f"{root.name} is linked from another file. Append it to move it.")
             return {"CANCELLED"}
         try:
             scale = self._scale(context, obj)
@@ -106,11 +106,11 @@ def aligned(obj: Any, *, use_floor: bool = True, flip: bool = False) -> tuple[np
 
 def _sentence(name: str, floor: Floor, certain: bool, use_floor: bool) -> str:
     if floor.found:
-        off = f", {floor.tilt:.1f}° off what the cameras say" if certain else ""
-        return f"{name}: found a floor that holds {floor.share:.0%} of what is at rest{off}."
-    source = "the cameras' up" if certain else "the cameras' images, which may be pitched"
-    why = "found no floor among the Gaussians, so " if use_floor else ""
-    return f"{name}: {why}it stands upright by {source}, its lowest part on the grid."
+        off = f", {floor.tilt:.1f}° from the cameras' up direction" if certain else ""
+        return f"{name}: found a floor that holds {floor.share:.0%} of the static Gaussians{off}."
+    source = "the cameras' up direction" if certain else "the cameras' images, which may be pitched"
+    why = "found no floor among the Gaussians. It" if use_floor else "it"
+    return f"{name}: {why} is upright by {source}, with its lowest part on the grid."
 
 
 register, unregister = bpy.utils.register_classes_factory((FROG_OT_align_to_floor,))

@@ -39,14 +39,14 @@ def begin(obj: Any, scene: Any) -> Baking:
     file, path = playback.file_of(obj), playback.bake_path(obj)
     playable = playback.open_scene(file)
     if not playable.changing:
-        raise FrogError(f"{file.name}: nothing moves in this capture, so there is nothing to bake.")
+        raise FrogError(f"{file.name}: this capture is static, there is nothing to bake.")
     same = [other for other in playback.captures(scene.objects) if playback.bake_path(other) == path]
     same = [other for other in same if playback.file_of(other) == file]
     times = sorted(_times(scene, same))
     needed, megabytes = bytes_needed(playable, len(times)), obj.frog.bake_megabytes
     if needed > megabytes * playback_cache.MEGABYTE:
-        needs = f"{len(times):,} frames need {needed / playback_cache.MEGABYTE:,.0f} MB, allowed are {megabytes:,} MB"
-        raise FrogError(f"{path.name}: {needs}; allow more, or shorten the scene's frame range.")
+        needs = f"{len(times):,} frames need {needed / playback_cache.MEGABYTE:,.0f} MB, the limit is {megabytes:,} MB"
+        raise FrogError(f"{path.name}: {needs}. Raise the limit or shorten the scene's frame range.")
     # On Windows a file that is open cannot be replaced; playback opens it again when it is needed.
     open_scenes.let_go_of_bake(path)
     return Baking(path, len(times), write_bake(path, file, playable, times))
@@ -73,7 +73,7 @@ class _OnCapture:
 
     object_name: StringProperty(
         name="Capture",
-        description="The object that plays the capture; empty for the active one",
+        description="The object that plays the capture. Empty for the active object",
         options={"SKIP_SAVE"},
     )
 
@@ -82,8 +82,8 @@ class _OnCapture:
 
 
 class FROG_OT_bake(_OnCapture, ModalOperator, bpy.types.Operator):
-    """Compute every frame of this capture in the scene's frame range and keep them on disk, so that scrubbing has \
-nothing to compute. Esc or the right mouse button stops it"""
+    """Compute this capture at every frame of the scene's frame range and store the results on disk, so that scrubbing \
+has nothing to compute. Press Esc or the right mouse button to stop"""
 
     bl_idname = "frog.bake"
     bl_label = "Bake Playback"
@@ -117,11 +117,11 @@ nothing to compute. Esc or the right mouse button stops it"""
         return f"Baked {self._baking.total:,} frames to {self._baking.path} ({size:,.0f} MB)."
 
     def stopped_sentence(self) -> str:
-        return "Baking was stopped; nothing was written."
+        return "Baking was stopped. Nothing was written."
 
 
 class FROG_OT_clear_bake(_OnCapture, bpy.types.Operator):
-    """Delete the baked playback of this capture from the disk; its frames are computed again when they are shown"""
+    """Delete the baked playback of this capture from disk. Frames are computed again when they are shown"""
 
     bl_idname = "frog.clear_bake"
     bl_label = "Clear Bake"
@@ -144,7 +144,7 @@ class FROG_OT_clear_bake(_OnCapture, bpy.types.Operator):
 
 
 class FROG_OT_clear_cache(bpy.types.Operator):
-    """Give the memory back that frames of captures take; they are computed again when they are shown"""
+    """Free the memory used by cached frames. They are computed again when they are shown"""
 
     bl_idname = "frog.clear_cache"
     bl_label = "Clear Playback Cache"

@@ -10,7 +10,7 @@ from ..scene_import.scene_setup import look_through
 
 
 class FROG_OT_look_through(bpy.types.Operator):
-    """Make the selected camera the active one, and render at the size of the images that it took"""
+    """Make the selected camera active and render at the size of its captured images"""
 
     bl_idname = "frog.look_through"
     bl_label = "Look Through Camera"

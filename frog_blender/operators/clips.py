@@ -17,8 +17,8 @@ from .modal_operator import ModalOperator, has_window
 
 
 class FROG_OT_add_clips(ModalOperator, bpy.types.Operator):
-    """Show each camera's own video behind what it sees, in time with the capture. Where a lens distorts, films that are
-    free of it are written beside the scene's file first"""
+    """Show each camera's video as its background, synchronized with the capture. For lenses with distortion, \
+undistorted copies are first written next to the scene file"""
 
     bl_idname = "frog.add_clips"
     bl_label = "Show Clips"
@@ -33,7 +33,7 @@ class FROG_OT_add_clips(ModalOperator, bpy.types.Operator):
     filter_folder: BoolProperty(default=True, options={"HIDDEN", "SKIP_SAVE"})
     opacity: FloatProperty(
         name="Opacity",
-        description="How opaque the clips are",
+        description="Opacity of the clips",
         default=OPACITY,
         min=0.0,
         max=1.0,
@@ -41,18 +41,18 @@ class FROG_OT_add_clips(ModalOperator, bpy.types.Operator):
     )
     in_front: BoolProperty(
         name="In Front",
-        description="Lay the clips over what the cameras see, to compare, instead of behind it",
+        description="Show the clips in front of the scene, for comparison, instead of behind it",
         default=False,
     )
 
     straighten: BoolProperty(
-        name="Straighten",
-        description="Where a lens distorts, or Blender cannot read the images as a film, write films beside the "
-        "scene's file that show what the cameras saw, and show those",
+        name="Undistort",
+        description="Where a lens has distortion, or Blender cannot read the images as a clip, write undistorted "
+        "copies next to the scene file and show those",
         default=True,
     )
 
-    doing = "Straightening {done:,} of {total:,} images"
+    doing = "Undistorting {done:,} of {total:,} images"
     slice_seconds = 0.03
     _folder: Path | None = None
     _shown = 0
@@ -82,7 +82,7 @@ class FROG_OT_add_clips(ModalOperator, bpy.types.Operator):
         if ended is None:
             where = folder or "The capture's folder"
             names = ", ".join(camera.name for camera in cameras_of(obj)[:3])
-            nothing = f"{where}: found no clip of {obj.name}, expected images of {names} and so on."
+            nothing = f"{where}: found no clips of {obj.name}, expected videos or images of {names}, ..."
             self.report({"ERROR"}, self._problem if folder and self._problem else nothing)
             return {"CANCELLED"}
         return ended
@@ -109,7 +109,7 @@ class FROG_OT_add_clips(ModalOperator, bpy.types.Operator):
             self._problem = problem
             return None
         if problem:
-            self.report({"WARNING"}, f"The clips are shown as they were filmed: {problem}")
+            self.report({"WARNING"}, f"The original clips are shown: {problem}")
         else:
             self.report({"INFO"}, self.finished_sentence())
         return {"FINISHED"}
@@ -126,17 +126,17 @@ class FROG_OT_add_clips(ModalOperator, bpy.types.Operator):
         self._shown = add_clips(obj, self._folder, **options)
 
     def finished_sentence(self) -> str:
-        return f"{self._shown} camera{'s' * (self._shown != 1)} of the capture show what they filmed."
+        return f"Showing the clips of {self._shown} camera{'s' * (self._shown != 1)}."
 
     def stopped_sentence(self) -> str:
-        return f"No films were written{'; the clips are shown as they were filmed' if self._shown else ''}."
+        return f"No clips were written.{' The original clips are shown.' if self._shown else ''}"
 
     def failed_sentence(self, reason: str) -> str:
-        return f"The clips are shown as they were filmed: {reason}" if self._shown else reason
+        return f"The original clips are shown: {reason}" if self._shown else reason
 
 
 class FROG_OT_hide_clips(bpy.types.Operator):
-    """Hide what the capture's cameras filmed"""
+    """Hide the videos behind the capture's cameras"""
 
     bl_idname = "frog.hide_clips"
     bl_label = "Hide Clips"

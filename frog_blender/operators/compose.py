@@ -17,8 +17,8 @@ from ..timeline import playback
 
 
 class FROG_OT_compose(bpy.types.Operator):
-    """Render your own objects with Cycles or EEVEE and the captures with FRoG, each hiding what is behind it, in one
-    image. It follows what you change afterwards: camera, frames, region and size, collections and objects"""
+    """Render your objects with Cycles or EEVEE and the captures with FRoG into one image, with correct occlusion. \
+Later changes of camera, frame range, render region, resolution, collections and objects are followed"""
 
     bl_idname = "frog.compose"
     bl_label = "Render With My Objects"
@@ -26,7 +26,7 @@ class FROG_OT_compose(bpy.types.Operator):
 
     engine: EnumProperty(
         name="Objects",
-        description="What renders the objects that are no captures",
+        description="Render engine for all objects that are not captures",
         items=(
             ("CYCLES", "Cycles", "Path tracing: soft light and shadows, slow"),
             ("EEVEE", "EEVEE", "Rasterization: fast, needs a graphics card"),
@@ -37,9 +37,9 @@ class FROG_OT_compose(bpy.types.Operator):
     @classmethod
     def poll(cls, context: Any) -> bool:
         is_splats = _is_splats(context.scene)
-        asked = "Use it in the scene of your objects." if is_splats else "Import a capture first."
+        asked = "Use this in the scene of your objects." if is_splats else "Import a capture first."
         if is_splats and context.scene.frog.composed_with is None:
-            asked = "Turn Objects Hide Splats off first."
+            asked = "Disable Objects Hide Splats first."
         cls.poll_message_set(asked)
         return not is_splats and next(playback.captures(context.scene.objects), None) is not None
 
@@ -53,7 +53,7 @@ class FROG_OT_compose(bpy.types.Operator):
             compositor.lay_over(scene, splats)
         splats.frog.composed_with, splats.frog.hold_out = scene, True
         scenes.begin()
-        self.report({"INFO"}, f"F12 in {scene.name} now renders {splats.name} as well and puts them together.")
+        self.report({"INFO"}, f"F12 in {scene.name} now also renders {splats.name} and overlays it.")
         return {"FINISHED"}
 
 

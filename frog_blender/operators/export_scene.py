@@ -22,15 +22,15 @@ from .frame_export import FrameExport
 from .modal_operator import ModalOperator, has_window
 
 RANGES = (
-    ("CURRENT", "Current Frame", "One file, of the moment that is shown now"),
-    ("SCENE", "Scene Range", "A file for each frame from the scene's first to its last"),
-    ("CUSTOM", "Custom Range", "A file for each frame from one to another"),
+    ("CURRENT", "Current Frame", "One file, of the current frame"),
+    ("SCENE", "Scene Range", "One file for each frame of the scene's frame range"),
+    ("CUSTOM", "Custom Range", "One file for each frame of a range"),
 )
 
 
 class FROG_OT_export_frames(ModalOperator, bpy.types.Operator, ExportHelper):
-    """Write the Gaussians of frames of a capture as 3DGS .ply files, which other splat programs open. Esc or the \
-right mouse button stops it"""
+    """Write the Gaussians of a capture, frame by frame, as 3DGS .ply files that other splat programs can open. Press \
+Esc or the right mouse button to stop"""
 
     bl_idname = "export_scene.frog_frames"
     bl_label = "Export FRoG Frames"
@@ -38,21 +38,19 @@ right mouse button stops it"""
 
     filename_ext = ".ply"
     filter_glob: StringProperty(default="*.ply", options={"HIDDEN"})
-    frames: EnumProperty(
-        name="Frames", description="Which frames of the timeline are written", items=RANGES, default="CURRENT"
-    )
+    frames: EnumProperty(name="Frames", description="Frames of the timeline to write", items=RANGES, default="CURRENT")
     first: IntProperty(name="First", description="First frame of the timeline to write", default=1)
     last: IntProperty(name="Last", description="Last frame of the timeline to write", default=250)
     apply_transform: BoolProperty(
         name="Apply Transform",
-        description="Write the Gaussians where the capture's empty has moved, turned and scaled them to; otherwise as "
-        "they lie in the capture itself, with its own axes",
+        description="Apply the location, rotation and scale of the capture's empty to the Gaussians. Otherwise they "
+        "are written in the capture's own coordinates",
         default=True,
     )
     y_down: BoolProperty(
         name="Y Down",
-        description="Turn Blender's axes (z up) to those of most 3DGS files (y down), so that the Gaussians stand "
-        "upright in other programs, and where they stood when they are imported here again",
+        description="Convert Blender's axes (z up) to those of most 3DGS files (y down), so that the Gaussians are "
+        "upright in other programs and return to their place when they are imported here again",
         default=True,
     )
 
@@ -91,10 +89,10 @@ right mouse button stops it"""
         obj, path = chosen(context), Path(bpy.path.abspath(self.filepath))
         frames = self._frames(context.scene)
         if obj is None:
-            self.report({"ERROR"}, "No capture is chosen any more; import or select one first.")
+            self.report({"ERROR"}, "No capture is selected. Import or select one first.")
             return {"CANCELLED"}
         if not frames:
-            self.report({"ERROR"}, f"The range ends at frame {self.last} and begins at {self.first}.")
+            self.report({"ERROR"}, f"The range is empty: it starts at frame {self.first} and ends at {self.last}.")
             return {"CANCELLED"}
         paths = [path if self.frames == "CURRENT" else numbered(path, int(frame)) for frame in frames]
         turn = (Y_DOWN if self.y_down else np.eye(4)) if self.apply_transform else None
@@ -107,7 +105,7 @@ right mouse button stops it"""
         return f"{self._done:,} {'file' if self._done == 1 else 'files'} written to {self._folder}."
 
     def stopped_sentence(self) -> str:
-        return f"The export was stopped: {self._done:,} of {self._total:,} files were written to {self._folder}."
+        return f"The export was stopped. {self._done:,} of {self._total:,} files were written to {self._folder}."
 
     def failed_sentence(self, reason: str) -> str:
         if not self._done:
@@ -130,7 +128,7 @@ right mouse button stops it"""
 
 
 class FROG_OT_export_scene(bpy.types.Operator, ExportHelper):
-    """Copy the capture's .frog file to a place of your choice"""
+    """Copy the capture's .frog file to another location"""
 
     bl_idname = "export_scene.frog"
     bl_label = "Export FRoG Scene"
@@ -140,7 +138,7 @@ class FROG_OT_export_scene(bpy.types.Operator, ExportHelper):
     filter_glob: StringProperty(default="*.frog", options={"HIDDEN"})
     use_copy: BoolProperty(
         name="Play the Copy",
-        description="Let the capture play the copy from now on instead of the file that it has",
+        description="Make the capture play the copy instead of its current file",
         default=False,
     )
 
@@ -161,7 +159,7 @@ class FROG_OT_export_scene(bpy.types.Operator, ExportHelper):
         try:
             playback.open_scene(source)  # a copy of a damaged file would help nobody
             if path.resolve() == source.resolve():
-                raise FrogError(f"{path}: this is the file that {obj.name} plays already; choose another place.")
+                raise FrogError(f"{path}: {obj.name} already plays this file. Choose another location.")
             try:
                 content = source.read_bytes()
             except OSError as error:
@@ -172,7 +170,7 @@ class FROG_OT_export_scene(bpy.types.Operator, ExportHelper):
             return {"CANCELLED"}
         if self.use_copy:
             obj.frog.filepath = stored_path(path)
-        self.report({"INFO"}, f"{path} written.")
+        self.report({"INFO"}, f"Exported {path}.")
         return {"FINISHED"}
 
 

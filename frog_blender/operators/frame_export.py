@@ -68,10 +68,10 @@ class FrameExport:
 
         obj = known_by(bpy.data.objects, self.capture)
         if obj is None or next(playback.captures([obj]), None) is None:
-            raise FrogError(f"{self.name}: found no such capture in this file any more.")
+            raise FrogError(f"{self.name}: this capture is no longer in the file.")
         scene = known_by(bpy.data.scenes, self.scene)
         if scene is None:
-            raise FrogError(f"{self.name}: found its scene deleted, expected it to go through its frames.")
+            raise FrogError(f"{self.name}: its scene was deleted during the export.")
         if self.turn is None and not needs_evaluated_time(obj):
             return playback.gaussians_at(obj, stretched(scene, frame))
         if frame != raw_frame(scene):

@@ -17,7 +17,7 @@ from .set_up_scene import SetsUpScene
 
 
 class FROG_OT_import_scene(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
-    """Open a trained FRoG scene: its Gaussians, its cameras and its time range"""
+    """Import a trained FRoG scene: its Gaussians, its cameras and its frame range"""
 
     bl_idname = "import_scene.frog"
     bl_label = "Import FRoG Scene"
@@ -32,8 +32,8 @@ class FROG_OT_import_scene(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
     )
     show_clips: BoolProperty(
         name="Clips",
-        description="Show each camera's own video behind what it sees, where the videos are still to be found. "
-        "Where lenses distort, Show Clips in the FRoG tab straightens them",
+        description="Show each camera's video as its background, if the videos can be found. For lenses with "
+        "distortion, use Show Clips in the FRoG tab",
         default=True,
     )
 
@@ -55,9 +55,12 @@ class FROG_OT_import_scene(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
         select_alone(context, carrier_object)
         cameras = cameras_of(carrier_object)
         if self.show_clips and cameras and not any(clip_of(camera) for camera in cameras):
-            self.report({"INFO"}, "The capture's videos were not found; Show Clips in the FRoG tab asks for them.")
+            self.report({"INFO"}, "The capture's videos were not found. Use Show Clips in the FRoG tab to locate them.")
         if left_alone:
-            self.report({"INFO"}, "The scene's settings stayed as they were; see Set Up Scene in the FRoG tab.")
+            self.report(
+                {"INFO"},
+                "The scene's settings were not changed. Use Set Up Scene in the FRoG tab to apply the capture's.",
+            )
         return {"FINISHED"}
 
 

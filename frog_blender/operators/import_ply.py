@@ -18,7 +18,7 @@ from .set_up_scene import SetsUpScene
 
 
 class FROG_OT_import_splats(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
-    """Open a 3DGS .ply file of another program as a still capture, of which a .frog file is made"""
+    """Import a 3DGS .ply file of another program as a static capture. It is converted to a .frog file"""
 
     bl_idname = "import_scene.frog_splats"
     bl_label = "Import 3DGS Splats"
@@ -28,19 +28,18 @@ class FROG_OT_import_splats(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
     filter_glob: StringProperty(default="*.ply", options={"HIDDEN"})
     turn_upright: BoolProperty(
         name="Y Down to Z Up",
-        description="Turn the capture's empty, because most 3DGS files come with y pointing down, where Blender has z "
-        "pointing up",
+        description="Rotate the capture's empty: in most 3DGS files y points down, in Blender z points up",
         default=True,
     )
     scene_file: StringProperty(
         name="Scene File",
-        description="The .frog file to write; left empty, it is put beside the .ply under the same name, or under "
-        "another one where a .frog of that name is there already, and so is each of several",
+        description="The .frog file to write. If empty, or if several files are imported, it is written next to "
+        "each .ply under the same name, with a number if that name is taken",
         subtype="FILE_PATH",
     )
     compact: BoolProperty(
         name="Pack",
-        description="Make the .frog file several times smaller, by changes that are too small to see",
+        description="Make the .frog file several times smaller. The changes are too small to see",
         default=False,
     )
 
@@ -68,7 +67,7 @@ class FROG_OT_import_splats(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
         if imported.warning:
             self.report({"WARNING"}, imported.warning)
         else:
-            self.report({"INFO"}, f"{imported.gaussians:,} Gaussians in {imported.path}.")
+            self.report({"INFO"}, f"Imported {imported.gaussians:,} Gaussians to {imported.path}.")
         return {"FINISHED"}
 
 

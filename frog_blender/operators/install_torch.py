@@ -13,7 +13,7 @@ from ..ui import preferences
 
 
 class FROG_OT_install_torch(bpy.types.Operator):
-    """Download torch and OpenCV, which training needs, into a folder of their own. Blender stays as it is"""
+    """Download torch and OpenCV, which training needs, into a separate folder. Blender itself is not changed"""
 
     bl_idname = "frog.install_torch"
     bl_label = "Install torch"
@@ -21,9 +21,9 @@ class FROG_OT_install_torch(bpy.types.Operator):
     @classmethod
     def poll(cls, _context: Any) -> bool:
         if not bpy.app.online_access:
-            cls.poll_message_set("Allow Online Access in Preferences > System first.")
+            cls.poll_message_set("Enable Online Access in Preferences > System first.")
             return False
-        cls.poll_message_set("An installation is running.")
+        cls.poll_message_set("An installation is already running.")
         return not task.is_running()
 
     def invoke(self, context: Any, event: Any) -> set[str]:
@@ -41,7 +41,7 @@ class FROG_OT_install_torch(bpy.types.Operator):
 
 
 class FROG_OT_cancel_installation(bpy.types.Operator):
-    """Stop downloading; what was fetched so far is thrown away"""
+    """Stop the download and discard what was downloaded so far"""
 
     bl_idname = "frog.cancel_installation"
     bl_label = "Cancel"

@@ -14,7 +14,7 @@ from ..ui import capture_summary, preferences, sidebar_tab
 
 
 class FROG_OT_drop_videos(bpy.types.Operator):
-    """Name the capture that these videos belong to as the one to train from, and say what it holds"""
+    """Use the capture that these videos belong to for training and show a summary of it"""
 
     bl_idname = "frog.drop_videos"
     bl_label = "FRoG Capture of These Videos"
@@ -42,7 +42,7 @@ class FROG_FH_videos(bpy.types.FileHandler):
 
 
 class FROG_OT_import_capture(bpy.types.Operator):
-    """Choose the folder with the videos or images to train from; the Train panel then says what it holds"""
+    """Choose the folder with the videos or images to train from. The Train panel shows a summary of it"""
 
     bl_idname = "import_scene.frog_capture"
     bl_label = "Open FRoG Capture"
@@ -50,7 +50,7 @@ class FROG_OT_import_capture(bpy.types.Operator):
 
     directory: StringProperty(
         name="Capture",
-        description="Folder with the videos or images and the cameras that filmed them",
+        description="Folder with the videos or images and their camera calibration",
         subtype="DIR_PATH",
         options={"SKIP_SAVE"},
     )
@@ -70,17 +70,17 @@ def capture_of(videos: list[Path]) -> Path:
     from ..engine.capture.readers import detect
 
     if not videos:
-        raise FrogError("No video was dropped: expected the videos of one capture.")
+        raise FrogError("Found no video, expected the videos of one capture.")
     folders = {video.parent for video in videos}
     if len(folders) > 1:
-        raise FrogError(f"The videos lie in {len(folders)} folders, expected those of one capture: one folder.")
+        raise FrogError(f"Found videos in {len(folders)} folders, expected the videos of one capture in one folder.")
     (folder,) = folders
     try:
         detect(folder)
     except FrogError as error:
         found = f"{len(videos)} videos without cameras" if len(videos) > 1 else "a video without cameras"
-        expected = "beside it" if len(videos) == 1 else "beside them"
-        expected += " a file that says where each camera stood: poses_bounds.npy (N3DV), cameras_opencv.json (OpenCV)"
+        expected = "next to it" if len(videos) == 1 else "next to them"
+        expected += " a file with the camera poses: poses_bounds.npy (N3DV), cameras_opencv.json (OpenCV)"
         raise found_instead(folder, found, f"{expected} or NAME.qca.txt (Qualisys)") from error
     return folder
 

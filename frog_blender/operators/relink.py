@@ -26,7 +26,7 @@ def relink(obj: Any, path: Path, *, also_others: bool) -> list[Any]:
     """
     library = library_of(obj)
     if library is not None:
-        raise FrogError(f"{obj.name}: it is linked from {bpy.path.abspath(library.filepath)}; find its file there.")
+        raise FrogError(f"{obj.name}: it is linked from {bpy.path.abspath(library.filepath)}. Find its file there.")
     playback.open_scene(path)
     lost, found = playback.file_of(obj), [obj]
     others = [other for other in playback.captures(bpy.data.objects) if other != obj and library_of(other) is None]
@@ -53,7 +53,7 @@ def _plays(path: Path) -> bool:
 
 
 class FROG_OT_relink(bpy.types.Operator, ImportHelper):
-    """Choose where the .frog file of this capture is now"""
+    """Choose the current location of this capture's .frog file"""
 
     bl_idname = "frog.relink"
     bl_label = "Find Scene File"
@@ -63,12 +63,12 @@ class FROG_OT_relink(bpy.types.Operator, ImportHelper):
     filter_glob: StringProperty(default="*.frog", options={"HIDDEN"})
     object_name: StringProperty(
         name="Capture",
-        description="The object whose file is looked for; empty for the active one",
+        description="The object whose file is missing. Empty for the active object",
         options={"HIDDEN", "SKIP_SAVE"},
     )
     all_missing: BoolProperty(
         name="All Missing Captures",
-        description="Look in this folder for the files of all other missing captures, by their names",
+        description="Also search this folder for the files of all other missing captures, by file name",
         default=True,
     )
 
@@ -82,7 +82,7 @@ class FROG_OT_relink(bpy.types.Operator, ImportHelper):
         for scene in bpy.data.scenes:
             playback.refresh(scene)
         missing = [other.name for other in playback.captures(bpy.data.objects) if not playback.file_of(other).is_file()]
-        text = f"Found the files of {len(found)} captures." if len(found) > 1 else f"{found[0].name}: found its file."
+        text = f"Found the files of {len(found)} captures." if len(found) > 1 else f"Found the file of {found[0].name}."
         self.report({"INFO"}, f"{text} Still missing: {', '.join(missing)}." if missing else text)
         return {"FINISHED"}
 

@@ -23,15 +23,15 @@ class SetsUpScene:
 
     set_up_scene: BoolProperty(
         name="Set Up Scene",
-        description="Take over the capture's frame range, frame rate, image size, active camera and background, "
-        "and show its colours unchanged (Standard view transform, no dithering). On by itself in a new file only",
+        description="Use the capture's frame range, frame rate, image size, camera and background, and show its "
+        "colors unchanged (Standard view transform, no dithering). Enabled by default in a new file only",
         default=True,
         options={"SKIP_SAVE"},
     )
     use_frog_engine: BoolProperty(
         name="Render with FRoG",
-        description="Make FRoG the scene's render engine, which draws the captures as they were trained, and show it "
-        "in the viewports. On by itself in a new file only",
+        description="Make FRoG the scene's render engine, which draws the captures as they were trained, and show "
+        "rendered viewports. Enabled by default in a new file only",
         default=True,
         options={"SKIP_SAVE"},
     )
@@ -54,7 +54,7 @@ class SetsUpScene:
 
 
 class FROG_OT_set_up_scene(bpy.types.Operator):
-    """Make the scene film what the capture filmed: frame range and rate, size, camera, background and colours"""
+    """Match the scene to the capture: frame range, frame rate, image size, camera, background and colors"""
 
     bl_idname = "frog.set_up_scene"
     bl_label = "Set Up Scene"

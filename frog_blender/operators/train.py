@@ -24,8 +24,8 @@ class FROG_OT_train(bpy.types.Operator):
 
     resume: BoolProperty(
         name="Resume",
-        description="Go on with the training that was cancelled, or that Blender did not survive, "
-        "with the recipe and settings that it began with",
+        description="Continue a training that was cancelled or interrupted, with the recipe and settings that it "
+        "was started with",
         default=False,
         options={"SKIP_SAVE"},
     )
@@ -41,7 +41,7 @@ class FROG_OT_train(bpy.types.Operator):
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         if request.output != output_of(settings):
-            self.report({"INFO"}, f"{output_of(settings)} stays: this training writes {request.output.name}.")
+            self.report({"INFO"}, f"{output_of(settings)} already exists. This training writes {request.output.name}.")
             stored = stored_path(request.output)
             if settings.output_path == settings.derived_output:  # another capture still changes it
                 settings.derived_output = stored
@@ -50,7 +50,7 @@ class FROG_OT_train(bpy.types.Operator):
 
 
 class FROG_OT_cancel_training(bpy.types.Operator):
-    """Stop training; what was learned so far is written to the output file"""
+    """Stop the training. The scene as trained so far is written to the output file"""
 
     bl_idname = "frog.cancel_training"
     bl_label = "Cancel"
@@ -67,7 +67,7 @@ class FROG_OT_cancel_training(bpy.types.Operator):
 
 
 class FROG_OT_pause_training(bpy.types.Operator):
-    """Hold the training, so that the computer is free for something else; nothing is lost"""
+    """Pause the training to free the computer for other work. Nothing is lost"""
 
     bl_idname = "frog.pause_training"
     bl_label = "Pause"
@@ -84,7 +84,7 @@ class FROG_OT_pause_training(bpy.types.Operator):
 
 
 class FROG_OT_resume_training(bpy.types.Operator):
-    """Go on with the training that is paused"""
+    """Continue the paused training"""
 
     bl_idname = "frog.resume_training"
     bl_label = "Resume"
@@ -101,7 +101,7 @@ class FROG_OT_resume_training(bpy.types.Operator):
 
 
 class FROG_OT_inspect_capture(bpy.types.Operator):
-    """Look into the capture folder again"""
+    """Read the capture folder again"""
 
     bl_idname = "frog.inspect_capture"
     bl_label = "Check Capture"

@@ -28,18 +28,19 @@ def importer(scene: Any) -> Callable[[Path], str]:
         if target is None and file and bpy.data.filepath == file:  # the same file, opened again
             target = bpy.data.scenes.get(name)
         if target is None:
-            return "Not imported by itself: the scene that it was trained for was not open when the training ended."
+            return "Not imported automatically: the scene that it was trained for was not open when the training "
+            "ended."
         if plays(target, path):
             playback.refresh(target)
             return ""
         if _is_being_edited(target):
-            return "Not imported by itself: the scene was being edited when the training ended."
+            return "Not imported automatically: the scene was being edited when the training ended."
         untouched, others = is_untouched(target), _of_same_capture(target, path)
         import_scene(path, target, set_up_scene=untouched, use_frog_engine=untouched)
         _remember_step()
         if others:
-            return f"Imported beside {', '.join(others)} of the same capture: hide one of them."
-        return "" if untouched else "Imported; the scene's settings stayed as they were."
+            return f"Imported beside {', '.join(others)} of the same capture. Hide one of them."
+        return "" if untouched else "Imported. The scene's settings were not changed."
 
     return show
 

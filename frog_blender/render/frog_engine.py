@@ -99,7 +99,7 @@ class FrogRenderEngine(bpy.types.RenderEngine):
         drawn = passes["Combined"].shape[1::-1]
         if drawn != size:
             self.end_result(result, cancel=True)
-            raise FrogError(f"{depsgraph.scene.name}: found a region of {size}, expected {drawn} pixels.")
+            raise FrogError(f"{depsgraph.scene.name}: found a render region of {size} pixels, expected {drawn}.")
         for render_pass in result.layers[0].passes:
             values = passes.get(render_pass.name)
             if values is not None:
@@ -128,7 +128,7 @@ def drawn_passes(engine: Any, depsgraph: Any) -> dict[str, Any]:
     scene = depsgraph.scene.original
     renders.note_drawn(scene, surface is not None)
     if surface is None and scene.frog.composed_with is None:
-        engine.report({"WARNING"}, f"Scene {scene.name}: found no visible capture; this is its background.")
+        engine.report({"WARNING"}, f"Scene {scene.name}: found no visible capture. Only the background is rendered.")
     vectors = None
     if depsgraph.view_layer.use_pass_vector and not engine.test_break():
         vectors = render_vectors(engine, depsgraph)
@@ -239,7 +239,7 @@ def _eye(engine: Any, depsgraph: Any) -> Any:
         raise FrogError(f"Scene {scene.name}: found no active camera, expected one to render through.")
     evaluated = camera.evaluated_get(depsgraph)
     if not evaluated.is_evaluated:
-        raise FrogError(f"{camera.name} is in no collection that {scene.name} renders.")
+        raise FrogError(f"{camera.name} is not in any collection that {scene.name} renders.")
     return evaluated
 
 

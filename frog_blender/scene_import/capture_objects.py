@@ -32,7 +32,9 @@ def named_or_chosen(context: Any, name: str) -> Any:
         name = obj.name if obj is not None else ""
     found = next((obj for obj in playback.captures(bpy.data.objects) if obj.name == name and obj.library is None), None)
     if found is None:
-        raise FrogError(f"{name or 'No object'}: found no such capture in this file, expected one that plays a .frog.")
+        raise FrogError(
+            f"{name or 'The selection'}: found no such capture in this file, expected an object that plays a .frog."
+        )
     return found
 
 

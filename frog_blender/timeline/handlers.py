@@ -21,7 +21,7 @@ def on_frame(scene: Any, *_: Any) -> None:
     if not may_write_points(scene):
         if scene.render.engine != "FROG" and not all(obj.frog.laid_over for obj in playback.captures_in(scene)):
             reported_once.message(
-                f"{scene.name}: captures stand still in this animation; switch on Render > Lock Interface."
+                f"{scene.name}: captures do not move in this animation. Enable Render > Lock Interface."
             )
         return
     for obj in playback.captures_in(scene):

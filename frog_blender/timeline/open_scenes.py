@@ -219,4 +219,6 @@ def _read_bake(path: Path, file: Path, scene: ScenePlayer) -> Bake | str:
     except FrogError as error:
         return str(error)
     except Exception as error:
-        return f"{path}: this bake cannot be used ({type(error).__name__}: {brief(error)}); frames are computed."
+        return (
+            f"{path}: this bake cannot be used ({type(error).__name__}: {brief(error)}). Frames are computed instead."
+        )

@@ -49,7 +49,7 @@ def problem(obj: Any, scene_frame: float) -> str:
 
 def _finite(frame: float, obj: Any, name: str) -> float:
     if not math.isfinite(frame):
-        raise BadTiming(f"{obj.name}: {name} is not a number; the capture stays at its current frame.")
+        raise BadTiming(f"{obj.name}: {name} is not a number. The capture stays at its current frame.")
     return frame
 
 

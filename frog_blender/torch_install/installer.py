@@ -23,7 +23,7 @@ from .folders import has_torch, partial_prefix, switch_to
 
 PACKAGES = ("torch", "opencv-contrib-python-headless", "imageio-ffmpeg")
 """What training and reading captures import and Blender's Python has not."""
-SIZES = "about 0.3 GB for the CPU alone (1 GB on the disk), about 3 GB with CUDA (7 GB)"
+SIZES = "about 0.3 GB for the CPU only (1 GB on disk), about 3 GB with CUDA (7 GB on disk)"
 BYTES_NEEDED = 1.5e9  # bytes that the smaller of the two needs while it is unpacked
 _LINES_KEPT = 30
 
@@ -46,7 +46,10 @@ def pip_command() -> list[str]:
     folders = bundled.submodule_search_locations if bundled else None
     wheels = sorted(glob.glob(f"{(folders or ['.'])[0]}/_bundled/pip-*.whl"))
     if not wheels:
-        raise FrogError(f"{sys.executable}: found no pip, expected Python's own: install torch elsewhere and name it.")
+        raise FrogError(
+            f"{sys.executable}: found no pip, expected Python's own. Install torch elsewhere and choose its folder "
+            "in the preferences."
+        )
     return [*start, wheels[-1]]
 
 
@@ -78,7 +81,7 @@ class Installation:
             self.folder.parent.mkdir(parents=True, exist_ok=True)
             free = shutil.disk_usage(self.folder.parent).free
         except OSError as error:
-            raise FrogError(f"{self.folder.parent}: the folder could not be made ({error.strerror}).") from error
+            raise FrogError(f"{self.folder.parent}: the folder could not be created ({error.strerror}).") from error
         if free < BYTES_NEEDED:
             raise FrogError(
                 f"{self.folder.parent}: found {free / 1e9:.1f} GB free, torch needs {BYTES_NEEDED / 1e9:.1f} GB."

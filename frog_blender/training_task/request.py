@@ -47,12 +47,12 @@ def request_of(settings: Any, resume: bool = False) -> TrainingRequest:
     Unless it is resumed, a training writes what is not there yet: the output gets a number where a scene lies.
     """
     if not settings.capture_folder:
-        raise FrogError("No capture is chosen: name the folder with the videos and cameras to train from.")
+        raise FrogError("No capture is selected. Choose the folder with the videos and cameras to train from.")
     capture = Path(bpy.path.abspath(settings.capture_folder))
     if not os.path.isdir(capture):  # false, not an error, where nobody may look
         raise FrogError(f"{capture}: found no such folder, expected a capture to train from.")
     if not settings.output_path:
-        raise FrogError("No output is chosen: name the .frog file to write.")
+        raise FrogError("No output is selected. Choose the .frog file to write.")
     output = output_of(settings)
     if resume and is_of_another(output, capture):
         raise found_instead(checkpoint_path(output), "a training of another capture", f"one of {capture}")

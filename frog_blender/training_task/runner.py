@@ -101,7 +101,7 @@ class TrainingTask:
             except queue.Empty:
                 if not self._has_died():
                     return done
-                event = Ended("The training stopped without giving a reason, possibly out of memory.")
+                event = Ended("The training stopped without an error message. It may have run out of memory.")
             self.apply(event)
             if time.perf_counter() > deadline:
                 return done + 1
@@ -119,7 +119,7 @@ class TrainingTask:
             try:
                 state.take(event)
             except Exception as error:  # one that cannot be shown; those that follow are to be
-                state.warnings.append(f"What the training said last cannot be shown ({brief(repr(error))}).")
+                state.warnings.append(f"An event of the training cannot be shown ({brief(repr(error))}).")
             return
         state.error = state.error or event.error
         state.running = False
@@ -139,7 +139,7 @@ class TrainingTask:
             self.state.error = str(error)
         except Exception as error:  # nobody else would hear of it, and the file is there
             traceback.print_exc(file=sys.stderr)
-            self.state.error = f"{result}: it is trained, but could not be imported ({brief(repr(error))})."
+            self.state.error = f"{result}: the scene was trained, but could not be imported ({brief(repr(error))})."
 
 
 @dataclass(frozen=True)
@@ -181,9 +181,9 @@ def begin(source: EventSource, on_finished: OnFinished | None = None) -> Trainin
     """Start a training as the current one, pumped by a timer; FrogError if one is running already."""
     last = current()
     if is_running():
-        raise FrogError("A training is running already; wait for it or cancel it first.")
+        raise FrogError("A training is already running. Wait for it or cancel it first.")
     if last is not None and last.waiting:
-        raise FrogError("The last scene is still waiting to be imported; finish the current render or operation first.")
+        raise FrogError("The last scene is still waiting to be imported. Finish the current render or operation first.")
     task = TrainingTask(source, on_finished)
     try:
         task.start()

@@ -88,7 +88,9 @@ def _draw_lock(layout: Any, context: Any) -> None:
     render = context.scene.render
     if render.engine == "FROG" or render.use_lock_interface or not any(playback.captures(context.scene.objects)):
         return
-    sentence(layout, "Captures stand still in animations of this engine without Lock Interface.", context, icon="INFO")
+    sentence(
+        layout, "Captures do not move in animations of this engine unless Lock Interface is on.", context, icon="INFO"
+    )
     layout.prop(render, "use_lock_interface")
 
 

@@ -29,19 +29,19 @@ class FROG_AP_preferences(bpy.types.AddonPreferences):
 
     torch_path: StringProperty(
         name="Python Environment with torch",
-        description="A virtual environment, or a site-packages folder, of Blender's own Python version that has torch",
+        description="A virtual environment or site-packages folder with torch, for the Python version of this Blender",
         subtype="DIR_PATH",
     )
 
     package_index: StringProperty(
         name="Package Index",
-        description="Address of the index that Install torch asks, such as PyTorch's own for the CPU or a version of "
-        'CUDA (see "Get Started" on its site); empty for pip\'s usual one',
+        description="URL of the package index for Install torch, such as PyTorch's own for the CPU or a CUDA "
+        'version (see "Get Started" on its site). Empty for pip\'s default',
     )
 
     cache_megabytes: IntProperty(
         name="Playback Cache (MB)",
-        description="Memory for frames of captures that were or will be shown; the least recently shown go first",
+        description="Memory for frames of captures. The least recently shown frames are dropped first",
         default=playback_cache.DEFAULT_MEGABYTES,
         min=0,
         soft_max=65_536,
@@ -53,8 +53,8 @@ class FROG_AP_preferences(bpy.types.AddonPreferences):
         layout.use_property_split = True
         layout.prop(self, "cache_megabytes")
         layout.prop(self, "torch_path")
-        layout.label(text=torch_needed() or "torch is found: training is possible.", icon="INFO")
-        layout.label(text="Opening, scrubbing and rendering a finished .frog needs no torch.")
+        layout.label(text=torch_needed() or "torch is available: training is possible.", icon="INFO")
+        layout.label(text="Opening, scrubbing and rendering a .frog file does not need torch.")
         if torch_needed():
             layout.prop(self, "package_index")
             draw_installation(layout)
@@ -112,8 +112,8 @@ def torch_needed() -> str:
     folder = torch_path()
     if not folder:
         return (
-            f"Training needs torch: install it in the add-on's preferences, or name an environment of Python {python} "
-            "there that has it."
+            f"Training needs torch. Install it in the add-on's preferences, or choose an environment of "
+            f"Python {python} there that has it."
         )
     try:
         site_packages(Path(bpy.path.abspath(folder)))

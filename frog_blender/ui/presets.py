@@ -23,7 +23,7 @@ class FROG_MT_training_presets(bpy.types.Menu):
 
 
 class FROG_OT_training_preset_add(AddPresetBase, bpy.types.Operator):
-    """Keep the training settings under a name, or remove the preset that is chosen"""
+    """Add a preset of the training settings, or remove the active one"""
 
     bl_idname = "frog.training_preset_add"
     bl_label = "Add Training Preset"

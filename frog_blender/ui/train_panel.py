@@ -164,9 +164,9 @@ def _draw_figures(box: Any, state: TrainingState, context: Any) -> None:
     if state.psnr is not None:
         sentence(column, f"PSNR: {state.psnr:.2f} dB ({state.psnr_split or 'training'} views)", context)
     if state.gaussians:
-        still = state.gaussians - state.moving
-        resting = f" ({state.moving:,} move)" if still and state.capacity else ""
-        column.label(text=f"Gaussians: {state.gaussians:,}{resting}")
+        is_partly_static = state.moving < state.gaussians and state.capacity
+        dynamic = f" ({state.moving:,} dynamic)" if is_partly_static else ""
+        column.label(text=f"Gaussians: {state.gaussians:,}{dynamic}")
 
 
 _CLASSES = (FROG_PT_train, FROG_PT_train_advanced)

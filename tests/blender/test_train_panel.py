@@ -108,7 +108,7 @@ def test_a_running_training(drawn):
         events.Evaluated(40, 27.5, "held-out"),
     )
     said = drawn()
-    for part in ("Step 40 of 100", "1 min 35 s", "0.0421", "27.50 dB (held-out views)", "320 (200 move)"):
+    for part in ("Step 40 of 100", "1 min 35 s", "0.0421", "27.50 dB (held-out views)", "320 (200 dynamic)"):
         assert part in said
     assert "frog.pause_training frog.cancel_training" in said and "preview_camera" in said
     task.control.pause()
@@ -121,7 +121,7 @@ def test_an_ended_training(drawn, tmp_path):
     ended = runner.Ended("")
     told(events.Progress(9, 9, 61.0, 0.0, 0.1, 300), events.Finished(str(path), 9, 61.0, 28.0, 300, capacity), ended)
     said = drawn()
-    assert "Finished in 1 min 1 s." in said and "frog.train" in said and "300 (40 move)" in said
+    assert "Finished in 1 min 1 s." in said and "frog.train" in said and "300 (40 dynamic)" in said
     assert f"Saved:{path}".replace(" ", "") in said.replace(" ", "")  # cut into lines, and whole
     told(events.Cancelled(0, None), ended)
     assert "Cancelled before the first step." in drawn()

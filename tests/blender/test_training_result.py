@@ -38,7 +38,7 @@ def test_a_scene_of_the_users_gets_the_capture_alone(empty, static_rig):
     mine.select_set(True)
     bpy.context.view_layer.objects.active = mine
     before, shading = values(empty), [view.shading.type for view in views()]
-    assert importer(empty)(static_rig) == "Imported; the scene's settings stayed as they were."
+    assert importer(empty)(static_rig) == "Imported. The scene's settings were not changed."
     assert files(empty) == ["figure.frog"] and values(empty) == before
     assert [view.shading.type for view in views()] == shading
     assert bpy.context.view_layer.objects.active == mine and mine.select_get()

@@ -154,7 +154,7 @@ def endless(addon):
 
 def test_only_one_training_at_a_time(endless):
     assert runner.is_running() and bpy.app.timers.is_registered(runner.tick)
-    with pytest.raises(FrogError, match="running already"):
+    with pytest.raises(FrogError, match="already running"):
         runner.begin(lambda cancelled: iter([]))
 
 
@@ -261,7 +261,7 @@ def test_an_import_that_fails_in_an_unforeseen_way_is_a_sentence_too(addon, capf
     assert task.join(20.0)
     while runner.tick() is not None:
         pass
-    assert "x.frog: it is trained, but could not be imported (KeyError" in task.state.error
+    assert "x.frog: the scene was trained, but could not be imported (KeyError" in task.state.error
     assert not task.state.running and task.state.result == Path("x.frog") and "Traceback" in capfd.readouterr().err
 
 
@@ -286,7 +286,10 @@ def test_a_worker_that_dies_without_a_word_is_noticed(addon):
             """As without memory for a last message."""
 
     state = finish(Dying(lambda cancelled: iter([])).start())
-    assert state.error == "The training stopped without giving a reason, possibly out of memory." and not state.running
+    assert (
+        state.error == "The training stopped without an error message. It may have run out of memory."
+        and not state.running
+    )
 
 
 def test_without_a_thread_there_is_one_sentence(addon, monkeypatch):
@@ -300,7 +303,7 @@ def test_without_a_thread_there_is_one_sentence(addon, monkeypatch):
 
 
 def test_train_operator_says_what_is_missing(empty, tmp_path):
-    with pytest.raises(RuntimeError, match="No capture is chosen"):
+    with pytest.raises(RuntimeError, match="No capture is selected"):
         bpy.ops.frog.train()
     empty.frog.capture_folder = str(tmp_path / "nowhere")
     with pytest.raises(RuntimeError, match="found no such folder"):

@@ -34,14 +34,14 @@ def _check_layers(scene: Any) -> None:
     for obj in _rendered_captures(scene):
         if obj.frog.laid_over:
             raise FrogError(
-                f"{obj.name} is left out of {scene.name}, as FRoG draws it in another scene of the same objects: "
-                f"run Render With My Objects in {scene.name} as well."
+                f"{obj.name} is not rendered in {scene.name}, because FRoG renders it in another scene of the same "
+                f"objects. Run Render With My Objects in {scene.name} as well."
             )
 
 
 def foreign(scene: Any, splats: Any) -> str:
     return (
-        f"The compositor of {scene.name} shows {splats.name}, which follows {splats.frog.composed_with.name}: run "
+        f"The compositor of {scene.name} shows {splats.name}, which follows {splats.frog.composed_with.name}. Run "
         f"Render With My Objects in {scene.name}."
     )
 
@@ -49,16 +49,16 @@ def foreign(scene: Any, splats: Any) -> str:
 def _check_settings(scene: Any, splats: Any) -> None:
     if scene.render.engine == "FROG":
         raise FrogError(
-            f"{scene.name} is rendered by FRoG, and {splats.name} is laid over it once more: choose another engine, or "
-            "switch Compositing off."
+            f"{scene.name} is rendered by FRoG, and {splats.name} is overlaid on it once more. Choose another engine "
+            "or disable Compositing."
         )
     if scene.render.use_single_layer:
-        raise FrogError(f"{scene.name} renders a single layer, and so without {splats.name}: switch that off.")
+        raise FrogError(f"{scene.name} renders a single layer, without {splats.name}. Disable Render Single Layer.")
     if splats not in compositor.rendered_scenes(scene):
-        raise FrogError(f"Blender does not render {splats.name} from within a group of nodes: ungroup them.")
+        raise FrogError(f"Blender does not render {splats.name} from within a node group. Ungroup its nodes.")
     cannot_follow = splats.library is not None or not in_main_thread()
     if cannot_follow and scenes.structural_changes(splats):
-        raise FrogError(f"{splats.name} has other objects than {scene.name}: render again.")
+        raise FrogError(f"{splats.name} does not have the same objects as {scene.name}. Render again.")
     if scene.camera is not None:
         engine_camera(scene.camera, scene.camera.matrix_world, scene.render, 64, 64)
     world = scene.rigidbody_world
@@ -66,7 +66,7 @@ def _check_settings(scene: Any, splats: Any) -> None:
         for obj in world.collection.objects:
             if obj.rigid_body is not None and obj.rigid_body.type == "ACTIVE" and not obj.rigid_body.kinematic:
                 raise FrogError(
-                    f"{obj.name} is moved by a simulation, which {splats.name} does not have: bake it to keyframes "
+                    f"{obj.name} is moved by a simulation, which {splats.name} does not have. Bake it to keyframes "
                     "(Object > Rigid Body > Bake to Keyframes)."
                 )
 

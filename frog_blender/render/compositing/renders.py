@@ -93,8 +93,8 @@ def note_drawn(scene: Any, has_captures: bool) -> None:
     render.drawn = True
     if not has_captures and not problems():
         _say(
-            f"{leading(scene).name} shows no capture at frame {leading(scene).frame_current}: the image has the "
-            "objects alone."
+            f"{leading(scene).name} shows no capture at frame {leading(scene).frame_current}. The image has the "
+            "objects only."
         )
 
 
@@ -151,7 +151,7 @@ def _on_post(scene: Any, *_: Any) -> None:
         return
     failure = render.failure
     if not failure and render.splats is not None and not render.drawn:
-        failure = f"{render.splats.name} was not rendered: the image lacks the captures."
+        failure = f"{render.splats.name} was not rendered. The captures are missing from the image."
     if failure and failure not in problems():
         _say(failure)
     render.failure = failure
