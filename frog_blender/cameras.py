@@ -1,4 +1,4 @@
-"""Engine cameras as Blender cameras, and back, exactly: the only file that knows both conventions.
+"""Converts engine cameras to Blender cameras and back, exactly. No other file knows both conventions.
 
 Blender looks along -z with y up and describes a lens by focal length, sensor and shift; the engine looks along +z with
 y down and describes it by a matrix of pixels.  What Blender cannot hold in a camera, pixels that are not square, is
@@ -54,7 +54,7 @@ def pose_of(camera: Camera) -> np.ndarray:
 def engine_camera(
     obj: Any, matrix_world: Any, render: Any, width: int, height: int, shift_x: float | None = None
 ) -> Camera:
-    """The engine camera that a (possibly evaluated) Blender camera object is, at a render size in pixels.
+    """Converts a (possibly evaluated) Blender camera object to an engine camera, at a render size in pixels.
 
     ``matrix_world`` is the object's, ``render`` the scene's render settings (for the pixel aspect). An orthographic
     camera stands ``distance_added`` further back than Blender's. An eye of a stereoscopic camera has a ``shift_x``
@@ -91,8 +91,9 @@ def engine_camera(
 
 
 def distance_added(data: Any) -> float:
-    """How much further back than in Blender the engine's camera stands: an orthographic one very far, so that what it
-    sees looks the same to a pixel; 0 for a perspective."""
+    """How far the engine camera is moved back: very far for an orthographic camera, so that its image is the same to
+    a pixel; 0 for a perspective camera.
+    """
     return _FAR * data.ortho_scale if data.type == "ORTHO" else 0.0
 
 
@@ -129,7 +130,7 @@ def _expect_focal(focal: np.ndarray, name: str) -> None:
 
 
 def nearest_rotation(matrix: np.ndarray, name: str) -> np.ndarray:
-    """The rotation closest to a (3, 3) matrix: a scaled parent does not scale what a camera sees."""
+    """The rotation closest to a (3, 3) matrix. The scale of a parent does not affect what a camera sees."""
     _expect_numbers(matrix, matrix, name)
     left, scales, right = np.linalg.svd(matrix)
     if scales[-1] < 1e-12 or np.linalg.det(matrix) < 0:

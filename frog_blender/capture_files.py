@@ -1,4 +1,4 @@
-"""The .frog file of a capture as a data-block of Blender's own, so that Blender looks after it as after its own files.
+"""Keeps the path of a capture's .frog file in a data-block that Blender manages like its own files.
 
 Blender lets no add-on tell it of a file. But it makes the paths of its volumes relative and absolute, rewrites them
 where a .blend is saved elsewhere, appended or made local, reports and finds missing ones, and packs and unpacks them,
@@ -25,7 +25,7 @@ _LONGEST_PATH = 1023  # bytes that a volume's path holds
 
 
 class UnpackedFiles:
-    """Copies of what is packed into the .blend.
+    """Temporary copies of files that are packed into the .blend.
 
     Attributes:
         paths: by a volume's session_uid, and the place and size of what it packs.
@@ -48,13 +48,13 @@ def is_capture(obj: Any) -> bool:
 
 
 def shown_path(settings: Any, stored: str) -> str:
-    """What ``Object.frog.filepath`` reads, of a string that was stored there."""
+    """The value of ``Object.frog.filepath``, given the string stored there."""
     source = settings.source
     return stored if source is None else source.filepath
 
 
 def point_at(settings: Any, path: str) -> None:
-    """Makes ``path``, which may be relative, that of the capture's volume: its own one, if others share what it has."""
+    """Sets the path, which may be relative, of the capture's volume. A volume that is shared gets a copy first."""
     source = settings.source
     if len(os.fsencode(path)) > _LONGEST_PATH:
         settings.source = None
@@ -70,19 +70,19 @@ def point_at(settings: Any, path: str) -> None:
 
 
 def adopt() -> None:
-    """Gives the captures of this .blend that have a path alone a volume for it."""
+    """Creates the volume for captures of this .blend that only have a path."""
     for obj in bpy.data.objects:
         if is_capture(obj) and obj.frog.source is None and relative_paths.library_of(obj) is None:
             point_at(obj.frog, obj.frog.filepath)
 
 
 def named_file(obj: Any) -> Path:
-    """The file that an object names, which need not be there where its content is packed into the .blend."""
+    """The file that an object refers to. It need not exist if its content is packed into the .blend."""
     return relative_paths.absolute(obj.frog.source or obj, obj.frog.filepath)
 
 
 def file_of(obj: Any) -> Path:
-    """The .frog file that an object plays: the one that it names, or a copy of what is packed into the .blend."""
+    """The .frog file that an object plays: the file it refers to, or a copy of what is packed into the .blend."""
     source = obj.frog.source
     if source is None or source.packed_file is None:
         return named_file(obj)
@@ -90,13 +90,13 @@ def file_of(obj: Any) -> Path:
 
 
 def packed_bytes(obj: Any) -> int:
-    """How much of a .blend a capture's packed file takes; 0 where it is not packed."""
+    """Size in bytes of a capture's packed file in the .blend; 0 if it is not packed."""
     source = obj.frog.source
     return source.packed_file.size if source is not None and source.packed_file is not None else 0
 
 
 def _copy_of_packed(source: Any) -> Path | None:
-    """A file with what a volume has packed, written once for each content; None where it cannot be written."""
+    """A file with the packed content of a volume, written once for each content; None if it cannot be written."""
     packed = source.packed_file
     key = source.session_uid, packed.as_pointer(), packed.size
     unpacked = addon_state.get(UnpackedFiles)
@@ -123,7 +123,7 @@ def _copy_of_packed(source: Any) -> Path | None:
 
 
 def _write(path: Path, content: bytes) -> None:
-    """All of it or nothing."""
+    """Writes the whole file or nothing."""
     path.parent.mkdir(parents=True, exist_ok=True)
     unfinished = path.with_suffix(".part")
     unfinished.write_bytes(content)

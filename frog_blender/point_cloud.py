@@ -1,4 +1,4 @@
-"""Gaussians -> a Blender datablock that every render engine can draw.
+"""Stores Gaussians in a Blender data-block that every render engine can draw.
 
 Blender 5.3 draws Gaussian splats itself: there the Gaussians live in a point cloud of that type.  Before 5.3, and where
 Blender refuses one, they are the vertices of a Mesh that Geometry Nodes turn into points (``splat_nodes``).
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from .engine.playback.player import ScenePlayer
 
 TYPES = ("MESH", "POINTCLOUD")
-"""Of objects that can carry Gaussians, whatever Blender made the file that they are in."""
+"""Types of objects that can hold Gaussians, in files of any Blender version."""
 DATA_TYPES = (bpy.types.Mesh, bpy.types.PointCloud)
 _MODIFIER = "Gaussians as points"
 _HIDING = "Hidden in renders"
@@ -38,8 +38,9 @@ _BASE = {"MESH": "FLOAT_COLOR", "POINTCLOUD": "FLOAT4"}
 
 _COLUMNS = {"position": "means", "scale": "scales", "rotation": "quaternions", "radiance:base": "base"}
 _SHOWN = "frog_shown"
-"""A custom property of the mesh that says whose Gaussians at which time it holds.  What undo, copying or loading brings
-back of the mesh brings it back as well, so that it is always right; see ``show`` for what it saves."""
+"""A custom property of the mesh: the token of the scene and the time of the Gaussians it holds. Undo, copying and
+loading restore it together with the mesh, so it is always right. ``show`` uses it to skip writing.
+"""
 
 
 def draws_splats() -> bool:
@@ -49,7 +50,7 @@ def draws_splats() -> bool:
 
 
 def create(name: str, gaussians: GaussianArrays) -> Any:
-    """A new object that carries ``gaussians``, with its nodes and material, linked to no collection yet."""
+    """A new object that holds ``gaussians``, with its nodes and material, not linked to a collection yet."""
     if draws_splats():
         cloud = bpy.data.pointclouds.new(name)
         try:
@@ -82,8 +83,9 @@ def _add_modifier(obj: Any, name: str, group: Any) -> Any:
 
 
 def is_original(shown: Any, original: Any) -> bool:
-    """Whether an object that Blender lists is a carrier itself, not what Geometry Nodes make of it: they list points of
-    a mesh as another type, and ellipsoids under the name of another mesh."""
+    """Whether an object in a depsgraph is the capture itself and not the output of its Geometry Nodes: their points
+    have another type, and their ellipsoids another mesh.
+    """
     return shown.type == original.type and (shown.type != "MESH" or shown.data.name == original.data.name)
 
 
@@ -101,7 +103,7 @@ def display(obj: Any, kind: str) -> None:
 
 
 def write(obj: Any, gaussians: GaussianArrays) -> None:
-    """Put ``gaussians`` into the object's mesh; only a change of count or SH degree rebuilds the mesh."""
+    """Write ``gaussians`` to the object's mesh. Only a change of count or SH degree rebuilds the mesh."""
     mesh = obj.data
     invalidate(mesh)
     further = gaussians.sh.shape[1] - 1
@@ -120,10 +122,10 @@ def write(obj: Any, gaussians: GaussianArrays) -> None:
 
 
 def show(obj: Any, scene: ScenePlayer, time: float, part: Callable[[], FrameDelta]) -> None:
-    """Put a scene's Gaussians at a time in [0, 1] into the object's mesh.
+    """Write a scene's Gaussians at a time in [0, 1] to the object's mesh.
 
-    What the mesh holds already is not written again: nothing for the same moment, and only what changes in time for
-    another moment of the same scene.
+    What the mesh already holds is not written again: nothing at the same time, and only time-dependent attributes at
+    another time of the same scene.
 
     Args:
         part: gives what ``scene.part_at(time)`` does; called if there is something to write.
@@ -148,13 +150,13 @@ def show(obj: Any, scene: ScenePlayer, time: float, part: Callable[[], FrameDelt
 
 
 def invalidate(mesh: Any) -> None:
-    """Whatever the mesh holds, ``show`` is to write all of it again."""
+    """Makes ``show`` write everything again, whatever the mesh holds."""
     if _SHOWN in mesh and mesh.library is None:
         del mesh[_SHOWN]
 
 
 def write_attribute(mesh: Any, name: str, values: np.ndarray) -> None:
-    """Writes one attribute of a datablock: (N, width) float32, whatever it held."""
+    """Writes one attribute of a data-block: (N, width) float32."""
     attribute = mesh.attributes[name]  # fetched anew: adding an attribute may move the others
     # 1-D, float32, contiguous: the only form that Blender copies instead of reading value by value.
     flat = np.ascontiguousarray(values, dtype=np.float32).ravel()
@@ -162,7 +164,7 @@ def write_attribute(mesh: Any, name: str, values: np.ndarray) -> None:
 
 
 def read(obj: Any) -> dict[str, np.ndarray]:
-    """What the object carries: float32 arrays (N, width) by attribute name, for tests and exporters."""
+    """The object's attributes as float32 arrays (N, width) by name, for tests and exporters."""
     found: dict[str, np.ndarray] = {}
     for name, attribute in obj.data.attributes.items():
         key = _VALUE_KEY.get(attribute.data_type)
@@ -176,7 +178,7 @@ def read(obj: Any) -> dict[str, np.ndarray]:
 
 
 def draw_in_renders(obj: Any, shown: bool) -> None:
-    """Whether other engines than FROG draw the Gaussians in their renders; FROG always does."""
+    """Sets whether engines other than FROG draw the Gaussians in renders; FROG always does."""
     if obj.type == "POINTCLOUD":
         hiding = obj.modifiers.get(_HIDING)
         if shown and hiding is not None:
@@ -190,7 +192,7 @@ def draw_in_renders(obj: Any, shown: bool) -> None:
 
 
 def is_drawn_in_renders(obj: Any) -> bool:
-    """Whether other engines than FROG draw the Gaussians in their renders: see ``draw_in_renders``."""
+    """Whether engines other than FROG draw the Gaussians in renders; see ``draw_in_renders``."""
     if obj.type == "POINTCLOUD":
         return obj.modifiers.get(_HIDING) is None
     modifier = obj.modifiers.get(_MODIFIER)
@@ -205,7 +207,7 @@ def clear(obj: Any) -> None:
 
 
 def count(obj: Any) -> int:
-    """How many Gaussians the object carries now."""
+    """Number of Gaussians that the object holds now."""
     return _size(obj.data)
 
 

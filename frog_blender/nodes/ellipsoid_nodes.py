@@ -1,4 +1,4 @@
-"""Gaussians as solid ellipsoids: one instance each, for a look at what a scene is made of, and for Geometry Nodes.
+"""Gaussians as solid ellipsoids, one instance each, to inspect a scene and to use in Geometry Nodes.
 
 An instance's location, rotation and scale are the Gaussian's own; the sphere that is instanced has a radius of
 ``RADIUS`` standard deviations. Gaussians that are too transparent to be drawn as splats have none.
@@ -16,7 +16,7 @@ from .splat_nodes import display_color
 
 _GROUP, _MATERIAL = "FRoG Gaussians as Ellipsoids", "FRoG Ellipsoids"
 MOST = 50_000
-"""Gaussians beyond which Blender takes too long over instances to scrub."""
+"""The largest number of Gaussians for which Blender still scrubs instances smoothly."""
 RADIUS = 1.5
 
 
@@ -51,7 +51,7 @@ def ellipsoids_group() -> Any:
 
 
 def material() -> Any:
-    """The base colours of the Gaussians, glowing; made once per file."""
+    """An emission material of the Gaussians' base colors; created once per file."""
     found = bpy.data.materials.get(_MATERIAL)
     if found is not None:
         return found

@@ -1,4 +1,4 @@
-"""The Geometry Nodes and the material that draw the carrier's Gaussians in Cycles and EEVEE.
+"""The Geometry Nodes and the material that draw a point cloud's Gaussians in Cycles and EEVEE.
 
 Geometry Nodes turn each vertex into a point whose sphere holds the Gaussian out to three standard deviations, and store
 the rows of A = inverse(rotation * scale) and the centre.  The material evaluates the Gaussian along the ray that hit
@@ -58,7 +58,7 @@ def points_group() -> Any:
 
 
 def nothing_group() -> Any:
-    """A Geometry Nodes group that leaves nothing of what it is given, made once per file."""
+    """A Geometry Nodes group that outputs empty geometry; created once per file."""
     return bpy.data.node_groups.get(_NOTHING) or _new_nothing()
 
 

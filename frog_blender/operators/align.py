@@ -1,4 +1,4 @@
-"""A capture set upright: its floor on the grid, its middle at the origin, its size as it was on the day."""
+"""Align to Floor: the capture's floor on the grid, its center at the origin, optionally at its real size."""
 
 # mypy: disable-error-code="valid-type"
 
@@ -11,7 +11,7 @@ from mathutils import Matrix
 
 from ..engine.errors import FrogError
 from ..engine.playback.ground_plane import Floor, camera_up, find_floor, lowest, placement, resting
-from ..scene_import.capture_objects import cameras_of, chosen, placed_by
+from ..scene_import.capture_objects import active_capture, cameras_of, root_of
 from ..timeline import playback
 
 
@@ -50,11 +50,11 @@ class FROG_OT_align_to_floor(bpy.types.Operator):
     @classmethod
     def poll(cls, context: Any) -> bool:
         cls.poll_message_set("Select a capture first.")
-        return chosen(context) is not None
+        return active_capture(context) is not None
 
     def execute(self, context: Any) -> set[str]:
-        obj = chosen(context)
-        root = placed_by(obj)
+        obj = active_capture(context)
+        root = root_of(obj)
         context.view_layer.update()  # or what was placed just now is measured where it was
         if root.library is not None:
             self.report({"ERROR"}, f"{root.name} is linked from another file. Append it to move it.")
@@ -71,7 +71,7 @@ class FROG_OT_align_to_floor(bpy.types.Operator):
         return {"FINISHED"}
 
     def _scale(self, context: Any, obj: Any) -> float:
-        """Of the capture, in lengths of the scene for each of its own."""
+        """The capture's scale: scene units per unit of the capture."""
         now = float(np.cbrt(abs(obj.matrix_world.determinant())))
         if not now > 0.0:
             raise FrogError(f"{obj.name}: found a scale of zero, expected a positive one.")

@@ -1,4 +1,6 @@
-"""Bake Playback: the frames that a scene shows of a capture, computed once and kept on disk; and the cache's button."""
+"""Bake Playback: computes the frames of a capture that a scene shows once and stores them on disk. Also Clear
+Playback Cache.
+"""
 
 # mypy: disable-error-code="valid-type"
 
@@ -14,7 +16,7 @@ from bpy.props import StringProperty
 
 from .. import point_cloud
 from ..engine.errors import FrogError
-from ..scene_import.capture_objects import named_or_chosen
+from ..scene_import.capture_objects import named_or_active_capture
 from ..timeline import open_scenes, playback, playback_cache
 from ..timeline.retiming import needs_evaluated_time, stretched
 from .modal_operator import ModalOperator, has_window
@@ -22,7 +24,9 @@ from .modal_operator import ModalOperator, has_window
 
 @dataclass
 class Baking:
-    """A bake on its way: ``steps`` writes it, one moment after the other; closing them leaves nothing behind."""
+    """A bake in progress: each step of ``steps`` writes one frame. Closing the generator removes the unfinished
+    file.
+    """
 
     path: Path
     total: int
@@ -30,7 +34,8 @@ class Baking:
 
 
 def begin(obj: Any, scene: Any) -> Baking:
-    """Baking what ``scene`` shows, over its frame range, of the file that ``obj`` plays; FrogError if it cannot be.
+    """Prepares a bake of the file that ``obj`` plays, over the frame range of ``scene``; FrogError if it cannot be
+    baked.
 
     Other objects of the scene that play the same file from the same bake are in it as well.
     """
@@ -68,8 +73,8 @@ def _times(scene: Any, objects: list[Any]) -> set[float]:
     return found
 
 
-class _OnCapture:
-    """Operators of one capture."""
+class _CaptureOperator:
+    """Base of operators on one capture."""
 
     object_name: StringProperty(
         name="Capture",
@@ -78,10 +83,10 @@ class _OnCapture:
     )
 
     def capture(self, context: Any) -> Any:
-        return named_or_chosen(context, self.object_name)
+        return named_or_active_capture(context, self.object_name)
 
 
-class FROG_OT_bake(_OnCapture, ModalOperator, bpy.types.Operator):
+class FROG_OT_bake(_CaptureOperator, ModalOperator, bpy.types.Operator):
     """Compute this capture at every frame of the scene's frame range and store the results on disk, so that scrubbing \
 has nothing to compute. Press Esc or the right mouse button to stop"""
 
@@ -93,12 +98,12 @@ has nothing to compute. Press Esc or the right mouse button to stop"""
     _baking: Baking | None = None
 
     def execute(self, context: Any) -> set[str]:
-        """For scripts: comes back when all is done."""
-        return self._bake(context, self.go_through)
+        """For scripts: returns when everything is done."""
+        return self._bake(context, self.run_all_steps)
 
     def invoke(self, context: Any, _event: Any) -> set[str]:
-        """In a window: a slice of work at a time."""
-        return self._bake(context, self.go_on_in_window if has_window(context) else self.go_through)
+        """In a window: works in short slices."""
+        return self._bake(context, self.run_in_window if has_window(context) else self.run_all_steps)
 
     def _bake(self, context: Any, go: Callable[..., set[str]]) -> set[str]:
         try:
@@ -111,16 +116,16 @@ has nothing to compute. Press Esc or the right mouse button to stop"""
     def restore(self) -> None:
         playback.refresh(bpy.context.scene)  # the bake was let go of; what is shown comes from what there is now
 
-    def finished_sentence(self) -> str:
+    def finished_message(self) -> str:
         assert self._baking is not None
         size = self._baking.path.stat().st_size / playback_cache.MEGABYTE
         return f"Baked {self._baking.total:,} frames to {self._baking.path} ({size:,.0f} MB)."
 
-    def stopped_sentence(self) -> str:
+    def stopped_message(self) -> str:
         return "Baking was stopped. Nothing was written."
 
 
-class FROG_OT_clear_bake(_OnCapture, bpy.types.Operator):
+class FROG_OT_clear_bake(_CaptureOperator, bpy.types.Operator):
     """Delete the baked playback of this capture from disk. Frames are computed again when they are shown"""
 
     bl_idname = "frog.clear_bake"

@@ -1,4 +1,4 @@
-"""Choosing among the capture's cameras."""
+"""Look Through Camera."""
 
 # mypy: disable-error-code="valid-type"
 

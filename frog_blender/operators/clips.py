@@ -1,4 +1,4 @@
-"""The buttons that show and hide what a capture's cameras filmed."""
+"""Show Clips and Hide Clips: the videos of a capture's cameras as their backgrounds."""
 
 # mypy: disable-error-code="valid-type"
 
@@ -11,8 +11,8 @@ from bpy.props import BoolProperty, FloatProperty, StringProperty
 
 from ..engine.errors import FrogError
 from ..engine.source_media.undistorted_clips import Straightening
-from ..scene_import.camera_clips import OPACITY, add_clips, begin_straightening, hide_clip, revive
-from ..scene_import.capture_objects import cameras_of, chosen, known_by
+from ..scene_import.camera_clips import OPACITY, add_clips, begin_undistortion, hide_clip, refresh_drivers
+from ..scene_import.capture_objects import active_capture, cameras_of, find_by_uid
 from .modal_operator import ModalOperator, has_window
 
 
@@ -62,11 +62,11 @@ undistorted copies are first written next to the scene file"""
     @classmethod
     def poll(cls, context: Any) -> bool:
         cls.poll_message_set("Select a capture with cameras first.")
-        obj = chosen(context)
+        obj = active_capture(context)
         return obj is not None and bool(cameras_of(obj))
 
     def invoke(self, context: Any, event: Any) -> set[str]:
-        """In a window: films are written a slice at a time, and a folder is asked for where none was found."""
+        """In a window: writes the clips in short slices, and asks for the capture's folder if it was not found."""
         self.is_interactive = True
         ended = self._show(context, None)
         if ended is None:
@@ -75,8 +75,8 @@ undistorted copies are first written next to the scene file"""
         return ended
 
     def execute(self, context: Any) -> set[str]:
-        """For scripts, then it comes back when all is done; and for the folder that was asked for."""
-        obj = chosen(context)
+        """For scripts, in which case it returns when everything is done, and for the folder that the user chose."""
+        obj = active_capture(context)
         folder = Path(bpy.path.abspath(self.directory)) if self.directory else None
         ended = self._show(context, folder)
         if ended is None:
@@ -88,17 +88,17 @@ undistorted copies are first written next to the scene file"""
         return ended
 
     def _show(self, context: Any, folder: Path | None) -> set[str] | None:
-        """Write what is lacking and show; None where nothing was found to show."""
-        obj = chosen(context)
+        """Write missing clips and show all; None if there is nothing to show."""
+        obj = active_capture(context)
         films, problem = None, ""
         try:
-            films = begin_straightening(obj, folder) if self.straighten else None
+            films = begin_undistortion(obj, folder) if self.straighten else None
         except FrogError as error:  # what there is can still be shown as it was filmed
             problem = str(error)
         self._folder = folder
         if films is not None:
             self._show_now(obj, straight=False)  # until they are written, and if they never are
-            go = self.go_on_in_window if self.is_interactive and has_window(context) else self.go_through
+            go = self.run_in_window if self.is_interactive and has_window(context) else self.run_all_steps
             return go(context, self._write(films, obj.session_uid), films.total)
         try:
             self._show_now(obj, straight=self.straighten)
@@ -111,13 +111,13 @@ undistorted copies are first written next to the scene file"""
         if problem:
             self.report({"WARNING"}, f"The original clips are shown: {problem}")
         else:
-            self.report({"INFO"}, self.finished_sentence())
+            self.report({"INFO"}, self.finished_message())
         return {"FINISHED"}
 
     def _write(self, films: Straightening, capture: int) -> Generator[int, None, None]:
-        """Write the films, then show them if the capture is still there."""
+        """Write the clips, then show them if the capture still exists."""
         yield from films.steps
-        obj = known_by(bpy.data.objects, capture)
+        obj = find_by_uid(bpy.data.objects, capture)
         if obj is not None:
             self._show_now(obj, straight=True)
 
@@ -125,13 +125,13 @@ undistorted copies are first written next to the scene file"""
         options = {"opacity": self.opacity, "in_front": self.in_front, "straight": straight}
         self._shown = add_clips(obj, self._folder, **options)
 
-    def finished_sentence(self) -> str:
+    def finished_message(self) -> str:
         return f"Showing the clips of {self._shown} camera{'s' * (self._shown != 1)}."
 
-    def stopped_sentence(self) -> str:
+    def stopped_message(self) -> str:
         return f"No clips were written.{' The original clips are shown.' if self._shown else ''}"
 
-    def failed_sentence(self, reason: str) -> str:
+    def failed_message(self, reason: str) -> str:
         return f"The original clips are shown: {reason}" if self._shown else reason
 
 
@@ -147,7 +147,7 @@ class FROG_OT_hide_clips(bpy.types.Operator):
         return FROG_OT_add_clips.poll(context)
 
     def execute(self, context: Any) -> set[str]:
-        for camera in cameras_of(chosen(context)):
+        for camera in cameras_of(active_capture(context)):
             hide_clip(camera)
         return {"FINISHED"}
 
@@ -158,4 +158,4 @@ _register_classes, unregister = bpy.utils.register_classes_factory(_CLASSES)
 
 def register() -> None:
     _register_classes()
-    revive()
+    refresh_drivers()

@@ -1,4 +1,4 @@
-"""File > Export: frames of a capture as 3DGS .ply files, and its .frog to another place."""
+"""File > Export: frames of a capture as 3DGS .ply files, and a copy of its .frog file."""
 
 # mypy: disable-error-code="valid-type"
 
@@ -15,7 +15,7 @@ from bpy_extras.io_utils import ExportHelper
 from ..capture_files import named_file
 from ..engine.errors import FrogError
 from ..engine.playback.transform import Y_DOWN
-from ..scene_import.capture_objects import chosen, stored_path
+from ..scene_import.capture_objects import active_capture, stored_path
 from ..timeline import playback
 from ..timeline.retiming import raw_frame
 from .frame_export import FrameExport
@@ -61,7 +61,7 @@ Esc or the right mouse button to stop"""
     @classmethod
     def poll(cls, context: Any) -> bool:
         cls.poll_message_set("Import or select a FRoG capture first.")
-        return chosen(context) is not None
+        return active_capture(context) is not None
 
     def invoke(self, context: Any, event: Any) -> set[str]:
         _suggest(self, context)
@@ -82,32 +82,34 @@ Esc or the right mouse button to stop"""
         row.prop(self, "y_down")
 
     def execute(self, context: Any) -> set[str]:
-        """Several frames that a user asked for in the file browser are written one by one while Blender goes on."""
+        """Several frames chosen in the file browser are written one by one while Blender stays responsive."""
         from ..engine.interchange.splats import numbered
 
-        asked, self.is_interactive = self.is_interactive, False  # whoever repeats the operator waits for it
-        obj, path = chosen(context), Path(bpy.path.abspath(self.filepath))
+        in_steps, self.is_interactive = self.is_interactive, False  # a repeated operator runs to its end
+        obj, path = active_capture(context), Path(bpy.path.abspath(self.filepath))
         frames = self._frames(context.scene)
         if obj is None:
             self.report({"ERROR"}, "No capture is selected. Import or select one first.")
             return {"CANCELLED"}
         if not frames:
-            self.report({"ERROR"}, f"The range is empty: it starts at frame {self.first} and ends at {self.last}.")
+            self.report(
+                {"ERROR"}, f"The range is empty: it starts at frame {self.first} and ends at frame {self.last}."
+            )
             return {"CANCELLED"}
         paths = [path if self.frames == "CURRENT" else numbered(path, int(frame)) for frame in frames]
         turn = (Y_DOWN if self.y_down else np.eye(4)) if self.apply_transform else None
         export = self._export = FrameExport.of(context, obj, frames, paths, turn)
-        if asked and len(frames) > 1 and has_window(context):
-            return self.go_on_in_window(context, export.steps(), len(frames))
-        return self.go_through(context, export.steps(), len(frames))
+        if in_steps and len(frames) > 1 and has_window(context):
+            return self.run_in_window(context, export.steps(), len(frames))
+        return self.run_all_steps(context, export.steps(), len(frames))
 
-    def finished_sentence(self) -> str:
+    def finished_message(self) -> str:
         return f"{self._done:,} {'file' if self._done == 1 else 'files'} written to {self._folder}."
 
-    def stopped_sentence(self) -> str:
+    def stopped_message(self) -> str:
         return f"The export was stopped. {self._done:,} of {self._total:,} files were written to {self._folder}."
 
-    def failed_sentence(self, reason: str) -> str:
+    def failed_message(self, reason: str) -> str:
         if not self._done:
             return reason
         return f"{reason.rstrip('.')}; {self._done:,} of {self._total:,} files were written to {self._folder}."
@@ -145,7 +147,7 @@ class FROG_OT_export_scene(bpy.types.Operator, ExportHelper):
     @classmethod
     def poll(cls, context: Any) -> bool:
         cls.poll_message_set("Import or select a FRoG capture first.")
-        return chosen(context) is not None
+        return active_capture(context) is not None
 
     def invoke(self, context: Any, event: Any) -> set[str]:
         _suggest(self, context)
@@ -154,7 +156,7 @@ class FROG_OT_export_scene(bpy.types.Operator, ExportHelper):
     def execute(self, context: Any) -> set[str]:
         from ..engine.io.atomic_files import write_atomically
 
-        obj, path = chosen(context), Path(bpy.path.abspath(self.filepath))
+        obj, path = active_capture(context), Path(bpy.path.abspath(self.filepath))
         source = playback.file_of(obj)
         try:
             playback.open_scene(source)  # a copy of a damaged file would help nobody
@@ -175,9 +177,9 @@ class FROG_OT_export_scene(bpy.types.Operator, ExportHelper):
 
 
 def _suggest(operator: Any, context: Any) -> None:
-    """Beside the .frog, under its name."""
+    """Suggests a path next to the .frog file, with the same name."""
     if not operator.filepath:
-        operator.filepath = str(named_file(chosen(context)).with_suffix(operator.filename_ext))
+        operator.filepath = str(named_file(active_capture(context)).with_suffix(operator.filename_ext))
 
 
 def _menu(self: Any, _context: Any) -> None:

@@ -1,4 +1,4 @@
-"""What importers of files have in common that can be dropped into a window, and chosen several at once."""
+"""Base classes of importers whose files can be dropped into a window and selected several at a time."""
 
 # mypy: disable-error-code="valid-type"
 
@@ -11,7 +11,7 @@ from bpy_extras.io_utils import ImportHelper
 
 
 class OpensDroppedFile(ImportHelper):
-    """A base beside ``bpy.types.Operator``: a dropped file brings its path along and needs no file browser.
+    """A base next to ``bpy.types.Operator``: a dropped file needs no file browser.
 
     Who has it as a base opens one file, ``filepath``, in ``open_file``.
     """
@@ -26,7 +26,7 @@ class OpensDroppedFile(ImportHelper):
         return super().invoke(context, event)
 
     def execute(self, context: Any) -> set[str]:
-        """Opens every file; what cannot be opened does not hold up the others. The first one sets the scene up."""
+        """Opens every file; one that cannot be opened does not stop the others. The first one sets up the scene."""
         paths = self.paths()
         if len(paths) < 2:
             return self.open_file(context)
@@ -42,17 +42,17 @@ class OpensDroppedFile(ImportHelper):
         return {"FINISHED"} if opened else {"CANCELLED"}
 
     def open_file(self, context: Any) -> set[str]:
-        """Opens ``filepath``, and reports."""
+        """Opens ``filepath`` and reports the result."""
         raise NotImplementedError
 
     def paths(self) -> list[Path]:
-        """All files that were dropped or chosen, if there are several."""
+        """All files that were dropped or selected, if there are several."""
         folder = Path(bpy.path.abspath(self.directory))
         return [folder / file.name for file in self.files if file.name]
 
 
 class DropsIntoViews:
-    """For file handlers: where scenes are seen and listed."""
+    """Base of file handlers: files can be dropped into viewports and outliners."""
 
     @classmethod
     def poll_drop(cls, context: Any) -> bool:

@@ -11,7 +11,7 @@ from mathutils import Matrix
 
 from ..engine.errors import FrogError
 from ..engine.playback.transform import Y_DOWN
-from ..scene_import.capture_objects import placed_by, select_alone
+from ..scene_import.capture_objects import root_of, select_only
 from ..scene_import.create_objects import import_scene
 from .file_drop import DropsIntoViews, OpensDroppedFile
 from .set_up_scene import SetsUpScene
@@ -62,8 +62,8 @@ class FROG_OT_import_splats(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         if self.turn_upright:
-            placed_by(obj).matrix_world = Matrix(Y_DOWN.T.tolist())
-        select_alone(context, obj)
+            root_of(obj).matrix_world = Matrix(Y_DOWN.T.tolist())
+        select_only(context, obj)
         if imported.warning:
             self.report({"WARNING"}, imported.warning)
         else:
@@ -72,7 +72,7 @@ class FROG_OT_import_splats(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
 
 
 class FROG_FH_splats(DropsIntoViews, bpy.types.FileHandler):
-    """Lets a .ply file be dropped into a viewport; Blender asks which importer is meant, its own or this one."""
+    """Lets a .ply file be dropped into a viewport; Blender asks whether to use its own importer or this one."""
 
     bl_idname = "FROG_FH_splats"
     bl_label = "3DGS Splats (FRoG)"

@@ -1,4 +1,4 @@
-"""torch by one button, and only by it: nothing is fetched without a click and Blender's Online Access."""
+"""Install torch. Nothing is downloaded without a click and without Blender's Online Access."""
 
 # mypy: disable-error-code="valid-type"
 

@@ -1,4 +1,4 @@
-"""Naming the capture to train from: its videos dropped into a window, or its folder in File > Import."""
+"""Choosing the capture to train from: by dropping its videos, or its folder in File > Import."""
 
 # mypy: disable-error-code="valid-type"
 
@@ -66,7 +66,7 @@ class FROG_OT_import_capture(bpy.types.Operator):
 
 
 def capture_of(videos: list[Path]) -> Path:
-    """The folder of the capture that has these videos; FrogError, saying what is missing, where there is none."""
+    """The folder of the capture with these videos; FrogError, stating what is missing, if there is none."""
     from ..engine.capture.readers import detect
 
     if not videos:
@@ -86,7 +86,9 @@ def capture_of(videos: list[Path]) -> Path:
 
 
 def _open(operator: Any, context: Any, find: Any) -> set[str]:
-    """Makes what ``find`` finds the scene's capture and says what it is; an error changes nothing."""
+    """Sets the folder that ``find`` returns as the scene's capture and reports its summary; an error changes
+    nothing.
+    """
     preferences.add_environment()  # OpenCV, which reads videos, may be there
     try:
         folder = find()
@@ -103,7 +105,7 @@ def _open(operator: Any, context: Any, find: Any) -> set[str]:
 
 
 def _show_panel(context: Any) -> None:
-    """The sidebar's tab FRoG: where the capture was dropped, or in the largest viewport after a choice in a menu."""
+    """Shows the FRoG tab of the sidebar, in the viewport that the capture was dropped into or else in the largest."""
     views = [area for area in context.screen.areas if area.type == "VIEW_3D"] if context.screen is not None else []
     if not views:
         return

@@ -1,4 +1,4 @@
-"""Finding .frog files again that were moved or renamed."""
+"""Find Scene File: for .frog files that were moved or renamed."""
 
 # mypy: disable-error-code="valid-type"
 
@@ -13,12 +13,12 @@ from bpy_extras.io_utils import ImportHelper
 
 from ..engine.errors import FrogError
 from ..relative_paths import library_of
-from ..scene_import.capture_objects import named_or_chosen, stored_path
+from ..scene_import.capture_objects import named_or_active_capture, stored_path
 from ..timeline import playback
 
 
 def relink(obj: Any, path: Path, *, also_others: bool) -> list[Any]:
-    """Makes an object of this .blend play ``path``, and gives all objects that found their file again.
+    """Makes an object of this .blend play ``path``. Returns all objects whose file was found.
 
     With ``also_others`` every capture of this .blend whose file is missing plays the file of the same name in the
     same folder, if there is one; it does so in all objects that play the missing file.  Raises FrogError, and changes
@@ -75,7 +75,7 @@ class FROG_OT_relink(bpy.types.Operator, ImportHelper):
     def execute(self, context: Any) -> set[str]:
         path = Path(bpy.path.abspath(self.filepath))
         try:
-            found = relink(named_or_chosen(context, self.object_name), path, also_others=self.all_missing)
+            found = relink(named_or_active_capture(context, self.object_name), path, also_others=self.all_missing)
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}

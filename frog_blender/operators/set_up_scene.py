@@ -1,4 +1,4 @@
-"""Setting the scene up for a capture: asked for with an import, or later by a button of its own."""
+"""Set Up Scene, as an option of importers and as an operator."""
 
 # mypy: disable-error-code="valid-type"
 
@@ -8,14 +8,14 @@ import bpy
 from bpy.props import BoolProperty
 
 from ..engine.errors import FrogError
-from ..scene_import.capture_objects import cameras_of, chosen
+from ..scene_import.capture_objects import active_capture, cameras_of
 from ..scene_import.scene_setup import is_untouched, set_up
 from ..scene_import.transaction import all_or_nothing
 from ..timeline import playback
 
 
 class SetsUpScene:
-    """For importers: the two properties that say what else of the scene changes.
+    """Base of importers: two properties that decide what else of the scene changes.
 
     Left alone they are on where the scene holds nothing of the user's, else off. They are not remembered from one
     import to the next, because the next scene is another.
@@ -37,13 +37,13 @@ class SetsUpScene:
     )
 
     def invoke(self, context: Any, event: Any) -> set[str]:
-        """Shows the properties as they are for this scene."""
+        """Shows the properties with this scene's defaults."""
         self.decide(context.scene)
         result: set[str] = super().invoke(context, event)  # type: ignore[misc]  # of the importer's other base
         return result
 
     def decide(self: Any, scene: Any) -> bool:
-        """Settles both properties, unless they were given; true if the settings are to stay and nobody has said so."""
+        """Sets both properties, unless they were given. Returns whether the settings stay unchanged by default."""
         given, untouched = self.properties.is_property_set, is_untouched(scene)
         left_alone = not given("set_up_scene") and not untouched
         if not given("set_up_scene"):
@@ -63,10 +63,10 @@ class FROG_OT_set_up_scene(bpy.types.Operator):
     @classmethod
     def poll(cls, context: Any) -> bool:
         cls.poll_message_set("Select one of the scene's captures first.")
-        return chosen(context) is not None
+        return active_capture(context) is not None
 
     def execute(self, context: Any) -> set[str]:
-        obj, scene = chosen(context), context.scene
+        obj, scene = active_capture(context), context.scene
         try:
             header = playback.open_scene(playback.file_of(obj)).header
             with all_or_nothing(scene):

@@ -1,4 +1,4 @@
-"""Train FRoG, hold it, cancel it, go on with it, and look at a capture folder again."""
+"""Train FRoG, pause, continue and cancel a training, and read a capture folder again."""
 
 # Blender reads properties from annotations, which to a type checker are not types.
 # mypy: disable-error-code="valid-type"

@@ -1,4 +1,4 @@
-"""What becomes of a training's scene when it ends: it joins the scene that asked for it, and changes nothing else."""
+"""Imports the scene of a finished training into the scene that it was started from."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any
 import bpy
 
 from ..engine.errors import FrogError
-from ..scene_import.capture_objects import known_by, plays
+from ..scene_import.capture_objects import find_by_uid, plays
 from ..scene_import.create_objects import import_scene
 from ..scene_import.scene_setup import is_untouched
 from ..timeline import playback
 
 
 def importer(scene: Any) -> Callable[[Path], str]:
-    """A function that takes a finished file into ``scene``, once, as a step of its own that undo takes back.
+    """A function that imports a finished file into ``scene`` once, as one undo step.
 
     It returns what the panel is to say besides, "" where all went as one expects. Where the scene is gone or is being
     edited it leaves the file to the panel's *Import*. It may raise FrogError.
@@ -24,7 +24,7 @@ def importer(scene: Any) -> Callable[[Path], str]:
     uid, name, file = scene.session_uid, scene.name, bpy.data.filepath
 
     def show(path: Path) -> str:
-        target = known_by(bpy.data.scenes, uid)  # whatever it is called by now
+        target = find_by_uid(bpy.data.scenes, uid)  # whatever it is called by now
         if target is None and file and bpy.data.filepath == file:  # the same file, opened again
             target = bpy.data.scenes.get(name)
         if target is None:
@@ -46,13 +46,13 @@ def importer(scene: Any) -> Callable[[Path], str]:
 
 
 def _is_being_edited(scene: Any) -> bool:
-    """Whether a mode other than Object Mode is on, whose own undo steps an import would mix with."""
+    """Whether a mode other than Object Mode is active. An import would mix with its undo steps."""
     active = (layer.objects.active for layer in scene.view_layers)
     return any(obj is not None and obj.mode != "OBJECT" for obj in active)
 
 
 def _of_same_capture(scene: Any, path: Path) -> list[str]:
-    """The names of the files that the scene plays and that were trained from the same capture as this one."""
+    """Names of the files that the scene plays and that were trained from the same capture."""
     capture = playback.open_scene(path).header.capture_path
     found = []
     for obj in playback.captures(scene.objects):
@@ -66,7 +66,7 @@ def _of_same_capture(scene: Any, path: Path) -> list[str]:
 
 
 def _remember_step() -> None:
-    """Ends a step of undo, so that one undo takes back the import, and only it."""
+    """Pushes an undo step, so that one undo reverts the import and nothing else."""
     if bpy.context.window_manager.windows:
         with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
             bpy.ops.ed.undo_push(message="Import trained FRoG scene")

@@ -1,4 +1,4 @@
-"""Objects that hide Gaussians: the depth of a Blender scene's surfaces, for the FROG engine to stop at while it blends.
+"""Objects that occlude Gaussians: the FROG engine stops blending at the depth of a scene's surfaces.
 
 Each splat ends at the surface, so half-transparent ones before and behind an object are both right; an image made so
 goes over the objects' own by plain alpha (see operators/compose.py). A pixel that an object's edge crosses is drawn
@@ -31,7 +31,7 @@ _STEP = 1.02  # depths of one pixel that differ by more are of two surfaces
 
 @dataclass(frozen=True)
 class Limits:
-    """Where splats end.
+    """Depth limits of splats.
 
     Attributes:
         front, behind: (H, W) planar depth of the nearest surface, and of what shows beside it where its edge crosses a
@@ -45,7 +45,7 @@ class Limits:
 
 
 def draw_before(limits: Limits | None, gaussians: GaussianArrays, camera: Camera, options: RasterizeOptions) -> Drawing:
-    """What a camera sees of Gaussians that end at these limits."""
+    """Draws Gaussians that end at these limits."""
     from ..engine.playback.render import draw
 
     if limits is None:
@@ -69,7 +69,7 @@ def draw_before(limits: Limits | None, gaussians: GaussianArrays, camera: Camera
 
 
 def limits_of_objects(depsgraph: Any, camera: Camera, options: RasterizeOptions) -> Limits | None:
-    """Where splats end at the surfaces of objects that are no captures; None without such objects."""
+    """Depth limits at the surfaces of objects that are not captures; None without such objects."""
     vertices, triangles, count = [], [], 0
     for points, corners in _surfaces(depsgraph):
         vertices.append(points)
@@ -88,7 +88,7 @@ def limits_of_mesh(
     *,
     most_depths: int = MOST_DEPTHS,
 ) -> Limits:
-    """Where splats end at a mesh of (V, 3) world-space vertices and (T, 3) triangles.
+    """Depth limits at a mesh of (V, 3) world-space vertices and (T, 3) triangles.
 
     Args:
         most_depths: that are computed at once, in a band of rows.
@@ -104,11 +104,11 @@ def limits_of_mesh(
         count = min(rows, top + height - first)
         region = (_ACROSS * left, _ACROSS * first, _ACROSS * width, _ACROSS * count)
         depths = mesh_depth(vertices, triangles, finer, replace(options, region=region))
-        bands.append(_told_apart(depths.reshape(count, _ACROSS, width, _ACROSS)))
+        bands.append(_split_surfaces(depths.reshape(count, _ACROSS, width, _ACROSS)))
     return Limits(*(np.concatenate(parts) for parts in zip(*bands, strict=True)))
 
 
-def _told_apart(depths: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _split_surfaces(depths: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Front, behind and share (see Limits) of (H, n, W, n) depths within pixels."""
     nearest, furthest = _over_pixels(np.minimum, depths), _over_pixels(np.maximum, depths)
     with np.errstate(invalid="ignore"):
@@ -127,7 +127,7 @@ def _told_apart(depths: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def _over_pixels(keep: np.ufunc, depths: np.ndarray) -> np.ndarray:
-    """(H, W) of (H, n, W, n); ten times as fast as numpy over both axes at once."""
+    """Reduces (H, n, W, n) to (H, W), ten times as fast as numpy over both axes at once."""
     rows = keep.reduce(depths, axis=1)
     return reduce(keep, (rows[..., i] for i in range(_ACROSS)))
 

@@ -1,4 +1,4 @@
-"""The Object Index pass: which capture's surface a pixel shows, by the Pass Index of its object, for ID masks.
+"""The Object Index pass: the Pass Index of the capture at each pixel's surface, for ID masks.
 
 The surface is that of Depth: the Gaussian that takes the light coming through to one half. It costs a look-up, since
 every drawing names that Gaussian.

@@ -18,8 +18,7 @@ from .world import background_of
 
 
 def draw(engine: Any, context: Any, depsgraph: Any) -> None:
-    """Draws the captures as the region sees them; what cannot be drawn is said in the header as long as it is so, and
-    once in the console."""
+    """Draws the captures in a region. Problems are shown in the header while they last, and printed once."""
     import gpu
     from gpu_extras.presets import draw_texture_2d
 
@@ -46,7 +45,7 @@ def draw(engine: Any, context: Any, depsgraph: Any) -> None:
 
 
 def show_problems(engine: Any, problems: list[str]) -> None:
-    """In the header of the viewport, which an empty text clears."""
+    """Shows problems in the header of the viewport, or clears it."""
     for problem in problems:
         reported_once.message(problem)
     others = f" ({len(problems) - 1:,} more in the console)" if len(problems) > 1 else ""
@@ -54,8 +53,8 @@ def show_problems(engine: Any, problems: list[str]) -> None:
 
 
 def image_of(viewport: Viewport, depsgraph: Any, view: Any, size: tuple[int, int], space: Any = None) -> ViewportImage:
-    """What a region of that size with the matrices of ``view`` shows, in the viewport ``space``; drawn anew when what
-    decides it has changed. What of the captures cannot be drawn is among ``viewport.problems``.
+    """The image of a region of that size with the matrices of ``view``, in the viewport ``space``; drawn again only if
+    something has changed. Captures that cannot be drawn are listed in ``viewport.problems``.
 
     Raises:
         FrogError: for a view that cannot be drawn.
@@ -76,7 +75,7 @@ def image_of(viewport: Viewport, depsgraph: Any, view: Any, size: tuple[int, int
 
 
 def _focal_ratio(depsgraph: Any, view: Any, space: Any) -> float:
-    """Of the camera that a view looks through, which Blender's matrices know nothing of; one for other views."""
+    """The focal ratio of the camera of a camera view, which Blender's matrices lack; one for other views."""
     if space is None or view.view_perspective != "CAMERA":
         return 1.0
     camera = space.camera if space.use_local_camera else depsgraph.scene.camera
@@ -84,7 +83,7 @@ def _focal_ratio(depsgraph: Any, view: Any, space: Any) -> float:
 
 
 def _seen(depsgraph: Any, space: Any) -> tuple[Any, ...]:
-    """What decides the Gaussians: the captures, their moments and where they are."""
+    """What determines the Gaussians: the captures, their frames and their matrices."""
     frame = depsgraph.scene.frame_current_final
     seen = []
     for obj, shown, matrix in visible_captures(depsgraph, space):

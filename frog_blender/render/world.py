@@ -1,4 +1,4 @@
-"""What lies behind the captures: Blender's world, as far as one colour goes."""
+"""The background of captures: the color of Blender's world."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ from ..color_spaces import out_of_working_space, to_display
 
 
 def background_of(scene: Any, captured: np.ndarray) -> np.ndarray | None:
-    """(3,) display-referred colour behind the captures: the world's, else the captured one; None for a transparent
-    film."""
+    """(3,) display-referred background color: the world's, otherwise the captured one; None for a transparent film."""
     if scene.render.film_transparent:
         return None
     color = world_color(scene)

@@ -1,4 +1,4 @@
-"""The capture's own videos behind its cameras, showing the moment that the capture shows.
+"""The videos of a capture as background images of its cameras, synchronized with the capture.
 
 Each camera gets its video, its sequence of images, or the film that ``engine.source_media.undistorted_clips`` wrote
 for it, as a background image. Which image it shows follows from the capture's timing by a driver, whatever its start,
@@ -38,7 +38,7 @@ def add_clips(
     in_front: bool = False,
     straight: bool = True,
 ) -> int:
-    """Put the videos of a capture behind its cameras and return how many cameras have one now.
+    """Show the videos of a capture as backgrounds of its cameras. Returns the number of cameras that have one now.
 
     Args:
         obj: what plays the capture.
@@ -67,14 +67,13 @@ def add_clips(
         background.display_depth = "FRONT" if in_front else "BACK"
         background.frame_method = "STRETCH"  # a capture's images fill its cameras' frames, rounded sizes included
         camera.data.show_background_images = True
-        _synchronise(camera.data, background, clip, obj)
+        _synchronize(camera.data, background, clip, obj)
         shown += 1
     return shown
 
 
-def begin_straightening(obj: Any, folder: Path | None = None) -> Straightening | None:
-    """The films that have to be written for ``add_clips`` to show what the cameras saw; None where there are no such,
-    or no camera that could show one.
+def begin_undistortion(obj: Any, folder: Path | None = None) -> Straightening | None:
+    """The undistorted clips that must be written for ``add_clips``; None if there are none, or no camera to show one.
 
     Raises:
         FrogError: if the .frog file cannot be read, or no capture of it be opened.
@@ -94,14 +93,14 @@ def begin_straightening(obj: Any, folder: Path | None = None) -> Straightening |
 
 
 def _sources(obj: Any, folder: Path | None) -> tuple[Path, SceneHeader, list[Path]]:
-    """The file that an object plays, what it says, and where the capture may lie."""
+    """The file that an object plays, its header, and the folders where the capture may be."""
     path = named_file(obj)  # what is packed into the .blend has its films beside the place that it came from
     header = playback.open_scene(playback.file_of(obj)).header
     return path, header, [folder] if folder is not None else capture_folders(header, path)
 
 
 def clip_of(camera: Any) -> Any:
-    """The background image of a camera object that shows what it filmed, or None."""
+    """The background image of a camera object that shows its clip, or None."""
     images = camera.data.background_images
     return next((each for each in images if each.image is not None and _MARK in each.image), None)
 
@@ -121,8 +120,8 @@ def load_image(clip: Clip) -> Any:
     return image
 
 
-def _synchronise(data: Any, background: Any, clip: Clip, obj: Any) -> None:
-    """Drive the number of the image that is shown. Number n is offset n - 1 of a clip that is one frame long."""
+def _synchronize(data: Any, background: Any, clip: Clip, obj: Any) -> None:
+    """Drive the index of the shown image. Image n is offset n - 1 of a clip that is one frame long."""
     index = next(i for i, each in enumerate(data.background_images) if each == background)
     path = f"background_images[{index}].image_user.frame_offset"
     data.driver_remove(path)
@@ -153,7 +152,7 @@ def expression(clip: Clip) -> str:
 
 
 def hide_clip(camera: Any) -> None:
-    """Take a camera object's clip away, with what drives it."""
+    """Remove a camera object's clip and its driver."""
     background = clip_of(camera)
     if background is not None and camera.data.library is None:
         index = next(i for i, each in enumerate(camera.data.background_images) if each == background)
@@ -161,8 +160,8 @@ def hide_clip(camera: Any) -> None:
         camera.data.background_images.remove(background)
 
 
-def revive() -> None:
-    """Blender gives drivers up whose properties go, as ours do when the add-on is switched off; told anew, they run."""
+def refresh_drivers() -> None:
+    """Blender disables drivers whose properties were unregistered. Setting their expressions again enables them."""
     for data in getattr(bpy.data, "cameras", ()):  # no data can be reached while Blender starts
         for curve in data.animation_data.drivers if data.animation_data is not None and data.library is None else ():
             if any(variable.targets[0].data_path in TIMING for variable in curve.driver.variables):

@@ -62,7 +62,7 @@ def import_scene(
 
 
 def _add(path: Path, scene: Any, start_frame: float) -> tuple[Any, list[Any]]:
-    """The object that carries the Gaussians, playing, and the capture's cameras."""
+    """The object with the Gaussians, playing, and the capture's cameras."""
     playable = playback.open_scene(path)
     header = playable.header
     collection = bpy.data.collections.new(path.stem)
@@ -85,7 +85,7 @@ def _adopt(obj: Any, root: Any, collection: Any) -> None:
 
 
 def _add_cameras(header: SceneHeader, start_frame: float, root: Any, collection: Any) -> list[Any]:
-    """One Blender camera for each of the capture's, or a single animated one for a capture by a moving camera."""
+    """One Blender camera for each of the capture's cameras, or a single animated one for a moving camera."""
     if not moves_alone(header):
         return [_add_camera(camera.name, camera, root, collection) for camera in header.cameras]
     path = camera_path(header)

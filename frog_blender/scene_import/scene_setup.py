@@ -1,4 +1,4 @@
-"""Making a scene film what a capture filmed, and telling whether anything in it is the user's."""
+"""Sets a scene up for a capture, and detects whether anything in it is the user's."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from ..color_spaces import into_working_space, to_linear
 from ..timeline import playback
-from .capture_objects import cameras_of, placed_by
+from .capture_objects import cameras_of, root_of
 from .transaction import values
 
 if TYPE_CHECKING:
@@ -42,8 +42,9 @@ _START_GREY = 0.0509
 
 
 def is_untouched(scene: Any) -> bool:
-    """Whether the scene holds nothing of the user's: what Blender starts with, or captures alone and the settings that
-    came with them."""
+    """Whether the scene holds nothing of the user's: only Blender's default objects, or only captures and their
+    settings.
+    """
     ours = _of_captures(scene)
     if any(obj not in ours and not _is_of_start(obj) for obj in scene.objects):
         return False
@@ -57,20 +58,20 @@ def is_untouched(scene: Any) -> bool:
 
 
 def is_set_up(scene: Any) -> bool:
-    """Whether the scene was set up for a capture; what the user has changed since does not matter."""
+    """Whether the scene was set up for a capture, regardless of later changes."""
     return bool(scene.frog.set_up_as) or scene.render.engine == "FROG"
 
 
 def _of_captures(scene: Any) -> set[Any]:
-    """The captures of a scene, what they hang on and their cameras, without any that is being edited."""
+    """The captures of a scene, their roots and cameras, without any in a mode other than Object Mode."""
     found: set[Any] = set()
     for obj in playback.captures(scene.objects):
-        found |= {obj, placed_by(obj), *cameras_of(obj)}
+        found |= {obj, root_of(obj), *cameras_of(obj)}
     return {obj for obj in found if obj.mode == "OBJECT"}
 
 
 def _is_of_start(obj: Any) -> bool:
-    """Whether it is the cube, light or camera of a new file as it was."""
+    """Whether an object is the unchanged cube, light or camera of a new file."""
     kind, place = _START_OBJECTS.get(obj.name, ("", ()))
     if obj.type != kind or obj.mode != "OBJECT" or obj.library is not None:
         return False
@@ -87,7 +88,7 @@ def _has_strips(scene: Any) -> bool:
 
 
 def _is_plain(world: Any) -> bool:
-    """Whether a world is one colour, or none at all: anything more somebody has made."""
+    """Whether a world is a plain color or missing; anything else was made by the user."""
     if world is None:
         return True
     if world.library is not None or world.animation_data is not None:
@@ -113,7 +114,7 @@ def _fingerprint(scene: Any) -> str:
 def set_up(
     scene: Any, header: SceneHeader, start_frame: float, cameras: list[Any], *, settings: bool, engine: bool
 ) -> None:
-    """Make the scene film what the capture filmed.
+    """Match the scene to a capture.
 
     Args:
         settings: its time, size, camera, background, and colours as they are.
@@ -158,7 +159,7 @@ def _show_colors_unchanged(scene: Any) -> None:
 
 
 def set_background(scene: Any, color: np.ndarray) -> None:
-    """Gives the scene a world of this colour (scene-linear RGB). The one that it had stays in the file."""
+    """Gives the scene a world of this color (scene-linear RGB). Its previous world stays in the file."""
     before = scene.world
     # Another scene's is of another capture.
     is_ours = before is not None and before.name.startswith(_BACKGROUND_WORLD)
@@ -178,7 +179,7 @@ def set_background(scene: Any, color: np.ndarray) -> None:
 
 
 def show_in_viewports(scene: Any, *, through_camera: bool) -> None:
-    """Viewports of the scene that show surfaces only, of which Gaussians have none, become rendered ones."""
+    """Switches Solid and Wireframe viewports of the scene, which show surfaces only, to Rendered."""
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas if window.scene == scene else ():
             space = area.spaces.active
@@ -189,7 +190,7 @@ def show_in_viewports(scene: Any, *, through_camera: bool) -> None:
 
 
 def look_through(scene: Any, camera: Any) -> None:
-    """Make a camera the active one, at the size of the images that it took."""
+    """Make a camera active and set the render size to that of its captured images."""
     scene.camera = camera
     width, height = camera.data.frog.size
     if width and height:

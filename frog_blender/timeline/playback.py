@@ -1,4 +1,4 @@
-"""Timeline frame -> Gaussians: which objects are captures, what each shows at a frame, and showing it.
+"""Timeline frame -> Gaussians: finds captures, evaluates what each shows at a frame, and writes its points.
 
 Nothing is accumulated from frame to frame, so scrubbing, jumping and farm rendering out of order all show the same.
 A capture is an object whose ``frog.filepath`` is set; between frames only its properties are kept, never the object.
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def bake_path(obj: Any) -> Path:
-    """Where an object's baked playback is, or would be: beside its .frog file, or in the folder chosen for it."""
+    """Path of an object's bake: next to its .frog file, or in the folder chosen for it."""
     file, folder = capture_files.named_file(obj), obj.frog.bake_folder
     return (relative_paths.absolute(obj, folder) if folder else file.parent) / f"{file.stem}.frogbake"
 
@@ -41,7 +41,7 @@ def open_scene(path: Path) -> ScenePlayer:
 
 
 def baked(obj: Any) -> Bake | None:
-    """The bake that was used when the object was last shown."""
+    """The bake that the object used last."""
     return open_scenes.used_bake(bake_path(obj), file_of(obj))
 
 
@@ -87,8 +87,8 @@ def shown_frame(obj: Any, scene_frame: float, evaluated: Any = None) -> float:
 
 
 def show(obj: Any, scene_frame: float, evaluated: Any = None) -> None:
-    """Put the Gaussians of a frame of the timeline into an object; what cannot be shown leaves it as it is, which is
-    said once.
+    """Write the Gaussians of a frame of the timeline to an object. If they cannot be shown, the object stays unchanged
+    and a message is printed once.
 
     Geometry that is linked from another .blend cannot be written: such captures are drawn by the FROG engine alone.
     """
@@ -106,7 +106,7 @@ def show(obj: Any, scene_frame: float, evaluated: Any = None) -> None:
 
 
 def captures_in(scene: Any) -> list[Any]:
-    """The captures that a scene shows, in collections that it instances as well."""
+    """The captures of a scene, including those in collections that it instances."""
     found: dict[Any, None] = {}
     groups, collections = [scene.objects], []
     for objects in groups:
@@ -121,8 +121,9 @@ def captures_in(scene: Any) -> list[Any]:
 
 
 def scenes_of_captures() -> dict[Any, Any]:
-    """Every capture that a scene shows, and whose frame it is to show: that of the scene that a window looks at, where
-    several scenes have it."""
+    """Every capture and the scene whose frame it shows. If several scenes contain it, a scene that is visible in a
+    window wins.
+    """
     looked_at = {window.scene for window in bpy.context.window_manager.windows} | {bpy.context.scene}
     scenes = sorted(bpy.data.scenes, key=lambda scene: scene in looked_at)
     return {obj: scene for scene in scenes for obj in captures_in(scene)}
@@ -135,13 +136,13 @@ def refresh(scene: Any) -> None:
 
 
 def refresh_all() -> None:
-    """Make every capture show the current frame of the scene that it is looked at in."""
+    """Make every capture show the current frame of its scene; see ``scenes_of_captures``."""
     for obj, scene in scenes_of_captures().items():
         show(obj, scene.frame_current_final)
 
 
 def show_for_render(is_shown: bool) -> None:
-    """Whether captures show from now on what they are to show in another engine's render; shows what changes."""
+    """Switches captures between their viewport and render density, and updates those that differ."""
     if is_shown == level_of_detail.is_for_render():
         return
     level_of_detail.set_for_render(is_shown)

@@ -1,4 +1,4 @@
-"""What a render that is under way allows: it goes through the frames in a thread of its own while windows draw."""
+"""What may be changed during a render, which steps through frames in its own thread while windows draw."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ def is_rendering() -> bool:
 
 
 def set_rendering(value: bool) -> None:
-    """To be told when a render begins and ends."""
+    """Notes the beginning and end of a render."""
     addon_state.get(RenderState).is_rendering = value
 
 
 def in_main_thread() -> bool:
-    """Whether Blender's own thread runs this, which alone may look at all of ``bpy.data``.
+    """Whether this is Blender's main thread, the only one that may access all of ``bpy.data``.
 
     Blender renders in a thread of its own, but for scripts and without a window.
     """
@@ -36,7 +36,7 @@ def in_main_thread() -> bool:
 
 
 def may_write_points(scene: Any) -> bool:
-    """Whether captures' points may be written now that a scene is at another frame. The FROG engine needs none."""
+    """Whether captures' points may be written after a change of frame. The FROG engine does not need them."""
     if in_main_thread() and not bpy.app.background:
         return True
     if is_rendering() and scene.render.engine == "FROG":
@@ -45,6 +45,5 @@ def may_write_points(scene: Any) -> bool:
 
 
 def is_never_drawn_meanwhile(scene: Any) -> bool:
-    """A window that is not locked may draw the points while a render's thread writes them, which Blender does not
-    survive."""
+    """Whether no window can draw points while a render's thread writes them, which would crash Blender."""
     return bpy.app.background or scene.render.use_lock_interface

@@ -1,4 +1,4 @@
-"""Which of its frames a capture shows at a frame of the timeline: start, speed, repetition, or the curve of a user."""
+"""Maps frames of the timeline to frames of a capture: start, speed, repetition or a user's curve."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from ..engine.errors import FrogError
 REMAPPED = "frog.shown_frame"
 """The property whose curve is read directly: frame handlers run before Blender evaluates animation."""
 TIMING = ("frog.start_frame", "frog.speed", "frog.repeat", "frog.use_remap", REMAPPED)
-"""All properties that decide what is shown."""
+"""All properties that affect the shown frame."""
 
 
 class BadTiming(FrogError):
-    """What decides the frame to show is no number; a file, a driver or a curve can make it so."""
+    """A setting that determines the shown frame is not a finite number, due to a file, a driver or a curve."""
 
 
 def capture_frame(obj: Any, scene_frame: float, frame_count: int, evaluated: Any = None) -> float:
@@ -39,7 +39,7 @@ def capture_frame(obj: Any, scene_frame: float, frame_count: int, evaluated: Any
 
 
 def problem(obj: Any, scene_frame: float) -> str:
-    """Why a capture shows no frame at one of the timeline, or an empty string."""
+    """Why a capture has no frame to show at a frame of the timeline, or an empty string."""
     try:
         capture_frame(obj, scene_frame, 1)
     except BadTiming as error:
@@ -54,7 +54,7 @@ def _finite(frame: float, obj: Any, name: str) -> float:
 
 
 def repeated(position: float, repeat: str, frame_count: int) -> float:
-    """A position on the capture's own time axis, in frames, brought back into it.
+    """Maps a position on the capture's time axis, in frames, into its range.
 
     "HOLD" leaves it as it is, "LOOP" begins again one frame after the last, "PING_PONG" turns around at the ends.
     """
@@ -68,18 +68,19 @@ def repeated(position: float, repeat: str, frame_count: int) -> float:
 
 
 def raw_frame(scene: Any) -> float:
-    """The frame of the timeline where a scene stands, as ``frame_set`` takes it."""
+    """The current frame of a scene, including the subframe, as ``frame_set`` takes it."""
     return scene.frame_current + scene.frame_subframe
 
 
 def stretched(scene: Any, frame: float) -> float:
-    """What Blender's Time Stretching makes of a frame: ``frame_current_final`` where a scene stands there."""
+    """A frame after Blender's Time Stretching: ``frame_current_final`` if the scene is at that frame."""
     return frame * scene.render.frame_map_old / scene.render.frame_map_new
 
 
 def needs_evaluated_time(obj: Any) -> bool:
-    """Whether drivers, the NLA or curves of other settings decide what is shown: nobody knows before Blender has
-    evaluated the frame."""
+    """Whether the shown frame depends on drivers, the NLA or curves of other settings, and so on Blender's
+    evaluation of the frame.
+    """
     animation = obj.animation_data
     if animation is None:
         return False
@@ -97,7 +98,7 @@ def needs_evaluated_time(obj: Any) -> bool:
 
 
 def _curve(obj: Any) -> Any:
-    """The curve that alone animates ``REMAPPED``, or None."""
+    """The curve of ``REMAPPED`` if nothing else animates the shown frame, or None."""
     animation = obj.animation_data
     if animation is None or needs_evaluated_time(obj):
         return None
@@ -105,12 +106,12 @@ def _curve(obj: Any) -> Any:
 
 
 def curves(animation: Any) -> Iterator[Any]:
-    """Those of the action that is not in the NLA."""
+    """The curves of the active action."""
     return _curves_of(animation.action, animation.action_slot) if animation.action is not None else iter(())
 
 
 def _curves_of(action: Any, slot: Any) -> Iterator[Any]:
-    """An action's curves that Blender obeys."""
+    """An action's curves that are not muted."""
     bags = [action] if hasattr(action, "fcurves") else []  # before Blender 5
     if not bags and slot is not None:
         bags = [strip.channelbag(slot) for layer in action.layers for strip in layer.strips]

@@ -1,4 +1,4 @@
-"""torch for training, put into a folder of its own by pip: in the background, whole or not at all.
+"""Installs torch into a folder of its own with pip, in the background, completely or not at all.
 
 Knows nothing of Blender's windows; see ``task`` for that.
 """
@@ -22,14 +22,14 @@ from ..engine.errors import FrogError, brief
 from .folders import has_torch, partial_prefix, switch_to
 
 PACKAGES = ("torch", "opencv-contrib-python-headless", "imageio-ffmpeg")
-"""What training and reading captures import and Blender's Python has not."""
+"""Packages that training and reading captures need and Blender's Python lacks."""
 SIZES = "about 0.3 GB for the CPU only (1 GB on disk), about 3 GB with CUDA (7 GB on disk)"
 BYTES_NEEDED = 1.5e9  # bytes that the smaller of the two needs while it is unpacked
 _LINES_KEPT = 30
 
 
 def pip_command() -> list[str]:
-    """How to start pip with this Python: installed, or out of the wheel that Python brings along.
+    """The command that runs pip with this Python: the installed one, or the wheel bundled with Python.
 
     Isolated (``-I``), so that nothing in the current folder or in PYTHONPATH runs in its place; and only for as long as
     this process keeps the other end of its input (``pip_process``).
@@ -54,7 +54,7 @@ def pip_command() -> list[str]:
 
 
 class Installation:
-    """One run of pip. ``start()`` it; it ends by itself or by ``cancel()``.
+    """One run of pip. Begin with ``start()``; it ends by itself or by ``cancel()``.
 
     Attributes:
         folder: where the packages are when ``done``; before, where they would be for the first time.
@@ -75,7 +75,7 @@ class Installation:
         self._thread = threading.Thread(target=self._work, name="FRoG installation", daemon=True)
 
     def start(self) -> Installation:
-        """FrogError where there is no pip, or no room."""
+        """Starts pip; FrogError without pip or with too little disk space."""
         command = pip_command()
         try:
             self.folder.parent.mkdir(parents=True, exist_ok=True)

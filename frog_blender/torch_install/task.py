@@ -1,4 +1,4 @@
-"""The installation of torch that Blender shows: begun by a button, looked after by a timer."""
+"""The current installation of torch, started by an operator and polled by a timer."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ STOP_SECONDS = 10.0  # what a cancelled installation gets to clear up when the a
 
 
 class CurrentInstallation:
-    """The installation that runs, or the last that ran, and who is told of the folder that it has filled."""
+    """The running installation or the last one, and the callback for its folder."""
 
     def __init__(self) -> None:
         self.installation: Installation | None = None
@@ -30,18 +30,18 @@ def folder() -> Path:
 
 
 def current() -> Installation | None:
-    """The installation that runs, or the last that ran."""
+    """The running installation, or the last one."""
     return addon_state.get(CurrentInstallation).installation
 
 
 def is_running() -> bool:
-    """Whether pip is at work."""
+    """Whether an installation is running."""
     installation = current()
     return installation is not None and installation.running
 
 
 def begin(arguments: Sequence[str], on_done: Callable[[Path], None]) -> None:
-    """Starts pip with these further arguments; FrogError where it cannot be.
+    """Starts an installation with additional arguments for pip; FrogError if it cannot be started.
 
     Args:
         on_done: is given the folder when all is done, on Blender's main thread.
@@ -53,7 +53,7 @@ def begin(arguments: Sequence[str], on_done: Callable[[Path], None]) -> None:
 
 
 def cancel() -> None:
-    """Ends the installation, if one runs; what was fetched so far is thrown away."""
+    """Cancels the running installation, if any, and discards what was downloaded."""
     installation = current()
     if installation is not None:
         installation.cancel()

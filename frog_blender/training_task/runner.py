@@ -37,9 +37,9 @@ _JOBS = ("RENDER", "OBJECT_BAKE")  # of Blender's, that look at the scene in thr
 
 EventSource = Callable[[CancelToken], Iterator[Any]]
 OnFinished = Callable[[Path], str | None]
-"""Takes a finished scene's file; returns what the panel says besides, if anything. May raise FrogError."""
+"""Is called with a finished scene's file; returns an additional note for the panel, if any. May raise FrogError."""
 Watcher = Callable[[TrainingState], None]
-"""Is told of a training's state whenever that has changed, on Blender's main thread."""
+"""Is called with a training's state whenever it has changed, on Blender's main thread."""
 
 
 class TrainingTask:
@@ -68,7 +68,7 @@ class TrainingTask:
 
     @property
     def paused(self) -> bool:
-        """True while a running training is held."""
+        """True while a running training is paused."""
         return self.state.running and self.control.paused
 
     def join(self, seconds: float = QUIT_SECONDS) -> bool:
@@ -78,7 +78,7 @@ class TrainingTask:
         return not self._thread.is_alive()
 
     def work(self) -> None:
-        """What the worker thread does: it goes through the source and queues what that says, how it ends included."""
+        """Runs on the worker thread: queues the source's events, and how it ended."""
         try:
             for event in self._source(self.control):
                 self._events.put(event)
@@ -108,12 +108,12 @@ class TrainingTask:
         return most
 
     def _has_died(self) -> bool:
-        """Whether the worker is gone and its last message, which only a lack of memory can swallow, never came."""
+        """Whether the worker ended without its last message, which only happens when out of memory."""
         gone = self.state.running and self._thread.ident is not None and not self._thread.is_alive()
         return gone and self._events.empty()  # asked last: it may have spoken just before it ended
 
     def apply(self, event: Any) -> None:
-        """Take one event of the source's, or the worker's last message, into ``state``."""
+        """Apply one event of the source, or the worker's last message, to ``state``."""
         state = self.state
         if not isinstance(event, Ended):
             try:
@@ -128,7 +128,7 @@ class TrainingTask:
             self.hand_over()
 
     def hand_over(self) -> None:
-        """Gives a finished training's file to who asked for it, once nothing else works on the scene."""
+        """Calls ``on_finished`` with the file of a finished training once nothing else uses the scene."""
         if self.waiting is None or any(map(bpy.app.is_job_running, _JOBS)) or unsaved_changes.is_being_changed():
             return
         result, self.waiting = self.waiting, None
@@ -144,17 +144,17 @@ class TrainingTask:
 
 @dataclass(frozen=True)
 class Ended:
-    """The worker's last message; an empty error means that it came to its own end."""
+    """The worker's last message; an empty error means that it ended regularly."""
 
     error: str
 
 
 class BackgroundTraining:
-    """The training of this Blender.
+    """The current training and its watchers.
 
     Attributes:
         current: what the panel shows: the training that is running, or the last one that ran.
-        watchers: who is told of its state.
+        watchers: callbacks for its state.
     """
 
     def __init__(self) -> None:
@@ -168,12 +168,12 @@ def current() -> TrainingTask | None:
 
 
 def set_current(task: TrainingTask | None) -> None:
-    """Makes a training the one that the panel shows; None for none."""
+    """Sets the training that the panel shows; None for none."""
     addon_state.get(BackgroundTraining).current = task
 
 
 def watch(watcher: Watcher) -> None:
-    """Has ``watcher`` told of the current training's state whenever that has changed."""
+    """Calls ``watcher`` with the current training's state whenever that has changed."""
     addon_state.get(BackgroundTraining).watchers.append(watcher)
 
 
@@ -196,19 +196,19 @@ def begin(source: EventSource, on_finished: OnFinished | None = None) -> Trainin
 
 
 def is_running() -> bool:
-    """Whether a training is under way, paused or not."""
+    """Whether a training is running, paused or not."""
     task = current()
     return task is not None and task.state.running
 
 
 def is_paused() -> bool:
-    """Whether a training is under way and held."""
+    """Whether a training is running and paused."""
     task = current()
     return task is not None and task.paused
 
 
 def is_computing() -> bool:
-    """Whether a training is under way and not held."""
+    """Whether a training is running and not paused."""
     return is_running() and not is_paused()
 
 
@@ -218,7 +218,7 @@ def stop() -> None:
     if task is None:
         return
     task.cancel()
-    task.on_finished = None  # whoever stops a training does not want its result imported into what comes next
+    task.on_finished = None  # its result must not be imported into whatever comes next
     if not task.join(PATIENCE):
         has_learned = task.state.step > 0
         doing = "Saving what the training has learned" if has_learned else "Ending the training"

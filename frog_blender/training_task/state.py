@@ -1,4 +1,4 @@
-"""How a training stands, as the panel shows it: what its events say, put together."""
+"""The state of a training for the panel, accumulated from its events."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class TrainingState:
         return self.step / self.steps if self.steps and not self.stage else self.stage_fraction
 
     def take(self, event: Any) -> None:
-        """Take in an event of the engine's (``engine.training.session.events``)."""
+        """Apply an event of the engine (``engine.training.session.events``)."""
         from ..engine.training.session import events as kinds
 
         match event:

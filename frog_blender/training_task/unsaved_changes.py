@@ -1,4 +1,4 @@
-"""The open file while a training runs: it counts as unsaved, and is left alone in the middle of an operation."""
+"""The open file during a training: it counts as unsaved, and is not touched in the middle of an operation."""
 
 from __future__ import annotations
 

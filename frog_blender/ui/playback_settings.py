@@ -1,4 +1,4 @@
-"""What FRoG stores on objects and cameras: what a capture plays and when, what a calibrated camera has."""
+"""Settings on objects and cameras: what a capture plays and when, and a calibrated camera's properties."""
 
 # Blender reads properties from annotations, which to a type checker or a linter are not types.
 # mypy: disable-error-code="valid-type"
@@ -55,7 +55,9 @@ def _keep_path(settings: Any, path: str) -> str:
 
 
 def _transformed() -> dict[str, Any]:
-    """How ``filepath`` becomes the path of a volume (see capture_files) and stays stored as it always was."""
+    """Accessors that redirect ``filepath`` to a volume's path (see capture_files), while its stored value stays
+    compatible.
+    """
     if bpy.app.version >= (5, 0, 0):
         return {
             "get_transform": lambda settings, stored, _is_set: capture_files.shown_path(settings, stored),
@@ -166,7 +168,7 @@ class FrogPlaybackSettings(bpy.types.PropertyGroup):
 
 
 class FrogCameraSettings(bpy.types.PropertyGroup):
-    """``Camera.frog``: what a calibrated camera has and a Blender camera has not."""
+    """``Camera.frog``: properties of a calibrated camera that a Blender camera lacks."""
 
     focal_ratio: FloatProperty(
         name="Focal Ratio",

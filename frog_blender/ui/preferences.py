@@ -1,4 +1,4 @@
-"""The add-on's preferences: where torch is, for training, and how much memory playing may take."""
+"""The add-on's preferences: the environment with torch and the size of the playback cache."""
 
 # mypy: disable-error-code="valid-type"
 
@@ -61,7 +61,7 @@ class FROG_AP_preferences(bpy.types.AddonPreferences):
 
 
 def draw_installation(layout: Any) -> None:
-    """The button that installs torch, and how its work stands."""
+    """Draws the button that installs torch, and its progress."""
     current = task.current()
     if current is not None and current.running:
         layout.label(text=current.line[:100], icon="IMPORT")
@@ -74,19 +74,19 @@ def draw_installation(layout: Any) -> None:
 
 
 def _preferences() -> Any:
-    """This add-on's, None where Blender has none of it: when it is registered by hand."""
+    """This add-on's preferences; None if it was registered by a script."""
     addon = bpy.context.preferences.addons.get(base_package)
     return addon.preferences if addon is not None else None
 
 
 def package_index() -> str:
-    """Address of the index that pip is to ask; an empty string for its usual one."""
+    """URL of pip's package index; an empty string for the default."""
     preferences = _preferences()
     return preferences.package_index.strip() if preferences is not None else ""
 
 
 def use_installation(folder: Path) -> None:
-    """Names a folder that an installation has filled in the preferences, and makes its packages importable."""
+    """Stores the folder of an installation in the preferences and makes its packages importable."""
     preferences = _preferences()
     if preferences is not None:
         preferences.torch_path = str(folder)
@@ -94,7 +94,7 @@ def use_installation(folder: Path) -> None:
 
 
 def torch_path() -> str:
-    """The folder named in the preferences, or the one that *Install torch* filled; else an empty string."""
+    """The folder set in the preferences, or that of *Install torch*; otherwise an empty string."""
     preferences = _preferences()
     named = preferences.torch_path if preferences is not None else ""
     place = task.folder()
@@ -105,7 +105,7 @@ def torch_path() -> str:
 
 
 def torch_needed() -> str:
-    """What training still needs, as a sentence, or an empty string when torch can be imported.  Imports nothing."""
+    """What is missing for training, as a sentence; an empty string if torch can be imported. Imports nothing."""
     python = f"{sys.version_info.major}.{sys.version_info.minor}"
     if _is_importable():
         return ""
@@ -123,7 +123,7 @@ def torch_needed() -> str:
 
 
 def make_torch_importable() -> None:
-    """Make the environment named in the preferences importable; FrogError if training still lacks torch."""
+    """Make the environment set in the preferences importable; FrogError if training still lacks torch."""
     add_environment()
     needed = torch_needed()
     if needed:
@@ -131,7 +131,7 @@ def make_torch_importable() -> None:
 
 
 def add_environment() -> None:
-    """Append the environment named in the preferences to ``sys.path``, if Blender has no torch and it is one."""
+    """Append the environment set in the preferences to ``sys.path``, if torch is not importable yet."""
     if _is_importable() or not torch_path():
         return
     try:

@@ -1,4 +1,4 @@
-"""Presets of the training's settings: kept, listed and run by Blender, as its own panels' are."""
+"""Presets of training settings, managed by Blender like its own."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from bl_ui.utils import PresetPanel
 
 SUBFOLDER = "frog_blender/training"
 KEPT = ("recipe", "device", "capacity", "steps", "image_scale", "holdout_frames", "import_when_done")
-"""Of ``Scene.frog``: what says how to train, and nothing that belongs to one capture."""
+"""Properties of ``Scene.frog`` that a preset stores: how to train, not what."""
 
 
 class FROG_MT_training_presets(bpy.types.Menu):
-    """Settings of trainings that were kept."""
+    """The menu of training presets."""
 
     bl_label = "Training Presets"
     preset_subdir = SUBFOLDER
@@ -34,7 +34,7 @@ class FROG_OT_training_preset_add(AddPresetBase, bpy.types.Operator):
 
 
 class FROG_PT_training_presets(PresetPanel, bpy.types.Panel):
-    """The list behind the button in the panel's header."""
+    """The preset popover in the panel's header."""
 
     bl_label = "Training Presets"
     preset_subdir = SUBFOLDER
@@ -43,7 +43,7 @@ class FROG_PT_training_presets(PresetPanel, bpy.types.Panel):
 
 
 def draw_button(panel: Any) -> None:
-    """In a panel's header."""
+    """Draws the preset button in a panel's header."""
     FROG_PT_training_presets.draw_panel_header(panel.layout)
 
 

@@ -1,4 +1,4 @@
-"""The FROG engine's few settings in the Properties editor."""
+"""Panels of the FROG engine in the Properties editor."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Any
 import bpy
 
 
-class _OfTheEngine:
-    """Panels of the Properties editor that are there while FROG is the engine."""
+class _EnginePanel:
+    """Base of panels that are shown while FROG is the render engine."""
 
     bl_space_type = "PROPERTIES"
     bl_region_type = "WINDOW"
@@ -19,8 +19,8 @@ class _OfTheEngine:
         return context.engine in cls.COMPAT_ENGINES
 
 
-class FROG_PT_film(_OfTheEngine, bpy.types.Panel):
-    """What lies behind and before the FROG engine's splats."""
+class FROG_PT_film(_EnginePanel, bpy.types.Panel):
+    """Film transparency and holdout."""
 
     bl_label = "Film"
     bl_context = "render"
@@ -31,7 +31,7 @@ class FROG_PT_film(_OfTheEngine, bpy.types.Panel):
         self.layout.prop(context.scene.frog, "hold_out")
 
 
-class FROG_PT_passes(_OfTheEngine, bpy.types.Panel):
+class FROG_PT_passes(_EnginePanel, bpy.types.Panel):
     """Passes that the FROG engine can write."""
 
     bl_label = "Passes"

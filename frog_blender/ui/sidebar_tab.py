@@ -13,7 +13,7 @@ _MOST_TRIES = 40  # a sidebar has no tabs before it was drawn, which a busy wind
 
 
 def show(area: Any) -> None:
-    """As soon as Blender lets one choose the tab; a sidebar that was closed again by then is left alone."""
+    """Selects the tab as soon as Blender allows it, unless the sidebar was closed again."""
     bpy.app.timers.register(partial(_choose, area.as_pointer(), [_MOST_TRIES]), first_interval=0.0)
 
 
@@ -31,7 +31,7 @@ def _choose(wanted: int, tries_left: list[int]) -> float | None:
 
 
 def _sidebars(wanted: int) -> Any:
-    """Those of the viewport with that address, if a window still shows it: nothing of a window can be kept."""
+    """The sidebars of the viewport with that address, if it still exists. Blender's UI objects cannot be kept."""
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
             if area.as_pointer() == wanted and area.type == "VIEW_3D" and area.spaces.active.show_region_ui:

@@ -1,4 +1,4 @@
-"""What FRoG stores on a scene: what to train and how, and how FROG renders."""
+"""Settings on scenes: what to train and how, and how FROG renders."""
 
 # Blender reads properties from annotations, which to a type checker or a linter are not types.
 # mypy: disable-error-code="valid-type"
@@ -50,7 +50,7 @@ def _on_capture_folder(settings: Any, _context: Any) -> None:
 
 
 def camera_names(settings: Any, _context: Any, text: str) -> list[str]:
-    """For the preview camera's search."""
+    """Search suggestions for the preview camera."""
     from . import capture_summary
 
     summary = capture_summary.known(bpy.path.abspath(settings.capture_folder))
@@ -66,7 +66,7 @@ def _on_preview_camera(settings: Any, _context: Any) -> None:
 
 
 class FrogTrainingSettings(bpy.types.PropertyGroup):
-    """``Scene.frog``: what to train and how, and how FROG renders."""
+    """``Scene.frog``: training settings and render settings of FROG."""
 
     hold_out: BoolProperty(
         name="Objects Hide Splats",

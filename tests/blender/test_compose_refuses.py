@@ -113,7 +113,7 @@ def test_a_copied_scene_is_refused_until_it_is_composed_itself(composed, rendere
     copy = bpy.context.scene
     assert copy != composed
     copy.camera = cameras(copy)[2]
-    with pytest.raises(RuntimeError, match=f"run Render With My Objects in {copy.name}"):
+    with pytest.raises(RuntimeError, match=f"Run Render With My Objects in {copy.name}"):
         bpy.ops.render.render(scene=copy.name)
     compose(copy)
     assert (rendered(copy) != before).any()

@@ -129,7 +129,7 @@ def test_another_scene_is_shown_then_the_first_is_deleted(empty, export, static_
     bpy.context.scene.collection.objects.link(capture)  # or it would go with its scene
     bpy.data.scenes.remove(empty)
     assert send(running) == {"CANCELLED"} and is_over(running) and len(written(running)) == 3
-    assert "found its scene deleted" in running.said[0][1]
+    assert "its scene was deleted during the export" in running.said[0][1]
 
 
 def test_renaming_and_undo_do_not_lose_it(empty, export):

@@ -1,4 +1,4 @@
-"""The carrier of Blenders that draw splats themselves (5.3), as far as a Blender with its data can tell (5.2)."""
+"""The point cloud in Blenders that draw splats themselves (5.3), as far as a Blender with its data can tell (5.2)."""
 
 from __future__ import annotations
 

@@ -179,7 +179,7 @@ def test_undo_keeps_playing(empty, capture, static_rig):
 def test_what_repeats_comes_back(repeat, shown):
     for position, expected in shown:
         assert repeated(position, repeat, 5) == pytest.approx(expected)
-    assert repeated(7.0, repeat, 1) == 7.0  # the only moment, which is held
+    assert repeated(7.0, repeat, 1) == 7.0  # the only frame, which is held
 
 
 def test_speed_and_repetition(empty, capture, static_rig):

@@ -1,4 +1,4 @@
-"""The carrier's own drawing: soft coloured blobs in Cycles, in the place where the engine puts them."""
+"""The point cloud's own drawing: soft coloured blobs in Cycles, in the place where the engine puts them."""
 
 from __future__ import annotations
 

@@ -84,7 +84,7 @@ def test_never_for_the_frog_engine(empty, capture, in_window):
         empty.frame_current = 5
         in_another_thread(lambda: handlers.on_frame(empty))
         np.testing.assert_array_equal(points(capture), before)
-        handlers.on_frame(empty)  # somebody who scrubs meanwhile
+        handlers.on_frame(empty)  # scrubbed meanwhile
         assert np.abs(points(capture) - before).max() > 0
     finally:
         handlers.on_render_end()

@@ -35,7 +35,7 @@ class Written:
         self.said.append(name)
 
     def template_icon(self, icon_value, scale):
-        self.said.append("picture")
+        self.said.append("image")
 
     def box(self, **_):
         return Written(self.said)

@@ -109,7 +109,7 @@ def test_an_import_that_fails_at_the_end_is_an_error_in_the_state(addon):
     assert state.error == "x.frog: found a directory, expected a file." and not state.running
 
 
-def test_nothing_is_imported_while_a_render_looks_at_the_scene(addon, monkeypatch):
+def test_nothing_is_imported_while_a_render_looks_at_the_scene(addon, monkeypatch, request):
     renders, imported = ["RENDER"], []
     app = SimpleNamespace(is_job_running=lambda kind: kind in renders)
     monkeypatch.setattr(runner, "bpy", SimpleNamespace(app=app))
@@ -118,8 +118,9 @@ def test_nothing_is_imported_while_a_render_looks_at_the_scene(addon, monkeypatc
     assert not finish(task.start()).running
     task.hand_over()
     assert task.waiting is not None and not imported
+    request.addfinalizer(lambda: runner.set_current(None))
     runner.set_current(task)
-    with pytest.raises(FrogError, match="finish the current render"):  # another training would take its place
+    with pytest.raises(FrogError, match="Finish the current render"):  # another training would take its place
         runner.begin(lambda cancelled: iter([]))
     renders.clear()
     for _ in range(2):

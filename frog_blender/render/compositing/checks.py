@@ -1,4 +1,4 @@
-"""What stands against an image that FRoG's is laid over, looked for before Blender begins to render it."""
+"""Checks whether a composed image can be rendered, before Blender begins to render it."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from . import compositor, scenes
 
 
 def trouble(scene: Any) -> str:
-    """Why a scene could not be rendered with its captures, in a sentence; empty if nothing stands against it."""
+    """Why a scene cannot be rendered with its captures, in a sentence; empty if it can."""
     try:
         _check_layers(scene)
-        splats = scenes.laid_over(scene)
+        splats = scenes.overlay_of(scene)
         if splats is not None:
             _check_settings(scene, splats)
             _check_captures(scene)
@@ -29,7 +29,7 @@ def _check_layers(scene: Any) -> None:
     for other in compositor.shown_scenes(scene):
         if other.frog.composed_with not in (None, scene, other):
             raise FrogError(foreign(scene, other))
-    if scene.render.engine == "FROG" or scenes.laid_over(scene) is not None:
+    if scene.render.engine == "FROG" or scenes.overlay_of(scene) is not None:
         return
     for obj in _rendered_captures(scene):
         if obj.frog.laid_over:

@@ -1,4 +1,4 @@
-"""The compositor's nodes of a scene: which other scenes' images it shows, and the ones that lay FRoG's over it."""
+"""Compositor nodes: which other scenes a scene shows, and the nodes that overlay FRoG's image."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _HAS_GROUPS = bpy.app.version >= (5, 0, 0)  # a scene's nodes are a data-block, 
 
 
 def tree_of(scene: Any) -> Any | None:
-    """The nodes that a scene's image goes through; None without any, or where compositing is switched off."""
+    """The compositor nodes of a scene; None if there are none or compositing is disabled."""
     if not scene.render.use_compositing:
         return None
     if _HAS_GROUPS:
@@ -21,7 +21,7 @@ def tree_of(scene: Any) -> Any | None:
 
 
 def shown_scenes(scene: Any) -> list[Any]:
-    """The scenes whose images reach a scene's own: not those of nodes that are muted or not linked to the output."""
+    """The scenes whose images reach a scene's output. Muted and unlinked nodes are ignored."""
     tree = tree_of(scene)
     if tree is None:
         return []
@@ -30,14 +30,14 @@ def shown_scenes(scene: Any) -> list[Any]:
 
 
 def rendered_scenes(scene: Any) -> list[Any]:
-    """The scenes that Blender renders for a scene's compositor: it does not look into groups."""
+    """The scenes that Blender renders for a scene's compositor. Blender does not look into node groups."""
     tree = tree_of(scene)
     nodes = () if tree is None else tree.nodes
     return [node.scene for node in nodes if node.type == "R_LAYERS" and not node.mute]
 
 
 def _reaching(tree: Any) -> Iterator[Any]:
-    """The nodes whose images reach a tree's output, those within groups included."""
+    """The nodes that reach a tree's output, including those in groups."""
     sockets = _outputs(tree)
     seen: set[int] = set()
     for socket in sockets:  # grows
@@ -64,8 +64,8 @@ def _outputs(tree: Any) -> list[Any]:
     return [socket for node in ends for socket in node.inputs]
 
 
-def lay_over(scene: Any, other: Any) -> None:
-    """Lays another scene's image over what a scene's compositor shows besides.
+def overlay_scene(scene: Any, other: Any) -> None:
+    """Overlays another scene's image on what a scene's compositor shows.
 
     Whatever nodes are missing are made, and what is muted or unlinked comes back.
     """
@@ -112,7 +112,7 @@ def own_tree(scene: Any) -> tuple[Any, Any]:
 
 
 def _before(socket: Any) -> list[Any]:
-    """The nodes that a socket's image comes from, the nearest first: the user may have put others between."""
+    """The nodes upstream of a socket, nearest first: the user may have inserted others."""
     found: list[Any] = []
     sockets = [socket]
     for each in sockets:
@@ -124,7 +124,7 @@ def _before(socket: Any) -> list[Any]:
 
 
 def _images(over: Any) -> tuple[Any, Any]:
-    """The sockets of what lies under and above; they have names of their own since 5.0."""
+    """The background and foreground sockets, whose names changed in 5.0."""
     if "Background" in over.inputs:
         return over.inputs["Background"], over.inputs["Foreground"]
     under, above = (socket for socket in over.inputs if socket.type == "RGBA")

@@ -1,4 +1,4 @@
-"""Renders of images that FRoG's is laid over: whole, or stopped with a sentence.
+"""Renders of composed images: complete, or stopped with a message.
 
 Blender renders the scenes that a compositor shows after the scene that F12 was pressed in, by the first one's size and
 region, and goes on whatever happens there. So what can be known is looked for before the first one starts, and stops
@@ -25,7 +25,7 @@ _PAST_ALL = 1_048_574  # Blender's last frame: an animation that stands there ha
 
 @dataclass
 class _Render:
-    """The render that goes on.
+    """The current render.
 
     Attributes:
         scene: that F12 was pressed in; None while nothing is rendered.
@@ -47,7 +47,7 @@ class _Render:
 
 
 class ComposedRenders:
-    """The render that goes on, and what went wrong in the last one, a sentence each."""
+    """The current render, and the problems of the last one, a sentence each."""
 
     def __init__(self) -> None:
         self.current = _Render()
@@ -59,13 +59,14 @@ def _renders() -> ComposedRenders:
 
 
 def problems() -> list[str]:
-    """What went wrong in the last render, for the panel."""
+    """Problems of the last render, for the panel."""
     return _renders().problems
 
 
 def leading(scene: Any) -> Any:
-    """The scene whose image this one's is part of, by whose size, region and time Blender renders it: itself, if
-    it is rendered alone."""
+    """The scene whose render this scene is part of. Blender uses its size, region and time. The scene itself if it
+    is rendered alone.
+    """
     first = _renders().current.scene
     try:
         if first is not None and first.name:
@@ -76,7 +77,7 @@ def leading(scene: Any) -> Any:
 
 
 def check(scene: Any) -> None:
-    """Raises FrogError if there is to be no image of a scene that FROG is about to draw."""
+    """Raises FrogError if a scene that FROG is about to draw must not be rendered."""
     first = leading(scene)
     refusal = _renders().current.refusal
     if refusal:
@@ -86,27 +87,27 @@ def check(scene: Any) -> None:
 
 
 def note_drawn(scene: Any, has_captures: bool) -> None:
-    """To be told of an image that FROG has drawn."""
+    """Notes that FROG has drawn an image."""
     render = _renders().current
     if scene != render.splats or render.drawn:
         return
     render.drawn = True
     if not has_captures and not problems():
-        _say(
+        _report(
             f"{leading(scene).name} shows no capture at frame {leading(scene).frame_current}. The image has the "
             "objects only."
         )
 
 
 def note_failure(scene: Any, sentence: str) -> bool:
-    """To be told why FROG could not draw. Returns whether the image is part of another scene's, which goes on."""
+    """Notes why FROG could not draw. Returns whether the image is part of another scene's render."""
     if leading(scene) == scene:
         return False
     _renders().current.failure = sentence
     return True
 
 
-def _say(sentence: str) -> None:
+def _report(sentence: str) -> None:
     print(f"FRoG: {sentence}", file=sys.stderr)
     problems().append(sentence)
 
@@ -119,14 +120,15 @@ def _on_init(scene: Any, *_: Any) -> None:
     if in_main_thread():
         scenes.follow_all()
     render.refusal = trouble(scene)
-    render.splats = scenes.laid_over(scene)
+    render.splats = scenes.overlay_of(scene)
     if render.refusal and in_main_thread() and scene.render.engine != "FROG":
         _stop(render)
 
 
 def _stop(render: _Render) -> None:
-    """The one way to stop a render before it begins: the engine that is asked for the image refuses. Compositor and
-    sequencer might not ask it."""
+    """Stops a render before it begins. The only way is to let an engine refuse; compositor and sequencer are
+    disabled because they might not call it.
+    """
     instead = {"engine": "FROG", "use_compositing": False, "use_sequencer": False}
     settings = render.scene.render
     render.kept = {name: getattr(settings, name) for name in instead}
@@ -145,7 +147,7 @@ def _on_pre(scene: Any, *_: Any) -> None:
 
 @persistent
 def _on_post(scene: Any, *_: Any) -> None:
-    """Of what went wrong in this frame."""
+    """Collects the problems of this frame."""
     render = _renders().current
     if scene != render.scene or render.kept:
         return
@@ -153,7 +155,7 @@ def _on_post(scene: Any, *_: Any) -> None:
     if not failure and render.splats is not None and not render.drawn:
         failure = f"{render.splats.name} was not rendered. The captures are missing from the image."
     if failure and failure not in problems():
-        _say(failure)
+        _report(failure)
     render.failure = failure
 
 
@@ -173,7 +175,7 @@ def _on_end(scene: Any, *_: Any) -> None:
 
 
 def _restore() -> None:
-    """Gives the scene back what stopping the render has changed."""
+    """Restores the settings that were changed to stop the render."""
     render = _renders().current
     try:
         for name, value in render.kept.items():
