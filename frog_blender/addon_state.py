@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 
-_lock = threading.RLock()  # renders ask in their own thread
+_lock = threading.RLock()  # renders call ``get`` from their own thread
 _kept: dict[type, Any] = {}  # Any: the object of the type that is its key
 
 

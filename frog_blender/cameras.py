@@ -7,12 +7,15 @@ kept in a property of the camera (``Camera.frog.focal_ratio``) that the FROG eng
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .engine.capture.camera import Camera
 from .engine.errors import FrogError
+
+if TYPE_CHECKING:
+    import bpy
 
 SENSOR_WIDTH = 36.0  # millimetres; any value does, the focal length follows from it
 _FAR = 1000.0  # widths of what is seen
@@ -34,7 +37,7 @@ def lens_of(camera: Camera) -> dict[str, float]:
     }
 
 
-def apply_lens(data: Any, camera: Camera) -> None:
+def apply_lens(data: bpy.types.Camera, camera: Camera) -> None:
     """Give a Blender camera datablock the lens of an engine camera."""
     lens = lens_of(camera)
     data.type = "PERSP"
@@ -52,7 +55,12 @@ def pose_of(camera: Camera) -> np.ndarray:
 
 
 def engine_camera(
-    obj: Any, matrix_world: Any, render: Any, width: int, height: int, shift_x: float | None = None
+    obj: bpy.types.Object,
+    matrix_world: Any,
+    render: bpy.types.RenderSettings,
+    width: int,
+    height: int,
+    shift_x: float | None = None,
 ) -> Camera:
     """Converts a (possibly evaluated) Blender camera object to an engine camera, at a render size in pixels.
 
@@ -90,7 +98,7 @@ def engine_camera(
     return Camera(obj.name, width, height, intrinsics, np.linalg.inv(pose @ _FLIP))
 
 
-def distance_added(data: Any) -> float:
+def distance_added(data: bpy.types.Camera) -> float:
     """How far the engine camera is moved back: very far for an orthographic camera, so that its image is the same to
     a pixel; 0 for a perspective camera.
     """

@@ -39,12 +39,14 @@ class UnpackedFiles:
         self.lock = threading.Lock()
 
 
-def is_capture(obj: Any) -> bool:
+def is_capture(obj: bpy.types.Object) -> bool:
     """Whether an object plays a .frog file."""
     if obj.type not in point_cloud.TYPES:
         return False
     settings = obj.frog
-    return bool(settings.is_property_set("filepath") and settings.filepath)  # the first is fast, and false for most
+    return bool(
+        settings.is_property_set("filepath") and settings.filepath
+    )  # the first check is fast, and false for most objects
 
 
 def shown_path(settings: Any, stored: str) -> str:
@@ -76,12 +78,12 @@ def adopt() -> None:
             point_at(obj.frog, obj.frog.filepath)
 
 
-def named_file(obj: Any) -> Path:
+def named_file(obj: bpy.types.Object) -> Path:
     """The file that an object refers to. It need not exist if its content is packed into the .blend."""
     return relative_paths.absolute(obj.frog.source or obj, obj.frog.filepath)
 
 
-def file_of(obj: Any) -> Path:
+def file_of(obj: bpy.types.Object) -> Path:
     """The .frog file that an object plays: the file it refers to, or a copy of what is packed into the .blend."""
     source = obj.frog.source
     if source is None or source.packed_file is None:
@@ -89,13 +91,13 @@ def file_of(obj: Any) -> Path:
     return _copy_of_packed(source) or named_file(obj)
 
 
-def packed_bytes(obj: Any) -> int:
+def packed_bytes(obj: bpy.types.Object) -> int:
     """Size in bytes of a capture's packed file in the .blend; 0 if it is not packed."""
     source = obj.frog.source
     return source.packed_file.size if source is not None and source.packed_file is not None else 0
 
 
-def _copy_of_packed(source: Any) -> Path | None:
+def _copy_of_packed(source: bpy.types.Volume) -> Path | None:
     """A file with the packed content of a volume, written once for each content; None if it cannot be written."""
     packed = source.packed_file
     key = source.session_uid, packed.as_pointer(), packed.size

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeAlias
 
 import bpy
 import numpy as np
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 TYPES = ("MESH", "POINTCLOUD")
 """Types of objects that can hold Gaussians, in files of any Blender version."""
+Data: TypeAlias = "bpy.types.Mesh | bpy.types.PointCloud"
 DATA_TYPES = (bpy.types.Mesh, bpy.types.PointCloud)
 _MODIFIER = "Gaussians as points"
 _HIDING = "Hidden in renders"
@@ -49,7 +50,7 @@ def draws_splats() -> bool:
     return kind is not None and _SPLATS in kind.enum_items.keys()  # noqa: SIM118
 
 
-def create(name: str, gaussians: GaussianArrays) -> Any:
+def create(name: str, gaussians: GaussianArrays) -> bpy.types.Object:
     """A new object that holds ``gaussians``, with its nodes and material, not linked to a collection yet."""
     if draws_splats():
         cloud = bpy.data.pointclouds.new(name)
@@ -70,26 +71,26 @@ def create(name: str, gaussians: GaussianArrays) -> Any:
     return obj
 
 
-def make_splats(cloud: Any) -> None:
+def make_splats(cloud: bpy.types.PointCloud) -> None:
     """Makes a point cloud one of Gaussian splats; AttributeError or TypeError where Blender knows none."""
     cloud.type = _SPLATS
 
 
-def _add_modifier(obj: Any, name: str, group: Any) -> Any:
+def _add_modifier(obj: bpy.types.Object, name: str, group: bpy.types.GeometryNodeTree) -> bpy.types.Modifier:
     modifier = obj.modifiers.new(name, "NODES")
     modifier.node_group = group
     modifier.show_group_selector = False
     return modifier
 
 
-def is_original(shown: Any, original: Any) -> bool:
+def is_original(shown: bpy.types.Object, original: bpy.types.Object) -> bool:
     """Whether an object in a depsgraph is the capture itself and not the output of its Geometry Nodes: their points
     have another type, and their ellipsoids another mesh.
     """
     return shown.type == original.type and (shown.type != "MESH" or shown.data.name == original.data.name)
 
 
-def display(obj: Any, kind: str) -> None:
+def display(obj: bpy.types.Object, kind: str) -> None:
     """Shows the Gaussians as "POINTS" (soft splats, by the material or by Blender) or as solid "ELLIPSOIDS"."""
     modifier = obj.modifiers.get(_MODIFIER)
     if obj.type == "POINTCLOUD":
@@ -102,7 +103,7 @@ def display(obj: Any, kind: str) -> None:
         modifier.node_group = groups[kind]()
 
 
-def write(obj: Any, gaussians: GaussianArrays) -> None:
+def write(obj: bpy.types.Object, gaussians: GaussianArrays) -> None:
     """Write ``gaussians`` to the object's mesh. Only a change of count or SH degree rebuilds the mesh."""
     mesh = obj.data
     invalidate(mesh)
@@ -121,7 +122,7 @@ def write(obj: Any, gaussians: GaussianArrays) -> None:
     mesh.update_tag()
 
 
-def show(obj: Any, scene: ScenePlayer, time: float, part: Callable[[], FrameDelta]) -> None:
+def show(obj: bpy.types.Object, scene: ScenePlayer, time: float, part: Callable[[], FrameDelta]) -> None:
     """Write a scene's Gaussians at a time in [0, 1] to the object's mesh.
 
     What the mesh already holds is not written again: nothing at the same time, and only time-dependent attributes at
@@ -131,8 +132,8 @@ def show(obj: Any, scene: ScenePlayer, time: float, part: Callable[[], FrameDelt
         part: gives what ``scene.part_at(time)`` does; called if there is something to write.
     """
     mesh = obj.data
-    if getattr(mesh, "is_editmode", False):  # point clouds have none to tell
-        invalidate(mesh)  # its vertices are elsewhere, and may come back as others
+    if getattr(mesh, "is_editmode", False):  # point clouds lack this attribute
+        invalidate(mesh)  # Edit Mode may change its vertices
         return
     further = len(scene.columns) - len(_COLUMNS)
     shown, wanted = mesh.get(_SHOWN), f"{scene.token} {time!r}"
@@ -149,21 +150,21 @@ def show(obj: Any, scene: ScenePlayer, time: float, part: Callable[[], FrameDelt
     mesh.update_tag()
 
 
-def invalidate(mesh: Any) -> None:
+def invalidate(mesh: bpy.types.Mesh) -> None:
     """Makes ``show`` write everything again, whatever the mesh holds."""
     if _SHOWN in mesh and mesh.library is None:
         del mesh[_SHOWN]
 
 
-def write_attribute(mesh: Any, name: str, values: np.ndarray) -> None:
+def write_attribute(mesh: bpy.types.Mesh, name: str, values: np.ndarray) -> None:
     """Writes one attribute of a data-block: (N, width) float32."""
-    attribute = mesh.attributes[name]  # fetched anew: adding an attribute may move the others
+    attribute = mesh.attributes[name]  # fetched again: adding an attribute may reallocate the others
     # 1-D, float32, contiguous: the only form that Blender copies instead of reading value by value.
     flat = np.ascontiguousarray(values, dtype=np.float32).ravel()
     attribute.data.foreach_set(_VALUE_KEY[attribute.data_type], flat)
 
 
-def read(obj: Any) -> dict[str, np.ndarray]:
+def read(obj: bpy.types.Object) -> dict[str, np.ndarray]:
     """The object's attributes as float32 arrays (N, width) by name, for tests and exporters."""
     found: dict[str, np.ndarray] = {}
     for name, attribute in obj.data.attributes.items():
@@ -177,7 +178,7 @@ def read(obj: Any) -> dict[str, np.ndarray]:
     return found
 
 
-def draw_in_renders(obj: Any, shown: bool) -> None:
+def draw_in_renders(obj: bpy.types.Object, shown: bool) -> None:
     """Sets whether engines other than FROG draw the Gaussians in renders; FROG always does."""
     if obj.type == "POINTCLOUD":
         hiding = obj.modifiers.get(_HIDING)
@@ -191,7 +192,7 @@ def draw_in_renders(obj: Any, shown: bool) -> None:
         modifier.show_render = shown
 
 
-def is_drawn_in_renders(obj: Any) -> bool:
+def is_drawn_in_renders(obj: bpy.types.Object) -> bool:
     """Whether engines other than FROG draw the Gaussians in renders; see ``draw_in_renders``."""
     if obj.type == "POINTCLOUD":
         return obj.modifiers.get(_HIDING) is None
@@ -199,23 +200,23 @@ def is_drawn_in_renders(obj: Any) -> bool:
     return modifier is None or modifier.show_render
 
 
-def clear(obj: Any) -> None:
+def clear(obj: bpy.types.Object) -> None:
     """Drop the geometry; ``write`` brings it back."""
     invalidate(obj.data)
     _resize(obj.data, 0)
     obj.data.update_tag()
 
 
-def count(obj: Any) -> int:
+def count(obj: bpy.types.Object) -> int:
     """Number of Gaussians that the object holds now."""
     return _size(obj.data)
 
 
-def _size(data: Any) -> int:
+def _size(data: Data) -> int:
     return len(data.vertices if isinstance(data, bpy.types.Mesh) else data.points)
 
 
-def _resize(data: Any, wanted: int) -> None:
+def _resize(data: Data, wanted: int) -> None:
     """``wanted`` vertices or points without any attributes but their position."""
     if isinstance(data, bpy.types.Mesh):
         data.clear_geometry()
@@ -226,7 +227,7 @@ def _resize(data: Any, wanted: int) -> None:
     data.resize(wanted)
 
 
-def _fit(data: Any, wanted: int, further: int) -> bool:
+def _fit(data: Data, wanted: int, further: int) -> bool:
     """Make the data hold ``wanted`` Gaussians and ``further`` SH attributes; all exist before any is written.
 
     Returns whether anything of it is new, and so empty.

@@ -45,7 +45,7 @@ def are_being_written() -> bool:
     return _rewriting().is_writing
 
 
-def library_of(block: Any) -> Any:
+def library_of(block: bpy.types.ID) -> bpy.types.Library | None:
     """The library whose folder a data-block's paths are relative to; None for this .blend. An override has the paths
     of its reference.
     """
@@ -53,7 +53,7 @@ def library_of(block: Any) -> Any:
     return block.library if override is None or override.reference is None else override.reference.library
 
 
-def absolute(block: Any, path: str) -> Path:
+def absolute(block: bpy.types.ID, path: str) -> Path:
     """The absolute path of a data-block's path. Data that was linked and made local still has its library's path."""
     library = library_of(block)
     found = os.path.normpath(bpy.path.abspath(path, library=library))
@@ -84,16 +84,16 @@ def _kept() -> Iterator[tuple[Any, Any, str, str]]:
                 yield from ((blocks, block, name, value) for name, value in values if not _is_blenders(block, name))
 
 
-def _is_blenders(block: Any, name: str) -> bool:
+def _is_blenders(block: bpy.types.ID, name: str) -> bool:
     return name == "filepath" and block.frog.source is not None
 
 
-def _set_of(block: Any, names: tuple[str, ...]) -> list[tuple[str, str]]:
+def _set_of(block: bpy.types.ID, names: tuple[str, ...]) -> list[tuple[str, str]]:
     values = [(name, getattr(block.frog, name)) for name in names if block.frog.is_property_set(name)]
     return [(name, value) for name, value in values if value]
 
 
-def _write(block: Any, name: str, value: str) -> None:
+def _write(block: bpy.types.ID, name: str, value: str) -> None:
     rewriting = _rewriting()
     rewriting.is_writing = True
     try:
@@ -136,7 +136,7 @@ def on_save_pre(path: str = "", *_: Any) -> None:
             _rewrite(blocks, block, name, value, seen_from(there, value))
 
 
-def _rewrite(blocks: Any, block: Any, name: str, before: str, value: str) -> None:
+def _rewrite(blocks: Any, block: bpy.types.ID, name: str, before: str, value: str) -> None:
     _rewriting().before.append((blocks, block.session_uid, name, before))
     _write(block, name, value)
 
@@ -154,7 +154,7 @@ def on_save_post(*_: Any) -> None:
 
 
 @persistent
-def on_import_post(context: Any, *_: Any) -> None:
+def on_import_post(context: bpy.types.Context, *_: Any) -> None:
     """Appended data has paths relative to its .blend; pasted data may have paths relative to this one."""
     for item in context.import_items:
         names = {"OBJECT": _OBJECT_PATHS, "SCENE": _OF_SCENES}.get(item.id_type)

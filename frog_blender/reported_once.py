@@ -8,7 +8,7 @@ import traceback
 
 from . import addon_state
 
-_MOST = 1000  # messages kept; one that has a number of its own at each frame must not fill the memory
+_MOST = 1000  # messages kept, as a message may differ at each frame
 
 
 class ReportedMessages:

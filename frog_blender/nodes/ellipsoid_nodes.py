@@ -6,8 +6,6 @@ An instance's location, rotation and scale are the Gaussian's own; the sphere th
 
 from __future__ import annotations
 
-from typing import Any
-
 import bpy
 
 from ..engine.native.options import ALPHA_MIN
@@ -20,7 +18,7 @@ MOST = 50_000
 RADIUS = 1.5
 
 
-def ellipsoids_group() -> Any:
+def ellipsoids_group() -> bpy.types.GeometryNodeTree:
     """The Geometry Nodes group, made once per file."""
     group = bpy.data.node_groups.get(_GROUP)
     if group is not None:
@@ -50,7 +48,7 @@ def ellipsoids_group() -> Any:
     return group
 
 
-def material() -> Any:
+def material() -> bpy.types.Material:
     """An emission material of the Gaussians' base colors; created once per file."""
     found = bpy.data.materials.get(_MATERIAL)
     if found is not None:

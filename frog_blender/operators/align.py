@@ -2,8 +2,6 @@
 
 # mypy: disable-error-code="valid-type"
 
-from typing import Any
-
 import bpy
 import numpy as np
 from bpy.props import BoolProperty, FloatProperty
@@ -48,14 +46,14 @@ class FROG_OT_align_to_floor(bpy.types.Operator):
     )
 
     @classmethod
-    def poll(cls, context: Any) -> bool:
+    def poll(cls, context: bpy.types.Context) -> bool:
         cls.poll_message_set("Select a capture first.")
         return active_capture(context) is not None
 
-    def execute(self, context: Any) -> set[str]:
+    def execute(self, context: bpy.types.Context) -> set[str]:
         obj = active_capture(context)
         root = root_of(obj)
-        context.view_layer.update()  # or what was placed just now is measured where it was
+        context.view_layer.update()  # matrices of objects that were just moved are outdated
         if root.library is not None:
             self.report({"ERROR"}, f"{root.name} is linked from another file. Append it to move it.")
             return {"CANCELLED"}
@@ -65,12 +63,14 @@ class FROG_OT_align_to_floor(bpy.types.Operator):
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        inside = root.matrix_world.inverted_safe() @ obj.matrix_world  # where the Gaussians are in what is moved
+        inside = (
+            root.matrix_world.inverted_safe() @ obj.matrix_world
+        )  # the Gaussians relative to the object that is moved
         root.matrix_world = Matrix.Scale(scale, 4) @ Matrix(matrix.tolist()) @ inside.inverted_safe()
         self.report({"INFO"}, said)
         return {"FINISHED"}
 
-    def _scale(self, context: Any, obj: Any) -> float:
+    def _scale(self, context: bpy.types.Context, obj: bpy.types.Object) -> float:
         """The capture's scale: scene units per unit of the capture."""
         now = float(np.cbrt(abs(obj.matrix_world.determinant())))
         if not now > 0.0:
@@ -86,7 +86,7 @@ class FROG_OT_align_to_floor(bpy.types.Operator):
         return now * self.length / longest
 
 
-def aligned(obj: Any, *, use_floor: bool = True, flip: bool = False) -> tuple[np.ndarray, str]:
+def aligned(obj: bpy.types.Object, *, use_floor: bool = True, flip: bool = False) -> tuple[np.ndarray, str]:
     """(4, 4) rigid matrix from a capture's own space to the world, and a sentence about what was found.
 
     Without cameras, up is where it is now. Raises FrogError if the .frog file cannot be read, or says nothing.

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import bpy
 from bpy.props import StringProperty
@@ -33,7 +32,7 @@ class Baking:
     steps: Generator[int, None, None]
 
 
-def begin(obj: Any, scene: Any) -> Baking:
+def begin(obj: bpy.types.Object, scene: bpy.types.Scene) -> Baking:
     """Prepares a bake of the file that ``obj`` plays, over the frame range of ``scene``; FrogError if it cannot be
     baked.
 
@@ -52,12 +51,12 @@ def begin(obj: Any, scene: Any) -> Baking:
     if needed > megabytes * playback_cache.MEGABYTE:
         needs = f"{len(times):,} frames need {needed / playback_cache.MEGABYTE:,.0f} MB, the limit is {megabytes:,} MB"
         raise FrogError(f"{path.name}: {needs}. Raise the limit or shorten the scene's frame range.")
-    # On Windows a file that is open cannot be replaced; playback opens it again when it is needed.
+    # Windows cannot replace an open file. Playback opens it again on demand.
     open_scenes.let_go_of_bake(path)
     return Baking(path, len(times), write_bake(path, file, playable, times))
 
 
-def _times(scene: Any, objects: list[Any]) -> set[float]:
+def _times(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> set[float]:
     """The times in [0, 1] that objects show over a scene's frame range."""
     frames = range(scene.frame_start, scene.frame_end + 1)
     if not any(needs_evaluated_time(obj) for obj in objects):
@@ -82,7 +81,7 @@ class _CaptureOperator:
         options={"SKIP_SAVE"},
     )
 
-    def capture(self, context: Any) -> Any:
+    def capture(self, context: bpy.types.Context) -> bpy.types.Object:
         return named_or_active_capture(context, self.object_name)
 
 
@@ -97,15 +96,15 @@ has nothing to compute. Press Esc or the right mouse button to stop"""
     slice_seconds = 0.03
     _baking: Baking | None = None
 
-    def execute(self, context: Any) -> set[str]:
+    def execute(self, context: bpy.types.Context) -> set[str]:
         """For scripts: returns when everything is done."""
         return self._bake(context, self.run_all_steps)
 
-    def invoke(self, context: Any, _event: Any) -> set[str]:
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         """In a window: works in short slices."""
         return self._bake(context, self.run_in_window if has_window(context) else self.run_all_steps)
 
-    def _bake(self, context: Any, go: Callable[..., set[str]]) -> set[str]:
+    def _bake(self, context: bpy.types.Context, go: Callable[..., set[str]]) -> set[str]:
         try:
             self._baking = begin(self.capture(context), context.scene)
         except FrogError as error:
@@ -114,7 +113,7 @@ has nothing to compute. Press Esc or the right mouse button to stop"""
         return go(context, self._baking.steps, self._baking.total)
 
     def restore(self) -> None:
-        playback.refresh(bpy.context.scene)  # the bake was let go of; what is shown comes from what there is now
+        playback.refresh(bpy.context.scene)  # the bake was closed
 
     def finished_message(self) -> str:
         assert self._baking is not None
@@ -131,10 +130,10 @@ class FROG_OT_clear_bake(_CaptureOperator, bpy.types.Operator):
     bl_idname = "frog.clear_bake"
     bl_label = "Clear Bake"
 
-    def invoke(self, context: Any, event: Any) -> set[str]:
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         return context.window_manager.invoke_confirm(self, event)
 
-    def execute(self, context: Any) -> set[str]:
+    def execute(self, context: bpy.types.Context) -> set[str]:
         try:
             path = playback.bake_path(self.capture(context))
             open_scenes.let_go_of_bake(path)
@@ -154,7 +153,7 @@ class FROG_OT_clear_cache(bpy.types.Operator):
     bl_idname = "frog.clear_cache"
     bl_label = "Clear Playback Cache"
 
-    def execute(self, context: Any) -> set[str]:
+    def execute(self, context: bpy.types.Context) -> set[str]:
         playback_cache.clear()
         for obj in playback.captures(bpy.data.objects):
             point_cloud.invalidate(obj.data)

@@ -2,8 +2,6 @@
 
 # mypy: disable-error-code="valid-type"
 
-from typing import Any
-
 import bpy
 
 from ..scene_import.scene_setup import look_through
@@ -17,11 +15,11 @@ class FROG_OT_look_through(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
-    def poll(cls, context: Any) -> bool:
+    def poll(cls, context: bpy.types.Context) -> bool:
         cls.poll_message_set("Select a camera first.")
         return context.object is not None and context.object.type == "CAMERA"
 
-    def execute(self, context: Any) -> set[str]:
+    def execute(self, context: bpy.types.Context) -> set[str]:
         look_through(context.scene, context.object)
         return {"FINISHED"}
 

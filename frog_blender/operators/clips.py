@@ -4,7 +4,6 @@
 
 from collections.abc import Generator
 from pathlib import Path
-from typing import Any
 
 import bpy
 from bpy.props import BoolProperty, FloatProperty, StringProperty
@@ -57,15 +56,15 @@ undistorted copies are first written next to the scene file"""
     _folder: Path | None = None
     _shown = 0
     _problem = ""
-    is_interactive = False  # by a click, not by a script
+    is_interactive = False  # by a user, not a script
 
     @classmethod
-    def poll(cls, context: Any) -> bool:
+    def poll(cls, context: bpy.types.Context) -> bool:
         cls.poll_message_set("Select a capture with cameras first.")
         obj = active_capture(context)
         return obj is not None and bool(cameras_of(obj))
 
-    def invoke(self, context: Any, event: Any) -> set[str]:
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """In a window: writes the clips in short slices, and asks for the capture's folder if it was not found."""
         self.is_interactive = True
         ended = self._show(context, None)
@@ -74,7 +73,7 @@ undistorted copies are first written next to the scene file"""
             return {"RUNNING_MODAL"}
         return ended
 
-    def execute(self, context: Any) -> set[str]:
+    def execute(self, context: bpy.types.Context) -> set[str]:
         """For scripts, in which case it returns when everything is done, and for the folder that the user chose."""
         obj = active_capture(context)
         folder = Path(bpy.path.abspath(self.directory)) if self.directory else None
@@ -87,17 +86,17 @@ undistorted copies are first written next to the scene file"""
             return {"CANCELLED"}
         return ended
 
-    def _show(self, context: Any, folder: Path | None) -> set[str] | None:
+    def _show(self, context: bpy.types.Context, folder: Path | None) -> set[str] | None:
         """Write missing clips and show all; None if there is nothing to show."""
         obj = active_capture(context)
         films, problem = None, ""
         try:
             films = begin_undistortion(obj, folder) if self.straighten else None
-        except FrogError as error:  # what there is can still be shown as it was filmed
+        except FrogError as error:  # the original clips can still be shown
             problem = str(error)
         self._folder = folder
         if films is not None:
-            self._show_now(obj, straight=False)  # until they are written, and if they never are
+            self._show_now(obj, straight=False)  # until the undistorted clips are written
             go = self.run_in_window if self.is_interactive and has_window(context) else self.run_all_steps
             return go(context, self._write(films, obj.session_uid), films.total)
         try:
@@ -121,7 +120,7 @@ undistorted copies are first written next to the scene file"""
         if obj is not None:
             self._show_now(obj, straight=True)
 
-    def _show_now(self, obj: Any, *, straight: bool) -> None:
+    def _show_now(self, obj: bpy.types.Object, *, straight: bool) -> None:
         options = {"opacity": self.opacity, "in_front": self.in_front, "straight": straight}
         self._shown = add_clips(obj, self._folder, **options)
 
@@ -143,10 +142,10 @@ class FROG_OT_hide_clips(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
-    def poll(cls, context: Any) -> bool:
+    def poll(cls, context: bpy.types.Context) -> bool:
         return FROG_OT_add_clips.poll(context)
 
-    def execute(self, context: Any) -> set[str]:
+    def execute(self, context: bpy.types.Context) -> set[str]:
         for camera in cameras_of(active_capture(context)):
             hide_clip(camera)
         return {"FINISHED"}

@@ -7,8 +7,6 @@ first; Blender renders both when the first is rendered.
 
 # mypy: disable-error-code="valid-type"
 
-from typing import Any
-
 import bpy
 from bpy.props import EnumProperty
 
@@ -35,7 +33,7 @@ Later changes of camera, frame range, render region, resolution, collections and
     )
 
     @classmethod
-    def poll(cls, context: Any) -> bool:
+    def poll(cls, context: bpy.types.Context) -> bool:
         is_splats = _is_splats(context.scene)
         asked = "Use this in the scene of your objects." if is_splats else "Import a capture first."
         if is_splats and context.scene.frog.composed_with is None:
@@ -43,7 +41,7 @@ Later changes of camera, frame range, render region, resolution, collections and
         cls.poll_message_set(asked)
         return not is_splats and next(playback.captures(context.scene.objects), None) is not None
 
-    def execute(self, context: Any) -> set[str]:
+    def execute(self, context: bpy.types.Context) -> set[str]:
         scene = context.scene
         if scene.render.engine != (engine := _engine_name(self.engine)):
             scene.render.engine = engine
@@ -65,12 +63,12 @@ def _engine_name(engine: str) -> str:
     return next((name for name in ("BLENDER_EEVEE_NEXT", "BLENDER_EEVEE") if name in known), "BLENDER_EEVEE")
 
 
-def _is_splats(scene: Any) -> bool:
+def _is_splats(scene: bpy.types.Scene) -> bool:
     """Whether a scene is itself the captures' scene of a composed pair."""
     return scene.frog.composed_with is not None or (scene.frog.hold_out and scene.render.engine == "FROG")
 
 
-def _splat_scene(scene: Any) -> Any:
+def _splat_scene(scene: bpy.types.Scene) -> bpy.types.Scene:
     """The captures' scene: one that the compositor shows already, a known one, or a new one."""
     name = f"{scene.name} FRoG"
     nodes = getattr(compositor.tree_of(scene), "nodes", ())
@@ -80,7 +78,7 @@ def _splat_scene(scene: Any) -> Any:
     return next(iter((*followers, *of_before)), None) or bpy.data.scenes.new(name)
 
 
-def _follows_none(scene: Any) -> bool:
+def _follows_none(scene: bpy.types.Scene) -> bool:
     """Whether a scene is a captures' scene from a .blend that did not store the scene it belongs to yet."""
     return _is_splats(scene) and scene.frog.composed_with is None
 

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import bpy
 import numpy as np
@@ -59,17 +58,17 @@ Esc or the right mouse button to stop"""
     _export: FrameExport | None = None
 
     @classmethod
-    def poll(cls, context: Any) -> bool:
+    def poll(cls, context: bpy.types.Context) -> bool:
         cls.poll_message_set("Import or select a FRoG capture first.")
         return active_capture(context) is not None
 
-    def invoke(self, context: Any, event: Any) -> set[str]:
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         _suggest(self, context)
         self.is_interactive = True
         self.first, self.last = context.scene.frame_start, context.scene.frame_end
         return super().invoke(context, event)
 
-    def draw(self, _context: Any) -> None:
+    def draw(self, _context: bpy.types.Context) -> None:
         layout = self.layout
         layout.use_property_split, layout.use_property_decorate = True, False
         layout.prop(self, "frames")
@@ -81,7 +80,7 @@ Esc or the right mouse button to stop"""
         row.enabled = self.apply_transform
         row.prop(self, "y_down")
 
-    def execute(self, context: Any) -> set[str]:
+    def execute(self, context: bpy.types.Context) -> set[str]:
         """Several frames chosen in the file browser are written one by one while Blender stays responsive."""
         from ..engine.interchange.splats import numbered
 
@@ -122,7 +121,7 @@ Esc or the right mouse button to stop"""
     def _folder(self) -> Path:
         return Path(bpy.path.abspath(self.filepath)).parent
 
-    def _frames(self, scene: Any) -> list[float]:
+    def _frames(self, scene: bpy.types.Scene) -> list[float]:
         if self.frames == "CURRENT":
             return [raw_frame(scene)]
         first, last = (self.first, self.last) if self.frames == "CUSTOM" else (scene.frame_start, scene.frame_end)
@@ -145,21 +144,21 @@ class FROG_OT_export_scene(bpy.types.Operator, ExportHelper):
     )
 
     @classmethod
-    def poll(cls, context: Any) -> bool:
+    def poll(cls, context: bpy.types.Context) -> bool:
         cls.poll_message_set("Import or select a FRoG capture first.")
         return active_capture(context) is not None
 
-    def invoke(self, context: Any, event: Any) -> set[str]:
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         _suggest(self, context)
         return super().invoke(context, event)
 
-    def execute(self, context: Any) -> set[str]:
+    def execute(self, context: bpy.types.Context) -> set[str]:
         from ..engine.io.atomic_files import write_atomically
 
         obj, path = active_capture(context), Path(bpy.path.abspath(self.filepath))
         source = playback.file_of(obj)
         try:
-            playback.open_scene(source)  # a copy of a damaged file would help nobody
+            playback.open_scene(source)  # a damaged file is not copied
             if path.resolve() == source.resolve():
                 raise FrogError(f"{path}: {obj.name} already plays this file. Choose another location.")
             try:
@@ -176,13 +175,13 @@ class FROG_OT_export_scene(bpy.types.Operator, ExportHelper):
         return {"FINISHED"}
 
 
-def _suggest(operator: Any, context: Any) -> None:
+def _suggest(operator: bpy.types.Operator, context: bpy.types.Context) -> None:
     """Suggests a path next to the .frog file, with the same name."""
     if not operator.filepath:
         operator.filepath = str(named_file(active_capture(context)).with_suffix(operator.filename_ext))
 
 
-def _menu(self: Any, _context: Any) -> None:
+def _menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
     self.layout.operator(FROG_OT_export_frames.bl_idname, text="FRoG Frames (.ply)")
     self.layout.operator(FROG_OT_export_scene.bl_idname, text="FRoG Scene (.frog)")
 

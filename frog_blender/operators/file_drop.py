@@ -3,7 +3,6 @@
 # mypy: disable-error-code="valid-type"
 
 from pathlib import Path
-from typing import Any
 
 import bpy
 from bpy.props import CollectionProperty, StringProperty
@@ -20,12 +19,12 @@ class OpensDroppedFile(ImportHelper):
     directory: StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})
     files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"})
 
-    def invoke(self, context: Any, event: Any) -> set[str]:
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if self.filepath and Path(self.filepath).is_file():
             return self.invoke_popup(context)
         return super().invoke(context, event)
 
-    def execute(self, context: Any) -> set[str]:
+    def execute(self, context: bpy.types.Context) -> set[str]:
         """Opens every file; one that cannot be opened does not stop the others. The first one sets up the scene."""
         paths = self.paths()
         if len(paths) < 2:
@@ -41,7 +40,7 @@ class OpensDroppedFile(ImportHelper):
             self.filepath, self.set_up_scene = named, sets_up
         return {"FINISHED"} if opened else {"CANCELLED"}
 
-    def open_file(self, context: Any) -> set[str]:
+    def open_file(self, context: bpy.types.Context) -> set[str]:
         """Opens ``filepath`` and reports the result."""
         raise NotImplementedError
 
@@ -55,5 +54,5 @@ class DropsIntoViews:
     """Base of file handlers: files can be dropped into viewports and outliners."""
 
     @classmethod
-    def poll_drop(cls, context: Any) -> bool:
+    def poll_drop(cls, context: bpy.types.Context) -> bool:
         return context.area is not None and context.area.type in {"VIEW_3D", "OUTLINER"}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Generator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
@@ -42,7 +42,14 @@ class FrameExport:
     turn: np.ndarray | None
 
     @classmethod
-    def of(cls, context: Any, obj: Any, frames: list[float], paths: list[Path], turn: np.ndarray | None) -> FrameExport:
+    def of(
+        cls,
+        context: bpy.types.Context,
+        obj: bpy.types.Object,
+        frames: list[float],
+        paths: list[Path],
+        turn: np.ndarray | None,
+    ) -> FrameExport:
         """An export of what ``obj`` shows in the current scene."""
         scene = context.scene
         shown = scene.frame_current, scene.frame_subframe

@@ -3,7 +3,6 @@
 # mypy: disable-error-code="valid-type"
 
 from pathlib import Path
-from typing import Any
 
 import bpy
 from bpy.props import BoolProperty, FloatProperty, StringProperty
@@ -37,7 +36,7 @@ class FROG_OT_import_scene(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
         default=True,
     )
 
-    def open_file(self, context: Any) -> set[str]:
+    def open_file(self, context: bpy.types.Context) -> set[str]:
         path = Path(bpy.path.abspath(self.filepath))
         left_alone = self.decide(context.scene)
         try:
@@ -73,7 +72,7 @@ class FROG_FH_scene(DropsIntoViews, bpy.types.FileHandler):
     bl_file_extensions = ".frog"
 
 
-def _menu(self: Any, _context: Any) -> None:
+def _menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
     self.layout.operator(FROG_OT_import_scene.bl_idname, text="FRoG Scene (.frog)")
 
 

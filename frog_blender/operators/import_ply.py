@@ -3,7 +3,6 @@
 # mypy: disable-error-code="valid-type"
 
 from pathlib import Path
-from typing import Any
 
 import bpy
 from bpy.props import BoolProperty, StringProperty
@@ -43,7 +42,7 @@ class FROG_OT_import_splats(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
         default=False,
     )
 
-    def open_file(self, context: Any) -> set[str]:
+    def open_file(self, context: bpy.types.Context) -> set[str]:
         from ..engine.interchange.splats import free_scene_path, import_splats
 
         source = Path(bpy.path.abspath(self.filepath))
@@ -80,7 +79,7 @@ class FROG_FH_splats(DropsIntoViews, bpy.types.FileHandler):
     bl_file_extensions = ".ply"
 
 
-def _menu(self: Any, _context: Any) -> None:
+def _menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
     self.layout.operator(FROG_OT_import_splats.bl_idname, text="3DGS Splats (.ply)")
 
 

@@ -2,8 +2,6 @@
 
 # mypy: disable-error-code="valid-type"
 
-from typing import Any
-
 import bpy
 
 from ..engine.errors import FrogError
@@ -19,18 +17,18 @@ class FROG_OT_install_torch(bpy.types.Operator):
     bl_label = "Install torch"
 
     @classmethod
-    def poll(cls, _context: Any) -> bool:
+    def poll(cls, _context: bpy.types.Context) -> bool:
         if not bpy.app.online_access:
             cls.poll_message_set("Enable Online Access in Preferences > System first.")
             return False
         cls.poll_message_set("An installation is already running.")
         return not task.is_running()
 
-    def invoke(self, context: Any, event: Any) -> set[str]:
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         text = f"This downloads {SIZES}, depending on what the package index serves."
         return context.window_manager.invoke_confirm(self, event, title="Install torch", message=text)
 
-    def execute(self, _context: Any) -> set[str]:
+    def execute(self, _context: bpy.types.Context) -> set[str]:
         index = preferences.package_index()
         try:
             task.begin(["--index-url", index] if index else [], preferences.use_installation)
@@ -47,10 +45,10 @@ class FROG_OT_cancel_installation(bpy.types.Operator):
     bl_label = "Cancel"
 
     @classmethod
-    def poll(cls, _context: Any) -> bool:
+    def poll(cls, _context: bpy.types.Context) -> bool:
         return task.is_running()
 
-    def execute(self, _context: Any) -> set[str]:
+    def execute(self, _context: bpy.types.Context) -> set[str]:
         task.cancel()
         return {"FINISHED"}
 

@@ -15,7 +15,7 @@ from ..engine.errors import FrogError
 _TIMER_SECONDS = 0.01
 
 
-def has_window(context: Any) -> bool:
+def has_window(context: bpy.types.Context) -> bool:
     """Whether there is a window to show progress in, whose timers fire."""
     return context.window is not None and not bpy.app.background
 
@@ -38,7 +38,7 @@ class ModalOperator:
     _done = 0
     _total = 0
 
-    def run_all_steps(self, context: Any, steps: Generator[int, None, None], total: int) -> set[str]:
+    def run_all_steps(self, context: bpy.types.Context, steps: Generator[int, None, None], total: int) -> set[str]:
         """Runs all steps now."""
         self._begin(context, steps, total)
         try:
@@ -48,7 +48,7 @@ class ModalOperator:
             self._clean_up(context)
         return ended
 
-    def run_in_window(self, context: Any, steps: Generator[int, None, None], total: int) -> set[str]:
+    def run_in_window(self, context: bpy.types.Context, steps: Generator[int, None, None], total: int) -> set[str]:
         """Runs the steps from a timer."""
         self._begin(context, steps, total)
         manager = context.window_manager
@@ -57,12 +57,12 @@ class ModalOperator:
         self._show_progress(context)
         return {"RUNNING_MODAL"}
 
-    def modal(self, context: Any, event: Any) -> set[str]:
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if self._steps is None:
             return {"CANCELLED"}
         if event.type in ("ESC", "RIGHTMOUSE") and event.value == "PRESS":
             return self.end(context, "INFO", self.stopped_message(), {"CANCELLED"})
-        # A render evaluates the file in its own thread; nothing else may go through the frames meanwhile.
+        # A render changes frames in its own thread; nothing else may do so meanwhile.
         if event.type != "TIMER" or bpy.app.is_job_running("RENDER"):
             return {"PASS_THROUGH"}
         deadline = time.perf_counter() + self.slice_seconds
@@ -71,7 +71,7 @@ class ModalOperator:
                 return {"PASS_THROUGH"}
         return ended
 
-    def cancel(self, context: Any) -> None:
+    def cancel(self, context: bpy.types.Context) -> None:
         """Called by Blender when the window or the file is closed. The file's data must not be touched any more."""
         self._clean_up(context)
 
@@ -90,11 +90,11 @@ class ModalOperator:
     def restore(self) -> None:
         """Restore what the steps changed; not called when the file is closed."""
 
-    def _begin(self, context: Any, steps: Generator[int, None, None], total: int) -> None:
+    def _begin(self, context: bpy.types.Context, steps: Generator[int, None, None], total: int) -> None:
         self._steps, self._done, self._total = steps, 0, total
         context.window_manager.progress_begin(0, total)
 
-    def _step(self, context: Any) -> set[str]:
+    def _step(self, context: bpy.types.Context) -> set[str]:
         """Runs one step; the empty set while there are more."""
         assert self._steps is not None
         try:
@@ -111,20 +111,20 @@ class ModalOperator:
         self._show_progress(context)
         return set()
 
-    def _show_progress(self, context: Any) -> None:
+    def _show_progress(self, context: bpy.types.Context) -> None:
         context.window_manager.progress_update(self._done)
         if self.timer is not None and context.workspace is not None:
             doing = self.doing.format(done=self._done, total=self._total)
             context.workspace.status_text_set(f"{doing} | Esc, Right Mouse: Stop")
 
-    def end(self, context: Any, kind: str, sentence: str, result: set[str]) -> set[str]:
+    def end(self, context: bpy.types.Context, kind: str, sentence: str, result: set[str]) -> set[str]:
         """Cleans up, reports and gives Blender the result."""
         self._clean_up(context)
         self.restore()
         self.report({kind}, sentence)  # type: ignore[attr-defined]
         return result
 
-    def _clean_up(self, context: Any) -> None:
+    def _clean_up(self, context: bpy.types.Context) -> None:
         """Ends the steps, the progress and the timer. May be called twice."""
         if self._steps is None:
             return

@@ -2,8 +2,8 @@
 
 # mypy: disable-error-code="valid-type"
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import bpy
 from bpy.props import BoolProperty, CollectionProperty, StringProperty
@@ -23,7 +23,7 @@ class FROG_OT_drop_videos(bpy.types.Operator):
     directory: StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})
     files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"})
 
-    def execute(self, context: Any) -> set[str]:
+    def execute(self, context: bpy.types.Context) -> set[str]:
         videos = [Path(self.directory) / file.name for file in self.files]
         return _open(self, context, lambda: capture_of(videos))
 
@@ -37,7 +37,7 @@ class FROG_FH_videos(bpy.types.FileHandler):
     bl_file_extensions = ";".join(sorted(VIDEO_SUFFIXES))
 
     @classmethod
-    def poll_drop(cls, context: Any) -> bool:
+    def poll_drop(cls, context: bpy.types.Context) -> bool:
         return context.area is not None and context.area.type == "VIEW_3D"
 
 
@@ -57,11 +57,11 @@ class FROG_OT_import_capture(bpy.types.Operator):
     filter_folder: BoolProperty(default=True, options={"HIDDEN", "SKIP_SAVE"})
     filter_movie: BoolProperty(default=True, options={"HIDDEN", "SKIP_SAVE"})
 
-    def invoke(self, context: Any, _event: Any) -> set[str]:
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
-    def execute(self, context: Any) -> set[str]:
+    def execute(self, context: bpy.types.Context) -> set[str]:
         return _open(self, context, lambda: Path(bpy.path.abspath(self.directory)))
 
 
@@ -85,11 +85,11 @@ def capture_of(videos: list[Path]) -> Path:
     return folder
 
 
-def _open(operator: Any, context: Any, find: Any) -> set[str]:
+def _open(operator: bpy.types.Operator, context: bpy.types.Context, find: Callable[[], Path]) -> set[str]:
     """Sets the folder that ``find`` returns as the scene's capture and reports its summary; an error changes
     nothing.
     """
-    preferences.add_environment()  # OpenCV, which reads videos, may be there
+    preferences.add_environment()  # may have OpenCV, which reads videos
     try:
         folder = find()
         summary = capture_summary.inspect(str(folder))
@@ -104,7 +104,7 @@ def _open(operator: Any, context: Any, find: Any) -> set[str]:
     return {"FINISHED"}
 
 
-def _show_panel(context: Any) -> None:
+def _show_panel(context: bpy.types.Context) -> None:
     """Shows the FRoG tab of the sidebar, in the viewport that the capture was dropped into or else in the largest."""
     views = [area for area in context.screen.areas if area.type == "VIEW_3D"] if context.screen is not None else []
     if not views:
@@ -115,7 +115,7 @@ def _show_panel(context: Any) -> None:
         sidebar_tab.show(area)
 
 
-def _menu(self: Any, _context: Any) -> None:
+def _menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
     self.layout.operator(FROG_OT_import_capture.bl_idname, text="FRoG Capture (folder)")
 
 

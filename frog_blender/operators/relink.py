@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import bpy
 from bpy.props import BoolProperty, StringProperty
@@ -17,7 +16,7 @@ from ..scene_import.capture_objects import named_or_active_capture, stored_path
 from ..timeline import playback
 
 
-def relink(obj: Any, path: Path, *, also_others: bool) -> list[Any]:
+def relink(obj: bpy.types.Object, path: Path, *, also_others: bool) -> list[bpy.types.Object]:
     """Makes an object of this .blend play ``path``. Returns all objects whose file was found.
 
     With ``also_others`` every capture of this .blend whose file is missing plays the file of the same name in the
@@ -72,7 +71,7 @@ class FROG_OT_relink(bpy.types.Operator, ImportHelper):
         default=True,
     )
 
-    def execute(self, context: Any) -> set[str]:
+    def execute(self, context: bpy.types.Context) -> set[str]:
         path = Path(bpy.path.abspath(self.filepath))
         try:
             found = relink(named_or_active_capture(context, self.object_name), path, also_others=self.all_missing)

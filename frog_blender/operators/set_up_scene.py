@@ -36,13 +36,13 @@ class SetsUpScene:
         options={"SKIP_SAVE"},
     )
 
-    def invoke(self, context: Any, event: Any) -> set[str]:
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Shows the properties with this scene's defaults."""
         self.decide(context.scene)
         result: set[str] = super().invoke(context, event)  # type: ignore[misc]  # of the importer's other base
         return result
 
-    def decide(self: Any, scene: Any) -> bool:
+    def decide(self: Any, scene: bpy.types.Scene) -> bool:
         """Sets both properties, unless they were given. Returns whether the settings stay unchanged by default."""
         given, untouched = self.properties.is_property_set, is_untouched(scene)
         left_alone = not given("set_up_scene") and not untouched
@@ -61,11 +61,11 @@ class FROG_OT_set_up_scene(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
-    def poll(cls, context: Any) -> bool:
+    def poll(cls, context: bpy.types.Context) -> bool:
         cls.poll_message_set("Select one of the scene's captures first.")
         return active_capture(context) is not None
 
-    def execute(self, context: Any) -> set[str]:
+    def execute(self, context: bpy.types.Context) -> set[str]:
         obj, scene = active_capture(context), context.scene
         try:
             header = playback.open_scene(playback.file_of(obj)).header

@@ -3,8 +3,6 @@
 # Blender reads properties from annotations, which to a type checker are not types.
 # mypy: disable-error-code="valid-type"
 
-from typing import Any
-
 import bpy
 from bpy.props import BoolProperty
 
@@ -30,7 +28,7 @@ class FROG_OT_train(bpy.types.Operator):
         options={"SKIP_SAVE"},
     )
 
-    def execute(self, context: Any) -> set[str]:
+    def execute(self, context: bpy.types.Context) -> set[str]:
         settings = context.scene.frog
         try:
             request = request_of(settings, self.resume)
@@ -56,10 +54,10 @@ class FROG_OT_cancel_training(bpy.types.Operator):
     bl_label = "Cancel"
 
     @classmethod
-    def poll(cls, _context: Any) -> bool:
+    def poll(cls, _context: bpy.types.Context) -> bool:
         return runner.is_running()
 
-    def execute(self, _context: Any) -> set[str]:
+    def execute(self, _context: bpy.types.Context) -> set[str]:
         task = runner.current()
         if task is not None:
             task.cancel()
@@ -73,10 +71,10 @@ class FROG_OT_pause_training(bpy.types.Operator):
     bl_label = "Pause"
 
     @classmethod
-    def poll(cls, _context: Any) -> bool:
+    def poll(cls, _context: bpy.types.Context) -> bool:
         return runner.is_running() and not runner.is_paused()
 
-    def execute(self, _context: Any) -> set[str]:
+    def execute(self, _context: bpy.types.Context) -> set[str]:
         task = runner.current()
         if task is not None:
             task.control.pause()
@@ -90,10 +88,10 @@ class FROG_OT_resume_training(bpy.types.Operator):
     bl_label = "Resume"
 
     @classmethod
-    def poll(cls, _context: Any) -> bool:
+    def poll(cls, _context: bpy.types.Context) -> bool:
         return runner.is_paused()
 
-    def execute(self, _context: Any) -> set[str]:
+    def execute(self, _context: bpy.types.Context) -> set[str]:
         task = runner.current()
         if task is not None:
             task.control.resume()
@@ -106,7 +104,7 @@ class FROG_OT_inspect_capture(bpy.types.Operator):
     bl_idname = "frog.inspect_capture"
     bl_label = "Check Capture"
 
-    def execute(self, context: Any) -> set[str]:
+    def execute(self, context: bpy.types.Context) -> set[str]:
         preferences.add_environment()
         summary = capture_summary.inspect(bpy.path.abspath(context.scene.frog.capture_folder))
         if summary.error:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import bpy
 
@@ -15,7 +14,7 @@ from ..scene_import.scene_setup import is_untouched
 from ..timeline import playback
 
 
-def importer(scene: Any) -> Callable[[Path], str]:
+def importer(scene: bpy.types.Scene) -> Callable[[Path], str]:
     """A function that imports a finished file into ``scene`` once, as one undo step.
 
     It returns what the panel is to say besides, "" where all went as one expects. Where the scene is gone or is being
@@ -24,7 +23,7 @@ def importer(scene: Any) -> Callable[[Path], str]:
     uid, name, file = scene.session_uid, scene.name, bpy.data.filepath
 
     def show(path: Path) -> str:
-        target = find_by_uid(bpy.data.scenes, uid)  # whatever it is called by now
+        target = find_by_uid(bpy.data.scenes, uid)  # it may have been renamed
         if target is None and file and bpy.data.filepath == file:  # the same file, opened again
             target = bpy.data.scenes.get(name)
         if target is None:
@@ -45,20 +44,20 @@ def importer(scene: Any) -> Callable[[Path], str]:
     return show
 
 
-def _is_being_edited(scene: Any) -> bool:
+def _is_being_edited(scene: bpy.types.Scene) -> bool:
     """Whether a mode other than Object Mode is active. An import would mix with its undo steps."""
     active = (layer.objects.active for layer in scene.view_layers)
     return any(obj is not None and obj.mode != "OBJECT" for obj in active)
 
 
-def _of_same_capture(scene: Any, path: Path) -> list[str]:
+def _of_same_capture(scene: bpy.types.Scene, path: Path) -> list[str]:
     """Names of the files that the scene plays and that were trained from the same capture."""
     capture = playback.open_scene(path).header.capture_path
     found = []
     for obj in playback.captures(scene.objects):
         try:
             header = playback.open_scene(playback.file_of(obj)).header
-        except FrogError:  # the panel says so beside that capture
+        except FrogError:  # shown by the Captures panel
             continue
         if capture and header.capture_path == capture:
             found.append(playback.file_of(obj).name)

@@ -12,11 +12,13 @@ from ..engine.errors import FrogError
 from ..timeline import playback
 
 if TYPE_CHECKING:
+    import bpy
+
     from ..engine.gaussians import GaussianArrays
 
 
 def gather(
-    depsgraph: Any, space: Any = None, problems: list[str] | None = None
+    depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D | None = None, problems: list[str] | None = None
 ) -> tuple[GaussianArrays | None, np.ndarray]:
     """All visible captures at the evaluated frame, in world space, and the first one's display background (3,).
 
@@ -43,7 +45,9 @@ def gather(
     return (joined(parts) if parts else None), background
 
 
-def visible_captures(depsgraph: Any, space: Any = None) -> list[tuple[Any, Any, np.ndarray]]:
+def visible_captures(
+    depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D | None = None
+) -> list[tuple[bpy.types.Object, bpy.types.Object, np.ndarray]]:
     """The object, the evaluated object and the (4, 4) matrix of every visible capture, duplicates and instances
     included. Objects with zero scale are skipped.
     """
@@ -62,13 +66,13 @@ def visible_captures(depsgraph: Any, space: Any = None) -> list[tuple[Any, Any, 
     return found
 
 
-def is_seen(instance: Any, layer: Any) -> bool:
+def is_seen(instance: bpy.types.DepsgraphObjectInstance, layer: bpy.types.ViewLayer) -> bool:
     """Whether an object of a depsgraph is visible to cameras, as in Cycles."""
     shown = instance.object
     return instance.show_self and shown.visible_camera and not shown.original.indirect_only_get(view_layer=layer)
 
 
-def pass_indices(depsgraph: Any) -> list[tuple[int, int]]:
+def pass_indices(depsgraph: bpy.types.Depsgraph) -> list[tuple[int, int]]:
     """Number of Gaussians and Pass Index of each visible capture, in the order of ``gather``."""
     found = [obj for obj, *_ in visible_captures(depsgraph)]
     return [(playback.open_scene(playback.file_of(obj)).count, obj.pass_index) for obj in found]

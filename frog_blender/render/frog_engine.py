@@ -32,6 +32,8 @@ from .world import background_of
 if TYPE_CHECKING:
     from ..engine.capture.camera import Camera
     from ..engine.native.options import RasterizeOptions
+    from ..engine.playback.render import Drawing
+    from .viewport import Viewport
 
 SHUTTER_SAMPLES = 16  # frames that motion blur averages
 
@@ -47,17 +49,17 @@ class FrogRenderEngine(bpy.types.RenderEngine):
 
     def __init__(self, *arguments: Any, **keywords: Any) -> None:
         super().__init__(*arguments, **keywords)
-        self.viewport: Any = None  # of viewport_drawing
+        self.viewport: Viewport | None = None  # of viewport_drawing
         self.warned_slow = False
 
-    def update_render_passes(self, scene: Any = None, renderlayer: Any = None) -> None:
+    def update_render_passes(self, scene: bpy.types.Scene = None, renderlayer: bpy.types.ViewLayer = None) -> None:
         self.register_pass(scene, renderlayer, "Combined", 4, "RGBA", "COLOR")
         if renderlayer.use_pass_z:
             self.register_pass(scene, renderlayer, "Depth", 1, "Z", "VALUE")
         vector_pass.register_pass(self, scene, renderlayer)
         index_pass.register_pass(self, scene, renderlayer)
 
-    def render(self, depsgraph: Any) -> None:
+    def render(self, depsgraph: bpy.types.Depsgraph) -> None:
         scene = depsgraph.scene.original
         try:
             renders.check(scene)
@@ -68,7 +70,7 @@ class FrogRenderEngine(bpy.types.RenderEngine):
                 if self.test_break():
                     return
                 self._write_passes(depsgraph, view, passes)
-        except Exception as error:  # a render that goes on without its captures would be worse than any sentence
+        except Exception as error:  # a render must not go on without its captures
             sentence = error_message(error)
             if not isinstance(error, (FrogError, MemoryError)):
                 reported_once.unexpected(f"rendering {scene.name}", error)
@@ -79,14 +81,14 @@ class FrogRenderEngine(bpy.types.RenderEngine):
                     self._write_passes(depsgraph, view, None)
         self.update_progress(1.0)
 
-    def _views(self, depsgraph: Any) -> list[str]:
+    def _views(self, depsgraph: bpy.types.Depsgraph) -> list[str]:
         """The names of the views to render: one for each stereo eye, otherwise one empty name."""
         result = self.begin_result(0, 0, 1, 1, layer=depsgraph.view_layer.name)
         names = [view.name for view in result.views]
         self.end_result(result, cancel=True)
         return names
 
-    def _write_passes(self, depsgraph: Any, view: str, passes: dict[str, Any] | None) -> None:
+    def _write_passes(self, depsgraph: bpy.types.Depsgraph, view: str, passes: dict[str, Any] | None) -> None:
         """Writes passes (see ``drawn_passes``) to Blender's result; a striped pattern if there are none.
 
         FrogError for passes of another size than Blender's image or region has.
@@ -106,23 +108,23 @@ class FrogRenderEngine(bpy.types.RenderEngine):
                 render_pass.rect.foreach_set(pass_pixels(values))
         self.end_result(result)
 
-    # What follows runs in windows only: Blender draws viewports there, in the main thread.
+    # The following runs with windows only, in the main thread.
 
-    def view_update(self, context: Any, depsgraph: Any) -> None:
+    def view_update(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
         """Called by Blender on changes; ``view_draw`` detects by itself what has changed."""
 
-    def view_draw(self, context: Any, depsgraph: Any) -> None:
+    def view_draw(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
         viewport_drawing.draw(self, context, depsgraph)
 
 
-def _synchronize_frame(engine: Any, scene: Any) -> None:
+def _synchronize_frame(engine: bpy.types.RenderEngine, scene: bpy.types.Scene) -> None:
     """Copies the subframe of the leading scene; Blender copies whole frames only."""
     frame = raw_frame(renders.leading(scene))
     if raw_frame(scene) != frame:
         engine.frame_set(math.floor(frame), frame % 1.0)
 
 
-def drawn_passes(engine: Any, depsgraph: Any) -> dict[str, Any]:
+def drawn_passes(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> dict[str, Any]:
     """The passes of the current view, by name; see ``render_frame``."""
     combined, depth, surface = render_frame(engine, depsgraph)
     scene = depsgraph.scene.original
@@ -140,7 +142,7 @@ def drawn_passes(engine: Any, depsgraph: Any) -> dict[str, Any]:
 Passes = tuple[np.ndarray, np.ndarray, np.ndarray | None]
 
 
-def render_frame(engine: Any, depsgraph: Any) -> Passes:
+def render_frame(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> Passes:
     """Combined (H, W, 4) scene-linear premultiplied, Depth (H, W) planar in world units, and the index of the Gaussian
     at each pixel's surface (H, W), -1 for none; None instead of the index without captures. Rows from the top, of the
     Render Region only if there is one.
@@ -164,7 +166,7 @@ def render_frame(engine: Any, depsgraph: Any) -> Passes:
 
 
 @contextmanager
-def _restoring_frame(engine: Any, depsgraph: Any) -> Iterator[None]:
+def _restoring_frame(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> Iterator[None]:
     """Restores the scene's frame on exit."""
     frame = raw_frame(depsgraph.scene)
     try:
@@ -182,7 +184,7 @@ def shutter_frames(frame: float, shutter: float, position: str) -> list[float]:
     return [first + shutter * (number + 0.5) / SHUTTER_SAMPLES for number in range(SHUTTER_SAMPLES)]
 
 
-def render_instant(engine: Any, depsgraph: Any) -> Passes:
+def render_instant(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> Passes:
     """``render_frame`` at the scene's current frame, without motion blur."""
     scene = depsgraph.scene
     width, height = engine.resolution_x, engine.resolution_y
@@ -204,7 +206,7 @@ def render_instant(engine: Any, depsgraph: Any) -> Passes:
     return combined, depth, drawing.median_index if drawing is not None else None
 
 
-def _warn_if_slow(engine: Any, drawing: Any, gaussians: int) -> None:
+def _warn_if_slow(engine: bpy.types.RenderEngine, drawing: Drawing, gaussians: int) -> None:
     """Warns once an image, which with motion blur has many samples."""
     from ..engine.native.binding import MANY_INSTANCES, takes_long
 
@@ -213,7 +215,7 @@ def _warn_if_slow(engine: Any, drawing: Any, gaussians: int) -> None:
         engine.report({"WARNING"}, takes_long(gaussians))
 
 
-def _options(depsgraph: Any, eye: Any, width: int, height: int) -> RasterizeOptions:
+def _options(depsgraph: bpy.types.Depsgraph, eye: bpy.types.Object, width: int, height: int) -> RasterizeOptions:
     """Options for the Render Region, with the near plane at Blender's camera even if the engine's is further back."""
     from ..engine.native.options import RasterizeOptions
 
@@ -221,14 +223,14 @@ def _options(depsgraph: Any, eye: Any, width: int, height: int) -> RasterizeOpti
     return RasterizeOptions(region=region, near_plane=RasterizeOptions.near_plane + distance_added(eye.data))
 
 
-def _settings(depsgraph: Any) -> Any:
+def _settings(depsgraph: bpy.types.Depsgraph) -> bpy.types.RenderSettings:
     """The render settings in effect: those of the followed scene while that is rendered."""
     scene = depsgraph.scene
     first = renders.leading(scene.original)
     return first.render if scene.original.frog.composed_with == first else scene.render
 
 
-def _eye(engine: Any, depsgraph: Any) -> Any:
+def _eye(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> bpy.types.Object:
     """The evaluated active camera: of the scene, of a sequencer strip or of a stereo eye; while the followed scene
     is rendered, the camera of that scene.
     """
@@ -245,7 +247,7 @@ def _eye(engine: Any, depsgraph: Any) -> Any:
     return evaluated
 
 
-def _camera(engine: Any, depsgraph: Any, eye: Any) -> Camera:
+def _camera(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph, eye: bpy.types.Object) -> Camera:
     """The engine camera of the rendered view."""
     render, width, height = _settings(depsgraph), engine.resolution_x, engine.resolution_y
     if not render.use_multiview:
@@ -254,7 +256,7 @@ def _camera(engine: Any, depsgraph: Any, eye: Any) -> Camera:
     return engine_camera(eye, matrix, render, width, height, shift_x=engine.camera_shift_x(eye))
 
 
-def render_vectors(engine: Any, depsgraph: Any) -> np.ndarray:
+def render_vectors(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
     """The Vector pass of the Render Region, (H, W, 4), rows from the top; see vector_pass."""
     frame, width, height = raw_frame(depsgraph.scene), engine.resolution_x, engine.resolution_y
 
@@ -272,7 +274,7 @@ def render_vectors(engine: Any, depsgraph: Any) -> np.ndarray:
 _FOREIGN_PANELS = {"VIEWLAYER_PT_filter", "VIEWLAYER_PT_layer_passes"}
 
 
-def _stock_panels() -> list[Any]:
+def _stock_panels() -> list[type[bpy.types.Panel]]:
     return [
         panel
         for panel in bpy.types.Panel.__subclasses__()

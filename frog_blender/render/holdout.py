@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import reduce
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from ..capture_files import is_capture
 from .collect_instances import is_seen
 
 if TYPE_CHECKING:
+    import bpy
+
     from ..engine.capture.camera import Camera
     from ..engine.gaussians import GaussianArrays
     from ..engine.native.options import RasterizeOptions
@@ -62,13 +64,13 @@ def draw_before(limits: Limits | None, gaussians: GaussianArrays, camera: Camera
     rest = 1 - limits.share[box]
     drawing.rgb[box] += (behind.rgb - drawing.rgb[box]) * rest[..., None]
     drawing.alpha[box] += (behind.alpha - drawing.alpha[box]) * rest
-    for name in ("median_depth", "median_z", "mean_depth", "median_index"):  # a mean of two depths is the depth of none
+    for name in ("median_depth", "median_z", "mean_depth", "median_index"):  # depths must not be averaged
         values = getattr(drawing, name)[box]
         np.copyto(values, getattr(behind, name), where=rest > 0.5)
     return drawing
 
 
-def limits_of_objects(depsgraph: Any, camera: Camera, options: RasterizeOptions) -> Limits | None:
+def limits_of_objects(depsgraph: bpy.types.Depsgraph, camera: Camera, options: RasterizeOptions) -> Limits | None:
     """Depth limits at the surfaces of objects that are not captures; None without such objects."""
     vertices, triangles, count = [], [], 0
     for points, corners in _surfaces(depsgraph):
@@ -115,7 +117,7 @@ def _split_surfaces(depths: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndar
         front = np.where(np.isfinite(furthest), 0.5 * (nearest + furthest), nearest)
     behind, share = front.copy(), np.ones_like(front)
     edges = np.nonzero(furthest > _STEP * nearest)
-    # By their inverses, of which infinity's is zero: a step far away counts less than one near by.
+    # By inverse depth, which is zero at infinity, so that distant steps count less.
     each = 1 / np.sort(depths.transpose(0, 2, 1, 3)[edges].reshape(len(edges[0]), _ACROSS**2), axis=1)
     count = (each[:, :-1] - each[:, 1:]).argmax(1) + 1  # of depths that are of the surface in front
     in_front = np.arange(each.shape[1]) < count[:, None]
@@ -132,7 +134,7 @@ def _over_pixels(keep: np.ufunc, depths: np.ndarray) -> np.ndarray:
     return reduce(keep, (rows[..., i] for i in range(_ACROSS)))
 
 
-def _surfaces(depsgraph: Any) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def _surfaces(depsgraph: bpy.types.Depsgraph) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """World-space vertices (V, 3) and triangles (T, 3) of everything that the camera can see, instances included."""
     for instance in depsgraph.object_instances:
         obj = instance.object

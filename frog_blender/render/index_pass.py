@@ -6,8 +6,6 @@ every drawing names that Gaussian.
 
 from __future__ import annotations
 
-from typing import Any
-
 import bpy
 import numpy as np
 
@@ -28,6 +26,6 @@ def indices(median_index: np.ndarray | None, captures: list[tuple[int, int]], wi
     return owners[np.maximum(median_index, -1)]
 
 
-def register_pass(engine: Any, scene: Any, layer: Any) -> None:
+def register_pass(engine: bpy.types.RenderEngine, scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> None:
     if layer.use_pass_object_index:
         engine.register_pass(scene, layer, NAME, 1, "X", "VALUE")

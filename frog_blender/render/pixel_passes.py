@@ -96,5 +96,5 @@ def _in_bands(height: int, work: Callable[[slice], None]) -> None:
         for band in bands:
             work(band)
         return
-    with ThreadPoolExecutor(threads) as pool:  # numpy lets go of Python's lock inside each step
+    with ThreadPoolExecutor(threads) as pool:  # numpy releases the GIL
         list(pool.map(work, bands))

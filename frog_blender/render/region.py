@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+if TYPE_CHECKING:
+    import bpy
 
-def rendered_part(render: Any, width: int, height: int) -> tuple[int, int, int, int]:
+
+def rendered_part(render: bpy.types.RenderSettings, width: int, height: int) -> tuple[int, int, int, int]:
     """Left, top, width and height in pixels of the Render Region, which is all that Blender takes; else the image.
 
     Args:

@@ -8,16 +8,18 @@ weight.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 if TYPE_CHECKING:
+    import bpy
+
     from ..engine.capture.camera import Camera
     from ..engine.gaussians import GaussianArrays
     from ..engine.native.options import RasterizeOptions
 
-_LONGEST = 2048.0  # pixels; longer ways are cut
+_LONGEST = 2048.0  # pixels; longer motions are clamped
 _SH_0 = 0.28209479177387814
 
 Snapshot = tuple["GaussianArrays | None", "Camera"]
@@ -43,7 +45,7 @@ def vectors(snapshot_at: Callable[[int], Snapshot], options: RasterizeOptions) -
             way[other.opacities == 0] = np.nan  # an invisible Gaussian's position means nothing
             ways[first] = way
     for first, way in ways.items():
-        known = np.where(np.isnan(way), ways.get(2 - first, way), way)  # as if it went on as it came
+        known = np.where(np.isnan(way), ways.get(2 - first, way), way)  # the other motion, if only one is known
         result[..., first : first + 2] = _drawn(gaussians, np.nan_to_num(known), camera, options)
     return result
 
@@ -69,6 +71,6 @@ def _drawn(gaussians: GaussianArrays, way: np.ndarray, camera: Camera, options: 
     return (2 * means - 1) * longest
 
 
-def register_pass(engine: Any, scene: Any, layer: Any) -> None:
+def register_pass(engine: bpy.types.RenderEngine, scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> None:
     if layer.use_pass_vector:
         engine.register_pass(scene, layer, "Vector", 4, "XYZW", "VECTOR")

@@ -17,7 +17,7 @@ from .viewport import STILL_AFTER, Viewport, ViewportImage, draw_view
 from .world import background_of
 
 
-def draw(engine: Any, context: Any, depsgraph: Any) -> None:
+def draw(engine: bpy.types.RenderEngine, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
     """Draws the captures in a region. Problems are shown in the header while they last, and printed once."""
     import gpu
     from gpu_extras.presets import draw_texture_2d
@@ -44,7 +44,7 @@ def draw(engine: Any, context: Any, depsgraph: Any) -> None:
         _redraw_later()
 
 
-def show_problems(engine: Any, problems: list[str]) -> None:
+def show_problems(engine: bpy.types.RenderEngine, problems: list[str]) -> None:
     """Shows problems in the header of the viewport, or clears it."""
     for problem in problems:
         reported_once.message(problem)
@@ -52,7 +52,13 @@ def show_problems(engine: Any, problems: list[str]) -> None:
     engine.update_stats("FRoG" if problems else "", problems[0] + others if problems else "")
 
 
-def image_of(viewport: Viewport, depsgraph: Any, view: Any, size: tuple[int, int], space: Any = None) -> ViewportImage:
+def image_of(
+    viewport: Viewport,
+    depsgraph: bpy.types.Depsgraph,
+    view: bpy.types.RegionView3D,
+    size: tuple[int, int],
+    space: bpy.types.SpaceView3D | None = None,
+) -> ViewportImage:
     """The image of a region of that size with the matrices of ``view``, in the viewport ``space``; drawn again only if
     something has changed. Captures that cannot be drawn are listed in ``viewport.problems``.
 
@@ -74,7 +80,9 @@ def image_of(viewport: Viewport, depsgraph: Any, view: Any, size: tuple[int, int
     return draw_view(viewport, key, gaussians, lambda w, h: view_camera(*matrices, w, h, ratio), size, background)
 
 
-def _focal_ratio(depsgraph: Any, view: Any, space: Any) -> float:
+def _focal_ratio(
+    depsgraph: bpy.types.Depsgraph, view: bpy.types.RegionView3D, space: bpy.types.SpaceView3D | None
+) -> float:
     """The focal ratio of the camera of a camera view, which Blender's matrices lack; one for other views."""
     if space is None or view.view_perspective != "CAMERA":
         return 1.0
@@ -82,7 +90,7 @@ def _focal_ratio(depsgraph: Any, view: Any, space: Any) -> float:
     return camera.data.frog.focal_ratio if camera is not None and camera.type == "CAMERA" else 1.0
 
 
-def _seen(depsgraph: Any, space: Any) -> tuple[Any, ...]:
+def _seen(depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D | None) -> tuple[Any, ...]:
     """What determines the Gaussians: the captures, their frames and their matrices."""
     frame = depsgraph.scene.frame_current_final
     seen = []

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import bpy
 
@@ -31,7 +31,7 @@ _TIMING = dict(zip("svrmw", TIMING, strict=True))  # variables of drivers
 
 
 def add_clips(
-    obj: Any,
+    obj: bpy.types.Object,
     folder: Path | None = None,
     *,
     opacity: float = OPACITY,
@@ -72,7 +72,7 @@ def add_clips(
     return shown
 
 
-def begin_undistortion(obj: Any, folder: Path | None = None) -> Straightening | None:
+def begin_undistortion(obj: bpy.types.Object, folder: Path | None = None) -> Straightening | None:
     """The undistorted clips that must be written for ``add_clips``; None if there are none, or no camera to show one.
 
     Raises:
@@ -82,7 +82,7 @@ def begin_undistortion(obj: Any, folder: Path | None = None) -> Straightening | 
     if all(camera.data.library is not None for camera in cameras_of(obj)):
         return None
     problem = None
-    for each in filter(os.path.isdir, folders):  # False for names that no disk takes
+    for each in filter(os.path.isdir, folders):  # False for invalid names
         try:
             return straightening(header, path, each)
         except FrogError as error:
@@ -92,35 +92,37 @@ def begin_undistortion(obj: Any, folder: Path | None = None) -> Straightening | 
     return None
 
 
-def _sources(obj: Any, folder: Path | None) -> tuple[Path, SceneHeader, list[Path]]:
+def _sources(obj: bpy.types.Object, folder: Path | None) -> tuple[Path, SceneHeader, list[Path]]:
     """The file that an object plays, its header, and the folders where the capture may be."""
-    path = named_file(obj)  # what is packed into the .blend has its films beside the place that it came from
+    path = named_file(obj)  # clips of a packed file are next to its original path
     header = playback.open_scene(playback.file_of(obj)).header
     return path, header, [folder] if folder is not None else capture_folders(header, path)
 
 
-def clip_of(camera: Any) -> Any:
+def clip_of(camera: bpy.types.Object) -> bpy.types.CameraBackgroundImage | None:
     """The background image of a camera object that shows its clip, or None."""
     images = camera.data.background_images
     return next((each for each in images if each.image is not None and _MARK in each.image), None)
 
 
-def load_image(clip: Clip) -> Any:
+def load_image(clip: Clip) -> bpy.types.Image:
     """The image data-block of a clip, the add-on's own; RuntimeError for what Blender cannot open."""
     wanted = os.path.normpath(clip.path)
     ours = (image for image in bpy.data.images if _MARK in image and image.library is None)
     known = next((image for image in ours if os.path.normpath(bpy.path.abspath(image.filepath)) == wanted), None)
-    # Never the user's own of that file, whose settings and path are theirs.
+    # Never the user's own image of that file.
     image = known if known is not None else bpy.data.images.load(str(clip.path))
     image.filepath = stored_path(clip.path)
-    image.reload()  # a film of this name may have been written again
+    image.reload()  # the file may have been rewritten
     if clip.kind == "SEQUENCE":
         image.source = "SEQUENCE"
     image[_MARK] = True
     return image
 
 
-def _synchronize(data: Any, background: Any, clip: Clip, obj: Any) -> None:
+def _synchronize(
+    data: bpy.types.Camera, background: bpy.types.CameraBackgroundImage, clip: Clip, obj: bpy.types.Object
+) -> None:
     """Drive the index of the shown image. Image n is offset n - 1 of a clip that is one frame long."""
     index = next(i for i, each in enumerate(data.background_images) if each == background)
     path = f"background_images[{index}].image_user.frame_offset"
@@ -151,7 +153,7 @@ def expression(clip: Clip) -> str:
     return f"floor(clamp({shown},0,{last})+.5)*{clip.step}+{clip.first - 1}"
 
 
-def hide_clip(camera: Any) -> None:
+def hide_clip(camera: bpy.types.Object) -> None:
     """Remove a camera object's clip and its driver."""
     background = clip_of(camera)
     if background is not None and camera.data.library is None:

@@ -13,7 +13,7 @@ from ..relative_paths import seen_from
 from ..timeline import playback
 
 
-def active_capture(context: Any) -> Any:
+def active_capture(context: bpy.types.Context) -> Any:  # Any: None as well, which operators exclude by poll
     """The capture that the active object belongs to, otherwise the scene's only capture, otherwise None."""
     active = context.object
     while active is not None:
@@ -25,7 +25,7 @@ def active_capture(context: Any) -> Any:
     return captures[0] if len(captures) == 1 else None
 
 
-def named_or_active_capture(context: Any, name: str) -> Any:
+def named_or_active_capture(context: bpy.types.Context, name: str) -> bpy.types.Object:
     """The capture of that name in this file, or the active one without a name; FrogError if there is none that can
     be changed.
     """
@@ -45,7 +45,7 @@ def find_by_uid(blocks: Any, uid: int) -> Any:
     return next((block for block in blocks if block.session_uid == uid), None)
 
 
-def select_only(context: Any, obj: Any) -> None:
+def select_only(context: bpy.types.Context, obj: bpy.types.Object) -> None:
     """Make an object the only selected one, and the active one."""
     for other in context.selected_objects:
         other.select_set(False)
@@ -53,17 +53,17 @@ def select_only(context: Any, obj: Any) -> None:
     context.view_layer.objects.active = obj
 
 
-def root_of(obj: Any) -> Any:
+def root_of(obj: bpy.types.Object) -> bpy.types.Object:
     """The object that places a capture: the parent of its Gaussians, or these without a parent."""
     return obj.parent if obj.parent is not None else obj
 
 
-def cameras_of(obj: Any) -> list[Any]:
+def cameras_of(obj: bpy.types.Object) -> list[bpy.types.Object]:
     """The camera objects of a capture."""
     return [child for child in root_of(obj).children if child.type == "CAMERA"] if obj.parent is not None else []
 
 
-def plays(scene: Any, path: Path) -> bool:
+def plays(scene: bpy.types.Scene, path: Path) -> bool:
     """Whether a capture of the scene plays this file."""
     wanted = Path(os.path.normpath(path))
     return any(playback.file_of(obj) == wanted for obj in playback.captures(scene.objects))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ..engine.scene.header import SceneHeader
 
 _BACKGROUND_WORLD = "FRoG Background"
-_LAYERS = 1024  # of splats that rays of Cycles go through: as many as it allows
+_LAYERS = 1024  # transparent bounces of Cycles: its maximum
 _EEVEE = ("BLENDER_EEVEE", "BLENDER_EEVEE_NEXT")  # 4.5 has the longer name
 
 # What Blender starts with: the settings that set_up changes, the objects and their places, the grey of the world.
@@ -41,7 +41,7 @@ _START_OBJECTS = {
 _START_GREY = 0.0509
 
 
-def is_untouched(scene: Any) -> bool:
+def is_untouched(scene: bpy.types.Scene) -> bool:
     """Whether the scene holds nothing of the user's: only Blender's default objects, or only captures and their
     settings.
     """
@@ -57,20 +57,20 @@ def is_untouched(scene: Any) -> bool:
     return settings and found["render.engine"] in (*_EEVEE, "FROG") and _is_of_start_world(scene.world)
 
 
-def is_set_up(scene: Any) -> bool:
+def is_set_up(scene: bpy.types.Scene) -> bool:
     """Whether the scene was set up for a capture, regardless of later changes."""
     return bool(scene.frog.set_up_as) or scene.render.engine == "FROG"
 
 
-def _of_captures(scene: Any) -> set[Any]:
+def _of_captures(scene: bpy.types.Scene) -> set[bpy.types.Object]:
     """The captures of a scene, their roots and cameras, without any in a mode other than Object Mode."""
-    found: set[Any] = set()
+    found: set[bpy.types.Object] = set()
     for obj in playback.captures(scene.objects):
         found |= {obj, root_of(obj), *cameras_of(obj)}
     return {obj for obj in found if obj.mode == "OBJECT"}
 
 
-def _is_of_start(obj: Any) -> bool:
+def _is_of_start(obj: bpy.types.Object) -> bool:
     """Whether an object is the unchanged cube, light or camera of a new file."""
     kind, place = _START_OBJECTS.get(obj.name, ("", ()))
     if obj.type != kind or obj.mode != "OBJECT" or obj.library is not None:
@@ -82,12 +82,12 @@ def _is_of_start(obj: Any) -> bool:
     return bool(np.allclose(obj.location, place, atol=1e-3) and np.allclose(obj.scale, 1.0))
 
 
-def _has_strips(scene: Any) -> bool:
+def _has_strips(scene: bpy.types.Scene) -> bool:
     editor = scene.sequence_editor
     return editor is not None and len(editor.strips if hasattr(editor, "strips") else editor.sequences) > 0
 
 
-def _is_plain(world: Any) -> bool:
+def _is_plain(world: bpy.types.World) -> bool:
     """Whether a world is a plain color or missing; anything else was made by the user."""
     if world is None:
         return True
@@ -96,7 +96,7 @@ def _is_plain(world: Any) -> bool:
     return world.node_tree is None or {node.type for node in world.node_tree.nodes} <= {"BACKGROUND", "OUTPUT_WORLD"}
 
 
-def _is_of_start_world(world: Any) -> bool:
+def _is_of_start_world(world: bpy.types.World) -> bool:
     if world is None:
         return True
     nodes = world.node_tree.nodes if world.node_tree is not None else ()
@@ -106,13 +106,19 @@ def _is_of_start_world(world: Any) -> bool:
     return world.name == "World" and grey and all(strength == 1.0 for strength in strengths)
 
 
-def _fingerprint(scene: Any) -> str:
+def _fingerprint(scene: bpy.types.Scene) -> str:
     """The settings that set_up changes, as text."""
     return repr({path: getattr(value, "name", value) for path, value in values(scene).items()})
 
 
 def set_up(
-    scene: Any, header: SceneHeader, start_frame: float, cameras: list[Any], *, settings: bool, engine: bool
+    scene: bpy.types.Scene,
+    header: SceneHeader,
+    start_frame: float,
+    cameras: list[bpy.types.Object],
+    *,
+    settings: bool,
+    engine: bool,
 ) -> None:
     """Match the scene to a capture.
 
@@ -121,13 +127,13 @@ def set_up(
         engine: FROG renders it, and viewports show that.
     """
     if settings:
-        # Before anything is set: a header may hold what is no number.
+        # Before anything is set: a header may contain non-finite values.
         background = into_working_space(to_linear(np.array(header.background, dtype=np.float64)))
         _set_time(scene, header, start_frame)
         if cameras:
             look_through(scene, cameras[0])
         _show_colors_unchanged(scene)
-        if hasattr(scene, "cycles"):  # rays that end at the usual 8 layers see a third of the light
+        if hasattr(scene, "cycles"):  # the default of 8 bounces loses two thirds of the light
             scene.cycles.transparent_max_bounces = max(scene.cycles.transparent_max_bounces, _LAYERS)
         # A window draws while a render evaluates frames in its own thread; locked, they do not share the Gaussians.
         scene.render.use_lock_interface = True
@@ -139,8 +145,8 @@ def set_up(
         scene.frog.set_up_as = _fingerprint(scene)
 
 
-def _set_time(scene: Any, header: SceneHeader, start_frame: float) -> None:
-    if header.frame_count <= 1:  # a still capture leaves the scene its time
+def _set_time(scene: bpy.types.Scene, header: SceneHeader, start_frame: float) -> None:
+    if header.frame_count <= 1:  # a static capture does not change the scene's time
         return
     scene.frame_start = round(start_frame)
     scene.frame_end = max(round(start_frame) + header.frame_count - 1, scene.frame_start)
@@ -149,7 +155,7 @@ def _set_time(scene: Any, header: SceneHeader, start_frame: float) -> None:
     scene.render.fps, scene.render.fps_base = whole, whole / max(header.frames_per_second, 0.01)
 
 
-def _show_colors_unchanged(scene: Any) -> None:
+def _show_colors_unchanged(scene: bpy.types.Scene) -> None:
     for name, value in (("view_transform", "Standard"), ("look", "None")):
         try:
             setattr(scene.view_settings, name, value)
@@ -158,17 +164,17 @@ def _show_colors_unchanged(scene: Any) -> None:
     scene.render.dither_intensity = 0.0
 
 
-def set_background(scene: Any, color: np.ndarray) -> None:
+def set_background(scene: bpy.types.Scene, color: np.ndarray) -> None:
     """Gives the scene a world of this color (scene-linear RGB). Its previous world stays in the file."""
     before = scene.world
-    # Another scene's is of another capture.
+    # Another scene's world belongs to another capture.
     is_ours = before is not None and before.name.startswith(_BACKGROUND_WORLD)
     if is_ours and _is_plain(before) and before.users == 1:
         world = before
     else:
         world = bpy.data.worlds.new(_BACKGROUND_WORLD)
         if before is not None and before.library is None:
-            before.use_fake_user = True  # else Blender drops what nothing uses when it saves
+            before.use_fake_user = True  # otherwise Blender drops unused data when saving
     world.color = color
     if world.node_tree is not None:
         for node in world.node_tree.nodes:
@@ -178,7 +184,7 @@ def set_background(scene: Any, color: np.ndarray) -> None:
     scene.world = world
 
 
-def show_in_viewports(scene: Any, *, through_camera: bool) -> None:
+def show_in_viewports(scene: bpy.types.Scene, *, through_camera: bool) -> None:
     """Switches Solid and Wireframe viewports of the scene, which show surfaces only, to Rendered."""
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas if window.scene == scene else ():
@@ -189,7 +195,7 @@ def show_in_viewports(scene: Any, *, through_camera: bool) -> None:
                     space.region_3d.view_perspective = "CAMERA"
 
 
-def look_through(scene: Any, camera: Any) -> None:
+def look_through(scene: bpy.types.Scene, camera: bpy.types.Object) -> None:
     """Make a camera active and set the render size to that of its captured images."""
     scene.camera = camera
     width, height = camera.data.frog.size

@@ -21,7 +21,7 @@ can pass the other.
 
 
 @contextmanager
-def all_or_nothing(scene: Any) -> Iterator[None]:
+def all_or_nothing(scene: bpy.types.Scene) -> Iterator[None]:
     """Runs code that adds data-blocks and changes settings of ``scene``. Any exception reverts both and is raised
     again.
 
@@ -36,7 +36,7 @@ def all_or_nothing(scene: Any) -> Iterator[None]:
         raise
 
 
-def values(scene: Any) -> dict[str, Any]:
+def values(scene: bpy.types.Scene) -> dict[str, Any]:
     """SETTINGS of a scene by path, those that this Blender has."""
     found = {}
     for path in SETTINGS:
@@ -47,7 +47,7 @@ def values(scene: Any) -> dict[str, Any]:
     return found
 
 
-def _restore(scene: Any, settings: dict[str, Any]) -> None:
+def _restore(scene: bpy.types.Scene, settings: dict[str, Any]) -> None:
     for path, value in settings.items():
         owner, _, name = path.rpartition(".")
         setattr(scene.path_resolve(owner) if owner else scene, name, value)
@@ -61,6 +61,6 @@ def _newest() -> int:
     return newest
 
 
-def _newer_than(uid: int) -> list[Any]:
+def _newer_than(uid: int) -> list[bpy.types.ID]:
     lists = [getattr(bpy.data, each.identifier) for each in bpy.data.bl_rna.properties if each.type == "COLLECTION"]
     return [block for blocks in lists for block in blocks if block.session_uid > uid]

@@ -16,7 +16,7 @@ from .retiming import needs_evaluated_time
 
 
 @persistent
-def on_frame(scene: Any, *_: Any) -> None:
+def on_frame(scene: bpy.types.Scene, *_: Any) -> None:
     """Writes the points before Blender evaluates the frame, for captures whose time does not depend on evaluation."""
     if not may_write_points(scene):
         if scene.render.engine != "FROG" and not all(obj.frog.laid_over for obj in playback.captures_in(scene)):
@@ -30,7 +30,7 @@ def on_frame(scene: Any, *_: Any) -> None:
 
 
 @persistent
-def on_frame_evaluated(scene: Any, depsgraph: Any) -> None:
+def on_frame_evaluated(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Writes the points of the other captures, whose time is driven or in the NLA, once it is evaluated."""
     if depsgraph.mode == "RENDER" and scene.render.engine == "FROG":
         return  # it draws no points, and writing them makes Blender evaluate again, without the NLA
@@ -59,7 +59,7 @@ def take_over(*_: Any) -> None:
 
 
 @persistent
-def on_update(_scene: Any, depsgraph: Any) -> None:
+def on_update(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """If geometry was changed by anything else, writes all of it again at the next frame."""
     for update in depsgraph.updates:
         if update.is_updated_geometry and isinstance(update.id, point_cloud.DATA_TYPES):
@@ -89,7 +89,7 @@ def refresh_all(*_: Any) -> None:
 
 
 @persistent
-def on_render_begin(scene: Any, *_: Any) -> None:
+def on_render_begin(scene: bpy.types.Scene, *_: Any) -> None:
     """Shows the render density, if another engine draws the points."""
     render_thread.set_rendering(True)
     playback.show_for_render(is_never_drawn_meanwhile(scene) and scene.render.engine != "FROG")
@@ -105,7 +105,7 @@ def on_render_end(*_: Any) -> None:
 
 
 @persistent
-def compute_ahead(scene: Any, *_: Any) -> None:
+def compute_ahead(scene: bpy.types.Scene, *_: Any) -> None:
     """Prefetches frames during playback and scrubbing."""
     if prefetch.is_watched():
         prefetch.prefetch(scene)
@@ -156,5 +156,5 @@ def unregister() -> None:
         bpy.app.timers.unregister(take_over)
     app_handlers.remove(every_handler())
     playback_cache.stop()
-    open_scenes.forget()  # closes bakes, which Windows would not let anybody replace
+    open_scenes.forget()  # closes bakes: Windows cannot replace open files
     capture_files.forget()

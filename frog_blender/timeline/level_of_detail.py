@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 from weakref import WeakKeyDictionary
 
 from .. import addon_state
 from ..nodes import ellipsoid_nodes
 
 if TYPE_CHECKING:
+    import bpy
     import numpy as np
 
     from ..engine.playback.player import ScenePlayer
@@ -61,7 +62,7 @@ class ThinnedScenes:
         self.is_for_render = False
 
 
-def thinned(obj: Any, scene: ScenePlayer) -> Fewer | None:
+def thinned(obj: bpy.types.Object, scene: ScenePlayer) -> Fewer | None:
     """The most important Gaussians of ``scene`` if the object shows fewer than all; None for all."""
     count = shown_count(obj, scene.count)
     if count >= scene.count:
@@ -72,7 +73,7 @@ def thinned(obj: Any, scene: ScenePlayer) -> Fewer | None:
     return known.take(scene, count)
 
 
-def shown_count(obj: Any, total: int) -> int:
+def shown_count(obj: bpy.types.Object, total: int) -> int:
     """Number of ``total`` Gaussians that an object shows now: at least one, and at most as many ellipsoids as
     Blender can handle.
     """

@@ -121,7 +121,7 @@ def version(path: Path) -> _Stamp:
     """Modification time and size of a file; None if there is no file."""
     try:
         status = path.stat()
-    except (OSError, ValueError):  # ValueError: for a path with a zero in it
+    except (OSError, ValueError):  # ValueError: for a path with a null character
         return None
     return status.st_mtime_ns, status.st_size
 
@@ -209,7 +209,7 @@ def _read(path: Path) -> ScenePlayer | str:
     except FrogError as error:
         return str(error)
     except Exception as error:
-        # Whatever is wrong with one file, the timeline must go on; the cause is told once.
+        # One unusable file must not stop the timeline. The cause is printed once.
         return f"{path}: this scene cannot be played ({type(error).__name__}: {error})."
 
 

@@ -76,11 +76,11 @@ class PrefetchWorker:
 
     def ask(self, times: Iterable[SceneTime]) -> None:
         """Compute these in order, and drop all earlier requests."""
-        wanted = deque(each for each in times if self._frames.find(each.key) is None)  # what is there stays there
+        wanted = deque(each for each in times if self._frames.find(each.key) is None)  # skips what is cached
         with self._changed:
             self._wanted = wanted
             if wanted and self._thread is None:
-                # A daemon, because Python waits for other threads before it runs atexit, where this one is ended.
+                # A daemon, because Python joins other threads before it runs atexit, which ends this one.
                 self._thread = threading.Thread(target=self._work, name="FRoG playback", daemon=True)
                 self._thread.start()
             self._changed.notify_all()

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from itertools import islice
-from typing import Any
 
 import bpy
 
 from .. import addon_state
 from ..engine.errors import FrogError
+from ..engine.playback.frame_cache import Key
 from . import playback, playback_cache
 from .playback_cache import SceneTime
 from .retiming import raw_frame, stretched
@@ -40,7 +40,7 @@ def share_cores(is_training: Callable[[], bool]) -> None:
     addon_state.get(Playing).is_training = is_training
 
 
-def step_to(scene: Any, frame: float) -> float:
+def step_to(scene: bpy.types.Scene, frame: float) -> float:
     """Observed step from one shown frame to the next, negative during reverse playback."""
     before = addon_state.get(Playing).before
     last, step = before.get(scene.session_uid, (frame, 1.0))
@@ -53,7 +53,7 @@ def step_to(scene: Any, frame: float) -> float:
     return step
 
 
-def frames_after(scene: Any, frame: float, step: float) -> Iterator[float]:
+def frames_after(scene: bpy.types.Scene, frame: float, step: float) -> Iterator[float]:
     """The following frames, endlessly; playback wraps around at the ends of the scene's frame range."""
     first, last = _range(scene)
     while True:
@@ -64,9 +64,9 @@ def frames_after(scene: Any, frame: float, step: float) -> Iterator[float]:
         yield frame
 
 
-def times_after(scene: Any, frame: float, step: float) -> list[SceneTime]:
+def times_after(scene: bpy.types.Scene, frame: float, step: float) -> list[SceneTime]:
     """What the scene's captures show next, up to half the size of the cache."""
-    found: dict[Any, SceneTime] = {}
+    found: dict[Key, SceneTime] = {}
     room = playback_cache.frames().limit // 2
     objects = playback.captures_in(scene)
     for following in islice(frames_after(scene, frame, step), _frames_ahead()):
@@ -84,7 +84,7 @@ def _frames_ahead() -> int:
     return AHEAD_WHILE_TRAINING if addon_state.get(Playing).is_training() else AHEAD
 
 
-def _shown(scene: Any, objects: list[Any], frame: float) -> Iterator[SceneTime]:
+def _shown(scene: bpy.types.Scene, objects: list[bpy.types.Object], frame: float) -> Iterator[SceneTime]:
     """What the objects' points show at a frame, and what the FROG engine draws, which may be more."""
     for obj in objects:
         try:
@@ -92,16 +92,16 @@ def _shown(scene: Any, objects: list[Any], frame: float) -> Iterator[SceneTime]:
             if scene.render.engine == "FROG":
                 yield playback.scene_time(obj, frame)
         except FrogError:
-            continue  # said already when the present frame was shown
+            continue  # already reported when the current frame was shown
 
 
-def prefetch(scene: Any) -> None:
+def prefetch(scene: bpy.types.Scene) -> None:
     """Requests the frames that follow the scene's current frame."""
     frame = raw_frame(scene)
     playback_cache.worker().ask(times_after(scene, frame, step_to(scene, frame)))
 
 
-def _range(scene: Any) -> tuple[int, int]:
+def _range(scene: bpy.types.Scene) -> tuple[int, int]:
     if scene.use_preview_range:
         return scene.frame_preview_start, scene.frame_preview_end
     return scene.frame_start, scene.frame_end

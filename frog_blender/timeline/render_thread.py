@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from typing import Any
 
 import bpy
 
@@ -35,7 +34,7 @@ def in_main_thread() -> bool:
     return threading.current_thread() is threading.main_thread()
 
 
-def may_write_points(scene: Any) -> bool:
+def may_write_points(scene: bpy.types.Scene) -> bool:
     """Whether captures' points may be written after a change of frame. The FROG engine does not need them."""
     if in_main_thread() and not bpy.app.background:
         return True
@@ -44,6 +43,6 @@ def may_write_points(scene: Any) -> bool:
     return is_never_drawn_meanwhile(scene)
 
 
-def is_never_drawn_meanwhile(scene: Any) -> bool:
+def is_never_drawn_meanwhile(scene: bpy.types.Scene) -> bool:
     """Whether no window can draw points while a render's thread writes them, which would crash Blender."""
     return bpy.app.background or scene.render.use_lock_interface

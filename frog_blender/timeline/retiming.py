@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ..engine.errors import FrogError
+
+if TYPE_CHECKING:
+    import bpy
 
 REMAPPED = "frog.shown_frame"
 """The property whose curve is read directly: frame handlers run before Blender evaluates animation."""
@@ -18,7 +21,9 @@ class BadTiming(FrogError):
     """A setting that determines the shown frame is not a finite number, due to a file, a driver or a curve."""
 
 
-def capture_frame(obj: Any, scene_frame: float, frame_count: int, evaluated: Any = None) -> float:
+def capture_frame(
+    obj: bpy.types.Object, scene_frame: float, frame_count: int, evaluated: bpy.types.Object | None = None
+) -> float:
     """The capture's frame, counted from 0 (fractions are legal; outside of 0 and the last one it is held).
 
     Args:
@@ -38,7 +43,7 @@ def capture_frame(obj: Any, scene_frame: float, frame_count: int, evaluated: Any
     return repeated(_finite(position, obj, "Start Frame or Speed"), settings.repeat, frame_count)
 
 
-def problem(obj: Any, scene_frame: float) -> str:
+def problem(obj: bpy.types.Object, scene_frame: float) -> str:
     """Why a capture has no frame to show at a frame of the timeline, or an empty string."""
     try:
         capture_frame(obj, scene_frame, 1)
@@ -47,7 +52,7 @@ def problem(obj: Any, scene_frame: float) -> str:
     return ""
 
 
-def _finite(frame: float, obj: Any, name: str) -> float:
+def _finite(frame: float, obj: bpy.types.Object, name: str) -> float:
     if not math.isfinite(frame):
         raise BadTiming(f"{obj.name}: {name} is not a number. The capture stays at its current frame.")
     return frame
@@ -67,17 +72,17 @@ def repeated(position: float, repeat: str, frame_count: int) -> float:
     return turn if turn <= last else 2 * last - turn
 
 
-def raw_frame(scene: Any) -> float:
+def raw_frame(scene: bpy.types.Scene) -> float:
     """The current frame of a scene, including the subframe, as ``frame_set`` takes it."""
     return scene.frame_current + scene.frame_subframe
 
 
-def stretched(scene: Any, frame: float) -> float:
+def stretched(scene: bpy.types.Scene, frame: float) -> float:
     """A frame after Blender's Time Stretching: ``frame_current_final`` if the scene is at that frame."""
     return frame * scene.render.frame_map_old / scene.render.frame_map_new
 
 
-def needs_evaluated_time(obj: Any) -> bool:
+def needs_evaluated_time(obj: bpy.types.Object) -> bool:
     """Whether the shown frame depends on drivers, the NLA or curves of other settings, and so on Blender's
     evaluation of the frame.
     """
@@ -97,7 +102,7 @@ def needs_evaluated_time(obj: Any) -> bool:
     )
 
 
-def _curve(obj: Any) -> Any:
+def _curve(obj: bpy.types.Object) -> bpy.types.FCurve | None:
     """The curve of ``REMAPPED`` if nothing else animates the shown frame, or None."""
     animation = obj.animation_data
     if animation is None or needs_evaluated_time(obj):
@@ -105,12 +110,12 @@ def _curve(obj: Any) -> Any:
     return next((curve for curve in curves(animation) if curve.data_path == REMAPPED), None)
 
 
-def curves(animation: Any) -> Iterator[Any]:
+def curves(animation: bpy.types.AnimData) -> Iterator[bpy.types.FCurve]:
     """The curves of the active action."""
     return _curves_of(animation.action, animation.action_slot) if animation.action is not None else iter(())
 
 
-def _curves_of(action: Any, slot: Any) -> Iterator[Any]:
+def _curves_of(action: bpy.types.Action, slot: bpy.types.ActionSlot) -> Iterator[bpy.types.FCurve]:
     """An action's curves that are not muted."""
     bags = [action] if hasattr(action, "fcurves") else []  # before Blender 5
     if not bags and slot is not None:

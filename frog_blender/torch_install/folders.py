@@ -108,7 +108,7 @@ def _discard(path: Path, folder: Path) -> None:
     if (loaded and Path(loaded).is_relative_to(path)) or _is_held(path):
         return
     try:
-        # Moved first: on Windows that fails as a whole where removing would leave a half.
+        # Renamed first: on Windows this fails as a whole if a file is in use, where removing would stop half-way.
         trash = path.rename(path.with_name(f"{partial_prefix(folder)}{path.name}"))
     except OSError:
         return
@@ -135,7 +135,7 @@ def switch_to(partial: Path, folder: Path) -> Path:
     before = installed(folder)
     numbered = (folder.with_name(f"{folder.name}-{number}") for number in itertools.count(2))
     if not has_torch(folder):
-        shutil.rmtree(folder, ignore_errors=True)  # what some other version of this left
+        shutil.rmtree(folder, ignore_errors=True)  # left by an earlier version
     target = next(path for path in itertools.chain([folder], numbered) if not os.path.lexists(path))
     partial.rename(target)
     pointer = folder.parent / f"{folder.name}{_POINTER}"

@@ -24,7 +24,7 @@ from .folders import has_torch, partial_prefix, switch_to
 PACKAGES = ("torch", "opencv-contrib-python-headless", "imageio-ffmpeg")
 """Packages that training and reading captures need and Blender's Python lacks."""
 SIZES = "about 0.3 GB for the CPU only (1 GB on disk), about 3 GB with CUDA (7 GB on disk)"
-BYTES_NEEDED = 1.5e9  # bytes that the smaller of the two needs while it is unpacked
+BYTES_NEEDED = 1.5e9  # while the smaller of the two is unpacked
 _LINES_KEPT = 30
 
 
@@ -86,7 +86,7 @@ class Installation:
             raise FrogError(
                 f"{self.folder.parent}: found {free / 1e9:.1f} GB free, torch needs {BYTES_NEEDED / 1e9:.1f} GB."
             )
-        # Only what is built: a source package would run its own code.
+        # Wheels only: a source package would run its own build code.
         options = ["--disable-pip-version-check", "--no-input", "--progress-bar", "off", "--only-binary=:all:"]
         self._command = [*command, "install", *options]
         self.running = True
@@ -116,7 +116,7 @@ class Installation:
                 if not self._cancelled.is_set() and not self.error:
                     self.folder = switch_to(Path(packages), self.folder)
                     self.done = True
-        except Exception as error:  # nobody else would hear of it
+        except Exception as error:  # would be lost otherwise
             reason = getattr(error, "strerror", None) or brief(repr(error))
             self.error = f"{self.folder}: torch could not be installed ({reason})."
         finally:
@@ -127,16 +127,16 @@ class Installation:
         said: list[str] = []
         self._process = subprocess.Popen(
             command,
-            stdin=subprocess.PIPE,  # closed by whatever ends this process, which ends pip
+            stdin=subprocess.PIPE,  # closed when this process ends, which ends pip
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
             errors="replace",
             cwd=target,  # of ours alone
-            # Where pip unpacks what it has fetched. It is ended without clearing up, and its room was looked at here.
+            # Where pip unpacks downloads. It may be killed before cleaning up, and free space was checked on this disk.
             env=os.environ | dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(scratch)),
         )
-        if self._cancelled.is_set():  # between the two
+        if self._cancelled.is_set():  # cancelled between the check and the start
             self._process.terminate()
         assert self._process.stdout is not None
         for line in self._process.stdout:

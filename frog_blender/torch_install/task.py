@@ -13,7 +13,7 @@ from .folders import clear_remains, remains
 from .installer import Installation
 
 TICK_SECONDS = 0.5
-STOP_SECONDS = 10.0  # what a cancelled installation gets to clear up when the add-on is switched off
+STOP_SECONDS = 10.0  # seconds for a cancelled installation to clean up when the add-on is disabled
 
 
 class CurrentInstallation:
@@ -75,7 +75,7 @@ def tick() -> float | None:
 
 def register() -> None:
     place = folder()
-    if remains(place):  # gigabytes, which take a while
+    if remains(place):  # removing gigabytes takes a while
         threading.Thread(target=clear_remains, args=(place,), name="FRoG tidying", daemon=True).start()
 
 

@@ -49,7 +49,7 @@ def request_of(settings: Any, resume: bool = False) -> TrainingRequest:
     if not settings.capture_folder:
         raise FrogError("No capture is selected. Choose the folder with the videos and cameras to train from.")
     capture = Path(bpy.path.abspath(settings.capture_folder))
-    if not os.path.isdir(capture):  # false, not an error, where nobody may look
+    if not os.path.isdir(capture):  # false, not an error, without permission
         raise FrogError(f"{capture}: found no such folder, expected a capture to train from.")
     if not settings.output_path:
         raise FrogError("No output is selected. Choose the .frog file to write.")

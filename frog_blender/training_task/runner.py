@@ -29,11 +29,11 @@ from . import unsaved_changes
 from .state import TrainingState
 
 PUMP_EVENTS = 200  # the most events one pump() applies
-PUMP_SECONDS = 0.008  # and the longest it goes on taking new ones: half a frame of a 60 Hz window
+PUMP_SECONDS = 0.008  # and the longest it takes: half a frame at 60 Hz
 TIMER_SECONDS = 0.1
-QUIT_SECONDS = 10.0  # what a cancelled training gets to finish its step and write its scene when Blender quits
-PATIENCE = 0.5  # of which so many pass before a word is said
-_JOBS = ("RENDER", "OBJECT_BAKE")  # of Blender's, that look at the scene in threads of their own
+QUIT_SECONDS = 10.0  # time for a cancelled training to finish its step and write its scene when Blender quits
+PATIENCE = 0.5  # seconds before a message is printed
+_JOBS = ("RENDER", "OBJECT_BAKE")  # jobs of Blender that read the scene in their own threads
 
 EventSource = Callable[[CancelToken], Iterator[Any]]
 OnFinished = Callable[[Path], str | None]
@@ -51,11 +51,11 @@ class TrainingTask:
     def __init__(self, source: EventSource, on_finished: OnFinished | None = None) -> None:
         self.state = TrainingState()
         self.on_finished = on_finished
-        self.waiting: Path | None = None  # a finished file that is to be handed over
+        self.waiting: Path | None = None  # a finished file that is not handed over yet
         self.control = CancelToken()
         self._source = source
         self._events: queue.Queue[Any] = queue.Queue()  # Any: events of the engine, which need torch to be imported
-        # A daemon, because Python waits for other threads before it runs atexit, where this one is asked to end.
+        # A daemon, because Python joins other threads before it runs atexit, which cancels this one.
         self._thread = threading.Thread(target=self.work, name="FRoG training", daemon=True)
 
     def start(self) -> TrainingTask:
@@ -110,15 +110,15 @@ class TrainingTask:
     def _has_died(self) -> bool:
         """Whether the worker ended without its last message, which only happens when out of memory."""
         gone = self.state.running and self._thread.ident is not None and not self._thread.is_alive()
-        return gone and self._events.empty()  # asked last: it may have spoken just before it ended
+        return gone and self._events.empty()  # checked last: a message may have come just before the end
 
-    def apply(self, event: Any) -> None:
+    def apply(self, event: bpy.types.Event) -> None:
         """Apply one event of the source, or the worker's last message, to ``state``."""
         state = self.state
         if not isinstance(event, Ended):
             try:
                 state.take(event)
-            except Exception as error:  # one that cannot be shown; those that follow are to be
+            except Exception as error:  # the events that follow can still be shown
                 state.warnings.append(f"An event of the training cannot be shown ({brief(repr(error))}).")
             return
         state.error = state.error or event.error
@@ -137,7 +137,7 @@ class TrainingTask:
                 self.state.note = self.on_finished(result) or ""
         except FrogError as error:
             self.state.error = str(error)
-        except Exception as error:  # nobody else would hear of it, and the file is there
+        except Exception as error:  # would be lost otherwise, and the file exists
             traceback.print_exc(file=sys.stderr)
             self.state.error = f"{result}: the scene was trained, but could not be imported ({brief(repr(error))})."
 
@@ -187,7 +187,7 @@ def begin(source: EventSource, on_finished: OnFinished | None = None) -> Trainin
     task = TrainingTask(source, on_finished)
     try:
         task.start()
-    except RuntimeError as error:  # the system has no thread left
+    except RuntimeError as error:  # no thread could be created
         raise FrogError(f"The training could not be started ({error}).") from error
     set_current(task)
     if not bpy.app.timers.is_registered(tick):
@@ -257,7 +257,7 @@ def _redraw() -> None:
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
             if area.type == "VIEW_3D":
-                for region in area.regions:  # the sidebar alone: drawing the view again would cost the window more
+                for region in area.regions:  # the sidebar only: redrawing the viewport is expensive
                     if region.type == "UI":
                         region.tag_redraw()
 

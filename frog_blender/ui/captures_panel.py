@@ -24,7 +24,7 @@ class FROG_PT_captures(bpy.types.Panel):
     bl_region_type = "UI"
     bl_category = "FRoG"
 
-    def draw(self, context: Any) -> None:
+    def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
         layout.use_property_split = True
         layout.use_property_decorate = False
@@ -72,7 +72,7 @@ class FROG_PT_captures(bpy.types.Panel):
             wrapped_label(layout, problem, context, icon="ERROR")
 
 
-def outdated(obj: Any) -> bool:
+def outdated(obj: bpy.types.Object) -> bool:
     """Whether a capture's files have changed since they were read. Linked captures are never read here."""
     if obj.data.library is not None or obj.data.override_library is not None:
         return False
@@ -83,7 +83,7 @@ def outdated(obj: Any) -> bool:
     return is_played and open_scenes.is_bake_outdated(playback.bake_path(obj), file)
 
 
-def _draw_lock(layout: Any, context: Any) -> None:
+def _draw_lock(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     """Explains why points do not move in other engines' animations."""
     render = context.scene.render
     if render.engine == "FROG" or render.use_lock_interface or not any(playback.captures(context.scene.objects)):
@@ -94,14 +94,14 @@ def _draw_lock(layout: Any, context: Any) -> None:
     layout.prop(render, "use_lock_interface")
 
 
-def _draw_timing(layout: Any, settings: Any) -> None:
+def _draw_timing(layout: bpy.types.UILayout, settings: Any) -> None:
     layout.prop(settings, "use_remap")
     names = ("shown_frame",) if settings.use_remap else ("start_frame", "speed", "repeat")
     for name in names:
         layout.prop(settings, name)
 
 
-def _draw_bake(layout: Any, obj: Any, context: Any) -> None:
+def _draw_bake(layout: bpy.types.UILayout, obj: bpy.types.Object, context: bpy.types.Context) -> None:
     """Draws the state of a capture's bake and its buttons."""
     bake, problem = playback.baked(obj), playback.bake_problem(obj)
     if problem:

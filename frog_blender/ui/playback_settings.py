@@ -34,17 +34,17 @@ REPETITIONS = (
 )
 
 
-def _on_display(settings: Any, context: Any) -> None:
+def _on_display(settings: Any, context: bpy.types.Context) -> None:
     obj = settings.id_data
     too_many = settings.display == "ELLIPSOIDS" and point_cloud.count(obj) > ellipsoid_nodes.MOST
     if too_many:
-        settings.display = "POINTS"  # comes back here
+        settings.display = "POINTS"  # calls this function again
     else:
         point_cloud.display(obj, settings.display)
         playback.refresh(context.scene)
 
 
-def _on_play_setting(_settings: Any, context: Any) -> None:
+def _on_play_setting(_settings: Any, context: bpy.types.Context) -> None:
     if not relative_paths.are_being_written():
         playback.refresh(context.scene)
 

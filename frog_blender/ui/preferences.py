@@ -18,7 +18,7 @@ from ..torch_install.folders import installed
 from ..torch_install.installer import SIZES
 
 
-def _on_cache_limit(settings: Any, _context: Any) -> None:
+def _on_cache_limit(settings: Any, _context: bpy.types.Context) -> None:
     playback_cache.set_limit(settings.cache_megabytes)
 
 
@@ -48,7 +48,7 @@ class FROG_AP_preferences(bpy.types.AddonPreferences):
         update=_on_cache_limit,
     )
 
-    def draw(self, _context: Any) -> None:
+    def draw(self, _context: bpy.types.Context) -> None:
         layout = self.layout
         layout.use_property_split = True
         layout.prop(self, "cache_megabytes")
@@ -60,7 +60,7 @@ class FROG_AP_preferences(bpy.types.AddonPreferences):
             draw_installation(layout)
 
 
-def draw_installation(layout: Any) -> None:
+def draw_installation(layout: bpy.types.UILayout) -> None:
     """Draws the button that installs torch, and its progress."""
     current = task.current()
     if current is not None and current.running:
@@ -100,7 +100,7 @@ def torch_path() -> str:
     place = task.folder()
     if named and Path(bpy.path.abspath(named)).parent != place.parent:
         return str(named)
-    found = installed(place)  # preferences that were not saved name an older one, or none
+    found = installed(place)  # unsaved preferences may name an older one, or none
     return str(found) if found is not None else str(named)
 
 
@@ -137,7 +137,7 @@ def add_environment() -> None:
     try:
         add_folder(site_packages(Path(bpy.path.abspath(torch_path()))))
     except FrogError:
-        return  # the panel and ``torch_needed`` say why
+        return  # ``torch_needed`` explains it
 
 
 def add_folder(folder: Path) -> None:

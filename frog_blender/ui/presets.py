@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import bpy
 from bl_operators.presets import AddPresetBase
 from bl_ui.utils import PresetPanel
@@ -42,7 +40,7 @@ class FROG_PT_training_presets(PresetPanel, bpy.types.Panel):
     preset_add_operator = "frog.training_preset_add"
 
 
-def draw_button(panel: Any) -> None:
+def draw_button(panel: bpy.types.Panel) -> None:
     """Draws the preset button in a panel's header."""
     FROG_PT_training_presets.draw_panel_header(panel.layout)
 

@@ -10,7 +10,7 @@ import bpy
 from .. import addon_state
 from ..timeline import playback
 
-REST = 1.0  # seconds between two looks: what cannot be brought up to date must not keep Blender busy
+REST = 1.0  # seconds between refreshes: what stays outdated must not keep Blender busy
 
 
 class Refreshes:

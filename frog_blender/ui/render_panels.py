@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import bpy
 
 
@@ -15,7 +13,7 @@ class _EnginePanel:
     COMPAT_ENGINES = {"FROG"}
 
     @classmethod
-    def poll(cls, context: Any) -> bool:
+    def poll(cls, context: bpy.types.Context) -> bool:
         return context.engine in cls.COMPAT_ENGINES
 
 
@@ -25,7 +23,7 @@ class FROG_PT_film(_EnginePanel, bpy.types.Panel):
     bl_label = "Film"
     bl_context = "render"
 
-    def draw(self, context: Any) -> None:
+    def draw(self, context: bpy.types.Context) -> None:
         self.layout.use_property_split = True
         self.layout.prop(context.scene.render, "film_transparent", text="Transparent")
         self.layout.prop(context.scene.frog, "hold_out")
@@ -37,7 +35,7 @@ class FROG_PT_passes(_EnginePanel, bpy.types.Panel):
     bl_label = "Passes"
     bl_context = "view_layer"
 
-    def draw(self, context: Any) -> None:
+    def draw(self, context: bpy.types.Context) -> None:
         self.layout.use_property_split = True
         self.layout.prop(context.view_layer, "use_pass_z", text="Depth")
         self.layout.prop(context.view_layer, "use_pass_vector", text="Vector")

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import partial
-from typing import Any
 
 import bpy
 
 CATEGORY = "FRoG"
 _EVERY = 0.05  # seconds
-_MOST_TRIES = 40  # a sidebar has no tabs before it was drawn, which a busy window does late
+_MOST_TRIES = 40  # a sidebar has no tabs until it was drawn, which may take a while in a busy window
 
 
-def show(area: Any) -> None:
+def show(area: bpy.types.Area) -> None:
     """Selects the tab as soon as Blender allows it, unless the sidebar was closed again."""
     bpy.app.timers.register(partial(_choose, area.as_pointer(), [_MOST_TRIES]), first_interval=0.0)
 
@@ -30,7 +30,7 @@ def _choose(wanted: int, tries_left: list[int]) -> float | None:
     return None
 
 
-def _sidebars(wanted: int) -> Any:
+def _sidebars(wanted: int) -> Iterator[bpy.types.Region]:
     """The sidebars of the viewport with that address, if it still exists. Blender's UI objects cannot be kept."""
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:

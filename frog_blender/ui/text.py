@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import textwrap
-from typing import Any
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import bpy
 
 
 def duration(seconds: float) -> str:
@@ -15,7 +18,7 @@ def duration(seconds: float) -> str:
     return f"{minutes} min {rest} s" if minutes else f"{rest} s"
 
 
-def wrapped_label(layout: Any, text: str, context: Any, icon: str = "NONE") -> None:
+def wrapped_label(layout: bpy.types.UILayout, text: str, context: bpy.types.Context, icon: str = "NONE") -> None:
     """A label wrapped to the sidebar's width; Blender does not wrap by itself."""
     scale = context.preferences.system.ui_scale
     margin = 3 if icon == "NONE" else 6  # characters

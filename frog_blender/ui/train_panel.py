@@ -25,10 +25,10 @@ class FROG_PT_train(bpy.types.Panel):
     bl_region_type = "UI"
     bl_category = "FRoG"
 
-    def draw_header_preset(self, _context: Any) -> None:
+    def draw_header_preset(self, _context: bpy.types.Context) -> None:
         presets.draw_button(self)
 
-    def draw(self, context: Any) -> None:
+    def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
         layout.use_property_split = True
         layout.use_property_decorate = False
@@ -56,7 +56,7 @@ class FROG_PT_train_advanced(bpy.types.Panel):
     bl_parent_id = "FROG_PT_train"
     bl_options = {"DEFAULT_CLOSED"}
 
-    def draw(self, context: Any) -> None:
+    def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
         layout.use_property_split = True
         layout.use_property_decorate = False
@@ -64,11 +64,11 @@ class FROG_PT_train_advanced(bpy.types.Panel):
             layout.prop(context.scene.frog, name)
 
 
-def _draw_capture(layout: Any, folder: str, context: Any) -> None:
+def _draw_capture(layout: bpy.types.UILayout, folder: str, context: bpy.types.Context) -> None:
     summary = capture_summary.known(folder)
     if capture_summary.is_outdated(folder):
         refreshing.soon(folder, partial(capture_summary.inspect, folder))
-    if summary is None:  # a file that was just opened: looking takes time, so the user says when
+    if summary is None:  # a file was just opened: reading takes time, so the user decides
         layout.operator("frog.inspect_capture", icon="VIEWZOOM")
         return
     box = layout.box()
@@ -82,7 +82,7 @@ def _draw_capture(layout: Any, folder: str, context: Any) -> None:
         box.operator("frog.inspect_capture", text="Check Again", icon="FILE_REFRESH")
 
 
-def _draw_start(layout: Any, settings: Any, context: Any) -> None:
+def _draw_start(layout: bpy.types.UILayout, settings: Any, context: bpy.types.Context) -> None:
     """Draws the estimated duration and the buttons that start a training."""
     if runner.is_running():
         return
@@ -100,7 +100,9 @@ def _draw_start(layout: Any, settings: Any, context: Any) -> None:
         row.operator("frog.train", text="Resume", icon="FRAME_NEXT").resume = True
 
 
-def _draw_training(layout: Any, task: runner.TrainingTask, settings: Any, context: Any) -> None:
+def _draw_training(
+    layout: bpy.types.UILayout, task: runner.TrainingTask, settings: Any, context: bpy.types.Context
+) -> None:
     """Draws the running training, or the last one."""
     box, state = layout.box(), task.state
     _draw_progress(box, task, context)
@@ -112,14 +114,14 @@ def _draw_training(layout: Any, task: runner.TrainingTask, settings: Any, contex
     for warning in state.warnings[-3:]:
         wrapped_label(box, warning, context, icon="INFO")
     if preview_image.icon_id():
-        # As wide as the sidebar: the image lies in a square of this many rows.
+        # The image is as wide as the sidebar: it fills a square of this many rows.
         rows = context.region.width / (20 * context.preferences.system.ui_scale) - 3 if context.region else 8
         box.template_icon(preview_image.icon_id(), scale=min(max(rows, 6.0), 16.0))
     if state.running:
         box.prop(settings, "preview_camera")
 
 
-def _draw_progress(box: Any, task: runner.TrainingTask, context: Any) -> None:
+def _draw_progress(box: bpy.types.UILayout, task: runner.TrainingTask, context: bpy.types.Context) -> None:
     """Draws the progress or result, and the buttons to pause and cancel."""
     state = task.state
     if state.running:
@@ -140,7 +142,7 @@ def _draw_progress(box: Any, task: runner.TrainingTask, context: Any) -> None:
         box.label(text=f"Finished in {duration(state.seconds)}.", icon="CHECKMARK")
 
 
-def _draw_result(box: Any, state: TrainingState, result: Path, context: Any) -> None:
+def _draw_result(box: bpy.types.UILayout, state: TrainingState, result: Path, context: bpy.types.Context) -> None:
     """Draws the path of the scene, what happened to it, and the next action."""
     wrapped_label(box, f"Saved: {result}", context, icon="FILE_TICK")
     if state.running:
@@ -155,7 +157,7 @@ def _draw_result(box: Any, state: TrainingState, result: Path, context: Any) -> 
         box.operator("frog.set_up_scene", icon="SCENE_DATA")
 
 
-def _draw_figures(box: Any, state: TrainingState, context: Any) -> None:
+def _draw_figures(box: bpy.types.UILayout, state: TrainingState, context: bpy.types.Context) -> None:
     column = box.column(align=True)
     if state.running and not state.stage and state.step:
         column.label(text=f"Time left: {duration(state.seconds_left)}")

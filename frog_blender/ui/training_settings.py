@@ -37,19 +37,19 @@ CAPACITIES = (
 )
 
 
-def _on_capture_folder(settings: Any, _context: Any) -> None:
+def _on_capture_folder(settings: Any, _context: bpy.types.Context) -> None:
     if relative_paths.are_being_written():
         return
-    from . import capture_summary, preferences  # imports the readers, so not before someone names a folder
+    from . import capture_summary, preferences  # imported late, as this imports the readers
 
-    preferences.add_environment()  # OpenCV, which reads videos, may be there
+    preferences.add_environment()  # may have OpenCV, which reads videos
     capture_summary.inspect(bpy.path.abspath(settings.capture_folder))
     if settings.capture_folder and settings.output_path in ("", settings.derived_output):
         folder = Path(bpy.path.abspath(settings.capture_folder))
         settings.derived_output = settings.output_path = str(free_output(Path(f"{folder}.frog"), folder))
 
 
-def camera_names(settings: Any, _context: Any, text: str) -> list[str]:
+def camera_names(settings: Any, _context: bpy.types.Context, text: str) -> list[str]:
     """Search suggestions for the preview camera."""
     from . import capture_summary
 
@@ -57,7 +57,7 @@ def camera_names(settings: Any, _context: Any, text: str) -> list[str]:
     return [name for name in summary.cameras if text.lower() in name.lower()] if summary else []
 
 
-def _on_preview_camera(settings: Any, _context: Any) -> None:
+def _on_preview_camera(settings: Any, _context: bpy.types.Context) -> None:
     from ..training_task import runner
 
     task = runner.current()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ...cameras import engine_camera
 from ...engine.errors import FrogError
@@ -11,8 +11,11 @@ from ...timeline.render_thread import in_main_thread
 from ..collect_instances import check_placement
 from . import compositor, scenes
 
+if TYPE_CHECKING:
+    import bpy
 
-def trouble(scene: Any) -> str:
+
+def trouble(scene: bpy.types.Scene) -> str:
     """Why a scene cannot be rendered with its captures, in a sentence; empty if it can."""
     try:
         _check_layers(scene)
@@ -25,7 +28,7 @@ def trouble(scene: Any) -> str:
     return ""
 
 
-def _check_layers(scene: Any) -> None:
+def _check_layers(scene: bpy.types.Scene) -> None:
     for other in compositor.shown_scenes(scene):
         if other.frog.composed_with not in (None, scene, other):
             raise FrogError(foreign(scene, other))
@@ -39,14 +42,14 @@ def _check_layers(scene: Any) -> None:
             )
 
 
-def foreign(scene: Any, splats: Any) -> str:
+def foreign(scene: bpy.types.Scene, splats: bpy.types.Scene) -> str:
     return (
         f"The compositor of {scene.name} shows {splats.name}, which follows {splats.frog.composed_with.name}. Run "
         f"Render With My Objects in {scene.name}."
     )
 
 
-def _check_settings(scene: Any, splats: Any) -> None:
+def _check_settings(scene: bpy.types.Scene, splats: bpy.types.Scene) -> None:
     if scene.render.engine == "FROG":
         raise FrogError(
             f"{scene.name} is rendered by FRoG, and {splats.name} is overlaid on it once more. Choose another engine "
@@ -71,15 +74,15 @@ def _check_settings(scene: Any, splats: Any) -> None:
                 )
 
 
-def _check_captures(scene: Any) -> None:
+def _check_captures(scene: bpy.types.Scene) -> None:
     for obj in _rendered_captures(scene):
         playback.open_scene(playback.file_of(obj))
         check_placement(obj.matrix_world, obj.name)
 
 
-def _rendered_captures(scene: Any) -> list[Any]:
+def _rendered_captures(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """The captures that renders of a scene show, as far as its collections tell."""
-    found: dict[Any, None] = {}
+    found: dict[bpy.types.Object, None] = {}
     to_look_at = [layer.layer_collection for layer in scenes.rendered_layers(scene)]
     for layer in to_look_at:  # grows
         if not layer.exclude and not layer.collection.hide_render:

@@ -20,7 +20,7 @@ from ...timeline.render_thread import in_main_thread
 from . import scenes
 from .checks import foreign, trouble
 
-_PAST_ALL = 1_048_574  # Blender's last frame: an animation that stands there has no further one
+_PAST_ALL = 1_048_574  # Blender's last frame: an animation ends there
 
 
 @dataclass
@@ -37,8 +37,8 @@ class _Render:
         frame: where the scene stood before the animation was ended.
     """
 
-    scene: Any = None
-    splats: Any = None
+    scene: Any = None  # Any: a Scene that may be gone, which each access of it tells
+    splats: bpy.types.Scene | None = None
     refusal: str = ""
     kept: dict[str, Any] = field(default_factory=dict)
     drawn: bool = False
@@ -63,7 +63,7 @@ def problems() -> list[str]:
     return _renders().problems
 
 
-def leading(scene: Any) -> Any:
+def leading(scene: bpy.types.Scene) -> bpy.types.Scene:
     """The scene whose render this scene is part of. Blender uses its size, region and time. The scene itself if it
     is rendered alone.
     """
@@ -72,11 +72,11 @@ def leading(scene: Any) -> Any:
         if first is not None and first.name:
             return first
     except ReferenceError:
-        pass  # that scene is gone, and nobody has said that its render is over
+        pass  # that scene is gone, and the end of its render was not reported
     return scene.frog.composed_with or scene
 
 
-def check(scene: Any) -> None:
+def check(scene: bpy.types.Scene) -> None:
     """Raises FrogError if a scene that FROG is about to draw must not be rendered."""
     first = leading(scene)
     refusal = _renders().current.refusal
@@ -86,7 +86,7 @@ def check(scene: Any) -> None:
         raise FrogError(foreign(first, scene))
 
 
-def note_drawn(scene: Any, has_captures: bool) -> None:
+def note_drawn(scene: bpy.types.Scene, has_captures: bool) -> None:
     """Notes that FROG has drawn an image."""
     render = _renders().current
     if scene != render.splats or render.drawn:
@@ -99,7 +99,7 @@ def note_drawn(scene: Any, has_captures: bool) -> None:
         )
 
 
-def note_failure(scene: Any, sentence: str) -> bool:
+def note_failure(scene: bpy.types.Scene, sentence: str) -> bool:
     """Notes why FROG could not draw. Returns whether the image is part of another scene's render."""
     if leading(scene) == scene:
         return False
@@ -113,7 +113,7 @@ def _report(sentence: str) -> None:
 
 
 @persistent
-def _on_init(scene: Any, *_: Any) -> None:
+def _on_init(scene: bpy.types.Scene, *_: Any) -> None:
     _restore()
     problems().clear()
     render = _renders().current = _Render(scene)
@@ -137,7 +137,7 @@ def _stop(render: _Render) -> None:
 
 
 @persistent
-def _on_pre(scene: Any, *_: Any) -> None:
+def _on_pre(scene: bpy.types.Scene, *_: Any) -> None:
     render = _renders().current
     if scene == render.scene:
         render.drawn, render.failure = False, ""
@@ -146,7 +146,7 @@ def _on_pre(scene: Any, *_: Any) -> None:
 
 
 @persistent
-def _on_post(scene: Any, *_: Any) -> None:
+def _on_post(scene: bpy.types.Scene, *_: Any) -> None:
     """Collects the problems of this frame."""
     render = _renders().current
     if scene != render.scene or render.kept:
@@ -160,7 +160,7 @@ def _on_post(scene: Any, *_: Any) -> None:
 
 
 @persistent
-def _on_write(scene: Any, *_: Any) -> None:
+def _on_write(scene: bpy.types.Scene, *_: Any) -> None:
     """Ends an animation whose image has failed."""
     render = _renders().current
     if scene == render.scene and render.failure and render.frame is None:
@@ -168,7 +168,7 @@ def _on_write(scene: Any, *_: Any) -> None:
 
 
 @persistent
-def _on_end(scene: Any, *_: Any) -> None:
+def _on_end(scene: bpy.types.Scene, *_: Any) -> None:
     if scene == _renders().current.scene:
         _restore()
         _renders().current = _Render()

@@ -27,7 +27,7 @@ _RENDER_SETTINGS = (
     *("use_simplify", "simplify_subdivision", "simplify_subdivision_render"),  # which decide the shape of meshes
     *("use_multiview", "views_format"),
 )
-_PASSES = 8  # until nothing is left to change: what one changes may show what else has to be
+_PASSES = 8  # at most, until nothing changes: one change may require another
 
 
 class Following:
@@ -45,12 +45,12 @@ class Following:
         self.is_busy = False
 
 
-def followers() -> list[Any]:
+def followers() -> list[bpy.types.Scene]:
     """The scenes of captures that follow another one."""
     return [scene for scene in bpy.data.scenes if scene.frog.composed_with is not None and scene.library is None]
 
 
-def overlay_of(scene: Any) -> Any | None:
+def overlay_of(scene: bpy.types.Scene) -> bpy.types.Scene | None:
     """The scene of captures that follows this scene and is shown by its compositor; None without one."""
     shown = (each for each in compositor.shown_scenes(scene) if each.frog.composed_with == scene)
     return next(shown, None)
@@ -81,7 +81,7 @@ def follow_all(objects_changed: bool = True) -> None:
     following.is_needed = bool(found)
 
 
-def follow(splats: Any) -> None:
+def follow(splats: bpy.types.Scene) -> None:
     """Updates a scene of captures to match the scene that it follows."""
     for _ in range(_PASSES):
         layer = splats.view_layers[0]
@@ -95,7 +95,7 @@ def follow(splats: Any) -> None:
             return
 
 
-def structural_changes(splats: Any) -> list[Change]:
+def structural_changes(splats: bpy.types.Scene) -> list[Change]:
     """The changes that give a scene the collections and objects of the one that it follows."""
     scene = splats.frog.composed_with
     changes: list[Change] = []
@@ -111,12 +111,12 @@ def structural_changes(splats: Any) -> list[Change]:
     return changes
 
 
-def rendered_layers(scene: Any) -> list[Any]:
+def rendered_layers(scene: bpy.types.Scene) -> list[bpy.types.ViewLayer]:
     """The view layers of a scene that F12 renders."""
     return [layer for layer in scene.view_layers if layer.use] or [scene.view_layers[0]]
 
 
-def _plain_changes(splats: Any, scene: Any) -> Iterator[Change]:
+def _plain_changes(splats: bpy.types.Scene, scene: bpy.types.Scene) -> Iterator[Change]:
     """The changes that give a scene the settings of the one that it follows."""
     yield from _differing(splats, {name: getattr(scene, name) for name in _OF_SCENES})
     yield from _differing(splats.render, {name: getattr(scene.render, name) for name in _RENDER_SETTINGS})
@@ -128,19 +128,19 @@ def _plain_changes(splats: Any, scene: Any) -> Iterator[Change]:
         yield partial(_write_markers, splats.timeline_markers, wanted)
 
 
-def _differing(block: Any, wanted: dict[str, Any]) -> Iterator[Change]:
+def _differing(block: bpy.types.bpy_struct, wanted: dict[str, Any]) -> Iterator[Change]:
     for name, value in wanted.items():
         if getattr(block, name) != value:
             yield partial(setattr, block, name, value)
 
 
-def _write_markers(markers: Any, wanted: list[tuple[str, int, Any]]) -> None:
+def _write_markers(markers: bpy.types.TimelineMarkers, wanted: list[tuple[str, int, bpy.types.Object]]) -> None:
     markers.clear()
     for name, frame, camera in wanted:
         markers.new(name, frame=frame).camera = camera
 
 
-def _layer_changes(mine: Any, theirs: list[Any]) -> Iterator[Change]:
+def _layer_changes(mine: bpy.types.LayerCollection, theirs: list[bpy.types.LayerCollection]) -> Iterator[Change]:
     """The changes that exclude or hold out what is excluded or holds out in all rendered view layers."""
     known = [{child.collection: child for child in layer.children} for layer in theirs]
     for child in mine.children:
@@ -156,7 +156,7 @@ def _layer_changes(mine: Any, theirs: list[Any]) -> Iterator[Change]:
         yield from _layer_changes(child, seen or alike)
 
 
-def _settle_points(over: list[Any]) -> None:
+def _settle_points(over: list[bpy.types.Scene]) -> None:
     """Has every capture drawn by exactly one engine: by FRoG in composed scenes, otherwise by the other engine."""
     hidden = {obj for scene in over for obj in playback.captures_in(scene)}
     for obj in playback.captures(bpy.data.objects):
@@ -169,7 +169,7 @@ def _settle_points(over: list[Any]) -> None:
 
 
 @persistent
-def _on_update(_scene: Any, depsgraph: Any) -> None:
+def _on_update(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     if not addon_state.get(Following).is_needed or bpy.app.is_job_running("RENDER"):
         return
     objects_changed = depsgraph.id_type_updated("COLLECTION") or any(map(_is_back, depsgraph.updates))
@@ -177,7 +177,7 @@ def _on_update(_scene: Any, depsgraph: Any) -> None:
         follow_all(objects_changed)
 
 
-def _is_back(update: Any) -> bool:
+def _is_back(update: bpy.types.DepsgraphUpdate) -> bool:
     """Whether the points of an excluded capture were enabled in renders again."""
     block = update.id
     return (
