@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from small_scenes import rig_of_three, write_scene
-from windows import drop_operators, event, started_in_window
+from support.blender_windows import drop_operators, event, started_in_window
+from support.small_scenes import rig_of_three, write_scene
 
 from frog_blender import addon_state, point_cloud
 from frog_blender.engine.errors import FrogError

@@ -8,8 +8,8 @@ from dataclasses import replace
 import bpy
 import numpy as np
 import pytest
-from small_scenes import moving_camera, rig_of_three, write_scene
-from windows import drop_operators, event, started_in_window
+from support.blender_windows import drop_operators, event, started_in_window
+from support.small_scenes import moving_camera, rig_of_three, write_scene
 
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene
 from frog_blender.engine.scene.scene_file import write_scene as write_file

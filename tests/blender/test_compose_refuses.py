@@ -8,8 +8,8 @@ from contextlib import nullcontext
 import bpy
 import numpy as np
 import pytest
-from composed_scene import cameras, card, compose, is_striped, name_of, nodes_of, the_capture
-from small_scenes import read_png, rig_of_three, write_scene
+from support.composed_scene import cameras, card, compose, is_striped, name_of, nodes_of, the_capture
+from support.small_scenes import read_png, rig_of_three, write_scene
 
 from frog_blender.render.compositing import compositor, renders
 from frog_blender.timeline import playback

@@ -8,7 +8,7 @@ import bpy
 import mathutils
 import numpy as np
 import pytest
-from small_scenes import rig_of_three, write_scene
+from support.small_scenes import rig_of_three, write_scene
 
 from frog_blender import point_cloud
 from frog_blender.engine.interchange.ply import read_splats, write_splats

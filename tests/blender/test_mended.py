@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from small_scenes import rig_of_three, write_scene
+from support.small_scenes import rig_of_three, write_scene
 
 from frog_blender import addon_state, capture_files, point_cloud
 from frog_blender.engine.playback.player import ScenePlayer

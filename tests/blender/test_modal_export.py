@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from windows import drop_operators, event, started_in_window
+from support.blender_windows import drop_operators, event, started_in_window
 
 from frog_blender.engine.interchange import ply
 from frog_blender.engine.interchange.ply import read_splats

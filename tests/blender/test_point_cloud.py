@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 import mathutils
 import numpy as np
-from small_scenes import lens, looking_at
+from support.small_scenes import lens, looking_at
 
 from frog_blender import point_cloud
 from frog_blender.engine.gaussians import GaussianArrays

@@ -8,7 +8,7 @@ import bpy
 import mathutils
 import numpy as np
 import pytest
-from small_scenes import expected_png, moving_camera, passes_of, read_png, rig_of_three, write_scene
+from support.small_scenes import expected_png, moving_camera, passes_of, read_png, rig_of_three, write_scene
 
 from frog_blender import reported_once
 from frog_blender.engine.errors import FrogError
@@ -206,7 +206,7 @@ def test_moving_capture_becomes_one_animated_camera(empty, moving_rig, rendered)
 
 
 def test_animation_is_frame_exact(empty, static_rig, tmp_path):
-    from small_scenes import read_png
+    from support.small_scenes import read_png
 
     import_scene(static_rig)
     empty.frame_start, empty.frame_end = 2, 4

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import bpy
 import pytest
-from small_scenes import rig_of_three, write_scene
+from support.small_scenes import rig_of_three, write_scene
 from test_import_whole import users_scene, views
 from test_train_panel import Written, told
 

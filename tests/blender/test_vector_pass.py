@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from small_scenes import rig_of_three
+from support.small_scenes import rig_of_three
 
 from frog_blender.engine.native.options import RasterizeOptions
 from frog_blender.render import frog_engine

@@ -1,4 +1,4 @@
-"""Operators as a window runs them, without a screen; and scripts in a Blender of their own."""
+"""Runs operators as a window does, without a screen, and scripts in another Blender process."""
 
 from __future__ import annotations
 
