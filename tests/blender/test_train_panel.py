@@ -8,39 +8,11 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
+from support.training_panel import Written, told
 
 from frog_blender.engine.training.session import events
 from frog_blender.training_task import runner
 from frog_blender.ui import capture_summary, preview_image, train_panel
-
-
-class Written:
-    """Stands in for a layout, which only a window has: keeps what is written into it."""
-
-    def __init__(self, said=None):
-        self.said = [] if said is None else said
-
-    def label(self, text="", icon="NONE"):
-        self.said.append(text)
-
-    def progress(self, factor, text):
-        self.said.append(text)
-
-    def operator(self, name, text=None, icon="NONE"):
-        self.said.append(name)
-        return SimpleNamespace()
-
-    def prop(self, data, name, **_):
-        data.bl_rna.properties[name]  # as Blender: a name that is none is an error
-        self.said.append(name)
-
-    def template_icon(self, icon_value, scale):
-        self.said.append("image")
-
-    def box(self, **_):
-        return Written(self.said)
-
-    row = column = box
 
 
 @pytest.fixture
@@ -66,15 +38,6 @@ def capture(tmp_path, monkeypatch):
     film = pytest.importorskip("support.synthetic_capture")
     monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
     return film.write_capture(tmp_path / "capture")
-
-
-def told(*said):
-    """A training that has said this and is still running."""
-    task = runner.TrainingTask(lambda control: iter(said))
-    for event in said:
-        task.apply(event)
-    runner.set_current(task)
-    return task
 
 
 def test_a_capture_is_described_and_its_training_timed(empty, drawn, capture):

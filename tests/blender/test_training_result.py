@@ -8,14 +8,15 @@ from types import SimpleNamespace
 import bpy
 import pytest
 from support.small_scenes import rig_of_three, write_scene
-from test_import_whole import users_scene, views
-from test_train_panel import Written, told
+from support.training_panel import Written, told
+from support.users_scene import users_scene, views
 
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene
 from frog_blender.engine.scene.scene_file import write_scene as write_file
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.output_paths import unused_output
-from frog_blender.operators.training_result import importer, plays
+from frog_blender.operators.training_result import importer
+from frog_blender.scene_import.capture_objects import plays
 from frog_blender.scene_import.transaction import values
 from frog_blender.timeline import playback
 from frog_blender.training_task import runner
