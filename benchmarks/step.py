@@ -27,7 +27,7 @@ from frog_blender.engine.model import fused
 from frog_blender.engine.native import binding
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
 from frog_blender.engine.training.recipe import recipe
-from frog_blender.engine.training.session.job import prepare_capture
+from frog_blender.engine.training.session.run import prepare_capture
 
 WARM_UP = 10  # steps that are left out of the first tenth
 PARTS = ("rasterizer_forward", "rasterizer_backward", "network_forward", "network_backward", "optimizer", "rounds")

@@ -129,7 +129,7 @@ def show(obj: bpy.types.Object, scene: ScenePlayer, time: float, part: Callable[
     another time of the same scene.
 
     Args:
-        part: gives what ``scene.part_at(time)`` does; called if there is something to write.
+        part: gives what ``scene.delta_at(time)`` does; called if there is something to write.
     """
     mesh = obj.data
     if getattr(mesh, "is_editmode", False):  # point clouds lack this attribute

@@ -9,7 +9,7 @@ from ..engine.errors import FrogError
 
 
 def positive(kind: Callable[[str], float]) -> Callable[[str], float]:
-    """An argument type of ``int`` or ``float`` that takes positive numbers only."""
+    """The argument type of positive numbers, ``int`` or ``float``."""
 
     def parse(text: str) -> float:
         value = kind(text)
@@ -21,7 +21,7 @@ def positive(kind: Callable[[str], float]) -> Callable[[str], float]:
 
 
 def seed(text: str) -> int:
-    """An argument type: a number that everything random can begin with."""
+    """The argument type of a random seed."""
     value = int(text)
     if not 0 <= value < 2**32:
         raise argparse.ArgumentTypeError(f"{text} is not between 0 and {2**32 - 1}")
@@ -29,18 +29,18 @@ def seed(text: str) -> int:
 
 
 def add_offset_argument(parser: argparse.ArgumentParser) -> None:
-    """See ``offsets_of``."""
+    """Adds ``--pixel-offset``; see ``offsets_of``."""
     parser.add_argument(
         "--pixel-offset",
         action="append",
         default=[],
         metavar="CAMERA=DX,DY",
-        help="where a cropped video lies in its calibrated image",
+        help="pixel of the calibrated image at a cropped video's upper left corner",
     )
 
 
 def offsets_of(options: argparse.Namespace) -> dict[str, tuple[float, float]] | None:
-    """Pixels by camera, None where none was given; FrogError for what is no offset."""
+    """Pixel offsets by camera, None where none were given; FrogError for a malformed one."""
     offsets = {}
     for text in options.pixel_offset:
         try:
@@ -50,3 +50,24 @@ def offsets_of(options: argparse.Namespace) -> dict[str, tuple[float, float]] | 
         except ValueError:
             raise FrogError(f"--pixel-offset {text}: expected CAMERA=DX,DY such as cam01=8,0.") from None
     return offsets or None
+
+
+def add_frames_argument(parser: argparse.ArgumentParser) -> None:
+    """Adds ``--frames``; see ``frames_of``."""
+    parser.add_argument("--frames", default=None, metavar="A:B", help="frames A to B - 1, counted from 0; default: all")
+
+
+def frames_of(text: str | None, count: int) -> range:
+    """``A:B`` as the frames A to B - 1 of ``count``, either end optional; all of them for None.
+
+    Raises:
+        FrogError: for other text, no frame, or frames that the scene does not have.
+    """
+    try:
+        first, last = text.split(":") if text else ("", "")
+        frames = range(int(first or 0), int(last or count))
+    except ValueError:
+        raise FrogError(f"--frames {text}: expected A:B, such as 0:30.") from None
+    if not frames or frames[0] < 0 or frames[-1] >= count:
+        raise FrogError(f"--frames {text}: expected frames between 0:{count}.")
+    return frames

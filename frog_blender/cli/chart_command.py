@@ -1,4 +1,4 @@
-"""``frog chart``: trains every method on captures, over seeds, and draws speed against accuracy."""
+"""``frog chart``: trains every method on captures, over seeds, and charts speed against accuracy."""
 
 from __future__ import annotations
 
@@ -25,29 +25,35 @@ def add_chart_parser(commands: Any) -> None:
     chart.add_argument("captures", type=Path, nargs="+", metavar="CAPTURE")
     chart.add_argument("--out", type=Path, required=True, metavar="DIR", help="results, tables and charts")
     chart.add_argument(
-        "--protocol", metavar="NAME", help="CAPTURE holds a paper's data set: n3dv, hypernerf, technicolor"
+        "--protocol", metavar="NAME", help="CAPTURE holds a paper's dataset: n3dv, hypernerf or technicolor"
     )
     chart.add_argument("--methods", type=names, metavar="A,B", help="default: all of them")
-    chart.add_argument("--seeds", type=positive(int), default=3, metavar="N", help="of FRoG and E-D3DGS")
-    chart.add_argument("--other-seeds", type=positive(int), default=1, metavar="N", help="of the other methods")
+    chart.add_argument(
+        "--seeds", type=positive(int), default=3, metavar="N", help="number of seeds of FRoG and E-D3DGS"
+    )
+    chart.add_argument(
+        "--other-seeds", type=positive(int), default=1, metavar="N", help="number of seeds of the other methods"
+    )
     chart.add_argument("--recipe", choices=RECIPES, help="default: draft, or the protocol's")
     chart.add_argument("--steps", type=positive(int), help="default: the recipe's")
     chart.add_argument("--scale", type=positive(float), help="image size factor, such as 0.5")
-    chart.add_argument("--holdout-frames", type=int, metavar="K", help="withhold every K-th moment")
+    chart.add_argument("--holdout-frames", type=int, metavar="K", help="hold out every K-th frame")
     chart.add_argument(
-        "--set", action="append", default=[], metavar="NAME=VALUE", help="a setting of the recipe, for all"
+        "--set", action="append", default=[], metavar="NAME=VALUE", help="a setting of the recipe, for all methods"
     )
     chart.add_argument(
         "--row",
         action="append",
         default=[],
         metavar="LABEL=METHOD,NAME=VALUE,...",
-        help="one more row: a method with settings of its own",
+        help="an additional row: a method with its own settings",
     )
-    chart.add_argument("--equal-time", action="store_true", help="the others again, for as long as FRoG took")
+    chart.add_argument(
+        "--equal-time", action="store_true", help="also train the other methods for as long as FRoG took"
+    )
     chart.add_argument("--ablation", nargs="?", const=_ALL_ABLATIONS, metavar="A,B", help=f"default: {_ALL_ABLATIONS}")
     chart.add_argument("--ablation-seeds", type=positive(int), metavar="N", help="default: --seeds")
-    chart.add_argument("--timing", action="store_true", help="then time all methods, one after the other")
+    chart.add_argument("--timing", action="store_true", help="then time all methods, one at a time")
     chart.add_argument("--timing-steps", type=positive(int), default=300, metavar="N")
     add_grid_arguments(chart)
     chart.set_defaults(run=_chart)
@@ -59,17 +65,17 @@ def _chart(options: argparse.Namespace) -> int:
     published = _published(options.protocol)
     failed = 0
     if not options.only_report:
-        from ..experiments.runs import Conditions
+        from ..experiments.runs import RunEnvironment
         from ..experiments.timing import WARM_UP
 
         if options.timing_steps <= WARM_UP:
-            raise FrogError(f"--timing-steps {options.timing_steps}: expected more than the {WARM_UP} that warm up.")
+            raise FrogError(f"--timing-steps {options.timing_steps}: expected more than the {WARM_UP} warm-up steps.")
         runs = _grid(options)
-        conditions = Conditions(options.out, options.device)
-        say_plan(runs, conditions, options.jobs)
+        environment = RunEnvironment(options.out, options.device)
+        say_plan(runs, environment, options.jobs)
         if options.plan:
             return 0
-        ended = do_runs(runs, conditions, options.jobs, options.timing_steps if options.timing else None)
+        ended = do_runs(runs, environment, options.jobs, options.timing_steps if options.timing else None)
         if ended is None:
             return 1
         failed = ended
@@ -90,33 +96,39 @@ def _published(protocol: str | None) -> str:
 def _grid(options: argparse.Namespace) -> list[Run]:
     """The runs that the options ask for."""
     from ..engine.training.methods import METHODS as KNOWN
-    from ..experiments.grid import AUTO_ROW, ROWS, chart_grid, extra_rows, in_order, named_captures
+    from ..experiments.grid import (
+        AUTO_ROW,
+        ROWS,
+        CommonSettings,
+        SeedCounts,
+        chart_grid,
+        extra_rows,
+        in_order,
+        named_captures,
+    )
 
     captures, recipe = named_captures(options.captures), options.recipe or "draft"
     if options.protocol:
         captures, recipe = _protocol_captures(options)
         options.scale = options.scale or 1.0  # their captures have the paper's size
-    common = dict(setting(text, "--set") for text in options.set)
-    shared = {
-        "recipe": recipe,
-        "overrides": common,
-        "seeds": options.seeds,
-        "steps": options.steps,
-        "scale": options.scale,
-        "holdout_frames": options.holdout_frames,
-        "protocol": options.protocol or "",
-    }
+    common = CommonSettings(
+        recipe,
+        dict(setting(text, "--set") for text in options.set),
+        options.steps,
+        options.scale,
+        options.holdout_frames,
+        options.protocol or "",
+    )
     runs = chart_grid(
         captures,
+        common,
+        SeedCounts(options.seeds, options.other_seeds, options.ablation_seeds),
         methods=options.methods or [name for name in ROWS if name in KNOWN or name == AUTO_ROW],
-        other_seeds=options.other_seeds,
         ablation=names(options.ablation or ""),
-        ablation_seeds=options.ablation_seeds,
         equal_time=options.equal_time,
-        **shared,
     )
     rows = [_row(text) for text in options.row]
-    return in_order([*runs, *extra_rows(captures, rows, **{**shared, "seeds": options.other_seeds})])
+    return in_order([*runs, *extra_rows(captures, rows, common, options.other_seeds)])
 
 
 def _protocol_captures(options: argparse.Namespace) -> tuple[dict[str, Path], str]:
@@ -135,5 +147,5 @@ def _row(text: str) -> tuple[str, str, dict[str, Any]]:
     label, equals, rest = text.partition("=")
     method, *settings = rest.split(",")
     if not (label and equals and method):
-        raise FrogError(f"--row {text}: expected LABEL=METHOD,NAME=VALUE,... with as many settings as you like.")
+        raise FrogError(f"--row {text}: expected LABEL=METHOD,NAME=VALUE,... with any number of settings.")
     return label.strip(), method.strip(), dict(setting(text, "--row") for text in settings)

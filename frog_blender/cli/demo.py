@@ -13,13 +13,15 @@ from typing import Any
 import numpy as np
 
 from ..engine.capture.camera import Camera
+from ..engine.capture.frames import FrameStore
 from ..engine.errors import FrogError
+from ..engine.evaluation.evaluate import held_out_shots
+from ..engine.evaluation.evaluate_file import evaluate_file, open_training_capture
 from ..engine.evaluation.metrics import psnr, ssim
 from ..engine.io.atomic_files import write_atomically
 from ..engine.playback.player import ScenePlayer
 from ..engine.playback.render import draw
 from ..engine.scene.header import SceneHeader
-from .actions import evaluate_file, open_evaluated
 from .demo_captures import demo_capture
 
 _KEY_INTERVAL = 4  # frames between keys of the moving camera
@@ -29,7 +31,8 @@ def run_demo(name: str, out: Path, recipe_name: str, seconds: float | None) -> N
     """Leaves ``scene.frog``, ``scene.blend``, ``video.mp4`` and ``comparison.png`` in ``out``."""
     from ..engine.training.recipe import recipe
     from ..engine.training.session.checkpoint import checkpoint_path
-    from ..engine.training.session.job import TrainingJob, run_training
+    from ..engine.training.session.job import TrainingJob
+    from ..engine.training.session.run import run_training
     from .progress import show
     from .stopping import stopping
     from .streams import printing_may_fail
@@ -73,17 +76,15 @@ def write_comparison(scene_path: Path, capture_path: Path, out: Path, frame: int
     from matplotlib.figure import Figure
 
     scene = ScenePlayer.load(scene_path)
-    capture, store = open_evaluated(scene, capture_path)
-    header = scene.header
-    shots = [i for i, shot in enumerate(capture.shots) if header.is_test(capture.cameras[shot.camera].name, shot.frame)]
-    held_out = bool(shots)
-    shots = shots or list(range(len(capture.shots)))
+    capture = open_training_capture(scene, capture_path)
+    held_out = held_out_shots(scene, capture)
+    shots = held_out or list(range(len(capture.shots)))
     wanted = capture.frame_count // 2 if frame is None else frame
     index = min(shots, key=lambda i: abs(capture.shots[i].frame - wanted))
     shot = capture.shots[index]
     camera = capture.cameras[shot.camera]
-    truth = store.image(index).astype(np.float32) / 255
-    image = draw(scene.at_frame(shot.frame), camera, header.background).rgb.clip(0, 1)
+    truth = FrameStore.open(capture).image(index).astype(np.float32) / 255
+    image = draw(scene.at_frame(shot.frame), camera, scene.header.background).rgb.clip(0, 1)
     error = np.abs(image - truth).clip(0, 0.25) * 4
 
     width = 5.0

@@ -1,4 +1,4 @@
-"""What the commands that train a grid of runs share: saying the plan, doing it with progress, stopping well."""
+"""What the commands that train a grid of runs share: the plan, the progress bar, the exit status."""
 
 from __future__ import annotations
 
@@ -18,23 +18,26 @@ from .streams import printing_may_fail
 if TYPE_CHECKING:
     from ..experiments.execute import Progress
     from ..experiments.grid import Run
-    from ..experiments.runs import Conditions
+    from ..experiments.runs import RunEnvironment
 
 
 def add_grid_arguments(command: argparse.ArgumentParser) -> None:
-    """Those that decide how a grid is done, not what it holds."""
-    command.add_argument("--jobs", type=positive(int), default=1, metavar="N", help="runs at once, sharing the cores")
+    """Adds the options that decide how a grid is run, not what it holds."""
+    command.add_argument(
+        "--jobs", type=positive(int), default=1, metavar="N", help="number of parallel runs, which share the cores"
+    )
     command.add_argument("--device", choices=["auto", "cpu", "cuda"], default="auto")
-    command.add_argument("--plan", action="store_true", help="say what would run, and stop")
-    command.add_argument("--only-report", action="store_true", help="draw what has been done so far")
+    command.add_argument("--plan", action="store_true", help="list the runs and stop")
+    command.add_argument("--only-report", action="store_true", help="write the report of the finished runs and stop")
 
 
 def names(text: str) -> list[str]:
+    """The parts of a list with commas."""
     return [name.strip() for name in text.split(",") if name.strip()]
 
 
 def setting(text: str, option: str) -> tuple[str, Any]:
-    """``NAME=VALUE``; the value as JSON where it is any, else as text."""
+    """``NAME=VALUE`` as both; the value as JSON if it is valid JSON, else as text. FrogError for other text."""
     name, equals, value = text.partition("=")
     if not (name and equals and value):
         raise FrogError(f"{option} {text}: expected NAME=VALUE, such as network_rate=1e-3.")
@@ -45,8 +48,8 @@ def setting(text: str, option: str) -> tuple[str, Any]:
     return name.strip(), tuple(parsed) if isinstance(parsed, list) else parsed
 
 
-def say_plan(runs: Sequence[Run], conditions: Conditions, jobs: int) -> None:
-    """What the grid is, before it runs."""
+def say_plan(runs: Sequence[Run], environment: RunEnvironment, jobs: int) -> None:
+    """Prints what the grid will run."""
     from collections import Counter
 
     from ..experiments.execute import seconds_left
@@ -54,7 +57,7 @@ def say_plan(runs: Sequence[Run], conditions: Conditions, jobs: int) -> None:
     from ..experiments.runs import is_done
     from ..experiments.tables import duration
 
-    records = read(conditions.results)
+    records = read(environment.results)
     waiting = [run for run in runs if not is_done(run, records)]
     rows = Counter((run.condition or run.scene, run.label, run.equal_time) for run in runs)
     for (scene, label, equal_time), count in rows.items():
@@ -65,43 +68,47 @@ def say_plan(runs: Sequence[Run], conditions: Conditions, jobs: int) -> None:
     print(f"{len(runs)} runs, {len(waiting)} to do{estimate}", flush=True)
 
 
-def do_runs(runs: Sequence[Run], conditions: Conditions, jobs: int, timing_steps: int | None = None) -> int | None:
-    """Does the grid, and with ``timing_steps`` the timings; how many runs failed, or None when it was stopped."""
+def do_runs(runs: Sequence[Run], environment: RunEnvironment, jobs: int, timing_steps: int | None = None) -> int | None:
+    """Runs the grid; returns the number of failed runs, or None if it was stopped.
+
+    Args:
+        timing_steps: also run the timing pass, with this many training steps.
+    """
     import numpy
 
-    from ..experiments.execute import run_grid
+    from ..experiments.execute import GridCallbacks, run_grid
     from ..experiments.runs import Stopped
     from ..experiments.timing_pass import time_grid
     from .progress import bar
 
-    numpy.finfo(numpy.float64)  # looked up once; later, with denormals flushed by training, it would warn
+    numpy.finfo(numpy.float64)  # cached here: training flushes denormals, with which this lookup warns
     with printing_may_fail(), stopping() as cancelled:
         failed, stopped = 0, False
         try:
-            with _shown(len(runs)) as told:
-                failed = run_grid(runs, conditions, jobs=jobs, told=told, cancelled=cancelled).failed
+            with _shown(len(runs)) as show:
+                failed = run_grid(runs, environment, jobs=jobs, callbacks=GridCallbacks(show, cancelled)).failed
         except Stopped:
             stopped = True
         if timing_steps and not stopped:
             with bar("Timing") as report:
-                records = time_grid(runs, conditions, timing_steps, report, cancelled)
+                records = time_grid(runs, environment, timing_steps, report, cancelled)
             failed += sum(record["kind"] == "failed" for record in records)
         if stopped or cancelled():
-            print("frog: stopped; the same command goes on from here.", file=sys.stderr)
+            print("frog: stopped; run the same command again to continue.", file=sys.stderr)
             return None
     return failed
 
 
 def say_failed(failed: int) -> int:
-    """The exit status, after a sentence where runs failed."""
+    """Reports failed runs; returns the exit status."""
     if failed:
-        complain(f"{failed} runs failed; the tables say why.")
+        complain(f"{failed} {'run' if failed == 1 else 'runs'} failed; the tables say why.")
     return 1 if failed else 0
 
 
 @contextmanager
 def _shown(total: int) -> Iterator[Callable[[Progress], None]]:
-    """Yields what takes the grid's progress: one bar over all runs, and a line for each that ended."""
+    """Yields a callback for the grid's progress: it shows one bar over all runs, and a line for each finished run."""
     from tqdm import tqdm
 
     from ..experiments.tables import duration

@@ -1,4 +1,4 @@
-"""``frog stability``: methods under the conditions in which they fail, over seeds, and a heat map of it."""
+"""``frog stability``: methods under conditions in which methods fail, over seeds, as a heat map."""
 
 from __future__ import annotations
 
@@ -12,25 +12,31 @@ from .arguments import positive
 from .grid_command import add_grid_arguments, do_runs, names, say_failed, say_plan, setting
 from .printing import say
 
-_GIVEN = [base for base in BASES if base != CLEAN]  # each by an option of its own
+_GIVEN = [base for base in BASES if base != CLEAN]  # each has an option of its own
 
 
 def add_stability_parser(commands: Any) -> None:
     """Adds the command."""
-    parser = commands.add_parser("stability", help="train methods where they fail and draw a heat map")
-    parser.add_argument("capture", type=Path, metavar="CAPTURE", help="several cameras at rest; what conditions change")
+    parser = commands.add_parser("stability", help="train methods under hard conditions and draw a heat map")
+    parser.add_argument(
+        "capture", type=Path, metavar="CAPTURE", help="several static cameras, the capture that conditions change"
+    )
     for base in _GIVEN:
         parser.add_argument(f"--{base}", type=Path, metavar="DIR", help=BASES[base])
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="results, table and heat map")
     parser.add_argument("--conditions", type=names, metavar="A,B", help="default: all of them")
     parser.add_argument("--methods", type=names, metavar="A,B", help="default: frog,frog-auto,ed3dgs,static,hexplane")
-    parser.add_argument("--frog-seeds", type=positive(int), default=5, metavar="N", help="of FRoG")
-    parser.add_argument("--seeds", type=positive(int), default=3, metavar="N", help="of every other method")
+    parser.add_argument("--frog-seeds", type=positive(int), default=5, metavar="N", help="number of FRoG's seeds")
+    parser.add_argument(
+        "--seeds", type=positive(int), default=3, metavar="N", help="number of every other method's seeds"
+    )
     parser.add_argument("--recipe", choices=RECIPES, default="draft")
     parser.add_argument("--steps", type=positive(int), help="default: the recipe's")
-    parser.add_argument("--side", type=positive(int), metavar="PIXELS", help="of larger images the longest side")
     parser.add_argument(
-        "--set", action="append", default=[], metavar="NAME=VALUE", help="a setting of the recipe, for all"
+        "--side", type=positive(int), metavar="PIXELS", help="reduce larger images to this longest side"
+    )
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", help="a setting of the recipe, for all methods"
     )
     add_grid_arguments(parser)
     parser.set_defaults(run=_stability)
@@ -41,30 +47,30 @@ def _stability(options: argparse.Namespace) -> int:
 
     failed = 0
     if not options.only_report:
-        from ..experiments.runs import Conditions
+        from ..experiments.grid import CommonSettings
+        from ..experiments.runs import RunEnvironment
         from ..experiments.stability import METHODS, stability_grid, without_captures
 
         given = {CLEAN: options.capture, **{base: getattr(options, base) for base in _GIVEN}}
         captures = {base: folder for base, folder in given.items() if folder is not None}
         wanted = options.conditions or list(CONDITIONS)
+        overrides = dict(setting(text, "--set") for text in options.set)
         runs = stability_grid(
             captures,
+            CommonSettings(options.recipe, overrides, options.steps),
             conditions=wanted,
             methods=options.methods or METHODS,
-            recipe=options.recipe,
-            overrides=dict(setting(text, "--set") for text in options.set),
             frog_seeds=options.frog_seeds,
             seeds=options.seeds,
-            steps=options.steps,
             side=options.side,
         )
-        conditions = Conditions(options.out, options.device)
+        environment = RunEnvironment(options.out, options.device)
         for sentence in without_captures(captures, wanted):
             say(sentence)
-        say_plan(runs, conditions, options.jobs)
+        say_plan(runs, environment, options.jobs)
         if options.plan:
             return 0
-        ended = do_runs(runs, conditions, options.jobs)
+        ended = do_runs(runs, environment, options.jobs)
         if ended is None:
             return 1
         failed = ended

@@ -1,4 +1,4 @@
-"""Does the runs of a grid that are not done yet, one after the other or several at once, and writes each result."""
+"""Runs a grid: does what is not done yet, one run at a time or several at once, and writes each result."""
 
 from __future__ import annotations
 
@@ -10,25 +10,28 @@ import sys
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from ..engine.errors import FrogError
 from .grid import Run
 from .results import Record, append, finished, locked, read
-from .runs import Conditions, Stopped, clean_up, failure, frog_seconds, is_done, perform
+from .runs import RunEnvironment, Stopped, clean_up, failure, frog_seconds, is_done, perform
+
+Perform = Callable[[Run, RunEnvironment, float | None, Callable[[float], None], Callable[[], bool]], Record]
+"""Does one run; see ``runs.perform``."""
 
 
 @dataclass
 class Progress:
-    """Where a grid stands; handed to the caller at every change.
+    """How far a grid is; handed to the caller at every change.
 
     Attributes:
-        total, done, failed: runs of this grid; ``done`` counts those of earlier days too.
-        shares: of the runs at work, by run.
-        seconds_left: an estimate from the mean durations of finished runs, None before the first.
-        record: the result that was just written, None otherwise.
+        total, done, failed: numbers of runs; ``done`` includes those that were done before.
+        shares: of the runs in progress, the share that is done, by run.
+        seconds_left: an estimate from the mean durations of finished runs; None before the first.
+        record: the result that was just written; None otherwise.
     """
 
     total: int
@@ -39,36 +42,50 @@ class Progress:
     record: Record | None = None
 
 
+@dataclass(frozen=True)
+class GridCallbacks:
+    """What a grid calls while it runs.
+
+    Attributes:
+        progressed: called with the progress at every change.
+        cancelled: asked whether to stop.
+        perform: does one run where ``jobs`` is 1.
+    """
+
+    progressed: Callable[[Progress], None] = lambda progress: None
+    cancelled: Callable[[], bool] = lambda: False
+    perform: Perform = perform
+
+
 def run_grid(
     runs: Sequence[Run],
-    conditions: Conditions,
+    environment: RunEnvironment,
     *,
     jobs: int = 1,
-    told: Callable[[Progress], None] = lambda progress: None,
-    cancelled: Callable[[], bool] = lambda: False,
+    callbacks: GridCallbacks | None = None,
 ) -> Progress:
-    """Does every run that ``is_done`` does not find, in order; a run that fails is recorded and the next one begins.
+    """Does in order every run that is not ``is_done`` yet; a run that fails is recorded, and the next one begins.
 
     Args:
-        jobs: processes at once, which share the cores; 1 works in this process.
+        jobs: number of processes, which share the cores; 1 works in this process.
 
     Raises:
-        Stopped: it was cancelled; the runs at work go on next time.
+        Stopped: if it was cancelled; the runs in progress continue next time.
     """
-    records = read(conditions.results)
+    records = read(environment.results)
     waiting = [run for run in runs if not is_done(run, records)]
     progress = Progress(len(runs), len(runs) - len(waiting))
     if jobs > 1:
         threads = max(1, (os.cpu_count() or 1) // jobs)
-        conditions = Conditions(conditions.folder, conditions.device, threads, dedicated=False)
-    _keep_out_of_repositories(conditions.folder / "scenes")
-    with locked(conditions.folder / "scenes" / "lock"):
-        _Grid(waiting, conditions, jobs, progress, told, cancelled).work()
+        environment = replace(environment, threads=threads, dedicated=False)
+    _keep_out_of_repositories(environment.folder / "scenes")
+    with locked(environment.folder / "scenes" / "lock"):
+        _Grid(waiting, environment, jobs, progress, callbacks or GridCallbacks()).work()
     return progress
 
 
 def _keep_out_of_repositories(scenes: Path) -> None:
-    """Scenes and checkpoints are large and can be made again; the results beside them are kept."""
+    """Git ignores scenes and checkpoints, which are large and can be made again, but not the results beside them."""
     try:
         scenes.mkdir(parents=True, exist_ok=True)
         (scenes / ".gitignore").write_text("*\n", encoding="utf-8")
@@ -77,66 +94,67 @@ def _keep_out_of_repositories(scenes: Path) -> None:
 
 
 class _Grid:
-    """The runs that wait and those at work."""
+    """The runs that wait and those in progress."""
 
     def __init__(
         self,
         waiting: list[Run],
-        conditions: Conditions,
+        environment: RunEnvironment,
         jobs: int,
         progress: Progress,
-        told: Callable[[Progress], None],
-        cancelled: Callable[[], bool],
+        callbacks: GridCallbacks,
     ) -> None:
-        self._waiting, self._conditions, self._jobs = waiting, conditions, jobs
-        self._progress, self._told, self._cancelled = progress, told, cancelled
-        self._records = read(conditions.results)
+        self._waiting, self._environment, self._jobs = waiting, environment, jobs
+        self._progress, self._callbacks = progress, callbacks
+        self._records = read(environment.results)
 
     def work(self) -> None:
-        self._tell()
+        self._report()
         if self._jobs > 1:
             self._in_processes()
         else:
             while self._waiting:
                 self._here(self._waiting.pop(0))
 
-    def _tell(self, record: Record | None = None) -> None:
+    def _report(self, record: Record | None = None) -> None:
         left = seconds_left(self._waiting, self._progress.shares, self._records, self._jobs)
         self._progress.seconds_left = left
         self._progress.record = record
-        self._told(self._progress)
+        self._callbacks.progressed(self._progress)
 
     def _advanced(self, run: Run, share: float) -> None:
         self._progress.shares[run] = share
-        self._tell()
+        self._report()
 
     def _ended(self, run: Run, record: Record) -> None:
-        append(self._conditions.results, record)
+        append(self._environment.results, record)
         self._records.append(record)
         self._progress.shares.pop(run, None)
         if record["kind"] == "run":
-            clean_up(run, self._conditions)
+            clean_up(run, self._environment)
             self._progress.done += 1
         else:
             self._progress.failed += 1
-        self._tell(record)
+        self._report(record)
 
     def _seconds(self, run: Run) -> float | None:
-        return frog_seconds(run, self._records, self._conditions) if run.equal_time else None
+        return frog_seconds(run, self._records, self._environment) if run.equal_time else None
 
     def _here(self, run: Run) -> None:
-        if self._cancelled():
+        if self._callbacks.cancelled():
             raise Stopped
         self._advanced(run, 0.0)
         try:
             seconds = self._seconds(run)
-            record = perform(run, self._conditions, seconds, lambda share: self._advanced(run, share), self._cancelled)
+            record = self._callbacks.perform(
+                run, self._environment, seconds, lambda share: self._advanced(run, share), self._callbacks.cancelled
+            )
         except (FrogError, MemoryError, ImportError) as error:
             record = failure(run, str(error) or type(error).__name__)
         self._ended(run, record)
 
     def _ready(self, working: Iterable[Run]) -> Run | None:
-        """The next run that can begin: one at equal time waits for the others of its scene."""
+        """The next run that can begin: a run at equal time waits for FRoG's runs on its scene."""
         busy = {run.scene for run in (*working, *self._waiting) if run.method == "frog" and not run.equal_time}
         return next((run for run in self._waiting if not (run.equal_time and run.scene in busy)), None)
 
@@ -145,10 +163,10 @@ class _Grid:
         working: dict[Run, _Worker] = {}
         try:
             while self._waiting or working:
-                while len(working) < self._jobs and (run := self._ready(working)) and not self._cancelled():
+                while len(working) < self._jobs and (run := self._ready(working)) and not self._callbacks.cancelled():
                     self._waiting.remove(run)
                     self._start(run, working, answers)
-                if self._cancelled():
+                if self._callbacks.cancelled():
                     for worker in working.values():
                         worker.stop()
                     if not working:
@@ -177,25 +195,25 @@ class _Grid:
         except FrogError as error:
             self._ended(run, failure(run, str(error)))
             return
-        working[run] = _Worker(run, self._conditions, seconds, answers)
+        working[run] = _Worker(run, self._environment, seconds, answers)
         self._advanced(run, 0.0)
 
 
 class _Worker:
-    """A process of ``worker``, and a thread that hands on what it answers."""
+    """A process of ``worker``, and a thread that puts its answers into a queue."""
 
     def __init__(
         self,
         run: Run,
-        conditions: Conditions,
+        environment: RunEnvironment,
         seconds: float | None,
         answers: queue.Queue[tuple[Run, dict[str, Any]]],
     ) -> None:
-        self._log = conditions.scene(run).with_suffix(".log")
+        self._log = environment.scene(run).with_suffix(".log")
         root = Path(__file__).resolve().parents[__name__.count(".")]
         path = os.pathsep.join([str(root), *filter(None, [os.environ.get("PYTHONPATH")])])
-        threads = str(conditions.threads)
-        environment = {**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": threads, "MKL_NUM_THREADS": threads}
+        threads = str(environment.threads)
+        variables = {**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": threads, "MKL_NUM_THREADS": threads}
         with self._log.open("w", encoding="utf-8") as log:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", f"{__package__}.worker"],
@@ -204,12 +222,12 @@ class _Worker:
                 stderr=log,
                 text=True,
                 encoding="utf-8",
-                env=environment,
+                env=variables,
             )
-        task: dict[str, Any] = {"run": run.to_json(), "folder": str(conditions.folder), "device": conditions.device}
-        task |= {"threads": conditions.threads, "dedicated": conditions.dedicated, "seconds": seconds}
+        task: dict[str, Any] = {"run": run.to_json(), "folder": str(environment.folder), "device": environment.device}
+        task |= {"threads": environment.threads, "dedicated": environment.dedicated, "seconds": seconds}
         assert self._process.stdin is not None
-        with suppress(BrokenPipeError):  # it ended at once; then ``_listen`` says so
+        with suppress(BrokenPipeError):  # it ended at once, which ``_listen`` reports
             self._process.stdin.write(json.dumps(task) + "\n")
             self._process.stdin.flush()
         threading.Thread(target=self._listen, args=(run, answers), daemon=True).start()
@@ -226,17 +244,17 @@ class _Worker:
             answers.put((run, answer))
         if not ended:
             status = self._process.wait()
-            sentence = f"The process of this run ended with status {status}; {self._log.name} says more."
+            sentence = f"The process of this run ended with status {status}; see {self._log.name}."
             answers.put((run, {"record": failure(run, sentence)}))
 
     def stop(self) -> None:
-        """Asks it to keep what it learned and end."""
+        """Asks it to save its state and end."""
         assert self._process.stdin is not None
         with suppress(BrokenPipeError):
             self._process.stdin.close()
 
     def wait(self) -> None:
-        """Until it has ended; its log is kept when it ended badly."""
+        """Waits for its end; its log is kept if its status is not 0."""
         self.stop()
         if self._process.wait() == 0:
             self._log.unlink(missing_ok=True)
@@ -245,8 +263,10 @@ class _Worker:
 def seconds_left(
     waiting: Sequence[Run], shares: dict[Run, float], records: Iterable[Record], jobs: int
 ) -> float | None:
-    """An estimate from mean durations: of the same method and scene where there are any, else of the same method, else
-    of all; None before the first."""
+    """An estimate from the mean durations of finished runs; None before the first.
+
+    The mean is over runs of the same method and scene if there are any, else of the same method, else over all.
+    """
     done = list(finished(records).values())
     if not done:
         return None

@@ -1,11 +1,11 @@
-"""What a comparison runs: every training of a chart, named by what decides its result."""
+"""The runs of an experiment: every training of a chart, identified by what decides its result."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,16 +20,16 @@ if TYPE_CHECKING:
 METHODS = ("frog", "ed3dgs", "static", "d3dgs", "hexplane", "curves")
 """In the order of the tables."""
 AUTO_ROW, AUTO_LABEL, AUTO = "frog-auto", "FRoG auto", {"capacity": "auto"}
-"""FRoG with no more than a scene needs (see training.parsimony), a row beside FRoG of a fixed capacity."""
+"""FRoG with automatic capacity (see training.compression), a row beside FRoG with a fixed capacity."""
 ROWS = ("frog", AUTO_ROW, *METHODS[1:])
 """What a chart's ``methods`` may name."""
 FEWER_GAUSSIANS, DYNAMIC_SHARES = (8, 4, 2), (0.05, 0.1, 0.2, 0.4)
-"""Of the capacity sweep: parts of the recipe's number, and shares of the Gaussians that may move."""
+"""The capacity sweep: the recipe's number divided by these, and shares of the Gaussians that may be dynamic."""
 MAIN_METHODS = ("frog", AUTO_ROW, "ed3dgs")
-"""The paper's method and its base: they get the most seeds."""
+"""The paper's method and its baseline, which get the most seeds."""
 ABLATIONS = ("fusion", "modulation", "sampling", "opacity", "k", "capacity")
 SHARPNESSES = (1.0, 5.0, 10.0, 20.0)
-"""Of the opacity reduction: the paper's values of k (its ablation table; 0 is no reduction)."""
+"""Values of k in the paper's ablation of the opacity reduction (0 is no reduction)."""
 
 
 @dataclass(frozen=True)
@@ -38,17 +38,17 @@ class Run:
 
     Attributes:
         scene: the capture's name in the tables; unique in a results file.
-        capture: its folder; where the data lies decides nothing.
+        capture: its folder, which does not decide the result.
         method: see ``METHODS``.
         label: the row in the tables: the method's title, or what an ablation changes.
         recipe, overrides: a recipe's name, and settings that differ from it.
-        seed: of everything random.
+        seed: of all random numbers.
         steps: of training; None for the recipe's own.
-        equal_time: limited to the seconds that FRoG took for those steps on the same scene, instead of the steps.
+        equal_time: limited not by steps but by the seconds that FRoG took for them on the same scene.
         scale, holdout_frames: see ``TrainingJob``.
-        protocol: a paper's protocol that opens the capture, see comparison.protocols; "" for a plain capture.
+        protocol: the paper's protocol that opens the capture (see ``protocols``); "" for a plain capture.
         group: "methods", "time" or an ablation's name.
-        condition: under which the capture is filmed, see conditions.catalogue; "" for as it is.
+        condition: the stability suite's condition (see ``corruptions.catalogue``); "" for the capture as it is.
     """
 
     scene: str
@@ -68,13 +68,15 @@ class Run:
 
     @cached_property
     def key(self) -> str:
-        """The same for the same training on any day and machine; changes with everything that decides the result but
-        the code and the recipes' own settings (see ``runs.is_done`` for those)."""
+        """Identifies the training: the same on any day and machine.
+
+        It depends on all that decides the result except the code and the recipes' own settings (see ``is_done``).
+        """
         left_out = ("capture", "label", "group")
         decides = {name: value for name, value in asdict(self).items() if name not in left_out}
         decides["overrides"] = sorted(self.overrides)
         if not self.condition:
-            del decides["condition"]  # as before there were any
+            del decides["condition"]  # the keys of plain runs are older than conditions
         return hashlib.sha256(json.dumps(decides, sort_keys=True).encode()).hexdigest()[:16]
 
     def settings(self) -> Recipe:
@@ -114,7 +116,7 @@ def _hashable(value: Any) -> Any:
 
 
 def ablation_variants(base: Recipe, kinds: Sequence[str]) -> dict[str, dict[str, dict[str, Any]]]:
-    """Settings by label by ablation: every choice but the one that ``base`` makes itself.
+    """Settings by label by ablation: every choice except that of ``base``.
 
     Raises:
         FrogError: for an ablation that does not exist.
@@ -153,104 +155,144 @@ def _smaller(base: Recipe, part: int) -> dict[str, Any]:
 
 
 def row_named(row: str) -> tuple[str, str, dict[str, Any]]:
-    """The method, the label and the settings of its own of a name among ROWS; FrogError for another name."""
+    """The method, label and own settings of a row among ``ROWS``; FrogError for another name."""
     from ..engine.training.methods import method_named
 
     return ("frog", AUTO_LABEL, AUTO) if row == AUTO_ROW else (row, method_named(row).title, {})
 
 
+@dataclass(frozen=True)
+class CommonSettings:
+    """What all runs of a grid share.
+
+    Attributes:
+        recipe, overrides: a recipe's name, and settings that differ from it.
+        steps, scale, holdout_frames, protocol: see ``Run``.
+    """
+
+    recipe: str = "draft"
+    overrides: Mapping[str, Any] = field(default_factory=dict)
+    steps: int | None = None
+    scale: float | None = None
+    holdout_frames: int | None = None
+    protocol: str = ""
+
+    def run(self, scene: str, folder: Path, method: str, *, label: str = "", **changes: Any) -> Run:
+        """A run of the first seed.
+
+        Args:
+            scene: the capture's name in the tables.
+            folder: the capture.
+            changes: settings of the recipe that this run has of its own.
+
+        Raises:
+            FrogError: for a method, recipe or setting that does not exist. It is better said now than hours later.
+        """
+        run = Run(
+            scene,
+            str(folder),
+            method,
+            label,
+            recipe=self.recipe,
+            overrides=tuple(sorted({**self.overrides, **changes}.items())),
+            steps=self.steps,
+            scale=self.scale,
+            holdout_frames=self.holdout_frames,
+            protocol=self.protocol,
+        )
+        run.settings()
+        return run
+
+
+@dataclass(frozen=True)
+class SeedCounts:
+    """How often each row of a chart is trained.
+
+    Attributes:
+        main: of ``MAIN_METHODS``.
+        others: of the other methods, at most ``main``.
+        ablation: of the rows of an ablation; ``main`` if None.
+    """
+
+    main: int = 3
+    others: int = 1
+    ablation: int | None = None
+
+    def of(self, method: str) -> int:
+        return self.main if method in MAIN_METHODS else min(self.main, self.others)
+
+
 def chart_grid(
     captures: Mapping[str, Path],
+    common: CommonSettings | None = None,
+    seeds: SeedCounts | None = None,
     *,
     methods: Sequence[str] = ROWS,
-    recipe: str = "draft",
-    overrides: Mapping[str, Any] | None = None,
-    seeds: int = 3,
-    other_seeds: int = 1,
-    steps: int | None = None,
-    scale: float | None = None,
-    holdout_frames: int | None = None,
     ablation: Sequence[str] = (),
-    ablation_seeds: int | None = None,
     equal_time: bool = False,
-    protocol: str = "",
 ) -> list[Run]:
     """The runs of a chart, ``in_order``.
 
     Args:
         captures: folders by scene name.
         methods: which of ``ROWS``.
-        recipe, overrides, steps, scale, holdout_frames: the same for all.
-        seeds, other_seeds: for FRoG and E-D3DGS, and for the others.
         ablation: which of ``ABLATIONS`` of FRoG.
-        ablation_seeds: for each of their rows; ``seeds`` if not given.
         equal_time: every method but FRoG a second time, for as long as FRoG took.
-        protocol: see ``Run``.
 
     Raises:
         FrogError: for a method, recipe or ablation that does not exist.
     """
-    common = tuple(sorted((overrides or {}).items()))
+    common, seeds = common or CommonSettings(), seeds or SeedCounts()
     runs: list[Run] = []
     for scene, folder in captures.items():
-        for method in methods:
-            name, label, settings = row_named(method)
-            changed = tuple(sorted({**dict(common), **settings}.items()))
-            start = Run(
-                scene, str(folder), name, label, recipe, changed, 0, steps, False, scale, holdout_frames, protocol
-            )
-            start.settings()  # says what is mistaken now, not hours later
-            count = seeds if method in MAIN_METHODS else min(seeds, other_seeds)
-            runs += [replace(start, seed=seed) for seed in range(count)]
-            if equal_time and name != "frog" and "frog" in methods:
-                timed = replace(start, equal_time=True, group="time")
-                runs += [replace(timed, seed=seed) for seed in range(count)]
-        start = Run(scene, str(folder), "frog", "", recipe, common, 0, steps, False, scale, holdout_frames, protocol)
-        for kind, variants in ablation_variants(start.plain_recipe(), ablation).items():
+        for row in methods:
+            method, label, changes = row_named(row)
+            first = common.run(scene, folder, method, label=label, **changes)
+            runs += with_seeds(first, seeds.of(row))
+            if equal_time and method != "frog" and "frog" in methods:
+                runs += with_seeds(replace(first, equal_time=True, group="time"), seeds.of(row))
+        base = common.run(scene, folder, "frog").plain_recipe()
+        for kind, variants in ablation_variants(base, ablation).items():
             for label, changes in variants.items():
-                changed = tuple(sorted({**dict(common), **changes}.items()))
-                row = replace(start, label=label, overrides=changed, group=kind)
-                runs += [replace(row, seed=seed) for seed in range(ablation_seeds or seeds)]
+                first = common.run(scene, folder, "frog", label=label, **changes)
+                runs += with_seeds(replace(first, group=kind), seeds.ablation or seeds.main)
     return in_order(runs)
 
 
+def with_seeds(run: Run, count: int) -> list[Run]:
+    """The run with the seeds 0 to ``count`` - 1."""
+    return [replace(run, seed=seed) for seed in range(count)]
+
+
 def in_order(runs: Sequence[Run]) -> list[Run]:
-    """A first seed of everything, the main tables' rows before the ablations', then the next seed; those at equal time
-    last, as they need to know how long FRoG took."""
+    """The first seed of everything, rows of the main tables before those of ablations, then the next seed.
+
+    Runs at equal time come last, as they need to know how long FRoG took.
+    """
     return sorted(runs, key=lambda run: (run.equal_time, run.seed, run.group != "methods"))
 
 
 def extra_rows(
     captures: Mapping[str, Path],
     rows: Sequence[tuple[str, str, Mapping[str, Any]]],
-    *,
-    recipe: str = "draft",
-    overrides: Mapping[str, Any] | None = None,
+    common: CommonSettings | None = None,
     seeds: int = 1,
-    steps: int | None = None,
-    scale: float | None = None,
-    holdout_frames: int | None = None,
-    protocol: str = "",
 ) -> list[Run]:
     """Runs of further rows in the main table: (label, method, settings of its own) on every scene.
 
     Raises:
         FrogError: for a method or setting that does not exist.
     """
-    runs = []
+    common = common or CommonSettings()
+    runs: list[Run] = []
     for label, method, changes in rows:
         for scene, folder in captures.items():
-            settings = tuple(sorted({**(overrides or {}), **changes}.items()))
-            run = Run(
-                scene, str(folder), method, label, recipe, settings, 0, steps, False, scale, holdout_frames, protocol
-            )
-            run.settings()  # says what is mistaken now, not hours later
-            runs += [replace(run, seed=seed) for seed in range(seeds)]
+            runs += with_seeds(common.run(scene, folder, method, label=label, **changes), seeds)
     return runs
 
 
 def named_captures(folders: Sequence[Path]) -> dict[str, Path]:
-    """Folders by their own names; FrogError when two have the same."""
+    """Folders by their names; FrogError if two have the same."""
     named: dict[str, Path] = {}
     for folder in folders:
         name = folder.resolve().name

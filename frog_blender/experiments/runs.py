@@ -1,6 +1,6 @@
-"""One run of a comparison: a training, its figures on the held-out images, and the record of both.
+"""One run of an experiment: a training, its metrics on the held-out images, and the record of both.
 
-A killed run goes on from its checkpoint; its curve so far lies beside that.
+A killed run resumes from its checkpoint. Its curve up to there lies beside it.
 """
 
 from __future__ import annotations
@@ -20,38 +20,41 @@ from ..engine.capture.frames import FrameStore
 from ..engine.errors import FrogError
 from ..engine.evaluation.evaluate import evaluate
 from ..engine.evaluation.metrics import psnr_of
+from ..engine.evaluation.perceptual import perceptual_metrics
 from ..engine.io.atomic_files import write_atomically
 from ..engine.playback.player import ScenePlayer
 from ..engine.scene.scene_file import read_scene, scene_bytes, settings_json
 from ..engine.training.methods import method_named
 from ..engine.training.session import events
 from ..engine.training.session.checkpoint import checkpoint_path
-from ..engine.training.session.job import TrainingJob, prepare_capture, run_training
+from ..engine.training.session.job import TrainingJob
+from ..engine.training.session.run import prepare_capture, run_training
 from .corruptions.alterations import brightened
 from .corruptions.catalogue import condition_named
 from .grid import Run
 from .machine import describe_machine, describe_versions, limited_threads
-from .perceptual import perceptual_measures
 from .results import Record, finished
 
 _EVALUATED_SHOTS = 30  # for each point of the curves, as many as for their ends
 
 
 @dataclass(frozen=True)
-class Conditions:
-    """How runs are made; decides their times, not their results.
+class RunEnvironment:
+    """Where and how runs are made. It decides their times, not their results.
 
     Attributes:
-        folder: of the results; scenes lie in ``scenes`` in it.
+        folder: of the results; scenes lie in its ``scenes``.
         device: see ``TrainingJob``.
-        threads: for each run, 0 for one a core.
-        dedicated: nothing else of this comparison runs at the same time.
+        threads: of each run; 0 for one a core.
+        dedicated: whether no other run of the grid works at the same time.
+        save_seconds: between checkpoints.
     """
 
     folder: Path
     device: str = "auto"
     threads: int = 0
     dedicated: bool = True
+    save_seconds: float = 180.0
 
     @property
     def results(self) -> Path:
@@ -64,7 +67,7 @@ class Conditions:
 
 
 class Stopped(Exception):
-    """The run was cancelled; what it learned is kept."""
+    """The run was cancelled; its checkpoint is kept."""
 
 
 def settings_of(run: Run) -> dict[str, Any]:
@@ -73,8 +76,10 @@ def settings_of(run: Run) -> dict[str, Any]:
 
 
 def is_done(run: Run, records: Iterable[Record]) -> bool:
-    """True when the run stands in ``records`` with the settings that it would have today; a setting that one of the
-    two does not know is no difference."""
+    """True if ``records`` have the run with the settings that it would have today.
+
+    Settings that only one of the two knows are not compared.
+    """
     record = finished(records).get(run.key)
     if record is None:
         return False
@@ -82,9 +87,12 @@ def is_done(run: Run, records: Iterable[Record]) -> bool:
     return all(settings.get(name, value) == value for name, value in record["recipe"].items())
 
 
-def frog_seconds(run: Run, records: Iterable[Record], conditions: Conditions) -> float:
-    """The seconds that FRoG trained for on the scene of an equal-time run: the median over its seeds, under the same
-    conditions. FrogError where it did not."""
+def frog_seconds(run: Run, records: Iterable[Record], environment: RunEnvironment) -> float:
+    """How long FRoG trained on the scene of an equal-time run: the median over its seeds, in the same environment.
+
+    Raises:
+        FrogError: if there is no such run of FRoG.
+    """
     same = ("scene", "recipe_name", "overrides", "scale", "holdout_frames", "planned_steps")
     wanted = identity(run)
     seconds = [
@@ -93,7 +101,7 @@ def frog_seconds(run: Run, records: Iterable[Record], conditions: Conditions) ->
         if record["method"] == "frog"
         and record["group"] == "methods"
         and all(record[name] == wanted[name] for name in same)
-        and (record["threads"], record["dedicated"]) == (conditions.threads, conditions.dedicated)
+        and (record["threads"], record["dedicated"]) == (environment.threads, environment.dedicated)
     ]
     if not seconds:
         raise FrogError(
@@ -103,7 +111,7 @@ def frog_seconds(run: Run, records: Iterable[Record], conditions: Conditions) ->
 
 
 def identity(run: Run) -> Record:
-    """What a record says of its run."""
+    """The part of a record that identifies its run."""
     names = ("key", "scene", "condition", "protocol", "method", "label", "group", "seed", "equal_time", "scale")
     overrides = json.loads(json.dumps(dict(run.overrides)))
     return {
@@ -116,35 +124,37 @@ def identity(run: Run) -> Record:
 
 
 def failure(run: Run, sentence: str) -> Record:
-    """The record of a run that did not end well. The capture's folder is named as the scene is."""
+    """The record of a run that failed. The path of the capture's folder is replaced by the scene's name."""
     return {"kind": "failed", **identity(run), "error": sentence.replace(run.capture, run.scene), **made_on()}
 
 
 def made_on() -> Record:
-    moment = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
-    return {"machine": describe_machine(), "versions": describe_versions(), "finished_at": moment}
+    """The part of a record that says on what and when it was made."""
+    now = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+    return {"machine": describe_machine(), "versions": describe_versions(), "finished_at": now}
 
 
 def perform(
     run: Run,
-    conditions: Conditions,
+    environment: RunEnvironment,
     seconds: float | None = None,
     advanced: Callable[[float], None] = lambda share: None,
     cancelled: Callable[[], bool] = lambda: False,
 ) -> Record:
-    """Trains, or goes on with, a run and measures it.
+    """Trains a run, or resumes its training, and evaluates it; returns its record.
 
     Args:
         seconds: the limit of an equal-time run.
-        advanced: told the share of the training that is done.
+        advanced: called with the share of the training that is done.
+        cancelled: asked whether to stop.
 
     Raises:
-        Stopped: it was cancelled.
-        FrogError: it cannot be done.
+        Stopped: if it was cancelled.
+        FrogError: if the capture or the settings cannot be used.
     """
-    with limited_threads(conditions.threads):
+    with limited_threads(environment.threads):
         started = time.monotonic()
-        scene = conditions.scene(run)
+        scene = environment.scene(run)
         opened = run.opened()
         job = TrainingJob(
             Path(run.capture),
@@ -156,7 +166,8 @@ def perform(
             seed=run.seed,
             scale=run.scale,
             holdout_frames=run.holdout_frames,
-            device=conditions.device,
+            device=environment.device,
+            save_seconds=environment.save_seconds,
             opened=opened,
             evaluated_shots=_EVALUATED_SHOTS,
         )
@@ -170,19 +181,19 @@ def perform(
             "seconds_limit": job.seconds,
             **trained,
             **measured,
-            "threads": conditions.threads,
-            "dedicated": conditions.dedicated,
+            "threads": environment.threads,
+            "dedicated": environment.dedicated,
             "wall_seconds": time.monotonic() - started,
             **made_on(),
         }
     return record
 
 
-def clean_up(run: Run, conditions: Conditions) -> None:
-    """Removes what only an unfinished run needs; call it when the record is on the disk."""
-    scene = conditions.scene(run)
+def clean_up(run: Run, environment: RunEnvironment) -> None:
+    """Removes what only an unfinished run needs. Call it once the record is on disk."""
+    scene = environment.scene(run)
     _notes_path(scene).unlink(missing_ok=True)
-    if run.seed or run.equal_time or run.condition:  # the first seed's are for the timings of the training path
+    if run.seed or run.equal_time or run.condition:  # the timing pass loads the checkpoints of first seeds
         checkpoint_path(scene).unlink(missing_ok=True)
 
 
@@ -191,7 +202,7 @@ class _Notes:
 
     Args:
         scene: the run's ``.frog``.
-        settings: what the training depends on; notes of other settings are of no use.
+        settings: what the training depends on; notes with other settings are not used.
     """
 
     def __init__(self, scene: Path, settings: dict[str, Any]) -> None:
@@ -200,7 +211,7 @@ class _Notes:
         self.preparation_seconds: float | None = None
 
     def load(self) -> bool:
-        """Takes over an earlier, interrupted run's; False where there is nothing of the same settings."""
+        """Takes over the notes of an interrupted run; False where there are none with the same settings."""
         try:
             values = json.loads(self.path.read_text(encoding="utf-8"))
             if values["settings"] != self._settings:
@@ -216,7 +227,7 @@ class _Notes:
         write_atomically(self.path, json.dumps(values).encode())
 
     def add(self, seconds: float, step: int, psnr: float) -> None:
-        """A point, in place of those that a resumed training passes for a second time."""
+        """Adds a point and drops later ones: a resumed training passes some steps a second time."""
         self.curve = [point for point in self.curve if point[1] < step]
         self.curve.append([round(seconds, 3), step, round(psnr, 4)])
         self.save()
@@ -227,7 +238,7 @@ def _notes_path(scene: Path) -> Path:
 
 
 def _train(job: TrainingJob, notes: _Notes, advanced: Callable[[float], None], cancelled: Callable[[], bool]) -> Record:
-    """The training's own figures; from the checkpoint where there is one that fits."""
+    """The training's part of the record; resumes from a checkpoint with the same settings."""
     checkpoint = checkpoint_path(job.output)
     if checkpoint.is_file() and notes.load():
         try:
@@ -235,7 +246,7 @@ def _train(job: TrainingJob, notes: _Notes, advanced: Callable[[float], None], c
         except FrogError as error:
             if not str(error).startswith(str(checkpoint)):
                 raise
-            notes.curve, notes.preparation_seconds = [], None  # a damaged one is nothing to go on from
+            notes.curve, notes.preparation_seconds = [], None  # the checkpoint is damaged: start again
     return _follow(job, notes, advanced, cancelled)
 
 
@@ -275,18 +286,22 @@ _FIGURES = ("psnr", "psnr_moving", "psnr_bright", "ssim", "flip", "lpips", "shar
 
 
 def _measure(job: TrainingJob, light: float) -> Record:
-    """Figures of the written scene on the held-out images; None for what cannot be measured, "missing" says why.
+    """Metrics of the written scene on the held-out images.
 
-    Where the ``light`` of the scene is not 1, "psnr_bright" is the PSNR of images brightened by as much.
+    A metric that cannot be computed is None, and "missing" says why.
+
+    Args:
+        light: of the scene relative to the clean capture's. If it is not 1, "psnr_bright" is the PSNR after brightening
+            both images by its inverse.
     """
     capture, _ = prepare_capture(job.capture, job.scale, job.holdout_frames, job.pixel_offsets, job.opened)
     scene = ScenePlayer.load(job.output)
     capture = capture.with_cameras(scene.header.cameras)  # as training left their poses
-    measures, missing = perceptual_measures()
+    metrics, missing = perceptual_metrics()
     if light != 1:
-        measures = {**measures, "psnr_bright": partial(_bright_psnr, 1 / light)}
+        metrics = {**metrics, "psnr_bright": partial(_bright_psnr, 1 / light)}
     size = job.output.stat().st_size
-    found = evaluate(scene, capture, FrameStore.open(capture), measures=measures, file_bytes=size)
+    found = evaluate(scene, capture, FrameStore.open(capture), more_metrics=metrics, file_bytes=size)
     camera = capture.cameras[0]
     figures = {name: found.get(name) for name in _FIGURES}
     packed = len(scene_bytes(read_scene(job.output), compact=True))

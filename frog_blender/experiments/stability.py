@@ -1,4 +1,4 @@
-"""The stability suite: methods under the conditions in which they fail, and what came out, put together."""
+"""The stability suite: methods under conditions in which methods fail, and a summary of the results."""
 
 from __future__ import annotations
 
@@ -6,72 +6,60 @@ import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from ..engine.capture.readers import open_capture
 from ..engine.errors import FrogError
 from ..engine.training.methods import method_named
 from .corruptions.catalogue import BASES, CONDITIONS, Condition, condition_named
-from .grid import AUTO_ROW, Run, row_named
+from .grid import AUTO_ROW, CommonSettings, Run, row_named, with_seeds
 from .results import Record, finished
 
 METHODS = ("frog", AUTO_ROW, "ed3dgs", "static", "hexplane")
-"""Those that the suite compares, in the order of its tables: the paper's, its base, the baseline, one more rival."""
+"""The rows of the suite in the order of its tables: the paper's method, then the baselines."""
 WORSE_THAN_STATIC = 1.0
-"""Decibels under the static scene from which on a run counts as failed."""
+"""A run counts as failed if its PSNR is this much (dB) below the static scene's."""
 
 
 def stability_grid(
     captures: Mapping[str, Path],
+    common: CommonSettings | None = None,
     *,
     conditions: Sequence[str] = tuple(CONDITIONS),
     methods: Sequence[str] = METHODS,
-    recipe: str = "draft",
-    overrides: Mapping[str, Any] | None = None,
     frog_seeds: int = 5,
     seeds: int = 3,
-    steps: int | None = None,
     side: int | None = None,
 ) -> list[Run]:
-    """Runs under every condition whose capture is there: a first seed of everything, then the next.
+    """Runs under every condition whose capture is given: the first seed of everything, then the next.
 
     Args:
-        captures: folders by ``conditions.catalogue.BASES``.
+        captures: folders by ``corruptions.catalogue.BASES``.
+        common: what all runs share; a condition's own settings are added.
         frog_seeds, seeds: of FRoG and of each other method.
-        recipe, overrides, steps: the same for all.
         side: longest side of the images in pixels, where a capture's are larger.
 
     Raises:
         FrogError: for a condition, method or setting that does not exist.
     """
-    runs = []
+    common = common or CommonSettings()
     scales = {base: _scale(folder, side) for base, folder in captures.items()}
+    runs: list[Run] = []
     for condition in map(condition_named, conditions):
         if condition.base not in captures:
             continue
         folder = captures[condition.base]
-        for method in methods:
-            name, label, own = row_named(method)
-            settings = {**(overrides or {}), **condition.settings, **own}
-            run = Run(
-                folder.resolve().name,
-                str(folder),
-                name,
-                label,
-                recipe,
-                tuple(sorted(settings.items())),
-                steps=steps,
-                scale=scales[condition.base],
-                group="stability",
-                condition=condition.name,
-            )
-            run.settings()  # says what is mistaken now, not hours later
-            runs += [replace(run, seed=seed) for seed in range(frog_seeds if method == "frog" else seeds)]
+        scaled = replace(common, scale=scales[condition.base])
+        for row in methods:
+            method, label, own = row_named(row)
+            changes = {**condition.settings, **own}
+            first = scaled.run(folder.resolve().name, folder, method, label=label, **changes)
+            first = replace(first, group="stability", condition=condition.name)
+            runs += with_seeds(first, frog_seeds if row == "frog" else seeds)
     return sorted(runs, key=lambda run: run.seed)
 
 
 def _scale(folder: Path, side: int | None) -> float | None:
-    """The factor that brings a capture's images to that longest side, None where they are no larger."""
+    """The factor that reduces a capture's images to that longest side; None where they are not larger."""
     if side is None:
         return None
     longest = max(max(camera.width, camera.height) for camera in open_capture(folder).cameras)
@@ -79,7 +67,7 @@ def _scale(folder: Path, side: int | None) -> float | None:
 
 
 def without_captures(captures: Mapping[str, Path], conditions: Sequence[str]) -> list[str]:
-    """A sentence for each kind of capture that conditions need and that was not given."""
+    """A sentence for each capture that some conditions need and that was not given."""
     missing: dict[str, list[str]] = {}
     for condition in map(condition_named, conditions):
         if condition.base not in captures:
@@ -92,7 +80,7 @@ class Cell:
     """A method under a condition.
 
     Attributes:
-        psnr: of held-out images by seed, dB; brightened ones where the light was less.
+        psnr: of the held-out images in dB, by seed. Where the light was dimmed both images are brightened first.
         failures: a sentence for each run that failed.
     """
 
@@ -111,7 +99,7 @@ class Cell:
 
 @dataclass
 class Outcome:
-    """What a results file says: ``cells`` by (condition, label), ``labels`` in the order of the tables."""
+    """The results by cell: ``cells`` by (condition, label), ``labels`` in the order of the tables."""
 
     labels: list[str]
     cells: dict[tuple[str, str], Cell]
@@ -125,13 +113,13 @@ class Outcome:
         return self.cells.get((condition, label), Cell())
 
     def loss(self, condition: Condition, label: str) -> float | None:
-        """Median PSNR less that of the same method in the condition it is measured against; None without both."""
+        """Median PSNR minus that of the same method under the reference condition, dB; None without both."""
         here, there = self.cell(condition.name, label).median, self.cell(condition.against, label).median
         return None if here is None or there is None or not condition.against else here - there
 
 
 def outcome(records: Iterable[Record]) -> Outcome:
-    """Puts the last finished run of each key together, and those that failed.
+    """Gathers the last finished run of each key, and the failed runs.
 
     A run failed when it ended with an error, when its images have no finite PSNR, or when they are worse than the
     static scene's of the same condition by ``WORSE_THAN_STATIC``.

@@ -1,16 +1,16 @@
-"""Times of a method on a quiet machine: a training step, the deformation in training, and a finished scene played.
+"""Times of a method on a quiet machine: a training step, the deformation in training, playback of a finished scene.
 
-Everything is a median over many moments, no moment twice (players keep the last ones), after a warm-up; on a GPU the
-clock is read when the device has done its work.
+Each is a median over many frame times after a warm-up. No frame time occurs twice, because players cache recent ones.
+On a GPU the clock is read after the device has finished.
 """
 
 from __future__ import annotations
 
 import statistics
-import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from time import perf_counter
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,41 +18,60 @@ from ..engine.capture.camera import Camera
 from ..engine.memory import gc_frozen
 from ..engine.playback.player import ScenePlayer
 from ..engine.playback.render import draw
+from .results import Record
 
-MOMENTS, WARM_UP = 40, 5
+if TYPE_CHECKING:
+    from ..engine.model.interface import SceneModel
+    from ..engine.training.optimize.trainer import Trainer
+
+NUM_TIMES, WARM_UP = 40, 5
+"""Frame times that are measured, and those before them that are not."""
 _GOLDEN = 0.6180339887498949
 
 
-def moments(count: int, start: float = 0.5) -> list[float]:
-    """``count`` different times in [0, 1), spread evenly and in no order (multiples of the golden ratio)."""
+def spread_times(count: int, start: float = 0.5) -> list[float]:
+    """``count`` different times in [0, 1), evenly spread and unordered (multiples of the golden ratio)."""
     return [(start + i * _GOLDEN) % 1.0 for i in range(count)]
 
 
 def seconds_each(
-    work: Callable[[float], Any], times: Iterable[float], synchronize: Callable[[], None] = lambda: None
+    work: Callable[[float], object],
+    times: Iterable[float],
+    synchronize: Callable[[], None] = lambda: None,
+    clock: Callable[[], float] = perf_counter,
 ) -> list[float]:
-    """How long ``work(time)`` takes at each of the times; ``synchronize`` waits for a device."""
+    """Seconds that ``work(time)`` takes at each of the times.
+
+    Args:
+        synchronize: waits for the device.
+        clock: seconds since any start.
+    """
     result = []
-    for moment in times:
+    for time in times:
         synchronize()
-        started = time.perf_counter()
-        work(moment)
+        started = clock()
+        work(time)
         synchronize()
-        result.append(time.perf_counter() - started)
+        result.append(clock() - started)
     return result
 
 
-def time_playback(scene: ScenePlayer, camera: Camera, count: int | None = None) -> dict[str, Any]:
-    """Milliseconds a frame of ``deformation`` (``scene.at``), ``rasterization`` (``draw``) and both (``frame``), as
-    medians, and ``fps`` of both: the inference engine on the CPU."""
+def time_playback(scene: ScenePlayer, camera: Camera, count: int = NUM_TIMES) -> Record:
+    """Playback on the CPU.
+
+    "deformation_ms" is of ``scene.at``, "rasterization_ms" of ``draw``; "frame_ms" and "fps" are of both.
+
+    Args:
+        count: number of frame times; the milliseconds are medians over them.
+    """
     background = scene.header.background
     deformation, rasterization = [], []
-    for number, moment in enumerate(moments((count or MOMENTS) + WARM_UP)):
-        started = time.perf_counter()
-        gaussians = scene.at(moment)
-        deformed = time.perf_counter()
+    for number, time in enumerate(spread_times(count + WARM_UP)):
+        started = perf_counter()
+        gaussians = scene.at(time)
+        deformed = perf_counter()
         draw(gaussians, camera, background)
-        ended = time.perf_counter()
+        ended = perf_counter()
         if number >= WARM_UP:
             deformation.append(deformed - started)
             rasterization.append(ended - deformed)
@@ -68,13 +87,16 @@ def time_playback(scene: ScenePlayer, camera: Camera, count: int | None = None) 
 
 
 def time_training_path(
-    model: Any, camera: Camera, background: Sequence[float], count: int | None = None
-) -> dict[str, Any]:
-    """Milliseconds of ``model.deform`` as a training step calls it, ``forward`` alone and ``forward_backward``, and of
-    drawing its Gaussians without gradients (``rasterization``), on the model's device.
+    model: SceneModel, camera: Camera, background: Sequence[float], count: int = NUM_TIMES
+) -> Record:
+    """The deformation as a training step computes it, on the model's device.
+
+    "forward_ms" and "forward_backward_ms" are of ``model.deform``. "frame_ms" and "fps" are of the forward pass and
+    the rasterization of its Gaussians, without gradients.
 
     Args:
-        model: a ``SceneModel``.
+        background: RGB in [0, 1].
+        count: number of frame times; the milliseconds are medians over them.
     """
     import torch
 
@@ -85,24 +107,24 @@ def time_training_path(
     synchronize = torch.cuda.synchronize if device.type == "cuda" else lambda: None
     color = (float(background[0]), float(background[1]), float(background[2]))
 
-    def forward(moment: float) -> None:
-        model.deform(moment)
+    def forward(time: float) -> None:
+        model.deform(time)
 
-    def forward_backward(moment: float) -> None:
-        gaussians = model.deform(moment)[0]
+    def forward_backward(time: float) -> None:
+        gaussians = model.deform(time)[0]
         outputs = [getattr(gaussians, name) for name in ("means", "quaternions", "scales", "opacities", "sh")]
         outputs = [output for output in outputs if output.requires_grad]
         torch.autograd.backward(outputs, [torch.ones_like(output) for output in outputs])
         model.zero_grad(set_to_none=True)
 
-    def both(moment: float) -> None:
+    def frame(time: float) -> None:
         with torch.no_grad():
-            rasterize(model.deform(moment)[0], camera, color)
+            rasterize(model.deform(time)[0], camera, color)
 
-    times = moments((count or MOMENTS) + WARM_UP)
-    result: dict[str, Any] = {"gaussians": len(model.canonical), "device": device.type}
+    times = spread_times(count + WARM_UP)
+    result: Record = {"gaussians": len(model.canonical), "device": device.type}
     with torch_threads(1):  # as a training step
-        for name, work in (("forward", forward), ("forward_backward", forward_backward), ("frame", both)):
+        for name, work in (("forward", forward), ("forward_backward", forward_backward), ("frame", frame)):
             result[f"{name}_ms"] = 1e3 * statistics.median(seconds_each(work, times, synchronize)[WARM_UP:])
     result["fps"] = 1e3 / result["frame_ms"]
     return result
@@ -110,31 +132,37 @@ def time_training_path(
 
 @dataclass
 class StepTimes:
-    """Seconds of training steps: those of plain steps, and of steps at which Gaussians came or went."""
+    """Seconds of training steps: of plain steps, and of steps that added, removed or reordered Gaussians."""
 
     plain: list[float] = field(default_factory=list)
-    rounds: list[float] = field(default_factory=list)
+    reindexing: list[float] = field(default_factory=list)
 
-    def summary(self) -> dict[str, Any]:
-        """``step_ms`` and ``step_median_ms`` of plain steps, ``round_ms`` that a round adds; ``rounds``, ``steps``."""
+    def summary(self) -> Record:
+        """The part of a record on steps.
+
+        "steps" and "rounds" count all steps and the reindexing ones. "step_ms" (mean) and "step_median_ms" are of plain
+        steps, "round_ms" is what a reindexing step takes in addition.
+        """
         step = float(np.mean(self.plain)) if self.plain else float("nan")
         return {
-            "steps": len(self.plain) + len(self.rounds),
+            "steps": len(self.plain) + len(self.reindexing),
             "step_ms": 1e3 * step,
             "step_median_ms": 1e3 * statistics.median(self.plain) if self.plain else float("nan"),
-            "rounds": len(self.rounds),
-            "round_ms": 1e3 * (float(np.mean(self.rounds)) - step) if self.rounds else 0.0,
+            "rounds": len(self.reindexing),
+            "round_ms": 1e3 * (float(np.mean(self.reindexing)) - step) if self.reindexing else 0.0,
         }
 
     def training_seconds(self, steps: int) -> float:
-        """What a training of so many steps takes: the number of rounds does not depend on it."""
+        """Duration of a training of ``steps`` steps; the number of reindexing steps does not depend on it."""
         found = self.summary()
         return (steps * found["step_ms"] + found["rounds"] * found["round_ms"]) / 1e3
 
 
-def time_steps(trainer: Any) -> StepTimes:
-    """Takes a ``Trainer`` to its end. A short training passes through every schedule, growth included, so its mean step
-    is a long one's."""
+def time_steps(trainer: Trainer) -> StepTimes:
+    """Trains to the end.
+
+    Even a short training passes through every schedule, so that its mean step is that of a long one.
+    """
     times = StepTimes()
     with gc_frozen():  # as in a training
         while not trainer.finished:
@@ -145,6 +173,6 @@ def time_steps(trainer: Any) -> StepTimes:
             if trainer.step_count <= WARM_UP:
                 continue
             changed = trainer.count != count or trainer.neighbourhood is not neighbourhood
-            (times.rounds if changed else times.plain).append(seconds)
+            (times.reindexing if changed else times.plain).append(seconds)
     trainer.check()
     return times

@@ -1,6 +1,7 @@
-"""A process that does one run for ``execute.run_grid``: told what on its standard input, it answers in JSON lines.
+"""A process that does one run for ``execute.run_grid``.
 
-It stops, keeping what was learned, when its input ends: so does the process that started it, or that one was killed.
+It reads the task from standard input and answers in JSON lines.
+It saves a checkpoint and stops when its input ends: the process that started it closed it, or was killed.
 """
 
 from __future__ import annotations
@@ -16,25 +17,28 @@ from typing import TextIO
 from ..engine.errors import FrogError
 from .grid import Run
 from .results import finite
-from .runs import Conditions, Stopped, failure, perform
+from .runs import RunEnvironment, Stopped, failure, perform
 
 
 def serve(task: str, answer: TextIO, stopping: threading.Event) -> None:
-    """Does the run that ``task`` (a JSON object: run, folder, device, threads, dedicated, seconds) asks for.
+    """Does a run. Answers lines of {"share": ...} and a last one of {"record": ...} or {"stopped": true}.
 
-    Answers lines of {"share": ...} and at last one of {"record": ...} or {"stopped": true}.
+    Args:
+        task: a JSON object: run, folder, device, threads, dedicated, seconds.
+        answer: where the lines are written.
+        stopping: set to cancel the run.
     """
     wanted = json.loads(task)
     run = Run.from_json(wanted["run"])
-    conditions = Conditions(Path(wanted["folder"]), wanted["device"], wanted["threads"], wanted["dedicated"])
+    environment = RunEnvironment(Path(wanted["folder"]), wanted["device"], wanted["threads"], wanted["dedicated"])
 
     def say(**values: object) -> None:
-        with suppress(OSError):  # nobody listens any more: then it is about to be stopped, and must come to save
+        with suppress(OSError):  # nobody reads any more: it is about to be stopped, and must still save
             answer.write(json.dumps(finite(values), allow_nan=False) + "\n")
             answer.flush()
 
     try:
-        record = perform(run, conditions, wanted["seconds"], lambda share: say(share=share), stopping.is_set)
+        record = perform(run, environment, wanted["seconds"], lambda share: say(share=share), stopping.is_set)
         say(record=record)
     except Stopped:
         say(stopped=True)
@@ -44,7 +48,7 @@ def serve(task: str, answer: TextIO, stopping: threading.Event) -> None:
 
 def main() -> None:
     answer = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)  # whatever else is printed goes to the log
+    os.dup2(2, 1)  # anything else that is printed goes to the log
     task = sys.stdin.readline()
     stopping = threading.Event()
 
@@ -59,5 +63,5 @@ def main() -> None:
 if __name__ == "__main__":
     import signal
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; who started this decides
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole process group; the parent decides
     main()

@@ -9,7 +9,7 @@ import bpy
 from bpy.props import BoolProperty, FloatProperty, StringProperty
 
 from ..engine.errors import FrogError
-from ..engine.source_media.undistorted_clips import Straightening
+from ..engine.source_media.undistorted_clips import Undistortion
 from ..scene_import.camera_clips import OPACITY, add_clips, begin_undistortion, hide_clip, refresh_drivers
 from ..scene_import.capture_objects import active_capture, cameras_of, find_by_uid
 from .modal_operator import ModalOperator, has_window
@@ -113,7 +113,7 @@ undistorted copies are first written next to the scene file"""
             self.report({"INFO"}, self.finished_message())
         return {"FINISHED"}
 
-    def _write(self, films: Straightening, capture: int) -> Generator[int, None, None]:
+    def _write(self, films: Undistortion, capture: int) -> Generator[int, None, None]:
         """Write the clips, then show them if the capture still exists."""
         yield from films.steps
         obj = find_by_uid(bpy.data.objects, capture)

@@ -56,7 +56,7 @@ def draw_before(limits: Limits | None, gaussians: GaussianArrays, camera: Camera
     rows, columns = np.nonzero(limits.share < 1)
     if not rows.size:
         return drawing
-    box = slice(rows.min(), rows.max() + 1), slice(columns.min(), columns.max() + 1)
+    box = slice(int(rows.min()), int(rows.max()) + 1), slice(int(columns.min()), int(columns.max()) + 1)
     left, top, *_ = options.region_of(camera)
     part = limits.behind[box]
     region = (left + box[1].start, top + box[0].start, part.shape[1], part.shape[0])

@@ -17,7 +17,7 @@ import bpy
 from ..capture_files import named_file
 from ..engine.errors import FrogError
 from ..engine.source_media.clips import Clip, capture_folders, find_clips
-from ..engine.source_media.undistorted_clips import Straightening, straight_clips, straightening
+from ..engine.source_media.undistorted_clips import Undistortion, undistorted_clips, undistortion
 from ..timeline import playback
 from ..timeline.retiming import TIMING
 from .capture_objects import cameras_of, stored_path
@@ -51,7 +51,7 @@ def add_clips(
     path, header, folders = _sources(obj, folder)
     clips = next((found for each in folders if (found := find_clips(header, each))), {})
     if straight:
-        clips |= straight_clips(header, path)
+        clips |= undistorted_clips(header, path)
     shown = 0
     for camera in cameras_of(obj):
         clip = clips.get(camera.data.frog.capture_camera or camera.name)
@@ -72,7 +72,7 @@ def add_clips(
     return shown
 
 
-def begin_undistortion(obj: bpy.types.Object, folder: Path | None = None) -> Straightening | None:
+def begin_undistortion(obj: bpy.types.Object, folder: Path | None = None) -> Undistortion | None:
     """The undistorted clips that must be written for ``add_clips``; None if there are none, or no camera to show one.
 
     Raises:
@@ -84,7 +84,7 @@ def begin_undistortion(obj: bpy.types.Object, folder: Path | None = None) -> Str
     problem = None
     for each in filter(os.path.isdir, folders):  # False for invalid names
         try:
-            return straightening(header, path, each)
+            return undistortion(header, path, each)
         except FrogError as error:
             problem = problem or error
     if problem is not None:

@@ -41,7 +41,7 @@ class _Thinned:
                 if self.order is None:
                     self.order = ranking(scene)
                 kept = most_important(self.order, count)
-                self.scenes[count] = scene.only(kept), kept[kept < scene.moving]
+                self.scenes[count] = scene.subset(kept), kept[kept < scene.num_dynamic]
             self.scenes.move_to_end(count)
             while len(self.scenes) > _KEPT:
                 self.scenes.popitem(last=False)

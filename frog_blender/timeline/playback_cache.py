@@ -50,7 +50,7 @@ class SceneTime:
         """The time-dependent part at this time: cached, baked or computed, and cached from now on."""
         found = frames().find(self.key)
         if found is None:
-            found = self._baked() or self.scene.part_at(self.time)
+            found = self._baked() or self.scene.delta_at(self.time)
             frames().keep(self.key, found)
         return found
 

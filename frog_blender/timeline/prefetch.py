@@ -73,7 +73,7 @@ def times_after(scene: bpy.types.Scene, frame: float, step: float) -> list[Scene
         for each in _shown(scene, objects, stretched(scene, following)):
             if each.key in found or not each.scene.changing:
                 continue
-            room -= each.scene.part_bytes
+            room -= each.scene.delta_bytes
             if room < 0:
                 return list(found.values())
             found[each.key] = each

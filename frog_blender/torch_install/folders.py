@@ -18,7 +18,7 @@ from functools import cache
 from pathlib import Path
 from typing import BinaryIO
 
-from ..engine.capture.sharing import only_here, shared_file
+from ..engine.capture.sharing import lock_exclusively, open_shared
 
 _POINTER = ".current"
 
@@ -37,7 +37,7 @@ def hold() -> None:
 @cache
 def _held(path: str) -> BinaryIO:
     """A file that stays open, and so in use, until this process ends; OSError if it cannot be opened."""
-    file = shared_file(Path(path))
+    file = open_shared(Path(path))
     if file is None:
         raise OSError(path)
     return file
@@ -123,11 +123,11 @@ def _is_held(folder: Path) -> bool:
     """Whether any process uses the torch in a folder."""
     if not has_torch(folder):
         return False
-    file = shared_file(_torch_in(folder))
+    file = open_shared(_torch_in(folder))
     if file is None:
         return True
     with file:
-        return not only_here(file)
+        return not lock_exclusively(file)
 
 
 def switch_to(partial: Path, folder: Path) -> Path:

@@ -90,7 +90,7 @@ class TrainingTask:
         else:
             self._events.put(Ended(""))
         finally:
-            memory.give_back()
+            memory.trim_heap()
 
     def pump(self, most: int = PUMP_EVENTS) -> int:
         """Apply waiting events to ``state``: at most ``most``, for at most about PUMP_SECONDS.  Returns how many."""

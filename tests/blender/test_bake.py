@@ -43,14 +43,14 @@ def leftovers(folder):
 def computed(monkeypatch):
     """The times that the network is asked for from now on."""
     times = []
-    part_at, at = ScenePlayer.part_at, ScenePlayer.at
+    delta_at, at = ScenePlayer.delta_at, ScenePlayer.at
 
     def noting_at(self, time, part=None):
         if part is None:
             times.append(time)
         return at(self, time, part)
 
-    monkeypatch.setattr(ScenePlayer, "part_at", lambda self, time: times.append(time) or part_at(self, time))
+    monkeypatch.setattr(ScenePlayer, "delta_at", lambda self, time: times.append(time) or delta_at(self, time))
     monkeypatch.setattr(ScenePlayer, "at", noting_at)
     return times
 
@@ -200,7 +200,7 @@ def test_a_bake_that_does_not_end_well_leaves_the_one_before(empty, capture, sta
         def full(self, time):
             raise OSError(28, "No space left on device")
 
-        monkeypatch.setattr(ScenePlayer, "part_at", full)
+        monkeypatch.setattr(ScenePlayer, "delta_at", full)
         with pytest.raises(FrogError, match="No space left"):
             list(work.steps)
         monkeypatch.undo()
@@ -279,7 +279,7 @@ def test_write_bake_says_when_the_disk_is_too_small(empty, static_rig, monkeypat
     assert list(write_bake(path, static_rig, scene, [0.0, 1.0])) == [0, 1, 2]
     found = Bake(path, static_rig, scene)
     assert found.find(0.5) is None
-    for name, column in scene.part_at(1.0).columns.items():
+    for name, column in scene.delta_at(1.0).columns.items():
         np.testing.assert_array_equal(found.find(1.0).columns[name], column)
     found.close()
     assert found.find(0.0) is None and "cannot be read" in found.problem
@@ -305,7 +305,7 @@ def test_a_thinned_capture_takes_its_share_of_the_bake(empty, tmp_path, computed
     whole, fewer = playback.scene_time(capture, 1.0).scene, playback.displayed(capture, 1.0).scene
     kept = most_important(ranking(whole), round(60 * share / 100))
     expected = {frame: whole.at_frame(frame - 1) for frame in (4, 9)}
-    assert fewer.count == len(kept) and fewer.moving == (kept < moving).sum() > 0
+    assert fewer.count == len(kept) and fewer.num_dynamic == (kept < moving).sum() > 0
     assert not np.array_equal(expected[4].means[kept], expected[9].means[kept])
     bpy.ops.frog.bake()
     playback_cache.clear()
@@ -319,14 +319,14 @@ def test_a_thinned_capture_takes_its_share_of_the_bake(empty, tmp_path, computed
         np.testing.assert_array_equal(shown["radiance:base"][:, 3], gaussians.opacities[kept])
     assert computed == []
     kept_frames = playback_cache.frames()
-    assert kept_frames.bytes == len(kept_frames) * fewer.part_bytes, "no more is kept than shown"
+    assert kept_frames.bytes == len(kept_frames) * fewer.delta_bytes, "no more is kept than shown"
 
 
 def test_what_is_thinned_to_nothing_that_moves_stands(empty, tmp_path):
     capture = of_which_move(tmp_path / "part.frog", 1)
     bpy.ops.frog.bake()
     capture.frog.density = 50
-    assert playback.displayed(capture, 1.0).scene.moving == 0
+    assert playback.displayed(capture, 1.0).scene.num_dynamic == 0
     shown = point_cloud.read(capture)["position"]
     empty.frame_set(8)
     np.testing.assert_array_equal(point_cloud.read(capture)["position"], shown)

@@ -73,8 +73,8 @@ def test_from_all_to_one_and_back(empty, capture):
 def test_what_is_left_out_is_not_computed(empty, capture, monkeypatch):
     capture.frog.density = 10
     computed = []
-    real = ScenePlayer.part_at
-    monkeypatch.setattr(ScenePlayer, "part_at", lambda self, time: computed.append(self.count) or real(self, time))
+    real = ScenePlayer.delta_at
+    monkeypatch.setattr(ScenePlayer, "delta_at", lambda self, time: computed.append(self.count) or real(self, time))
     empty.frame_set(5, subframe=0.3)
     assert computed and set(computed) == {40}
 

@@ -55,8 +55,8 @@ def test_frames_ahead_are_computed_in_another_thread_and_shown_as_they_are(empty
     assert playback_cache.worker().wait(20.0) and len(threads()) == 1
     assert len(playback_cache.frames()) == 10
     by_main_thread = []
-    compute = ScenePlayer.part_at
-    monkeypatch.setattr(ScenePlayer, "part_at", lambda *a: by_main_thread.append(a) or compute(*a))
+    compute = ScenePlayer.delta_at
+    monkeypatch.setattr(ScenePlayer, "delta_at", lambda *a: by_main_thread.append(a) or compute(*a))
     for frame in (7, 2, 10, 3):
         empty.frame_set(frame)
         shows(capture, static_rig, frame - 1.0)
@@ -130,7 +130,7 @@ def test_a_training_leaves_the_thread_little_to_do(empty, capture):
 
 
 def test_memory_is_bounded_and_said(empty, capture, static_rig):
-    size = playback.open_scene(static_rig).part_bytes
+    size = playback.open_scene(static_rig).delta_bytes
     playback_cache.clear()
     playback_cache.frames().limit = 4 * size
     empty.frame_set(1)
@@ -180,7 +180,7 @@ def test_the_thread_survives_what_cannot_be_computed(empty, capture, static_rig,
     def broken(self, time):
         raise MemoryError("none left")
 
-    monkeypatch.setattr(ScenePlayer, "part_at", broken)
+    monkeypatch.setattr(ScenePlayer, "delta_at", broken)
     prefetch.prefetch(empty)
     assert playback_cache.worker().wait(20.0)
     assert "MemoryError: none left" in capfd.readouterr().err

@@ -17,14 +17,14 @@ import pytest
 from support import synthetic_capture as film
 from support.builders import scene_file
 
-from frog_blender.cli import progress, view_commands
-from frog_blender.cli.actions import parse_frames
+from frog_blender.cli import info_command, progress
+from frog_blender.cli.arguments import frames_of
 from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw, to_uint8
 from frog_blender.engine.scene.scene_file import read_scene, write_scene
-from frog_blender.engine.training.session import job, loop
+from frog_blender.engine.training.session import run as training_run
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -47,7 +47,7 @@ def trained(filmed: Path, cache_folder: Path, tmp_path_factory: pytest.TempPathF
     path = tmp_path_factory.mktemp("trained") / "x.frog"
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("FROG_CACHE", str(cache_folder))
-        patch.setattr(job, "stored_seeds", partial(find_few_seeds, job.stored_seeds))
+        patch.setattr(training_run, "stored_seeds", partial(find_few_seeds, training_run.stored_seeds))
         options = ["--out", str(path), "--recipe", "draft", "--steps", "30", "--seed", "1"]
         assert main(["train", str(filmed), *options]) == 0
     return path
@@ -120,7 +120,7 @@ def test_train_wrote_what_it_was_asked_for(trained: Path) -> None:
 
 @pytest.fixture
 def free_seeds(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(job, "stored_seeds", lambda *_, **__: film.seeds())
+    monkeypatch.setattr(training_run, "stored_seeds", lambda *_, **__: film.seeds())
 
 
 def test_train_says_how_it_went_and_resumes(run: Run, filmed: Path, tmp_path: Path, free_seeds: None) -> None:
@@ -143,7 +143,7 @@ def test_train_says_how_it_went_and_resumes(run: Run, filmed: Path, tmp_path: Pa
     status, out, _ = run(*options, "--steps", "9", "--method", "static", "--resume")
     assert status == 0 and "9 steps" in out
     status, out, err = run(*options, "--steps", "12", "--resume")  # another method: the one that it began with stays
-    assert status == 0 and "12 steps" in out and "goes on as it began: method static, recipe draft" in out + err
+    assert status == 0 and "12 steps" in out and "original settings: method static, recipe draft" in out + err
     assert read_scene(tmp_path / "y.frog").header.method == "static"
 
 
@@ -152,7 +152,7 @@ def test_a_resume_says_which_options_it_leaves_aside(run: Run, filmed: Path, tmp
     began = ("--recipe", "draft", "--seed", "5", "--max-gaussians", "310", "--pixel-offset", "cam01=1,0")
     assert run(*options, *began, "--steps", "4")[0] == 0
     status, _, err = run(*options, *began, "--steps", "5", "--resume", "--device", "cpu", "--save-every", "9")
-    assert status == 0 and "left aside" not in err and "as it began" not in err
+    assert status == 0 and "ignored" not in err and "original settings" not in err
     other = {
         "--seed": ["0"],  # which it would be by itself
         "--scale": ["0.5"],
@@ -164,9 +164,9 @@ def test_a_resume_says_which_options_it_leaves_aside(run: Run, filmed: Path, tmp
     }
     asked = [word for option, values in other.items() for word in (option, *values)]
     status, _, err = run(*options, "--recipe", "draft", *asked, "--steps", "6", "--resume")
-    (said,) = [line for line in err.splitlines() if "left aside" in line]
-    assert status == 0 and "The training goes on as it began: method frog, recipe draft, capacity auto; left" in said
-    assert set(said.split("left aside: ")[1].rstrip(".").split(", ")) == set(other)
+    (said,) = [line for line in err.splitlines() if "ignored" in line]
+    assert status == 0 and "Resuming with the original settings: method frog, recipe draft, capacity auto; ign" in said
+    assert set(said.split("ignored: ")[1].rstrip(".").split(", ")) == set(other)
     header = read_scene(tmp_path / "y.frog").header
     assert (header.scale, header.test_frames, header.steps) == (1.0, (), 6)
 
@@ -183,7 +183,6 @@ def test_one_bar_for_each_kind_of_work(
             super().__init__(*arguments, **options)
 
     monkeypatch.setattr(progress, "tqdm", Watched)
-    monkeypatch.setattr(loop, "_EVENT_SECONDS", 0.0)
     monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
     assert run("train", filmed, "--out", tmp_path / "y.frog", "--recipe", "draft", "--steps", "12")[0] == 0
     assert made == ["Decoding frames", "Training"]
@@ -206,9 +205,9 @@ def test_info_about_a_scene(run: Run, trained: Path) -> None:
     assert (report["method"], report["frames"], report["bytes"]) == ("frog", 6, trained.stat().st_size)
     assert "30 steps" in report["training"] and "cam03" in report["cameras"]
     scene = ScenePlayer.load(trained)
-    assert (report["gaussians"], report["dynamic"]) == (scene.count, scene.moving)
+    assert (report["gaussians"], report["dynamic"]) == (scene.count, scene.num_dynamic)
     assert set(report["heads"]) <= {"means", "log_scales", "quaternions", "opacity_logits", "sh"}
-    assert bool(report["heads"]) == bool(scene.moving)  # thirty steps may have taught no motion that shows
+    assert bool(report["heads"]) == bool(scene.num_dynamic)  # thirty steps may have taught no motion that shows
     assert report["sh_degree"] in (0, 1) and any("packed" in line for line in report["reductions"])
     status, out, _ = run("info", trained)
     assert status == 0 and "costs" in out
@@ -275,13 +274,13 @@ def test_the_path_of_a_moving_camera_is_that_of_its_training_images(run: Run, tm
 
 
 def test_frames() -> None:
-    assert parse_frames(None, 10) == range(10)
-    assert parse_frames("2:5", 10) == range(2, 5)
-    assert parse_frames(":3", 10) == range(3) and parse_frames("7:", 10) == range(7, 10)
-    assert parse_frames(":", 4) == range(4)
+    assert frames_of(None, 10) == range(10)
+    assert frames_of("2:5", 10) == range(2, 5)
+    assert frames_of(":3", 10) == range(3) and frames_of("7:", 10) == range(7, 10)
+    assert frames_of(":", 4) == range(4)
     for text in ("5", "a:b", "3:3", "5:2", "0:11", "-1:4", "1:2:3"):
         with pytest.raises(FrogError, match="--frames"):
-            parse_frames(text, 10)
+            frames_of(text, 10)
 
 
 def test_missing_files(run: Run, trained: Path, filmed: Path, tmp_path: Path) -> None:
@@ -302,10 +301,10 @@ def test_what_the_system_refuses(run: Run, tmp_path: Path, monkeypatch: pytest.M
     refused(run("info", tmp_path / ("x" * 300)), "could not be read", "too long")
     refused(run("info", tmp_path / ("x" * 300 + ".frog")), "too long")
 
-    def refuse(_: object) -> int:
+    def refuse(*_: object, **__: object) -> None:
         raise PermissionError(13, "Permission denied", "secret")
 
-    monkeypatch.setattr(view_commands, "_info", refuse)
+    monkeypatch.setattr(info_command, "open_capture", refuse)
     refused(run("info", tmp_path), "secret: the file or folder could not be used (Permission denied)")
 
 

@@ -19,7 +19,7 @@ from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.training.optimize.trainer import Trainer
-from frog_blender.engine.training.session import job
+from frog_blender.engine.training.session import run as training_run
 
 
 def looking_at_origin(name: str, center: tuple[float, float, float]) -> Camera:
@@ -70,7 +70,7 @@ def test_a_demo_that_is_cancelled_keeps_what_was_learned(filmed, own_cache, tmp_
             signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr(Trainer, "step", interrupted)
-    monkeypatch.setattr(job, "stored_seeds", lambda *_, **__: film.seeds())
+    monkeypatch.setattr(training_run, "stored_seeds", lambda *_, **__: film.seeds())
     monkeypatch.setattr(demo, "demo_capture", lambda name: demo_captures.DemoCapture(filmed, seconds=600.0))
     scene = tmp_path / "scene.frog"
     with pytest.raises(FrogError, match=r"frog train .* --resume goes on with its training\.$") as caught:
@@ -79,7 +79,7 @@ def test_a_demo_that_is_cancelled_keeps_what_was_learned(filmed, own_cache, tmp_
     assert left == steps[-1] < 20
     monkeypatch.undo()
     monkeypatch.setenv("FROG_CACHE", str(own_cache))
-    monkeypatch.setattr(job, "stored_seeds", lambda *_, **__: film.seeds())
+    monkeypatch.setattr(training_run, "stored_seeds", lambda *_, **__: film.seeds())
     command = str(caught.value).split("; frog ")[1].split(" goes on")[0].split()
     assert main([*command, "--steps", str(left + 3)]) == 0
     assert ScenePlayer.load(scene).header.steps == left + 3

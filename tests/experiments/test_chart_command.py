@@ -13,7 +13,7 @@ from support import synthetic_capture as film
 from frog_blender.cli.main import main
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.training.session import job
+from frog_blender.engine.training.session import run as training_run
 from frog_blender.experiments import execute, protocols, timing, timing_pass
 from frog_blender.experiments.results import read
 
@@ -22,7 +22,7 @@ Chart = Callable[..., tuple[int, str, str]]
 
 @pytest.fixture
 def chart(own_cache: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Chart:
-    for module in (job, timing_pass):
+    for module in (training_run, timing_pass):
         monkeypatch.setattr(module, "stored_seeds", lambda *_, **__: film.seeds())
     monkeypatch.setattr(timing, "MOMENTS", 3)
 

@@ -13,72 +13,78 @@ from typing import Any
 import pytest
 from support import synthetic_capture as film
 
+from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.scene.scene_file import read_scene
-from frog_blender.engine.training.session import job
-from frog_blender.experiments import execute, runs, worker
-from frog_blender.experiments.execute import Progress, run_grid, seconds_left
-from frog_blender.experiments.grid import Run, chart_grid
+from frog_blender.engine.training.session import run as training_run
+from frog_blender.experiments import runs, worker
+from frog_blender.experiments.execute import GridCallbacks, Progress, run_grid, seconds_left
+from frog_blender.experiments.grid import CommonSettings, Run, SeedCounts, chart_grid
 from frog_blender.experiments.results import Record, append, read
-from frog_blender.experiments.runs import Conditions, Stopped, failure, identity, is_done, perform, settings_of
-
-Done = list[Run]
+from frog_blender.experiments.runs import RunEnvironment, Stopped, failure, identity, is_done, perform, settings_of
 
 
-def stub_record(run: Run, conditions: Conditions, seconds: float | None = None, **changes: Any) -> Record:
+def stub_record(run: Run, environment: RunEnvironment, seconds: float | None = None, **changes: Any) -> Record:
     figures = {"train_seconds": 10.0, "wall_seconds": 12.0, "psnr": 30.0, "gaussians": 5, "steps": 100}
-    made = {"threads": conditions.threads, "dedicated": conditions.dedicated, "seconds_limit": seconds}
+    made = {"threads": environment.threads, "dedicated": environment.dedicated, "seconds_limit": seconds}
     return {"kind": "run", **identity(run), "recipe": settings_of(run), **figures, **made, **changes}
 
 
-@pytest.fixture
-def performed(monkeypatch: pytest.MonkeyPatch) -> Done:
-    """``perform`` replaced by a note of what it was asked for."""
-    done: Done = []
+class Performed(list[Run]):
+    """Takes the place of ``perform``: keeps the runs that it was asked for and answers with records."""
 
-    def note(
-        run: Run, conditions: Conditions, seconds: float | None, advanced: Callable, cancelled: Callable
+    def __call__(
+        self,
+        run: Run,
+        environment: RunEnvironment,
+        seconds: float | None,
+        advanced: Callable[[float], None],
+        cancelled: Callable[[], bool],
     ) -> Record:
-        done.append(run)
+        self.append(run)
         advanced(0.5)
-        return stub_record(run, conditions, seconds, train_seconds=10.0 + run.seed)
-
-    monkeypatch.setattr(execute, "perform", note)
-    return done
+        return stub_record(run, environment, seconds, train_seconds=10.0 + run.seed)
 
 
-def grid(**changes: Any) -> list[Run]:
-    options = {"methods": ["frog", "static"], "seeds": 2, "other_seeds": 1, **changes}
-    return chart_grid({"room": Path("/nowhere/room")}, **options)
+@pytest.fixture
+def performed() -> Performed:
+    return Performed()
 
 
-def test_finished_runs_are_skipped_and_a_cut_off_line_is_done_again(tmp_path: Path, performed: Done) -> None:
-    conditions = Conditions(tmp_path)
+def grid(seeds: int = 2, ablation_seeds: int | None = None, **changes: Any) -> list[Run]:
+    options = {"methods": ["frog", "static"], **changes}
+    counts = SeedCounts(seeds, 1, ablation_seeds)
+    return chart_grid({"room": Path("/nowhere/room")}, CommonSettings(), counts, **options)
+
+
+def test_finished_runs_are_skipped_and_a_cut_off_line_is_done_again(tmp_path: Path, performed: Performed) -> None:
+    environment = RunEnvironment(tmp_path)
     wanted = grid()
-    run_grid(wanted, conditions)
+    run_grid(wanted, environment, callbacks=GridCallbacks(perform=performed))
     assert performed == wanted
-    lines = conditions.results.read_bytes().splitlines(keepends=True)
-    conditions.results.write_bytes(b"".join(lines[:-1]) + lines[-1][:40])  # killed while it wrote
+    lines = environment.results.read_bytes().splitlines(keepends=True)
+    environment.results.write_bytes(b"".join(lines[:-1]) + lines[-1][:40])  # killed while it wrote
     performed.clear()
-    progress = run_grid(wanted, conditions)
+    progress = run_grid(wanted, environment, callbacks=GridCallbacks(perform=performed))
     assert performed == wanted[-1:] and (progress.done, progress.failed) == (3, 0)
-    assert [record["key"] for record in read(conditions.results)] == [run.key for run in wanted]
+    assert [record["key"] for record in read(environment.results)] == [run.key for run in wanted]
     performed.clear()
-    run_grid(wanted, conditions)
+    run_grid(wanted, environment, callbacks=GridCallbacks(perform=performed))
     assert performed == []
 
 
-def test_a_larger_grid_does_only_what_is_new(tmp_path: Path, performed: Done) -> None:
-    run_grid(grid(seeds=1), Conditions(tmp_path))
+def test_a_larger_grid_does_only_what_is_new(tmp_path: Path, performed: Performed) -> None:
+    callbacks = GridCallbacks(perform=performed)
+    run_grid(grid(seeds=1), RunEnvironment(tmp_path), callbacks=callbacks)
     performed.clear()
-    run_grid(grid(ablation=("opacity",), ablation_seeds=1), Conditions(tmp_path))
+    run_grid(grid(ablation_seeds=1, ablation=("opacity",)), RunEnvironment(tmp_path), callbacks=callbacks)
     assert {run.label for run in performed} == {"FRoG", "opacity: off", "opacity: paper"}
     assert [run.seed for run in performed if run.label == "FRoG"] == [1]
 
 
 def test_a_run_of_other_settings_is_not_done(tmp_path: Path) -> None:
-    run, conditions = grid()[0], Conditions(tmp_path)
-    record = stub_record(run, conditions)
+    run, environment = grid()[0], RunEnvironment(tmp_path)
+    record = stub_record(run, environment)
     assert is_done(run, [record]) and not is_done(run, []) and not is_done(run, [failure(run, "no")])
     older = {**record, "recipe": {**record["recipe"], "network_rate": 0.5}}
     assert not is_done(run, [older]), "the recipe was changed since"
@@ -86,57 +92,51 @@ def test_a_run_of_other_settings_is_not_done(tmp_path: Path) -> None:
     assert is_done(run, [{**record, "recipe": {**fewer, "forgotten": 1}}]), "settings that came or went decide nothing"
 
 
-def test_a_run_that_fails_is_written_down_and_the_next_begins(
-    tmp_path: Path, performed: Done, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    note = execute.perform
-
+def test_a_run_that_fails_is_written_down_and_the_next_begins(tmp_path: Path, performed: Performed) -> None:
     def sometimes(run: Run, *arguments: Any) -> Record:
         if run.seed == 1:
             raise FrogError("/nowhere/room/cam03.mp4: found no file.")
         if run.method == "static":
             raise MemoryError
-        return note(run, *arguments)
+        return performed(run, *arguments)
 
-    monkeypatch.setattr(execute, "perform", sometimes)
-    wanted, conditions = grid(), Conditions(tmp_path)
-    progress = run_grid(wanted, conditions)
+    wanted, environment = grid(), RunEnvironment(tmp_path)
+    progress = run_grid(wanted, environment, callbacks=GridCallbacks(perform=sometimes))
     assert (progress.done, progress.failed) == (1, 2)
-    failed = [record for record in read(conditions.results) if record["kind"] == "failed"]
+    failed = [record for record in read(environment.results) if record["kind"] == "failed"]
     assert [record["error"] for record in failed] == ["MemoryError", "room/cam03.mp4: found no file."]
-    monkeypatch.setattr(execute, "perform", note)
     performed.clear()
-    assert run_grid(wanted, conditions).done == 3
+    assert run_grid(wanted, environment, callbacks=GridCallbacks(perform=performed)).done == 3
     assert len(performed) == 2, "what failed is tried again next time"
 
 
-def test_runs_at_equal_time_get_frogs_seconds(tmp_path: Path, performed: Done) -> None:
-    conditions = Conditions(tmp_path)
-    run_grid(grid(equal_time=True, seeds=3), conditions)
-    timed = [record for record in read(conditions.results) if record["equal_time"]]
+def test_runs_at_equal_time_get_frogs_seconds(tmp_path: Path, performed: Performed) -> None:
+    environment = RunEnvironment(tmp_path)
+    run_grid(grid(equal_time=True, seeds=3), environment, callbacks=GridCallbacks(perform=performed))
+    timed = [record for record in read(environment.results) if record["equal_time"]]
     assert [(record["method"], record["seconds_limit"]) for record in timed] == [("static", 11.0)]
     alone = [run for run in grid(equal_time=True) if run.equal_time]
     (tmp_path / "other").mkdir()
-    assert run_grid(alone, Conditions(tmp_path / "other")).failed == 1
+    assert run_grid(alone, RunEnvironment(tmp_path / "other")).failed == 1
     assert "FRoG" in read(tmp_path / "other" / "runs.jsonl")[0]["error"]
 
 
-def test_stopping_leaves_the_rest_for_next_time(tmp_path: Path, performed: Done) -> None:
-    wanted, conditions = grid(), Conditions(tmp_path)
+def test_stopping_leaves_the_rest_for_next_time(tmp_path: Path, performed: Performed) -> None:
+    wanted, environment = grid(), RunEnvironment(tmp_path)
     with pytest.raises(Stopped):
-        run_grid(wanted, conditions, cancelled=lambda: len(performed) == 2)
+        run_grid(wanted, environment, callbacks=GridCallbacks(cancelled=lambda: len(performed) == 2, perform=performed))
     assert performed == wanted[:2]
-    run_grid(wanted, conditions)
+    run_grid(wanted, environment, callbacks=GridCallbacks(perform=performed))
     assert performed == wanted
 
 
-def test_progress_is_told(tmp_path: Path, performed: Done) -> None:
+def test_progress_is_told(tmp_path: Path, performed: Performed) -> None:
     told: list[tuple[int, float, float | None]] = []
 
     def note(progress: Progress) -> None:
         told.append((progress.done, sum(progress.shares.values()), progress.seconds_left))
 
-    run_grid(grid(), Conditions(tmp_path), told=note)
+    run_grid(grid(), RunEnvironment(tmp_path), callbacks=GridCallbacks(note, perform=performed))
     assert told[0] == (0, 0, None) and told[-1] == (3, 0, 0)
     assert (1, 0.5, pytest.approx(18.0)) in told, "half a run and a whole one of twelve seconds"
 
@@ -159,7 +159,7 @@ def test_time_left_looks_at_the_most_similar_runs() -> None:
 
 @pytest.fixture
 def quick_seeds(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(job, "stored_seeds", lambda *_, **__: film.seeds())
+    monkeypatch.setattr(training_run, "stored_seeds", lambda *_, **__: film.seeds())
 
 
 def filmed_run(filmed: Path, **changes: Any) -> Run:
@@ -167,14 +167,14 @@ def filmed_run(filmed: Path, **changes: Any) -> Run:
 
 
 def test_a_record_says_everything(filmed: Path, tmp_path: Path, quick_seeds: None) -> None:
-    conditions, run = Conditions(tmp_path, threads=1), filmed_run(filmed)
+    environment, run = RunEnvironment(tmp_path, threads=1), filmed_run(filmed)
     shares: list[float] = []
-    record = perform(run, conditions, None, shares.append)
-    append(conditions.results, record)
-    assert is_done(run, read(conditions.results))
+    record = perform(run, environment, None, shares.append)
+    append(environment.results, record)
+    assert is_done(run, read(environment.results))
     assert (record["key"], record["seed"], record["steps"], record["threads"]) == (run.key, 0, 20, 1)
     assert record["recipe"]["fusion"] == "product" and record["recipe"]["name"] == "draft"
-    assert record["bytes"] == conditions.scene(run).stat().st_size
+    assert record["bytes"] == environment.scene(run).stat().st_size
     assert 8 < record["psnr"] < 60 and 0 < record["ssim"] < 1 and record["psnr_moving"] > 0
     assert len(record["curve"]) == 10 and record["curve"][-1][1] == 20
     assert record["curve"][-1][2] == pytest.approx(record["psnr"], abs=0.05)
@@ -184,55 +184,52 @@ def test_a_record_says_everything(filmed: Path, tmp_path: Path, quick_seeds: Non
     assert shares[-1] == 1.0 and str(filmed) not in json.dumps(record)
 
 
-def test_a_killed_training_goes_on(filmed: Path, tmp_path: Path, quick_seeds: None, monkeypatch: Any) -> None:
-    conditions, run = Conditions(tmp_path), filmed_run(filmed, steps=40)
-    train = runs.run_training  # with a checkpoint after every step
-    monkeypatch.setattr(runs, "run_training", lambda job, stop: train(replace(job, save_seconds=0.0), stop))
-    take = job.Trainer.step
+def test_a_killed_training_goes_on(filmed: Path, tmp_path: Path, quick_seeds: None) -> None:
+    environment = RunEnvironment(tmp_path, save_seconds=0.0)  # a checkpoint after every step
+    run = filmed_run(filmed, steps=40)
+    asked = 0
 
-    def killed(trainer: job.Trainer) -> None:
-        if trainer.step_count == 25:
+    def killed() -> bool:
+        nonlocal asked
+        asked += 1
+        if asked == 26:
             raise KeyboardInterrupt
-        take(trainer)
+        return False
 
-    monkeypatch.setattr(job.Trainer, "step", killed)
     with pytest.raises(KeyboardInterrupt):
-        perform(run, conditions)
-    steps: list[int] = []
-    monkeypatch.setattr(job.Trainer, "step", lambda trainer: (steps.append(trainer.step_count), take(trainer)))
-    record = perform(run, conditions)
-    assert steps[0] == 25 and record["steps"] == 40
-    assert [point[1] for point in record["curve"]] == [4 * i for i in range(1, 11)], "the curve's beginning was kept"
+        perform(run, environment, cancelled=killed)
+    curve = json.loads(Path(f"{environment.scene(run)}.curve").read_text())["curve"]
+    record = perform(run, environment)
+    assert record["steps"] == 40 and 0 < len(curve) < len(record["curve"])
+    assert record["curve"][: len(curve)] == curve, "the curve's beginning was kept, times included"
+    assert [point[1] for point in record["curve"]] == [4 * i for i in range(1, 11)]
 
 
-def test_a_checkpoint_of_other_settings_is_not_used(
-    filmed: Path, tmp_path: Path, quick_seeds: None, monkeypatch: Any
-) -> None:
-    conditions, run = Conditions(tmp_path), filmed_run(filmed)
-    perform(run, conditions)
-    steps: list[int] = []
-    take = job.Trainer.step
-    monkeypatch.setattr(job.Trainer, "step", lambda trainer: (steps.append(trainer.step_count), take(trainer)))
-    monkeypatch.setattr(runs, "settings_of", lambda _: {"network_rate": 7.0})  # as if the recipe had been changed
-    perform(run, conditions)
-    assert steps[0] == 0 and len(steps) == 20
-    runs.clean_up(run, conditions)
-    assert sorted(path.name for path in conditions.scene(run).parent.iterdir()) == [
+def test_a_checkpoint_of_other_settings_is_not_used(filmed: Path, tmp_path: Path, quick_seeds: None) -> None:
+    environment, run = RunEnvironment(tmp_path), filmed_run(filmed)
+    first = perform(run, environment)
+    assert perform(run, environment)["curve"] == first["curve"], "it went on at its end"
+    notes = Path(f"{environment.scene(run)}.curve")
+    values = json.loads(notes.read_text())
+    values["settings"]["recipe"]["network_rate"] = 7.0  # as if the recipe had been changed since
+    notes.write_text(json.dumps(values))
+    again = perform(run, environment)
+    assert again["steps"] == 20 and again["curve"] != first["curve"], "trained anew, at other times of the clock"
+    runs.clean_up(run, environment)
+    assert sorted(path.name for path in environment.scene(run).parent.iterdir()) == [
         f"{run.key}.frog",
         f"{run.key}.frog.checkpoint",
     ], "the first seed's checkpoint stays for the timings"
-    runs.clean_up(replace(run, seed=1), conditions)
+    runs.clean_up(replace(run, seed=1), environment)
 
 
-def test_an_opened_capture_is_trained_on(filmed: Path, tmp_path: Path, quick_seeds: None, monkeypatch: Any) -> None:
-    from frog_blender.engine.capture.readers import open_capture
-
-    capture = replace(open_capture(filmed), test_cameras=frozenset({"cam03"}))
-    monkeypatch.setattr(Run, "opened", lambda self: capture)
-    run = filmed_run(filmed, steps=2)
-    record = perform(run, Conditions(tmp_path))
+def test_an_opened_capture_is_trained_on(filmed: Path, tmp_path: Path, quick_seeds: None) -> None:
+    run = filmed_run(filmed, steps=2, condition="poses 0.4 deg")
+    record = perform(run, RunEnvironment(tmp_path))
     assert record["split"] == "held-out" and record["frames"] == film.FRAMES
-    assert read_scene(Conditions(tmp_path).scene(run)).header.test_cameras == ("cam03",)
+    cameras, clean = read_scene(RunEnvironment(tmp_path).scene(run)).header.cameras, open_capture(filmed).cameras
+    assert (cameras[0].world_to_camera == clean[0].world_to_camera).all(), "the camera that judges stays"
+    assert (cameras[1].world_to_camera != clean[1].world_to_camera).any()
 
 
 def test_a_worker_answers_in_lines(filmed: Path, tmp_path: Path, quick_seeds: None) -> None:
@@ -254,10 +251,10 @@ def test_a_worker_answers_in_lines(filmed: Path, tmp_path: Path, quick_seeds: No
 
 def test_several_processes(tmp_path: Path) -> None:
     """Two runs of a capture that is not there: both are recorded as failed, and nothing hangs."""
-    conditions = Conditions(tmp_path, "cpu")
-    progress = run_grid(grid(seeds=2, methods=["frog"]), conditions, jobs=2)
+    environment = RunEnvironment(tmp_path, "cpu")
+    progress = run_grid(grid(seeds=2, methods=["frog"]), environment, jobs=2)
     assert (progress.done, progress.failed) == (0, 2)
-    records = read(conditions.results)
+    records = read(environment.results)
     assert {record["seed"] for record in records} == {0, 1}
     assert all("room: there is no such folder" in record["error"] for record in records), records
     assert not list((tmp_path / "scenes").glob("*.log"))

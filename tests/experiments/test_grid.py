@@ -13,7 +13,9 @@ from frog_blender.engine.training.recipe import recipe
 from frog_blender.experiments.grid import (
     ABLATIONS,
     MAIN_METHODS,
+    CommonSettings,
     Run,
+    SeedCounts,
     ablation_variants,
     chart_grid,
     extra_rows,
@@ -58,7 +60,10 @@ def test_what_decides_the_result_decides_the_key(change: dict) -> None:
 
 def test_a_grid_is_what_was_asked_for() -> None:
     runs = chart_grid(
-        CAPTURES, methods=["frog", "frog-auto", "ed3dgs", "static"], seeds=3, other_seeds=2, equal_time=True
+        CAPTURES,
+        seeds=SeedCounts(main=3, others=2),
+        methods=["frog", "frog-auto", "ed3dgs", "static"],
+        equal_time=True,
     )
     assert len({run.key for run in runs}) == len(runs)
     counts = Counter((run.method, run.equal_time) for run in runs)
@@ -79,7 +84,9 @@ def test_a_grid_is_what_was_asked_for() -> None:
 
 def test_an_ablation_changes_one_thing_at_a_time() -> None:
     base = recipe("draft")
-    runs = chart_grid({"room": CAPTURES["room"]}, methods=["frog"], seeds=1, ablation=ABLATIONS, ablation_seeds=2)
+    runs = chart_grid(
+        {"room": CAPTURES["room"]}, seeds=SeedCounts(main=1, ablation=2), methods=["frog"], ablation=ABLATIONS
+    )
     rows = {run.label: run for run in runs if run.group != "methods"}
     assert set(rows) >= {f"fusion: {name}" for name in ("add", "concat", "attention", "coarse", "fine", "dual")}
     assert {"sampling: off", "sampling: inverse", "sampling: mean depth", "opacity: off", "opacity: paper"} <= set(rows)
@@ -104,21 +111,21 @@ def test_an_ablation_leaves_out_what_the_recipe_does_itself() -> None:
 
 def test_more_rows() -> None:
     rows = [("E-D3DGS, own rates", "ed3dgs", {"network_rate": 1e-4})]
-    runs = extra_rows(CAPTURES, rows, overrides={"network_rate": 1e-2, "sh_degree": 2}, seeds=2)
+    runs = extra_rows(CAPTURES, rows, CommonSettings(overrides={"network_rate": 1e-2, "sh_degree": 2}), seeds=2)
     assert len(runs) == 4 and {run.group for run in runs} == {"methods"}
     assert runs[0].plain_recipe().network_rate == 1e-4 and runs[0].plain_recipe().sh_degree == 2
     assert runs[0].settings().fusion == "dual"
 
 
 def test_mistakes_are_said_before_anything_runs() -> None:
-    for options, word in (
-        ({"methods": ["nerf"]}, "nerf"),
-        ({"methods": ["frog"], "ablation": ["color"]}, "color"),
-        ({"methods": ["frog"], "recipe": "fast"}, "fast"),
-        ({"methods": ["frog"], "overrides": {"speed": 1}}, "speed"),
+    for common, options, word in (
+        (CommonSettings(), {"methods": ["nerf"]}, "nerf"),
+        (CommonSettings(), {"methods": ["frog"], "ablation": ["color"]}, "color"),
+        (CommonSettings("fast"), {"methods": ["frog"]}, "fast"),
+        (CommonSettings(overrides={"speed": 1}), {"methods": ["frog"]}, "speed"),
     ):
         with pytest.raises(FrogError, match=word):
-            chart_grid(CAPTURES, **options)
+            chart_grid(CAPTURES, common, **options)
     with pytest.raises(FrogError, match="another capture"):
         named_captures([Path("a/room"), Path("b/room")])
     assert list(named_captures([Path("a/room"), Path("b/dim")])) == ["room", "dim"]

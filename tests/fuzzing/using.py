@@ -10,13 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from frog_blender.cameras import lens_of, pose_of
-from frog_blender.cli.actions import render_frames
 from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError, printable
 from frog_blender.engine.interchange.splats import export_frames
 from frog_blender.engine.playback.importance import most_important, ranking
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
+from frog_blender.engine.playback.render_files import render_frames
+from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.source_media.clips import camera_path, capture_folders, find_clips, moves_alone
 
 _LARGEST = 2**20  # pixels of images that are drawn with all that there is to know; `frog render` draws larger ones
@@ -58,11 +59,11 @@ def _tell(path: Path) -> bool:
 
 def _play(scene: ScenePlayer) -> None:
     for time in (0.0, 0.3, 1.0):
-        scene.at(time, scene.part_at(time))
+        scene.at(time, scene.delta_at(time))
     scene.at(0.7)
     order = ranking(scene)
-    some = scene.only(most_important(order, scene.count // 2))
-    some.at(0.5, some.part_at(0.5))
+    some = scene.subset(most_important(order, scene.count // 2))
+    some.at(0.5, some.delta_at(0.5))
     assert sorted(order.tolist()) == list(range(scene.count))
 
 
@@ -86,4 +87,4 @@ def _render(path: Path, scene: ScenePlayer, out: Path) -> None:
     header = scene.header
     if header.cameras:
         name = "moving" if header.is_moving else header.cameras[0].name
-        render_frames(path, name, f"{header.frame_count - 1}:", out, lambda done, total: None)
+        render_frames(read_scene(path), name, [header.frame_count - 1], out)

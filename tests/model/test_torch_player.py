@@ -10,7 +10,8 @@ import pytest
 import torch
 from support.builders import scene_file
 
-from frog_blender.cli.actions import image_maker, render_frames
+from frog_blender.cli.main import main
+from frog_blender.cli.render_command import frame_renderer
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.model.torch_player import HALF_TOLERANCE, TorchScenePlayer, half_error
 from frog_blender.engine.playback.player import ScenePlayer
@@ -73,8 +74,9 @@ def test_the_command(tmp_path: Path) -> None:
     if torch.cuda.is_available():
         pytest.skip("there is a GPU, whose images may differ by a rounding")
     for device in ("cpu", "auto"):
-        render_frames(tmp_path / "x.frog", "odd", "0:2", tmp_path / device, lambda done, total: None, device)
+        options = ["--camera", "odd", "--frames", "0:2", "--out", str(tmp_path / device), "--device", device]
+        assert main(["render", str(tmp_path / "x.frog"), *options]) == 0
     first, second = ((tmp_path / device / "odd_0001.png").read_bytes() for device in ("cpu", "auto"))
     assert first == second
     with pytest.raises(FrogError, match="no NVIDIA GPU"):
-        image_maker(scene, "cuda")
+        frame_renderer(scene, "cuda")

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from support.builders import scene_file
 
-from frog_blender.engine.capture.camera import MOST_PIXELS, Camera
+from frog_blender.engine.capture.camera import MAX_PIXELS, Camera
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.playback.player import CANONICAL, ScenePlayer, some_of
+from frog_blender.engine.playback.player import CANONICAL, ScenePlayer, select_gaussians
 from frog_blender.engine.scene import scene_file as scene_files
-from frog_blender.engine.scene.header import MOST_FRAMES, MOST_STANDING, SceneHeader
+from frog_blender.engine.scene.header import MAX_FRAMES, MOST_STANDING, SceneHeader
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene
 
 Data = dict[str, Any]
@@ -54,7 +54,7 @@ def without(name: str) -> Callable[[Data], None]:
 
 NOT_NUMBERS = [None, "7", [], {}, True, math.nan, math.inf, -math.inf, 10**400, -1, 1e308]
 REFUSED: list[tuple[str, Callable[[Data], Any]]] = [
-    *[("frame_count", top(frame_count=value)) for value in (*NOT_NUMBERS, 0, 7.0, MOST_FRAMES + 1, 10**18)],
+    *[("frame_count", top(frame_count=value)) for value in (*NOT_NUMBERS, 0, 7.0, MAX_FRAMES + 1, 10**18)],
     *[("frames_per_second", top(frames_per_second=value)) for value in (*NOT_NUMBERS, 0)],
     *[("scale", top(scale=value)) for value in (*NOT_NUMBERS, 0)],
     *[("steps", top(steps=value)) for value in (*NOT_NUMBERS, 1.5)],
@@ -77,7 +77,7 @@ REFUSED: list[tuple[str, Callable[[Data], Any]]] = [
     *[("capacity", top(capacity=REPORT | {"reductions": value})) for value in (5, [5], [{"what": "x"}])],
     *[("width", camera(width=value)) for value in (*NOT_NUMBERS, 0, 65_537, 2**31, 2**31 + 16, 32.0)],
     *[("height", camera(height=value)) for value in (*NOT_NUMBERS, 0, 600_000)],
-    ("pixels", camera(width=65_536, height=MOST_PIXELS // 65_536 + 1)),
+    ("pixels", camera(width=65_536, height=MAX_PIXELS // 65_536 + 1)),
     *[("name", camera(name=value)) for value in (None, 5, ["a"], "x" * 5000)],
     *[("exposure", camera(exposure=value)) for value in (None, [1, 1], [1, 1, 0], [1, -1, 1], [1, 1, math.nan])],
     *[("intrinsics", camera(intrinsics=value)) for value in (None, [[1]], "abc", np.eye(4).tolist(), [1.0] * 9)],
@@ -106,7 +106,7 @@ ODD: list[Callable[[Data], Any]] = [
     camera(exposure=[0.5, 1, 2]),
     top(frames_per_second=30),
     top(frames_per_second=1 / 3600),
-    top(frame_count=MOST_FRAMES),
+    top(frame_count=MAX_FRAMES),
     top(test_frames=[0, 6]),
     top(metrics={"psnr": None, "split": "training", "cameras": {"odd": [1, 2.5]}}),
     top(background=[1, 1, 1]),
@@ -171,8 +171,8 @@ def test_arrays_that_no_scene_of_its_method_has_are_passed_over(tmp_path: Path) 
     )
     found = read_scene(tmp_path / "x.frog")
     assert found.arrays.keys() == CANONICAL
-    assert len(some_of(found, np.arange(5)).arrays["means"]) == 5
-    assert ScenePlayer(found).only(np.arange(5)).at(0.5).means.shape == (5, 3)
+    assert len(select_gaussians(found, np.arange(5)).arrays["means"]) == 5
+    assert ScenePlayer(found).subset(np.arange(5)).at(0.5).means.shape == (5, 3)
 
 
 @pytest.mark.parametrize(("name", "kind"), [("means", np.float64), ("sh", np.float16), ("embeddings", np.int32)])

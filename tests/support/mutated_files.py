@@ -23,7 +23,7 @@ import zipfile
 from abc import ABC, abstractmethod
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 from fuzzing.mutating import cut, flipped, in_the_header, lying, torn
@@ -35,7 +35,7 @@ from frog_blender.engine.capture import seed_store
 from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.evaluation.evaluate import load_masks
+from frog_blender.engine.evaluation.masks import load_masks
 from frog_blender.engine.playback.bake import Bake, write_bake
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
@@ -283,7 +283,6 @@ class Checkpoints(Kind):
         from frog_blender.engine.training.recipe import recipe
         from frog_blender.engine.training.session.checkpoint import checkpoint_path, save_checkpoint
         from frog_blender.engine.training.session.job import TrainingJob
-        from frog_blender.engine.training.session.loop import _settings
 
         torch.set_num_threads(1)
         self._cache = folder / "cache"
@@ -296,12 +295,12 @@ class Checkpoints(Kind):
             trainer = self._trainer(job)
             for _ in range(done):
                 trainer.step()
-            save_checkpoint(self.path, trainer, _settings(job))
+            save_checkpoint(self.path, trainer, job.stored_settings())
             self.whole.append(self.path.read_bytes())
 
     def _trainer(self, job):  # type: ignore[no-untyped-def]
         from frog_blender.engine.training.optimize.trainer import Limits, Trainer
-        from frog_blender.engine.training.session.job import prepare_capture
+        from frog_blender.engine.training.session.run import prepare_capture
 
         capture, _ = prepare_capture(job.capture, job.scale, job.holdout_frames, job.pixel_offsets)
         store = FrameStore.open(capture, cache_folder=self._cache)

@@ -18,7 +18,7 @@ from frog_blender.engine.capture.seeds import Seeds
 from frog_blender.engine.training.compression import schedule
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
 from frog_blender.engine.training.recipe import Recipe, recipe
-from frog_blender.engine.training.session import job
+from frog_blender.engine.training.session import run as training_run
 
 # Rates at which six hundred steps are enough to follow the ball (four hundred are not, with most seeds).
 LIVELY = {"steps_per_moment": 0, "network_rate": 1e-3, "embedding_rate": 3e-2, "mean_rate": 2e-4, "max_gaussians": 600}
@@ -48,7 +48,7 @@ def seeds_at_no_cost(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def seeds(*_: object, count_limit: int, **__: object) -> Seeds:
         return film.seeds(min(300, count_limit))
 
-    monkeypatch.setattr(job, "stored_seeds", seeds)
+    monkeypatch.setattr(training_run, "stored_seeds", seeds)
 
 
 @pytest.fixture(scope="session")

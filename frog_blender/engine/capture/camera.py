@@ -18,9 +18,9 @@ from ..io.plain_values import UnfitValue, entries, number, numbers, text, whole
 
 NEUTRAL = (1.0, 1.0, 1.0)
 """The exposure of a camera whose images are as bright as the scene is."""
-MOST_SIDE = 65_536
+MAX_SIDE = 65_536
 """Pixels of an image's width or height: the native code counts tiles in 16 bits, and a side's pixels exactly."""
-MOST_PIXELS = 2**26
+MAX_PIXELS = 2**26
 """Pixels of a camera's whole image: 8192 x 8192, twice what an 8K video has."""
 _FARTHEST = 1e12  # world units, pixels
 _MOST_EXPOSURE = 1e6
@@ -137,11 +137,9 @@ class Camera:
         """What ``to_json`` gave; UnfitValue for anything that no camera can be."""
         data = _NOTHING | entries(data, "a camera")
         name = text(data["name"], "a camera's name", _LONGEST_NAME)
-        width, height = (
-            whole(data[side], f"the {side} of camera {name}", 1, MOST_SIDE) for side in ("width", "height")
-        )
-        if width * height > MOST_PIXELS:
-            raise UnfitValue(f"camera {name} of {width} x {height} pixels", f"at most {MOST_PIXELS:,} in all")
+        width, height = (whole(data[side], f"the {side} of camera {name}", 1, MAX_SIDE) for side in ("width", "height"))
+        if width * height > MAX_PIXELS:
+            raise UnfitValue(f"camera {name} of {width} x {height} pixels", f"at most {MAX_PIXELS:,} in all")
         return cls(
             name,
             width,

@@ -17,9 +17,9 @@ import numpy as np
 from ..errors import FrogError
 from .camera import Camera
 
-MOST_FRAMES = 1_000_000
+MAX_FRAMES = 1_000_000
 """Moments of a capture: nine hours at 30 a second. What claims more is mistaken."""
-MOST_IMAGES = 4_000_000
+MAX_IMAGES = 4_000_000
 """Of a capture: each that is listed takes a few hundred bytes."""
 
 

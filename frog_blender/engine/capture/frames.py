@@ -20,10 +20,10 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import FrogError, found_instead
-from .camera import MOST_PIXELS, MOST_SIDE
+from .camera import MAX_PIXELS, MAX_SIDE
 from .capture import Capture, Distortion, Shot
 from .decoding import decode_shots
-from .sharing import only_here, shared_file
+from .sharing import lock_exclusively, open_shared
 
 _VERSION = 1  # raise it when the same capture would decode to other bytes
 _PIXELS = "frames.raw"
@@ -33,8 +33,8 @@ _ABANDONED_AFTER = 3600.0  # seconds without a write after which a partial store
 _SPARE_BYTES = 256 << 20  # left free on the disk
 
 
-class DecodingCancelled(FrogError):
-    """The caller's ``cancelled`` answered True while frames were being decoded."""
+class DecodingCancelled(Exception):
+    """The caller's ``cancelled`` answered True during decoding. No FrogError: nothing is wrong with the input."""
 
 
 class FrameStore:
@@ -46,7 +46,7 @@ class FrameStore:
         self._offsets, self._shapes, total = _layout(capture)
         self._pixels: np.ndarray = np.memmap(folder / _PIXELS, dtype=np.uint8, mode="r", shape=(total,))
         self._map = weakref.ref(self._pixels._mmap)  # type: ignore[attr-defined]
-        self._in_use = shared_file(folder / _INDEX)
+        self._in_use = open_shared(folder / _INDEX)
 
     @classmethod
     def open(
@@ -99,12 +99,12 @@ class FrameStore:
             The bytes that were freed; 0, and nothing is deleted, where another training reads the same frames, or
             somebody here holds an image: the disk has no room before that goes.
         """
-        if not only_here(self._in_use):
+        if not lock_exclusively(self._in_use):
             return 0
         size, self._pixels, self._in_use = self._pixels.size, np.empty(0, np.uint8), None
         mapped = self._map()
         if mapped is not None:  # never closed by force: who reads an image then ends the process
-            self._pixels, self._in_use = np.frombuffer(mapped, np.uint8), shared_file(self.folder / _INDEX)
+            self._pixels, self._in_use = np.frombuffer(mapped, np.uint8), open_shared(self.folder / _INDEX)
             return 0
         shutil.rmtree(self.folder, ignore_errors=True)
         return 0 if (self.folder / _PIXELS).exists() else size
@@ -113,9 +113,9 @@ class FrameStore:
 def _check_sizes(capture: Capture) -> None:
     """FrogError for images of which no scene could be written."""
     for camera in capture.cameras:
-        if max(camera.width, camera.height) > MOST_SIDE or camera.width * camera.height > MOST_PIXELS:
+        if max(camera.width, camera.height) > MAX_SIDE or camera.width * camera.height > MAX_PIXELS:
             found = f"images of {camera.width} x {camera.height} pixels of {camera.name}"
-            expected = f"at most {MOST_SIDE:,} a side and {MOST_PIXELS:,} in all; choose a smaller image scale"
+            expected = f"at most {MAX_SIDE:,} a side and {MAX_PIXELS:,} in all; choose a smaller image scale"
             raise found_instead(capture.path, found, expected)
 
 

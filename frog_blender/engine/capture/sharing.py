@@ -15,7 +15,7 @@ except ImportError:
     fcntl = None  # type: ignore[assignment]
 
 
-def shared_file(path: Path) -> BinaryIO | None:
+def open_shared(path: Path) -> BinaryIO | None:
     """The file, open and locked as long as it is: in use, with any number of others. None where it cannot be."""
     try:
         file = path.open("rb")
@@ -30,7 +30,7 @@ def shared_file(path: Path) -> BinaryIO | None:
     return file
 
 
-def only_here(file: BinaryIO | None) -> bool:
+def lock_exclusively(file: BinaryIO | None) -> bool:
     """True, and the file is closed, when nobody else has shared it; else it stays shared."""
     if file is None:
         return False

@@ -16,7 +16,7 @@ import numpy as np
 from ..errors import FrogError, found_instead
 from ..io.regular_file import regular_file
 from ..optional_imports import is_missing, not_loaded
-from .camera import MOST_SIDE
+from .camera import MAX_SIDE
 from .image_header import size_in_header
 
 VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm"})
@@ -176,9 +176,9 @@ def read_gray(path: Path) -> np.ndarray:
 def check_image_size(path: Path, size: tuple[int, int]) -> None:
     """FrogError for an image of so many pixels, (width, height), that decoding it takes all memory."""
     width, height = size
-    if max(size) > MOST_SIDE or width * height > _MOST_DECODED:
+    if max(size) > MAX_SIDE or width * height > _MOST_DECODED:
         found = f"an image of {width} x {height} pixels"
-        raise found_instead(path, found, f"at most {MOST_SIDE:,} a side and {_MOST_DECODED:,} in all")
+        raise found_instead(path, found, f"at most {MAX_SIDE:,} a side and {_MOST_DECODED:,} in all")
 
 
 def _decoded(path: Path, how: int) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..capture.camera import MOST_SIDE, Camera
+from ..capture.camera import MAX_SIDE, Camera
 
 ALPHA_MIN = 1.0 / 255.0
 """Fainter contributions are skipped."""
@@ -14,7 +14,7 @@ COMPENSATION_MIN = 0.005
 """The opacity compensation never goes below, and passes no gradient there."""
 TRANSMITTANCE_MIN = 1e-4
 """The Gaussian that would take a pixel's transmittance below this is left out, and so is everything behind it."""
-MOST_PIXELS = 2**30
+MAX_PIXELS = 2**30
 """Of what is drawn at once."""
 
 
@@ -48,6 +48,6 @@ class RasterizeOptions:
         left, top, width, height = region
         if min(left, top) < 0 or min(width, height) < 1 or left + width > camera.width or top + height > camera.height:
             raise ValueError(f"region {region} does not lie in an image of {camera.width} x {camera.height}")
-        if max(camera.width, camera.height) > MOST_SIDE or width * height > MOST_PIXELS:
-            raise ValueError(f"region {region} is too large to draw, expected sides of at most {MOST_SIDE} pixels")
+        if max(camera.width, camera.height) > MAX_SIDE or width * height > MAX_PIXELS:
+            raise ValueError(f"region {region} is too large to draw, expected sides of at most {MAX_SIDE} pixels")
         return region

@@ -14,11 +14,11 @@ FORMAT_VERSION = 5
 """1 had every array as it is; 2 may have them packed; 3 may have lifetimes; 4 may have some that only fade; 5 may have
 numbers that are packed apart from their block."""
 METHODS = ("frog", "ed3dgs", "static", "d3dgs", "hexplane", "curves")
-RESHAPED = "reshaped"
+SHAPE_DYNAMIC = "reshaped"
 """The model setting that says how many of those that are deformed, the first, turn and grow; the others keep their
 shape. All of them where it is missing."""
 
-MOST_FRAMES = 1_048_574
+MAX_FRAMES = 1_048_574
 """Of a capture: where Blender's timeline ends, ten hours of film."""
 MOST_CAMERAS = 65_536
 """Of a scene. A moving camera is one for each of its images."""
@@ -125,7 +125,7 @@ def _model(value: Any) -> dict[str, Any]:
     model = finite_entries(value, "model")
     for name in items(model.get("silent_heads", []), "silent_heads", 64):
         text(name, "a silent head", _LONGEST_NAME)
-    whole(model.get(RESHAPED, 0), RESHAPED, 0, 2**31)
+    whole(model.get(SHAPE_DYNAMIC, 0), SHAPE_DYNAMIC, 0, 2**31)
     return model
 
 
@@ -143,12 +143,12 @@ def _filmed(data: dict[str, Any]) -> dict[str, Any]:
             for name in items(data["test_cameras"], "test_cameras", MOST_CAMERAS)
         ),
         "test_frames": _frames(data["test_frames"], "test_frames"),
-        "frame_count": whole(data["frame_count"], "frame_count", 1, MOST_FRAMES),
+        "frame_count": whole(data["frame_count"], "frame_count", 1, MAX_FRAMES),
     }
 
 
 def _frames(value: Any, what: str) -> tuple[int, ...]:
-    return tuple(whole(frame, f"a frame of {what}", 0, MOST_FRAMES - 1) for frame in items(value, what, MOST_FRAMES))
+    return tuple(whole(frame, f"a frame of {what}", 0, MAX_FRAMES - 1) for frame in items(value, what, MAX_FRAMES))
 
 
 def _offsets(value: Any) -> dict[str, tuple[float, float]]:

@@ -15,7 +15,8 @@ from frog_blender.engine.training.compression.schedule import CompressionSchedul
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.recipe import recipe
 from frog_blender.engine.training.session.events import Cancelled, Finished, Started, WarningEvent
-from frog_blender.engine.training.session.job import TrainingJob, run_training
+from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.run import run_training
 
 pytestmark = pytest.mark.usefixtures("seeds_at_no_cost")
 Make = Callable[..., Trainer]

@@ -23,8 +23,9 @@ from frog_blender.engine.training.compression.network_pruning import (
 from frog_blender.engine.training.compression.sensitivity import SampledView, sample_views
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session.checkpoint import load_checkpoint, save_checkpoint, state_of
-from frog_blender.engine.training.session.export import save_scene
+from frog_blender.engine.training.session.export import export_scene
 from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.session import Session
 
 Make = Callable[..., Trainer]
 
@@ -133,7 +134,7 @@ def test_a_narrower_network_trains_saves_and_plays(
     monkeypatch.setattr(network_pruning, "ALLOWED_WIDTH_LOSS", 100.0)
     trainer = halfway()
     silent = trainer.model.output_rows("quaternions")
-    trainer.model.silence("quaternions")
+    trainer.model.prune_head("quaternions")
     trainer.optimizer.stop(trainer.model.deformation.output_weight, silent)
     field = trainer.model.deformation
     memory = trainer.optimizer.adam.state[field.output_weight]["exp_avg"].clone()
@@ -149,7 +150,8 @@ def test_a_narrower_network_trains_saves_and_plays(
     before = field.bias.detach().clone()
     train(trainer)
     assert (field.bias != before).any() and not field.output_weight[silent].any()
-    save_scene(TrainingJob(filmed, tmp_path / "a.frog", lossless=True), trainer, 1.0, {})
+    session = Session(TrainingJob(filmed, tmp_path / "a.frog", lossless=True), trainer)
+    export_scene(session, session.output)
     played = ScenePlayer.load(tmp_path / "a.frog")
     assert played.header.model["hidden_width"] == 16
     expected = trainer.gaussians_at(0.4, 1.0)[0].means.detach().numpy()

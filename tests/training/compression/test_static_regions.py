@@ -15,7 +15,8 @@ from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.training.compression.static_regions import is_static_capture, measure_temporal_variance
 from frog_blender.engine.training.optimize.trainer import Trainer
-from frog_blender.engine.training.session.job import TrainingJob, run_training
+from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.run import run_training
 
 pytestmark = pytest.mark.usefixtures("seeds_at_no_cost")
 Make = Callable[..., Trainer]
@@ -153,5 +154,5 @@ def test_a_still_scene_has_no_network_and_plays(
     finished = list(run_training(task))[-1]
     assert finished.capacity["dynamic"] == 0 and finished.capacity["heads"] == []
     scene = ScenePlayer.load(tmp_path / "x.frog")
-    assert scene.moving == 0 and scene.header.model == {}
+    assert scene.num_dynamic == 0 and scene.header.model == {}
     np.testing.assert_array_equal(scene.at(0.2).means, scene.at(0.9).means)

@@ -34,11 +34,13 @@ from frog_blender.engine.training.optimize import trainer as trainer_module
 from frog_blender.engine.training.optimize.densification import COLLECTED
 from frog_blender.engine.training.optimize.device import EXPERIMENTAL, choose_device, image_on
 from frog_blender.engine.training.optimize.losses import PhotometricLoss, photometric_loss_reference
-from frog_blender.engine.training.optimize.running_loss import RunningLoss
+from frog_blender.engine.training.optimize.running_loss import RunningLoss, TrainingDiverged
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
-from frog_blender.engine.training.session import events, job
+from frog_blender.engine.training.session import events
+from frog_blender.engine.training.session import run as training_run
 from frog_blender.engine.training.session.checkpoint import checkpoint_path, load_checkpoint, save_checkpoint
-from frog_blender.engine.training.session.job import TrainingJob, run_training
+from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.run import run_training
 
 if str(Path(__file__).parent) not in sys.path:
     sys.path.insert(0, str(Path(__file__).parent))
@@ -75,9 +77,9 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Iterator[Machine]:
         with machine.uncounted():  # the CUDA rasterizer waits once, whatever is drawn
             return rasterize(*arguments, **keywords, implementation="reference")
 
-    def deform(self: Frog, time: float, progressing: Any = FINISHED, sh_count: int | None = None) -> Any:
-        temporal = self.temporal_embedding(time, progressing)
-        return self.deform_plainly(temporal, progressing, sh_count or self.canonical.sh.shape[1])
+    def deform(self: Frog, time: float, schedule_state: Any = FINISHED, sh_count: int | None = None) -> Any:
+        temporal = self.temporal_embedding(time, schedule_state)
+        return self.deform_reference(temporal, schedule_state, sh_count or self.canonical.sh.shape[1])
 
     for module in (trainer_module, interface_module):
         monkeypatch.setattr(module, "rasterize", slowly)
@@ -220,8 +222,8 @@ def test_resuming_on_another_device(machine: Machine, make: Make, tmp_path: Path
 def test_a_job_elsewhere_writes_a_scene_and_goes_on(
     machine: Machine, filmed: Path, tmp_path: Path, own_cache: Path, lively: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(job, "stored_seeds", lambda capture, store, **_: film.seeds(80))
-    monkeypatch.setattr(job, "choose_device", lambda name: (ELSEWHERE if name == "cuda" else CPU, ""))
+    monkeypatch.setattr(training_run, "stored_seeds", lambda capture, store, **_: film.seeds(80))
+    monkeypatch.setattr(training_run, "choose_device", lambda name: (ELSEWHERE if name == "cuda" else CPU, ""))
     task = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(12), steps=6, device="cuda")
     stream = list(run_training(task))
     assert next(event for event in stream if isinstance(event, events.Started)).device == ELSEWHERE.type
@@ -239,9 +241,9 @@ def test_a_loss_that_is_not_a_number_is_seen_late_but_not_missed(machine: Machin
     losses.add(torch.tensor(float("nan"), device=ELSEWHERE), 1)
     for step in range(2, 19):
         losses.add(torch.tensor(0.5, device=ELSEWHERE), step)
-    with pytest.raises(FrogError, match="unstable at step 19"):
+    with pytest.raises(TrainingDiverged, match="unstable at step 19"):
         losses.add(torch.tensor(0.5, device=ELSEWHERE), 19)
-    with pytest.raises(FrogError, match="unstable at step 7"):
+    with pytest.raises(TrainingDiverged, match="unstable at step 7"):
         losses.check(7)
 
 
@@ -259,7 +261,7 @@ def test_a_running_loss_is_the_same_on_both_devices_and_goes_on() -> None:
     here.resume(float("nan"))
     here.add(torch.tensor(0.25), 0)
     assert here.mean == 0.25
-    with pytest.raises(FrogError, match="unstable at step 1 "):
+    with pytest.raises(TrainingDiverged, match="unstable at step 1 "):
         here.add(torch.tensor(float("inf")), 1)
 
 
@@ -336,7 +338,7 @@ def test_the_command_line_passes_the_device_on(tmp_path: Path, monkeypatch: pyte
         yield events.Started("frog", 1, 1, 1, 1, "cuda")
         yield events.Finished("x", 1, 1.0, 20.0, 1)
 
-    monkeypatch.setattr(job, "run_training", remember)
+    monkeypatch.setattr(training_run, "run_training", remember)
     for options in ([], ["--device", "cpu"], ["--device", "cuda"]):
         assert main(["train", "nowhere", "--out", str(tmp_path / "x.frog"), *options]) == 0
     assert seen == ["auto", "cpu", "cuda"]

@@ -12,9 +12,9 @@ import torch
 from support import synthetic_capture as film
 from support.training_steps import train
 
-from frog_blender.cli.actions import open_evaluated
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Capture
+from frog_blender.engine.evaluation.evaluate_file import open_training_capture
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.rasterizer import GaussianArrays, rasterize
 from frog_blender.engine.scene.scene_file import read_scene
@@ -23,7 +23,8 @@ from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.recipe import Recipe, recipe
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.checkpoint import restore, state_of
-from frog_blender.engine.training.session.job import TrainingJob, run_training
+from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.run import run_training
 
 POINTS = np.array(
     [[0, 0, 1], [2, 1.5, 1], [-2, 1.5, 1], [2, -1.5, 1], [-2, -1.5, 1.0], [0, 0, -0.5]]
@@ -110,7 +111,7 @@ def test_a_training_mends_its_poses(
     found = scene.header.cameras
     assert pixels_off(found[0], capture.cameras[0]) == 0.0
     assert disagreement(found, capture) < 0.75 * disagreement(askew.cameras, capture)
-    seen, _ = open_evaluated(ScenePlayer(scene), filmed)
+    seen = open_training_capture(ScenePlayer(scene), filmed)
     for found, expected in zip(seen.cameras, scene.header.cameras, strict=True):
         np.testing.assert_array_equal(found.world_to_camera, expected.world_to_camera)
 

@@ -18,7 +18,9 @@ from frog_blender.engine.training.compression import schedule
 from frog_blender.engine.training.compression.passes import silence_heads
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session import events, export, loop
-from frog_blender.engine.training.session.job import TrainingJob, run_training
+from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.run import run_training
+from frog_blender.engine.training.session.session import Session
 
 STEPS = 40
 ERRORS = [
@@ -29,8 +31,8 @@ ERRORS = [
 ]
 AT_THE_END = [
     *((schedule, name) for name in ("mean_dynamic_state", "rest", "narrow", "silence_heads")),
-    *((export, name) for name in ("freeze_attributes", "arranged", "compactions", "_capacity")),
-    *((loop, name) for name in ("fit_budget", "capacity_image")),
+    *((export, name) for name in ("freeze_attributes", "arranged", "compactions", "compression_report")),
+    *((loop, name) for name in ("fit_budget", "draw_report_image")),
     (Trainer, "evaluate"),
 ]
 ON_THE_WAY = [(schedule, name) for name in ("freeze_static_regions", "wake_some", "prune", "reduce_sh_degree")]
@@ -52,8 +54,9 @@ def broken(monkeypatch: pytest.MonkeyPatch, what: tuple[Any, str], error: Except
     real = getattr(owner, name)
 
     def fails(*arguments: Any, **options: Any) -> Any:
-        trainer = next((each for each in arguments if isinstance(each, Trainer)), None)
-        if name in ("evaluate", "rest", "_capacity") and trainer is not None and not trainer.finished:
+        given = [each.trainer if isinstance(each, Session) else each for each in arguments]
+        trainer = next((each for each in given if isinstance(each, Trainer)), None)
+        if name in ("evaluate", "rest", "compression_report") and trainer is not None and not trainer.finished:
             return real(*arguments, **options)
         raise error
 
@@ -104,7 +107,7 @@ def test_what_a_failed_round_did_is_undone(task: TrainingJob, monkeypatch: pytes
         trainer.optimizer.keep_units(trainer.model, torch.arange(width // 2))
 
     def fails(_rounds: Any, trainer: Trainer, _judge: Any) -> None:
-        trainer.model.silence("means")
+        trainer.model.prune_head("means")
         raise RuntimeError("too late")
 
     monkeypatch.setattr(schedule, "rest", lambda *_: None)
@@ -152,9 +155,9 @@ def test_a_second_saving_does_not_see_the_first(task: TrainingJob, monkeypatch: 
     real = loop.build_scene
     metrics = {"psnr": 12.5, "split": "held-out"}
 
-    def twice(job: TrainingJob, trainer: Trainer, scale: float, given: dict[str, Any]) -> Any:
-        trainers.append(trainer)
-        one, other = real(job, trainer, scale, metrics), real(job, trainer, scale, metrics)
+    def twice(session: Session, given: Any) -> Any:
+        trainers.append(session.trainer)
+        one, other = real(session, metrics), real(session, metrics)
         assert one.scene.header.capacity["reductions"] == [
             {**each, "milliseconds": mine["milliseconds"]}
             for each, mine in zip(

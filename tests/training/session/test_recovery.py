@@ -18,10 +18,12 @@ from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.optimize import losses
 from frog_blender.engine.training.optimize.running_loss import TrainingDiverged
 from frog_blender.engine.training.optimize.trainer import Trainer
-from frog_blender.engine.training.session import events, job
+from frog_blender.engine.training.session import events
+from frog_blender.engine.training.session import run as training_run
 from frog_blender.engine.training.session.checkpoint import checkpoint_path, load_checkpoint, save_checkpoint
-from frog_blender.engine.training.session.job import TrainingJob, run_training
+from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.recovery import Recovery
+from frog_blender.engine.training.session.run import run_training
 
 Make = Callable[..., Trainer]
 
@@ -30,19 +32,19 @@ Make = Callable[..., Trainer]
 def task(
     filmed: Path, tmp_path: Path, lively: Callable, own_cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> TrainingJob:
-    monkeypatch.setattr(job, "stored_seeds", lambda capture, store, **_: film.seeds())
+    monkeypatch.setattr(training_run, "stored_seeds", lambda capture, store, **_: film.seeds())
     return TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(60, dssim_from=0.5), seed=2, device="cpu")
 
 
 def failing(monkeypatch: pytest.MonkeyPatch, when: Callable[[int], bool]) -> None:
     """The similarity of the D-SSIM bursts, after half of the training, is NaN at the calls that ``when`` names."""
-    real, calls = losses.similarity, [0]
+    real, calls = losses.native_ssim, [0]
 
     def sometimes(*arguments: torch.Tensor) -> float:
         calls[0] += 1
         return real(*arguments) * (float("nan") if when(calls[0]) else 1.0)
 
-    monkeypatch.setattr(losses, "similarity", sometimes)
+    monkeypatch.setattr(losses, "native_ssim", sometimes)
 
 
 def test_one_bad_step_costs_no_training(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,7 +16,8 @@ from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.training.recipe import recipe
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session import time_estimate as module
-from frog_blender.engine.training.session.job import TrainingJob, run_training
+from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.run import run_training
 from frog_blender.engine.training.session.time_estimate import (
     Sensitivity,
     Workload,
@@ -52,7 +53,7 @@ def test_more_work_takes_longer() -> None:
     ("name", "steps", "pixels", "seconds"), [("standard", 10_000, 384 * 288, 380), ("draft", 4_000, 384 * 288, 122)]
 )
 def test_the_model_says_what_was_measured(name: str, steps: int, pixels: int, seconds: float) -> None:
-    """On two quiet cores with AVX2: docs/design.md, "Measured"."""
+    """On two quiet cores with AVX2: docs/experiments/rasterizer.md, "Measured"."""
     assert Workload(recipe(name), steps, pixels).seconds == pytest.approx(seconds, rel=0.15)
 
 

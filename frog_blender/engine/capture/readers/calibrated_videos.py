@@ -15,7 +15,7 @@ from ..camera import Camera
 from ..capture import Capture, Distortion
 from ..video import VideoFacts, composed, find_videos, read_facts
 from . import qualisys
-from .checks import numbers, pinhole, read_json, rotation, shared_moments, size, video_shots
+from .checks import numbers, pinhole, read_json, rotation, shared_frame_count, shots_of_videos, size
 
 _OPENCV = "cameras_opencv.json"
 _ROUNDING = 1.0  # pixels by which either side of a resized video may be off: encoders want even numbers
@@ -51,7 +51,7 @@ def read(path: Path) -> Capture:
     calibrated.sort(key=lambda entry: entry[0].name)
     paths = [videos[camera.name] for camera, _ in calibrated]
     facts = [read_facts(video) for video in paths]
-    frame_count, warnings = shared_moments(path, paths, facts)
+    frame_count, warnings = shared_frame_count(path, paths, facts)
     cameras = []
     for (camera, _), video, fact in zip(calibrated, paths, facts, strict=True):
         fitted, warning = _fit_to_video(camera, video, fact)
@@ -62,7 +62,7 @@ def read(path: Path) -> Capture:
         format="calibrated_videos",
         cameras=tuple(cameras),
         distortions=tuple(distortion for _, distortion in calibrated),
-        shots=video_shots(paths, frame_count),
+        shots=shots_of_videos(paths, frame_count),
         frame_count=frame_count,
         frames_per_second=facts[0].frames_per_second,
         warnings=tuple(warnings),

@@ -12,11 +12,11 @@ import numpy as np
 
 from ...errors import FrogError, found_instead
 from ...io.regular_file import regular_file
-from ..camera import MOST_SIDE, exact_pinhole
-from ..capture import MOST_FRAMES, MOST_IMAGES, Capture, Shot
+from ..camera import MAX_SIDE, exact_pinhole
+from ..capture import MAX_FRAMES, MAX_IMAGES, Capture, Shot
 from ..video import VideoFacts
 
-FARTHEST = 1e12
+MAX_COORDINATE = 1e12
 """World units or pixels: what is larger was not measured, and multiplied it is no number any more."""
 _LONGEST_TEXT = 2**28  # bytes
 _NEAREST = 1e-6  # pixels of a focal length
@@ -52,7 +52,7 @@ def check_length(path: Path, expected: str) -> None:
         raise found_instead(path, f"{length:,} bytes", f"at most {_LONGEST_TEXT:,} of text")
 
 
-def numbers(value: Any, shape: tuple[int, ...], path: Path, what: str, most: float = FARTHEST) -> np.ndarray:
+def numbers(value: Any, shape: tuple[int, ...], path: Path, what: str, most: float = MAX_COORDINATE) -> np.ndarray:
     """``value`` as finite float64 numbers of the given shape.
 
     Raises:
@@ -75,7 +75,7 @@ def numbers(value: Any, shape: tuple[int, ...], path: Path, what: str, most: flo
     return array
 
 
-def number(value: Any, path: Path, what: str, *, positive: bool = False, most: float = FARTHEST) -> float:
+def number(value: Any, path: Path, what: str, *, positive: bool = False, most: float = MAX_COORDINATE) -> float:
     """``value`` as one finite number.
 
     Raises:
@@ -94,8 +94,8 @@ def size(value: Any, path: Path, what: str) -> int:
         FrogError: if it is no number between 1 and 65536.
     """
     result = number(value, path, what)
-    if not 1 <= result <= MOST_SIDE:
-        raise found_instead(path, f"{what} = {result:g}", f"between 1 and {MOST_SIDE} pixels")
+    if not 1 <= result <= MAX_SIDE:
+        raise found_instead(path, f"{what} = {result:g}", f"between 1 and {MAX_SIDE} pixels")
     return round(result)
 
 
@@ -142,15 +142,15 @@ def moments(first: int, last: int, path: Path, what: str) -> int:
         FrogError: if no capture is that long.
     """
     count = last - first + 1
-    if count > MOST_FRAMES:
-        raise found_instead(path, f"{what} from {first} to {last}", f"at most {MOST_FRAMES:,} moments")
+    if count > MAX_FRAMES:
+        raise found_instead(path, f"{what} from {first} to {last}", f"at most {MAX_FRAMES:,} moments")
     return count
 
 
 def check_images(path: Path, count: int) -> None:
     """FrogError for more images than can be listed."""
-    if count > MOST_IMAGES:
-        raise FrogError(f"{path}: found {count:,} images, expected at most {MOST_IMAGES:,}.")
+    if count > MAX_IMAGES:
+        raise FrogError(f"{path}: found {count:,} images, expected at most {MAX_IMAGES:,}.")
 
 
 def rotation(matrix: np.ndarray, path: Path, what: str) -> np.ndarray:
@@ -174,7 +174,7 @@ def pose(world_to_camera_rotation: np.ndarray, center: np.ndarray) -> np.ndarray
     return matrix
 
 
-def shared_moments(path: Path, videos: Sequence[Path], facts: Sequence[VideoFacts]) -> tuple[int, list[str]]:
+def shared_frame_count(path: Path, videos: Sequence[Path], facts: Sequence[VideoFacts]) -> tuple[int, list[str]]:
     """How many moments synchronised videos share, and warnings where their lengths or rates differ.
 
     Raises:
@@ -199,7 +199,7 @@ def shared_moments(path: Path, videos: Sequence[Path], facts: Sequence[VideoFact
     return shared, warnings
 
 
-def video_shots(videos: Sequence[Path], frame_count: int) -> tuple[Shot, ...]:
+def shots_of_videos(videos: Sequence[Path], frame_count: int) -> tuple[Shot, ...]:
     """Every camera at every moment, camera i filmed by video i."""
     return tuple(Shot(c, f, video, f) for f in range(frame_count) for c, video in enumerate(videos))
 
@@ -213,10 +213,10 @@ def checked(capture: Capture) -> Capture:
     check_images(capture.path, len(capture.shots))
     for camera in capture.cameras:
         lens, pose = camera.intrinsics, camera.world_to_camera
-        far = not (np.abs(lens) <= FARTHEST).all() or not (np.abs(pose) <= FARTHEST).all()
+        far = not (np.abs(lens) <= MAX_COORDINATE).all() or not (np.abs(pose) <= MAX_COORDINATE).all()
         if far or min(lens[0, 0], lens[1, 1]) < _NEAREST:
             found = f"a focal length of {lens[0, 0]:g} at {_row(pose[:3, 3])} for camera {camera.name}"
-            raise found_instead(capture.path, found, f"positive numbers of at most {FARTHEST:g}")
-    if capture.near_far is not None and not 0 < capture.near_far[0] < capture.near_far[1] <= FARTHEST:
+            raise found_instead(capture.path, found, f"positive numbers of at most {MAX_COORDINATE:g}")
+    if capture.near_far is not None and not 0 < capture.near_far[0] < capture.near_far[1] <= MAX_COORDINATE:
         return replace(capture, near_far=None)
     return capture

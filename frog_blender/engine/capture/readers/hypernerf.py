@@ -21,7 +21,7 @@ from ...io.numpy_files import read_npy
 from ..camera import Camera
 from ..capture import Capture, Distortion, Shot
 from ..video import read_image, with_ending
-from .checks import FARTHEST, moments, number, numbers, pose, read_json, rotation, size
+from .checks import MAX_COORDINATE, moments, number, numbers, pose, read_json, rotation, size
 
 _DATASET, _METADATA, _SCENE, _POINTS = "dataset.json", "metadata.json", "scene.json", "points.npy"
 _USUAL = "2x"  # what HyperNeRF and the papers after it are evaluated at
@@ -202,7 +202,7 @@ def _points(file: Path) -> np.ndarray | None:
         raise found_instead(file, f"{points.dtype} of shape {points.shape}", "numbers of shape (N, 3)")
     with np.errstate(invalid="ignore"):  # some NaN warn when they are converted
         points = points.astype(np.float64)
-    return points[(np.abs(points) <= FARTHEST).all(axis=1)]  # and no NaN
+    return points[(np.abs(points) <= MAX_COORDINATE).all(axis=1)]  # and no NaN
 
 
 def _near_far(path: Path, cameras: list[Camera], points: np.ndarray | None) -> tuple[float, float] | None:

@@ -16,7 +16,7 @@ from ...io.numpy_files import read_npy
 from ..camera import Camera
 from ..capture import Capture, Shot
 from ..video import find_images, find_videos, read_facts, read_image
-from .checks import numbers, pose, rotation, shared_moments, video_shots
+from .checks import numbers, pose, rotation, shared_frame_count, shots_of_videos
 
 _POSES = "poses_bounds.npy"
 _MOST_CAMERAS = 10_000
@@ -49,9 +49,9 @@ def read(path: Path) -> Capture:
     if videos:
         facts = [read_facts(video) for video in videos]
         sizes = [(fact.width, fact.height) for fact in facts]
-        frame_count, warnings = shared_moments(path, videos, facts)
+        frame_count, warnings = shared_frame_count(path, videos, facts)
         rate = facts[0].frames_per_second
-        shots = video_shots(videos, frame_count)
+        shots = shots_of_videos(videos, frame_count)
     else:
         shapes = [read_image(image).shape for image in images]
         sizes = [(shape[1], shape[0]) for shape in shapes]

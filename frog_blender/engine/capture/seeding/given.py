@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..capture import Capture
-from .views import Images, load_view, look_up, spread
+from .views import Images, load_view, sample_view, spread
 
 _VIEWS = 16
 _LONGEST_SIDE = 400  # pixels
@@ -25,7 +25,7 @@ def given_points(capture: Capture, store: Images, train: list[int]) -> tuple[np.
     values, seen = [], []
     for index in spread(train, _VIEWS):
         view = load_view(capture, store, index, _LONGEST_SIDE)
-        value, is_seen = look_up(view, points, view.image)
+        value, is_seen = sample_view(view, points, view.image)
         values.append(np.where(is_seen[:, None], value, np.nan))
         seen.append(is_seen)
     kept = np.any(seen, axis=0)

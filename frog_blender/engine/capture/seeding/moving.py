@@ -12,7 +12,7 @@ import numpy as np
 
 from ..capture import Capture
 from ..video import load_opencv
-from .views import Images, View, load_view, look_up, spread
+from .views import Images, View, load_view, sample_view, spread
 
 _LONGEST_SIDE = 320
 _BACKGROUND_MOMENTS = 9
@@ -89,8 +89,8 @@ def _in_hull(
     seen_by, moving_in = np.zeros(len(points)), np.zeros(len(points))
     color, square = np.zeros((len(points), 3)), np.zeros((len(points), 3))
     for view, mask in zip(views, masks, strict=True):
-        is_moving, seen = look_up(view, points, mask)
-        value = look_up(view, points, view.image)[0] * seen[:, None]
+        is_moving, seen = sample_view(view, points, mask)
+        value = sample_view(view, points, view.image)[0] * seen[:, None]
         seen_by += seen
         moving_in += seen & (is_moving > 0)
         color += value

@@ -52,7 +52,7 @@ def load_view(capture: Capture, store: Images, shot: int, longest_side: int) -> 
     return View(shot, capture.shots[shot].frame, camera, image.astype(np.float32) / np.float32(255))
 
 
-def look_up(view: View, points: np.ndarray, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def sample_view(view: View, points: np.ndarray, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Values (N, ...) of an image where the points (N, 3) project, and whether (N,) the view sees them at all."""
     pixels, depths = view.camera.project(points)
     # Far outside is as good as outside; the clip keeps the conversion to integers defined.

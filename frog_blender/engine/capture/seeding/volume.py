@@ -12,7 +12,7 @@ import numpy as np
 from ..capture import Capture
 from ..video import load_opencv
 from .moving import moving_points
-from .views import Images, View, cameras_move, load_view, look_up, spread
+from .views import Images, View, cameras_move, load_view, sample_view, spread
 
 _SAMPLES = 300_000
 _LONGEST_SIDE = 320
@@ -49,7 +49,7 @@ def _sample_frustums(
         distances = near + (far - near) * random.random(each)
         parts.append(view.camera.unproject(pixels, distances))
     points = np.concatenate(parts)
-    seen = sum(look_up(view, points, view.image)[1].astype(int) for view in views)
+    seen = sum(sample_view(view, points, view.image)[1].astype(int) for view in views)
     well_seen = points[seen >= 3]
     return well_seen if len(well_seen) >= 0.05 * len(points) else points[seen >= min(2, len(views))]
 
@@ -63,8 +63,8 @@ def _agreeing_points(
     for view in views:
         mean = cv2.blur(view.image, (3, 3))
         local = np.sqrt(np.maximum(cv2.blur(view.image**2, (9, 9)) - cv2.blur(view.image, (9, 9)) ** 2, 0))
-        value, seen = look_up(view, points, mean)
-        rough, _ = look_up(view, points, local.mean(axis=2))
+        value, seen = sample_view(view, points, mean)
+        rough, _ = sample_view(view, points, local.mean(axis=2))
         values.append(value)
         weights.append(seen)
         roughness.append(rough)

@@ -6,11 +6,9 @@ import math
 
 import torch
 
-from ...errors import FrogError
 
-
-class TrainingDiverged(FrogError):
-    """A training has come to numbers that are none; see training.recovery."""
+class TrainingDiverged(Exception):
+    """A loss or a parameter is not finite. No FrogError, since a training recovers from it; see session.recovery."""
 
 
 _SHARE = 0.02  # of a new value in the mean

@@ -15,7 +15,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -28,9 +28,7 @@ from ...native import binding
 from ..recipe import Recipe
 from . import events
 from .events import Event
-
-if TYPE_CHECKING:
-    from .job import TrainingJob
+from .job import TrainingJob
 
 LARGEST_SIDE = 1600  # pixels, to which images are shrunk unless told otherwise
 MODEL = 1  # raise it when the model of a step's cost changes: what was remembered no longer fits then
@@ -41,7 +39,7 @@ _FADING = 0.6  # what a training counts beside the one after it
 _OTHER_RECIPE = 0.2  # what one of another recipe counts
 _SHORT = 15.0  # modelled seconds below which a training says little of how long others take
 
-# Seconds of a step, from the quiet measurements in docs/design.md, on two cores with AVX2 at 3.2 GHz: fixed, for a
+# Seconds of a step on two quiet cores with AVX2 at 3.2 GHz (docs/experiments/rasterizer.md): fixed, for a
 # thousand Gaussians, for a thousand of them and a thousand weights of the network, and for a million pixels drawn.
 _FIXED, _GAUSSIANS, _WEIGHTS, _PIXELS = 6e-3, 0.53e-3, 0.054e-3, 190e-3
 _WITH_AVX512 = 0.5  # of that, on two cores at 4.1 GHz
@@ -79,7 +77,7 @@ class Workload:
 
     @property
     def seconds(self) -> float:
-        """On the computer that the model was measured on, see docs/design.md."""
+        """On the computer that the model was measured on, see docs/experiments/rasterizer.md."""
         return float(self._cost[-1])
 
     def share_done(self, progress: float) -> float:

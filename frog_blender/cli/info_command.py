@@ -1,0 +1,107 @@
+"""``frog info``: what a capture folder or a ``.frog`` file holds."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ..engine.capture.capture import Capture
+from ..engine.capture.readers import open_capture
+from ..engine.playback.player import ScenePlayer
+from ..engine.scene import compression_report
+from ..engine.training.recipe import recipe
+from ..engine.training.session.time_estimate import Workload, estimate, likely_device, usual_scale
+from .arguments import add_offset_argument, offsets_of
+from .printing import say
+
+_SHOWN = 12  # names of held-out cameras
+
+
+def add_info_parser(commands: Any) -> None:
+    """Adds the command."""
+    info = commands.add_parser("info", help="describe a capture or a .frog")
+    info.add_argument("path", type=Path)
+    info.add_argument("--json", action="store_true")
+    add_offset_argument(info)
+    info.set_defaults(run=_info)
+
+
+def _info(options: argparse.Namespace) -> int:
+    description = _describe(options.path, offsets_of(options))
+    if options.json:
+        print(json.dumps(description, indent=1))
+        return 0
+    for key, value in description.items():
+        for line in value if isinstance(value, list) else [value]:
+            say(f"{key:>14}  {line}")
+    return 0
+
+
+def _describe(path: Path, pixel_offsets: Mapping[str, tuple[float, float]] | None) -> dict[str, Any]:
+    """Plain values by name; a list is printed a line an entry."""
+    if path.suffix == ".frog":
+        return _describe_scene(ScenePlayer.load(path), path)
+    return _describe_capture(open_capture(path, pixel_offsets=pixel_offsets))
+
+
+def _describe_capture(capture: Capture) -> dict[str, Any]:
+    return {
+        "format": capture.format,
+        "cameras": "1, moving" if capture.is_moving else len(capture.cameras),
+        "frames": capture.frame_count,
+        "frame rate": capture.frames_per_second,
+        "size": ", ".join(sorted({f"{camera.width} x {camera.height}" for camera in capture.cameras})),
+        "held out": _held_out(capture),
+        "distortion": "removed at import" if any(capture.distortions) else "none",
+        "training": _training_times(capture),
+        "warning": list(capture.warnings),
+    }
+
+
+def _held_out(capture: Capture) -> str:
+    names = sorted(capture.test_cameras)
+    if len(names) > _SHOWN:
+        names = [*names[:_SHOWN], f"... ({len(names)} in all)"]
+    if names:
+        return ", ".join(names)
+    return f"{len(capture.test_frames)} of {capture.frame_count} frames" if capture.test_frames else "nothing"
+
+
+def _training_times(capture: Capture) -> list[str]:
+    """How long the recipes for any computer would take, a line each."""
+    device = likely_device("auto")
+    scale = usual_scale(capture.cameras)
+    times = [(name, recipe(name)) for name in ("draft", "standard")]
+    return [f"{name}: {estimate(Workload.of(capture, chosen, scale=scale), device)}" for name, chosen in times]
+
+
+def _describe_scene(scene: ScenePlayer, path: Path) -> dict[str, Any]:
+    header = scene.header
+    return {
+        "method": header.method,
+        "gaussians": scene.count,
+        "dynamic": scene.num_dynamic,
+        "heads": _heads(scene),
+        "sh_degree": scene.sh_degree,
+        "bytes": path.stat().st_size,
+        "cameras": "1, moving" if header.is_moving else ", ".join(camera.name for camera in header.cameras) or "none",
+        "frames": header.frame_count,
+        "frame rate": header.frames_per_second,
+        "size": ", ".join(sorted({f"{camera.width} x {camera.height}" for camera in header.cameras})),
+        "training": f"{header.recipe.get('name')}, {header.steps} steps, {header.train_seconds:.0f} s",
+        "metrics": [f"{name} {value}" for name, value in header.metrics.items()],
+        "capture": header.capture_path,
+        "reductions": compression_report.lines(header.capacity),
+    }
+
+
+def _heads(scene: ScenePlayer) -> list[str]:
+    """The attributes that a scene's deformation network changes; none for other methods and for static scenes."""
+    model = scene.header.model
+    if not scene.num_dynamic or scene.header.method not in ("frog", "ed3dgs"):
+        return []
+    names = ["means", "log_scales", "quaternions", "opacity_logits", *(["sh"] if model["deformed_sh"] else [])]
+    return [name for name in names if name not in model.get("silent_heads", ())]

@@ -1,0 +1,69 @@
+"""``frog render``: frames of a scene as image files."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .arguments import add_frames_argument, frames_of
+from .printing import say
+
+if TYPE_CHECKING:
+    from ..engine.playback.render_files import FrameRenderer
+    from ..engine.scene.scene_file import SceneFile
+
+
+def add_render_parser(commands: Any) -> None:
+    """Adds the command."""
+    render = commands.add_parser("render", help="render frames of a scene as one of its cameras sees them")
+    render.add_argument("scene", type=Path)
+    render.add_argument("--camera", required=True)
+    add_frames_argument(render)
+    render.add_argument("--out", type=Path, required=True)
+    render.add_argument(
+        "--device",
+        choices=["cpu", "cuda", "auto"],
+        default="cpu",
+        help="cuda (experimental) and auto need torch; default: cpu",
+    )
+    render.set_defaults(run=_render)
+
+
+def _render(options: argparse.Namespace) -> int:
+    from ..engine.playback.render_files import render_frames
+    from ..engine.scene.scene_file import read_scene
+    from .progress import bar
+
+    scene = read_scene(options.scene)
+    renderer = frame_renderer(scene, options.device)
+    frames = frames_of(options.frames, scene.header.frame_count)
+    with bar("Rendering") as report:
+        paths = render_frames(scene, options.camera, frames, options.out, renderer=renderer, progress=report)
+    say(f"{len(paths)} images in {options.out}")
+    return 0
+
+
+def frame_renderer(scene: SceneFile, device: str) -> FrameRenderer:
+    """What renders the frames of a scene on a device: "cpu", "cuda" or "auto". "cpu" needs no torch.
+
+    Raises:
+        FrogError: if the scene cannot be played, or the device cannot be used.
+    """
+    from ..engine.playback.player import ScenePlayer
+    from ..engine.playback.render import to_uint8
+    from ..engine.playback.render_files import cpu_renderer
+
+    played = ScenePlayer(scene)
+    if device != "cpu":
+        from ..engine.model.torch_player import TorchScenePlayer
+        from ..engine.training.optimize.device import choose_device
+
+        chosen, warning = choose_device(device)
+        if warning:
+            print(f"warning: {warning}", file=sys.stderr)
+        if chosen.type != "cpu" and played.num_dynamic:  # a static scene has no deformation to compute
+            on_device = TorchScenePlayer(scene, chosen)
+            return lambda frame, camera: to_uint8(on_device.render_image(frame, camera))
+    return cpu_renderer(played)

@@ -1,0 +1,78 @@
+"""Perceptual metrics that need optional packages: FLIP, and LPIPS where its weights are on this machine.
+
+Nothing is downloaded. LPIPS builds on torchvision's AlexNet, whose weights torchvision would fetch by itself. It is
+built only where the file is already in torch's cache.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+from .metrics import Image, Metric, flip
+
+_ALEXNET = "alexnet-owt-*.pth"  # torchvision's name for it in the folder of torch.hub
+_SMALLEST_SIDE = 31  # pixels; AlexNet's last pooling has nothing left of a smaller image
+
+
+def is_installed(package: str) -> bool:
+    """True where a package can be imported; it is not imported."""
+    return find_spec(package) is not None
+
+
+def perceptual_metrics(
+    installed: Callable[[str], bool] = is_installed,
+) -> tuple[dict[str, Metric], dict[str, str]]:
+    """Metrics by name ("flip", "lpips"), and by name the reason why the others cannot be computed here.
+
+    Args:
+        installed: whether a package of this name can be imported.
+    """
+    found: dict[str, Metric] = {}
+    missing: dict[str, str] = {}
+    if installed("flip_evaluator"):
+        found["flip"] = flip
+    else:
+        missing["flip"] = "not installed"
+    reason = _why_no_lpips(installed)
+    if reason:
+        missing["lpips"] = reason
+    else:
+        found["lpips"] = _lpips()
+    return found, missing
+
+
+def _why_no_lpips(installed: Callable[[str], bool]) -> str:
+    """Why LPIPS cannot be computed offline; empty where it can."""
+    if not all(installed(name) for name in ("torch", "torchvision", "lpips")):
+        return "not installed"
+    return "" if _alexnet_weights() else "weights missing"
+
+
+def _alexnet_weights() -> list[Path]:
+    import torch
+
+    return sorted((Path(torch.hub.get_dir()) / "checkpoints").glob(_ALEXNET))
+
+
+def _lpips() -> Metric:
+    """LPIPS 0.1 with AlexNet (Zhang et al. 2018): the mean over an image, 0 for equal ones."""
+    import lpips
+    import torch
+
+    network = lpips.LPIPS(net="alex", version="0.1", verbose=False).eval()
+
+    def on_network(image: Image) -> torch.Tensor:
+        """(1, 3, H, W) in [-1, 1]."""
+        return torch.from_numpy(np.ascontiguousarray(image, np.float32)).permute(2, 0, 1)[None] * 2 - 1
+
+    def metric(image: Image, truth: Image) -> float:
+        if min(image.shape[:2]) < _SMALLEST_SIDE:
+            return float("nan")
+        with torch.inference_mode():
+            return float(network(on_network(image), on_network(truth)).mean())
+
+    return metric

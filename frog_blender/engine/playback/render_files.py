@@ -1,0 +1,90 @@
+"""Frames of a scene, rendered to image files."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..capture.camera import Camera
+from ..errors import FrogError
+from ..io.atomic_files import write_atomically
+from ..scene.header import SceneHeader
+from ..scene.scene_file import SceneFile
+from ..source_media.clips import camera_path
+from .player import ScenePlayer
+from .render import render_image
+
+FrameRenderer = Callable[[float, Camera], NDArray[np.uint8]]
+"""A frame (counted from 0) and a camera to an (H, W, 3) sRGB image."""
+
+_SHOWN = 12  # names of cameras in an error
+
+
+def cpu_renderer(scene: ScenePlayer) -> FrameRenderer:
+    """Renders frames by the native library, without torch."""
+    return lambda frame, camera: render_image(scene.at_frame(frame), camera, scene.header.background)
+
+
+def render_frames(
+    scene: SceneFile,
+    camera_name: str,
+    frames: Sequence[int],
+    folder: Path,
+    *,
+    renderer: FrameRenderer | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Path]:
+    """Writes a PNG for each frame as one of the scene's cameras sees it; returns their paths.
+
+    Args:
+        camera_name: a camera of the scene. Of a moving camera each name is one pose, and "moving" follows its path.
+        folder: made if it does not exist.
+        renderer: renders the frames; ``cpu_renderer`` by default.
+        progress: called with the number of frames done and of all.
+
+    Raises:
+        FrogError: if there is no such camera, or a file cannot be written.
+        ModuleNotFoundError: if OpenCV is missing.
+    """
+    import cv2
+
+    renderer = renderer or cpu_renderer(ScenePlayer(scene))
+    camera_at = _camera_at(scene.header, camera_name)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FrogError(f"{folder}: the folder could not be made ({error.strerror}).") from error
+    paths = []
+    for frame in frames:
+        path = folder / f"{_file_name(camera_name)}_{frame:04d}.png"
+        written, content = cv2.imencode(".png", cv2.cvtColor(renderer(frame, camera_at(frame)), cv2.COLOR_RGB2BGR))
+        if not written:
+            raise FrogError(f"{path}: the image could not be encoded.")
+        write_atomically(path, content.tobytes())
+        paths.append(path)
+        if progress:
+            progress(len(paths), len(frames))
+    return paths
+
+
+def _camera_at(header: SceneHeader, name: str) -> Callable[[int], Camera]:
+    """The camera of that name at each frame; FrogError where the scene has none."""
+    if header.is_moving and name == "moving":
+        path = dict(camera_path(header))
+        # The nearest frame that has an image: captures may leave some out.
+        return lambda frame: path[min(path, key=lambda known: abs(known - frame))]
+    names = [camera.name for camera in header.cameras]
+    if name not in names:
+        known = ", ".join([*names[:_SHOWN], "..."] if len(names) > _SHOWN else names) or "none"
+        raise FrogError(f"The scene has no camera {name!r}; its cameras: {known}.")
+    fixed = header.cameras[names.index(name)]
+    return lambda frame: fixed
+
+
+def _file_name(camera_name: str) -> str:
+    """A camera's name without characters that lead to another folder on any system."""
+    return re.sub(r'[/\\:*?"<>|]', "_", camera_name)
