@@ -1,10 +1,10 @@
 """Keeps the path of a capture's .frog file in a data-block that Blender manages like its own files.
 
-Blender lets no add-on tell it of a file. But it makes the paths of its volumes relative and absolute, rewrites them
-where a .blend is saved elsewhere, appended or made local, reports and finds missing ones, and packs and unpacks them,
-without asking what they hold. So a capture names its file by a volume that nobody draws (``Object.frog.source``), and
-``Object.frog.filepath`` reads and writes that volume's path. A capture from before has its path alone, until the .blend
-is opened or saved.
+Add-ons cannot register files with Blender. But Blender makes the paths of volumes relative and absolute, rewrites them
+when a .blend is saved elsewhere, appended or made local, reports and finds missing ones, and packs and unpacks them,
+whatever they contain. So a capture refers to its file by a volume that is never drawn (``Object.frog.source``), and
+``Object.frog.filepath`` reads and writes that volume's path. A capture of an earlier version has no volume until its
+.blend is opened or saved.
 """
 
 from __future__ import annotations

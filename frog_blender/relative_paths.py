@@ -1,8 +1,8 @@
 """Rewrites FRoG's paths when a .blend is saved: they become relative at the first save, if the user prefers that, and
 relative paths stay valid when the .blend is saved to another folder.
 
-Blender does so with its own paths, but not with those that add-ons keep. That of a scene file becomes one of Blender's
-own (see capture_files); here are the others, and that of a capture which has none of Blender's yet.
+Blender does this for its own paths, but not for those of add-ons. The path of a scene file is kept in a data-block of
+Blender's (see capture_files); this module handles all others, and captures without such a data-block.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from bpy.app.handlers import persistent
 from . import addon_state
 
 _OBJECT_PATHS = ("filepath", "bake_folder")
-_OF_SCENES = ("capture_folder", "output_path", "derived_output")
+_SCENE_PATHS = ("capture_folder", "output_path", "derived_output")
 
 
 class Rewriting:
@@ -77,7 +77,7 @@ def _settle() -> None:
 
 def _kept() -> Iterator[tuple[Any, Any, str, str]]:
     """Collection, data-block, property and value of all paths in this .blend that Blender does not manage."""
-    for blocks, names in ((bpy.data.objects, _OBJECT_PATHS), (bpy.data.scenes, _OF_SCENES)):
+    for blocks, names in ((bpy.data.objects, _OBJECT_PATHS), (bpy.data.scenes, _SCENE_PATHS)):
         for block in blocks:
             if library_of(block) is None:
                 values = _set_of(block, names)
@@ -157,7 +157,7 @@ def on_save_post(*_: Any) -> None:
 def on_import_post(context: bpy.types.Context, *_: Any) -> None:
     """Appended data has paths relative to its .blend; pasted data may have paths relative to this one."""
     for item in context.import_items:
-        names = {"OBJECT": _OBJECT_PATHS, "SCENE": _OF_SCENES}.get(item.id_type)
+        names = {"OBJECT": _OBJECT_PATHS, "SCENE": _SCENE_PATHS}.get(item.id_type)
         if not names or item.append_action not in {"MAKE_LOCAL", "COPY_LOCAL"} or item.source_library is None:
             continue
         for name, value in _set_of(item.id, names):

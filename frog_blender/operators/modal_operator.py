@@ -23,9 +23,8 @@ def has_window(context: bpy.types.Context) -> bool:
 class ModalOperator:
     """A base next to ``bpy.types.Operator``; ``execute`` ends with ``run_all_steps`` or ``run_in_window``.
 
-    The steps are a generator that yields how many of the total are done, after each, and ends. Whatever a step raises
-    ends the operator with a sentence. A step must not rely on objects of the file: anything may happen to them between
-    two.
+    The steps are a generator that yields the number of steps done. An exception ends the operator with a message.
+    Between two steps anything may happen to the file, so a step must not keep references to its objects.
     """
 
     doing = "Working: {done:,} of {total:,}"

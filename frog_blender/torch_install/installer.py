@@ -64,27 +64,38 @@ class Installation:
 
     Args:
         arguments: further ones of pip's, such as an index.
+        pip: how to start pip; None for ``pip_command()``.
+        bytes_needed: disk space without which it does not start.
     """
 
-    def __init__(self, folder: Path, arguments: Sequence[str] = (), packages: Sequence[str] = PACKAGES) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        arguments: Sequence[str] = (),
+        packages: Sequence[str] = PACKAGES,
+        *,
+        pip: Sequence[str] | None = None,
+        bytes_needed: float = BYTES_NEEDED,
+    ) -> None:
         self.folder, self.line, self.error = folder, "Starting", ""
         self.running = self.done = False
         self._arguments, self._packages = list(arguments), list(packages)
+        self._pip, self._bytes_needed = pip, bytes_needed
         self._cancelled = threading.Event()
         self._process: subprocess.Popen[str] | None = None
         self._thread = threading.Thread(target=self._work, name="FRoG installation", daemon=True)
 
     def start(self) -> Installation:
         """Starts pip; FrogError without pip or with too little disk space."""
-        command = pip_command()
+        command = pip_command() if self._pip is None else self._pip
         try:
             self.folder.parent.mkdir(parents=True, exist_ok=True)
             free = shutil.disk_usage(self.folder.parent).free
         except OSError as error:
             raise FrogError(f"{self.folder.parent}: the folder could not be created ({error.strerror}).") from error
-        if free < BYTES_NEEDED:
+        if free < self._bytes_needed:
             raise FrogError(
-                f"{self.folder.parent}: found {free / 1e9:.1f} GB free, torch needs {BYTES_NEEDED / 1e9:.1f} GB."
+                f"{self.folder.parent}: found {free / 1e9:.1f} GB free, torch needs {self._bytes_needed / 1e9:.1f} GB."
             )
         # Wheels only: a source package would run its own build code.
         options = ["--disable-pip-version-check", "--no-input", "--progress-bar", "off", "--only-binary=:all:"]

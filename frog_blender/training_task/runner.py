@@ -46,11 +46,23 @@ class TrainingTask:
     """One training: ``start()`` it, ``pump()`` it until ``state.running`` is false.
 
     ``control`` pauses, resumes and cancels it at any time.
+
+    Args:
+        source: gives the events; called on the worker thread.
+        on_finished: is given the file of a finished scene.
+        is_scene_in_use: while true, ``on_finished`` has to wait.
     """
 
-    def __init__(self, source: EventSource, on_finished: OnFinished | None = None) -> None:
+    def __init__(
+        self,
+        source: EventSource,
+        on_finished: OnFinished | None = None,
+        *,
+        is_scene_in_use: Callable[[], bool] | None = None,
+    ) -> None:
         self.state = TrainingState()
         self.on_finished = on_finished
+        self._is_scene_in_use = is_scene_in_use or _is_scene_in_use
         self.waiting: Path | None = None  # a finished file that is not handed over yet
         self.control = CancelToken()
         self._source = source
@@ -129,7 +141,7 @@ class TrainingTask:
 
     def hand_over(self) -> None:
         """Calls ``on_finished`` with the file of a finished training once nothing else uses the scene."""
-        if self.waiting is None or any(map(bpy.app.is_job_running, _JOBS)) or unsaved_changes.is_being_changed():
+        if self.waiting is None or self._is_scene_in_use():
             return
         result, self.waiting = self.waiting, None
         try:
@@ -140,6 +152,11 @@ class TrainingTask:
         except Exception as error:  # would be lost otherwise, and the file exists
             traceback.print_exc(file=sys.stderr)
             self.state.error = f"{result}: the scene was trained, but could not be imported ({brief(repr(error))})."
+
+
+def _is_scene_in_use() -> bool:
+    """Whether a render or an operation works on a scene."""
+    return any(map(bpy.app.is_job_running, _JOBS)) or unsaved_changes.is_being_changed()
 
 
 @dataclass(frozen=True)
@@ -155,9 +172,12 @@ class BackgroundTraining:
     Attributes:
         current: what the panel shows: the training that is running, or the last one that ran.
         watchers: callbacks for its state.
+        patience: seconds before ``stop`` prints a message.
+        quit_seconds: seconds that ``stop`` waits altogether.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, patience: float = PATIENCE, quit_seconds: float = QUIT_SECONDS) -> None:
+        self.patience, self.quit_seconds = patience, quit_seconds
         self.current: TrainingTask | None = None
         self.watchers: list[Watcher] = []
 
@@ -214,16 +234,17 @@ def is_computing() -> bool:
 
 def stop() -> None:
     """Cancel the current training, give it QUIT_SECONDS to save, and drain its event queue."""
-    task = current()
+    state = addon_state.get(BackgroundTraining)
+    task = state.current
     if task is None:
         return
     task.cancel()
     task.on_finished = None  # its result must not be imported into whatever comes next
-    if not task.join(PATIENCE):
+    if not task.join(state.patience):
         has_learned = task.state.step > 0
         doing = "Saving what the training has learned" if has_learned else "Ending the training"
-        _print(f"{doing}, which may take up to {QUIT_SECONDS:.0f} seconds.")
-        if not task.join(QUIT_SECONDS - PATIENCE):
+        _print(f"{doing}, which may take up to {state.quit_seconds:.0f} seconds.")
+        if not task.join(state.quit_seconds - state.patience):
             _print("That took longer." + (" The last checkpoint is kept, if there is one." if has_learned else ""))
             return
     while task.pump():

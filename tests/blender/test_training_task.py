@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 import pytest
 
+from frog_blender import addon_state
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.training.session import events
 from frog_blender.operators import training_result
@@ -109,12 +110,10 @@ def test_an_import_that_fails_at_the_end_is_an_error_in_the_state(addon):
     assert state.error == "x.frog: found a directory, expected a file." and not state.running
 
 
-def test_nothing_is_imported_while_a_render_looks_at_the_scene(addon, monkeypatch, request):
+def test_nothing_is_imported_while_a_render_looks_at_the_scene(addon, request):
     renders, imported = ["RENDER"], []
-    app = SimpleNamespace(is_job_running=lambda kind: kind in renders)
-    monkeypatch.setattr(runner, "bpy", SimpleNamespace(app=app))
     said = [events.Finished("x.frog", 1, 1.0, 20.0, 5)]
-    task = runner.TrainingTask(lambda cancelled: iter(said), imported.append)
+    task = runner.TrainingTask(lambda cancelled: iter(said), imported.append, is_scene_in_use=lambda: bool(renders))
     assert not finish(task.start()).running
     task.hand_over()
     assert task.waiting is not None and not imported
@@ -173,11 +172,10 @@ def test_opening_another_file_neither_ends_a_training_nor_waits_for_it(endless, 
 
 
 @pytest.mark.parametrize("learned", [False, True], ids=["decoding", "training"])
-def test_at_the_end_there_is_so_much_patience(addon, monkeypatch, capfd, learned):
+def test_at_the_end_there_is_so_much_patience(addon, capfd, learned):
     """What is being saved is waited for; what hangs is not."""
     gate, taken = threading.Event(), threading.Event()
-    monkeypatch.setattr(runner, "PATIENCE", 0.01)
-    monkeypatch.setattr(runner, "QUIT_SECONDS", 0.05)
+    addon_state.put(runner.BackgroundTraining(patience=0.01, quit_seconds=0.05))
 
     def source(cancelled):
         yield steps(1)[0] if learned else events.Stage("decoding", 0, 1)

@@ -19,7 +19,7 @@ from . import compositor
 
 Change = Callable[[], object]
 
-_OF_SCENES = ("camera", "world", "frame_start", "frame_end", "frame_step")
+_SCENE_SETTINGS = ("camera", "world", "frame_start", "frame_end", "frame_step")
 _RENDER_SETTINGS = (
     *("resolution_x", "resolution_y", "resolution_percentage", "pixel_aspect_x", "pixel_aspect_y", "fps", "fps_base"),
     *("use_border", "use_crop_to_border", "border_min_x", "border_max_x", "border_min_y", "border_max_y"),
@@ -118,7 +118,7 @@ def rendered_layers(scene: bpy.types.Scene) -> list[bpy.types.ViewLayer]:
 
 def _plain_changes(splats: bpy.types.Scene, scene: bpy.types.Scene) -> Iterator[Change]:
     """The changes that give a scene the settings of the one that it follows."""
-    yield from _differing(splats, {name: getattr(scene, name) for name in _OF_SCENES})
+    yield from _differing(splats, {name: getattr(scene, name) for name in _SCENE_SETTINGS})
     yield from _differing(splats.render, {name: getattr(scene.render, name) for name in _RENDER_SETTINGS})
     yield from _differing(splats.render, {"engine": "FROG", "film_transparent": True})
     yield from _differing(splats.view_layers[0], {"use": True})
