@@ -30,7 +30,7 @@ def trained_alone(capture: Capture, frame: int, recipe: Recipe, steps: int, seed
     alone = capture.segment(frame, 1)
     store = FrameStore.open(alone)
     seeds = find_seeds(alone, store, count_limit=recipe.seed_gaussians, seed=seed)
-    trainer = Trainer(alone, store, seeds, recipe, "static", Limits(steps), seed)
+    trainer = Trainer(alone, store, seeds, recipe, "static", Limits(steps), seed=seed)
     while not trainer.finished:
         trainer.step()
     return trainer

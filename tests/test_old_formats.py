@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from frog_blender.engine.files import read_scene, write_scene
-from frog_blender.engine.inference.draw import draw
-from frog_blender.engine.inference.scene import PlayableScene
 from helpers import run_python
 
 from frog_blender.cli import main
+from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.engine.playback.render import draw
+from frog_blender.engine.scene.scene_file import read_scene, write_scene
 
 FOLDER = Path(__file__).parent / "fixtures" / "old_formats"
 EXPECTED: dict[str, Any] = json.loads((FOLDER / "expected.json").read_text())
@@ -29,13 +29,13 @@ EVERY = 10
 PLAY = """
 import hashlib, json, sys
 import numpy as np
-from frog_blender.engine.inference.scene import PlayableScene
+from frog_blender.engine.playback.player import ScenePlayer
 
 values = np.linspace(-5, 5, 256, dtype=np.float32)
 rounding = hashlib.sha256(np.exp(values).tobytes() + (values.reshape(16, 16) @ values.reshape(16, 16).T).tobytes())
 found = {}
 for path in sys.argv[1:]:
-    scene = PlayableScene.load(path)
+    scene = ScenePlayer.load(path)
     for time in (0.0, 0.3, 1.0):
         gaussians = scene.at(time)
         arrays = [getattr(gaussians, name) for name in ("means", "quaternions", "scales", "opacities", "sh")]
@@ -52,7 +52,7 @@ def digest(arrays: dict[str, np.ndarray]) -> str:
     return whole.hexdigest()
 
 
-def assert_plays_as_then(scene: PlayableScene, name: str, tolerance: float = 1e-5) -> None:
+def assert_plays_as_then(scene: ScenePlayer, name: str, tolerance: float = 1e-5) -> None:
     """Rounding of processors and of later versions is allowed for."""
     with np.load(FOLDER / "expected.npz") as then:
         for time in TIMES:
@@ -80,7 +80,7 @@ def test_arrays_are_read_as_they_were_then(name: str) -> None:
 
 @pytest.mark.parametrize("name", SCENES)
 def test_an_old_scene_plays_as_it_did_then(name: str) -> None:
-    assert_plays_as_then(PlayableScene.load(FOLDER / name), name)
+    assert_plays_as_then(ScenePlayer.load(FOLDER / name), name)
 
 
 def test_old_scenes_play_the_same_bits() -> None:
@@ -97,7 +97,7 @@ def test_old_scenes_play_the_same_bits() -> None:
 
 @pytest.mark.parametrize("name", SCENES)
 def test_an_old_scene_is_drawn(name: str) -> None:
-    scene = PlayableScene.load(FOLDER / name)
+    scene = ScenePlayer.load(FOLDER / name)
     camera = scene.header.cameras[0]
     rgb = draw(scene.at(0.3), camera, scene.header.background).rgb
     assert rgb.shape == (camera.height, camera.width, 3) and np.isfinite(rgb).all()
@@ -113,7 +113,7 @@ def test_an_old_scene_is_written_again(tmp_path: Path, name: str) -> None:
     assert whole.header.to_json() == old.header.to_json()
     write_scene(tmp_path / "packed.frog", old, compact=True)
     assert (tmp_path / "packed.frog").stat().st_size < (tmp_path / "whole.frog").stat().st_size
-    assert_plays_as_then(PlayableScene.load(tmp_path / "packed.frog"), name, tolerance=0.02)
+    assert_plays_as_then(ScenePlayer.load(tmp_path / "packed.frog"), name, tolerance=0.02)
 
 
 def put_down(tmp_path: Path, version: int) -> Path:

@@ -12,6 +12,7 @@ from ..engine.capture.frames import FrameStore
 from ..engine.capture.seed_store import stored_seeds
 from ..engine.errors import FrogError
 from ..engine.playback.player import ScenePlayer
+from ..engine.training.build import build_trainer
 from ..engine.training.optimize.device import choose_device
 from ..engine.training.optimize.running_loss import TrainingDiverged
 from ..engine.training.optimize.trainer import Limits, Trainer
@@ -86,9 +87,8 @@ class _Prepared:
 
     def trainer(self, run: Run, steps: int) -> Trainer:
         limits = Limits(steps)
-        return Trainer(
-            self.capture, self.store, self.seeds, run.plain_recipe(), run.method, limits, run.seed, self.device
-        )
+        sources = (self.capture, self.store, self.seeds)
+        return build_trainer(*sources, run.plain_recipe(), run.method, limits, seed=run.seed, device=self.device)
 
 
 def _prepare(run: Run, environment: RunEnvironment) -> _Prepared:

@@ -130,9 +130,8 @@ def during_saving(folder: Path, kills: int, seed: int) -> dict[str, int]:
 
     def trainer() -> Trainer:
         capture = open_capture(folder / "capture")
-        return Trainer(
-            capture, FrameStore.open(capture), film.seeds(3000), recipe("draft", **RATES), "frog", Limits(9), 0
-        )
+        settings = recipe("draft", **RATES)
+        return Trainer(capture, FrameStore.open(capture), film.seeds(3000), settings, "frog", Limits(9), seed=0)
 
     def save_on_and_on(begun: int) -> None:
         one = trainer()

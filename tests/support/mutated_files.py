@@ -299,14 +299,15 @@ class Checkpoints(Kind):
             self.whole.append(self.path.read_bytes())
 
     def _trainer(self, job):  # type: ignore[no-untyped-def]
-        from frog_blender.engine.training.optimize.trainer import Limits, Trainer
+        from frog_blender.engine.training.build import build_trainer
+        from frog_blender.engine.training.optimize.trainer import Limits
         from frog_blender.engine.training.session.run import prepare_capture
 
         capture, _ = prepare_capture(job.capture, job.scale, job.holdout_frames, job.pixel_offsets)
         store = FrameStore.open(capture, cache_folder=self._cache)
         most = min(job.recipe.seed_gaussians, job.recipe.max_gaussians)
         limits = Limits(job.steps or (None if job.seconds else job.recipe.steps_for(capture.frame_count)), job.seconds)
-        return Trainer(capture, store, seeds(min(300, most)), job.recipe, job.method, limits, job.seed, "cpu")
+        return build_trainer(capture, store, seeds(min(300, most)), job.recipe, job.method, limits, seed=job.seed)
 
     def use(self) -> bool:
         from frog_blender.engine.training.session.checkpoint import load_checkpoint

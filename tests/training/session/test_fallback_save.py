@@ -162,7 +162,7 @@ def test_memory_that_ends_costs_gaussians_not_the_training(
     task = replace(task, recipe=replace(task.recipe, capacity=capacity))
     stream = list(run_training(task))
     (warning,) = warnings(stream)
-    assert "The memory did not suffice for" in warning and "with at most" in warning
+    assert "Out of memory at" in warning and "with at most" in warning
     end = stream[-1]
     assert isinstance(end, events.Finished) and end.steps == STEPS and 0 < end.gaussians <= 330
 
@@ -184,7 +184,7 @@ def test_a_training_with_fewer_gaussians_resumes(task: TrainingJob, monkeypatch:
 
 def test_memory_that_stays_short_ends_in_a_sentence(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
     short_of_memory(monkeypatch, 0, MemoryError("no more"))
-    with pytest.raises(FrogError, match=r"memory stays too short.*smaller scale"):
+    with pytest.raises(FrogError, match=r"Not enough memory.*smaller scale"):
         list(run_training(task))
 
 
@@ -205,7 +205,7 @@ def test_memory_that_ends_between_steps_costs_gaussians_too(
 
     monkeypatch.setattr(owner, where, limited)
     stream = list(run_training(task))
-    assert any("goes on from step" in warning for warning in warnings(stream))
+    assert any("Continuing from step" in warning for warning in warnings(stream))
     assert isinstance(stream[-1], events.Finished) and stream[-1].steps == STEPS and stream[-1].gaussians <= 330
     steps = [event.step for event in stream if isinstance(event, events.Evaluated)]
     assert steps == sorted(set(steps)), "no evaluation is told twice"

@@ -7,7 +7,7 @@ from .. import passive_threads  # noqa: F401
 # isort: split
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +22,11 @@ from ...playback.player import CANONICAL, ScenePlayer, row_ranges
 from ...scene.header import SceneHeader
 from ...scene.scene_file import SceneFile, scene_bytes, settings_json
 from ..compression.budget import fit_within, keep_within
-from ..compression.finalize import arranged, compactions, played_by
-from ..compression.schedule import CompressionSchedule, CompressionStep, heads_of
+from ..compression.context import CompressionContext, CompressionStep
+from ..compression.finalize import playback_steps, played_by, reorder_for_playback
+from ..compression.schedule import compression_of
 from ..compression.static_attributes import freeze_attributes
-from ..optimize.gaussian_order import arrange
+from ..optimize.gaussian_state import GaussianState, heads_of
 from .session import Session
 
 EVALUATED_SHOTS = 30
@@ -35,7 +36,6 @@ Metrics = Mapping[str, float | str]
 """What was measured of a scene: ``psnr`` (dB) and ``split`` ("held-out" or "training")."""
 
 _REPORT_BYTES = 4000  # for what is left out when a budget is measured: report, metrics, times
-_PACKING_LOSS = 0.05  # dB above which a file is not quantized
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def build_scene(session: Session, metrics: Metrics) -> BuiltScene:
     are left out, since no header can hold them.
     """
     finite = {name: value for name, value in metrics.items() if not isinstance(value, float) or math.isfinite(value)}
-    compression = session.trainer.compression
+    compression = compression_of(session.trainer)
     if compression is None or session.job.lossless:
         return _plain(session, finite)
     try:
@@ -147,11 +147,12 @@ def fit_budget(session: Session) -> None:
     The budget of bytes holds for a finished training, since much changes at its end.
     """
     trainer, budget = session.trainer, session.job.max_bytes
-    if not trainer.compression:
+    compression = compression_of(trainer)
+    if not compression:
         return
-    keep_within(trainer.compression, trainer, trainer.recipe.kept_at_most)
+    keep_within(compression, trainer.recipe.kept_at_most)
     if budget and trainer.finished:
-        fit_within(trainer.compression, trainer, lambda: _packed_size(arranged(_scene(session))), budget)
+        fit_within(compression, lambda: _packed_size(reorder_for_playback(_scene(session))), budget)
 
 
 def size_limit(session: Session) -> int:
@@ -164,19 +165,16 @@ def size_limit(session: Session) -> int:
     return int(count * each) + rest + len(scene.header.to_json()) + _REPORT_BYTES
 
 
-def remove_non_finite(session: Session) -> None:
+def remove_non_finite(gaussians: GaussianState) -> None:
     """Removes Gaussians with non-finite parameters, unless there are no others."""
-    trainer = session.trainer
-    canonical = trainer.model.canonical
-    finite = torch.ones(trainer.count, dtype=torch.bool, device=trainer.device)
+    canonical = gaussians.canonical
+    finite = torch.ones(len(canonical.means), dtype=torch.bool, device=canonical.means.device)
     for name in ATTRIBUTES:
         values = getattr(canonical, name).detach()
         rows = torch.isfinite(values).reshape(len(values), math.prod(values.shape[1:]))
         finite[: len(values)] &= rows.all(1)
     if bool(finite.any()) and not bool(finite.all()):
-        kept = finite.nonzero().squeeze(1)
-        dynamic = kept[kept < canonical.num_dynamic] if canonical.embeddings.shape[1] else kept
-        arrange(trainer, kept, dynamic)
+        gaussians.keep(finite.nonzero().squeeze(1))
 
 
 def _packed_size(scene: SceneFile) -> int:
@@ -194,12 +192,12 @@ def _plain(session: Session, metrics: Metrics) -> BuiltScene:
         return BuiltScene(scene, scene_bytes(scene), f"The scene's file has no report ({reason(error)}).")
 
 
-def _compact(session: Session, compression: CompressionSchedule, metrics: Metrics) -> BuiltScene:
+def _compact(session: Session, compression: CompressionContext, metrics: Metrics) -> BuiltScene:
     trainer, budget = session.trainer, session.job.max_bytes
     scene, steps = _scene(session, metrics), list[CompressionStep]()
     if trainer.finished and not budget:  # which the scene fits as it is
-        scene, steps = freeze_attributes(compression, trainer, scene)
-    scene = arranged(scene, trainer.finished)
+        scene, steps = freeze_attributes(compression, scene)
+    scene = reorder_for_playback(scene, trainer.finished, compression.settings.max_visible)
     if steps and "psnr" in metrics:  # measured again, of what is written
         psnr, _ = trainer.evaluate(EVALUATED_SHOTS, played_by(ScenePlayer(scene), trainer.device))
         scene = _with_header(scene, metrics={**metrics, "psnr": psnr})
@@ -207,10 +205,10 @@ def _compact(session: Session, compression: CompressionSchedule, metrics: Metric
     if not trainer.finished:
         return BuiltScene(scene, content)
     lost = sum(step.loss or 0.0 for step in steps)
-    packing, transients = compactions(compression, trainer, scene, len(content), lost)
-    compact = packing.loss is None or packing.loss <= _PACKING_LOSS or bool(budget)
+    packing, transients = playback_steps(compression, scene, len(content), lost)
+    compact = packing.loss is None or packing.loss <= compression.settings.max_packing_loss or bool(budget)
     steps += [step for step in (packing if compact else None, transients) if step]
-    scene = _with_header(scene, capacity=compression_report(session, [*compression.reductions, *steps]))
+    scene = _with_header(scene, capacity=compression_report(session, [*compression.record.log, *steps]))
     return BuiltScene(scene, scene_bytes(scene, compact=compact))
 
 
@@ -224,11 +222,11 @@ def _scene(session: Session, metrics: Metrics | None = None, *, report: bool = T
     shots: list[list[int]] = [[] for _ in capture.cameras]
     for shot in capture.shots:
         shots[shot.camera].append(shot.frame)
-    is_dynamic = not trainer.compression or trainer.model.canonical.num_dynamic > 0
+    compression, is_dynamic = compression_of(trainer), trainer.gaussians.num_dynamic > 0
     header = SceneHeader(
         method=trainer.method,
         recipe=settings_json(trainer.recipe),
-        model=trainer.model.stored_settings(trainer.schedule_state(trainer.progress)) if is_dynamic else {},
+        model=trainer.model.stored_settings(trainer.schedule_state()) if is_dynamic else {},
         cameras=capture.cameras,
         camera_shots=tuple(tuple(frames) for frames in shots),
         test_cameras=tuple(sorted(capture.test_cameras)),
@@ -243,9 +241,7 @@ def _scene(session: Session, metrics: Metrics | None = None, *, report: bool = T
         metrics=dict(metrics or {}),
         steps=trainer.step_count,
         train_seconds=trainer.seconds,
-        capacity=(
-            compression_report(session, trainer.compression.reductions) if trainer.compression and report else {}
-        ),
+        capacity=compression_report(session, compression.record.log) if compression and report else {},
     )
     return SceneFile(header, _arrays(session))
 
@@ -256,7 +252,7 @@ def _arrays(session: Session) -> dict[str, NDArray[np.generic]]:
     for name, value in trainer.model.state_dict().items():
         name = name.removeprefix("canonical.").replace("deformation.", "network.")
         arrays[name] = value.detach().cpu().numpy()
-    if trainer.compression and not trainer.model.canonical.num_dynamic:  # the network has nothing to deform
+    if not trainer.gaussians.num_dynamic:  # the network has nothing to deform
         arrays = {name: array for name, array in arrays.items() if name in CANONICAL}
     elif not arrays["embeddings"].size:
         del arrays["embeddings"]
@@ -269,8 +265,8 @@ def compression_report(session: Session, steps: list[CompressionStep]) -> dict[s
     canonical = trainer.model.canonical
     return {
         "gaussians": trainer.count,
-        "dynamic": canonical.num_dynamic,
+        "dynamic": trainer.gaussians.num_dynamic,
         "heads": heads_of(trainer.model),
         "sh_degree": int(canonical.sh.shape[1] ** 0.5) - 1,
-        "reductions": [asdict(step) for step in steps],
+        "reductions": [step.to_json() for step in steps],
     }

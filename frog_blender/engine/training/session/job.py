@@ -11,6 +11,7 @@ from ...capture.capture import Capture
 from ...capture.seeds import Seeds
 from ...scene.header import METHODS
 from ...scene.scene_file import settings_json
+from ..compression.settings import DEFAULT, CompressionSettings
 from ..recipe import Recipe, recipe
 from ..setting import Choice, Kind, Number, OrNone
 
@@ -48,6 +49,7 @@ class TrainingJob:
         preview_camera: whose view the previews show, see ``preview.preview_shot``.
         preview_size: pixels of a preview's longer side, at most: rendering 512 takes less than a step.
         preview_seconds: between previews, at most; there is one at every tenth of the training besides.
+        compression: thresholds, with the recipe's capacity "auto".
     """
 
     capture: Path
@@ -74,6 +76,7 @@ class TrainingJob:
     preview_camera: str | None = None
     preview_size: int = 512
     preview_seconds: float = 10.0
+    compression: CompressionSettings = DEFAULT
 
     def stored_settings(self) -> dict[str, Any]:
         """What the checkpoint keeps of this job: the fields in ``KEPT``, the recipe, and whose training it is."""

@@ -7,13 +7,13 @@ from .. import passive_threads  # noqa: F401
 # isort: split
 import time
 from collections.abc import Generator, Iterator
-from dataclasses import asdict
 
 from ...errors import FrogError, reason
 from ...io.atomic_files import write_atomically
 from ...scene.compression_report import reduction_line
+from ..compression.context import CompressionContext
 from ..compression.report_image import draw_report_image
-from ..compression.schedule import CompressionFailed
+from ..compression.schedule import CompressionFailed, compression_of
 from ..optimize.running_loss import TrainingDiverged
 from . import events
 from .checkpoint import restore
@@ -45,7 +45,7 @@ def train(session: Session) -> Iterator[Event]:
     checkpoints = Checkpoints(session.checkpoint, began)
     space = SpareSpace(output, size_limit(session), trainer.store)
     recovery = Recovery(trainer, session.job.stored_settings())
-    trainer.before_round = lambda: recovery.remember(trainer)
+    trainer.hooks.append(recovery)
     try:
         while True:
             try:
@@ -56,26 +56,26 @@ def train(session: Session) -> Iterator[Event]:
                 report = yield from _export(session, recovery, space)
                 break
             except CompressionFailed as failed:
-                message = recovery.without_round(trainer, failed)
+                message = recovery.without_milestone(trainer, failed)
             except (TrainingDiverged, RuntimeError, MemoryError) as error:
                 message = recovery.rollback(trainer, error)
             yield events.WarningEvent(message)
-        yield from checkpoints.save_late(recovery.state, None if trainer.finished else space)
+        yield from checkpoints.save_late(recovery.last_state, None if trainer.finished else space)
     except Exception as error:
-        checkpoints.write_emergency(recovery.state, space)
+        checkpoints.write_emergency(recovery.last_state, space)
         if isinstance(error, TrainingDiverged):  # after every rollback: what the user can mend
             raise FrogError(error) from error
         raise
     finally:
         space.release()
-        trainer.before_round = lambda: None  # the other one would hold on to the trainer, its frames and their lock
+        trainer.hooks.remove(recovery)
     path = str(report.path)
     yield events.Saved(path)
     if not trainer.finished:
         yield events.Cancelled(trainer.step_count, path)
         return
-    if trainer.compression:
-        yield from _report_image(session, report)
+    if compression := compression_of(trainer):
+        yield from _report_image(compression, report, preview_shot(session.capture) or 0)
     yield events.Finished(path, trainer.step_count, trainer.seconds, report.psnr, trainer.count, report.compression)
 
 
@@ -103,21 +103,21 @@ def _steps(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> It
         a_tenth = int(trainer.progress * _EVALUATIONS) > evaluated and not trainer.finished
         if a_tenth:
             evaluated = int(trainer.progress * _EVALUATIONS)
-            recovery.remember(trainer)
+            recovery.snapshot(trainer)
             psnr, split = trainer.evaluate(job.evaluated_shots)
             yield events.Evaluated(trainer.step_count, psnr, split, trainer.seconds)
         if a_tenth or (previews.due and not trainer.finished):
             yield from previews.render()
     if trainer.step_count == checkpoints.step:  # the checkpoint is up to date, or there was no step yet
-        recovery.remember(trainer)
+        recovery.snapshot(trainer)
     else:
         yield from _save(session, recovery, checkpoints)
 
 
 def _save(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> Iterator[Event]:
-    """Writes a checkpoint; ``remember`` first refuses a state that is not finite."""
-    recovery.remember(session.trainer)
-    yield from checkpoints.save(recovery.state)
+    """Writes a checkpoint; ``snapshot`` first refuses a state that is not finite."""
+    recovery.snapshot(session.trainer)
+    yield from checkpoints.save(recovery.last_state)
 
 
 def _export(session: Session, recovery: Recovery, space: SpareSpace) -> Generator[Event, None, ExportReport]:
@@ -128,7 +128,7 @@ def _export(session: Session, recovery: Recovery, space: SpareSpace) -> Generato
     except (FrogError, TrainingDiverged):  # a budget that cannot be met: the checkpoint resumes with a larger one
         raise
     except Exception as error:
-        restore(trainer, recovery.state)
+        restore(trainer, recovery.last_state)
         yield events.WarningEvent(f"The budget could not be met ({reason(error)}): all Gaussians were saved.")
     if job.max_bytes and not trainer.finished:
         yield events.WarningEvent("The budget of bytes holds for a finished training; this one was cancelled.")
@@ -139,20 +139,20 @@ def _export(session: Session, recovery: Recovery, space: SpareSpace) -> Generato
         yield events.Evaluated(trainer.step_count, psnr, split, trainer.seconds)
     except Exception as error:
         yield events.WarningEvent(f"The scene's quality could not be measured ({reason(error)}).")
-    remove_non_finite(session)
+    remove_non_finite(session.trainer.gaussians)
     built = build_scene(session, metrics)
     if built.warning:
         yield events.WarningEvent(built.warning)
     return built.report((yield from save_with_fallback(session.output, built.content, space)))
 
 
-def _report_image(session: Session, report: ExportReport) -> Iterator[Event]:
+def _report_image(compression: CompressionContext, report: ExportReport, shot: int) -> Iterator[Event]:
     """An image of the compression beside the scene; a failure costs only the image."""
     import cv2
 
     path = beside(report.path.with_suffix(""), ".capacity.png")
     try:
-        image = draw_report_image(session.trainer, preview_shot(session.capture) or 0)
+        image = draw_report_image(compression, shot)
         write_atomically(path, cv2.imencode(".png", image[:, :, ::-1])[1].tobytes())
     except Exception as error:
         yield events.WarningEvent(f"The image of static and dynamic Gaussians could not be made ({reason(error)}).")
@@ -162,9 +162,9 @@ def _report_image(session: Session, report: ExportReport) -> Iterator[Event]:
 
 def _compression_events(session: Session) -> Iterator[Event]:
     """What the last step's compression did, if any was due."""
-    trainer = session.trainer
-    for reduction in trainer.compression.news() if trainer.compression else ():
-        yield events.Reduced(trainer.step_count, reduction_line(asdict(reduction)))
+    compression = compression_of(session.trainer)
+    for step in compression.record.new_steps() if compression else ():
+        yield events.Reduced(session.trainer.step_count, reduction_line(step.to_json()))
 
 
 def _progress_event(session: Session, work: Workload) -> events.Progress:
@@ -179,5 +179,5 @@ def _progress_event(session: Session, work: Workload) -> events.Progress:
         trainer.seconds * (1 - done) / done,
         trainer.loss,
         trainer.count,
-        trainer.model.canonical.num_dynamic,
+        trainer.gaussians.num_dynamic,
     )
