@@ -113,8 +113,8 @@ def still(folder: Path) -> dict[str, float]:
     camera = playable.header.cameras[0]
     engine_ms = median_ms(lambda number: draw(playable.at_frame(0.1 * number), camera), 5)
     inside: list[float] = []
-    original = frog_engine.render_moment
-    frog_engine.render_moment = noting(original, inside)
+    original = frog_engine.render_instant
+    frog_engine.render_instant = noting(original, inside)
 
     def render(number: int) -> None:
         scene.frame_current = 1 + number % 5
@@ -123,7 +123,7 @@ def still(folder: Path) -> dict[str, float]:
     try:
         whole = median_ms(render, 6)
     finally:
-        frog_engine.render_moment = original
+        frog_engine.render_instant = original
     return {
         "deformation and rasterization": engine_ms,
         "in the engine": round(1000 * statistics.median(inside), 2),

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from importlib import import_module
 
-# In this order: properties before what reads them, a training before the preview that watches it.
+# In this order: properties before their users, trainings before the preview that watches them.
 _ROOMS = (
     "ui.preferences",
     "ui.training_settings",

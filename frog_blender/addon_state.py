@@ -1,4 +1,4 @@
-"""What the add-on keeps while it is switched on: one object of each kind, made when it is first asked for.
+"""The state of the add-on while it is enabled: one object of each class, created on first use.
 
 Modules keep no state of their own. Each defines a class for what it has to remember and asks for the one object of it:
 ``addon_state.get(OpenScenes)``. Switching the add-on off drops them all.
@@ -11,12 +11,12 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 
-_lock = threading.RLock()  # renders ask in their own thread
+_lock = threading.RLock()  # renders call ``get`` from their own thread
 _kept: dict[type, Any] = {}  # Any: the object of the type that is its key
 
 
 def get(kind: type[T]) -> T:
-    """The one object of a class, which is made without arguments; any thread may ask."""
+    """The one object of a class, created without arguments on first use. Thread-safe."""
     found: T | None = _kept.get(kind)
     if found is None:
         with _lock:
@@ -27,7 +27,7 @@ def get(kind: type[T]) -> T:
 
 
 def put(state: object) -> None:
-    """Has an object take the place of the one of its class, such as one that was made with other arguments."""
+    """Replaces the object of a class, such as by one that was created with other arguments."""
     with _lock:
         _kept[type(state)] = state
 
@@ -39,6 +39,6 @@ def reset(kind: type) -> None:
 
 
 def clear() -> None:
-    """Drops every object: for switching the add-on off, after everything that works in the background has ended."""
+    """Drops every object. To be called when the add-on is disabled, after all background work has ended."""
     with _lock:
         _kept.clear()

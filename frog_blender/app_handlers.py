@@ -1,4 +1,4 @@
-"""Blender's lists of functions to call when something happens."""
+"""Registration of functions in ``bpy.app.handlers``."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from . import reported_once
 
 Handler = Callable[..., Any]  # Any: each list of Blender's passes other arguments
 Handlers = list[tuple[list[Handler], Handler]]
-"""Lists of ``bpy.app.handlers``, and what is to be called from each."""
+"""Pairs of a list of ``bpy.app.handlers`` and a function to register there."""
 
 
 def add(handlers: Handlers) -> None:
-    """Puts each function into its list, once, guarded."""
+    """Registers each function once, wrapped by ``guarded``."""
     for functions, function in handlers:
         if guarded(function) not in functions:
             functions.append(guarded(function))
 
 
 def remove(handlers: Handlers) -> None:
-    """Takes each function out of its list, if it is there."""
+    """Unregisters each function that is registered."""
     for functions, function in handlers:
         if guarded(function) in functions:
             functions.remove(guarded(function))
@@ -29,7 +29,7 @@ def remove(handlers: Handlers) -> None:
 
 @cache
 def guarded(function: Handler) -> Handler:
-    """What stands for a function in Blender's lists: an error is reported once, not at every frame."""
+    """The wrapper that is registered for a function: it reports an error once instead of at every frame."""
 
     @wraps(function)  # with what ``persistent`` wrote on it
     def handler(*arguments: Any) -> None:

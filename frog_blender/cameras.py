@@ -1,4 +1,4 @@
-"""Engine cameras as Blender cameras, and back, exactly: the only file that knows both conventions.
+"""Converts engine cameras to Blender cameras and back, exactly. No other file knows both conventions.
 
 Blender looks along -z with y up and describes a lens by focal length, sensor and shift; the engine looks along +z with
 y down and describes it by a matrix of pixels.  What Blender cannot hold in a camera, pixels that are not square, is
@@ -7,12 +7,15 @@ kept in a property of the camera (``Camera.frog.focal_ratio``) that the FROG eng
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .engine.capture.camera import Camera
 from .engine.errors import FrogError
+
+if TYPE_CHECKING:
+    import bpy
 
 SENSOR_WIDTH = 36.0  # millimetres; any value does, the focal length follows from it
 _FAR = 1000.0  # widths of what is seen
@@ -34,7 +37,7 @@ def lens_of(camera: Camera) -> dict[str, float]:
     }
 
 
-def apply_lens(data: Any, camera: Camera) -> None:
+def apply_lens(data: bpy.types.Camera, camera: Camera) -> None:
     """Give a Blender camera datablock the lens of an engine camera."""
     lens = lens_of(camera)
     data.type = "PERSP"
@@ -52,9 +55,14 @@ def pose_of(camera: Camera) -> np.ndarray:
 
 
 def engine_camera(
-    obj: Any, matrix_world: Any, render: Any, width: int, height: int, shift_x: float | None = None
+    obj: bpy.types.Object,
+    matrix_world: Any,
+    render: bpy.types.RenderSettings,
+    width: int,
+    height: int,
+    shift_x: float | None = None,
 ) -> Camera:
-    """The engine camera that a (possibly evaluated) Blender camera object is, at a render size in pixels.
+    """Converts a (possibly evaluated) Blender camera object to an engine camera, at a render size in pixels.
 
     ``matrix_world`` is the object's, ``render`` the scene's render settings (for the pixel aspect). An orthographic
     camera stands ``distance_added`` further back than Blender's. An eye of a stereoscopic camera has a ``shift_x``
@@ -90,9 +98,10 @@ def engine_camera(
     return Camera(obj.name, width, height, intrinsics, np.linalg.inv(pose @ _FLIP))
 
 
-def distance_added(data: Any) -> float:
-    """How much further back than in Blender the engine's camera stands: an orthographic one very far, so that what it
-    sees looks the same to a pixel; 0 for a perspective."""
+def distance_added(data: bpy.types.Camera) -> float:
+    """How far the engine camera is moved back: very far for an orthographic camera, so that its image is the same to
+    a pixel; 0 for a perspective camera.
+    """
     return _FAR * data.ortho_scale if data.type == "ORTHO" else 0.0
 
 
@@ -120,16 +129,16 @@ def view_camera(view_matrix: Any, window_matrix: Any, width: int, height: int, f
 
 def _expect_numbers(lens: np.ndarray, place: np.ndarray, name: str) -> None:
     if not (np.isfinite(lens).all() and np.isfinite(place).all()):
-        raise FrogError(f"{name}: found a lens or a place that is no number, expected finite ones.")
+        raise FrogError(f"{name}: found non-finite values in its lens or position, expected finite ones.")
 
 
 def _expect_focal(focal: np.ndarray, name: str) -> None:
     if not (focal > 0).all():
-        raise FrogError(f"{name}: found a focal length that is not above zero, expected one that is.")
+        raise FrogError(f"{name}: found a focal length of zero or less, expected a positive one.")
 
 
 def nearest_rotation(matrix: np.ndarray, name: str) -> np.ndarray:
-    """The rotation closest to a (3, 3) matrix: a scaled parent does not scale what a camera sees."""
+    """The rotation closest to a (3, 3) matrix. The scale of a parent does not affect what a camera sees."""
     _expect_numbers(matrix, matrix, name)
     left, scales, right = np.linalg.svd(matrix)
     if scales[-1] < 1e-12 or np.linalg.det(matrix) < 0:

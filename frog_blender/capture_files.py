@@ -1,10 +1,10 @@
-"""The .frog file of a capture as a data-block of Blender's own, so that Blender looks after it as after its own files.
+"""Keeps the path of a capture's .frog file in a data-block that Blender manages like its own files.
 
-Blender lets no add-on tell it of a file. But it makes the paths of its volumes relative and absolute, rewrites them
-where a .blend is saved elsewhere, appended or made local, reports and finds missing ones, and packs and unpacks them,
-without asking what they hold. So a capture names its file by a volume that nobody draws (``Object.frog.source``), and
-``Object.frog.filepath`` reads and writes that volume's path. A capture from before has its path alone, until the .blend
-is opened or saved.
+Add-ons cannot register files with Blender. But Blender makes the paths of volumes relative and absolute, rewrites them
+when a .blend is saved elsewhere, appended or made local, reports and finds missing ones, and packs and unpacks them,
+whatever they contain. So a capture refers to its file by a volume that is never drawn (``Object.frog.source``), and
+``Object.frog.filepath`` reads and writes that volume's path. A capture of an earlier version has no volume until its
+.blend is opened or saved.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _LONGEST_PATH = 1023  # bytes that a volume's path holds
 
 
 class UnpackedFiles:
-    """Copies of what is packed into the .blend.
+    """Temporary copies of files that are packed into the .blend.
 
     Attributes:
         paths: by a volume's session_uid, and the place and size of what it packs.
@@ -39,22 +39,24 @@ class UnpackedFiles:
         self.lock = threading.Lock()
 
 
-def is_capture(obj: Any) -> bool:
+def is_capture(obj: bpy.types.Object) -> bool:
     """Whether an object plays a .frog file."""
     if obj.type not in point_cloud.TYPES:
         return False
     settings = obj.frog
-    return bool(settings.is_property_set("filepath") and settings.filepath)  # the first is fast, and false for most
+    return bool(
+        settings.is_property_set("filepath") and settings.filepath
+    )  # the first check is fast, and false for most objects
 
 
 def shown_path(settings: Any, stored: str) -> str:
-    """What ``Object.frog.filepath`` reads, of a string that was stored there."""
+    """The value of ``Object.frog.filepath``, given the string stored there."""
     source = settings.source
     return stored if source is None else source.filepath
 
 
 def point_at(settings: Any, path: str) -> None:
-    """Makes ``path``, which may be relative, that of the capture's volume: its own one, if others share what it has."""
+    """Sets the path, which may be relative, of the capture's volume. A volume that is shared gets a copy first."""
     source = settings.source
     if len(os.fsencode(path)) > _LONGEST_PATH:
         settings.source = None
@@ -70,33 +72,33 @@ def point_at(settings: Any, path: str) -> None:
 
 
 def adopt() -> None:
-    """Gives the captures of this .blend that have a path alone a volume for it."""
+    """Creates the volume for captures of this .blend that only have a path."""
     for obj in bpy.data.objects:
         if is_capture(obj) and obj.frog.source is None and relative_paths.library_of(obj) is None:
             point_at(obj.frog, obj.frog.filepath)
 
 
-def named_file(obj: Any) -> Path:
-    """The file that an object names, which need not be there where its content is packed into the .blend."""
+def named_file(obj: bpy.types.Object) -> Path:
+    """The file that an object refers to. It need not exist if its content is packed into the .blend."""
     return relative_paths.absolute(obj.frog.source or obj, obj.frog.filepath)
 
 
-def file_of(obj: Any) -> Path:
-    """The .frog file that an object plays: the one that it names, or a copy of what is packed into the .blend."""
+def file_of(obj: bpy.types.Object) -> Path:
+    """The .frog file that an object plays: the file it refers to, or a copy of what is packed into the .blend."""
     source = obj.frog.source
     if source is None or source.packed_file is None:
         return named_file(obj)
     return _copy_of_packed(source) or named_file(obj)
 
 
-def packed_bytes(obj: Any) -> int:
-    """How much of a .blend a capture's packed file takes; 0 where it is not packed."""
+def packed_bytes(obj: bpy.types.Object) -> int:
+    """Size in bytes of a capture's packed file in the .blend; 0 if it is not packed."""
     source = obj.frog.source
     return source.packed_file.size if source is not None and source.packed_file is not None else 0
 
 
-def _copy_of_packed(source: Any) -> Path | None:
-    """A file with what a volume has packed, written once for each content; None where it cannot be written."""
+def _copy_of_packed(source: bpy.types.Volume) -> Path | None:
+    """A file with the packed content of a volume, written once for each content; None if it cannot be written."""
     packed = source.packed_file
     key = source.session_uid, packed.as_pointer(), packed.size
     unpacked = addon_state.get(UnpackedFiles)
@@ -123,7 +125,7 @@ def _copy_of_packed(source: Any) -> Path | None:
 
 
 def _write(path: Path, content: bytes) -> None:
-    """All of it or nothing."""
+    """Writes the whole file or nothing."""
     path.parent.mkdir(parents=True, exist_ok=True)
     unfinished = path.with_suffix(".part")
     unfinished.write_bytes(content)

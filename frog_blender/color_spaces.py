@@ -1,5 +1,6 @@
-"""The border between the video's display-referred sRGB and Blender's scene-linear colour: Rec. 709 primaries, unless a
-.blend of Blender 5 works in others."""
+"""Conversion between the display-referred sRGB of videos and Blender's scene-linear color (Rec. 709 primaries unless
+a .blend of Blender 5 uses others).
+"""
 
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ _WORKING_SPACES = {
 
 
 def image_to_linear(display: np.ndarray) -> np.ndarray:
-    """``to_linear`` of many float32 values in [0, 1] by a table: five times faster, and exact to 2e-5."""
+    """``to_linear`` for float32 images in [0, 1] by a look-up table: five times faster, exact to 2e-5."""
     index = display * np.float32(_STEPS)
     index += np.float32(0.5)
     return _table()[index.astype(np.uint16)]
@@ -40,7 +41,9 @@ def to_display(linear: np.ndarray) -> np.ndarray:
 
 
 def into_working_space(linear: np.ndarray) -> np.ndarray:
-    """Changes the first three of (..., 3 or 4) channels, linear Rec. 709, to the working space of the open .blend."""
+    """Converts the first three of (..., 3 or 4) channels in place from linear Rec. 709 to the working space of the
+    open .blend.
+    """
     matrix = _working_space()
     if matrix is not None:
         linear[..., :3] = linear[..., :3] @ matrix.T
@@ -48,7 +51,7 @@ def into_working_space(linear: np.ndarray) -> np.ndarray:
 
 
 def out_of_working_space(linear: np.ndarray) -> np.ndarray:
-    """(..., 3) of linear Rec. 709, from the working space of the open .blend."""
+    """(..., 3) linear Rec. 709, converted from the working space of the open .blend."""
     matrix = _working_space()
     return linear if matrix is None else (linear @ np.linalg.inv(matrix).T).astype(linear.dtype)
 

@@ -1,4 +1,4 @@
-"""Gaussians -> a Blender datablock that every render engine can draw.
+"""Stores Gaussians in a Blender data-block that every render engine can draw.
 
 Blender 5.3 draws Gaussian splats itself: there the Gaussians live in a point cloud of that type.  Before 5.3, and where
 Blender refuses one, they are the vertices of a Mesh that Geometry Nodes turn into points (``splat_nodes``).
@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeAlias
 
 import bpy
 import numpy as np
@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from .engine.playback.player import ScenePlayer
 
 TYPES = ("MESH", "POINTCLOUD")
-"""Of objects that can carry Gaussians, whatever Blender made the file that they are in."""
+"""Types of objects that can hold Gaussians, in files of any Blender version."""
+Data: TypeAlias = "bpy.types.Mesh | bpy.types.PointCloud"
 DATA_TYPES = (bpy.types.Mesh, bpy.types.PointCloud)
 _MODIFIER = "Gaussians as points"
 _HIDING = "Hidden in renders"
@@ -38,8 +39,9 @@ _BASE = {"MESH": "FLOAT_COLOR", "POINTCLOUD": "FLOAT4"}
 
 _COLUMNS = {"position": "means", "scale": "scales", "rotation": "quaternions", "radiance:base": "base"}
 _SHOWN = "frog_shown"
-"""A custom property of the mesh that says whose Gaussians at which time it holds.  What undo, copying or loading brings
-back of the mesh brings it back as well, so that it is always right; see ``show`` for what it saves."""
+"""A custom property of the mesh: the token of the scene and the time of the Gaussians it holds. Undo, copying and
+loading restore it together with the mesh, so it is always right. ``show`` uses it to skip writing.
+"""
 
 
 def draws_splats() -> bool:
@@ -48,8 +50,8 @@ def draws_splats() -> bool:
     return kind is not None and _SPLATS in kind.enum_items.keys()  # noqa: SIM118
 
 
-def create(name: str, gaussians: GaussianArrays) -> Any:
-    """A new object that carries ``gaussians``, with its nodes and material, linked to no collection yet."""
+def create(name: str, gaussians: GaussianArrays) -> bpy.types.Object:
+    """A new object that holds ``gaussians``, with its nodes and material, not linked to a collection yet."""
     if draws_splats():
         cloud = bpy.data.pointclouds.new(name)
         try:
@@ -57,7 +59,7 @@ def create(name: str, gaussians: GaussianArrays) -> Any:
             obj = bpy.data.objects.new(name, cloud)
             write(obj, gaussians)
         except (AttributeError, KeyError, RuntimeError, TypeError, ValueError) as error:
-            print(f"FRoG: Blender's own splats cannot be used ({error}); points stand in for them.", file=sys.stderr)
+            print(f"FRoG: Blender's own splats cannot be used ({error}). Using points instead.", file=sys.stderr)
             bpy.data.pointclouds.remove(cloud)  # and the object that has it
         else:
             return obj
@@ -69,25 +71,26 @@ def create(name: str, gaussians: GaussianArrays) -> Any:
     return obj
 
 
-def make_splats(cloud: Any) -> None:
+def make_splats(cloud: bpy.types.PointCloud) -> None:
     """Makes a point cloud one of Gaussian splats; AttributeError or TypeError where Blender knows none."""
     cloud.type = _SPLATS
 
 
-def _add_modifier(obj: Any, name: str, group: Any) -> Any:
+def _add_modifier(obj: bpy.types.Object, name: str, group: bpy.types.GeometryNodeTree) -> bpy.types.Modifier:
     modifier = obj.modifiers.new(name, "NODES")
     modifier.node_group = group
     modifier.show_group_selector = False
     return modifier
 
 
-def is_original(shown: Any, original: Any) -> bool:
-    """Whether an object that Blender lists is a carrier itself, not what Geometry Nodes make of it: they list points of
-    a mesh as another type, and ellipsoids under the name of another mesh."""
+def is_original(shown: bpy.types.Object, original: bpy.types.Object) -> bool:
+    """Whether an object in a depsgraph is the capture itself and not the output of its Geometry Nodes: their points
+    have another type, and their ellipsoids another mesh.
+    """
     return shown.type == original.type and (shown.type != "MESH" or shown.data.name == original.data.name)
 
 
-def display(obj: Any, kind: str) -> None:
+def display(obj: bpy.types.Object, kind: str) -> None:
     """Shows the Gaussians as "POINTS" (soft splats, by the material or by Blender) or as solid "ELLIPSOIDS"."""
     modifier = obj.modifiers.get(_MODIFIER)
     if obj.type == "POINTCLOUD":
@@ -100,8 +103,8 @@ def display(obj: Any, kind: str) -> None:
         modifier.node_group = groups[kind]()
 
 
-def write(obj: Any, gaussians: GaussianArrays) -> None:
-    """Put ``gaussians`` into the object's mesh; only a change of count or SH degree rebuilds the mesh."""
+def write(obj: bpy.types.Object, gaussians: GaussianArrays) -> None:
+    """Write ``gaussians`` to the object's mesh. Only a change of count or SH degree rebuilds the mesh."""
     mesh = obj.data
     invalidate(mesh)
     further = gaussians.sh.shape[1] - 1
@@ -119,18 +122,18 @@ def write(obj: Any, gaussians: GaussianArrays) -> None:
     mesh.update_tag()
 
 
-def show(obj: Any, scene: ScenePlayer, time: float, part: Callable[[], FrameDelta]) -> None:
-    """Put a scene's Gaussians at a time in [0, 1] into the object's mesh.
+def show(obj: bpy.types.Object, scene: ScenePlayer, time: float, part: Callable[[], FrameDelta]) -> None:
+    """Write a scene's Gaussians at a time in [0, 1] to the object's mesh.
 
-    What the mesh holds already is not written again: nothing for the same moment, and only what changes in time for
-    another moment of the same scene.
+    What the mesh already holds is not written again: nothing at the same time, and only time-dependent attributes at
+    another time of the same scene.
 
     Args:
         part: gives what ``scene.delta_at(time)`` does; called if there is something to write.
     """
     mesh = obj.data
-    if getattr(mesh, "is_editmode", False):  # point clouds have none to tell
-        invalidate(mesh)  # its vertices are elsewhere, and may come back as others
+    if getattr(mesh, "is_editmode", False):  # point clouds lack this attribute
+        invalidate(mesh)  # Edit Mode may change its vertices
         return
     further = len(scene.columns) - len(_COLUMNS)
     shown, wanted = mesh.get(_SHOWN), f"{scene.token} {time!r}"
@@ -147,22 +150,22 @@ def show(obj: Any, scene: ScenePlayer, time: float, part: Callable[[], FrameDelt
     mesh.update_tag()
 
 
-def invalidate(mesh: Any) -> None:
-    """Whatever the mesh holds, ``show`` is to write all of it again."""
+def invalidate(mesh: bpy.types.Mesh) -> None:
+    """Makes ``show`` write everything again, whatever the mesh holds."""
     if _SHOWN in mesh and mesh.library is None:
         del mesh[_SHOWN]
 
 
-def write_attribute(mesh: Any, name: str, values: np.ndarray) -> None:
-    """Writes one attribute of a datablock: (N, width) float32, whatever it held."""
-    attribute = mesh.attributes[name]  # fetched anew: adding an attribute may move the others
+def write_attribute(mesh: bpy.types.Mesh, name: str, values: np.ndarray) -> None:
+    """Writes one attribute of a data-block: (N, width) float32."""
+    attribute = mesh.attributes[name]  # fetched again: adding an attribute may reallocate the others
     # 1-D, float32, contiguous: the only form that Blender copies instead of reading value by value.
     flat = np.ascontiguousarray(values, dtype=np.float32).ravel()
     attribute.data.foreach_set(_VALUE_KEY[attribute.data_type], flat)
 
 
-def read(obj: Any) -> dict[str, np.ndarray]:
-    """What the object carries: float32 arrays (N, width) by attribute name, for tests and exporters."""
+def read(obj: bpy.types.Object) -> dict[str, np.ndarray]:
+    """The object's attributes as float32 arrays (N, width) by name, for tests and exporters."""
     found: dict[str, np.ndarray] = {}
     for name, attribute in obj.data.attributes.items():
         key = _VALUE_KEY.get(attribute.data_type)
@@ -175,8 +178,8 @@ def read(obj: Any) -> dict[str, np.ndarray]:
     return found
 
 
-def draw_in_renders(obj: Any, shown: bool) -> None:
-    """Whether other engines than FROG draw the Gaussians in their renders; FROG always does."""
+def draw_in_renders(obj: bpy.types.Object, shown: bool) -> None:
+    """Sets whether engines other than FROG draw the Gaussians in renders; FROG always does."""
     if obj.type == "POINTCLOUD":
         hiding = obj.modifiers.get(_HIDING)
         if shown and hiding is not None:
@@ -189,31 +192,31 @@ def draw_in_renders(obj: Any, shown: bool) -> None:
         modifier.show_render = shown
 
 
-def is_drawn_in_renders(obj: Any) -> bool:
-    """Whether other engines than FROG draw the Gaussians in their renders: see ``draw_in_renders``."""
+def is_drawn_in_renders(obj: bpy.types.Object) -> bool:
+    """Whether engines other than FROG draw the Gaussians in renders; see ``draw_in_renders``."""
     if obj.type == "POINTCLOUD":
         return obj.modifiers.get(_HIDING) is None
     modifier = obj.modifiers.get(_MODIFIER)
     return modifier is None or modifier.show_render
 
 
-def clear(obj: Any) -> None:
+def clear(obj: bpy.types.Object) -> None:
     """Drop the geometry; ``write`` brings it back."""
     invalidate(obj.data)
     _resize(obj.data, 0)
     obj.data.update_tag()
 
 
-def count(obj: Any) -> int:
-    """How many Gaussians the object carries now."""
+def count(obj: bpy.types.Object) -> int:
+    """Number of Gaussians that the object holds now."""
     return _size(obj.data)
 
 
-def _size(data: Any) -> int:
+def _size(data: Data) -> int:
     return len(data.vertices if isinstance(data, bpy.types.Mesh) else data.points)
 
 
-def _resize(data: Any, wanted: int) -> None:
+def _resize(data: Data, wanted: int) -> None:
     """``wanted`` vertices or points without any attributes but their position."""
     if isinstance(data, bpy.types.Mesh):
         data.clear_geometry()
@@ -224,7 +227,7 @@ def _resize(data: Any, wanted: int) -> None:
     data.resize(wanted)
 
 
-def _fit(data: Any, wanted: int, further: int) -> bool:
+def _fit(data: Data, wanted: int, further: int) -> bool:
     """Make the data hold ``wanted`` Gaussians and ``further`` SH attributes; all exist before any is written.
 
     Returns whether anything of it is new, and so empty.

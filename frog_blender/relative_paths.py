@@ -1,8 +1,8 @@
-"""FRoG's paths when a .blend is saved: relative from the first save on, where the user wants that, and meaning the same
-when they begin with ``//``, at the .blend's folder, and that becomes another one.
+"""Rewrites FRoG's paths when a .blend is saved: they become relative at the first save, if the user prefers that, and
+relative paths stay valid when the .blend is saved to another folder.
 
-Blender does so with its own paths, but not with those that add-ons keep. That of a scene file becomes one of Blender's
-own (see capture_files); here are the others, and that of a capture which has none of Blender's yet.
+Blender does this for its own paths, but not for those of add-ons. The path of a scene file is kept in a data-block of
+Blender's (see capture_files); this module handles all others, and captures without such a data-block.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from bpy.app.handlers import persistent
 
 from . import addon_state
 
-_OF_OBJECTS = ("filepath", "bake_folder")
-_OF_SCENES = ("capture_folder", "output_path", "derived_output")
+_OBJECT_PATHS = ("filepath", "bake_folder")
+_SCENE_PATHS = ("capture_folder", "output_path", "derived_output")
 
 
 class Rewriting:
-    """A save that rewrites paths.
+    """A save in progress that rewrites paths.
 
     Attributes:
         is_writing: while paths are written that lead nowhere yet.
@@ -41,19 +41,20 @@ def _rewriting() -> Rewriting:
 
 
 def are_being_written() -> bool:
-    """True while paths are written that lead nowhere yet: nobody is to follow them."""
+    """Whether paths are being written that are not valid yet and must not be opened."""
     return _rewriting().is_writing
 
 
-def library_of(block: Any) -> Any:
-    """The .blend whose folder a data-block's paths begin at, where that is not this one: what is overridden here has
-    the paths of what is linked."""
+def library_of(block: bpy.types.ID) -> bpy.types.Library | None:
+    """The library whose folder a data-block's paths are relative to; None for this .blend. An override has the paths
+    of its reference.
+    """
     override = block.override_library
     return block.library if override is None or override.reference is None else override.reference.library
 
 
-def absolute(block: Any, path: str) -> Path:
-    """What a data-block's path leads to. What was linked and made local still has its library's."""
+def absolute(block: bpy.types.ID, path: str) -> Path:
+    """The absolute path of a data-block's path. Data that was linked and made local still has its library's path."""
     library = library_of(block)
     found = os.path.normpath(bpy.path.abspath(path, library=library))
     if library is None and path.startswith("//") and bpy.data.libraries and not Path(found).exists():
@@ -63,9 +64,11 @@ def absolute(block: Any, path: str) -> Path:
 
 
 def _settle() -> None:
-    """Writes the paths of objects that were made local; what a scene is to write need not be there yet."""
+    """Rewrites the paths of objects that were made local. Output paths of scenes are left alone, as they need not
+    exist.
+    """
     for obj in bpy.data.objects:
-        for name, value in _set_of(obj, _OF_OBJECTS) if library_of(obj) is None else ():
+        for name, value in _set_of(obj, _OBJECT_PATHS) if library_of(obj) is None else ():
             source = obj.frog.source if name == "filepath" else None
             path = str(absolute(source or obj, value))
             if path != os.path.normpath(bpy.path.abspath(value)) or (source is not None and source.library is not None):
@@ -73,24 +76,24 @@ def _settle() -> None:
 
 
 def _kept() -> Iterator[tuple[Any, Any, str, str]]:
-    """Blocks, block, property and value of all paths of this .blend that Blender does not look after."""
-    for blocks, names in ((bpy.data.objects, _OF_OBJECTS), (bpy.data.scenes, _OF_SCENES)):
+    """Collection, data-block, property and value of all paths in this .blend that Blender does not manage."""
+    for blocks, names in ((bpy.data.objects, _OBJECT_PATHS), (bpy.data.scenes, _SCENE_PATHS)):
         for block in blocks:
             if library_of(block) is None:
                 values = _set_of(block, names)
                 yield from ((blocks, block, name, value) for name, value in values if not _is_blenders(block, name))
 
 
-def _is_blenders(block: Any, name: str) -> bool:
+def _is_blenders(block: bpy.types.ID, name: str) -> bool:
     return name == "filepath" and block.frog.source is not None
 
 
-def _set_of(block: Any, names: tuple[str, ...]) -> list[tuple[str, str]]:
+def _set_of(block: bpy.types.ID, names: tuple[str, ...]) -> list[tuple[str, str]]:
     values = [(name, getattr(block.frog, name)) for name in names if block.frog.is_property_set(name)]
     return [(name, value) for name, value in values if value]
 
 
-def _write(block: Any, name: str, value: str) -> None:
+def _write(block: bpy.types.ID, name: str, value: str) -> None:
     rewriting = _rewriting()
     rewriting.is_writing = True
     try:
@@ -100,7 +103,9 @@ def _write(block: Any, name: str, value: str) -> None:
 
 
 def seen_from(folder: Path, path: str) -> str:
-    """An absolute path as a .blend in ``folder`` keeps it, which begins with ``//`` unless it is on another drive."""
+    """An absolute path relative to a .blend in ``folder``, beginning with ``//``; unchanged if it is on another
+    drive.
+    """
     try:
         return str(bpy.path.relpath(path, start=str(folder)))
     except ValueError:
@@ -108,13 +113,13 @@ def seen_from(folder: Path, path: str) -> str:
 
 
 def _seen_from_here(path: str) -> str:
-    """The same as the open .blend keeps it: as it is while that is in no folder."""
+    """The same for the open .blend; unchanged while that was never saved."""
     return seen_from(Path(bpy.data.filepath).parent, path) if bpy.data.filepath else path
 
 
 @persistent
 def on_save_pre(path: str = "", *_: Any) -> None:
-    """Rewrites the paths, where the .blend goes into another folder or into its first one."""
+    """Rewrites the paths if the .blend is saved to another folder or for the first time."""
     _settle()
     rewriting, here, there = _rewriting(), bpy.data.filepath, Path(path).parent
     rewriting.target = None
@@ -131,14 +136,14 @@ def on_save_pre(path: str = "", *_: Any) -> None:
             _rewrite(blocks, block, name, value, seen_from(there, value))
 
 
-def _rewrite(blocks: Any, block: Any, name: str, before: str, value: str) -> None:
+def _rewrite(blocks: Any, block: bpy.types.ID, name: str, before: str, value: str) -> None:
     _rewriting().before.append((blocks, block.session_uid, name, before))
     _write(block, name, value)
 
 
 @persistent
 def on_save_post(*_: Any) -> None:
-    """Of a copy, or where nothing could be saved, the open .blend stays where it was: so do its paths."""
+    """Restores the paths if the open .blend was not moved: a copy was saved, or saving failed."""
     rewriting = _rewriting()
     if rewriting.target is not None and Path(bpy.data.filepath).parent != rewriting.target:
         for blocks, uid, name, value in rewriting.before:
@@ -149,10 +154,10 @@ def on_save_post(*_: Any) -> None:
 
 
 @persistent
-def on_import_post(context: Any, *_: Any) -> None:
-    """What was appended has its paths from the .blend where it was; what was pasted may have them from here."""
+def on_import_post(context: bpy.types.Context, *_: Any) -> None:
+    """Appended data has paths relative to its .blend; pasted data may have paths relative to this one."""
     for item in context.import_items:
-        names = {"OBJECT": _OF_OBJECTS, "SCENE": _OF_SCENES}.get(item.id_type)
+        names = {"OBJECT": _OBJECT_PATHS, "SCENE": _SCENE_PATHS}.get(item.id_type)
         if not names or item.append_action not in {"MAKE_LOCAL", "COPY_LOCAL"} or item.source_library is None:
             continue
         for name, value in _set_of(item.id, names):

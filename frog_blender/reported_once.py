@@ -1,4 +1,4 @@
-"""What the console is told once, though it is met at every frame."""
+"""Console messages that are printed once, though their cause recurs at every frame."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import traceback
 
 from . import addon_state
 
-_MOST = 1000  # messages kept; one that has a number of its own at each frame must not fill the memory
+_MOST = 1000  # messages kept, as a message may differ at each frame
 
 
 class ReportedMessages:
-    """What was said since the file was opened."""
+    """The messages that were printed since the file was opened."""
 
     def __init__(self) -> None:
         self.keys: set[str] = set()
@@ -33,7 +33,7 @@ def unexpected(where: str, error: Exception) -> None:
 
 
 def forget() -> None:
-    """Everything may be said again, as for another file."""
+    """Allows every message to be printed again, for another file."""
     reported = addon_state.get(ReportedMessages)
     with reported.lock:
         reported.keys.clear()

@@ -1,1 +1,1 @@
-"""How engines other than FROG draw Gaussians: Geometry Nodes and materials."""
+"""Geometry Nodes and materials that draw Gaussians in engines other than FROG."""

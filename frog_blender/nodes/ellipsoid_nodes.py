@@ -1,12 +1,10 @@
-"""Gaussians as solid ellipsoids: one instance each, for a look at what a scene is made of, and for Geometry Nodes.
+"""Gaussians as solid ellipsoids, one instance each, to inspect a scene and to use in Geometry Nodes.
 
 An instance's location, rotation and scale are the Gaussian's own; the sphere that is instanced has a radius of
 ``RADIUS`` standard deviations. Gaussians that are too transparent to be drawn as splats have none.
 """
 
 from __future__ import annotations
-
-from typing import Any
 
 import bpy
 
@@ -16,11 +14,11 @@ from .splat_nodes import display_color
 
 _GROUP, _MATERIAL = "FRoG Gaussians as Ellipsoids", "FRoG Ellipsoids"
 MOST = 50_000
-"""Gaussians beyond which Blender takes too long over instances to scrub."""
+"""The largest number of Gaussians for which Blender still scrubs instances smoothly."""
 RADIUS = 1.5
 
 
-def ellipsoids_group() -> Any:
+def ellipsoids_group() -> bpy.types.GeometryNodeTree:
     """The Geometry Nodes group, made once per file."""
     group = bpy.data.node_groups.get(_GROUP)
     if group is not None:
@@ -50,8 +48,8 @@ def ellipsoids_group() -> Any:
     return group
 
 
-def material() -> Any:
-    """The base colours of the Gaussians, glowing; made once per file."""
+def material() -> bpy.types.Material:
+    """An emission material of the Gaussians' base colors; created once per file."""
     found = bpy.data.materials.get(_MATERIAL)
     if found is not None:
         return found

@@ -28,7 +28,7 @@ def new_material(name: str) -> Any:
 class Builder:
     """Nodes as expressions: each method adds a node and returns its output socket."""
 
-    def __init__(self, tree: Any) -> None:
+    def __init__(self, tree: bpy.types.NodeTree) -> None:
         self.tree = tree
         self.is_shader = tree.bl_idname == "ShaderNodeTree"
 

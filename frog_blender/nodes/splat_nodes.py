@@ -1,4 +1,4 @@
-"""The Geometry Nodes and the material that draw the carrier's Gaussians in Cycles and EEVEE.
+"""The Geometry Nodes and the material that draw a point cloud's Gaussians in Cycles and EEVEE.
 
 Geometry Nodes turn each vertex into a point whose sphere holds the Gaussian out to three standard deviations, and store
 the rows of A = inverse(rotation * scale) and the centre.  The material evaluates the Gaussian along the ray that hit
@@ -22,7 +22,7 @@ _SMALLEST = 1e-8  # scale below which a Gaussian is treated as flat, world units
 _SH_0 = 0.28209479177387814
 
 
-def points_group() -> Any:
+def points_group() -> bpy.types.GeometryNodeTree:
     """The Geometry Nodes group, made once per file."""
     group = bpy.data.node_groups.get(_GROUP)
     if group is not None:
@@ -57,12 +57,12 @@ def points_group() -> Any:
     return group
 
 
-def nothing_group() -> Any:
-    """A Geometry Nodes group that leaves nothing of what it is given, made once per file."""
+def nothing_group() -> bpy.types.GeometryNodeTree:
+    """A Geometry Nodes group that outputs empty geometry; created once per file."""
     return bpy.data.node_groups.get(_NOTHING) or _new_nothing()
 
 
-def _new_nothing() -> Any:
+def _new_nothing() -> bpy.types.GeometryNodeTree:
     group = new_geometry_group(_NOTHING)
     build = Builder(group)
     build.node("NodeGroupInput")
@@ -71,7 +71,7 @@ def _new_nothing() -> Any:
     return group
 
 
-def material() -> Any:
+def material() -> bpy.types.Material:
     """The material, made once per file."""
     found = bpy.data.materials.get(_MATERIAL)
     if found is not None:

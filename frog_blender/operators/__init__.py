@@ -1,4 +1,4 @@
-"""What a user can do: one operator family per file."""
+"""Operators, one family per file."""
 
 from __future__ import annotations
 

@@ -1,8 +1,6 @@
-"""A capture set upright: its floor on the grid, its middle at the origin, its size as it was on the day."""
+"""Align to Floor: the capture's floor on the grid, its center at the origin, optionally at its real size."""
 
 # mypy: disable-error-code="valid-type"
-
-from typing import Any
 
 import bpy
 import numpy as np
@@ -11,12 +9,12 @@ from mathutils import Matrix
 
 from ..engine.errors import FrogError
 from ..engine.playback.ground_plane import Floor, camera_up, find_floor, min_height, placement, static_points
-from ..scene_import.capture_objects import cameras_of, chosen, placed_by
+from ..scene_import.capture_objects import active_capture, cameras_of, root_of
 from ..timeline import playback
 
 
 class FROG_OT_align_to_floor(bpy.types.Operator):
-    """Turn and move the capture so that its floor lies on the grid, up is up, and it stands at the origin"""
+    """Rotate and move the capture so that its floor lies on the grid, z points up and its center is at the origin"""
 
     bl_idname = "frog.align_to_floor"
     bl_label = "Align to Floor"
@@ -24,23 +22,23 @@ class FROG_OT_align_to_floor(bpy.types.Operator):
 
     use_floor: BoolProperty(
         name="Find Floor",
-        description="Look for the floor among the Gaussians; otherwise only the cameras say where up is",
+        description="Look for the floor among the Gaussians. Otherwise the cameras alone determine the up direction",
         default=True,
     )
     flip: BoolProperty(
         name="Flip",
-        description="Turn the capture upside down, for cameras that hung that way",
+        description="Turn the capture upside down, for cameras that were mounted that way",
         default=False,
     )
     use_length: BoolProperty(
         name="Set Size",
-        description="Scale the capture so that a distance in it is as long as you say: between the two selected "
-        "objects, such as two of its cameras, or else between its two cameras that stand farthest apart",
+        description="Scale the capture to a known distance: between the two selected objects, such as two of its "
+        "cameras, or otherwise between its two cameras that are farthest apart",
         default=False,
     )
     length: FloatProperty(
         name="Distance",
-        description="How long that distance is in truth",
+        description="The real length of that distance",
         default=1.0,
         min=1e-4,
         soft_max=100.0,
@@ -48,16 +46,16 @@ class FROG_OT_align_to_floor(bpy.types.Operator):
     )
 
     @classmethod
-    def poll(cls, context: Any) -> bool:
+    def poll(cls, context: bpy.types.Context) -> bool:
         cls.poll_message_set("Select a capture first.")
-        return chosen(context) is not None
+        return active_capture(context) is not None
 
-    def execute(self, context: Any) -> set[str]:
-        obj = chosen(context)
-        root = placed_by(obj)
-        context.view_layer.update()  # or what was placed just now is measured where it was
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        obj = active_capture(context)
+        root = root_of(obj)
+        context.view_layer.update()  # matrices of objects that were just moved are outdated
         if root.library is not None:
-            self.report({"ERROR"}, f"{root.name} is linked from another file; append it to move it.")
+            self.report({"ERROR"}, f"{root.name} is linked from another file. Append it to move it.")
             return {"CANCELLED"}
         try:
             scale = self._scale(context, obj)
@@ -65,13 +63,15 @@ class FROG_OT_align_to_floor(bpy.types.Operator):
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        inside = root.matrix_world.inverted_safe() @ obj.matrix_world  # where the Gaussians are in what is moved
+        inside = (
+            root.matrix_world.inverted_safe() @ obj.matrix_world
+        )  # the Gaussians relative to the object that is moved
         root.matrix_world = Matrix.Scale(scale, 4) @ Matrix(matrix.tolist()) @ inside.inverted_safe()
         self.report({"INFO"}, said)
         return {"FINISHED"}
 
-    def _scale(self, context: Any, obj: Any) -> float:
-        """Of the capture, in lengths of the scene for each of its own."""
+    def _scale(self, context: bpy.types.Context, obj: bpy.types.Object) -> float:
+        """The capture's scale: scene units per unit of the capture."""
         now = float(np.cbrt(abs(obj.matrix_world.determinant())))
         if not now > 0.0:
             raise FrogError(f"{obj.name}: found a scale of zero, expected a positive one.")
@@ -86,7 +86,7 @@ class FROG_OT_align_to_floor(bpy.types.Operator):
         return now * self.length / longest
 
 
-def aligned(obj: Any, *, use_floor: bool = True, flip: bool = False) -> tuple[np.ndarray, str]:
+def aligned(obj: bpy.types.Object, *, use_floor: bool = True, flip: bool = False) -> tuple[np.ndarray, str]:
     """(4, 4) rigid matrix from a capture's own space to the world, and a sentence about what was found.
 
     Without cameras, up is where it is now. Raises FrogError if the .frog file cannot be read, or says nothing.
@@ -106,11 +106,11 @@ def aligned(obj: Any, *, use_floor: bool = True, flip: bool = False) -> tuple[np
 
 def _sentence(name: str, floor: Floor, certain: bool, use_floor: bool) -> str:
     if floor.found:
-        off = f", {floor.tilt:.1f}° off what the cameras say" if certain else ""
-        return f"{name}: found a floor that holds {floor.share:.0%} of what is at rest{off}."
-    source = "the cameras' up" if certain else "the cameras' images, which may be pitched"
-    why = "found no floor among the Gaussians, so " if use_floor else ""
-    return f"{name}: {why}it stands upright by {source}, its lowest part on the grid."
+        off = f", {floor.tilt:.1f}° from the cameras' up direction" if certain else ""
+        return f"{name}: found a floor that holds {floor.share:.0%} of the static Gaussians{off}."
+    source = "the cameras' up direction" if certain else "the cameras' images, which may be pitched"
+    why = "found no floor among the Gaussians. It" if use_floor else "it"
+    return f"{name}: {why} is upright by {source}, with its lowest part on the grid."
 
 
 register, unregister = bpy.utils.register_classes_factory((FROG_OT_align_to_floor,))

@@ -1,4 +1,6 @@
-"""Bake Playback: the frames that a scene shows of a capture, computed once and kept on disk; and the cache's button."""
+"""Bake Playback: computes the frames of a capture that a scene shows once and stores them on disk. Also Clear
+Playback Cache.
+"""
 
 # mypy: disable-error-code="valid-type"
 
@@ -7,14 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import bpy
 from bpy.props import StringProperty
 
 from .. import point_cloud
 from ..engine.errors import FrogError
-from ..scene_import.capture_objects import named_or_chosen
+from ..scene_import.capture_objects import named_or_active_capture
 from ..timeline import open_scenes, playback, playback_cache
 from ..timeline.retiming import needs_evaluated_time, stretched
 from .modal_operator import ModalOperator, has_window
@@ -22,15 +23,18 @@ from .modal_operator import ModalOperator, has_window
 
 @dataclass
 class Baking:
-    """A bake on its way: ``steps`` writes it, one moment after the other; closing them leaves nothing behind."""
+    """A bake in progress: each step of ``steps`` writes one frame. Closing the generator removes the unfinished
+    file.
+    """
 
     path: Path
     total: int
     steps: Generator[int, None, None]
 
 
-def begin(obj: Any, scene: Any) -> Baking:
-    """Baking what ``scene`` shows, over its frame range, of the file that ``obj`` plays; FrogError if it cannot be.
+def begin(obj: bpy.types.Object, scene: bpy.types.Scene) -> Baking:
+    """Prepares a bake of the file that ``obj`` plays, over the frame range of ``scene``; FrogError if it cannot be
+    baked.
 
     Other objects of the scene that play the same file from the same bake are in it as well.
     """
@@ -39,20 +43,20 @@ def begin(obj: Any, scene: Any) -> Baking:
     file, path = playback.file_of(obj), playback.bake_path(obj)
     playable = playback.open_scene(file)
     if not playable.changing:
-        raise FrogError(f"{file.name}: nothing moves in this capture, so there is nothing to bake.")
+        raise FrogError(f"{file.name}: this capture is static, there is nothing to bake.")
     same = [other for other in playback.captures(scene.objects) if playback.bake_path(other) == path]
     same = [other for other in same if playback.file_of(other) == file]
     times = sorted(_times(scene, same))
     needed, megabytes = bytes_needed(playable, len(times)), obj.frog.bake_megabytes
     if needed > megabytes * playback_cache.MEGABYTE:
-        needs = f"{len(times):,} frames need {needed / playback_cache.MEGABYTE:,.0f} MB, allowed are {megabytes:,} MB"
-        raise FrogError(f"{path.name}: {needs}; allow more, or shorten the scene's frame range.")
-    # On Windows a file that is open cannot be replaced; playback opens it again when it is needed.
+        needs = f"{len(times):,} frames need {needed / playback_cache.MEGABYTE:,.0f} MB, the limit is {megabytes:,} MB"
+        raise FrogError(f"{path.name}: {needs}. Raise the limit or shorten the scene's frame range.")
+    # Windows cannot replace an open file. Playback opens it again on demand.
     open_scenes.let_go_of_bake(path)
     return Baking(path, len(times), write_bake(path, file, playable, times))
 
 
-def _times(scene: Any, objects: list[Any]) -> set[float]:
+def _times(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> set[float]:
     """The times in [0, 1] that objects show over a scene's frame range."""
     frames = range(scene.frame_start, scene.frame_end + 1)
     if not any(needs_evaluated_time(obj) for obj in objects):
@@ -68,22 +72,22 @@ def _times(scene: Any, objects: list[Any]) -> set[float]:
     return found
 
 
-class _OnCapture:
-    """Operators of one capture."""
+class _CaptureOperator:
+    """Base of operators on one capture."""
 
     object_name: StringProperty(
         name="Capture",
-        description="The object that plays the capture; empty for the active one",
+        description="The object that plays the capture. Empty for the active object",
         options={"SKIP_SAVE"},
     )
 
-    def capture(self, context: Any) -> Any:
-        return named_or_chosen(context, self.object_name)
+    def capture(self, context: bpy.types.Context) -> bpy.types.Object:
+        return named_or_active_capture(context, self.object_name)
 
 
-class FROG_OT_bake(_OnCapture, ModalOperator, bpy.types.Operator):
-    """Compute every frame of this capture in the scene's frame range and keep them on disk, so that scrubbing has \
-nothing to compute. Esc or the right mouse button stops it"""
+class FROG_OT_bake(_CaptureOperator, ModalOperator, bpy.types.Operator):
+    """Compute this capture at every frame of the scene's frame range and store the results on disk, so that scrubbing \
+has nothing to compute. Press Esc or the right mouse button to stop"""
 
     bl_idname = "frog.bake"
     bl_label = "Bake Playback"
@@ -92,15 +96,15 @@ nothing to compute. Esc or the right mouse button stops it"""
     slice_seconds = 0.03
     _baking: Baking | None = None
 
-    def execute(self, context: Any) -> set[str]:
-        """For scripts: comes back when all is done."""
-        return self._bake(context, self.go_through)
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """For scripts: returns when everything is done."""
+        return self._bake(context, self.run_all_steps)
 
-    def invoke(self, context: Any, _event: Any) -> set[str]:
-        """In a window: a slice of work at a time."""
-        return self._bake(context, self.go_on_in_window if has_window(context) else self.go_through)
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        """In a window: works in short slices."""
+        return self._bake(context, self.run_in_window if has_window(context) else self.run_all_steps)
 
-    def _bake(self, context: Any, go: Callable[..., set[str]]) -> set[str]:
+    def _bake(self, context: bpy.types.Context, go: Callable[..., set[str]]) -> set[str]:
         try:
             self._baking = begin(self.capture(context), context.scene)
         except FrogError as error:
@@ -109,27 +113,27 @@ nothing to compute. Esc or the right mouse button stops it"""
         return go(context, self._baking.steps, self._baking.total)
 
     def restore(self) -> None:
-        playback.refresh(bpy.context.scene)  # the bake was let go of; what is shown comes from what there is now
+        playback.refresh(bpy.context.scene)  # the bake was closed
 
-    def finished_sentence(self) -> str:
+    def finished_message(self) -> str:
         assert self._baking is not None
         size = self._baking.path.stat().st_size / playback_cache.MEGABYTE
         return f"Baked {self._baking.total:,} frames to {self._baking.path} ({size:,.0f} MB)."
 
-    def stopped_sentence(self) -> str:
-        return "Baking was stopped; nothing was written."
+    def stopped_message(self) -> str:
+        return "Baking was stopped. Nothing was written."
 
 
-class FROG_OT_clear_bake(_OnCapture, bpy.types.Operator):
-    """Delete the baked playback of this capture from the disk; its frames are computed again when they are shown"""
+class FROG_OT_clear_bake(_CaptureOperator, bpy.types.Operator):
+    """Delete the baked playback of this capture from disk. Frames are computed again when they are shown"""
 
     bl_idname = "frog.clear_bake"
     bl_label = "Clear Bake"
 
-    def invoke(self, context: Any, event: Any) -> set[str]:
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         return context.window_manager.invoke_confirm(self, event)
 
-    def execute(self, context: Any) -> set[str]:
+    def execute(self, context: bpy.types.Context) -> set[str]:
         try:
             path = playback.bake_path(self.capture(context))
             open_scenes.let_go_of_bake(path)
@@ -144,12 +148,12 @@ class FROG_OT_clear_bake(_OnCapture, bpy.types.Operator):
 
 
 class FROG_OT_clear_cache(bpy.types.Operator):
-    """Give the memory back that frames of captures take; they are computed again when they are shown"""
+    """Free the memory used by cached frames. They are computed again when they are shown"""
 
     bl_idname = "frog.clear_cache"
     bl_label = "Clear Playback Cache"
 
-    def execute(self, context: Any) -> set[str]:
+    def execute(self, context: bpy.types.Context) -> set[str]:
         playback_cache.clear()
         for obj in playback.captures(bpy.data.objects):
             point_cloud.invalidate(obj.data)

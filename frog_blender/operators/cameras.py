@@ -1,8 +1,6 @@
-"""Choosing among the capture's cameras."""
+"""Look Through Camera."""
 
 # mypy: disable-error-code="valid-type"
-
-from typing import Any
 
 import bpy
 
@@ -10,18 +8,18 @@ from ..scene_import.scene_setup import look_through
 
 
 class FROG_OT_look_through(bpy.types.Operator):
-    """Make the selected camera the active one, and render at the size of the images that it took"""
+    """Make the selected camera active and render at the size of its captured images"""
 
     bl_idname = "frog.look_through"
     bl_label = "Look Through Camera"
     bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
-    def poll(cls, context: Any) -> bool:
+    def poll(cls, context: bpy.types.Context) -> bool:
         cls.poll_message_set("Select a camera first.")
         return context.object is not None and context.object.type == "CAMERA"
 
-    def execute(self, context: Any) -> set[str]:
+    def execute(self, context: bpy.types.Context) -> set[str]:
         look_through(context.scene, context.object)
         return {"FINISHED"}
 

@@ -1,9 +1,8 @@
-"""What importers of files have in common that can be dropped into a window, and chosen several at once."""
+"""Base classes of importers whose files can be dropped into a window and selected several at a time."""
 
 # mypy: disable-error-code="valid-type"
 
 from pathlib import Path
-from typing import Any
 
 import bpy
 from bpy.props import CollectionProperty, StringProperty
@@ -11,7 +10,7 @@ from bpy_extras.io_utils import ImportHelper
 
 
 class OpensDroppedFile(ImportHelper):
-    """A base beside ``bpy.types.Operator``: a dropped file brings its path along and needs no file browser.
+    """A base next to ``bpy.types.Operator``: a dropped file needs no file browser.
 
     Who has it as a base opens one file, ``filepath``, in ``open_file``.
     """
@@ -20,13 +19,13 @@ class OpensDroppedFile(ImportHelper):
     directory: StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})
     files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"})
 
-    def invoke(self, context: Any, event: Any) -> set[str]:
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if self.filepath and Path(self.filepath).is_file():
             return self.invoke_popup(context)
         return super().invoke(context, event)
 
-    def execute(self, context: Any) -> set[str]:
-        """Opens every file; what cannot be opened does not hold up the others. The first one sets the scene up."""
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Opens every file; one that cannot be opened does not stop the others. The first one sets up the scene."""
         paths = self.paths()
         if len(paths) < 2:
             return self.open_file(context)
@@ -41,19 +40,19 @@ class OpensDroppedFile(ImportHelper):
             self.filepath, self.set_up_scene = named, sets_up
         return {"FINISHED"} if opened else {"CANCELLED"}
 
-    def open_file(self, context: Any) -> set[str]:
-        """Opens ``filepath``, and reports."""
+    def open_file(self, context: bpy.types.Context) -> set[str]:
+        """Opens ``filepath`` and reports the result."""
         raise NotImplementedError
 
     def paths(self) -> list[Path]:
-        """All files that were dropped or chosen, if there are several."""
+        """All files that were dropped or selected, if there are several."""
         folder = Path(bpy.path.abspath(self.directory))
         return [folder / file.name for file in self.files if file.name]
 
 
 class DropsIntoViews:
-    """For file handlers: where scenes are seen and listed."""
+    """Base of file handlers: files can be dropped into viewports and outliners."""
 
     @classmethod
-    def poll_drop(cls, context: Any) -> bool:
+    def poll_drop(cls, context: bpy.types.Context) -> bool:
         return context.area is not None and context.area.type in {"VIEW_3D", "OUTLINER"}

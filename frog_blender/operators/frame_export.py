@@ -1,17 +1,17 @@
-"""Frames of a capture on their way into .ply files, one after the other."""
+"""Exports frames of a capture to .ply files, one at a time."""
 
 from __future__ import annotations
 
 from collections.abc import Generator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
 
 from ..engine.errors import FrogError
-from ..scene_import.capture_objects import known_by
+from ..scene_import.capture_objects import find_by_uid
 from ..timeline import playback
 from ..timeline.retiming import needs_evaluated_time, raw_frame, stretched
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class FrameExport:
-    """What is written where.  Between two frames the file may change, so no object of it is kept.
+    """An export in progress. Between two frames the .blend may change, so no object of it is kept.
 
     Attributes:
         capture, name: session_uid and name of the object that plays the capture.
@@ -42,15 +42,22 @@ class FrameExport:
     turn: np.ndarray | None
 
     @classmethod
-    def of(cls, context: Any, obj: Any, frames: list[float], paths: list[Path], turn: np.ndarray | None) -> FrameExport:
-        """What ``obj`` shows in the present scene."""
+    def of(
+        cls,
+        context: bpy.types.Context,
+        obj: bpy.types.Object,
+        frames: list[float],
+        paths: list[Path],
+        turn: np.ndarray | None,
+    ) -> FrameExport:
+        """An export of what ``obj`` shows in the current scene."""
         scene = context.scene
         shown = scene.frame_current, scene.frame_subframe
         layer = context.view_layer.name
         return cls(obj.session_uid, obj.name, scene.session_uid, layer, shown, frames, paths, turn)
 
     def steps(self) -> Generator[int, None, None]:
-        """Writes a file, each whole or not at all, before it yields how many there are; raises FrogError."""
+        """Writes one file per step, atomically, and yields the number of files written; raises FrogError."""
         from ..engine.interchange.ply import write_splats
 
         for done, (frame, path) in enumerate(zip(self.frames, self.paths, strict=True), 1):
@@ -58,20 +65,20 @@ class FrameExport:
             yield done
 
     def restore(self) -> None:
-        """Shows the frame again that the scene had before, if there still is the scene."""
-        scene = known_by(bpy.data.scenes, self.scene)
+        """Restores the scene's current frame, if the scene still exists."""
+        scene = find_by_uid(bpy.data.scenes, self.scene)
         if scene is not None and (scene.frame_current, scene.frame_subframe) != self.shown:
             scene.frame_set(self.shown[0], subframe=self.shown[1])
 
     def _gaussians(self, frame: float) -> GaussianArrays:
         from ..engine.playback.transform import transform
 
-        obj = known_by(bpy.data.objects, self.capture)
+        obj = find_by_uid(bpy.data.objects, self.capture)
         if obj is None or next(playback.captures([obj]), None) is None:
-            raise FrogError(f"{self.name}: found no such capture in this file any more.")
-        scene = known_by(bpy.data.scenes, self.scene)
+            raise FrogError(f"{self.name}: this capture is no longer in the file.")
+        scene = find_by_uid(bpy.data.scenes, self.scene)
         if scene is None:
-            raise FrogError(f"{self.name}: found its scene deleted, expected it to go through its frames.")
+            raise FrogError(f"{self.name}: its scene was deleted during the export.")
         if self.turn is None and not needs_evaluated_time(obj):
             return playback.gaussians_at(obj, stretched(scene, frame))
         if frame != raw_frame(scene):

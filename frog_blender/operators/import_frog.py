@@ -3,21 +3,20 @@
 # mypy: disable-error-code="valid-type"
 
 from pathlib import Path
-from typing import Any
 
 import bpy
 from bpy.props import BoolProperty, FloatProperty, StringProperty
 
 from ..engine.errors import FrogError
 from ..scene_import.camera_clips import clip_of
-from ..scene_import.capture_objects import cameras_of, select_alone
+from ..scene_import.capture_objects import cameras_of, select_only
 from ..scene_import.create_objects import import_scene
 from .file_drop import DropsIntoViews, OpensDroppedFile
 from .set_up_scene import SetsUpScene
 
 
 class FROG_OT_import_scene(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
-    """Open a trained FRoG scene: its Gaussians, its cameras and its time range"""
+    """Import a trained FRoG scene: its Gaussians, its cameras and its frame range"""
 
     bl_idname = "import_scene.frog"
     bl_label = "Import FRoG Scene"
@@ -32,12 +31,12 @@ class FROG_OT_import_scene(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
     )
     show_clips: BoolProperty(
         name="Clips",
-        description="Show each camera's own video behind what it sees, where the videos are still to be found. "
-        "Where lenses distort, Show Clips in the FRoG tab straightens them",
+        description="Show each camera's video as its background, if the videos can be found. For lenses with "
+        "distortion, use Show Clips in the FRoG tab",
         default=True,
     )
 
-    def open_file(self, context: Any) -> set[str]:
+    def open_file(self, context: bpy.types.Context) -> set[str]:
         path = Path(bpy.path.abspath(self.filepath))
         left_alone = self.decide(context.scene)
         try:
@@ -52,12 +51,15 @@ class FROG_OT_import_scene(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        select_alone(context, carrier_object)
+        select_only(context, carrier_object)
         cameras = cameras_of(carrier_object)
         if self.show_clips and cameras and not any(clip_of(camera) for camera in cameras):
-            self.report({"INFO"}, "The capture's videos were not found; Show Clips in the FRoG tab asks for them.")
+            self.report({"INFO"}, "The capture's videos were not found. Use Show Clips in the FRoG tab to locate them.")
         if left_alone:
-            self.report({"INFO"}, "The scene's settings stayed as they were; see Set Up Scene in the FRoG tab.")
+            self.report(
+                {"INFO"},
+                "The scene's settings were not changed. Use Set Up Scene in the FRoG tab to apply the capture's.",
+            )
         return {"FINISHED"}
 
 
@@ -70,7 +72,7 @@ class FROG_FH_scene(DropsIntoViews, bpy.types.FileHandler):
     bl_file_extensions = ".frog"
 
 
-def _menu(self: Any, _context: Any) -> None:
+def _menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
     self.layout.operator(FROG_OT_import_scene.bl_idname, text="FRoG Scene (.frog)")
 
 

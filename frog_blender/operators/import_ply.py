@@ -3,7 +3,6 @@
 # mypy: disable-error-code="valid-type"
 
 from pathlib import Path
-from typing import Any
 
 import bpy
 from bpy.props import BoolProperty, StringProperty
@@ -11,14 +10,14 @@ from mathutils import Matrix
 
 from ..engine.errors import FrogError
 from ..engine.playback.transform import Y_DOWN
-from ..scene_import.capture_objects import placed_by, select_alone
+from ..scene_import.capture_objects import root_of, select_only
 from ..scene_import.create_objects import import_scene
 from .file_drop import DropsIntoViews, OpensDroppedFile
 from .set_up_scene import SetsUpScene
 
 
 class FROG_OT_import_splats(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
-    """Open a 3DGS .ply file of another program as a still capture, of which a .frog file is made"""
+    """Import a 3DGS .ply file of another program as a static capture. It is converted to a .frog file"""
 
     bl_idname = "import_scene.frog_splats"
     bl_label = "Import 3DGS Splats"
@@ -28,23 +27,22 @@ class FROG_OT_import_splats(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
     filter_glob: StringProperty(default="*.ply", options={"HIDDEN"})
     turn_upright: BoolProperty(
         name="Y Down to Z Up",
-        description="Turn the capture's empty, because most 3DGS files come with y pointing down, where Blender has z "
-        "pointing up",
+        description="Rotate the capture's empty: in most 3DGS files y points down, in Blender z points up",
         default=True,
     )
     scene_file: StringProperty(
         name="Scene File",
-        description="The .frog file to write; left empty, it is put beside the .ply under the same name, or under "
-        "another one where a .frog of that name is there already, and so is each of several",
+        description="The .frog file to write. If empty, or if several files are imported, it is written next to "
+        "each .ply under the same name, with a number if that name is taken",
         subtype="FILE_PATH",
     )
     compact: BoolProperty(
         name="Pack",
-        description="Make the .frog file several times smaller, by changes that are too small to see",
+        description="Make the .frog file several times smaller. The changes are too small to see",
         default=False,
     )
 
-    def open_file(self, context: Any) -> set[str]:
+    def open_file(self, context: bpy.types.Context) -> set[str]:
         from ..engine.interchange.splats import free_scene_path, import_splats
 
         source = Path(bpy.path.abspath(self.filepath))
@@ -63,17 +61,17 @@ class FROG_OT_import_splats(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         if self.turn_upright:
-            placed_by(obj).matrix_world = Matrix(Y_DOWN.T.tolist())
-        select_alone(context, obj)
+            root_of(obj).matrix_world = Matrix(Y_DOWN.T.tolist())
+        select_only(context, obj)
         if imported.warning:
             self.report({"WARNING"}, imported.warning)
         else:
-            self.report({"INFO"}, f"{imported.gaussians:,} Gaussians in {imported.path}.")
+            self.report({"INFO"}, f"Imported {imported.gaussians:,} Gaussians to {imported.path}.")
         return {"FINISHED"}
 
 
 class FROG_FH_splats(DropsIntoViews, bpy.types.FileHandler):
-    """Lets a .ply file be dropped into a viewport; Blender asks which importer is meant, its own or this one."""
+    """Lets a .ply file be dropped into a viewport; Blender asks whether to use its own importer or this one."""
 
     bl_idname = "FROG_FH_splats"
     bl_label = "3DGS Splats (FRoG)"
@@ -81,7 +79,7 @@ class FROG_FH_splats(DropsIntoViews, bpy.types.FileHandler):
     bl_file_extensions = ".ply"
 
 
-def _menu(self: Any, _context: Any) -> None:
+def _menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
     self.layout.operator(FROG_OT_import_splats.bl_idname, text="3DGS Splats (.ply)")
 
 

@@ -1,8 +1,6 @@
-"""torch by one button, and only by it: nothing is fetched without a click and Blender's Online Access."""
+"""Install torch. Nothing is downloaded without a click and without Blender's Online Access."""
 
 # mypy: disable-error-code="valid-type"
-
-from typing import Any
 
 import bpy
 
@@ -13,24 +11,24 @@ from ..ui import preferences
 
 
 class FROG_OT_install_torch(bpy.types.Operator):
-    """Download torch and OpenCV, which training needs, into a folder of their own. Blender stays as it is"""
+    """Download torch and OpenCV, which training needs, into a separate folder. Blender itself is not changed"""
 
     bl_idname = "frog.install_torch"
     bl_label = "Install torch"
 
     @classmethod
-    def poll(cls, _context: Any) -> bool:
+    def poll(cls, _context: bpy.types.Context) -> bool:
         if not bpy.app.online_access:
-            cls.poll_message_set("Allow Online Access in Preferences > System first.")
+            cls.poll_message_set("Enable Online Access in Preferences > System first.")
             return False
-        cls.poll_message_set("An installation is running.")
+        cls.poll_message_set("An installation is already running.")
         return not task.is_running()
 
-    def invoke(self, context: Any, event: Any) -> set[str]:
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         text = f"This downloads {SIZES}, depending on what the package index serves."
         return context.window_manager.invoke_confirm(self, event, title="Install torch", message=text)
 
-    def execute(self, _context: Any) -> set[str]:
+    def execute(self, _context: bpy.types.Context) -> set[str]:
         index = preferences.package_index()
         try:
             task.begin(["--index-url", index] if index else [], preferences.use_installation)
@@ -41,16 +39,16 @@ class FROG_OT_install_torch(bpy.types.Operator):
 
 
 class FROG_OT_cancel_installation(bpy.types.Operator):
-    """Stop downloading; what was fetched so far is thrown away"""
+    """Stop the download and discard what was downloaded so far"""
 
     bl_idname = "frog.cancel_installation"
     bl_label = "Cancel"
 
     @classmethod
-    def poll(cls, _context: Any) -> bool:
+    def poll(cls, _context: bpy.types.Context) -> bool:
         return task.is_running()
 
-    def execute(self, _context: Any) -> set[str]:
+    def execute(self, _context: bpy.types.Context) -> set[str]:
         task.cancel()
         return {"FINISHED"}
 

@@ -1,9 +1,9 @@
-"""Naming the capture to train from: its videos dropped into a window, or its folder in File > Import."""
+"""Choosing the capture to train from: by dropping its videos, or its folder in File > Import."""
 
 # mypy: disable-error-code="valid-type"
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import bpy
 from bpy.props import BoolProperty, CollectionProperty, StringProperty
@@ -14,7 +14,7 @@ from ..ui import capture_summary, preferences, sidebar_tab
 
 
 class FROG_OT_drop_videos(bpy.types.Operator):
-    """Name the capture that these videos belong to as the one to train from, and say what it holds"""
+    """Use the capture that these videos belong to for training and show a summary of it"""
 
     bl_idname = "frog.drop_videos"
     bl_label = "FRoG Capture of These Videos"
@@ -23,7 +23,7 @@ class FROG_OT_drop_videos(bpy.types.Operator):
     directory: StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})
     files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"})
 
-    def execute(self, context: Any) -> set[str]:
+    def execute(self, context: bpy.types.Context) -> set[str]:
         videos = [Path(self.directory) / file.name for file in self.files]
         return _open(self, context, lambda: capture_of(videos))
 
@@ -37,12 +37,12 @@ class FROG_FH_videos(bpy.types.FileHandler):
     bl_file_extensions = ";".join(sorted(VIDEO_SUFFIXES))
 
     @classmethod
-    def poll_drop(cls, context: Any) -> bool:
+    def poll_drop(cls, context: bpy.types.Context) -> bool:
         return context.area is not None and context.area.type == "VIEW_3D"
 
 
 class FROG_OT_import_capture(bpy.types.Operator):
-    """Choose the folder with the videos or images to train from; the Train panel then says what it holds"""
+    """Choose the folder with the videos or images to train from. The Train panel shows a summary of it"""
 
     bl_idname = "import_scene.frog_capture"
     bl_label = "Open FRoG Capture"
@@ -50,44 +50,46 @@ class FROG_OT_import_capture(bpy.types.Operator):
 
     directory: StringProperty(
         name="Capture",
-        description="Folder with the videos or images and the cameras that filmed them",
+        description="Folder with the videos or images and their camera calibration",
         subtype="DIR_PATH",
         options={"SKIP_SAVE"},
     )
     filter_folder: BoolProperty(default=True, options={"HIDDEN", "SKIP_SAVE"})
     filter_movie: BoolProperty(default=True, options={"HIDDEN", "SKIP_SAVE"})
 
-    def invoke(self, context: Any, _event: Any) -> set[str]:
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
-    def execute(self, context: Any) -> set[str]:
+    def execute(self, context: bpy.types.Context) -> set[str]:
         return _open(self, context, lambda: Path(bpy.path.abspath(self.directory)))
 
 
 def capture_of(videos: list[Path]) -> Path:
-    """The folder of the capture that has these videos; FrogError, saying what is missing, where there is none."""
+    """The folder of the capture with these videos; FrogError, stating what is missing, if there is none."""
     from ..engine.capture.readers import detect
 
     if not videos:
-        raise FrogError("No video was dropped: expected the videos of one capture.")
+        raise FrogError("Found no video, expected the videos of one capture.")
     folders = {video.parent for video in videos}
     if len(folders) > 1:
-        raise FrogError(f"The videos lie in {len(folders)} folders, expected those of one capture: one folder.")
+        raise FrogError(f"Found videos in {len(folders)} folders, expected the videos of one capture in one folder.")
     (folder,) = folders
     try:
         detect(folder)
     except FrogError as error:
         found = f"{len(videos)} videos without cameras" if len(videos) > 1 else "a video without cameras"
-        expected = "beside it" if len(videos) == 1 else "beside them"
-        expected += " a file that says where each camera stood: poses_bounds.npy (N3DV), cameras_opencv.json (OpenCV)"
+        expected = "next to it" if len(videos) == 1 else "next to them"
+        expected += " a file with the camera poses: poses_bounds.npy (N3DV), cameras_opencv.json (OpenCV)"
         raise found_instead(folder, found, f"{expected} or NAME.qca.txt (Qualisys)") from error
     return folder
 
 
-def _open(operator: Any, context: Any, find: Any) -> set[str]:
-    """Makes what ``find`` finds the scene's capture and says what it is; an error changes nothing."""
-    preferences.add_environment()  # OpenCV, which reads videos, may be there
+def _open(operator: bpy.types.Operator, context: bpy.types.Context, find: Callable[[], Path]) -> set[str]:
+    """Sets the folder that ``find`` returns as the scene's capture and reports its summary; an error changes
+    nothing.
+    """
+    preferences.add_environment()  # may have OpenCV, which reads videos
     try:
         folder = find()
         summary = capture_summary.inspect(str(folder))
@@ -102,8 +104,8 @@ def _open(operator: Any, context: Any, find: Any) -> set[str]:
     return {"FINISHED"}
 
 
-def _show_panel(context: Any) -> None:
-    """The sidebar's tab FRoG: where the capture was dropped, or in the largest viewport after a choice in a menu."""
+def _show_panel(context: bpy.types.Context) -> None:
+    """Shows the FRoG tab of the sidebar, in the viewport that the capture was dropped into or else in the largest."""
     views = [area for area in context.screen.areas if area.type == "VIEW_3D"] if context.screen is not None else []
     if not views:
         return
@@ -113,7 +115,7 @@ def _show_panel(context: Any) -> None:
         sidebar_tab.show(area)
 
 
-def _menu(self: Any, _context: Any) -> None:
+def _menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
     self.layout.operator(FROG_OT_import_capture.bl_idname, text="FRoG Capture (folder)")
 
 

@@ -1,11 +1,10 @@
-"""Finding .frog files again that were moved or renamed."""
+"""Find Scene File: for .frog files that were moved or renamed."""
 
 # mypy: disable-error-code="valid-type"
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import bpy
 from bpy.props import BoolProperty, StringProperty
@@ -13,12 +12,12 @@ from bpy_extras.io_utils import ImportHelper
 
 from ..engine.errors import FrogError
 from ..relative_paths import library_of
-from ..scene_import.capture_objects import named_or_chosen, stored_path
+from ..scene_import.capture_objects import named_or_active_capture, stored_path
 from ..timeline import playback
 
 
-def relink(obj: Any, path: Path, *, also_others: bool) -> list[Any]:
-    """Makes an object of this .blend play ``path``, and gives all objects that found their file again.
+def relink(obj: bpy.types.Object, path: Path, *, also_others: bool) -> list[bpy.types.Object]:
+    """Makes an object of this .blend play ``path``. Returns all objects whose file was found.
 
     With ``also_others`` every capture of this .blend whose file is missing plays the file of the same name in the
     same folder, if there is one; it does so in all objects that play the missing file.  Raises FrogError, and changes
@@ -26,7 +25,7 @@ def relink(obj: Any, path: Path, *, also_others: bool) -> list[Any]:
     """
     library = library_of(obj)
     if library is not None:
-        raise FrogError(f"{obj.name}: it is linked from {bpy.path.abspath(library.filepath)}; find its file there.")
+        raise FrogError(f"{obj.name}: it is linked from {bpy.path.abspath(library.filepath)}. Find its file there.")
     playback.open_scene(path)
     lost, found = playback.file_of(obj), [obj]
     others = [other for other in playback.captures(bpy.data.objects) if other != obj and library_of(other) is None]
@@ -53,7 +52,7 @@ def _plays(path: Path) -> bool:
 
 
 class FROG_OT_relink(bpy.types.Operator, ImportHelper):
-    """Choose where the .frog file of this capture is now"""
+    """Choose the current location of this capture's .frog file"""
 
     bl_idname = "frog.relink"
     bl_label = "Find Scene File"
@@ -63,26 +62,26 @@ class FROG_OT_relink(bpy.types.Operator, ImportHelper):
     filter_glob: StringProperty(default="*.frog", options={"HIDDEN"})
     object_name: StringProperty(
         name="Capture",
-        description="The object whose file is looked for; empty for the active one",
+        description="The object whose file is missing. Empty for the active object",
         options={"HIDDEN", "SKIP_SAVE"},
     )
     all_missing: BoolProperty(
         name="All Missing Captures",
-        description="Look in this folder for the files of all other missing captures, by their names",
+        description="Also search this folder for the files of all other missing captures, by file name",
         default=True,
     )
 
-    def execute(self, context: Any) -> set[str]:
+    def execute(self, context: bpy.types.Context) -> set[str]:
         path = Path(bpy.path.abspath(self.filepath))
         try:
-            found = relink(named_or_chosen(context, self.object_name), path, also_others=self.all_missing)
+            found = relink(named_or_active_capture(context, self.object_name), path, also_others=self.all_missing)
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         for scene in bpy.data.scenes:
             playback.refresh(scene)
         missing = [other.name for other in playback.captures(bpy.data.objects) if not playback.file_of(other).is_file()]
-        text = f"Found the files of {len(found)} captures." if len(found) > 1 else f"{found[0].name}: found its file."
+        text = f"Found the files of {len(found)} captures." if len(found) > 1 else f"Found the file of {found[0].name}."
         self.report({"INFO"}, f"{text} Still missing: {', '.join(missing)}." if missing else text)
         return {"FINISHED"}
 

@@ -1,4 +1,4 @@
-"""Setting the scene up for a capture: asked for with an import, or later by a button of its own."""
+"""Set Up Scene, as an option of importers and as an operator."""
 
 # mypy: disable-error-code="valid-type"
 
@@ -8,14 +8,14 @@ import bpy
 from bpy.props import BoolProperty
 
 from ..engine.errors import FrogError
-from ..scene_import.capture_objects import cameras_of, chosen
+from ..scene_import.capture_objects import active_capture, cameras_of
 from ..scene_import.scene_setup import is_untouched, set_up
 from ..scene_import.transaction import all_or_nothing
 from ..timeline import playback
 
 
 class SetsUpScene:
-    """For importers: the two properties that say what else of the scene changes.
+    """Base of importers: two properties that decide what else of the scene changes.
 
     Left alone they are on where the scene holds nothing of the user's, else off. They are not remembered from one
     import to the next, because the next scene is another.
@@ -23,27 +23,27 @@ class SetsUpScene:
 
     set_up_scene: BoolProperty(
         name="Set Up Scene",
-        description="Take over the capture's frame range, frame rate, image size, active camera and background, "
-        "and show its colours unchanged (Standard view transform, no dithering). On by itself in a new file only",
+        description="Use the capture's frame range, frame rate, image size, camera and background, and show its "
+        "colors unchanged (Standard view transform, no dithering). Enabled by default in a new file only",
         default=True,
         options={"SKIP_SAVE"},
     )
     use_frog_engine: BoolProperty(
         name="Render with FRoG",
-        description="Make FRoG the scene's render engine, which draws the captures as they were trained, and show it "
-        "in the viewports. On by itself in a new file only",
+        description="Make FRoG the scene's render engine, which draws the captures as they were trained, and show "
+        "rendered viewports. Enabled by default in a new file only",
         default=True,
         options={"SKIP_SAVE"},
     )
 
-    def invoke(self, context: Any, event: Any) -> set[str]:
-        """Shows the properties as they are for this scene."""
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Shows the properties with this scene's defaults."""
         self.decide(context.scene)
         result: set[str] = super().invoke(context, event)  # type: ignore[misc]  # of the importer's other base
         return result
 
-    def decide(self: Any, scene: Any) -> bool:
-        """Settles both properties, unless they were given; true if the settings are to stay and nobody has said so."""
+    def decide(self: Any, scene: bpy.types.Scene) -> bool:
+        """Sets both properties, unless they were given. Returns whether the settings stay unchanged by default."""
         given, untouched = self.properties.is_property_set, is_untouched(scene)
         left_alone = not given("set_up_scene") and not untouched
         if not given("set_up_scene"):
@@ -54,19 +54,19 @@ class SetsUpScene:
 
 
 class FROG_OT_set_up_scene(bpy.types.Operator):
-    """Make the scene film what the capture filmed: frame range and rate, size, camera, background and colours"""
+    """Match the scene to the capture: frame range, frame rate, image size, camera, background and colors"""
 
     bl_idname = "frog.set_up_scene"
     bl_label = "Set Up Scene"
     bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
-    def poll(cls, context: Any) -> bool:
+    def poll(cls, context: bpy.types.Context) -> bool:
         cls.poll_message_set("Select one of the scene's captures first.")
-        return chosen(context) is not None
+        return active_capture(context) is not None
 
-    def execute(self, context: Any) -> set[str]:
-        obj, scene = chosen(context), context.scene
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        obj, scene = active_capture(context), context.scene
         try:
             header = playback.open_scene(playback.file_of(obj)).header
             with all_or_nothing(scene):

@@ -1,9 +1,7 @@
-"""Train FRoG, hold it, cancel it, go on with it, and look at a capture folder again."""
+"""Train FRoG, pause, continue and cancel a training, and read a capture folder again."""
 
 # Blender reads properties from annotations, which to a type checker are not types.
 # mypy: disable-error-code="valid-type"
-
-from typing import Any
 
 import bpy
 from bpy.props import BoolProperty
@@ -24,13 +22,13 @@ class FROG_OT_train(bpy.types.Operator):
 
     resume: BoolProperty(
         name="Resume",
-        description="Go on with the training that was cancelled, or that Blender did not survive, "
-        "with the recipe and settings that it began with",
+        description="Continue a training that was cancelled or interrupted, with the recipe and settings that it "
+        "was started with",
         default=False,
         options={"SKIP_SAVE"},
     )
 
-    def execute(self, context: Any) -> set[str]:
+    def execute(self, context: bpy.types.Context) -> set[str]:
         settings = context.scene.frog
         try:
             request = request_of(settings, self.resume)
@@ -41,7 +39,7 @@ class FROG_OT_train(bpy.types.Operator):
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         if request.output != output_of(settings):
-            self.report({"INFO"}, f"{output_of(settings)} stays: this training writes {request.output.name}.")
+            self.report({"INFO"}, f"{output_of(settings)} already exists. This training writes {request.output.name}.")
             stored = stored_path(request.output)
             if settings.output_path == settings.derived_output:  # another capture still changes it
                 settings.derived_output = stored
@@ -50,16 +48,16 @@ class FROG_OT_train(bpy.types.Operator):
 
 
 class FROG_OT_cancel_training(bpy.types.Operator):
-    """Stop training; what was learned so far is written to the output file"""
+    """Stop the training. The scene as trained so far is written to the output file"""
 
     bl_idname = "frog.cancel_training"
     bl_label = "Cancel"
 
     @classmethod
-    def poll(cls, _context: Any) -> bool:
+    def poll(cls, _context: bpy.types.Context) -> bool:
         return runner.is_running()
 
-    def execute(self, _context: Any) -> set[str]:
+    def execute(self, _context: bpy.types.Context) -> set[str]:
         task = runner.current()
         if task is not None:
             task.cancel()
@@ -67,16 +65,16 @@ class FROG_OT_cancel_training(bpy.types.Operator):
 
 
 class FROG_OT_pause_training(bpy.types.Operator):
-    """Hold the training, so that the computer is free for something else; nothing is lost"""
+    """Pause the training to free the computer for other work. Nothing is lost"""
 
     bl_idname = "frog.pause_training"
     bl_label = "Pause"
 
     @classmethod
-    def poll(cls, _context: Any) -> bool:
+    def poll(cls, _context: bpy.types.Context) -> bool:
         return runner.is_running() and not runner.is_paused()
 
-    def execute(self, _context: Any) -> set[str]:
+    def execute(self, _context: bpy.types.Context) -> set[str]:
         task = runner.current()
         if task is not None:
             task.control.pause()
@@ -84,16 +82,16 @@ class FROG_OT_pause_training(bpy.types.Operator):
 
 
 class FROG_OT_resume_training(bpy.types.Operator):
-    """Go on with the training that is paused"""
+    """Continue the paused training"""
 
     bl_idname = "frog.resume_training"
     bl_label = "Resume"
 
     @classmethod
-    def poll(cls, _context: Any) -> bool:
+    def poll(cls, _context: bpy.types.Context) -> bool:
         return runner.is_paused()
 
-    def execute(self, _context: Any) -> set[str]:
+    def execute(self, _context: bpy.types.Context) -> set[str]:
         task = runner.current()
         if task is not None:
             task.control.resume()
@@ -101,12 +99,12 @@ class FROG_OT_resume_training(bpy.types.Operator):
 
 
 class FROG_OT_inspect_capture(bpy.types.Operator):
-    """Look into the capture folder again"""
+    """Read the capture folder again"""
 
     bl_idname = "frog.inspect_capture"
     bl_label = "Check Capture"
 
-    def execute(self, context: Any) -> set[str]:
+    def execute(self, context: bpy.types.Context) -> set[str]:
         preferences.add_environment()
         summary = capture_summary.inspect(bpy.path.abspath(context.scene.frog.capture_folder))
         if summary.error:

@@ -1,4 +1,4 @@
-"""What there is to draw: the Gaussians of all visible captures at the frame being evaluated, in world space."""
+"""Collects the Gaussians of all visible captures at the evaluated frame, in world space."""
 
 from __future__ import annotations
 
@@ -12,13 +12,15 @@ from ..engine.errors import FrogError
 from ..timeline import playback
 
 if TYPE_CHECKING:
+    import bpy
+
     from ..engine.gaussians import GaussianArrays
 
 
 def gather(
-    depsgraph: Any, space: Any = None, problems: list[str] | None = None
+    depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D | None = None, problems: list[str] | None = None
 ) -> tuple[GaussianArrays | None, np.ndarray]:
-    """All visible captures at the frame being evaluated, in world space, and the first one's display background (3,).
+    """All visible captures at the evaluated frame, in world space, and the first one's display background (3,).
 
     None stands for no capture at all.  A capture that cannot be played raises FrogError: a render must not lie.
 
@@ -43,9 +45,12 @@ def gather(
     return (joined(parts) if parts else None), background
 
 
-def visible_captures(depsgraph: Any, space: Any = None) -> list[tuple[Any, Any, np.ndarray]]:
-    """Every visible capture's object, the same evaluated and its (4, 4) matrix, duplicates and instances included; what
-    is scaled to nothing is not there."""
+def visible_captures(
+    depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D | None = None
+) -> list[tuple[bpy.types.Object, bpy.types.Object, np.ndarray]]:
+    """The object, the evaluated object and the (4, 4) matrix of every visible capture, duplicates and instances
+    included. Objects with zero scale are skipped.
+    """
     found = []
     for instance in depsgraph.object_instances:
         shown, own = instance.object, instance.object.original
@@ -61,20 +66,22 @@ def visible_captures(depsgraph: Any, space: Any = None) -> list[tuple[Any, Any, 
     return found
 
 
-def is_seen(instance: Any, layer: Any) -> bool:
-    """Whether cameras see an object of a depsgraph, as Cycles has it."""
+def is_seen(instance: bpy.types.DepsgraphObjectInstance, layer: bpy.types.ViewLayer) -> bool:
+    """Whether an object of a depsgraph is visible to cameras, as in Cycles."""
     shown = instance.object
     return instance.show_self and shown.visible_camera and not shown.original.indirect_only_get(view_layer=layer)
 
 
-def pass_indices(depsgraph: Any) -> list[tuple[int, int]]:
-    """How many Gaussians each visible capture has, in ``gather``'s order, and its object's Pass Index."""
+def pass_indices(depsgraph: bpy.types.Depsgraph) -> list[tuple[int, int]]:
+    """Number of Gaussians and Pass Index of each visible capture, in the order of ``gather``."""
     found = [obj for obj, *_ in visible_captures(depsgraph)]
     return [(playback.open_scene(playback.file_of(obj)).count, obj.pass_index) for obj in found]
 
 
 def placed(gaussians: GaussianArrays, matrix: np.ndarray, name: str) -> GaussianArrays:
-    """The Gaussians moved by a (4, 4) object matrix of rotation, uniform scale and translation; FrogError otherwise."""
+    """Gaussians transformed by a (4, 4) matrix of rotation, uniform scale and translation; FrogError for another
+    matrix.
+    """
     from ..engine.playback.transform import transform
 
     if np.array_equal(matrix, np.eye(4)):
@@ -86,7 +93,7 @@ def placed(gaussians: GaussianArrays, matrix: np.ndarray, name: str) -> Gaussian
 
 
 def check_placement(matrix: Any, name: str) -> None:
-    """Raises FrogError if Gaussians cannot be where an object's matrix puts them."""
+    """Raises FrogError if Gaussians cannot be transformed by an object's matrix."""
     from ..engine.gaussians import GaussianArrays
 
     values = np.array(matrix, dtype=np.float64)
@@ -96,7 +103,7 @@ def check_placement(matrix: Any, name: str) -> None:
 
 
 def joined(parts: list[GaussianArrays]) -> GaussianArrays:
-    """One set of Gaussians out of several; SH coefficients that some lack are zero."""
+    """Concatenates sets of Gaussians, padding missing SH coefficients with zeros."""
     if len(parts) == 1:
         return parts[0]
     from ..engine.gaussians import GaussianArrays

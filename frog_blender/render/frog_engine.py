@@ -1,4 +1,4 @@
-"""The FROG render engine: F12 and animations of captures by the engine's own rasterizer, without torch.
+"""The FROG render engine: renders images and animations of captures with the engine's own rasterizer, without torch.
 
 The image through an imported camera is the engine's own drawing of that camera: Gaussians are blended in the video's
 display-referred colour, as they were trained, and the result is converted to Blender's scene-linear at the end.
@@ -32,8 +32,10 @@ from .world import background_of
 if TYPE_CHECKING:
     from ..engine.capture.camera import Camera
     from ..engine.native.options import RasterizeOptions
+    from ..engine.playback.render import Drawing
+    from .viewport import Viewport
 
-SHUTTER_SAMPLES = 16  # moments that motion blur averages
+SHUTTER_SAMPLES = 16  # frames that motion blur averages
 
 
 class FrogRenderEngine(bpy.types.RenderEngine):
@@ -47,28 +49,28 @@ class FrogRenderEngine(bpy.types.RenderEngine):
 
     def __init__(self, *arguments: Any, **keywords: Any) -> None:
         super().__init__(*arguments, **keywords)
-        self.viewport: Any = None  # of viewport_drawing
-        self.told_slow = False
+        self.viewport: Viewport | None = None  # of viewport_drawing
+        self.warned_slow = False
 
-    def update_render_passes(self, scene: Any = None, renderlayer: Any = None) -> None:
+    def update_render_passes(self, scene: bpy.types.Scene = None, renderlayer: bpy.types.ViewLayer = None) -> None:
         self.register_pass(scene, renderlayer, "Combined", 4, "RGBA", "COLOR")
         if renderlayer.use_pass_z:
             self.register_pass(scene, renderlayer, "Depth", 1, "Z", "VALUE")
         vector_pass.register_pass(self, scene, renderlayer)
         index_pass.register_pass(self, scene, renderlayer)
 
-    def render(self, depsgraph: Any) -> None:
+    def render(self, depsgraph: bpy.types.Depsgraph) -> None:
         scene = depsgraph.scene.original
         try:
             renders.check(scene)
-            _stand_where_the_image_does(self, scene)
+            _synchronize_frame(self, scene)
             for view in self._views(depsgraph):
                 self.active_view_set(view)
                 passes = drawn_passes(self, depsgraph)
                 if self.test_break():
                     return
-                self._give(depsgraph, view, passes)
-        except Exception as error:  # a render that goes on without its captures would be worse than any sentence
+                self._write_passes(depsgraph, view, passes)
+        except Exception as error:  # a render must not go on without its captures
             sentence = error_message(error)
             if not isinstance(error, (FrogError, MemoryError)):
                 reported_once.unexpected(f"rendering {scene.name}", error)
@@ -76,18 +78,18 @@ class FrogRenderEngine(bpy.types.RenderEngine):
             self.report({"ERROR"}, sentence)
             if renders.note_failure(scene, sentence):
                 for view in self._views(depsgraph):
-                    self._give(depsgraph, view, None)
+                    self._write_passes(depsgraph, view, None)
         self.update_progress(1.0)
 
-    def _views(self, depsgraph: Any) -> list[str]:
-        """What Blender wants images of: an eye each in stereoscopy, else one without a name."""
+    def _views(self, depsgraph: bpy.types.Depsgraph) -> list[str]:
+        """The names of the views to render: one for each stereo eye, otherwise one empty name."""
         result = self.begin_result(0, 0, 1, 1, layer=depsgraph.view_layer.name)
         names = [view.name for view in result.views]
         self.end_result(result, cancel=True)
         return names
 
-    def _give(self, depsgraph: Any, view: str, passes: dict[str, Any] | None) -> None:
-        """Hands passes (see drawn_passes) over to Blender; without any, a pattern that nobody takes for an image.
+    def _write_passes(self, depsgraph: bpy.types.Depsgraph, view: str, passes: dict[str, Any] | None) -> None:
+        """Writes passes (see ``drawn_passes``) to Blender's result; a striped pattern if there are none.
 
         FrogError for passes of another size than Blender's image or region has.
         """
@@ -99,36 +101,36 @@ class FrogRenderEngine(bpy.types.RenderEngine):
         drawn = passes["Combined"].shape[1::-1]
         if drawn != size:
             self.end_result(result, cancel=True)
-            raise FrogError(f"{depsgraph.scene.name}: found a region of {size}, expected {drawn} pixels.")
+            raise FrogError(f"{depsgraph.scene.name}: found a render region of {size} pixels, expected {drawn}.")
         for render_pass in result.layers[0].passes:
             values = passes.get(render_pass.name)
             if values is not None:
                 render_pass.rect.foreach_set(pass_pixels(values))
         self.end_result(result)
 
-    # What follows runs in windows only: Blender draws viewports there, in the main thread.
+    # The following runs with windows only, in the main thread.
 
-    def view_update(self, context: Any, depsgraph: Any) -> None:
-        """Blender tells of changes here; view_draw finds out by itself what they are."""
+    def view_update(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
+        """Called by Blender on changes; ``view_draw`` detects by itself what has changed."""
 
-    def view_draw(self, context: Any, depsgraph: Any) -> None:
+    def view_draw(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
         viewport_drawing.draw(self, context, depsgraph)
 
 
-def _stand_where_the_image_does(engine: Any, scene: Any) -> None:
-    """Blender takes another scene's frame over, but not what lies between frames."""
+def _synchronize_frame(engine: bpy.types.RenderEngine, scene: bpy.types.Scene) -> None:
+    """Copies the subframe of the leading scene; Blender copies whole frames only."""
     frame = raw_frame(renders.leading(scene))
     if raw_frame(scene) != frame:
         engine.frame_set(math.floor(frame), frame % 1.0)
 
 
-def drawn_passes(engine: Any, depsgraph: Any) -> dict[str, Any]:
-    """What Blender is given of the present view, by the passes' names; see ``render_frame``."""
+def drawn_passes(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> dict[str, Any]:
+    """The passes of the current view, by name; see ``render_frame``."""
     combined, depth, surface = render_frame(engine, depsgraph)
     scene = depsgraph.scene.original
     renders.note_drawn(scene, surface is not None)
     if surface is None and scene.frog.composed_with is None:
-        engine.report({"WARNING"}, f"Scene {scene.name}: found no visible capture; this is its background.")
+        engine.report({"WARNING"}, f"Scene {scene.name}: found no visible capture. Only the background is rendered.")
     vectors = None
     if depsgraph.view_layer.use_pass_vector and not engine.test_break():
         vectors = render_vectors(engine, depsgraph)
@@ -140,32 +142,32 @@ def drawn_passes(engine: Any, depsgraph: Any) -> dict[str, Any]:
 Passes = tuple[np.ndarray, np.ndarray, np.ndarray | None]
 
 
-def render_frame(engine: Any, depsgraph: Any) -> Passes:
-    """Combined (H, W, 4) scene-linear premultiplied, Depth (H, W) planar in world units, and which Gaussian of all that
-    were gathered is each pixel's surface (H, W), -1 for none (None without captures); rows from the top, of the Render
-    Region alone where there is one.
+def render_frame(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> Passes:
+    """Combined (H, W, 4) scene-linear premultiplied, Depth (H, W) planar in world units, and the index of the Gaussian
+    at each pixel's surface (H, W), -1 for none; None instead of the index without captures. Rows from the top, of the
+    Render Region only if there is one.
 
-    With motion blur the light of moments spread over the shutter's time is averaged; all else is the frame's own.
+    With motion blur, Combined is averaged over frames spread over the shutter time; the rest is of the frame itself.
     """
-    combined, depth, surface = render_moment(engine, depsgraph)
+    combined, depth, surface = render_instant(engine, depsgraph)
     render, frame = _settings(depsgraph), raw_frame(depsgraph.scene)
     if not render.use_motion_blur or render.motion_blur_shutter <= 0:
         return combined, depth, surface
-    moments = shutter_moments(frame, render.motion_blur_shutter, render.motion_blur_position)
+    samples = shutter_frames(frame, render.motion_blur_shutter, render.motion_blur_position)
     light = np.zeros_like(combined)
-    with _frame_kept(engine, depsgraph):
-        for number, moment in enumerate(moments):
+    with _restoring_frame(engine, depsgraph):
+        for number, sample in enumerate(samples):
             if engine.test_break():
                 break
-            engine.frame_set(math.floor(moment), moment % 1.0)  # cameras and roots move as well
-            light += render_moment(engine, depsgraph)[0]
-            engine.update_progress((number + 1) / len(moments))
-    return light / len(moments), depth, surface
+            engine.frame_set(math.floor(sample), sample % 1.0)  # cameras and roots move as well
+            light += render_instant(engine, depsgraph)[0]
+            engine.update_progress((number + 1) / len(samples))
+    return light / len(samples), depth, surface
 
 
 @contextmanager
-def _frame_kept(engine: Any, depsgraph: Any) -> Iterator[None]:
-    """Whatever happens within, the scene then stands at the frame again where it stood."""
+def _restoring_frame(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> Iterator[None]:
+    """Restores the scene's frame on exit."""
     frame = raw_frame(depsgraph.scene)
     try:
         yield
@@ -174,15 +176,16 @@ def _frame_kept(engine: Any, depsgraph: Any) -> Iterator[None]:
             engine.frame_set(math.floor(frame), frame % 1.0)
 
 
-def shutter_moments(frame: float, shutter: float, position: str) -> list[float]:
-    """Frames at which to look while a shutter is open for ``shutter`` frames, placed by Blender's "START", "CENTER" or
-    "END" of the frame."""
+def shutter_frames(frame: float, shutter: float, position: str) -> list[float]:
+    """The frames sampled while a shutter is open for ``shutter`` frames, placed by Blender's "START", "CENTER" or
+    "END" of the frame.
+    """
     first = frame + {"START": 0.0, "CENTER": -0.5, "END": -1.0}[position] * shutter
     return [first + shutter * (number + 0.5) / SHUTTER_SAMPLES for number in range(SHUTTER_SAMPLES)]
 
 
-def render_moment(engine: Any, depsgraph: Any) -> Passes:
-    """``render_frame`` of the moment at which the scene stands, without blur."""
+def render_instant(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> Passes:
+    """``render_frame`` at the scene's current frame, without motion blur."""
     scene = depsgraph.scene
     width, height = engine.resolution_x, engine.resolution_y
     eye = _eye(engine, depsgraph)
@@ -196,40 +199,41 @@ def render_moment(engine: Any, depsgraph: Any) -> Passes:
         engine.update_stats("", f"Drawing {len(gaussians.means):,} Gaussians")
         limits = limits_of_objects(depsgraph, camera, options) if scene.frog.hold_out else None
         drawing = draw_before(limits, gaussians, camera, options)
-        _say_if_slow(engine, drawing, len(gaussians.means))
+        _warn_if_slow(engine, drawing, len(gaussians.means))
     size = options.region_of(camera)[2:]
     depth = depth_pass(drawing, *size, distance_added(eye.data))
     combined = into_working_space(combined_pass(drawing, background_of(scene, captured_background), *size))
     return combined, depth, drawing.median_index if drawing is not None else None
 
 
-def _say_if_slow(engine: Any, drawing: Any, gaussians: int) -> None:
-    """Once an image, of which motion blur has many moments."""
+def _warn_if_slow(engine: bpy.types.RenderEngine, drawing: Drawing, gaussians: int) -> None:
+    """Warns once an image, which with motion blur has many samples."""
     from ..engine.native.binding import MANY_INSTANCES, takes_long
 
-    if drawing.instances > MANY_INSTANCES and not engine.told_slow:
-        engine.told_slow = True
+    if drawing.instances > MANY_INSTANCES and not engine.warned_slow:
+        engine.warned_slow = True
         engine.report({"WARNING"}, takes_long(gaussians))
 
 
-def _options(depsgraph: Any, eye: Any, width: int, height: int) -> RasterizeOptions:
-    """The Render Region, and nothing that is behind the camera, which may stand further back than Blender's."""
+def _options(depsgraph: bpy.types.Depsgraph, eye: bpy.types.Object, width: int, height: int) -> RasterizeOptions:
+    """Options for the Render Region, with the near plane at Blender's camera even if the engine's is further back."""
     from ..engine.native.options import RasterizeOptions
 
     region = rendered_part(renders.leading(depsgraph.scene.original).render, width, height)
     return RasterizeOptions(region=region, near_plane=RasterizeOptions.near_plane + distance_added(eye.data))
 
 
-def _settings(depsgraph: Any) -> Any:
-    """The render settings that hold: those of the scene that this one follows while that one is rendered."""
+def _settings(depsgraph: bpy.types.Depsgraph) -> bpy.types.RenderSettings:
+    """The render settings in effect: those of the followed scene while that is rendered."""
     scene = depsgraph.scene
     first = renders.leading(scene.original)
     return first.render if scene.original.frog.composed_with == first else scene.render
 
 
-def _eye(engine: Any, depsgraph: Any) -> Any:
-    """The evaluated camera that is rendered through: the scene's, that of a strip of the sequencer or of an eye; while
-    another scene is rendered that this one follows, that scene's."""
+def _eye(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> bpy.types.Object:
+    """The evaluated active camera: of the scene, of a sequencer strip or of a stereo eye; while the followed scene
+    is rendered, the camera of that scene.
+    """
     scene = depsgraph.scene.original
     camera = engine.camera_override or scene.camera
     first = renders.leading(scene)
@@ -239,12 +243,12 @@ def _eye(engine: Any, depsgraph: Any) -> Any:
         raise FrogError(f"Scene {scene.name}: found no active camera, expected one to render through.")
     evaluated = camera.evaluated_get(depsgraph)
     if not evaluated.is_evaluated:
-        raise FrogError(f"{camera.name} is in no collection that {scene.name} renders.")
+        raise FrogError(f"{camera.name} is not in any collection that {scene.name} renders.")
     return evaluated
 
 
-def _camera(engine: Any, depsgraph: Any, eye: Any) -> Camera:
-    """The engine's camera of the view that is rendered."""
+def _camera(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph, eye: bpy.types.Object) -> Camera:
+    """The engine camera of the rendered view."""
     render, width, height = _settings(depsgraph), engine.resolution_x, engine.resolution_y
     if not render.use_multiview:
         return engine_camera(eye, eye.matrix_world, render, width, height)
@@ -252,25 +256,25 @@ def _camera(engine: Any, depsgraph: Any, eye: Any) -> Camera:
     return engine_camera(eye, matrix, render, width, height, shift_x=engine.camera_shift_x(eye))
 
 
-def render_vectors(engine: Any, depsgraph: Any) -> np.ndarray:
+def render_vectors(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
     """The Vector pass of the Render Region, (H, W, 4), rows from the top; see vector_pass."""
     frame, width, height = raw_frame(depsgraph.scene), engine.resolution_x, engine.resolution_y
 
-    def moment_at(offset: int) -> vector_pass.Moment:
-        moment = frame + offset
-        engine.frame_set(math.floor(moment), moment % 1.0)
+    def snapshot_at(offset: int) -> vector_pass.Snapshot:
+        other = frame + offset
+        engine.frame_set(math.floor(other), other % 1.0)
         return gather(depsgraph)[0], _camera(engine, depsgraph, _eye(engine, depsgraph))
 
     options = _options(depsgraph, _eye(engine, depsgraph), width, height)
-    with _frame_kept(engine, depsgraph):
-        return vector_pass.vectors(moment_at, options)
+    with _restoring_frame(engine, depsgraph):
+        return vector_pass.vectors(snapshot_at, options)
 
 
 # Panels that other engines' settings fill with what FROG does not have.
 _FOREIGN_PANELS = {"VIEWLAYER_PT_filter", "VIEWLAYER_PT_layer_passes"}
 
 
-def _stock_panels() -> list[Any]:
+def _stock_panels() -> list[type[bpy.types.Panel]]:
     return [
         panel
         for panel in bpy.types.Panel.__subclasses__()

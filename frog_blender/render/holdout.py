@@ -1,4 +1,4 @@
-"""Objects that hide Gaussians: the depth of a Blender scene's surfaces, for the FROG engine to stop at while it blends.
+"""Objects that occlude Gaussians: the FROG engine stops blending at the depth of a scene's surfaces.
 
 Each splat ends at the surface, so half-transparent ones before and behind an object are both right; an image made so
 goes over the objects' own by plain alpha (see operators/compose.py). A pixel that an object's edge crosses is drawn
@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import reduce
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from ..capture_files import is_capture
 from .collect_instances import is_seen
 
 if TYPE_CHECKING:
+    import bpy
+
     from ..engine.capture.camera import Camera
     from ..engine.gaussians import GaussianArrays
     from ..engine.native.options import RasterizeOptions
@@ -31,7 +33,7 @@ _STEP = 1.02  # depths of one pixel that differ by more are of two surfaces
 
 @dataclass(frozen=True)
 class Limits:
-    """Where splats end.
+    """Depth limits of splats.
 
     Attributes:
         front, behind: (H, W) planar depth of the nearest surface, and of what shows beside it where its edge crosses a
@@ -45,7 +47,7 @@ class Limits:
 
 
 def draw_before(limits: Limits | None, gaussians: GaussianArrays, camera: Camera, options: RasterizeOptions) -> Drawing:
-    """What a camera sees of Gaussians that end at these limits."""
+    """Draws Gaussians that end at these limits."""
     from ..engine.playback.render import draw
 
     if limits is None:
@@ -62,14 +64,14 @@ def draw_before(limits: Limits | None, gaussians: GaussianArrays, camera: Camera
     rest = 1 - limits.share[box]
     drawing.rgb[box] += (behind.rgb - drawing.rgb[box]) * rest[..., None]
     drawing.alpha[box] += (behind.alpha - drawing.alpha[box]) * rest
-    for name in ("median_depth", "median_z", "mean_depth", "median_index"):  # a mean of two depths is the depth of none
+    for name in ("median_depth", "median_z", "mean_depth", "median_index"):  # depths must not be averaged
         values = getattr(drawing, name)[box]
         np.copyto(values, getattr(behind, name), where=rest > 0.5)
     return drawing
 
 
-def limits_of_objects(depsgraph: Any, camera: Camera, options: RasterizeOptions) -> Limits | None:
-    """Where splats end at the surfaces of objects that are no captures; None without such objects."""
+def limits_of_objects(depsgraph: bpy.types.Depsgraph, camera: Camera, options: RasterizeOptions) -> Limits | None:
+    """Depth limits at the surfaces of objects that are not captures; None without such objects."""
     vertices, triangles, count = [], [], 0
     for points, corners in _surfaces(depsgraph):
         vertices.append(points)
@@ -88,7 +90,7 @@ def limits_of_mesh(
     *,
     most_depths: int = MOST_DEPTHS,
 ) -> Limits:
-    """Where splats end at a mesh of (V, 3) world-space vertices and (T, 3) triangles.
+    """Depth limits at a mesh of (V, 3) world-space vertices and (T, 3) triangles.
 
     Args:
         most_depths: that are computed at once, in a band of rows.
@@ -104,18 +106,18 @@ def limits_of_mesh(
         count = min(rows, top + height - first)
         region = (_ACROSS * left, _ACROSS * first, _ACROSS * width, _ACROSS * count)
         depths = mesh_depth(vertices, triangles, finer, replace(options, region=region))
-        bands.append(_told_apart(depths.reshape(count, _ACROSS, width, _ACROSS)))
+        bands.append(_split_surfaces(depths.reshape(count, _ACROSS, width, _ACROSS)))
     return Limits(*(np.concatenate(parts) for parts in zip(*bands, strict=True)))
 
 
-def _told_apart(depths: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _split_surfaces(depths: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Front, behind and share (see Limits) of (H, n, W, n) depths within pixels."""
     nearest, furthest = _over_pixels(np.minimum, depths), _over_pixels(np.maximum, depths)
     with np.errstate(invalid="ignore"):
         front = np.where(np.isfinite(furthest), 0.5 * (nearest + furthest), nearest)
     behind, share = front.copy(), np.ones_like(front)
     edges = np.nonzero(furthest > _STEP * nearest)
-    # By their inverses, of which infinity's is zero: a step far away counts less than one near by.
+    # By inverse depth, which is zero at infinity, so that distant steps count less.
     each = 1 / np.sort(depths.transpose(0, 2, 1, 3)[edges].reshape(len(edges[0]), _ACROSS**2), axis=1)
     count = (each[:, :-1] - each[:, 1:]).argmax(1) + 1  # of depths that are of the surface in front
     in_front = np.arange(each.shape[1]) < count[:, None]
@@ -127,12 +129,12 @@ def _told_apart(depths: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def _over_pixels(keep: np.ufunc, depths: np.ndarray) -> np.ndarray:
-    """(H, W) of (H, n, W, n); ten times as fast as numpy over both axes at once."""
+    """Reduces (H, n, W, n) to (H, W), ten times as fast as numpy over both axes at once."""
     rows = keep.reduce(depths, axis=1)
     return reduce(keep, (rows[..., i] for i in range(_ACROSS)))
 
 
-def _surfaces(depsgraph: Any) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def _surfaces(depsgraph: bpy.types.Depsgraph) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """World-space vertices (V, 3) and triangles (T, 3) of everything that the camera can see, instances included."""
     for instance in depsgraph.object_instances:
         obj = instance.object

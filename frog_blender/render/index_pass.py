@@ -1,12 +1,10 @@
-"""The Object Index pass: which capture's surface a pixel shows, by the Pass Index of its object, for ID masks.
+"""The Object Index pass: the Pass Index of the capture at each pixel's surface, for ID masks.
 
 The surface is that of Depth: the Gaussian that takes the light coming through to one half. It costs a look-up, since
 every drawing names that Gaussian.
 """
 
 from __future__ import annotations
-
-from typing import Any
 
 import bpy
 import numpy as np
@@ -28,6 +26,6 @@ def indices(median_index: np.ndarray | None, captures: list[tuple[int, int]], wi
     return owners[np.maximum(median_index, -1)]
 
 
-def register_pass(engine: Any, scene: Any, layer: Any) -> None:
+def register_pass(engine: bpy.types.RenderEngine, scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> None:
     if layer.use_pass_object_index:
         engine.register_pass(scene, layer, NAME, 1, "X", "VALUE")

@@ -1,4 +1,4 @@
-"""What a person in front of Blender is told when there is no image."""
+"""Messages for images that could not be drawn."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from ..engine.errors import FrogError
 
 
 def error_message(error: Exception) -> str:
-    """A sentence for an error that a final render or a viewport met."""
+    """A sentence for an error in a final render or a viewport."""
     if isinstance(error, MemoryError):
-        return f"Out of memory{f' ({error})' if str(error) else ''}: make the image smaller or hide captures."
+        return f"Out of memory{f' ({error})' if str(error) else ''}. Reduce the image size or hide captures."
     return str(error) if isinstance(error, FrogError) else f"FRoG could not draw: {error!r}."

@@ -1,4 +1,4 @@
-"""What the rasterizer drew -> the pixels of passes, in bands of rows on all cores.
+"""Converts the rasterizer's output to pixels of passes, in bands of rows on all cores.
 
 Every step of numpy reads and writes tens of megabytes of a large image, but a band stays in the caches: on two cores
 bands take a quarter of the time.
@@ -96,5 +96,5 @@ def _in_bands(height: int, work: Callable[[slice], None]) -> None:
         for band in bands:
             work(band)
         return
-    with ThreadPoolExecutor(threads) as pool:  # numpy lets go of Python's lock inside each step
+    with ThreadPoolExecutor(threads) as pool:  # numpy releases the GIL
         list(pool.map(work, bands))

@@ -1,4 +1,4 @@
-"""The Vector pass: where each pixel's surface was a frame before and will be a frame later, for Vector Blur.
+"""The Vector pass: motion of each pixel's surface to the previous and the next frame, for Vector Blur.
 
 As Cycles has it: pixels to the right and upwards, first from this frame to the place before, then from the place later
 to this frame. Each Gaussian's way on the screen is drawn in place of its colour, so a pixel gets the mean by blending
@@ -8,54 +8,56 @@ weight.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 if TYPE_CHECKING:
+    import bpy
+
     from ..engine.capture.camera import Camera
     from ..engine.gaussians import GaussianArrays
     from ..engine.native.options import RasterizeOptions
 
-_LONGEST = 2048.0  # pixels; longer ways are cut
+_LONGEST = 2048.0  # pixels; longer motions are clamped
 _SH_0 = 0.28209479177387814
 
-Moment = tuple["GaussianArrays | None", "Camera"]
+Snapshot = tuple["GaussianArrays | None", "Camera"]
 
 
-def vectors(moment_at: Callable[[int], Moment], options: RasterizeOptions) -> np.ndarray:
+def vectors(snapshot_at: Callable[[int], Snapshot], options: RasterizeOptions) -> np.ndarray:
     """(H, W, 4) of the options' region, rows from the top; zero where nothing is.
 
     Args:
-        moment_at: Gaussians and camera so many frames away from this one; called for -1, 1 and at last 0.
+        snapshot_at: Gaussians and camera at an offset in frames from this one; called with -1, 1 and lastly 0.
     """
-    before, after, (gaussians, camera) = (moment_at(offset) for offset in (-1, 1, 0))
+    before, after, (gaussians, camera) = (snapshot_at(offset) for offset in (-1, 1, 0))
     _, _, width, height = options.region_of(camera)
     result = np.zeros((height, width, 4), np.float32)
     if gaussians is None:
         return result
     here = _places(gaussians, camera)
     ways = {}
-    for first, moment, sign in ((0, before, 1.0), (2, after, -1.0)):
-        other, its_camera = moment
+    for first, snapshot, sign in ((0, before, 1.0), (2, after, -1.0)):
+        other, its_camera = snapshot
         if other is not None and len(other.means) == len(gaussians.means):
             way = sign * (_places(other, its_camera) - here) * (1.0, -1.0)
-            way[other.opacities == 0] = np.nan  # who cannot be seen there is not where its way leads (see lifetimes)
+            way[other.opacities == 0] = np.nan  # an invisible Gaussian's position means nothing
             ways[first] = way
     for first, way in ways.items():
-        known = np.where(np.isnan(way), ways.get(2 - first, way), way)  # as if it went on as it came
+        known = np.where(np.isnan(way), ways.get(2 - first, way), way)  # the other motion, if only one is known
         result[..., first : first + 2] = _drawn(gaussians, np.nan_to_num(known), camera, options)
     return result
 
 
 def _places(gaussians: GaussianArrays, camera: Camera) -> np.ndarray:
-    """(N, 2) pixels; not a number behind the camera."""
+    """(N, 2) pixels; NaN behind the camera."""
     pixels, depths = camera.project(gaussians.means.astype(np.float64))
     return np.where(depths[:, None] > 1e-6, pixels, np.nan)
 
 
 def _drawn(gaussians: GaussianArrays, way: np.ndarray, camera: Camera, options: RasterizeOptions) -> np.ndarray:
-    """(H, W, 2) the ways (N, 2) of what a pixel shows."""
+    """(H, W, 2) motion of each pixel, blended from motions (N, 2) of Gaussians."""
     from dataclasses import replace
 
     from ..engine.playback.render import draw
@@ -69,6 +71,6 @@ def _drawn(gaussians: GaussianArrays, way: np.ndarray, camera: Camera, options: 
     return (2 * means - 1) * longest
 
 
-def register_pass(engine: Any, scene: Any, layer: Any) -> None:
+def register_pass(engine: bpy.types.RenderEngine, scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> None:
     if layer.use_pass_vector:
         engine.register_pass(scene, layer, "Vector", 4, "XYZW", "VECTOR")

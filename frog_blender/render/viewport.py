@@ -1,7 +1,7 @@
-"""The rendered viewport: what the FROG engine draws while one orbits and scrubs, coarse at first, sharp when still.
+"""The rendered viewport of the FROG engine: coarse during interaction, sharp when nothing changes.
 
-A viewport keeps the image it drew last. The same view of the same moment is not drawn again; another one is drawn
-with as many pixels as fit the time, and once more with all of them when nothing has changed for a moment.
+A viewport keeps its last image. The same view at the same frame is not drawn again. A new one is drawn with as many
+pixels as fit the time budget, and at full resolution when nothing has changed for a while.
 """
 
 from __future__ import annotations
@@ -27,7 +27,9 @@ COARSEST = 4  # pixels a side that one stands for at most
 
 @dataclass
 class ViewportImage:
-    """What was drawn: ``pixels`` (H, W, 4) scene-linear premultiplied, rows from the bottom, ``step`` pixels a side."""
+    """A drawn image: ``pixels`` (H, W, 4) scene-linear premultiplied, rows from the bottom. One pixel covers
+    ``step`` x ``step`` of the viewport's.
+    """
 
     key: Any
     step: int
@@ -36,13 +38,13 @@ class ViewportImage:
 
 @dataclass
 class Viewport:
-    """One viewport's memory.
+    """The state of one viewport.
 
     Attributes:
         image: the last one.
         changed_at: when its key became another one (of ``time.perf_counter``).
         seconds_per_pixel: of the last drawing, an estimate for the next.
-        gathered: the Gaussians last seen and their background, and for which moment and captures.
+        gathered: what determines the last drawn Gaussians, and these with their background.
         problems: a sentence for each capture that is not among them because it cannot be drawn.
         texture, shown: what lies on the graphics card, and of which image.
         moving_seconds: that an image may take while things move.
@@ -60,7 +62,7 @@ class Viewport:
     still_after: float = STILL_AFTER
 
     def step_for(self, key: Any, width: int, height: int, now: float) -> int:
-        """Into pixels of how many a side the next image of ``key`` is to be divided; 0 when the last one will do."""
+        """The pixel size of the next image of ``key``; 0 if the last image is still valid."""
         if self.image is not None and self.image.key == key:
             sharp = self.image.step == 1
             return 0 if sharp or now - self.changed_at < self.still_after else 1
@@ -69,7 +71,7 @@ class Viewport:
         return min(COARSEST, max(1, math.ceil(math.sqrt(width * height / fits))))
 
     def take(self, key: Any, step: int, pixels: np.ndarray, seconds: float) -> ViewportImage:
-        """Remembers an image that took so many seconds."""
+        """Stores an image and the time that it took."""
         self.image = ViewportImage(key, step, pixels)
         self.seconds_per_pixel = seconds / max(1, pixels.shape[0] * pixels.shape[1])
         return self.image
@@ -88,10 +90,10 @@ def draw_view(
     size: tuple[int, int],
     background: np.ndarray | None,
 ) -> ViewportImage:
-    """The image for ``key``, drawn if it has to be.
+    """The image for ``key``, drawn if necessary.
 
     Args:
-        key: what decides the image: view, moment, captures, background.
+        key: what determines the image: view, frame, captures, background.
         camera_of: (width, height) -> engine camera of the view at that size.
         size: the viewport's width and height in pixels.
         background: (3,) display-referred, or None for transparent.

@@ -17,9 +17,8 @@ from .viewport import STILL_AFTER, Viewport, ViewportImage, draw_view
 from .world import background_of
 
 
-def draw(engine: Any, context: Any, depsgraph: Any) -> None:
-    """Draws the captures as the region sees them; what cannot be drawn is said in the header as long as it is so, and
-    once in the console."""
+def draw(engine: bpy.types.RenderEngine, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
+    """Draws the captures in a region. Problems are shown in the header while they last, and printed once."""
     import gpu
     from gpu_extras.presets import draw_texture_2d
 
@@ -45,17 +44,23 @@ def draw(engine: Any, context: Any, depsgraph: Any) -> None:
         _redraw_later()
 
 
-def show_problems(engine: Any, problems: list[str]) -> None:
-    """In the header of the viewport, which an empty text clears."""
+def show_problems(engine: bpy.types.RenderEngine, problems: list[str]) -> None:
+    """Shows problems in the header of the viewport, or clears it."""
     for problem in problems:
         reported_once.message(problem)
     others = f" ({len(problems) - 1:,} more in the console)" if len(problems) > 1 else ""
     engine.update_stats("FRoG" if problems else "", problems[0] + others if problems else "")
 
 
-def image_of(viewport: Viewport, depsgraph: Any, view: Any, size: tuple[int, int], space: Any = None) -> ViewportImage:
-    """What a region of that size with the matrices of ``view`` shows, in the viewport ``space``; drawn anew when what
-    decides it has changed. What of the captures cannot be drawn is among ``viewport.problems``.
+def image_of(
+    viewport: Viewport,
+    depsgraph: bpy.types.Depsgraph,
+    view: bpy.types.RegionView3D,
+    size: tuple[int, int],
+    space: bpy.types.SpaceView3D | None = None,
+) -> ViewportImage:
+    """The image of a region of that size with the matrices of ``view``, in the viewport ``space``; drawn again only if
+    something has changed. Captures that cannot be drawn are listed in ``viewport.problems``.
 
     Raises:
         FrogError: for a view that cannot be drawn.
@@ -75,16 +80,18 @@ def image_of(viewport: Viewport, depsgraph: Any, view: Any, size: tuple[int, int
     return draw_view(viewport, key, gaussians, lambda w, h: view_camera(*matrices, w, h, ratio), size, background)
 
 
-def _focal_ratio(depsgraph: Any, view: Any, space: Any) -> float:
-    """Of the camera that a view looks through, which Blender's matrices know nothing of; one for other views."""
+def _focal_ratio(
+    depsgraph: bpy.types.Depsgraph, view: bpy.types.RegionView3D, space: bpy.types.SpaceView3D | None
+) -> float:
+    """The focal ratio of the camera of a camera view, which Blender's matrices lack; one for other views."""
     if space is None or view.view_perspective != "CAMERA":
         return 1.0
     camera = space.camera if space.use_local_camera else depsgraph.scene.camera
     return camera.data.frog.focal_ratio if camera is not None and camera.type == "CAMERA" else 1.0
 
 
-def _seen(depsgraph: Any, space: Any) -> tuple[Any, ...]:
-    """What decides the Gaussians: the captures, their moments and where they are."""
+def _seen(depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D | None) -> tuple[Any, ...]:
+    """What determines the Gaussians: the captures, their frames and their matrices."""
     frame = depsgraph.scene.frame_current_final
     seen = []
     for obj, shown, matrix in visible_captures(depsgraph, space):

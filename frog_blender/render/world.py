@@ -1,8 +1,6 @@
-"""What lies behind the captures: Blender's world, as far as one colour goes."""
+"""The background of captures: the color of Blender's world."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import bpy
 import numpy as np
@@ -10,16 +8,15 @@ import numpy as np
 from ..color_spaces import out_of_working_space, to_display
 
 
-def background_of(scene: Any, captured: np.ndarray) -> np.ndarray | None:
-    """(3,) display-referred colour behind the captures: the world's, else the captured one; None for a transparent
-    film."""
+def background_of(scene: bpy.types.Scene, captured: np.ndarray) -> np.ndarray | None:
+    """(3,) display-referred background color: the world's, otherwise the captured one; None for a transparent film."""
     if scene.render.film_transparent:
         return None
     color = world_color(scene)
     return captured if color is None else color
 
 
-def world_color(scene: Any) -> np.ndarray | None:
+def world_color(scene: bpy.types.Scene) -> np.ndarray | None:
     """(3,) display-referred colour of the scene's world, None without a world; textures and skies are not drawn."""
     world = scene.world
     if world is None:

@@ -1,4 +1,4 @@
-"""The capture's own videos behind its cameras, showing the moment that the capture shows.
+"""The videos of a capture as background images of its cameras, synchronized with the capture.
 
 Each camera gets its video, its sequence of images, or the film that ``engine.source_media.undistorted_clips`` wrote
 for it, as a background image. Which image it shows follows from the capture's timing by a driver, whatever its start,
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import bpy
 
@@ -31,14 +31,14 @@ _TIMING = dict(zip("svrmw", TIMING, strict=True))  # variables of drivers
 
 
 def add_clips(
-    obj: Any,
+    obj: bpy.types.Object,
     folder: Path | None = None,
     *,
     opacity: float = OPACITY,
     in_front: bool = False,
     straight: bool = True,
 ) -> int:
-    """Put the videos of a capture behind its cameras and return how many cameras have one now.
+    """Show the videos of a capture as backgrounds of its cameras. Returns the number of cameras that have one now.
 
     Args:
         obj: what plays the capture.
@@ -67,14 +67,13 @@ def add_clips(
         background.display_depth = "FRONT" if in_front else "BACK"
         background.frame_method = "STRETCH"  # a capture's images fill its cameras' frames, rounded sizes included
         camera.data.show_background_images = True
-        _synchronise(camera.data, background, clip, obj)
+        _synchronize(camera.data, background, clip, obj)
         shown += 1
     return shown
 
 
-def begin_straightening(obj: Any, folder: Path | None = None) -> Undistortion | None:
-    """The films that have to be written for ``add_clips`` to show what the cameras saw; None where there are no such,
-    or no camera that could show one.
+def begin_undistortion(obj: bpy.types.Object, folder: Path | None = None) -> Undistortion | None:
+    """The undistorted clips that must be written for ``add_clips``; None if there are none, or no camera to show one.
 
     Raises:
         FrogError: if the .frog file cannot be read, or no capture of it be opened.
@@ -83,7 +82,7 @@ def begin_straightening(obj: Any, folder: Path | None = None) -> Undistortion | 
     if all(camera.data.library is not None for camera in cameras_of(obj)):
         return None
     problem = None
-    for each in filter(os.path.isdir, folders):  # False for names that no disk takes
+    for each in filter(os.path.isdir, folders):  # False for invalid names
         try:
             return undistortion(header, path, each)
         except FrogError as error:
@@ -93,36 +92,38 @@ def begin_straightening(obj: Any, folder: Path | None = None) -> Undistortion | 
     return None
 
 
-def _sources(obj: Any, folder: Path | None) -> tuple[Path, SceneHeader, list[Path]]:
-    """The file that an object plays, what it says, and where the capture may lie."""
-    path = named_file(obj)  # what is packed into the .blend has its films beside the place that it came from
+def _sources(obj: bpy.types.Object, folder: Path | None) -> tuple[Path, SceneHeader, list[Path]]:
+    """The file that an object plays, its header, and the folders where the capture may be."""
+    path = named_file(obj)  # clips of a packed file are next to its original path
     header = playback.open_scene(playback.file_of(obj)).header
     return path, header, [folder] if folder is not None else capture_folders(header, path)
 
 
-def clip_of(camera: Any) -> Any:
-    """The background image of a camera object that shows what it filmed, or None."""
+def clip_of(camera: bpy.types.Object) -> bpy.types.CameraBackgroundImage | None:
+    """The background image of a camera object that shows its clip, or None."""
     images = camera.data.background_images
     return next((each for each in images if each.image is not None and _MARK in each.image), None)
 
 
-def load_image(clip: Clip) -> Any:
+def load_image(clip: Clip) -> bpy.types.Image:
     """The image data-block of a clip, the add-on's own; RuntimeError for what Blender cannot open."""
     wanted = os.path.normpath(clip.path)
     ours = (image for image in bpy.data.images if _MARK in image and image.library is None)
     known = next((image for image in ours if os.path.normpath(bpy.path.abspath(image.filepath)) == wanted), None)
-    # Never the user's own of that file, whose settings and path are theirs.
+    # Never the user's own image of that file.
     image = known if known is not None else bpy.data.images.load(str(clip.path))
     image.filepath = stored_path(clip.path)
-    image.reload()  # a film of this name may have been written again
+    image.reload()  # the file may have been rewritten
     if clip.kind == "SEQUENCE":
         image.source = "SEQUENCE"
     image[_MARK] = True
     return image
 
 
-def _synchronise(data: Any, background: Any, clip: Clip, obj: Any) -> None:
-    """Drive the number of the image that is shown. Number n is offset n - 1 of a clip that is one frame long."""
+def _synchronize(
+    data: bpy.types.Camera, background: bpy.types.CameraBackgroundImage, clip: Clip, obj: bpy.types.Object
+) -> None:
+    """Drive the index of the shown image. Image n is offset n - 1 of a clip that is one frame long."""
     index = next(i for i, each in enumerate(data.background_images) if each == background)
     path = f"background_images[{index}].image_user.frame_offset"
     data.driver_remove(path)
@@ -152,8 +153,8 @@ def expression(clip: Clip) -> str:
     return f"floor(clamp({shown},0,{last})+.5)*{clip.step}+{clip.first - 1}"
 
 
-def hide_clip(camera: Any) -> None:
-    """Take a camera object's clip away, with what drives it."""
+def hide_clip(camera: bpy.types.Object) -> None:
+    """Remove a camera object's clip and its driver."""
     background = clip_of(camera)
     if background is not None and camera.data.library is None:
         index = next(i for i, each in enumerate(camera.data.background_images) if each == background)
@@ -161,8 +162,8 @@ def hide_clip(camera: Any) -> None:
         camera.data.background_images.remove(background)
 
 
-def revive() -> None:
-    """Blender gives drivers up whose properties go, as ours do when the add-on is switched off; told anew, they run."""
+def refresh_drivers() -> None:
+    """Blender disables drivers whose properties were unregistered. Setting their expressions again enables them."""
     for data in getattr(bpy.data, "cameras", ()):  # no data can be reached while Blender starts
         for curve in data.animation_data.drivers if data.animation_data is not None and data.library is None else ():
             if any(variable.targets[0].data_path in TIMING for variable in curve.driver.variables):

@@ -1,4 +1,4 @@
-"""What belongs to an imported capture: its Gaussians, its root, its cameras. Found from any of them."""
+"""The objects of an imported capture: its Gaussians, its root and its cameras, found from any of them."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from ..relative_paths import seen_from
 from ..timeline import playback
 
 
-def chosen(context: Any) -> Any:
-    """The Gaussians of the capture that the active object belongs to, else of the scene's only one, else None."""
+def active_capture(context: bpy.types.Context) -> Any:  # Any: None as well, which operators exclude by poll
+    """The capture that the active object belongs to, otherwise the scene's only capture, otherwise None."""
     active = context.object
     while active is not None:
         of_it = next(playback.captures([active, *active.children]), None)
@@ -25,23 +25,27 @@ def chosen(context: Any) -> Any:
     return captures[0] if len(captures) == 1 else None
 
 
-def named_or_chosen(context: Any, name: str) -> Any:
-    """The capture of that name in this file, for no name the chosen one; FrogError where there is none to change."""
+def named_or_active_capture(context: bpy.types.Context, name: str) -> bpy.types.Object:
+    """The capture of that name in this file, or the active one without a name; FrogError if there is none that can
+    be changed.
+    """
     if not name:
-        obj = chosen(context)
+        obj = active_capture(context)
         name = obj.name if obj is not None else ""
     found = next((obj for obj in playback.captures(bpy.data.objects) if obj.name == name and obj.library is None), None)
     if found is None:
-        raise FrogError(f"{name or 'No object'}: found no such capture in this file, expected one that plays a .frog.")
+        raise FrogError(
+            f"{name or 'The selection'}: found no such capture in this file, expected an object that plays a .frog."
+        )
     return found
 
 
-def known_by(blocks: Any, uid: int) -> Any:
-    """The data-block of that session_uid, which no renaming or undo changes; None where it is gone."""
+def find_by_uid(blocks: Any, uid: int) -> Any:
+    """The data-block with that session_uid, which renaming and undo do not change; None if it is gone."""
     return next((block for block in blocks if block.session_uid == uid), None)
 
 
-def select_alone(context: Any, obj: Any) -> None:
+def select_only(context: bpy.types.Context, obj: bpy.types.Object) -> None:
     """Make an object the only selected one, and the active one."""
     for other in context.selected_objects:
         other.select_set(False)
@@ -49,24 +53,24 @@ def select_alone(context: Any, obj: Any) -> None:
     context.view_layer.objects.active = obj
 
 
-def placed_by(obj: Any) -> Any:
-    """What is moved to move a capture as a whole: the empty that it hangs on, or its Gaussians without one."""
+def root_of(obj: bpy.types.Object) -> bpy.types.Object:
+    """The object that places a capture: the parent of its Gaussians, or these without a parent."""
     return obj.parent if obj.parent is not None else obj
 
 
-def cameras_of(obj: Any) -> list[Any]:
-    """The camera objects of a capture, whose cameras saw it where it is now."""
-    return [child for child in placed_by(obj).children if child.type == "CAMERA"] if obj.parent is not None else []
+def cameras_of(obj: bpy.types.Object) -> list[bpy.types.Object]:
+    """The camera objects of a capture."""
+    return [child for child in root_of(obj).children if child.type == "CAMERA"] if obj.parent is not None else []
 
 
-def plays(scene: Any, path: Path) -> bool:
+def plays(scene: bpy.types.Scene, path: Path) -> bool:
     """Whether a capture of the scene plays this file."""
     wanted = Path(os.path.normpath(path))
     return any(playback.file_of(obj) == wanted for obj in playback.captures(scene.objects))
 
 
 def stored_path(path: Path) -> str:
-    """The path as a .blend keeps it: from its own folder, if that is what the user's other paths do.
+    """The path as stored in the .blend: relative to its folder if the user prefers relative paths.
 
     A script's may begin at the current folder, which no .blend knows.
     """

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
 
 def import_scene(
     path: Path,
-    scene: Any,
+    scene: bpy.types.Scene,
     *,
     start_frame: float = 1.0,
     set_up_scene: bool | None = None,
     use_frog_engine: bool | None = None,
     show_clips: bool = True,
-) -> Any:
+) -> bpy.types.Object:
     """Add a trained scene to ``scene`` and return the object that carries its Gaussians.
 
     Everything hangs on an empty at the origin, so that the capture keeps its own coordinates and its cameras see what
@@ -56,13 +56,13 @@ def import_scene(
             set_up(scene, header, start_frame, cameras, settings=settings, engine=engine)
     except FrogError:
         raise
-    except Exception as error:  # a header may hold anything that no check has foreseen
+    except Exception as error:  # a header may contain anything
         raise FrogError(f"{path}: the scene could not be imported ({brief(repr(error))}).") from error
     return obj
 
 
-def _add(path: Path, scene: Any, start_frame: float) -> tuple[Any, list[Any]]:
-    """The object that carries the Gaussians, playing, and the capture's cameras."""
+def _add(path: Path, scene: bpy.types.Scene, start_frame: float) -> tuple[bpy.types.Object, list[bpy.types.Object]]:
+    """The object with the Gaussians, playing, and the capture's cameras."""
     playable = playback.open_scene(path)
     header = playable.header
     collection = bpy.data.collections.new(path.stem)
@@ -73,19 +73,21 @@ def _add(path: Path, scene: Any, start_frame: float) -> tuple[Any, list[Any]]:
     obj = point_cloud.create(f"{path.stem} Gaussians", playable.at_frame(scene.frame_current_final - start_frame))
     _adopt(obj, root, collection)
     cameras = _add_cameras(header, start_frame, root, collection)
-    # Last: setting them plays the capture, which needs the object in its scene.
+    # Last: setting these plays the capture, which requires the object to be in its scene.
     obj.frog.start_frame = start_frame
     obj.frog.filepath = stored_path(path)
     return obj, cameras
 
 
-def _adopt(obj: Any, root: Any, collection: Any) -> None:
+def _adopt(obj: bpy.types.Object, root: bpy.types.Object, collection: bpy.types.Collection) -> None:
     obj.parent = root
     collection.objects.link(obj)
 
 
-def _add_cameras(header: SceneHeader, start_frame: float, root: Any, collection: Any) -> list[Any]:
-    """One Blender camera for each of the capture's, or a single animated one for a capture by a moving camera."""
+def _add_cameras(
+    header: SceneHeader, start_frame: float, root: bpy.types.Object, collection: bpy.types.Collection
+) -> list[bpy.types.Object]:
+    """One Blender camera for each of the capture's cameras, or a single animated one for a moving camera."""
     if not moves_alone(header):
         return [_add_camera(camera.name, camera, root, collection) for camera in header.cameras]
     path = camera_path(header)
@@ -94,7 +96,9 @@ def _add_cameras(header: SceneHeader, start_frame: float, root: Any, collection:
     return [obj]
 
 
-def _add_camera(name: str, camera: Camera, root: Any, collection: Any) -> Any:
+def _add_camera(
+    name: str, camera: Camera, root: bpy.types.Object, collection: bpy.types.Collection
+) -> bpy.types.Object:
     data = bpy.data.cameras.new(name)
     apply_lens(data, camera)
     data.frog.capture_camera = camera.name
@@ -108,7 +112,7 @@ def _add_camera(name: str, camera: Camera, root: Any, collection: Any) -> Any:
     return obj
 
 
-def _animate(obj: Any, path: list[tuple[int, Camera]], start_frame: float) -> None:
+def _animate(obj: bpy.types.Object, path: list[tuple[int, Camera]], start_frame: float) -> None:
     """Keyframe the pose at every image, and the lens where it changes; straight lines between them."""
     lenses = np.array([list(lens_of(camera).values())[:3] for _, camera in path])
     changing = [

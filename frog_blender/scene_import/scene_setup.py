@@ -1,22 +1,22 @@
-"""Making a scene film what a capture filmed, and telling whether anything in it is the user's."""
+"""Sets a scene up for a capture, and detects whether anything in it is the user's."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
 
 from ..color_spaces import into_working_space, to_linear
 from ..timeline import playback
-from .capture_objects import cameras_of, placed_by
+from .capture_objects import cameras_of, root_of
 from .transaction import values
 
 if TYPE_CHECKING:
     from ..engine.scene.header import SceneHeader
 
 _BACKGROUND_WORLD = "FRoG Background"
-_LAYERS = 1024  # of splats that rays of Cycles go through: as many as it allows
+_LAYERS = 1024  # transparent bounces of Cycles: its maximum
 _EEVEE = ("BLENDER_EEVEE", "BLENDER_EEVEE_NEXT")  # 4.5 has the longer name
 
 # What Blender starts with: the settings that set_up changes, the objects and their places, the grey of the world.
@@ -41,9 +41,10 @@ _START_OBJECTS = {
 _START_GREY = 0.0509
 
 
-def is_untouched(scene: Any) -> bool:
-    """Whether the scene holds nothing of the user's: what Blender starts with, or captures alone and the settings that
-    came with them."""
+def is_untouched(scene: bpy.types.Scene) -> bool:
+    """Whether the scene holds nothing of the user's: only Blender's default objects, or only captures and their
+    settings.
+    """
     ours = _of_captures(scene)
     if any(obj not in ours and not _is_of_start(obj) for obj in scene.objects):
         return False
@@ -56,21 +57,21 @@ def is_untouched(scene: Any) -> bool:
     return settings and found["render.engine"] in (*_EEVEE, "FROG") and _is_of_start_world(scene.world)
 
 
-def is_set_up(scene: Any) -> bool:
-    """Whether the scene was set up for a capture; what the user has changed since does not matter."""
+def is_set_up(scene: bpy.types.Scene) -> bool:
+    """Whether the scene was set up for a capture, regardless of later changes."""
     return bool(scene.frog.set_up_as) or scene.render.engine == "FROG"
 
 
-def _of_captures(scene: Any) -> set[Any]:
-    """The captures of a scene, what they hang on and their cameras, without any that is being edited."""
-    found: set[Any] = set()
+def _of_captures(scene: bpy.types.Scene) -> set[bpy.types.Object]:
+    """The captures of a scene, their roots and cameras, without any in a mode other than Object Mode."""
+    found: set[bpy.types.Object] = set()
     for obj in playback.captures(scene.objects):
-        found |= {obj, placed_by(obj), *cameras_of(obj)}
+        found |= {obj, root_of(obj), *cameras_of(obj)}
     return {obj for obj in found if obj.mode == "OBJECT"}
 
 
-def _is_of_start(obj: Any) -> bool:
-    """Whether it is the cube, light or camera of a new file as it was."""
+def _is_of_start(obj: bpy.types.Object) -> bool:
+    """Whether an object is the unchanged cube, light or camera of a new file."""
     kind, place = _START_OBJECTS.get(obj.name, ("", ()))
     if obj.type != kind or obj.mode != "OBJECT" or obj.library is not None:
         return False
@@ -81,13 +82,13 @@ def _is_of_start(obj: Any) -> bool:
     return bool(np.allclose(obj.location, place, atol=1e-3) and np.allclose(obj.scale, 1.0))
 
 
-def _has_strips(scene: Any) -> bool:
+def _has_strips(scene: bpy.types.Scene) -> bool:
     editor = scene.sequence_editor
     return editor is not None and len(editor.strips if hasattr(editor, "strips") else editor.sequences) > 0
 
 
-def _is_plain(world: Any) -> bool:
-    """Whether a world is one colour, or none at all: anything more somebody has made."""
+def _is_plain(world: bpy.types.World) -> bool:
+    """Whether a world is a plain color or missing; anything else was made by the user."""
     if world is None:
         return True
     if world.library is not None or world.animation_data is not None:
@@ -95,7 +96,7 @@ def _is_plain(world: Any) -> bool:
     return world.node_tree is None or {node.type for node in world.node_tree.nodes} <= {"BACKGROUND", "OUTPUT_WORLD"}
 
 
-def _is_of_start_world(world: Any) -> bool:
+def _is_of_start_world(world: bpy.types.World) -> bool:
     if world is None:
         return True
     nodes = world.node_tree.nodes if world.node_tree is not None else ()
@@ -105,28 +106,34 @@ def _is_of_start_world(world: Any) -> bool:
     return world.name == "World" and grey and all(strength == 1.0 for strength in strengths)
 
 
-def _fingerprint(scene: Any) -> str:
+def _fingerprint(scene: bpy.types.Scene) -> str:
     """The settings that set_up changes, as text."""
     return repr({path: getattr(value, "name", value) for path, value in values(scene).items()})
 
 
 def set_up(
-    scene: Any, header: SceneHeader, start_frame: float, cameras: list[Any], *, settings: bool, engine: bool
+    scene: bpy.types.Scene,
+    header: SceneHeader,
+    start_frame: float,
+    cameras: list[bpy.types.Object],
+    *,
+    settings: bool,
+    engine: bool,
 ) -> None:
-    """Make the scene film what the capture filmed.
+    """Match the scene to a capture.
 
     Args:
         settings: its time, size, camera, background, and colours as they are.
         engine: FROG renders it, and viewports show that.
     """
     if settings:
-        # Before anything is set: a header may hold what is no number.
+        # Before anything is set: a header may contain non-finite values.
         background = into_working_space(to_linear(np.array(header.background, dtype=np.float64)))
         _set_time(scene, header, start_frame)
         if cameras:
             look_through(scene, cameras[0])
         _show_colors_unchanged(scene)
-        if hasattr(scene, "cycles"):  # rays that end at the usual 8 layers see a third of the light
+        if hasattr(scene, "cycles"):  # the default of 8 bounces loses two thirds of the light
             scene.cycles.transparent_max_bounces = max(scene.cycles.transparent_max_bounces, _LAYERS)
         # A window draws while a render evaluates frames in its own thread; locked, they do not share the Gaussians.
         scene.render.use_lock_interface = True
@@ -138,8 +145,8 @@ def set_up(
         scene.frog.set_up_as = _fingerprint(scene)
 
 
-def _set_time(scene: Any, header: SceneHeader, start_frame: float) -> None:
-    if header.frame_count <= 1:  # a still capture leaves the scene its time
+def _set_time(scene: bpy.types.Scene, header: SceneHeader, start_frame: float) -> None:
+    if header.frame_count <= 1:  # a static capture does not change the scene's time
         return
     scene.frame_start = round(start_frame)
     scene.frame_end = max(round(start_frame) + header.frame_count - 1, scene.frame_start)
@@ -148,7 +155,7 @@ def _set_time(scene: Any, header: SceneHeader, start_frame: float) -> None:
     scene.render.fps, scene.render.fps_base = whole, whole / max(header.frames_per_second, 0.01)
 
 
-def _show_colors_unchanged(scene: Any) -> None:
+def _show_colors_unchanged(scene: bpy.types.Scene) -> None:
     for name, value in (("view_transform", "Standard"), ("look", "None")):
         try:
             setattr(scene.view_settings, name, value)
@@ -157,17 +164,17 @@ def _show_colors_unchanged(scene: Any) -> None:
     scene.render.dither_intensity = 0.0
 
 
-def set_background(scene: Any, color: np.ndarray) -> None:
-    """Gives the scene a world of this colour (scene-linear RGB). The one that it had stays in the file."""
+def set_background(scene: bpy.types.Scene, color: np.ndarray) -> None:
+    """Gives the scene a world of this color (scene-linear RGB). Its previous world stays in the file."""
     before = scene.world
-    # Another scene's is of another capture.
+    # Another scene's world belongs to another capture.
     is_ours = before is not None and before.name.startswith(_BACKGROUND_WORLD)
     if is_ours and _is_plain(before) and before.users == 1:
         world = before
     else:
         world = bpy.data.worlds.new(_BACKGROUND_WORLD)
         if before is not None and before.library is None:
-            before.use_fake_user = True  # else Blender drops what nothing uses when it saves
+            before.use_fake_user = True  # otherwise Blender drops unused data when saving
     world.color = color
     if world.node_tree is not None:
         for node in world.node_tree.nodes:
@@ -177,8 +184,8 @@ def set_background(scene: Any, color: np.ndarray) -> None:
     scene.world = world
 
 
-def show_in_viewports(scene: Any, *, through_camera: bool) -> None:
-    """Viewports of the scene that show surfaces only, of which Gaussians have none, become rendered ones."""
+def show_in_viewports(scene: bpy.types.Scene, *, through_camera: bool) -> None:
+    """Switches Solid and Wireframe viewports of the scene, which show surfaces only, to Rendered."""
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas if window.scene == scene else ():
             space = area.spaces.active
@@ -188,8 +195,8 @@ def show_in_viewports(scene: Any, *, through_camera: bool) -> None:
                     space.region_3d.view_perspective = "CAMERA"
 
 
-def look_through(scene: Any, camera: Any) -> None:
-    """Make a camera the active one, at the size of the images that it took."""
+def look_through(scene: bpy.types.Scene, camera: bpy.types.Object) -> None:
+    """Make a camera active and set the render size to that of its captured images."""
     scene.camera = camera
     width, height = camera.data.frog.size
     if width and height:

@@ -1,4 +1,4 @@
-"""All or nothing: what an import has added and set is taken back where it fails half way."""
+"""Reverts everything that an import has added and changed if it fails."""
 
 from __future__ import annotations
 
@@ -15,13 +15,15 @@ SETTINGS = (
     *("render.dither_intensity", "render.use_lock_interface"),
     *("view_settings.view_transform", "view_settings.look", "cycles.transparent_max_bounces"),
 )
-"""Paths from a scene to whatever setting it up for a capture changes; the start of the range before its end, because
-neither can be set beyond the other."""
+"""Paths of all scene settings that ``set_up`` changes. The start of the frame range comes before its end, as neither
+can pass the other.
+"""
 
 
 @contextmanager
-def all_or_nothing(scene: Any) -> Iterator[None]:
-    """Runs what adds data-blocks and changes settings of ``scene``; any exception takes both back and goes on.
+def all_or_nothing(scene: bpy.types.Scene) -> Iterator[None]:
+    """Runs code that adds data-blocks and changes settings of ``scene``. Any exception reverts both and is raised
+    again.
 
     Nothing else may add data-blocks meanwhile, which on Blender's main thread nothing does.
     """
@@ -34,7 +36,7 @@ def all_or_nothing(scene: Any) -> Iterator[None]:
         raise
 
 
-def values(scene: Any) -> dict[str, Any]:
+def values(scene: bpy.types.Scene) -> dict[str, Any]:
     """SETTINGS of a scene by path, those that this Blender has."""
     found = {}
     for path in SETTINGS:
@@ -45,20 +47,20 @@ def values(scene: Any) -> dict[str, Any]:
     return found
 
 
-def _restore(scene: Any, settings: dict[str, Any]) -> None:
+def _restore(scene: bpy.types.Scene, settings: dict[str, Any]) -> None:
     for path, value in settings.items():
         owner, _, name = path.rpartition(".")
         setattr(scene.path_resolve(owner) if owner else scene, name, value)
 
 
 def _newest() -> int:
-    """The session_uid that was given last: each new data-block of a session gets a larger one than all before it."""
+    """The last session_uid: each new data-block of a session gets a larger one."""
     text = bpy.data.texts.new("FRoG")
     newest = int(text.session_uid)
     bpy.data.texts.remove(text)
     return newest
 
 
-def _newer_than(uid: int) -> list[Any]:
+def _newer_than(uid: int) -> list[bpy.types.ID]:
     lists = [getattr(bpy.data, each.identifier) for each in bpy.data.bl_rna.properties if each.type == "COLLECTION"]
     return [block for blocks in lists for block in blocks if block.session_uid > uid]

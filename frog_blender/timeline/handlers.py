@@ -1,4 +1,4 @@
-"""Blender's lists of handlers, which keep every capture showing the current frame, whatever is done to a file."""
+"""Handlers of Blender events that keep every capture showing the current frame."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from .retiming import needs_evaluated_time
 
 
 @persistent
-def on_frame(scene: Any, *_: Any) -> None:
-    """Points are written before Blender evaluates the frame, where only curves decide what they show."""
+def on_frame(scene: bpy.types.Scene, *_: Any) -> None:
+    """Writes the points before Blender evaluates the frame, for captures whose time does not depend on evaluation."""
     if not may_write_points(scene):
         if scene.render.engine != "FROG" and not all(obj.frog.laid_over for obj in playback.captures_in(scene)):
             reported_once.message(
-                f"{scene.name}: captures stand still in this animation; switch on Render > Lock Interface."
+                f"{scene.name}: captures do not move in this animation. Enable Render > Lock Interface."
             )
         return
     for obj in playback.captures_in(scene):
@@ -30,8 +30,8 @@ def on_frame(scene: Any, *_: Any) -> None:
 
 
 @persistent
-def on_frame_evaluated(scene: Any, depsgraph: Any) -> None:
-    """The other captures: drivers or the NLA decide what they show, which is known now."""
+def on_frame_evaluated(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """Writes the points of the other captures, whose time is driven or in the NLA, once it is evaluated."""
     if depsgraph.mode == "RENDER" and scene.render.engine == "FROG":
         return  # it draws no points, and writing them makes Blender evaluate again, without the NLA
     if not may_write_points(scene):
@@ -43,7 +43,7 @@ def on_frame_evaluated(scene: Any, depsgraph: Any) -> None:
 
 @persistent
 def on_load(*_: Any) -> None:
-    """Another file: nothing that was known of the last one holds."""
+    """Forgets everything about the previous file."""
     open_scenes.forget()
     capture_files.forget()
     reported_once.forget()
@@ -53,14 +53,14 @@ def on_load(*_: Any) -> None:
 
 @persistent
 def take_over(*_: Any) -> None:
-    """Captures that came from somewhere."""
+    """Adopts and shows captures that were loaded, linked or appended."""
     capture_files.adopt()
     playback.refresh_all()
 
 
 @persistent
-def on_update(_scene: Any, depsgraph: Any) -> None:
-    """Whoever changed the geometry outside of a frame's change, all of it is written again with the next frame."""
+def on_update(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """If geometry was changed by anything else, writes all of it again at the next frame."""
     for update in depsgraph.updates:
         if update.is_updated_geometry and isinstance(update.id, point_cloud.DATA_TYPES):
             point_cloud.invalidate(update.id.original)
@@ -68,7 +68,7 @@ def on_update(_scene: Any, depsgraph: Any) -> None:
 
 @persistent
 def drop_points_before_saving(*_: Any) -> None:
-    """Gaussians are in the .frog file; a .blend that repeats them grows by 60 bytes a Gaussian for nothing."""
+    """Removes points before saving: the .frog file has them, and they would add 60 bytes a Gaussian to the .blend."""
     for obj in playback.captures(bpy.data.objects):
         if obj.library is not None or getattr(obj.data, "is_editmode", False):
             continue  # Blender refuses to change what is being edited
@@ -78,26 +78,26 @@ def drop_points_before_saving(*_: Any) -> None:
 
 @persistent
 def adopt_before_saving(*_: Any) -> None:
-    """Blender makes relative, packs and rewrites the paths that it knows."""
+    """Gives captures a volume before saving, so that Blender can manage their paths."""
     capture_files.adopt()
 
 
 @persistent
 def refresh_all(*_: Any) -> None:
-    """Whatever was done, every capture shows its current frame."""
+    """Shows the current frame of every capture."""
     playback.refresh_all()
 
 
 @persistent
-def on_render_begin(scene: Any, *_: Any) -> None:
-    """Points show what is chosen for renders, if another engine draws them."""
+def on_render_begin(scene: bpy.types.Scene, *_: Any) -> None:
+    """Shows the render density, if another engine draws the points."""
     render_thread.set_rendering(True)
     playback.show_for_render(is_never_drawn_meanwhile(scene) and scene.render.engine != "FROG")
 
 
 @persistent
 def on_render_end(*_: Any) -> None:
-    """Without windows the points now show the frame that they were not written for."""
+    """Shows the viewport density again, and without a window the frame that was skipped during the render."""
     render_thread.set_rendering(False)
     playback.show_for_render(False)
     if bpy.app.background and in_main_thread():
@@ -105,20 +105,20 @@ def on_render_end(*_: Any) -> None:
 
 
 @persistent
-def compute_ahead(scene: Any, *_: Any) -> None:
-    """Somebody plays or scrubs: the frames to come are computed meanwhile."""
+def compute_ahead(scene: bpy.types.Scene, *_: Any) -> None:
+    """Prefetches frames during playback and scrubbing."""
     if prefetch.is_watched():
         prefetch.prefetch(scene)
 
 
 @persistent
 def on_load_pre(*_: Any) -> None:
-    """Nothing of a file goes on being computed when another one is opened."""
+    """Stops prefetching before another file is opened."""
     playback_cache.stop()
 
 
 def every_handler() -> app_handlers.Handlers:
-    """Blender's lists and what is called from each, in this order."""
+    """Blender's handler lists and the functions to register in each, in this order."""
     on = bpy.app.handlers
     return [
         (on.load_pre, on_load_pre),
@@ -156,5 +156,5 @@ def unregister() -> None:
         bpy.app.timers.unregister(take_over)
     app_handlers.remove(every_handler())
     playback_cache.stop()
-    open_scenes.forget()  # closes bakes, which Windows would not let anybody replace
+    open_scenes.forget()  # closes bakes: Windows cannot replace open files
     capture_files.forget()

@@ -1,4 +1,4 @@
-"""How many of its Gaussians a capture shows outside of FRoG's own images: the most important ones alone.
+"""Level of detail: the most important Gaussians only, everywhere but in FRoG's own images.
 
 Which they are is found once for each scene (``engine.playback.importance``) and is the same at every frame, so nothing
 flickers; what is left out is neither computed nor written.
@@ -8,24 +8,25 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 from weakref import WeakKeyDictionary
 
 from .. import addon_state
 from ..nodes import ellipsoid_nodes
 
 if TYPE_CHECKING:
+    import bpy
     import numpy as np
 
     from ..engine.playback.player import ScenePlayer
 
 _KEPT = 4  # thinned scenes of a scene: objects and renders may each want another density
 Fewer: TypeAlias = "tuple[ScenePlayer, np.ndarray]"
-"""Some of a scene's Gaussians as a scene of their own, and (K,) which of those that move there are among them."""
+"""A scene of some of the Gaussians, and (K,) the indices of its dynamic Gaussians in the whole scene."""
 
 
 class _Thinned:
-    """What is known of one scene."""
+    """Thinned versions of one scene."""
 
     def __init__(self) -> None:
         self.lock = threading.Lock()  # a render evaluates frames in its own thread
@@ -48,7 +49,7 @@ class _Thinned:
 
 
 class ThinnedScenes:
-    """What is known of all scenes.
+    """Thinned versions of all scenes.
 
     Attributes:
         lock: of ``known``.
@@ -61,8 +62,8 @@ class ThinnedScenes:
         self.is_for_render = False
 
 
-def thinned(obj: Any, scene: ScenePlayer) -> Fewer | None:
-    """The most important Gaussians of ``scene``, if an object's points or ellipsoids show no more; None for all."""
+def thinned(obj: bpy.types.Object, scene: ScenePlayer) -> Fewer | None:
+    """The most important Gaussians of ``scene`` if the object shows fewer than all; None for all."""
     count = shown_count(obj, scene.count)
     if count >= scene.count:
         return None
@@ -72,8 +73,10 @@ def thinned(obj: Any, scene: ScenePlayer) -> Fewer | None:
     return known.take(scene, count)
 
 
-def shown_count(obj: Any, total: int) -> int:
-    """How many of ``total`` Gaussians an object shows now; never none, and no more ellipsoids than Blender bears."""
+def shown_count(obj: bpy.types.Object, total: int) -> int:
+    """Number of ``total`` Gaussians that an object shows now: at least one, and at most as many ellipsoids as
+    Blender can handle.
+    """
     settings = obj.frog
     share = settings.render_density if is_for_render() else settings.density
     count = max(1, round(total * share / 100))
@@ -81,10 +84,10 @@ def shown_count(obj: Any, total: int) -> int:
 
 
 def is_for_render() -> bool:
-    """Whether captures show what they are to show in another engine's render."""
+    """Whether captures currently use their render density."""
     return addon_state.get(ThinnedScenes).is_for_render
 
 
 def set_for_render(is_shown: bool) -> None:
-    """Whether captures are to show from now on what they show in another engine's render."""
+    """Sets whether captures use their render density."""
     addon_state.get(ThinnedScenes).is_for_render = is_shown

@@ -1,4 +1,4 @@
-"""The .frog files and bakes that are played: read once for each version of a file, whoever plays them.
+"""Open .frog files and bakes, read once for each version of a file.
 
 Nothing of Blender's is looked at here, so any thread may ask.
 """
@@ -23,7 +23,7 @@ _Stamp = tuple[int, int] | None  # modification time and size of a file; None wh
 
 
 class _File:
-    """What was read from one file: read once for each version of it, while other files can be read as well."""
+    """The content of one file, read once for each version of it. Other files can be read at the same time."""
 
     def __init__(self) -> None:
         self.lock = threading.Lock()  # a render evaluates frames in its own thread
@@ -81,7 +81,7 @@ def _open() -> OpenScenes:
 
 
 def paths() -> set[Path]:
-    """The scene files that are kept, readable or not."""
+    """Paths of the open scene files, readable or not."""
     return set(_open().scenes)
 
 
@@ -105,7 +105,7 @@ def scene(path: Path) -> ScenePlayer:
 
 
 def bake(path: Path, file: Path, scene: ScenePlayer) -> Bake | None:
-    """What was baked of a file's scene; None where nothing usable was, which ``bake_problem`` explains."""
+    """The bake of a scene; None if there is no usable one, which ``bake_problem`` explains."""
     stamp = version(path)
     if stamp is None:
         let_go_of_bake(path)
@@ -118,41 +118,41 @@ def bake(path: Path, file: Path, scene: ScenePlayer) -> Bake | None:
 
 
 def version(path: Path) -> _Stamp:
-    """Changes when the file does; None where there is none."""
+    """Modification time and size of a file; None if there is no file."""
     try:
         status = path.stat()
-    except (OSError, ValueError):  # ValueError: for a path with a zero in it
+    except (OSError, ValueError):  # ValueError: for a path with a null character
         return None
     return status.st_mtime_ns, status.st_size
 
 
 def problem(path: Path) -> str:
-    """Why a file could not be played when it was last needed, or an empty string."""
+    """Why a file could not be played when it was last read, or an empty string."""
     kept = _open().scenes.get(path)
     content = kept.content if kept is not None else None
     return content if isinstance(content, str) else ""
 
 
 def is_outdated(path: Path) -> bool:
-    """True if the file is another one by now than when it was last needed, or never was needed."""
+    """True if the file has changed since it was last read, or was never read."""
     kept = _open().scenes.get(path)
     return kept is None or kept.version != version(path)
 
 
 def is_bake_outdated(path: Path, file: Path) -> bool:
-    """The same for a bake: it was changed, deleted or made since."""
+    """True if a bake was changed, deleted or created since it was last read."""
     kept = _open().bakes.get((path, file))
     return (kept.version[0] if kept is not None and kept.version else None) != version(path)
 
 
 def is_missing(path: Path) -> bool:
-    """True if there was no file when it was last needed."""
+    """True if there was no file when it was last read."""
     kept = _open().scenes.get(path)
     return kept is not None and kept.version is None
 
 
 def used_bake(path: Path, file: Path) -> Bake | None:
-    """The bake of a file that was used last."""
+    """The last used bake of a file."""
     kept = _open().bakes.get((path, file))
     return kept.content if kept is not None and not isinstance(kept.content, str) else None
 
@@ -165,7 +165,7 @@ def bake_problem(path: Path, file: Path) -> str:
 
 
 def let_go_of_bake(path: Path) -> None:
-    """Closes a bake, so that it can be replaced or deleted; it is opened again when it is needed."""
+    """Closes a bake so that it can be replaced or deleted. It is opened again on demand."""
     files = _open()
     with files.lock:
         let_go = [files.bakes.pop(key) for key in [key for key in files.bakes if key[0] == path]]
@@ -186,7 +186,7 @@ def forget() -> None:
 
 
 def forget_all_but(wanted: Container[Path]) -> None:
-    """Drops scenes and bakes of other files, so that a day of trainings does not gather them."""
+    """Drops scenes and bakes of other files, so that they do not accumulate."""
     files = _open()
     with files.lock:
         dropped = [files.scenes.pop(path) for path in [path for path in files.scenes if path not in wanted]]
@@ -198,7 +198,7 @@ def forget_all_but(wanted: Container[Path]) -> None:
 
 
 def _forget_frames(content: ScenePlayer | str | None) -> None:
-    """Drops the cached frames of what was kept of a file, if that was a scene."""
+    """Drops the cached frames of a file's scene."""
     if content is not None and not isinstance(content, str):
         playback_cache.frames().forget(content.token)
 
@@ -209,7 +209,7 @@ def _read(path: Path) -> ScenePlayer | str:
     except FrogError as error:
         return str(error)
     except Exception as error:
-        # Whatever is wrong with one file, the timeline must go on; the cause is told once.
+        # One unusable file must not stop the timeline. The cause is printed once.
         return f"{path}: this scene cannot be played ({type(error).__name__}: {error})."
 
 
@@ -219,4 +219,6 @@ def _read_bake(path: Path, file: Path, scene: ScenePlayer) -> Bake | str:
     except FrogError as error:
         return str(error)
     except Exception as error:
-        return f"{path}: this bake cannot be used ({type(error).__name__}: {brief(error)}); frames are computed."
+        return (
+            f"{path}: this bake cannot be used ({type(error).__name__}: {brief(error)}). Frames are computed instead."
+        )

@@ -1,4 +1,4 @@
-"""Timeline frame -> Gaussians: which objects are captures, what each shows at a frame, and showing it.
+"""Timeline frame -> Gaussians: finds captures, evaluates what each shows at a frame, and writes its points.
 
 Nothing is accumulated from frame to frame, so scrubbing, jumping and farm rendering out of order all show the same.
 A capture is an object whose ``frog.filepath`` is set; between frames only its properties are kept, never the object.
@@ -6,9 +6,9 @@ A capture is an object whose ``frog.filepath`` is set; between frames only its p
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import bpy
 
@@ -26,44 +26,46 @@ if TYPE_CHECKING:
     from ..engine.playback.player import ScenePlayer
 
 
-def bake_path(obj: Any) -> Path:
-    """Where an object's baked playback is, or would be: beside its .frog file, or in the folder chosen for it."""
+def bake_path(obj: bpy.types.Object) -> Path:
+    """Path of an object's bake: next to its .frog file, or in the folder chosen for it."""
     file, folder = capture_files.named_file(obj), obj.frog.bake_folder
     return (relative_paths.absolute(obj, folder) if folder else file.parent) / f"{file.stem}.frogbake"
 
 
 def open_scene(path: Path) -> ScenePlayer:
     """The scene in a file, read once for each version of the file; FrogError with one sentence if it is unusable."""
-    # A render's thread must not look at bpy.data.
+    # A render's thread must not access bpy.data.
     if not open_scenes.is_known(path) and in_main_thread():
         open_scenes.forget_all_but({file_of(obj) for obj in captures(bpy.data.objects)})
     return open_scenes.scene(path)
 
 
-def baked(obj: Any) -> Bake | None:
-    """The bake that was used when the object was last shown."""
+def baked(obj: bpy.types.Object) -> Bake | None:
+    """The bake that the object used last."""
     return open_scenes.used_bake(bake_path(obj), file_of(obj))
 
 
-def bake_problem(obj: Any) -> str:
+def bake_problem(obj: bpy.types.Object) -> str:
     """Why an object's baked playback is not used, or an empty string."""
     return open_scenes.bake_problem(bake_path(obj), file_of(obj))
 
 
-def captures(objects: Any) -> Iterator[Any]:
+def captures(objects: Iterable[bpy.types.Object]) -> Iterator[bpy.types.Object]:
     """The objects that play a .frog file, among ``objects`` (a scene's, or all of the file's)."""
     types = point_cloud.TYPES
-    for obj in objects:  # as capture_files.is_capture, without a call for each of the many that are none
+    for obj in objects:  # capture_files.is_capture inlined, as most objects are no captures
         if obj.type in types and (settings := obj.frog).is_property_set("filepath") and settings.filepath:
             yield obj
 
 
-def gaussians_at(obj: Any, scene_frame: float, evaluated: Any = None) -> GaussianArrays:
+def gaussians_at(
+    obj: bpy.types.Object, scene_frame: float, evaluated: bpy.types.Object | None = None
+) -> GaussianArrays:
     """The Gaussians an object shows at a frame of the timeline (fractions are legal), in the object's own space."""
     return scene_time(obj, scene_frame, evaluated).gaussians()
 
 
-def scene_time(obj: Any, scene_frame: float, evaluated: Any = None) -> SceneTime:
+def scene_time(obj: bpy.types.Object, scene_frame: float, evaluated: bpy.types.Object | None = None) -> SceneTime:
     """What an object shows at a frame of the timeline; FrogError for an unusable file.
 
     Args:
@@ -74,21 +76,21 @@ def scene_time(obj: Any, scene_frame: float, evaluated: Any = None) -> SceneTime
     return SceneTime(scene, time, open_scenes.bake(bake_path(obj), file_of(obj), scene))
 
 
-def displayed(obj: Any, scene_frame: float, evaluated: Any = None) -> SceneTime:
+def displayed(obj: bpy.types.Object, scene_frame: float, evaluated: bpy.types.Object | None = None) -> SceneTime:
     """What an object's points show of ``scene_time``: see level_of_detail. FrogError for an unusable file."""
     whole = scene_time(obj, scene_frame, evaluated)
     fewer = level_of_detail.thinned(obj, whole.scene)
     return whole if fewer is None else SceneTime(fewer[0], whole.time, whole.bake, fewer[1])
 
 
-def shown_frame(obj: Any, scene_frame: float, evaluated: Any = None) -> float:
+def shown_frame(obj: bpy.types.Object, scene_frame: float, evaluated: bpy.types.Object | None = None) -> float:
     """Which of its capture's frames an object shows at a frame of the timeline; FrogError for an unusable file."""
     return capture_frame(obj, scene_frame, open_scene(file_of(obj)).header.frame_count, evaluated)
 
 
-def show(obj: Any, scene_frame: float, evaluated: Any = None) -> None:
-    """Put the Gaussians of a frame of the timeline into an object; what cannot be shown leaves it as it is, which is
-    said once.
+def show(obj: bpy.types.Object, scene_frame: float, evaluated: bpy.types.Object | None = None) -> None:
+    """Write the Gaussians of a frame of the timeline to an object. If they cannot be shown, the object stays unchanged
+    and a message is printed once.
 
     Geometry that is linked from another .blend cannot be written: such captures are drawn by the FROG engine alone.
     """
@@ -100,14 +102,14 @@ def show(obj: Any, scene_frame: float, evaluated: Any = None) -> None:
     except BadTiming as error:
         reported_once.message(str(error))
     except FrogError:
-        return  # said once by open_scene, shown by the panel
-    except Exception as error:  # of one capture: the others go on
+        return  # printed once by open_scene, shown by the panel
+    except Exception as error:  # of one capture; the others still play
         reported_once.unexpected(obj.name, error)
 
 
-def captures_in(scene: Any) -> list[Any]:
-    """The captures that a scene shows, in collections that it instances as well."""
-    found: dict[Any, None] = {}
+def captures_in(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """The captures of a scene, including those in collections that it instances."""
+    found: dict[bpy.types.Object, None] = {}
     groups, collections = [scene.objects], []
     for objects in groups:
         found |= dict.fromkeys(captures(objects))
@@ -120,28 +122,29 @@ def captures_in(scene: Any) -> list[Any]:
     return list(found)
 
 
-def scenes_of_captures() -> dict[Any, Any]:
-    """Every capture that a scene shows, and whose frame it is to show: that of the scene that a window looks at, where
-    several scenes have it."""
+def scenes_of_captures() -> dict[bpy.types.Object, bpy.types.Scene]:
+    """Every capture and the scene whose frame it shows. If several scenes contain it, a scene that is visible in a
+    window wins.
+    """
     looked_at = {window.scene for window in bpy.context.window_manager.windows} | {bpy.context.scene}
     scenes = sorted(bpy.data.scenes, key=lambda scene: scene in looked_at)
     return {obj: scene for scene in scenes for obj in captures_in(scene)}
 
 
-def refresh(scene: Any) -> None:
+def refresh(scene: bpy.types.Scene) -> None:
     """Make every capture of a scene show its current frame."""
     for obj in captures_in(scene):
         show(obj, scene.frame_current_final)
 
 
 def refresh_all() -> None:
-    """Make every capture show the current frame of the scene that it is looked at in."""
+    """Make every capture show the current frame of its scene; see ``scenes_of_captures``."""
     for obj, scene in scenes_of_captures().items():
         show(obj, scene.frame_current_final)
 
 
 def show_for_render(is_shown: bool) -> None:
-    """Whether captures show from now on what they are to show in another engine's render; shows what changes."""
+    """Switches captures between their viewport and render density, and updates those that differ."""
     if is_shown == level_of_detail.is_for_render():
         return
     level_of_detail.set_for_render(is_shown)

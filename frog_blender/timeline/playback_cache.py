@@ -1,7 +1,7 @@
-"""Frames of captures that are kept in memory, and a thread that computes the ones to come.
+"""The cache of captures' frames in memory, and a thread that computes frames ahead.
 
-The thread is given plain values and never touches Blender.  It computes one frame at a time and forgets what it was
-asked for as soon as it is asked for something else; whoever needs a frame that is not here computes it at once.
+The thread gets plain values and never touches Blender.  It computes one frame at a time, and a new request replaces all
+earlier ones. A frame that is needed and not cached is computed at once by the caller.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ MEGABYTE = 1 << 20
 
 @dataclass(frozen=True)
 class SceneTime:
-    """What an object shows at some frame: a scene at a time in [0, 1].
+    """What an object shows at a frame: a scene at a time in [0, 1].
 
     Attributes:
         bake: it may be in, which can be one of a scene with more Gaussians.
@@ -47,7 +47,7 @@ class SceneTime:
         return self.scene.token, self.time
 
     def part(self) -> FrameDelta:
-        """What changes in time, at this time: kept, baked, or computed at once; kept from now on."""
+        """The time-dependent part at this time: cached, baked or computed, and cached from now on."""
         found = frames().find(self.key)
         if found is None:
             found = self._baked() or self.scene.delta_at(self.time)
@@ -55,7 +55,7 @@ class SceneTime:
         return found
 
     def gaussians(self) -> GaussianArrays:
-        """All of them; renders go through many times once, so nothing is kept for them."""
+        """All Gaussians. Not cached, as renders visit many times only once."""
         return self.scene.at(self.time, frames().find(self.key) or self._baked())
 
     def _baked(self) -> FrameDelta | None:
@@ -75,23 +75,23 @@ class PrefetchWorker:
         self._busy = False
 
     def ask(self, times: Iterable[SceneTime]) -> None:
-        """Compute these, first things first, and nothing else any more."""
-        wanted = deque(each for each in times if self._frames.find(each.key) is None)  # what is there stays there
+        """Compute these in order, and drop all earlier requests."""
+        wanted = deque(each for each in times if self._frames.find(each.key) is None)  # skips what is cached
         with self._changed:
             self._wanted = wanted
             if wanted and self._thread is None:
-                # A daemon, because Python waits for other threads before it runs atexit, where this one is ended.
+                # A daemon, because Python joins other threads before it runs atexit, which ends this one.
                 self._thread = threading.Thread(target=self._work, name="FRoG playback", daemon=True)
                 self._thread.start()
             self._changed.notify_all()
 
     def wait(self, seconds: float) -> bool:
-        """Until everything that was asked for is there, for scripts and tests; False when it takes longer."""
+        """Waits until all requests are computed, for scripts and tests; False on timeout."""
         with self._changed:
             return self._changed.wait_for(lambda: not self._wanted and not self._busy, seconds)
 
     def stop(self) -> None:
-        """Ends the thread after the frame that it is at."""
+        """Stops the thread after its current frame."""
         with self._changed:
             thread, self._thread = self._thread, None
             self._wanted.clear()
@@ -116,12 +116,12 @@ class PrefetchWorker:
                 self._busy = True
             try:
                 following.part()
-            except Exception as error:  # whoever shows the frame meets it too; the thread goes on
+            except Exception as error:  # showing the frame raises it again; the thread goes on
                 print(f"FRoG: a frame could not be computed ahead ({type(error).__name__}: {error}).", file=sys.stderr)
 
 
 class PlaybackCache:
-    """The frames in memory and the thread that adds to them."""
+    """The cached frames and the thread that adds to them."""
 
     def __init__(self) -> None:
         self.frames = FrameCache(DEFAULT_MEGABYTES * MEGABYTE)
@@ -129,7 +129,7 @@ class PlaybackCache:
 
 
 def frames() -> FrameCache:
-    """The frames that are kept."""
+    """The cached frames."""
     return addon_state.get(PlaybackCache).frames
 
 
@@ -139,12 +139,12 @@ def worker() -> PrefetchWorker:
 
 
 def set_limit(megabytes: int) -> None:
-    """How much memory the frames may take; the least recently shown go first."""
+    """Sets the memory limit of the cache. The least recently shown frames are dropped first."""
     frames().limit = megabytes * MEGABYTE
 
 
 def clear() -> None:
-    """Forget every frame, and what was to be computed."""
+    """Drop all cached frames and pending requests."""
     worker().ask(())
     frames().forget()
 
@@ -156,6 +156,6 @@ def summary() -> str:
 
 
 def stop() -> None:
-    """Ends the thread and forgets every frame; the thread starts again with the next request."""
+    """Stops the thread and drops all frames. The thread starts again with the next request."""
     worker().stop()
     frames().forget()

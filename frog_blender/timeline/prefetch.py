@@ -1,28 +1,29 @@
-"""Which frames come next while one plays or scrubs; the playback cache's thread computes them."""
+"""Predicts the next frames during playback and scrubbing; the playback cache's thread computes them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from itertools import islice
-from typing import Any
 
 import bpy
 
 from .. import addon_state
 from ..engine.errors import FrogError
+from ..engine.playback.frame_cache import Key
 from . import playback, playback_cache
 from .playback_cache import SceneTime
 from .retiming import raw_frame, stretched
 
 AHEAD = 24  # frames
 AHEAD_WHILE_TRAINING = 2
-"""While a training wants the same cores: the next frame, and one more so that a slow one does not hold up playing.
-Every frame beyond them is work that scrubbing throws away."""
-_FARTHEST_STEP = 8.0  # frames of the timeline; who goes farther at once has jumped, not played
+"""While a training uses the same cores: the next frame, and one more so that a slow one does not delay playback.
+Further frames would be wasted when scrubbing.
+"""
+_FARTHEST_STEP = 8.0  # frames of the timeline; a larger step is a jump, not playback
 
 
 class Playing:
-    """How scenes are played.
+    """Playback direction and load.
 
     Attributes:
         before: a scene's frame and step, by session_uid: which way it is being played.
@@ -35,12 +36,12 @@ class Playing:
 
 
 def share_cores(is_training: Callable[[], bool]) -> None:
-    """Leaves most of the cores to a training for as long as this says that one is running."""
+    """Prefetches less while ``is_training()`` is true."""
     addon_state.get(Playing).is_training = is_training
 
 
-def step_to(scene: Any, frame: float) -> float:
-    """Frames from one shown frame to the next, as observed: below zero while one plays backwards."""
+def step_to(scene: bpy.types.Scene, frame: float) -> float:
+    """Observed step from one shown frame to the next, negative during reverse playback."""
     before = addon_state.get(Playing).before
     last, step = before.get(scene.session_uid, (frame, 1.0))
     if frame != last:
@@ -52,8 +53,8 @@ def step_to(scene: Any, frame: float) -> float:
     return step
 
 
-def frames_after(scene: Any, frame: float, step: float) -> Iterator[float]:
-    """The frames that follow, without end; within the scene's range playing begins again at its other end."""
+def frames_after(scene: bpy.types.Scene, frame: float, step: float) -> Iterator[float]:
+    """The following frames, endlessly; playback wraps around at the ends of the scene's frame range."""
     first, last = _range(scene)
     while True:
         inside = first <= frame <= last
@@ -63,9 +64,9 @@ def frames_after(scene: Any, frame: float, step: float) -> Iterator[float]:
         yield frame
 
 
-def times_after(scene: Any, frame: float, step: float) -> list[SceneTime]:
-    """What the scene's captures show next, as much as half of the cache holds."""
-    found: dict[Any, SceneTime] = {}
+def times_after(scene: bpy.types.Scene, frame: float, step: float) -> list[SceneTime]:
+    """What the scene's captures show next, up to half the size of the cache."""
+    found: dict[Key, SceneTime] = {}
     room = playback_cache.frames().limit // 2
     objects = playback.captures_in(scene)
     for following in islice(frames_after(scene, frame, step), _frames_ahead()):
@@ -83,34 +84,34 @@ def _frames_ahead() -> int:
     return AHEAD_WHILE_TRAINING if addon_state.get(Playing).is_training() else AHEAD
 
 
-def _shown(scene: Any, objects: list[Any], frame: float) -> Iterator[SceneTime]:
-    """What the objects' points show at a frame, and what FRoG draws of them, which may be more."""
+def _shown(scene: bpy.types.Scene, objects: list[bpy.types.Object], frame: float) -> Iterator[SceneTime]:
+    """What the objects' points show at a frame, and what the FROG engine draws, which may be more."""
     for obj in objects:
         try:
             yield playback.displayed(obj, frame)
             if scene.render.engine == "FROG":
                 yield playback.scene_time(obj, frame)
         except FrogError:
-            continue  # said already when the present frame was shown
+            continue  # already reported when the current frame was shown
 
 
-def prefetch(scene: Any) -> None:
-    """Has the thread compute what comes after the scene's present frame."""
+def prefetch(scene: bpy.types.Scene) -> None:
+    """Requests the frames that follow the scene's current frame."""
     frame = raw_frame(scene)
     playback_cache.worker().ask(times_after(scene, frame, step_to(scene, frame)))
 
 
-def _range(scene: Any) -> tuple[int, int]:
+def _range(scene: bpy.types.Scene) -> tuple[int, int]:
     if scene.use_preview_range:
         return scene.frame_preview_start, scene.frame_preview_end
     return scene.frame_start, scene.frame_end
 
 
 def is_watched() -> bool:
-    """Somebody looks at the timeline; a render, which waits for each frame, needs all cores for the present one."""
+    """Whether there is a user to prefetch for. A render needs all cores for its current frame."""
     return not (bpy.app.background or bpy.app.is_job_running("RENDER"))
 
 
 def forget() -> None:
-    """Forgets which way scenes were played, as for another file."""
+    """Forgets the playback direction of all scenes."""
     addon_state.get(Playing).before.clear()

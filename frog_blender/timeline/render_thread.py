@@ -1,9 +1,8 @@
-"""What a render that is under way allows: it goes through the frames in a thread of its own while windows draw."""
+"""What may be changed during a render, which steps through frames in its own thread while windows draw."""
 
 from __future__ import annotations
 
 import threading
-from typing import Any
 
 import bpy
 
@@ -23,20 +22,20 @@ def is_rendering() -> bool:
 
 
 def set_rendering(value: bool) -> None:
-    """To be told when a render begins and ends."""
+    """Notes the beginning and end of a render."""
     addon_state.get(RenderState).is_rendering = value
 
 
 def in_main_thread() -> bool:
-    """Whether Blender's own thread runs this, which alone may look at all of ``bpy.data``.
+    """Whether this is Blender's main thread, the only one that may access all of ``bpy.data``.
 
     Blender renders in a thread of its own, but for scripts and without a window.
     """
     return threading.current_thread() is threading.main_thread()
 
 
-def may_write_points(scene: Any) -> bool:
-    """Whether captures' points may be written now that a scene is at another frame. The FROG engine needs none."""
+def may_write_points(scene: bpy.types.Scene) -> bool:
+    """Whether captures' points may be written after a change of frame. The FROG engine does not need them."""
     if in_main_thread() and not bpy.app.background:
         return True
     if is_rendering() and scene.render.engine == "FROG":
@@ -44,7 +43,6 @@ def may_write_points(scene: Any) -> bool:
     return is_never_drawn_meanwhile(scene)
 
 
-def is_never_drawn_meanwhile(scene: Any) -> bool:
-    """A window that is not locked may draw the points while a render's thread writes them, which Blender does not
-    survive."""
+def is_never_drawn_meanwhile(scene: bpy.types.Scene) -> bool:
+    """Whether no window can draw points while a render's thread writes them, which would crash Blender."""
     return bpy.app.background or scene.render.use_lock_interface

@@ -1,24 +1,29 @@
-"""Which of its frames a capture shows at a frame of the timeline: start, speed, repetition, or the curve of a user."""
+"""Maps frames of the timeline to frames of a capture: start, speed, repetition or a user's curve."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ..engine.errors import FrogError
+
+if TYPE_CHECKING:
+    import bpy
 
 REMAPPED = "frog.shown_frame"
 """The property whose curve is read directly: frame handlers run before Blender evaluates animation."""
 TIMING = ("frog.start_frame", "frog.speed", "frog.repeat", "frog.use_remap", REMAPPED)
-"""All properties that decide what is shown."""
+"""All properties that affect the shown frame."""
 
 
 class BadTiming(FrogError):
-    """What decides the frame to show is no number; a file, a driver or a curve can make it so."""
+    """A setting that determines the shown frame is not a finite number, due to a file, a driver or a curve."""
 
 
-def capture_frame(obj: Any, scene_frame: float, frame_count: int, evaluated: Any = None) -> float:
+def capture_frame(
+    obj: bpy.types.Object, scene_frame: float, frame_count: int, evaluated: bpy.types.Object | None = None
+) -> float:
     """The capture's frame, counted from 0 (fractions are legal; outside of 0 and the last one it is held).
 
     Args:
@@ -38,8 +43,8 @@ def capture_frame(obj: Any, scene_frame: float, frame_count: int, evaluated: Any
     return repeated(_finite(position, obj, "Start Frame or Speed"), settings.repeat, frame_count)
 
 
-def problem(obj: Any, scene_frame: float) -> str:
-    """Why a capture shows no frame at one of the timeline, or an empty string."""
+def problem(obj: bpy.types.Object, scene_frame: float) -> str:
+    """Why a capture has no frame to show at a frame of the timeline, or an empty string."""
     try:
         capture_frame(obj, scene_frame, 1)
     except BadTiming as error:
@@ -47,14 +52,14 @@ def problem(obj: Any, scene_frame: float) -> str:
     return ""
 
 
-def _finite(frame: float, obj: Any, name: str) -> float:
+def _finite(frame: float, obj: bpy.types.Object, name: str) -> float:
     if not math.isfinite(frame):
-        raise BadTiming(f"{obj.name}: {name} is not a number; the capture stays at its current frame.")
+        raise BadTiming(f"{obj.name}: {name} is not a number. The capture stays at its current frame.")
     return frame
 
 
 def repeated(position: float, repeat: str, frame_count: int) -> float:
-    """A position on the capture's own time axis, in frames, brought back into it.
+    """Maps a position on the capture's time axis, in frames, into its range.
 
     "HOLD" leaves it as it is, "LOOP" begins again one frame after the last, "PING_PONG" turns around at the ends.
     """
@@ -67,19 +72,20 @@ def repeated(position: float, repeat: str, frame_count: int) -> float:
     return turn if turn <= last else 2 * last - turn
 
 
-def raw_frame(scene: Any) -> float:
-    """The frame of the timeline where a scene stands, as ``frame_set`` takes it."""
+def raw_frame(scene: bpy.types.Scene) -> float:
+    """The current frame of a scene, including the subframe, as ``frame_set`` takes it."""
     return scene.frame_current + scene.frame_subframe
 
 
-def stretched(scene: Any, frame: float) -> float:
-    """What Blender's Time Stretching makes of a frame: ``frame_current_final`` where a scene stands there."""
+def stretched(scene: bpy.types.Scene, frame: float) -> float:
+    """A frame after Blender's Time Stretching: ``frame_current_final`` if the scene is at that frame."""
     return frame * scene.render.frame_map_old / scene.render.frame_map_new
 
 
-def needs_evaluated_time(obj: Any) -> bool:
-    """Whether drivers, the NLA or curves of other settings decide what is shown: nobody knows before Blender has
-    evaluated the frame."""
+def needs_evaluated_time(obj: bpy.types.Object) -> bool:
+    """Whether the shown frame depends on drivers, the NLA or curves of other settings, and so on Blender's
+    evaluation of the frame.
+    """
     animation = obj.animation_data
     if animation is None:
         return False
@@ -96,21 +102,21 @@ def needs_evaluated_time(obj: Any) -> bool:
     )
 
 
-def _curve(obj: Any) -> Any:
-    """The curve that alone animates ``REMAPPED``, or None."""
+def _curve(obj: bpy.types.Object) -> bpy.types.FCurve | None:
+    """The curve of ``REMAPPED`` if nothing else animates the shown frame, or None."""
     animation = obj.animation_data
     if animation is None or needs_evaluated_time(obj):
         return None
     return next((curve for curve in curves(animation) if curve.data_path == REMAPPED), None)
 
 
-def curves(animation: Any) -> Iterator[Any]:
-    """Those of the action that is not in the NLA."""
+def curves(animation: bpy.types.AnimData) -> Iterator[bpy.types.FCurve]:
+    """The curves of the active action."""
     return _curves_of(animation.action, animation.action_slot) if animation.action is not None else iter(())
 
 
-def _curves_of(action: Any, slot: Any) -> Iterator[Any]:
-    """An action's curves that Blender obeys."""
+def _curves_of(action: bpy.types.Action, slot: bpy.types.ActionSlot) -> Iterator[bpy.types.FCurve]:
+    """An action's curves that are not muted."""
     bags = [action] if hasattr(action, "fcurves") else []  # before Blender 5
     if not bags and slot is not None:
         bags = [strip.channelbag(slot) for layer in action.layers for strip in layer.strips]

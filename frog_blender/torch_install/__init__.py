@@ -1,1 +1,1 @@
-"""torch for training, installed by one button into a folder of its own."""
+"""Installation of torch for training, into a folder of its own."""

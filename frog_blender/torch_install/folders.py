@@ -1,4 +1,4 @@
-"""Where installations of torch lie, which of them counts, and what is left of the others.
+"""Folders of torch installations: the current one, and leftovers to remove.
 
 A folder whose libraries are loaded cannot be replaced on Windows. So each installation gets a new one, ``torch``,
 ``torch-2`` and so on, and the file ``torch.current`` beside them names the one that counts, unless that is ``torch``.
@@ -24,8 +24,7 @@ _POINTER = ".current"
 
 
 def hold() -> None:
-    """To be called before torch is imported: other processes leave its folder alone until this one ends, as it goes
-    on importing parts of it."""
+    """Keeps other processes from removing torch's folder until this process ends. Call it before importing torch."""
     found = _loaded_torch()
     if found is None:
         spec = importlib.util.find_spec("torch")
@@ -37,7 +36,7 @@ def hold() -> None:
 
 @cache
 def _held(path: str) -> BinaryIO:
-    """A file that is open, and so in use, for as long as this process lives; OSError if it cannot be."""
+    """A file that stays open, and so in use, until this process ends; OSError if it cannot be opened."""
     file = open_shared(Path(path))
     if file is None:
         raise OSError(path)
@@ -45,12 +44,12 @@ def _held(path: str) -> BinaryIO:
 
 
 def partial_prefix(folder: Path) -> str:
-    """How the name begins of a folder that this process fills or empties."""
+    """Prefix of folders that this process fills or empties."""
     return f"{folder.name}.partial-{os.getpid()}-"
 
 
 def installed(folder: Path) -> Path | None:
-    """Where the packages are that were installed as ``folder`` last; None where there are none."""
+    """The current installation of ``folder``; None if there is none."""
     try:
         named = (folder.parent / f"{folder.name}{_POINTER}").read_text(encoding="utf-8").strip()
     except (OSError, ValueError):
@@ -60,7 +59,7 @@ def installed(folder: Path) -> Path | None:
 
 
 def clear_remains(folder: Path) -> None:
-    """Removes what is left beside ``folder``: of installations whose Blender died, and of earlier ones."""
+    """Removes leftovers next to ``folder``: of interrupted installations, and earlier ones."""
     for path in remains(folder):
         _discard(path, folder)
 
@@ -82,7 +81,7 @@ def _is_version(name: str, folder: Path) -> bool:
 
 
 def has_torch(folder: Path) -> bool:
-    """Whether the packages in a folder are those that training needs."""
+    """Whether a folder contains torch."""
     return _torch_in(folder).is_file()
 
 
@@ -91,7 +90,7 @@ def _torch_in(folder: Path) -> Path:
 
 
 def _is_running(process: int) -> bool:
-    """Whether a process with this number exists; on Windows, where a folder in use cannot be moved, never."""
+    """Whether a process with this id exists; always false on Windows, where a folder in use cannot be moved anyway."""
     if sys.platform == "win32":
         return False
     try:
@@ -104,12 +103,12 @@ def _is_running(process: int) -> bool:
 
 
 def _discard(path: Path, folder: Path) -> None:
-    """Removes a folder, or leaves it whole for the next start where something of it is in use."""
+    """Removes a folder, or leaves it complete for the next start if it is in use."""
     loaded = _loaded_torch()
     if (loaded and Path(loaded).is_relative_to(path)) or _is_held(path):
         return
     try:
-        # Moved first: on Windows that fails as a whole where removing would leave a half.
+        # Renamed first: on Windows this fails as a whole if a file is in use, where removing would stop half-way.
         trash = path.rename(path.with_name(f"{partial_prefix(folder)}{path.name}"))
     except OSError:
         return
@@ -121,7 +120,7 @@ def _loaded_torch() -> str | None:
 
 
 def _is_held(folder: Path) -> bool:
-    """Whether any process holds the torch in a folder."""
+    """Whether any process uses the torch in a folder."""
     if not has_torch(folder):
         return False
     file = open_shared(_torch_in(folder))
@@ -132,11 +131,11 @@ def _is_held(folder: Path) -> bool:
 
 
 def switch_to(partial: Path, folder: Path) -> Path:
-    """Makes a folder of packages the one that counts, and returns where it is now."""
+    """Makes a folder of packages the current installation and returns its new path."""
     before = installed(folder)
     numbered = (folder.with_name(f"{folder.name}-{number}") for number in itertools.count(2))
     if not has_torch(folder):
-        shutil.rmtree(folder, ignore_errors=True)  # what some other version of this left
+        shutil.rmtree(folder, ignore_errors=True)  # left by an earlier version
     target = next(path for path in itertools.chain([folder], numbered) if not os.path.lexists(path))
     partial.rename(target)
     pointer = folder.parent / f"{folder.name}{_POINTER}"

@@ -1,4 +1,4 @@
-"""torch for training, put into a folder of its own by pip: in the background, whole or not at all.
+"""Installs torch into a folder of its own with pip, in the background, completely or not at all.
 
 Knows nothing of Blender's windows; see ``task`` for that.
 """
@@ -22,14 +22,14 @@ from ..engine.errors import FrogError, brief
 from .folders import has_torch, partial_prefix, switch_to
 
 PACKAGES = ("torch", "opencv-contrib-python-headless", "imageio-ffmpeg")
-"""What training and reading captures import and Blender's Python has not."""
-SIZES = "about 0.3 GB for the CPU alone (1 GB on the disk), about 3 GB with CUDA (7 GB)"
-BYTES_NEEDED = 1.5e9  # bytes that the smaller of the two needs while it is unpacked
+"""Packages that training and reading captures need and Blender's Python lacks."""
+SIZES = "about 0.3 GB for the CPU only (1 GB on disk), about 3 GB with CUDA (7 GB on disk)"
+BYTES_NEEDED = 1.5e9  # while the smaller of the two is unpacked
 _LINES_KEPT = 30
 
 
 def pip_command() -> list[str]:
-    """How to start pip with this Python: installed, or out of the wheel that Python brings along.
+    """The command that runs pip with this Python: the installed one, or the wheel bundled with Python.
 
     Isolated (``-I``), so that nothing in the current folder or in PYTHONPATH runs in its place; and only for as long as
     this process keeps the other end of its input (``pip_process``).
@@ -46,12 +46,15 @@ def pip_command() -> list[str]:
     folders = bundled.submodule_search_locations if bundled else None
     wheels = sorted(glob.glob(f"{(folders or ['.'])[0]}/_bundled/pip-*.whl"))
     if not wheels:
-        raise FrogError(f"{sys.executable}: found no pip, expected Python's own: install torch elsewhere and name it.")
+        raise FrogError(
+            f"{sys.executable}: found no pip, expected Python's own. Install torch elsewhere and choose its folder "
+            "in the preferences."
+        )
     return [*start, wheels[-1]]
 
 
 class Installation:
-    """One run of pip. ``start()`` it; it ends by itself or by ``cancel()``.
+    """One run of pip. Begin with ``start()``; it ends by itself or by ``cancel()``.
 
     Attributes:
         folder: where the packages are when ``done``; before, where they would be for the first time.
@@ -61,29 +64,40 @@ class Installation:
 
     Args:
         arguments: further ones of pip's, such as an index.
+        pip: how to start pip; None for ``pip_command()``.
+        bytes_needed: disk space without which it does not start.
     """
 
-    def __init__(self, folder: Path, arguments: Sequence[str] = (), packages: Sequence[str] = PACKAGES) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        arguments: Sequence[str] = (),
+        packages: Sequence[str] = PACKAGES,
+        *,
+        pip: Sequence[str] | None = None,
+        bytes_needed: float = BYTES_NEEDED,
+    ) -> None:
         self.folder, self.line, self.error = folder, "Starting", ""
         self.running = self.done = False
         self._arguments, self._packages = list(arguments), list(packages)
+        self._pip, self._bytes_needed = pip, bytes_needed
         self._cancelled = threading.Event()
         self._process: subprocess.Popen[str] | None = None
         self._thread = threading.Thread(target=self._work, name="FRoG installation", daemon=True)
 
     def start(self) -> Installation:
-        """FrogError where there is no pip, or no room."""
-        command = pip_command()
+        """Starts pip; FrogError without pip or with too little disk space."""
+        command = pip_command() if self._pip is None else self._pip
         try:
             self.folder.parent.mkdir(parents=True, exist_ok=True)
             free = shutil.disk_usage(self.folder.parent).free
         except OSError as error:
-            raise FrogError(f"{self.folder.parent}: the folder could not be made ({error.strerror}).") from error
-        if free < BYTES_NEEDED:
+            raise FrogError(f"{self.folder.parent}: the folder could not be created ({error.strerror}).") from error
+        if free < self._bytes_needed:
             raise FrogError(
-                f"{self.folder.parent}: found {free / 1e9:.1f} GB free, torch needs {BYTES_NEEDED / 1e9:.1f} GB."
+                f"{self.folder.parent}: found {free / 1e9:.1f} GB free, torch needs {self._bytes_needed / 1e9:.1f} GB."
             )
-        # Only what is built: a source package would run its own code.
+        # Wheels only: a source package would run its own build code.
         options = ["--disable-pip-version-check", "--no-input", "--progress-bar", "off", "--only-binary=:all:"]
         self._command = [*command, "install", *options]
         self.running = True
@@ -113,7 +127,7 @@ class Installation:
                 if not self._cancelled.is_set() and not self.error:
                     self.folder = switch_to(Path(packages), self.folder)
                     self.done = True
-        except Exception as error:  # nobody else would hear of it
+        except Exception as error:  # would be lost otherwise
             reason = getattr(error, "strerror", None) or brief(repr(error))
             self.error = f"{self.folder}: torch could not be installed ({reason})."
         finally:
@@ -124,16 +138,16 @@ class Installation:
         said: list[str] = []
         self._process = subprocess.Popen(
             command,
-            stdin=subprocess.PIPE,  # closed by whatever ends this process, which ends pip
+            stdin=subprocess.PIPE,  # closed when this process ends, which ends pip
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
             errors="replace",
             cwd=target,  # of ours alone
-            # Where pip unpacks what it has fetched. It is ended without clearing up, and its room was looked at here.
+            # Where pip unpacks downloads. It may be killed before cleaning up, and free space was checked on this disk.
             env=os.environ | dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(scratch)),
         )
-        if self._cancelled.is_set():  # between the two
+        if self._cancelled.is_set():  # cancelled between the check and the start
             self._process.terminate()
         assert self._process.stdout is not None
         for line in self._process.stdout:

@@ -1,4 +1,4 @@
-"""pip for as long as the process lives that started it, which keeps the other end of this one's input.
+"""Runs pip, and ends it when the parent process ends, which closes this process's input.
 
     python -I pip_process.py WHEEL ARGUMENTS...
 

@@ -1,4 +1,4 @@
-"""The installation of torch that Blender shows: begun by a button, looked after by a timer."""
+"""The current installation of torch, started by an operator and polled by a timer."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from .folders import clear_remains, remains
 from .installer import Installation
 
 TICK_SECONDS = 0.5
-STOP_SECONDS = 10.0  # what a cancelled installation gets to clear up when the add-on is switched off
+STOP_SECONDS = 10.0  # seconds for a cancelled installation to clean up when the add-on is disabled
 
 
 class CurrentInstallation:
-    """The installation that runs, or the last that ran, and who is told of the folder that it has filled."""
+    """The running installation or the last one, and the callback for its folder."""
 
     def __init__(self) -> None:
         self.installation: Installation | None = None
@@ -30,18 +30,18 @@ def folder() -> Path:
 
 
 def current() -> Installation | None:
-    """The installation that runs, or the last that ran."""
+    """The running installation, or the last one."""
     return addon_state.get(CurrentInstallation).installation
 
 
 def is_running() -> bool:
-    """Whether pip is at work."""
+    """Whether an installation is running."""
     installation = current()
     return installation is not None and installation.running
 
 
 def begin(arguments: Sequence[str], on_done: Callable[[Path], None]) -> None:
-    """Starts pip with these further arguments; FrogError where it cannot be.
+    """Starts an installation with additional arguments for pip; FrogError if it cannot be started.
 
     Args:
         on_done: is given the folder when all is done, on Blender's main thread.
@@ -53,7 +53,7 @@ def begin(arguments: Sequence[str], on_done: Callable[[Path], None]) -> None:
 
 
 def cancel() -> None:
-    """Ends the installation, if one runs; what was fetched so far is thrown away."""
+    """Cancels the running installation, if any, and discards what was downloaded."""
     installation = current()
     if installation is not None:
         installation.cancel()
@@ -75,7 +75,7 @@ def tick() -> float | None:
 
 def register() -> None:
     place = folder()
-    if remains(place):  # gigabytes, which take a while
+    if remains(place):  # removing gigabytes takes a while
         threading.Thread(target=clear_remains, args=(place,), name="FRoG tidying", daemon=True).start()
 
 

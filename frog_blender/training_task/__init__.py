@@ -1,1 +1,1 @@
-"""A training beside Blender's main thread, and what the panel shows of it."""
+"""Training in a background thread, and its state for the panel."""

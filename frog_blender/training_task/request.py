@@ -1,4 +1,4 @@
-"""What the panel's settings ask for, as plain values that a worker thread can train from."""
+"""Training requests: the panel's settings as plain values for a worker thread."""
 
 from __future__ import annotations
 
@@ -43,17 +43,17 @@ class TrainingRequest:
 
 
 def request_of(settings: Any, resume: bool = False) -> TrainingRequest:
-    """What the panel's settings ask for; FrogError if something is missing.
+    """The training request of the panel's settings; FrogError if something is missing.
 
     Unless it is resumed, a training writes what is not there yet: the output gets a number where a scene lies.
     """
     if not settings.capture_folder:
-        raise FrogError("No capture is chosen: name the folder with the videos and cameras to train from.")
+        raise FrogError("No capture is selected. Choose the folder with the videos and cameras to train from.")
     capture = Path(bpy.path.abspath(settings.capture_folder))
-    if not os.path.isdir(capture):  # false, not an error, where nobody may look
+    if not os.path.isdir(capture):  # false, not an error, without permission
         raise FrogError(f"{capture}: found no such folder, expected a capture to train from.")
     if not settings.output_path:
-        raise FrogError("No output is chosen: name the .frog file to write.")
+        raise FrogError("No output is selected. Choose the .frog file to write.")
     output = output_of(settings)
     if resume and is_of_another(output, capture):
         raise found_instead(checkpoint_path(output), "a training of another capture", f"one of {capture}")
@@ -73,7 +73,7 @@ def request_of(settings: Any, resume: bool = False) -> TrainingRequest:
 
 
 def output_of(settings: Any) -> Path:
-    """The .frog file that the panel's settings name."""
+    """The output file of the panel's settings."""
     output = Path(bpy.path.abspath(settings.output_path))
     if not output.name:
         raise found_instead(output, "a folder", "the name of a .frog file to write")
@@ -81,7 +81,7 @@ def output_of(settings: Any) -> Path:
 
 
 def can_resume(settings: Any) -> bool:
-    """True when a training of that output left something to go on from, and not another capture's."""
+    """Whether there is a checkpoint of that output to resume, from the same capture."""
     try:
         output = output_of(settings)
     except FrogError:

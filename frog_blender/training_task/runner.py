@@ -29,33 +29,45 @@ from . import unsaved_changes
 from .state import TrainingState
 
 PUMP_EVENTS = 200  # the most events one pump() applies
-PUMP_SECONDS = 0.008  # and the longest it goes on taking new ones: half a frame of a 60 Hz window
+PUMP_SECONDS = 0.008  # and the longest it takes: half a frame at 60 Hz
 TIMER_SECONDS = 0.1
-QUIT_SECONDS = 10.0  # what a cancelled training gets to finish its step and write its scene when Blender quits
-PATIENCE = 0.5  # of which so many pass before a word is said
-_JOBS = ("RENDER", "OBJECT_BAKE")  # of Blender's, that look at the scene in threads of their own
+QUIT_SECONDS = 10.0  # time for a cancelled training to finish its step and write its scene when Blender quits
+PATIENCE = 0.5  # seconds before a message is printed
+_JOBS = ("RENDER", "OBJECT_BAKE")  # jobs of Blender that read the scene in their own threads
 
 EventSource = Callable[[CancelToken], Iterator[Any]]
 OnFinished = Callable[[Path], str | None]
-"""Takes a finished scene's file; returns what the panel says besides, if anything. May raise FrogError."""
+"""Is called with a finished scene's file; returns an additional note for the panel, if any. May raise FrogError."""
 Watcher = Callable[[TrainingState], None]
-"""Is told of a training's state whenever that has changed, on Blender's main thread."""
+"""Is called with a training's state whenever it has changed, on Blender's main thread."""
 
 
 class TrainingTask:
     """One training: ``start()`` it, ``pump()`` it until ``state.running`` is false.
 
     ``control`` pauses, resumes and cancels it at any time.
+
+    Args:
+        source: gives the events; called on the worker thread.
+        on_finished: is given the file of a finished scene.
+        is_scene_in_use: while true, ``on_finished`` has to wait.
     """
 
-    def __init__(self, source: EventSource, on_finished: OnFinished | None = None) -> None:
+    def __init__(
+        self,
+        source: EventSource,
+        on_finished: OnFinished | None = None,
+        *,
+        is_scene_in_use: Callable[[], bool] | None = None,
+    ) -> None:
         self.state = TrainingState()
         self.on_finished = on_finished
-        self.waiting: Path | None = None  # a finished file that is to be handed over
+        self._is_scene_in_use = is_scene_in_use or _is_scene_in_use
+        self.waiting: Path | None = None  # a finished file that is not handed over yet
         self.control = CancelToken()
         self._source = source
         self._events: queue.Queue[Any] = queue.Queue()  # Any: events of the engine, which need torch to be imported
-        # A daemon, because Python waits for other threads before it runs atexit, where this one is asked to end.
+        # A daemon, because Python joins other threads before it runs atexit, which cancels this one.
         self._thread = threading.Thread(target=self.work, name="FRoG training", daemon=True)
 
     def start(self) -> TrainingTask:
@@ -68,7 +80,7 @@ class TrainingTask:
 
     @property
     def paused(self) -> bool:
-        """True while a running training is held."""
+        """True while a running training is paused."""
         return self.state.running and self.control.paused
 
     def join(self, seconds: float = QUIT_SECONDS) -> bool:
@@ -78,7 +90,7 @@ class TrainingTask:
         return not self._thread.is_alive()
 
     def work(self) -> None:
-        """What the worker thread does: it goes through the source and queues what that says, how it ends included."""
+        """Runs on the worker thread: queues the source's events, and how it ended."""
         try:
             for event in self._source(self.control):
                 self._events.put(event)
@@ -101,25 +113,25 @@ class TrainingTask:
             except queue.Empty:
                 if not self._has_died():
                     return done
-                event = Ended("The training stopped without giving a reason, possibly out of memory.")
+                event = Ended("The training stopped without an error message. It may have run out of memory.")
             self.apply(event)
             if time.perf_counter() > deadline:
                 return done + 1
         return most
 
     def _has_died(self) -> bool:
-        """Whether the worker is gone and its last message, which only a lack of memory can swallow, never came."""
+        """Whether the worker ended without its last message, which only happens when out of memory."""
         gone = self.state.running and self._thread.ident is not None and not self._thread.is_alive()
-        return gone and self._events.empty()  # asked last: it may have spoken just before it ended
+        return gone and self._events.empty()  # checked last: a message may have come just before the end
 
-    def apply(self, event: Any) -> None:
-        """Take one event of the source's, or the worker's last message, into ``state``."""
+    def apply(self, event: bpy.types.Event) -> None:
+        """Apply one event of the source, or the worker's last message, to ``state``."""
         state = self.state
         if not isinstance(event, Ended):
             try:
                 state.take(event)
-            except Exception as error:  # one that cannot be shown; those that follow are to be
-                state.warnings.append(f"What the training said last cannot be shown ({brief(repr(error))}).")
+            except Exception as error:  # the events that follow can still be shown
+                state.warnings.append(f"An event of the training cannot be shown ({brief(repr(error))}).")
             return
         state.error = state.error or event.error
         state.running = False
@@ -128,8 +140,8 @@ class TrainingTask:
             self.hand_over()
 
     def hand_over(self) -> None:
-        """Gives a finished training's file to who asked for it, once nothing else works on the scene."""
-        if self.waiting is None or any(map(bpy.app.is_job_running, _JOBS)) or unsaved_changes.is_being_changed():
+        """Calls ``on_finished`` with the file of a finished training once nothing else uses the scene."""
+        if self.waiting is None or self._is_scene_in_use():
             return
         result, self.waiting = self.waiting, None
         try:
@@ -137,27 +149,35 @@ class TrainingTask:
                 self.state.note = self.on_finished(result) or ""
         except FrogError as error:
             self.state.error = str(error)
-        except Exception as error:  # nobody else would hear of it, and the file is there
+        except Exception as error:  # would be lost otherwise, and the file exists
             traceback.print_exc(file=sys.stderr)
-            self.state.error = f"{result}: it is trained, but could not be imported ({brief(repr(error))})."
+            self.state.error = f"{result}: the scene was trained, but could not be imported ({brief(repr(error))})."
+
+
+def _is_scene_in_use() -> bool:
+    """Whether a render or an operation works on a scene."""
+    return any(map(bpy.app.is_job_running, _JOBS)) or unsaved_changes.is_being_changed()
 
 
 @dataclass(frozen=True)
 class Ended:
-    """The worker's last message; an empty error means that it came to its own end."""
+    """The worker's last message; an empty error means that it ended regularly."""
 
     error: str
 
 
 class BackgroundTraining:
-    """The training of this Blender.
+    """The current training and its watchers.
 
     Attributes:
         current: what the panel shows: the training that is running, or the last one that ran.
-        watchers: who is told of its state.
+        watchers: callbacks for its state.
+        patience: seconds before ``stop`` prints a message.
+        quit_seconds: seconds that ``stop`` waits altogether.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, patience: float = PATIENCE, quit_seconds: float = QUIT_SECONDS) -> None:
+        self.patience, self.quit_seconds = patience, quit_seconds
         self.current: TrainingTask | None = None
         self.watchers: list[Watcher] = []
 
@@ -168,12 +188,12 @@ def current() -> TrainingTask | None:
 
 
 def set_current(task: TrainingTask | None) -> None:
-    """Makes a training the one that the panel shows; None for none."""
+    """Sets the training that the panel shows; None for none."""
     addon_state.get(BackgroundTraining).current = task
 
 
 def watch(watcher: Watcher) -> None:
-    """Has ``watcher`` told of the current training's state whenever that has changed."""
+    """Calls ``watcher`` with the current training's state whenever that has changed."""
     addon_state.get(BackgroundTraining).watchers.append(watcher)
 
 
@@ -181,13 +201,13 @@ def begin(source: EventSource, on_finished: OnFinished | None = None) -> Trainin
     """Start a training as the current one, pumped by a timer; FrogError if one is running already."""
     last = current()
     if is_running():
-        raise FrogError("A training is running already; wait for it or cancel it first.")
+        raise FrogError("A training is already running. Wait for it or cancel it first.")
     if last is not None and last.waiting:
-        raise FrogError("The last scene is still waiting to be imported; finish the current render or operation first.")
+        raise FrogError("The last scene is still waiting to be imported. Finish the current render or operation first.")
     task = TrainingTask(source, on_finished)
     try:
         task.start()
-    except RuntimeError as error:  # the system has no thread left
+    except RuntimeError as error:  # no thread could be created
         raise FrogError(f"The training could not be started ({error}).") from error
     set_current(task)
     if not bpy.app.timers.is_registered(tick):
@@ -196,34 +216,35 @@ def begin(source: EventSource, on_finished: OnFinished | None = None) -> Trainin
 
 
 def is_running() -> bool:
-    """Whether a training is under way, paused or not."""
+    """Whether a training is running, paused or not."""
     task = current()
     return task is not None and task.state.running
 
 
 def is_paused() -> bool:
-    """Whether a training is under way and held."""
+    """Whether a training is running and paused."""
     task = current()
     return task is not None and task.paused
 
 
 def is_computing() -> bool:
-    """Whether a training is under way and not held."""
+    """Whether a training is running and not paused."""
     return is_running() and not is_paused()
 
 
 def stop() -> None:
     """Cancel the current training, give it QUIT_SECONDS to save, and drain its event queue."""
-    task = current()
+    state = addon_state.get(BackgroundTraining)
+    task = state.current
     if task is None:
         return
     task.cancel()
-    task.on_finished = None  # whoever stops a training does not want its result imported into what comes next
-    if not task.join(PATIENCE):
+    task.on_finished = None  # its result must not be imported into whatever comes next
+    if not task.join(state.patience):
         has_learned = task.state.step > 0
         doing = "Saving what the training has learned" if has_learned else "Ending the training"
-        _print(f"{doing}, which may take up to {QUIT_SECONDS:.0f} seconds.")
-        if not task.join(QUIT_SECONDS - PATIENCE):
+        _print(f"{doing}, which may take up to {state.quit_seconds:.0f} seconds.")
+        if not task.join(state.quit_seconds - state.patience):
             _print("That took longer." + (" The last checkpoint is kept, if there is one." if has_learned else ""))
             return
     while task.pump():
@@ -257,7 +278,7 @@ def _redraw() -> None:
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
             if area.type == "VIEW_3D":
-                for region in area.regions:  # the sidebar alone: drawing the view again would cost the window more
+                for region in area.regions:  # the sidebar only: redrawing the viewport is expensive
                     if region.type == "UI":
                         region.tag_redraw()
 

@@ -1,12 +1,18 @@
-"""How a training stands, as the panel shows it: what its events say, put together."""
+"""The state of a training for the panel, accumulated from its events."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ..engine.scene.compression_report import lines, summary
+
+if TYPE_CHECKING:
+    import numpy as np
+
+if TYPE_CHECKING:
+    import bpy
 
 
 @dataclass
@@ -23,13 +29,13 @@ class TrainingState:
     loss: float | None = None
     gaussians: int = 0
     moving: int = 0
-    capacity: list[str] = field(default_factory=list)  # what was taken out of the model, a line each
+    capacity: list[str] = field(default_factory=list)  # what was removed from the model, one line each
     psnr: float | None = None
     psnr_split: str = ""
-    preview: Any = None  # (H, W, 3) uint8, the latest
+    preview: np.ndarray | None = None  # (H, W, 3) uint8, the latest
     warnings: list[str] = field(default_factory=list)
     result: Path | None = None  # the finished scene, or what a cancelled training left
-    note: str = ""  # what became of the result in Blender, where that is not what one expects
+    note: str = ""  # what happened to the result in Blender, if not as expected
     cancelled: bool = False
     error: str = ""
 
@@ -38,8 +44,8 @@ class TrainingState:
         """How much of the present stage is done, 0 to 1."""
         return self.step / self.steps if self.steps and not self.stage else self.stage_fraction
 
-    def take(self, event: Any) -> None:
-        """Take in an event of the engine's (``engine.training.session.events``)."""
+    def take(self, event: bpy.types.Event) -> None:
+        """Apply an event of the engine (``engine.training.session.events``)."""
         from ..engine.training.session import events as kinds
 
         match event:
@@ -66,8 +72,8 @@ class TrainingState:
                 self.cancelled = True
                 self.result = Path(event.path) if event.path else None
 
-    def _finish(self, event: Any) -> None:
-        self.result = Path(event.path)  # first: whatever else is wrong with the event, the file is there
+    def _finish(self, event: bpy.types.Event) -> None:
+        self.result = Path(event.path)  # first: the file exists, whatever else is wrong with the event
         self.step, self.steps, self.seconds = event.steps, event.steps, event.seconds
         self.gaussians = event.gaussians
         self.psnr = event.psnr if event.psnr is not None else self.psnr

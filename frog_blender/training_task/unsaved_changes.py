@@ -1,4 +1,4 @@
-"""The open file while a training runs: it counts as unsaved, and is left alone in the middle of an operation."""
+"""The open file during a training: it counts as unsaved, and is not touched in the middle of an operation."""
 
 from __future__ import annotations
 
@@ -21,6 +21,6 @@ def count_as_unsaved() -> None:
     if bpy.data.is_dirty or not windows or is_being_changed():
         return
     with bpy.context.temp_override(window=windows[0]):
-        if bpy.ops.ed.redo.poll():  # a push would throw that away
+        if bpy.ops.ed.redo.poll():  # a push would discard the redo steps
             return
-        bpy.ops.ed.undo_push(message="FRoG training")  # nothing else tells Blender, which has no setting for it
+        bpy.ops.ed.undo_push(message="FRoG training")  # Blender has no other way to mark a file as changed

@@ -1,4 +1,4 @@
-"""What was found in a capture folder, as lines for the panel; looked at once, not at every redraw."""
+"""Summary of a capture folder as lines for the panel; read once, not at every redraw."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ class CaptureSummary:
 
     @property
     def cameras(self) -> list[str]:
-        """Names, those that are held out first: previews show them unless another is chosen."""
+        """Names of the cameras, held-out ones first, as previews show the first by default."""
         capture = self.capture
         names = [camera.name for camera in capture.cameras] if capture else []
         return sorted(names, key=lambda name: capture is not None and name not in capture.test_cameras)
 
 
 class Inspected:
-    """The folders that were looked into.
+    """The inspected folders.
 
     Attributes:
         summaries: what was found, by folder.
@@ -56,19 +56,19 @@ _FILES_LOOKED_AT = 100  # of such a folder, at every redraw of the panel
 
 
 def known(folder: str) -> CaptureSummary | None:
-    """What ``inspect`` found in a folder, or None if it was not asked yet.  Opens nothing."""
+    """The summary of a folder that was inspected, or None. Opens nothing."""
     return addon_state.get(Inspected).summaries.get(folder)
 
 
 def is_outdated(folder: str) -> bool:
-    """Whether a folder that could not be used has changed since, so that the error may be mended."""
+    """Whether a folder that could not be used has changed, so that the error may be fixed."""
     inspected = addon_state.get(Inspected)
     summary = inspected.summaries.get(folder)
     return summary is not None and bool(summary.error) and _stamp(folder) != inspected.stamps.get(folder)
 
 
 def inspect(folder: str) -> CaptureSummary:
-    """Look into a folder and remember what was found."""
+    """Inspect a folder and store its summary."""
     inspected = addon_state.get(Inspected)
     inspected.stamps[folder] = _stamp(folder)
     summary = inspected.summaries[folder] = _inspect(Path(folder)) if folder else CaptureSummary()
@@ -76,7 +76,7 @@ def inspect(folder: str) -> CaptureSummary:
 
 
 def _stamp(folder: str) -> object:
-    """Changes when files of a folder come, go or are written; nothing for a folder that is not there."""
+    """Names, times and sizes of a folder's files; None if there is no folder."""
     try:
         with os.scandir(folder) as entries:
             files = [(entry.name, entry.stat()) for entry in islice(entries, _FILES_LOOKED_AT)]

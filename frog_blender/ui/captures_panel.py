@@ -1,4 +1,4 @@
-"""The panel Captures of the FRoG tab: what this scene plays, and when."""
+"""The Captures panel of the FRoG tab."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..render.compositing import renders
 from ..scene_import.scene_setup import is_set_up
 from ..timeline import open_scenes, playback, playback_cache, retiming
 from . import refreshing
-from .text import sentence
+from .text import wrapped_label
 
 
 class FROG_PT_captures(bpy.types.Panel):
@@ -24,7 +24,7 @@ class FROG_PT_captures(bpy.types.Panel):
     bl_region_type = "UI"
     bl_category = "FRoG"
 
-    def draw(self, context: Any) -> None:
+    def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
         layout.use_property_split = True
         layout.use_property_decorate = False
@@ -39,12 +39,12 @@ class FROG_PT_captures(bpy.types.Panel):
             _draw_timing(box, obj.frog)
             problem = retiming.problem(obj, context.scene.frame_current_final)
             if problem:
-                sentence(box, problem, context, icon="ERROR")
+                wrapped_label(box, problem, context, icon="ERROR")
             if outdated(obj):
                 refreshing.soon()
             error = open_scenes.problem(playback.file_of(obj))
             if error:
-                sentence(box, error, context, icon="ERROR")
+                wrapped_label(box, error, context, icon="ERROR")
                 if open_scenes.is_missing(playback.file_of(obj)) and library_of(obj) is None:
                     box.operator("frog.relink", icon="FILE_FOLDER").object_name = obj.name
             else:
@@ -69,11 +69,11 @@ class FROG_PT_captures(bpy.types.Panel):
         layout.operator("frog.align_to_floor", icon="GRID")
         layout.operator_menu_enum("frog.compose", "engine", icon="NODE_COMPOSITING")
         for problem in renders.problems():
-            sentence(layout, problem, context, icon="ERROR")
+            wrapped_label(layout, problem, context, icon="ERROR")
 
 
-def outdated(obj: Any) -> bool:
-    """Whether what is known of a capture's files is not what they are by now; linked ones are never read here."""
+def outdated(obj: bpy.types.Object) -> bool:
+    """Whether a capture's files have changed since they were read. Linked captures are never read here."""
     if obj.data.library is not None or obj.data.override_library is not None:
         return False
     file = playback.file_of(obj)
@@ -83,27 +83,29 @@ def outdated(obj: Any) -> bool:
     return is_played and open_scenes.is_bake_outdated(playback.bake_path(obj), file)
 
 
-def _draw_lock(layout: Any, context: Any) -> None:
-    """What keeps points where they are in other engines' animations."""
+def _draw_lock(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Explains why points do not move in other engines' animations."""
     render = context.scene.render
     if render.engine == "FROG" or render.use_lock_interface or not any(playback.captures(context.scene.objects)):
         return
-    sentence(layout, "Captures stand still in animations of this engine without Lock Interface.", context, icon="INFO")
+    wrapped_label(
+        layout, "Captures do not move in animations of this engine unless Lock Interface is on.", context, icon="INFO"
+    )
     layout.prop(render, "use_lock_interface")
 
 
-def _draw_timing(layout: Any, settings: Any) -> None:
+def _draw_timing(layout: bpy.types.UILayout, settings: Any) -> None:
     layout.prop(settings, "use_remap")
     names = ("shown_frame",) if settings.use_remap else ("start_frame", "speed", "repeat")
     for name in names:
         layout.prop(settings, name)
 
 
-def _draw_bake(layout: Any, obj: Any, context: Any) -> None:
-    """What is baked of a capture, why it may not be used, and the buttons to change it."""
+def _draw_bake(layout: bpy.types.UILayout, obj: bpy.types.Object, context: bpy.types.Context) -> None:
+    """Draws the state of a capture's bake and its buttons."""
     bake, problem = playback.baked(obj), playback.bake_problem(obj)
     if problem:
-        sentence(layout, problem, context, icon="ERROR")
+        wrapped_label(layout, problem, context, icon="ERROR")
     elif bake is not None:
         layout.label(
             text=f"Baked: {len(bake):,} frames, {bake.bytes / playback_cache.MEGABYTE:,.0f} MB", icon="CHECKMARK"

@@ -1,4 +1,4 @@
-"""What FRoG stores on objects and cameras: what a capture plays and when, what a calibrated camera has."""
+"""Settings on objects and cameras: what a capture plays and when, and a calibrated camera's properties."""
 
 # Blender reads properties from annotations, which to a type checker or a linter are not types.
 # mypy: disable-error-code="valid-type"
@@ -22,29 +22,29 @@ from ..timeline import playback
 from .path_options import PATH_OPTIONS
 
 DISPLAYS = (
-    ("POINTS", "Splats", "Soft Gaussians, as near to the truth as other engines can draw them"),
-    ("ELLIPSOIDS", "Ellipsoids", "A solid ellipsoid for each Gaussian, up to 50,000: to see what a scene is made of"),
+    ("POINTS", "Splats", "Soft Gaussians, as close to FRoG's own rendering as other engines get"),
+    ("ELLIPSOIDS", "Ellipsoids", "A solid ellipsoid for each Gaussian, at most 50,000, to see what a scene is made of"),
 )
 
 
 REPETITIONS = (
-    ("HOLD", "Hold", "The first and the last frame stay"),
-    ("LOOP", "Loop", "The capture begins again"),
-    ("PING_PONG", "Ping-Pong", "The capture plays backwards, then forwards again"),
+    ("HOLD", "Hold", "Hold the first and the last frame"),
+    ("LOOP", "Loop", "Start again from the first frame"),
+    ("PING_PONG", "Ping-Pong", "Play backwards, then forwards again"),
 )
 
 
-def _on_display(settings: Any, context: Any) -> None:
+def _on_display(settings: Any, context: bpy.types.Context) -> None:
     obj = settings.id_data
     too_many = settings.display == "ELLIPSOIDS" and point_cloud.count(obj) > ellipsoid_nodes.MOST
     if too_many:
-        settings.display = "POINTS"  # comes back here
+        settings.display = "POINTS"  # calls this function again
     else:
         point_cloud.display(obj, settings.display)
         playback.refresh(context.scene)
 
 
-def _on_play_setting(_settings: Any, context: Any) -> None:
+def _on_play_setting(_settings: Any, context: bpy.types.Context) -> None:
     if not relative_paths.are_being_written():
         playback.refresh(context.scene)
 
@@ -55,7 +55,9 @@ def _keep_path(settings: Any, path: str) -> str:
 
 
 def _transformed() -> dict[str, Any]:
-    """How ``filepath`` becomes the path of a volume (see capture_files) and stays stored as it always was."""
+    """Accessors that redirect ``filepath`` to a volume's path (see capture_files), while its stored value stays
+    compatible.
+    """
     if bpy.app.version >= (5, 0, 0):
         return {
             "get_transform": lambda settings, stored, _is_set: capture_files.shown_path(settings, stored),
@@ -80,7 +82,7 @@ class FrogPlaybackSettings(bpy.types.PropertyGroup):
     )
     source: PointerProperty(
         name="Source",
-        description="What Blender knows the scene file by, to make its path relative, to find it and to pack it",
+        description="The data-block through which Blender makes the scene file's path relative, finds it and packs it",
         type=bpy.types.Volume,
         options={"HIDDEN"},
     )
@@ -92,7 +94,7 @@ class FrogPlaybackSettings(bpy.types.PropertyGroup):
     )
     speed: FloatProperty(
         name="Speed",
-        description="Frames of the capture for each frame of the timeline; below zero it plays backwards",
+        description="Frames of the capture for each frame of the timeline. Negative values play backwards",
         default=1.0,
         soft_min=-4.0,
         soft_max=4.0,
@@ -100,48 +102,48 @@ class FrogPlaybackSettings(bpy.types.PropertyGroup):
     )
     repeat: EnumProperty(
         name="At the End",
-        description="What is shown before the capture's first and after its last frame",
+        description="What to show before the capture's first and after its last frame",
         items=REPETITIONS,
         default="HOLD",
         update=_on_play_setting,
     )
     use_remap: BoolProperty(
         name="Time Remapping",
-        description="Show the frame that is named below, which can be animated, instead of following the timeline",
+        description="Show the frame given below, which can be animated, instead of following the timeline",
         default=False,
         update=_on_play_setting,
     )
     laid_over: BoolProperty(
         name="Laid Over",
-        description="Left out of other engines' renders, because the compositor lays FRoG's image of it over them",
+        description="Excluded from other engines' renders because the compositor overlays FRoG's image of it",
         default=False,
         options={"HIDDEN"},
     )
     bake_folder: StringProperty(
         name="Bake Folder",
-        description="Where the baked playback of this capture lies; empty for beside the .frog file",
+        description="Folder of this capture's baked playback. Empty for the folder of the .frog file",
         subtype="DIR_PATH",
         options=PATH_OPTIONS,
         update=_on_play_setting,
     )
     bake_megabytes: IntProperty(
         name="Largest Bake (MB)",
-        description="Bake Playback refuses to write more than this to the disk",
+        description="Size limit of a bake on disk. Bake Playback refuses to write more",
         default=4096,
         min=1,
         soft_max=262_144,
     )
     display: EnumProperty(
         name="Display",
-        description="How the viewport and other engines than FRoG show the Gaussians",
+        description="How the viewport and engines other than FRoG show the Gaussians",
         items=DISPLAYS,
         default="POINTS",
         update=_on_display,
     )
     density: IntProperty(
         name="Density",
-        description="How many of the Gaussians the viewport's points or ellipsoids show: the most important ones, the "
-        "same at every frame. Fewer scrub faster. What FRoG itself draws always has all of them",
+        description="Share of the Gaussians that the viewport's points or ellipsoids show: the most important ones, "
+        "the same at every frame. Fewer scrub faster. FRoG's own renders always show all of them",
         default=100,
         min=0,
         max=100,
@@ -150,8 +152,8 @@ class FrogPlaybackSettings(bpy.types.PropertyGroup):
     )
     render_density: IntProperty(
         name="Density in Renders",
-        description="How many of the Gaussians the renders of other engines than FRoG show. In windows it needs Lock "
-        "Interface (menu Render), which importing a capture switches on; otherwise renders have the viewport's",
+        description="Share of the Gaussians that renders of engines other than FRoG show. With a window it requires "
+        "Render > Lock Interface, which Set Up Scene enables; otherwise renders use the viewport's density",
         default=100,
         min=0,
         max=100,
@@ -159,18 +161,18 @@ class FrogPlaybackSettings(bpy.types.PropertyGroup):
     )
     shown_frame: FloatProperty(
         name="Shown Frame",
-        description="The capture's frame to show, counted from zero; fractions lie between its frames",
+        description="The capture's frame to show, counted from zero. Fractions lie between its frames",
         default=0.0,
         update=_on_play_setting,
     )
 
 
 class FrogCameraSettings(bpy.types.PropertyGroup):
-    """``Camera.frog``: what a calibrated camera has and a Blender camera has not."""
+    """``Camera.frog``: properties of a calibrated camera that a Blender camera lacks."""
 
     focal_ratio: FloatProperty(
         name="Focal Ratio",
-        description="Vertical over horizontal focal length; the FROG engine honours it, other engines assume one",
+        description="Vertical divided by horizontal focal length. The FRoG engine uses it, other engines assume one",
         default=1.0,
         min=0.01,
         max=100.0,
@@ -178,13 +180,14 @@ class FrogCameraSettings(bpy.types.PropertyGroup):
     )
     size: IntVectorProperty(
         name="Image Size",
-        description="Width and height in pixels of the images this camera took; zero for a camera made by hand",
+        description="Width and height in pixels of the captured images. Zero for a camera that was added by hand",
         size=2,
         min=0,
     )
     capture_camera: StringProperty(
         name="Capture Camera",
-        description="Which of the capture's cameras this is, whatever its name here; empty for a camera made by hand",
+        description="Name of this camera in the capture, whatever it is called here. Empty for a camera that was "
+        "added by hand",
     )
 
 

@@ -1,4 +1,4 @@
-"""The add-on's preferences: where torch is, for training, and how much memory playing may take."""
+"""The add-on's preferences: the environment with torch and the size of the playback cache."""
 
 # mypy: disable-error-code="valid-type"
 
@@ -18,7 +18,7 @@ from ..torch_install.folders import installed
 from ..torch_install.installer import SIZES
 
 
-def _on_cache_limit(settings: Any, _context: Any) -> None:
+def _on_cache_limit(settings: Any, _context: bpy.types.Context) -> None:
     playback_cache.set_limit(settings.cache_megabytes)
 
 
@@ -29,39 +29,39 @@ class FROG_AP_preferences(bpy.types.AddonPreferences):
 
     torch_path: StringProperty(
         name="Python Environment with torch",
-        description="A virtual environment, or a site-packages folder, of Blender's own Python version that has torch",
+        description="A virtual environment or site-packages folder with torch, for the Python version of this Blender",
         subtype="DIR_PATH",
     )
 
     package_index: StringProperty(
         name="Package Index",
-        description="Address of the index that Install torch asks, such as PyTorch's own for the CPU or a version of "
-        'CUDA (see "Get Started" on its site); empty for pip\'s usual one',
+        description="URL of the package index for Install torch, such as PyTorch's own for the CPU or a CUDA "
+        'version (see "Get Started" on its site). Empty for pip\'s default',
     )
 
     cache_megabytes: IntProperty(
         name="Playback Cache (MB)",
-        description="Memory for frames of captures that were or will be shown; the least recently shown go first",
+        description="Memory for frames of captures. The least recently shown frames are dropped first",
         default=playback_cache.DEFAULT_MEGABYTES,
         min=0,
         soft_max=65_536,
         update=_on_cache_limit,
     )
 
-    def draw(self, _context: Any) -> None:
+    def draw(self, _context: bpy.types.Context) -> None:
         layout = self.layout
         layout.use_property_split = True
         layout.prop(self, "cache_megabytes")
         layout.prop(self, "torch_path")
-        layout.label(text=torch_needed() or "torch is found: training is possible.", icon="INFO")
-        layout.label(text="Opening, scrubbing and rendering a finished .frog needs no torch.")
+        layout.label(text=torch_needed() or "torch is available: training is possible.", icon="INFO")
+        layout.label(text="Opening, scrubbing and rendering a .frog file does not need torch.")
         if torch_needed():
             layout.prop(self, "package_index")
             draw_installation(layout)
 
 
-def draw_installation(layout: Any) -> None:
-    """The button that installs torch, and how its work stands."""
+def draw_installation(layout: bpy.types.UILayout) -> None:
+    """Draws the button that installs torch, and its progress."""
     current = task.current()
     if current is not None and current.running:
         layout.label(text=current.line[:100], icon="IMPORT")
@@ -74,19 +74,19 @@ def draw_installation(layout: Any) -> None:
 
 
 def _preferences() -> Any:
-    """This add-on's, None where Blender has none of it: when it is registered by hand."""
+    """This add-on's preferences; None if it was registered by a script."""
     addon = bpy.context.preferences.addons.get(base_package)
     return addon.preferences if addon is not None else None
 
 
 def package_index() -> str:
-    """Address of the index that pip is to ask; an empty string for its usual one."""
+    """URL of pip's package index; an empty string for the default."""
     preferences = _preferences()
     return preferences.package_index.strip() if preferences is not None else ""
 
 
 def use_installation(folder: Path) -> None:
-    """Names a folder that an installation has filled in the preferences, and makes its packages importable."""
+    """Stores the folder of an installation in the preferences and makes its packages importable."""
     preferences = _preferences()
     if preferences is not None:
         preferences.torch_path = str(folder)
@@ -94,26 +94,26 @@ def use_installation(folder: Path) -> None:
 
 
 def torch_path() -> str:
-    """The folder named in the preferences, or the one that *Install torch* filled; else an empty string."""
+    """The folder set in the preferences, or that of *Install torch*; otherwise an empty string."""
     preferences = _preferences()
     named = preferences.torch_path if preferences is not None else ""
     place = task.folder()
     if named and Path(bpy.path.abspath(named)).parent != place.parent:
         return str(named)
-    found = installed(place)  # preferences that were not saved name an older one, or none
+    found = installed(place)  # unsaved preferences may name an older one, or none
     return str(found) if found is not None else str(named)
 
 
 def torch_needed() -> str:
-    """What training still needs, as a sentence, or an empty string when torch can be imported.  Imports nothing."""
+    """What is missing for training, as a sentence; an empty string if torch can be imported. Imports nothing."""
     python = f"{sys.version_info.major}.{sys.version_info.minor}"
     if _is_importable():
         return ""
     folder = torch_path()
     if not folder:
         return (
-            f"Training needs torch: install it in the add-on's preferences, or name an environment of Python {python} "
-            "there that has it."
+            f"Training needs torch. Install it in the add-on's preferences, or choose an environment of "
+            f"Python {python} there that has it."
         )
     try:
         site_packages(Path(bpy.path.abspath(folder)))
@@ -123,7 +123,7 @@ def torch_needed() -> str:
 
 
 def make_torch_importable() -> None:
-    """Make the environment named in the preferences importable; FrogError if training still lacks torch."""
+    """Make the environment set in the preferences importable; FrogError if training still lacks torch."""
     add_environment()
     needed = torch_needed()
     if needed:
@@ -131,13 +131,13 @@ def make_torch_importable() -> None:
 
 
 def add_environment() -> None:
-    """Append the environment named in the preferences to ``sys.path``, if Blender has no torch and it is one."""
+    """Append the environment set in the preferences to ``sys.path``, if torch is not importable yet."""
     if _is_importable() or not torch_path():
         return
     try:
         add_folder(site_packages(Path(bpy.path.abspath(torch_path()))))
     except FrogError:
-        return  # the panel and ``torch_needed`` say why
+        return  # ``torch_needed`` explains it
 
 
 def add_folder(folder: Path) -> None:

@@ -1,8 +1,6 @@
-"""Presets of the training's settings: kept, listed and run by Blender, as its own panels' are."""
+"""Presets of training settings, managed by Blender like its own."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import bpy
 from bl_operators.presets import AddPresetBase
@@ -10,11 +8,11 @@ from bl_ui.utils import PresetPanel
 
 SUBFOLDER = "frog_blender/training"
 KEPT = ("recipe", "device", "capacity", "steps", "image_scale", "holdout_frames", "import_when_done")
-"""Of ``Scene.frog``: what says how to train, and nothing that belongs to one capture."""
+"""Properties of ``Scene.frog`` that a preset stores: how to train, not what."""
 
 
 class FROG_MT_training_presets(bpy.types.Menu):
-    """Settings of trainings that were kept."""
+    """The menu of training presets."""
 
     bl_label = "Training Presets"
     preset_subdir = SUBFOLDER
@@ -23,7 +21,7 @@ class FROG_MT_training_presets(bpy.types.Menu):
 
 
 class FROG_OT_training_preset_add(AddPresetBase, bpy.types.Operator):
-    """Keep the training settings under a name, or remove the preset that is chosen"""
+    """Add a preset of the training settings, or remove the active one"""
 
     bl_idname = "frog.training_preset_add"
     bl_label = "Add Training Preset"
@@ -34,7 +32,7 @@ class FROG_OT_training_preset_add(AddPresetBase, bpy.types.Operator):
 
 
 class FROG_PT_training_presets(PresetPanel, bpy.types.Panel):
-    """The list behind the button in the panel's header."""
+    """The preset popover in the panel's header."""
 
     bl_label = "Training Presets"
     preset_subdir = SUBFOLDER
@@ -42,8 +40,8 @@ class FROG_PT_training_presets(PresetPanel, bpy.types.Panel):
     preset_add_operator = "frog.training_preset_add"
 
 
-def draw_button(panel: Any) -> None:
-    """In a panel's header."""
+def draw_button(panel: bpy.types.Panel) -> None:
+    """Draws the preset button in a panel's header."""
     FROG_PT_training_presets.draw_panel_header(panel.layout)
 
 

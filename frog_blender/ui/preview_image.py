@@ -1,4 +1,4 @@
-"""The image in the panel that shows how a training stands: one icon that takes new pixels, no data-block."""
+"""The preview of a training in the panel: one icon whose pixels are replaced, no data-block."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ NAME = "training"
 
 
 class PreviewIcon:
-    """The icon.
+    """The state of the icon.
 
     Attributes:
         icons: what Blender keeps custom icons in, while the add-on is on.
@@ -30,12 +30,12 @@ def _icon() -> PreviewIcon:
 
 
 def icons() -> bpy.utils.previews.ImagePreviewCollection | None:
-    """What Blender keeps the icon in; None while the add-on is off."""
+    """The preview collection of the icon; None while the add-on is disabled."""
     return _icon().icons
 
 
 def show(image: np.ndarray | None) -> None:
-    """Make (H, W, 3) uint8, rows from the top, the image; the same one again costs nothing, None takes it away."""
+    """Show an image (H, W, 3) uint8, rows from the top. The same image again costs nothing, None removes it."""
     preview = _icon()
     if preview.icons is None or image is preview.shown:
         return
@@ -53,7 +53,7 @@ def show(image: np.ndarray | None) -> None:
 
 
 def show_training(state: TrainingState) -> None:
-    """Makes the latest preview of a training the image."""
+    """Shows the latest preview of a training."""
     show(state.preview)
 
 

@@ -1,4 +1,4 @@
-"""What a panel shows of files is looked at again when it is outdated: after drawing, which must not change anything."""
+"""Reads files again that a panel found outdated: after drawing, which must not change anything."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import bpy
 from .. import addon_state
 from ..timeline import playback
 
-REST = 1.0  # seconds between two looks: what cannot be brought up to date must not keep Blender busy
+REST = 1.0  # seconds between refreshes: what stays outdated must not keep Blender busy
 
 
 class Refreshes:
-    """What is to be looked at again.
+    """Pending refreshes.
 
     Attributes:
         wanted: what to call, by what it is for.
@@ -27,7 +27,7 @@ class Refreshes:
 
 
 def soon(key: str = "captures", look: Callable[[], object] = playback.refresh_all) -> None:
-    """Calls ``look`` once when everything is drawn, however often it is asked for ``key``, and draws sidebars anew."""
+    """Calls ``look`` once after drawing, however often it is requested for ``key``, and redraws sidebars."""
     refreshes = addon_state.get(Refreshes)
     refreshes.wanted.setdefault(key, look)
     if not bpy.app.timers.is_registered(tick):
@@ -35,7 +35,7 @@ def soon(key: str = "captures", look: Callable[[], object] = playback.refresh_al
 
 
 def tick() -> None:
-    """What Blender's timer calls: looks at everything that was asked for."""
+    """Called by Blender's timer: runs all pending refreshes."""
     refreshes = addon_state.get(Refreshes)
     refreshes.looked_at = time.monotonic()
     looks = list(refreshes.wanted.values())
@@ -50,7 +50,7 @@ def tick() -> None:
 
 
 def register() -> None:
-    """Nothing waits before something was drawn."""
+    """There is nothing to register."""
 
 
 def unregister() -> None:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import partial
-from typing import Any
 
 import bpy
 
 CATEGORY = "FRoG"
 _EVERY = 0.05  # seconds
-_MOST_TRIES = 40  # a sidebar has no tabs before it was drawn, which a busy window does late
+_MOST_TRIES = 40  # a sidebar has no tabs until it was drawn, which may take a while in a busy window
 
 
-def show(area: Any) -> None:
-    """As soon as Blender lets one choose the tab; a sidebar that was closed again by then is left alone."""
+def show(area: bpy.types.Area) -> None:
+    """Selects the tab as soon as Blender allows it, unless the sidebar was closed again."""
     bpy.app.timers.register(partial(_choose, area.as_pointer(), [_MOST_TRIES]), first_interval=0.0)
 
 
@@ -30,8 +30,8 @@ def _choose(wanted: int, tries_left: list[int]) -> float | None:
     return None
 
 
-def _sidebars(wanted: int) -> Any:
-    """Those of the viewport with that address, if a window still shows it: nothing of a window can be kept."""
+def _sidebars(wanted: int) -> Iterator[bpy.types.Region]:
+    """The sidebars of the viewport with that address, if it still exists. Blender's UI objects cannot be kept."""
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
             if area.as_pointer() == wanted and area.type == "VIEW_3D" and area.spaces.active.show_region_ui:

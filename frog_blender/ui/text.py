@@ -1,9 +1,12 @@
-"""Text in panels: sentences over several lines, lengths of time."""
+"""Text in panels: wrapped labels and durations."""
 
 from __future__ import annotations
 
 import textwrap
-from typing import Any
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import bpy
 
 
 def duration(seconds: float) -> str:
@@ -15,8 +18,8 @@ def duration(seconds: float) -> str:
     return f"{minutes} min {rest} s" if minutes else f"{rest} s"
 
 
-def sentence(layout: Any, text: str, context: Any, icon: str = "NONE") -> None:
-    """A label over as many lines as the sidebar's width asks for; Blender does not wrap by itself."""
+def wrapped_label(layout: bpy.types.UILayout, text: str, context: bpy.types.Context, icon: str = "NONE") -> None:
+    """A label wrapped to the sidebar's width; Blender does not wrap by itself."""
     scale = context.preferences.system.ui_scale
     margin = 3 if icon == "NONE" else 6  # characters
     width = max(int(context.region.width / (7.0 * scale)) - margin, 16) if context.region else 40

@@ -1,4 +1,4 @@
-"""What FRoG stores on a scene: what to train and how, and how FROG renders."""
+"""Settings on scenes: what to train and how, and how FROG renders."""
 
 # Blender reads properties from annotations, which to a type checker or a linter are not types.
 # mypy: disable-error-code="valid-type"
@@ -14,50 +14,50 @@ from ..engine.training.session.output_paths import free_output
 from .path_options import PATH_OPTIONS
 
 RECIPES = (
-    ("draft", "Draft", "A first look: 3,000 steps or more, a minute or two on a processor"),
+    ("draft", "Draft", "A first look: at least 3,000 steps, a minute or two on a CPU"),
     (
         "standard",
         "Standard",
-        "The usual choice: 10,000 steps or more, three to ten minutes on a processor, longer for a long capture",
+        "The usual choice: at least 10,000 steps, three to ten minutes on a CPU, longer for long captures",
     ),
     ("paper", "Paper", "The settings of the FRoG paper: 80,000 steps of a larger model, many hours"),
 )
 
 
 DEVICES = (
-    ("auto", "Automatic", "The NVIDIA GPU (experimental) where torch and FRoG can use one, else the processor"),
-    ("cpu", "CPU", "The processor, with all its cores"),
+    ("auto", "Automatic", "The NVIDIA GPU (experimental) if torch and FRoG can use one, otherwise the CPU"),
+    ("cpu", "CPU", "All cores of the CPU"),
     ("cuda", "CUDA (Experimental)", "The NVIDIA GPU; needs a torch with CUDA. It has not run on a GPU yet"),
 )
 
 
 CAPACITIES = (
-    ("auto", "Automatic", "No more than the scene needs: what stands still gets no motion, files stay small"),
-    ("fixed", "Fixed", "Every Gaussian can move, and every number is kept as it is"),
+    ("auto", "Automatic", "As much as the scene needs: static parts get no motion, files stay small"),
+    ("fixed", "Fixed", "Every Gaussian can move, and nothing is compressed"),
 )
 
 
-def _on_capture_folder(settings: Any, _context: Any) -> None:
+def _on_capture_folder(settings: Any, _context: bpy.types.Context) -> None:
     if relative_paths.are_being_written():
         return
-    from . import capture_summary, preferences  # imports the readers, so not before someone names a folder
+    from . import capture_summary, preferences  # imported late, as this imports the readers
 
-    preferences.add_environment()  # OpenCV, which reads videos, may be there
+    preferences.add_environment()  # may have OpenCV, which reads videos
     capture_summary.inspect(bpy.path.abspath(settings.capture_folder))
     if settings.capture_folder and settings.output_path in ("", settings.derived_output):
         folder = Path(bpy.path.abspath(settings.capture_folder))
         settings.derived_output = settings.output_path = str(free_output(Path(f"{folder}.frog"), folder))
 
 
-def camera_names(settings: Any, _context: Any, text: str) -> list[str]:
-    """For the preview camera's search."""
+def camera_names(settings: Any, _context: bpy.types.Context, text: str) -> list[str]:
+    """Search suggestions for the preview camera."""
     from . import capture_summary
 
     summary = capture_summary.known(bpy.path.abspath(settings.capture_folder))
     return [name for name in summary.cameras if text.lower() in name.lower()] if summary else []
 
 
-def _on_preview_camera(settings: Any, _context: Any) -> None:
+def _on_preview_camera(settings: Any, _context: bpy.types.Context) -> None:
     from ..training_task import runner
 
     task = runner.current()
@@ -66,29 +66,29 @@ def _on_preview_camera(settings: Any, _context: Any) -> None:
 
 
 class FrogTrainingSettings(bpy.types.PropertyGroup):
-    """``Scene.frog``: what to train and how, and how FROG renders."""
+    """``Scene.frog``: training settings and render settings of FROG."""
 
     hold_out: BoolProperty(
         name="Objects Hide Splats",
-        description="Splats end where an object of this scene hides them; the objects themselves are not drawn",
+        description="Objects of this scene occlude the splats. The objects themselves are not drawn",
         default=False,
     )
     composed_with: PointerProperty(
         name="Composed With",
-        description="The scene of the user's objects that this one of captures was made for",
+        description="The scene of the user's objects that this scene of captures belongs to",
         type=bpy.types.Scene,
         options={"HIDDEN"},
     )
 
     set_up_as: StringProperty(
         name="Set Up As",
-        description="The scene's settings as they were when FRoG set them up for a capture, to tell whether they are",
+        description="The scene's settings when FRoG last set them up, to tell whether they were changed since",
         options={"HIDDEN"},
     )
 
     capture_folder: StringProperty(
         name="Capture",
-        description="Folder with the videos or images and the cameras that filmed them",
+        description="Folder with the videos or images and their camera calibration",
         subtype="DIR_PATH",
         options=PATH_OPTIONS,
         update=_on_capture_folder,
@@ -101,55 +101,56 @@ class FrogTrainingSettings(bpy.types.PropertyGroup):
     )
     derived_output: StringProperty(
         name="Derived Output",
-        description="The output that the capture's name led to; another capture changes it as long as it stands",
+        description="The output path derived from the capture's name. It follows the capture as long as the output "
+        "is not changed by hand",
         options={"HIDDEN"},
     )
     recipe: EnumProperty(
-        name="Recipe", description="How long and how large to train", items=RECIPES, default="standard"
+        name="Recipe", description="Length of the training and size of the model", items=RECIPES, default="standard"
     )
     device: EnumProperty(
         name="Device",
-        description="What computes the training; the same scene comes out of either",
+        description="The device that computes the training",
         items=DEVICES,
         default="auto",
     )
     preview_camera: StringProperty(
         name="Preview",
-        description="Camera of the capture whose view is shown while training; empty for the first that is held out. "
-        "It can be changed while training",
+        description="Camera of the capture whose view is shown during training. Empty for the first held-out "
+        "camera. It can be changed during training",
         search=camera_names,
         update=_on_preview_camera,
     )
     capacity: EnumProperty(
         name="Capacity",
-        description="How much of a model a scene gets",
+        description="How much capacity the model of a scene gets",
         items=CAPACITIES,
         default="auto",
     )
     steps: IntProperty(
         name="Steps",
-        description="Training steps; zero takes the recipe's own number",
+        description="Training steps. Zero for the recipe's default",
         min=0,
         default=0,
     )
     image_scale: FloatProperty(
         name="Image Scale",
-        description="Train on images resized by this factor; zero shrinks only what is larger than 1600 pixels",
+        description="Resize the training images by this factor. Zero to resize only images larger than 1600 pixels",
         min=0.0,
         max=1.0,
         default=0.0,
     )
     holdout_frames: IntProperty(
         name="Hold Out Every",
-        description="Keep one of this many frames out of training, to measure quality on it; "
-        "zero keeps none, -1 what the capture's layout says",
+        description="Hold out every n-th frame from training to measure quality on it. Zero for none, -1 for the "
+        "capture format's default",
         min=-1,
         default=-1,
     )
     import_when_done: BoolProperty(
         name="Import When Done",
-        description="Add the trained scene to this one as soon as it is finished. Settings of a scene that holds "
-        "anything of yours stay as they are",
+        description="Import the trained scene into this one as soon as it is finished. Settings of a scene that you "
+        "have changed are not touched",
         default=True,
     )
 

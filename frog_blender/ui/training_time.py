@@ -1,4 +1,4 @@
-"""How long the panel's training would take, in a few words."""
+"""The estimated duration of a training, as text."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ..engine.capture.capture import Capture
 
 
 def expected(settings: Any, capture: Capture) -> str:
-    """For ``Scene.frog`` and the capture it names. Neither decodes nor imports torch."""
+    """The estimate for ``Scene.frog`` and its capture. Neither decodes nor imports torch."""
     from ..engine.training.recipe import recipe
     from ..engine.training.session.time_estimate import Workload, estimate, likely_device, usual_scale
 

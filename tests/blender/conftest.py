@@ -11,8 +11,6 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
-if str(Path(__file__).parent) not in sys.path:
-    sys.path.insert(0, str(Path(__file__).parent))
 
 bpy = pytest.importorskip("bpy", reason="needs Blender or the bpy module")
 
@@ -37,7 +35,7 @@ def empty(addon):
 @pytest.fixture
 def static_rig(tmp_path):
     """A .frog file of three fixed cameras: an ordinary one, a portrait one off centre, one with oblong pixels."""
-    from small_scenes import rig_of_three, write_scene
+    from support.small_scenes import rig_of_three, write_scene
 
     return write_scene(tmp_path / "figure.frog", rig_of_three())
 
@@ -45,7 +43,7 @@ def static_rig(tmp_path):
 @pytest.fixture
 def moving_rig(tmp_path):
     """A .frog file of one camera that moves and zooms through six images."""
-    from small_scenes import moving_camera, write_scene
+    from support.small_scenes import moving_camera, write_scene
 
     cameras = moving_camera(6)
     return write_scene(tmp_path / "walk.frog", cameras, shots=[(frame,) for frame in range(6)], frame_count=6)
@@ -56,7 +54,7 @@ def rendered(tmp_path):
     """A function that renders the scene's current frame and gives its pixels (H, W, 4) uint8, rows from the top."""
 
     def render(scene, **settings) -> np.ndarray:
-        from small_scenes import read_png
+        from support.small_scenes import read_png
 
         for name, value in settings.items():
             setattr(scene.render, name, value)
@@ -72,7 +70,7 @@ def rendered(tmp_path):
 @pytest.fixture
 def composed(empty, static_rig):
     """A scene of a capture and two cards, one of them in a collection, after the button was pressed."""
-    from composed_scene import card, collection_in, compose
+    from support.composed_scene import card, collection_in, compose
 
     assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
     card(empty.collection, (0.4, 0.0, 0.0))

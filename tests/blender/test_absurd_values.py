@@ -7,7 +7,7 @@ import math
 import bpy
 import numpy as np
 import pytest
-from small_scenes import rig_of_three, write_scene
+from support.small_scenes import rig_of_three, write_scene
 
 from frog_blender import app_handlers, point_cloud, reported_once
 from frog_blender.engine.playback.player import ScenePlayer

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from small_scenes import rig_of_three, write_scene
-from windows import drop_operators, event, started_in_window
+from support.blender_windows import drop_operators, event, started_in_window
+from support.small_scenes import rig_of_three, write_scene
 
 from frog_blender import addon_state, point_cloud
 from frog_blender.engine.errors import FrogError
@@ -216,7 +216,7 @@ def test_too_large_a_bake_is_refused_before_it_begins(empty, tmp_path):
     bpy.ops.import_scene.frog(filepath=str(path))
     capture = next(playback.captures(empty.objects))
     capture.frog.bake_megabytes = 1
-    with pytest.raises(RuntimeError, match=r"many.frogbake: 10 frames need 2 MB, allowed are 1 MB"):
+    with pytest.raises(RuntimeError, match=r"many.frogbake: 10 frames need 2 MB, the limit is 1 MB"):
         bpy.ops.frog.bake()
     assert not path.with_suffix(".frogbake").exists()
 
@@ -264,7 +264,7 @@ def test_a_bake_is_stopped(static_rig, baking, kind):
     assert len(leftovers(static_rig.parent)) == 1
     assert send(operator, kind, "PRESS") == {"CANCELLED"} and operator.timer is None
     assert not static_rig.with_suffix(".frogbake").exists() and not leftovers(static_rig.parent)
-    assert said == ["Baking was stopped; nothing was written."]
+    assert said == ["Baking was stopped. Nothing was written."]
 
 
 def test_write_bake_says_when_the_disk_is_too_small(empty, static_rig, monkeypatch):

@@ -8,8 +8,8 @@ from dataclasses import replace
 import bpy
 import numpy as np
 import pytest
-from small_scenes import moving_camera, rig_of_three, write_scene
-from windows import drop_operators, event, started_in_window
+from support.blender_windows import drop_operators, event, started_in_window
+from support.small_scenes import moving_camera, rig_of_three, write_scene
 
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene
 from frog_blender.engine.scene.scene_file import write_scene as write_file
@@ -261,7 +261,7 @@ def test_clips_are_shown_although_films_cannot_be_written(bent, tmp_path, capfd)
     clips_folder(bent).unlink()
     (clips_folder(bent) / "cam01.mp4").mkdir(parents=True)
     (clips_folder(bent) / "clips.json").write_text("{}")  # as a Blender that was killed leaves it
-    with pytest.raises(RuntimeError, match=r"shown as they were filmed: .*cam01\.mp4"):
+    with pytest.raises(RuntimeError, match=r"The original clips are shown: .*cam01\.mp4"):
         bpy.ops.frog.add_clips()
     assert len(shown_files(obj)) == 3
     assert [path.name for path in clips_folder(bent).iterdir()] == ["cam01.mp4"]
@@ -273,7 +273,7 @@ def test_what_cannot_be_straightened_is_shown_as_it_was_filmed(bent, tmp_path, c
     assert bpy.ops.frog.add_clips() == {"FINISHED"}
     assert len(shown_files(obj)) == 3
     said = capfd.readouterr()
-    assert "shown as they were filmed" in said.out + said.err
+    assert "The original clips are shown" in said.out + said.err
 
 
 @pytest.fixture

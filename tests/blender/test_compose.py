@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import bpy
-import composed_scene
 import numpy as np
 import pytest
-from small_scenes import passes_of, rig_of_three
+from support import composed_scene
+from support.small_scenes import passes_of, rig_of_three
 
 from frog_blender import point_cloud
 from frog_blender.engine.native.options import RasterizeOptions

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from composed_scene import (
+from support.composed_scene import (
     a_region,
     cameras,
     card,
@@ -18,7 +18,7 @@ from composed_scene import (
     the_capture,
     the_node_muted,
 )
-from small_scenes import read_png
+from support.small_scenes import read_png
 
 from frog_blender import point_cloud
 from frog_blender.render.compositing import checks, compositor, renders

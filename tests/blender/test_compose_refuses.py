@@ -8,8 +8,8 @@ from contextlib import nullcontext
 import bpy
 import numpy as np
 import pytest
-from composed_scene import cameras, card, compose, is_striped, name_of, nodes_of, the_capture
-from small_scenes import read_png, rig_of_three, write_scene
+from support.composed_scene import cameras, card, compose, is_striped, name_of, nodes_of, the_capture
+from support.small_scenes import read_png, rig_of_three, write_scene
 
 from frog_blender.render.compositing import compositor, renders
 from frog_blender.timeline import playback
@@ -69,7 +69,7 @@ def the_nodes_grouped(scene):
     tree.links.new(outer.outputs[0], target)
     for node in inside:
         tree.nodes.remove(node)
-    return "from within a group of nodes"
+    return "from within a node group"
 
 
 def a_simulation(scene):
@@ -113,7 +113,7 @@ def test_a_copied_scene_is_refused_until_it_is_composed_itself(composed, rendere
     copy = bpy.context.scene
     assert copy != composed
     copy.camera = cameras(copy)[2]
-    with pytest.raises(RuntimeError, match=f"run Render With My Objects in {copy.name}"):
+    with pytest.raises(RuntimeError, match=f"Run Render With My Objects in {copy.name}"):
         bpy.ops.render.render(scene=copy.name)
     compose(copy)
     assert (rendered(copy) != before).any()
@@ -201,7 +201,7 @@ def test_a_still_that_fails_leaves_the_scene_as_it_was(composed, monkeypatch, re
 
 def test_it_says_that_a_layer_rendered_alone_lacks_the_captures(composed, capsys):
     bpy.ops.render.render(layer=composed.view_layers[0].name)
-    assert "the image lacks the captures" in capsys.readouterr().err
+    assert "The captures are missing from the image" in capsys.readouterr().err
 
 
 def test_it_says_once_that_no_capture_is_seen(composed, tmp_path, capsys):
@@ -228,6 +228,6 @@ def test_other_threads_change_nothing(composed):
     thread = threading.Thread(target=lambda: said.append(renders.trouble(composed)))
     thread.start()
     thread.join()
-    assert "has other objects than" in said[0]
+    assert "does not have the same objects as" in said[0]
     bpy.context.view_layer.update()
     assert renders.trouble(composed) == ""

@@ -13,7 +13,7 @@ from pathlib import Path, PurePosixPath
 
 import bpy
 import pytest
-from small_scenes import rig_of_three, write_scene
+from support.small_scenes import rig_of_three, write_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import bpy
 import pytest
-from windows import another_blender
+from support.blender_windows import another_blender
 
 from frog_blender.engine.scene.scene_file import read_scene
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import bpy
 import pytest
-from small_scenes import rig_of_three, write_scene
+from support.small_scenes import rig_of_three, write_scene
+from support.users_scene import users_scene, views
 
 from frog_blender import point_cloud
 from frog_blender.engine.errors import FrogError
@@ -18,22 +19,6 @@ def everything():
     """The names of all data-blocks, by list; the shared nodes and material stay for the next import."""
     lists = [each.identifier for each in bpy.data.bl_rna.properties if each.type == "COLLECTION"]
     return {name: sorted(block.name for block in getattr(bpy.data, name)) for name in lists}
-
-
-def users_scene(scene):
-    """Settings of the user's own, and a world that nothing else uses."""
-    world = bpy.data.worlds.new("My studio lights")
-    if world.node_tree is None:
-        world.use_nodes = True
-    world.node_tree.nodes.new("ShaderNodeTexEnvironment")
-    scene.world, scene.view_settings.view_transform = world, "Filmic"
-    scene.render.resolution_x, scene.render.fps, scene.frame_end = 1280, 25, 99
-    return world
-
-
-def views():
-    areas = [area for window in bpy.context.window_manager.windows for area in window.screen.areas]
-    return [area.spaces.active for area in areas if area.type == "VIEW_3D"]
 
 
 STEPS = {

@@ -15,8 +15,8 @@ from typing import Any
 
 import bpy
 import pytest
-from small_scenes import rig_of_three, write_scene
-from windows import another_blender
+from support.blender_windows import another_blender
+from support.small_scenes import rig_of_three, write_scene
 
 from frog_blender.engine.interchange.ply import write_splats
 from frog_blender.engine.playback.player import ScenePlayer

@@ -7,7 +7,7 @@ from dataclasses import replace
 import bpy
 import numpy as np
 import pytest
-from small_scenes import rig_of_three, write_scene
+from support.small_scenes import rig_of_three, write_scene
 
 from frog_blender.render import index_pass
 
@@ -60,7 +60,7 @@ def pair(empty, static_rig, tmp_path):
 
 def alone(scene, captures, seen, tmp_path):
     """Depth of one of the captures."""
-    from small_scenes import passes_of
+    from support.small_scenes import passes_of
 
     for obj in captures:
         obj.hide_render = obj is not seen

@@ -85,10 +85,9 @@ def test_an_older_one_stays_until_a_new_one_is_whole(tmp_path, index):
     assert (folder / "torch" / "__init__.py").is_file()
 
 
-def test_cancelled_it_leaves_nothing(tmp_path, monkeypatch):
+def test_cancelled_it_leaves_nothing(tmp_path):
     slow = [sys.executable, "-c", "import time; print('Collecting torch', flush=True); time.sleep(60)"]
-    monkeypatch.setattr(installer, "pip_command", lambda: slow)
-    installation = Installation(tmp_path / "data" / "torch").start()
+    installation = Installation(tmp_path / "data" / "torch", pip=slow).start()
     deadline = time.monotonic() + 20
     while installation.line != "Collecting torch" and time.monotonic() < deadline:
         time.sleep(0.01)
@@ -99,7 +98,7 @@ def test_cancelled_it_leaves_nothing(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("cancelled", [False, True], ids=["done", "cancelled"])
-def test_what_pip_unpacks_lies_on_the_disk_that_is_installed_on_and_goes(tmp_path, monkeypatch, cancelled):
+def test_what_pip_unpacks_lies_on_the_disk_that_is_installed_on_and_goes(tmp_path, cancelled):
     """pip, which is ended without clearing up, leaves gigabytes where it unpacks."""
     code = f"""
 import pathlib, sys, tempfile, time
@@ -109,9 +108,8 @@ torch.mkdir()
 print(tempfile.mkdtemp(), flush=True)
 time.sleep(60 * {cancelled:d})
 """
-    monkeypatch.setattr(installer, "pip_command", lambda: [sys.executable, "-c", code])
     data = tmp_path / "data"
-    installation = Installation(data / "torch").start()
+    installation = Installation(data / "torch", pip=[sys.executable, "-c", code]).start()
     deadline = time.monotonic() + 20
     while installation.line == "Starting" and time.monotonic() < deadline:
         time.sleep(0.01)
@@ -125,10 +123,9 @@ time.sleep(60 * {cancelled:d})
     )
 
 
-def test_no_room_is_said_before_anything_is_fetched(tmp_path, monkeypatch):
-    monkeypatch.setattr(installer, "BYTES_NEEDED", 1e18)
+def test_no_room_is_said_before_anything_is_fetched(tmp_path):
     with pytest.raises(FrogError, match="GB free, torch needs"):
-        Installation(tmp_path / "data" / "torch").start()
+        Installation(tmp_path / "data" / "torch", bytes_needed=1e18).start()
 
 
 def test_a_folder_that_cannot_be_written_ends_in_a_sentence(tmp_path, monkeypatch):
@@ -152,10 +149,9 @@ def test_whatever_goes_wrong_ends_in_a_sentence(tmp_path):
     assert "\n" not in failed.error and not list((tmp_path / "data").iterdir())
 
 
-def test_what_pip_says_may_be_no_text(tmp_path, monkeypatch):
+def test_what_pip_says_may_be_no_text(tmp_path):
     speaks = [sys.executable, "-c", "import sys; sys.stdout.buffer.write(b'ERROR: caf\\xe9\\n'); sys.exit(1)"]
-    monkeypatch.setattr(installer, "pip_command", lambda: speaks)
-    failed = finished(Installation(tmp_path / "data" / "torch").start())
+    failed = finished(Installation(tmp_path / "data" / "torch", pip=speaks).start())
     assert failed.error.startswith("torch could not be installed: caf")
 
 
@@ -191,10 +187,9 @@ def test_nothing_in_the_current_folder_runs_in_pips_place(tmp_path, index, eithe
     assert not (tmp_path / "caught").exists()
 
 
-def test_a_pip_that_brings_no_torch_has_not_installed_it(tmp_path, monkeypatch):
+def test_a_pip_that_brings_no_torch_has_not_installed_it(tmp_path):
     silent = [sys.executable, "-c", "print('all is well')"]
-    monkeypatch.setattr(installer, "pip_command", lambda: silent)
-    failed = finished(Installation(tmp_path / "data" / "torch").start())
+    failed = finished(Installation(tmp_path / "data" / "torch", pip=silent).start())
     assert not failed.done and "pip brought none (all is well)" in failed.error
     assert not list((tmp_path / "data").iterdir())
 
@@ -213,7 +208,7 @@ def test_a_source_package_is_not_run(tmp_path, index):
 
 
 @pytest.fixture
-def quick_pip(monkeypatch):
+def quick_pip():
     """A stand-in that brings torch at once."""
     code = """
 import pathlib, sys
@@ -221,26 +216,26 @@ torch = pathlib.Path(sys.argv[sys.argv.index("--target") + 1]) / "torch"
 torch.mkdir()
 (torch / "__init__.py").touch()
 """
-    monkeypatch.setattr(installer, "pip_command", lambda: [sys.executable, "-c", code])
+    return [sys.executable, "-c", code]
 
 
 def test_another_installation_is_switched_to(tmp_path, quick_pip):
     folder = tmp_path / "data" / "torch"
-    first = finished(Installation(folder).start())
+    first = finished(Installation(folder, pip=quick_pip).start())
     assert installed(folder) == first.folder == folder
-    second = finished(Installation(folder).start())
+    second = finished(Installation(folder, pip=quick_pip).start())
     assert second.done and installed(folder) == second.folder == folder.with_name("torch-2")
     assert not folder.exists() and (second.folder / "torch" / "__init__.py").is_file()
-    third = finished(Installation(folder).start())
+    third = finished(Installation(folder, pip=quick_pip).start())
     assert installed(folder) == third.folder == folder
     assert [path.name for path in folder.parent.iterdir()] == ["torch"]
 
 
 def test_what_is_in_use_stays_until_the_next_start(tmp_path, quick_pip, monkeypatch):
     folder = tmp_path / "data" / "torch"
-    finished(Installation(folder).start())
+    finished(Installation(folder, pip=quick_pip).start())
     monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(__file__=str(folder / "torch" / "__init__.py")))
-    second = finished(Installation(folder).start())
+    second = finished(Installation(folder, pip=quick_pip).start())
     assert folder.is_dir() and installed(folder) == second.folder == folder.with_name("torch-2")
     monkeypatch.delitem(sys.modules, "torch")
     clear_remains(folder)
@@ -249,7 +244,7 @@ def test_what_is_in_use_stays_until_the_next_start(tmp_path, quick_pip, monkeypa
 
 def test_what_another_blender_trains_with_stays_until_that_ends(tmp_path, quick_pip):
     folder = tmp_path / "data" / "torch"
-    finished(Installation(folder).start())
+    finished(Installation(folder, pip=quick_pip).start())
     code = f"""
 import sys; sys.path[:0] = {[str(folder), str(ROOT), *sys.path]!r}
 from frog_blender.torch_install import folders
@@ -260,7 +255,7 @@ sys.stdin.read()
     command = [sys.executable, "-c", code]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
         assert other.stdout.readline() == "held\n"
-        second = finished(Installation(folder).start())
+        second = finished(Installation(folder, pip=quick_pip).start())
         clear_remains(folder)
         assert second.done and installed(folder) == second.folder and has_torch(folder)
     clear_remains(folder)
@@ -314,9 +309,8 @@ def test_pip_ends_with_the_process_that_started_it(tmp_path, either_pip):
 import sys; sys.path[:0] = {[str(ROOT), *sys.path]!r}
 from pathlib import Path
 from frog_blender.torch_install import installer
-installer.pip_command = lambda: {pip_command()!r}
 arguments = ["--index-url", {address!r}, "--timeout", "100"]
-installation = installer.Installation(Path({str(tmp_path)!r}) / "torch", arguments).start()
+installation = installer.Installation(Path({str(tmp_path)!r}) / "torch", arguments, pip={pip_command()!r}).start()
 installation.join(60)
 """
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PIP_")}

@@ -8,7 +8,7 @@ import bpy
 import mathutils
 import numpy as np
 import pytest
-from small_scenes import rig_of_three, write_scene
+from support.small_scenes import rig_of_three, write_scene
 
 from frog_blender import point_cloud
 from frog_blender.engine.interchange.ply import read_splats, write_splats
@@ -184,7 +184,7 @@ def test_the_scene_file_elsewhere(empty, capture, static_rig, tmp_path):
     static_rig.unlink()
     empty.frame_set(7)
     assert not open_scenes.problem(playback.file_of(capture))
-    with pytest.raises(RuntimeError, match="plays already"):
+    with pytest.raises(RuntimeError, match="already plays this file"):
         bpy.ops.export_scene.frog(filepath=str(tmp_path / "second.frog"))
     (tmp_path / "second.frog").write_bytes(b"nonsense")
     with pytest.raises(RuntimeError, match=r"second\.frog"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from small_scenes import rig_of_three, write_scene
+from support.small_scenes import rig_of_three, write_scene
 
 from frog_blender import point_cloud
 from frog_blender.engine.playback.importance import most_important, ranking

@@ -12,8 +12,8 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
-from small_scenes import rig_of_three, write_scene
-from windows import another_blender
+from support.blender_windows import another_blender
+from support.small_scenes import rig_of_three, write_scene
 
 from frog_blender import point_cloud
 from frog_blender.engine.playback.player import ScenePlayer

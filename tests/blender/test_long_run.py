@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from windows import another_blender
+from support.blender_windows import another_blender
 
 ROOT = Path(__file__).resolve().parents[2]
 CAPTURE = ROOT / "examples" / "captures" / "room"

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from small_scenes import rig_of_three, write_scene
+from support.small_scenes import rig_of_three, write_scene
 
 from frog_blender import addon_state, capture_files, point_cloud
 from frog_blender.engine.playback.player import ScenePlayer
@@ -108,7 +108,7 @@ def test_a_packed_capture_says_so(empty, capture, said):
 def test_what_holds_points_still_is_said_for_other_engines(empty, capture, said):
     for engine, locked, expected in (("FROG", False, False), ("CYCLES", True, False), ("CYCLES", False, True)):
         empty.render.engine, empty.render.use_lock_interface = engine, locked
-        assert ("without Lock Interface" in said(captures_panel.FROG_PT_captures)) == expected
+        assert ("unless Lock Interface is on" in said(captures_panel.FROG_PT_captures)) == expected
 
 
 def test_a_panel_that_cannot_bring_things_up_to_date_rests(empty, capture, monkeypatch):

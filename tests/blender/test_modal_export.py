@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from windows import drop_operators, event, started_in_window
+from support.blender_windows import drop_operators, event, started_in_window
 
 from frog_blender.engine.interchange import ply
 from frog_blender.engine.interchange.ply import read_splats
@@ -81,7 +81,7 @@ def test_it_is_stopped_and_files_stay(empty, export, kind):
     assert send(running, kind, value="RELEASE") == {"PASS_THROUGH"}, "of a key that was pressed before"
     assert send(running, kind, value="PRESS") == {"CANCELLED"} and is_over(running)
     assert written(running) == ["x_0001.ply", "x_0002.ply", "x_0003.ply"] and empty.frame_current == 4
-    assert running.said == [("INFO", f"The export was stopped: 3 of 10 files were written to {running.folder}.")]
+    assert running.said == [("INFO", f"The export was stopped. 3 of 10 files were written to {running.folder}.")]
     assert send(running) == {"CANCELLED"} and len(written(running)) == 3, "a late event does nothing"
 
 
@@ -114,7 +114,7 @@ def test_the_capture_is_deleted_meanwhile(empty, export, placed):
     bpy.data.objects.remove(next(playback.captures(empty.objects)))
     assert send(running) == {"CANCELLED"} and is_over(running) and len(written(running)) == 2
     ((kind, text),) = running.said
-    assert kind == "ERROR" and text.startswith(f"{name}: found no such capture in this file any more; 2 of 10 files")
+    assert kind == "ERROR" and text.startswith(f"{name}: this capture is no longer in the file; 2 of 10 files")
     assert empty.frame_current == 4
 
 
@@ -129,7 +129,7 @@ def test_another_scene_is_shown_then_the_first_is_deleted(empty, export, static_
     bpy.context.scene.collection.objects.link(capture)  # or it would go with its scene
     bpy.data.scenes.remove(empty)
     assert send(running) == {"CANCELLED"} and is_over(running) and len(written(running)) == 3
-    assert "found its scene deleted" in running.said[0][1]
+    assert "its scene was deleted during the export" in running.said[0][1]
 
 
 def test_renaming_and_undo_do_not_lose_it(empty, export):

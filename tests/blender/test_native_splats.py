@@ -1,11 +1,11 @@
-"""The carrier of Blenders that draw splats themselves (5.3), as far as a Blender with its data can tell (5.2)."""
+"""The point cloud in Blenders that draw splats themselves (5.3), as far as a Blender with its data can tell (5.2)."""
 
 from __future__ import annotations
 
 import bpy
 import numpy as np
 import pytest
-from small_scenes import rig_of_three, write_scene
+from support.small_scenes import rig_of_three, write_scene
 
 from frog_blender import point_cloud
 from frog_blender.engine.playback.player import ScenePlayer

@@ -29,7 +29,7 @@ def test_videos_of_several_folders(empty, capture):
     from frog_blender.engine.errors import FrogError
     from frog_blender.operators.open_capture import capture_of
 
-    with pytest.raises(FrogError, match="lie in 2 folders"):
+    with pytest.raises(FrogError, match="Found videos in 2 folders"):
         capture_of([capture / "cam00.mp4", capture.parent / "cam01.mp4"])
 
 
@@ -52,7 +52,7 @@ def test_a_calibration_that_does_not_fit_says_so(empty, capture):
 
 
 def test_no_videos_at_all(empty, tmp_path):
-    with pytest.raises(RuntimeError, match="No video was dropped"):
+    with pytest.raises(RuntimeError, match="Found no video"):
         drop(tmp_path)
 
 

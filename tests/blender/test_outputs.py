@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 import pytest
 from safetensors.numpy import save_file
-from small_scenes import rig_of_three, write_scene
+from support.small_scenes import rig_of_three, write_scene
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene

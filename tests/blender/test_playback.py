@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from small_scenes import rig_of_three, write_scene
+from support.small_scenes import rig_of_three, write_scene
 
 from frog_blender import point_cloud
 from frog_blender.timeline import open_scenes, playback
@@ -179,7 +179,7 @@ def test_undo_keeps_playing(empty, capture, static_rig):
 def test_what_repeats_comes_back(repeat, shown):
     for position, expected in shown:
         assert repeated(position, repeat, 5) == pytest.approx(expected)
-    assert repeated(7.0, repeat, 1) == 7.0  # the only moment, which is held
+    assert repeated(7.0, repeat, 1) == 7.0  # the only frame, which is held
 
 
 def test_speed_and_repetition(empty, capture, static_rig):

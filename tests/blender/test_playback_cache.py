@@ -7,7 +7,7 @@ import threading
 import bpy
 import numpy as np
 import pytest
-from small_scenes import rig_of_three, write_scene
+from support.small_scenes import rig_of_three, write_scene
 
 from frog_blender import point_cloud
 from frog_blender.engine.playback.player import ScenePlayer
@@ -45,8 +45,8 @@ def shows(obj, path, frame):
 def frames_ahead(scene, obj):
     """The capture's frames that would be computed next, after the scene was shown at its present frame."""
     frame = scene.frame_current_final
-    moments = prefetch.times_after(scene, frame, prefetch.step_to(scene, frame))
-    return [round(moment.time * 9, 4) for moment in moments]
+    times = prefetch.times_after(scene, frame, prefetch.step_to(scene, frame))
+    return [round(each.time * 9, 4) for each in times]
 
 
 def test_frames_ahead_are_computed_in_another_thread_and_shown_as_they_are(empty, capture, static_rig, monkeypatch):
@@ -80,7 +80,7 @@ def test_the_direction_is_the_one_that_was_seen(empty, capture):
     empty.frame_set(10)
     assert frames_ahead(empty, capture)[:3] == [8, 7, 6], "playing backwards went on at the other end"
     empty.frame_set(500)
-    assert frames_ahead(empty, capture) == [9], "beyond its end a capture shows one moment"
+    assert frames_ahead(empty, capture) == [9], "beyond its end a capture shows one frame"
 
 
 def test_frames_ahead_follow_each_captures_time(empty, capture):

@@ -1,11 +1,11 @@
-"""The carrier's own drawing: soft coloured blobs in Cycles, in the place where the engine puts them."""
+"""The point cloud's own drawing: soft coloured blobs in Cycles, in the place where the engine puts them."""
 
 from __future__ import annotations
 
 import bpy
 import mathutils
 import numpy as np
-from small_scenes import lens, looking_at
+from support.small_scenes import lens, looking_at
 
 from frog_blender import point_cloud
 from frog_blender.engine.gaussians import GaussianArrays

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import bpy
 import pytest
-from small_scenes import rig_of_three, write_scene
+from support.small_scenes import rig_of_three, write_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from small_scenes import rig_of_three, write_scene
-from windows import viewport
+from support.blender_windows import viewport
+from support.small_scenes import rig_of_three, write_scene
 
 from frog_blender import point_cloud
 from frog_blender.engine.playback.player import ScenePlayer

@@ -6,7 +6,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from small_scenes import expected_png, read_png, rig_of_three
+from support.small_scenes import expected_png, read_png, rig_of_three
 
 from frog_blender import point_cloud
 from frog_blender.engine.interchange.ply import read_splats

@@ -8,7 +8,7 @@ import bpy
 import mathutils
 import numpy as np
 import pytest
-from small_scenes import expected_png, moving_camera, passes_of, read_png, rig_of_three, write_scene
+from support.small_scenes import expected_png, moving_camera, passes_of, read_png, rig_of_three, write_scene
 
 from frog_blender import reported_once
 from frog_blender.engine.errors import FrogError
@@ -157,7 +157,7 @@ def test_orthographic_camera_sees_no_perspective(empty, static_rig, tmp_path):
 
 @pytest.mark.parametrize(("position", "around"), [("CENTER", 0.0), ("START", 0.5), ("END", -0.5)])
 def test_motion_blur_is_the_light_of_the_open_shutter(empty, static_rig, tmp_path, position, around):
-    """Against 200 moments over the same time; cameras move as well as Gaussians."""
+    """Against 200 frames over the same time; cameras move as well as Gaussians."""
     import_scene(static_rig)
     camera = empty.camera
     for frame, x in ((1, -1.0), (10, 1.0)):
@@ -171,8 +171,8 @@ def test_motion_blur_is_the_light_of_the_open_shutter(empty, static_rig, tmp_pat
     assert empty.frame_current_final == 5.0
     empty.render.use_motion_blur = False
     expected = np.zeros_like(sharp)
-    for moment in 5.0 + around + (np.arange(200) + 0.5) / 200 - 0.5:
-        empty.frame_set(int(moment), subframe=moment % 1.0)
+    for frame in 5.0 + around + (np.arange(200) + 0.5) / 200 - 0.5:
+        empty.frame_set(int(frame), subframe=frame % 1.0)
         expected += passes_of(empty, tmp_path)[0] / 200
     change = np.abs(expected - sharp).max()
     assert change > 0.05, "nothing moves"
@@ -181,12 +181,12 @@ def test_motion_blur_is_the_light_of_the_open_shutter(empty, static_rig, tmp_pat
 
 
 def test_the_shutter_is_open_where_blender_says():
-    from frog_blender.render.frog_engine import SHUTTER_SAMPLES, shutter_moments
+    from frog_blender.render.frog_engine import SHUTTER_SAMPLES, shutter_frames
 
     for position, first, last in (("START", 7.0, 7.5), ("CENTER", 6.75, 7.25), ("END", 6.5, 7.0)):
-        moments = shutter_moments(7.0, 0.5, position)
-        assert len(moments) == SHUTTER_SAMPLES and first < moments[0] < moments[-1] < last
-        assert np.mean(moments) == pytest.approx((first + last) / 2)
+        frames = shutter_frames(7.0, 0.5, position)
+        assert len(frames) == SHUTTER_SAMPLES and first < frames[0] < frames[-1] < last
+        assert np.mean(frames) == pytest.approx((first + last) / 2)
 
 
 def test_missing_file_is_refused_in_a_sentence(empty, static_rig, rendered):
@@ -206,7 +206,7 @@ def test_moving_capture_becomes_one_animated_camera(empty, moving_rig, rendered)
 
 
 def test_animation_is_frame_exact(empty, static_rig, tmp_path):
-    from small_scenes import read_png
+    from support.small_scenes import read_png
 
     import_scene(static_rig)
     empty.frame_start, empty.frame_end = 2, 4

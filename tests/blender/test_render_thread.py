@@ -71,7 +71,7 @@ def test_points_are_written_from_a_renders_thread_only_while_windows_are_locked(
     empty.frame_current = 5  # as a render sets it, without the handlers of this thread
     in_another_thread(lambda: handlers.on_frame(empty))
     frame = 4.0 if locked else 0.0
-    assert ("stand still" in capfd.readouterr().err) != locked
+    assert ("do not move" in capfd.readouterr().err) != locked
     np.testing.assert_array_equal(points(capture), ScenePlayer.load(static_rig).at_frame(frame).means)
     handlers.on_frame(empty)
     np.testing.assert_array_equal(points(capture), ScenePlayer.load(static_rig).at_frame(4.0).means)
@@ -84,7 +84,7 @@ def test_never_for_the_frog_engine(empty, capture, in_window):
         empty.frame_current = 5
         in_another_thread(lambda: handlers.on_frame(empty))
         np.testing.assert_array_equal(points(capture), before)
-        handlers.on_frame(empty)  # somebody who scrubs meanwhile
+        handlers.on_frame(empty)  # scrubbed meanwhile
         assert np.abs(points(capture) - before).max() > 0
     finally:
         handlers.on_render_end()

@@ -8,39 +8,11 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
+from support.training_panel import Written, told
 
 from frog_blender.engine.training.session import events
 from frog_blender.training_task import runner
 from frog_blender.ui import capture_summary, preview_image, train_panel
-
-
-class Written:
-    """Stands in for a layout, which only a window has: keeps what is written into it."""
-
-    def __init__(self, said=None):
-        self.said = [] if said is None else said
-
-    def label(self, text="", icon="NONE"):
-        self.said.append(text)
-
-    def progress(self, factor, text):
-        self.said.append(text)
-
-    def operator(self, name, text=None, icon="NONE"):
-        self.said.append(name)
-        return SimpleNamespace()
-
-    def prop(self, data, name, **_):
-        data.bl_rna.properties[name]  # as Blender: a name that is none is an error
-        self.said.append(name)
-
-    def template_icon(self, icon_value, scale):
-        self.said.append("picture")
-
-    def box(self, **_):
-        return Written(self.said)
-
-    row = column = box
 
 
 @pytest.fixture
@@ -66,15 +38,6 @@ def capture(tmp_path, monkeypatch):
     film = pytest.importorskip("support.synthetic_capture")
     monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
     return film.write_capture(tmp_path / "capture")
-
-
-def told(*said):
-    """A training that has said this and is still running."""
-    task = runner.TrainingTask(lambda control: iter(said))
-    for event in said:
-        task.apply(event)
-    runner.set_current(task)
-    return task
 
 
 def test_a_capture_is_described_and_its_training_timed(empty, drawn, capture):
@@ -108,7 +71,7 @@ def test_a_running_training(drawn):
         events.Evaluated(40, 27.5, "held-out"),
     )
     said = drawn()
-    for part in ("Step 40 of 100", "1 min 35 s", "0.0421", "27.50 dB (held-out views)", "320 (200 move)"):
+    for part in ("Step 40 of 100", "1 min 35 s", "0.0421", "27.50 dB (held-out views)", "320 (200 dynamic)"):
         assert part in said
     assert "frog.pause_training frog.cancel_training" in said and "preview_camera" in said
     task.control.pause()
@@ -121,7 +84,7 @@ def test_an_ended_training(drawn, tmp_path):
     ended = runner.Ended("")
     told(events.Progress(9, 9, 61.0, 0.0, 0.1, 300), events.Finished(str(path), 9, 61.0, 28.0, 300, capacity), ended)
     said = drawn()
-    assert "Finished in 1 min 1 s." in said and "frog.train" in said and "300 (40 move)" in said
+    assert "Finished in 1 min 1 s." in said and "frog.train" in said and "300 (40 dynamic)" in said
     assert f"Saved:{path}".replace(" ", "") in said.replace(" ", "")  # cut into lines, and whole
     told(events.Cancelled(0, None), ended)
     assert "Cancelled before the first step." in drawn()

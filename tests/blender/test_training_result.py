@@ -7,15 +7,16 @@ from types import SimpleNamespace
 
 import bpy
 import pytest
-from small_scenes import rig_of_three, write_scene
-from test_import_whole import users_scene, views
-from test_train_panel import Written, told
+from support.small_scenes import rig_of_three, write_scene
+from support.training_panel import Written, told
+from support.users_scene import users_scene, views
 
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene
 from frog_blender.engine.scene.scene_file import write_scene as write_file
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.output_paths import unused_output
-from frog_blender.operators.training_result import importer, plays
+from frog_blender.operators.training_result import importer
+from frog_blender.scene_import.capture_objects import plays
 from frog_blender.scene_import.transaction import values
 from frog_blender.timeline import playback
 from frog_blender.training_task import runner
@@ -38,7 +39,7 @@ def test_a_scene_of_the_users_gets_the_capture_alone(empty, static_rig):
     mine.select_set(True)
     bpy.context.view_layer.objects.active = mine
     before, shading = values(empty), [view.shading.type for view in views()]
-    assert importer(empty)(static_rig) == "Imported; the scene's settings stayed as they were."
+    assert importer(empty)(static_rig) == "Imported. The scene's settings were not changed."
     assert files(empty) == ["figure.frog"] and values(empty) == before
     assert [view.shading.type for view in views()] == shading
     assert bpy.context.view_layer.objects.active == mine and mine.select_get()

@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 import pytest
 
+from frog_blender import addon_state
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.training.session import events
 from frog_blender.operators import training_result
@@ -109,17 +110,16 @@ def test_an_import_that_fails_at_the_end_is_an_error_in_the_state(addon):
     assert state.error == "x.frog: found a directory, expected a file." and not state.running
 
 
-def test_nothing_is_imported_while_a_render_looks_at_the_scene(addon, monkeypatch):
+def test_nothing_is_imported_while_a_render_looks_at_the_scene(addon, request):
     renders, imported = ["RENDER"], []
-    app = SimpleNamespace(is_job_running=lambda kind: kind in renders)
-    monkeypatch.setattr(runner, "bpy", SimpleNamespace(app=app))
     said = [events.Finished("x.frog", 1, 1.0, 20.0, 5)]
-    task = runner.TrainingTask(lambda cancelled: iter(said), imported.append)
+    task = runner.TrainingTask(lambda cancelled: iter(said), imported.append, is_scene_in_use=lambda: bool(renders))
     assert not finish(task.start()).running
     task.hand_over()
     assert task.waiting is not None and not imported
+    request.addfinalizer(lambda: runner.set_current(None))
     runner.set_current(task)
-    with pytest.raises(FrogError, match="finish the current render"):  # another training would take its place
+    with pytest.raises(FrogError, match="Finish the current render"):  # another training would take its place
         runner.begin(lambda cancelled: iter([]))
     renders.clear()
     for _ in range(2):
@@ -154,7 +154,7 @@ def endless(addon):
 
 def test_only_one_training_at_a_time(endless):
     assert runner.is_running() and bpy.app.timers.is_registered(runner.tick)
-    with pytest.raises(FrogError, match="running already"):
+    with pytest.raises(FrogError, match="already running"):
         runner.begin(lambda cancelled: iter([]))
 
 
@@ -172,11 +172,10 @@ def test_opening_another_file_neither_ends_a_training_nor_waits_for_it(endless, 
 
 
 @pytest.mark.parametrize("learned", [False, True], ids=["decoding", "training"])
-def test_at_the_end_there_is_so_much_patience(addon, monkeypatch, capfd, learned):
+def test_at_the_end_there_is_so_much_patience(addon, capfd, learned):
     """What is being saved is waited for; what hangs is not."""
     gate, taken = threading.Event(), threading.Event()
-    monkeypatch.setattr(runner, "PATIENCE", 0.01)
-    monkeypatch.setattr(runner, "QUIT_SECONDS", 0.05)
+    addon_state.put(runner.BackgroundTraining(patience=0.01, quit_seconds=0.05))
 
     def source(cancelled):
         yield steps(1)[0] if learned else events.Stage("decoding", 0, 1)
@@ -261,7 +260,7 @@ def test_an_import_that_fails_in_an_unforeseen_way_is_a_sentence_too(addon, capf
     assert task.join(20.0)
     while runner.tick() is not None:
         pass
-    assert "x.frog: it is trained, but could not be imported (KeyError" in task.state.error
+    assert "x.frog: the scene was trained, but could not be imported (KeyError" in task.state.error
     assert not task.state.running and task.state.result == Path("x.frog") and "Traceback" in capfd.readouterr().err
 
 
@@ -286,7 +285,10 @@ def test_a_worker_that_dies_without_a_word_is_noticed(addon):
             """As without memory for a last message."""
 
     state = finish(Dying(lambda cancelled: iter([])).start())
-    assert state.error == "The training stopped without giving a reason, possibly out of memory." and not state.running
+    assert (
+        state.error == "The training stopped without an error message. It may have run out of memory."
+        and not state.running
+    )
 
 
 def test_without_a_thread_there_is_one_sentence(addon, monkeypatch):
@@ -300,7 +302,7 @@ def test_without_a_thread_there_is_one_sentence(addon, monkeypatch):
 
 
 def test_train_operator_says_what_is_missing(empty, tmp_path):
-    with pytest.raises(RuntimeError, match="No capture is chosen"):
+    with pytest.raises(RuntimeError, match="No capture is selected"):
         bpy.ops.frog.train()
     empty.frog.capture_folder = str(tmp_path / "nowhere")
     with pytest.raises(RuntimeError, match="found no such folder"):

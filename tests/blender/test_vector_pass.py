@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from small_scenes import rig_of_three
+from support.small_scenes import rig_of_three
 
 from frog_blender.engine.native.options import RasterizeOptions
 from frog_blender.render import frog_engine
@@ -71,11 +71,11 @@ def test_it_is_what_cycles_says(empty, tmp_path):
         np.zeros((1, 1, 3), np.float32),
     )
 
-    def moment_at(offset):
+    def snapshot_at(offset):
         empty.frame_set(2 + offset)
         return wide, engine_camera(empty.camera, empty.camera.matrix_world, empty.render, *SIZE)
 
-    found = vectors(moment_at, RasterizeOptions())[SIZE[1] // 2, SIZE[0] // 2]
+    found = vectors(snapshot_at, RasterizeOptions())[SIZE[1] // 2, SIZE[0] // 2]
     expected = cycles_vectors(empty, tmp_path / "card.exr")
     assert expected[0] > 1 and expected[2] > 4
     count = 4 if expected[3] != 1.0 else 3  # before 5.0 the compositor's images have no room for the fourth
@@ -110,22 +110,22 @@ def test_who_cannot_be_seen_a_frame_away_goes_on_as_it_came(empty):
     ahead = camera.rotation.T @ (np.array([0, 0, 4.0]) - camera.world_to_camera[:3, 3])
     aside = camera.rotation.T @ np.array([0.05, 0, 0])
 
-    def moment(offset, opacity):
+    def snapshot(offset, opacity):
         place = np.float32([ahead + offset * aside])
         turn, size = np.float32([[1, 0, 0, 0]]), np.full((1, 3), 0.5, np.float32)
         return GaussianArrays(place, turn, size, np.full(1, opacity, np.float32), np.zeros((1, 1, 3), "f")), camera
 
     def middle(before, after):
-        moments = {-1: before, 1: after, 0: moment(0, 0.9)}
+        snapshots = {-1: before, 1: after, 0: snapshot(0, 0.9)}
         pixels, _ = camera.project(np.float64([ahead]))
         column, row = pixels[0].astype(int)
-        return vectors(moments.__getitem__, RasterizeOptions())[row, column]
+        return vectors(snapshots.__getitem__, RasterizeOptions())[row, column]
 
-    seen = middle(moment(-1, 0.9), moment(1, 0.9))
+    seen = middle(snapshot(-1, 0.9), snapshot(1, 0.9))
     assert seen[0] < -0.1 and seen[2] < -0.1 and abs(seen[0] - seen[2]) < 0.1
-    for before, after in ((moment(40, 0.0), moment(1, 0.9)), (moment(-1, 0.9), moment(40, 0.0))):
+    for before, after in ((snapshot(40, 0.0), snapshot(1, 0.9)), (snapshot(-1, 0.9), snapshot(40, 0.0))):
         np.testing.assert_allclose(middle(before, after), seen, atol=0.1)
-    np.testing.assert_allclose(middle(moment(40, 0.0), moment(40, 0.0)), 0, atol=1e-3)
+    np.testing.assert_allclose(middle(snapshot(40, 0.0), snapshot(40, 0.0)), 0, atol=1e-3)
 
 
 def test_nothing_is_still(empty):

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-import windows
-from small_scenes import expected_png, rig_of_three, write_scene
+from support import blender_windows
+from support.small_scenes import expected_png, rig_of_three, write_scene
 
 from frog_blender import reported_once
 from frog_blender.cameras import engine_camera, view_camera
@@ -223,7 +223,7 @@ def test_pixels_that_are_not_square_through_the_camera(empty, static_rig):
     assert camera.data.frog.focal_ratio < 0.96
     view, window = matrices(camera, 80, 64)
     region = SimpleNamespace(view_matrix=view, window_matrix=window, view_perspective="CAMERA")
-    space = windows.viewport()["space_data"]
+    space = blender_windows.viewport()["space_data"]
     empty.frame_set(4)
     depsgraph = bpy.context.evaluated_depsgraph_get()
     pixels = viewport_drawing.image_of(sharp_viewport(), depsgraph, region, (80, 64), space).pixels[::-1]
@@ -233,7 +233,7 @@ def test_pixels_that_are_not_square_through_the_camera(empty, static_rig):
 
 def test_local_view(empty, static_rig):
     bpy.ops.import_scene.frog(filepath=str(static_rig))
-    there = windows.viewport()
+    there = blender_windows.viewport()
     space = there["space_data"]
     bpy.ops.mesh.primitive_cube_add()
     depsgraph = bpy.context.evaluated_depsgraph_get()

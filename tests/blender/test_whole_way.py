@@ -9,7 +9,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
-from small_scenes import glowing
+from support.small_scenes import glowing
 
 from frog_blender import point_cloud
 from frog_blender.scene_import.capture_objects import cameras_of

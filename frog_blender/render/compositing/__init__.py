@@ -1,1 +1,3 @@
-"""Captures among the user's objects: a scene of captures that follows the user's, laid over it by the compositor."""
+"""Captures among the user's objects: a scene of captures follows the user's scene, and the compositor overlays its
+image.
+"""

@@ -1,8 +1,8 @@
-"""What stands against an image that FRoG's is laid over, looked for before Blender begins to render it."""
+"""Checks whether a composed image can be rendered, before Blender begins to render it."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ...cameras import engine_camera
 from ...engine.errors import FrogError
@@ -11,12 +11,15 @@ from ...timeline.render_thread import in_main_thread
 from ..collect_instances import check_placement
 from . import compositor, scenes
 
+if TYPE_CHECKING:
+    import bpy
 
-def trouble(scene: Any) -> str:
-    """Why a scene could not be rendered with its captures, in a sentence; empty if nothing stands against it."""
+
+def trouble(scene: bpy.types.Scene) -> str:
+    """Why a scene cannot be rendered with its captures, in a sentence; empty if it can."""
     try:
         _check_layers(scene)
-        splats = scenes.laid_over(scene)
+        splats = scenes.overlay_of(scene)
         if splats is not None:
             _check_settings(scene, splats)
             _check_captures(scene)
@@ -25,40 +28,40 @@ def trouble(scene: Any) -> str:
     return ""
 
 
-def _check_layers(scene: Any) -> None:
+def _check_layers(scene: bpy.types.Scene) -> None:
     for other in compositor.shown_scenes(scene):
         if other.frog.composed_with not in (None, scene, other):
             raise FrogError(foreign(scene, other))
-    if scene.render.engine == "FROG" or scenes.laid_over(scene) is not None:
+    if scene.render.engine == "FROG" or scenes.overlay_of(scene) is not None:
         return
     for obj in _rendered_captures(scene):
         if obj.frog.laid_over:
             raise FrogError(
-                f"{obj.name} is left out of {scene.name}, as FRoG draws it in another scene of the same objects: "
-                f"run Render With My Objects in {scene.name} as well."
+                f"{obj.name} is not rendered in {scene.name}, because FRoG renders it in another scene of the same "
+                f"objects. Run Render With My Objects in {scene.name} as well."
             )
 
 
-def foreign(scene: Any, splats: Any) -> str:
+def foreign(scene: bpy.types.Scene, splats: bpy.types.Scene) -> str:
     return (
-        f"The compositor of {scene.name} shows {splats.name}, which follows {splats.frog.composed_with.name}: run "
+        f"The compositor of {scene.name} shows {splats.name}, which follows {splats.frog.composed_with.name}. Run "
         f"Render With My Objects in {scene.name}."
     )
 
 
-def _check_settings(scene: Any, splats: Any) -> None:
+def _check_settings(scene: bpy.types.Scene, splats: bpy.types.Scene) -> None:
     if scene.render.engine == "FROG":
         raise FrogError(
-            f"{scene.name} is rendered by FRoG, and {splats.name} is laid over it once more: choose another engine, or "
-            "switch Compositing off."
+            f"{scene.name} is rendered by FRoG, and {splats.name} is overlaid on it once more. Choose another engine "
+            "or disable Compositing."
         )
     if scene.render.use_single_layer:
-        raise FrogError(f"{scene.name} renders a single layer, and so without {splats.name}: switch that off.")
+        raise FrogError(f"{scene.name} renders a single layer, without {splats.name}. Disable Render Single Layer.")
     if splats not in compositor.rendered_scenes(scene):
-        raise FrogError(f"Blender does not render {splats.name} from within a group of nodes: ungroup them.")
+        raise FrogError(f"Blender does not render {splats.name} from within a node group. Ungroup its nodes.")
     cannot_follow = splats.library is not None or not in_main_thread()
     if cannot_follow and scenes.structural_changes(splats):
-        raise FrogError(f"{splats.name} has other objects than {scene.name}: render again.")
+        raise FrogError(f"{splats.name} does not have the same objects as {scene.name}. Render again.")
     if scene.camera is not None:
         engine_camera(scene.camera, scene.camera.matrix_world, scene.render, 64, 64)
     world = scene.rigidbody_world
@@ -66,20 +69,20 @@ def _check_settings(scene: Any, splats: Any) -> None:
         for obj in world.collection.objects:
             if obj.rigid_body is not None and obj.rigid_body.type == "ACTIVE" and not obj.rigid_body.kinematic:
                 raise FrogError(
-                    f"{obj.name} is moved by a simulation, which {splats.name} does not have: bake it to keyframes "
+                    f"{obj.name} is moved by a simulation, which {splats.name} does not have. Bake it to keyframes "
                     "(Object > Rigid Body > Bake to Keyframes)."
                 )
 
 
-def _check_captures(scene: Any) -> None:
+def _check_captures(scene: bpy.types.Scene) -> None:
     for obj in _rendered_captures(scene):
         playback.open_scene(playback.file_of(obj))
         check_placement(obj.matrix_world, obj.name)
 
 
-def _rendered_captures(scene: Any) -> list[Any]:
+def _rendered_captures(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """The captures that renders of a scene show, as far as its collections tell."""
-    found: dict[Any, None] = {}
+    found: dict[bpy.types.Object, None] = {}
     to_look_at = [layer.layer_collection for layer in scenes.rendered_layers(scene)]
     for layer in to_look_at:  # grows
         if not layer.exclude and not layer.collection.hide_render:

@@ -1,9 +1,8 @@
-"""The compositor's nodes of a scene: which other scenes' images it shows, and the ones that lay FRoG's over it."""
+"""Compositor nodes: which other scenes a scene shows, and the nodes that overlay FRoG's image."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import bpy
 
@@ -11,8 +10,8 @@ _LABEL = "FRoG"  # of the node that lays one image over the other
 _HAS_GROUPS = bpy.app.version >= (5, 0, 0)  # a scene's nodes are a data-block, which several scenes may share
 
 
-def tree_of(scene: Any) -> Any | None:
-    """The nodes that a scene's image goes through; None without any, or where compositing is switched off."""
+def tree_of(scene: bpy.types.Scene) -> bpy.types.NodeTree | None:
+    """The compositor nodes of a scene; None if there are none or compositing is disabled."""
     if not scene.render.use_compositing:
         return None
     if _HAS_GROUPS:
@@ -20,8 +19,8 @@ def tree_of(scene: Any) -> Any | None:
     return scene.node_tree if scene.use_nodes else None
 
 
-def shown_scenes(scene: Any) -> list[Any]:
-    """The scenes whose images reach a scene's own: not those of nodes that are muted or not linked to the output."""
+def shown_scenes(scene: bpy.types.Scene) -> list[bpy.types.Scene]:
+    """The scenes whose images reach a scene's output. Muted and unlinked nodes are ignored."""
     tree = tree_of(scene)
     if tree is None:
         return []
@@ -29,15 +28,15 @@ def shown_scenes(scene: Any) -> list[Any]:
     return list(dict.fromkeys(node.scene for node in nodes))
 
 
-def rendered_scenes(scene: Any) -> list[Any]:
-    """The scenes that Blender renders for a scene's compositor: it does not look into groups."""
+def rendered_scenes(scene: bpy.types.Scene) -> list[bpy.types.Scene]:
+    """The scenes that Blender renders for a scene's compositor. Blender does not look into node groups."""
     tree = tree_of(scene)
     nodes = () if tree is None else tree.nodes
     return [node.scene for node in nodes if node.type == "R_LAYERS" and not node.mute]
 
 
-def _reaching(tree: Any) -> Iterator[Any]:
-    """The nodes whose images reach a tree's output, those within groups included."""
+def _reaching(tree: bpy.types.NodeTree) -> Iterator[bpy.types.Node]:
+    """The nodes that reach a tree's output, including those in groups."""
     sockets = _outputs(tree)
     seen: set[int] = set()
     for socket in sockets:  # grows
@@ -57,15 +56,15 @@ def _reaching(tree: Any) -> Iterator[Any]:
                 sockets.extend(_outputs(node.node_tree))
 
 
-def _outputs(tree: Any) -> list[Any]:
+def _outputs(tree: bpy.types.NodeTree) -> list[bpy.types.NodeSocket]:
     """The sockets where a tree's image arrives."""
     ends = [node for node in tree.nodes if node.type in ("COMPOSITE", "GROUP_OUTPUT") and not node.mute]
     ends = [node for node in ends if getattr(node, "is_active_output", True)] or ends
     return [socket for node in ends for socket in node.inputs]
 
 
-def lay_over(scene: Any, other: Any) -> None:
-    """Lays another scene's image over what a scene's compositor shows besides.
+def overlay_scene(scene: bpy.types.Scene, other: bpy.types.Scene) -> None:
+    """Overlays another scene's image on what a scene's compositor shows.
 
     Whatever nodes are missing are made, and what is muted or unlinked comes back.
     """
@@ -91,7 +90,7 @@ def lay_over(scene: Any, other: Any) -> None:
     _read(layers, other)
 
 
-def own_tree(scene: Any) -> tuple[Any, Any]:
+def own_tree(scene: bpy.types.Scene) -> tuple[bpy.types.NodeTree, bpy.types.Node]:
     """The scene's compositor tree and its output node, made where there is none."""
     if _HAS_GROUPS:
         tree = scene.compositing_node_group
@@ -111,9 +110,9 @@ def own_tree(scene: Any) -> tuple[Any, Any]:
     return tree, output if output is not None else tree.nodes.new(kind)
 
 
-def _before(socket: Any) -> list[Any]:
-    """The nodes that a socket's image comes from, the nearest first: the user may have put others between."""
-    found: list[Any] = []
+def _before(socket: bpy.types.NodeSocket) -> list[bpy.types.Node]:
+    """The nodes upstream of a socket, nearest first: the user may have inserted others."""
+    found: list[bpy.types.Node] = []
     sockets = [socket]
     for each in sockets:
         for node in (link.from_node for link in each.links):
@@ -123,28 +122,28 @@ def _before(socket: Any) -> list[Any]:
     return found
 
 
-def _images(over: Any) -> tuple[Any, Any]:
-    """The sockets of what lies under and above; they have names of their own since 5.0."""
+def _images(over: bpy.types.Node) -> tuple[bpy.types.NodeSocket, bpy.types.NodeSocket]:
+    """The background and foreground sockets, whose names changed in 5.0."""
     if "Background" in over.inputs:
         return over.inputs["Background"], over.inputs["Foreground"]
     under, above = (socket for socket in over.inputs if socket.type == "RGBA")
     return under, above
 
 
-def _layers(tree: Any, scene: Any) -> Any:
+def _layers(tree: bpy.types.NodeTree, scene: bpy.types.Scene) -> bpy.types.Node:
     node = tree.nodes.new("CompositorNodeRLayers")
     _read(node, scene)
     return node
 
 
-def _read(node: Any, scene: Any) -> None:
+def _read(node: bpy.types.Node, scene: bpy.types.Scene) -> None:
     """Makes a Render Layers node show a scene's image."""
     node.scene, node.label = scene, scene.name
     used = (layer.name for layer in scene.view_layers if layer.use)
     node.layer = next(used, scene.view_layers[0].name)
 
 
-def _place(tree: Any, over: Any, output: Any) -> None:
+def _place(tree: bpy.types.NodeTree, over: bpy.types.Node, output: bpy.types.Node) -> None:
     """From left to right, the new layers one above the other."""
     over.location = (output.location.x - 250, output.location.y)
     layers = [node for node in tree.nodes if node.bl_idname == "CompositorNodeRLayers"]

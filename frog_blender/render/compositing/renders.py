@@ -1,4 +1,4 @@
-"""Renders of images that FRoG's is laid over: whole, or stopped with a sentence.
+"""Renders of composed images: complete, or stopped with a message.
 
 Blender renders the scenes that a compositor shows after the scene that F12 was pressed in, by the first one's size and
 region, and goes on whatever happens there. So what can be known is looked for before the first one starts, and stops
@@ -20,12 +20,12 @@ from ...timeline.render_thread import in_main_thread
 from . import scenes
 from .checks import foreign, trouble
 
-_PAST_ALL = 1_048_574  # Blender's last frame: an animation that stands there has no further one
+_PAST_ALL = 1_048_574  # Blender's last frame: an animation ends there
 
 
 @dataclass
 class _Render:
-    """The render that goes on.
+    """The current render.
 
     Attributes:
         scene: that F12 was pressed in; None while nothing is rendered.
@@ -37,8 +37,8 @@ class _Render:
         frame: where the scene stood before the animation was ended.
     """
 
-    scene: Any = None
-    splats: Any = None
+    scene: Any = None  # Any: a Scene that may be gone, which each access of it tells
+    splats: bpy.types.Scene | None = None
     refusal: str = ""
     kept: dict[str, Any] = field(default_factory=dict)
     drawn: bool = False
@@ -47,7 +47,7 @@ class _Render:
 
 
 class ComposedRenders:
-    """The render that goes on, and what went wrong in the last one, a sentence each."""
+    """The current render, and the problems of the last one, a sentence each."""
 
     def __init__(self) -> None:
         self.current = _Render()
@@ -59,24 +59,25 @@ def _renders() -> ComposedRenders:
 
 
 def problems() -> list[str]:
-    """What went wrong in the last render, for the panel."""
+    """Problems of the last render, for the panel."""
     return _renders().problems
 
 
-def leading(scene: Any) -> Any:
-    """The scene whose image this one's is part of, by whose size, region and time Blender renders it: itself, if
-    it is rendered alone."""
+def leading(scene: bpy.types.Scene) -> bpy.types.Scene:
+    """The scene whose render this scene is part of. Blender uses its size, region and time. The scene itself if it
+    is rendered alone.
+    """
     first = _renders().current.scene
     try:
         if first is not None and first.name:
             return first
     except ReferenceError:
-        pass  # that scene is gone, and nobody has said that its render is over
+        pass  # that scene is gone, and the end of its render was not reported
     return scene.frog.composed_with or scene
 
 
-def check(scene: Any) -> None:
-    """Raises FrogError if there is to be no image of a scene that FROG is about to draw."""
+def check(scene: bpy.types.Scene) -> None:
+    """Raises FrogError if a scene that FROG is about to draw must not be rendered."""
     first = leading(scene)
     refusal = _renders().current.refusal
     if refusal:
@@ -85,48 +86,49 @@ def check(scene: Any) -> None:
         raise FrogError(foreign(first, scene))
 
 
-def note_drawn(scene: Any, has_captures: bool) -> None:
-    """To be told of an image that FROG has drawn."""
+def note_drawn(scene: bpy.types.Scene, has_captures: bool) -> None:
+    """Notes that FROG has drawn an image."""
     render = _renders().current
     if scene != render.splats or render.drawn:
         return
     render.drawn = True
     if not has_captures and not problems():
-        _say(
-            f"{leading(scene).name} shows no capture at frame {leading(scene).frame_current}: the image has the "
-            "objects alone."
+        _report(
+            f"{leading(scene).name} shows no capture at frame {leading(scene).frame_current}. The image has the "
+            "objects only."
         )
 
 
-def note_failure(scene: Any, sentence: str) -> bool:
-    """To be told why FROG could not draw. Returns whether the image is part of another scene's, which goes on."""
+def note_failure(scene: bpy.types.Scene, sentence: str) -> bool:
+    """Notes why FROG could not draw. Returns whether the image is part of another scene's render."""
     if leading(scene) == scene:
         return False
     _renders().current.failure = sentence
     return True
 
 
-def _say(sentence: str) -> None:
+def _report(sentence: str) -> None:
     print(f"FRoG: {sentence}", file=sys.stderr)
     problems().append(sentence)
 
 
 @persistent
-def _on_init(scene: Any, *_: Any) -> None:
+def _on_init(scene: bpy.types.Scene, *_: Any) -> None:
     _restore()
     problems().clear()
     render = _renders().current = _Render(scene)
     if in_main_thread():
         scenes.follow_all()
     render.refusal = trouble(scene)
-    render.splats = scenes.laid_over(scene)
+    render.splats = scenes.overlay_of(scene)
     if render.refusal and in_main_thread() and scene.render.engine != "FROG":
         _stop(render)
 
 
 def _stop(render: _Render) -> None:
-    """The one way to stop a render before it begins: the engine that is asked for the image refuses. Compositor and
-    sequencer might not ask it."""
+    """Stops a render before it begins. The only way is to let an engine refuse; compositor and sequencer are
+    disabled because they might not call it.
+    """
     instead = {"engine": "FROG", "use_compositing": False, "use_sequencer": False}
     settings = render.scene.render
     render.kept = {name: getattr(settings, name) for name in instead}
@@ -135,7 +137,7 @@ def _stop(render: _Render) -> None:
 
 
 @persistent
-def _on_pre(scene: Any, *_: Any) -> None:
+def _on_pre(scene: bpy.types.Scene, *_: Any) -> None:
     render = _renders().current
     if scene == render.scene:
         render.drawn, render.failure = False, ""
@@ -144,21 +146,21 @@ def _on_pre(scene: Any, *_: Any) -> None:
 
 
 @persistent
-def _on_post(scene: Any, *_: Any) -> None:
-    """Of what went wrong in this frame."""
+def _on_post(scene: bpy.types.Scene, *_: Any) -> None:
+    """Collects the problems of this frame."""
     render = _renders().current
     if scene != render.scene or render.kept:
         return
     failure = render.failure
     if not failure and render.splats is not None and not render.drawn:
-        failure = f"{render.splats.name} was not rendered: the image lacks the captures."
+        failure = f"{render.splats.name} was not rendered. The captures are missing from the image."
     if failure and failure not in problems():
-        _say(failure)
+        _report(failure)
     render.failure = failure
 
 
 @persistent
-def _on_write(scene: Any, *_: Any) -> None:
+def _on_write(scene: bpy.types.Scene, *_: Any) -> None:
     """Ends an animation whose image has failed."""
     render = _renders().current
     if scene == render.scene and render.failure and render.frame is None:
@@ -166,14 +168,14 @@ def _on_write(scene: Any, *_: Any) -> None:
 
 
 @persistent
-def _on_end(scene: Any, *_: Any) -> None:
+def _on_end(scene: bpy.types.Scene, *_: Any) -> None:
     if scene == _renders().current.scene:
         _restore()
         _renders().current = _Render()
 
 
 def _restore() -> None:
-    """Gives the scene back what stopping the render has changed."""
+    """Restores the settings that were changed to stop the render."""
     render = _renders().current
     try:
         for name, value in render.kept.items():

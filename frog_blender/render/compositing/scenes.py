@@ -1,4 +1,4 @@
-"""Scenes of captures that follow the scene of the user's objects: whatever changes there changes here as well.
+"""Scenes of captures that follow the user's scene: every relevant change is copied.
 
 *Render With My Objects* makes such a scene (see operators/compose.py). It is brought up to date in the main thread:
 when Blender tells of a change, and once more when a render begins.
@@ -19,19 +19,19 @@ from . import compositor
 
 Change = Callable[[], object]
 
-_OF_SCENES = ("camera", "world", "frame_start", "frame_end", "frame_step")
-_OF_RENDERS = (
+_SCENE_SETTINGS = ("camera", "world", "frame_start", "frame_end", "frame_step")
+_RENDER_SETTINGS = (
     *("resolution_x", "resolution_y", "resolution_percentage", "pixel_aspect_x", "pixel_aspect_y", "fps", "fps_base"),
     *("use_border", "use_crop_to_border", "border_min_x", "border_max_x", "border_min_y", "border_max_y"),
     *("frame_map_old", "frame_map_new", "use_motion_blur", "motion_blur_shutter", "motion_blur_position"),
     *("use_simplify", "simplify_subdivision", "simplify_subdivision_render"),  # which decide the shape of meshes
     *("use_multiview", "views_format"),
 )
-_PASSES = 8  # until nothing is left to change: what one changes may show what else has to be
+_PASSES = 8  # at most, until nothing changes: one change may require another
 
 
 class Following:
-    """What is known of the scenes that are followed.
+    """What is known about the followed scenes.
 
     Attributes:
         is_needed: whether there may be something to follow: a scene, or points that are to be drawn again.
@@ -45,20 +45,20 @@ class Following:
         self.is_busy = False
 
 
-def followers() -> list[Any]:
+def followers() -> list[bpy.types.Scene]:
     """The scenes of captures that follow another one."""
     return [scene for scene in bpy.data.scenes if scene.frog.composed_with is not None and scene.library is None]
 
 
-def laid_over(scene: Any) -> Any | None:
-    """The scene of captures that follows this one and that its compositor shows; None where it shows none."""
+def overlay_of(scene: bpy.types.Scene) -> bpy.types.Scene | None:
+    """The scene of captures that follows this scene and is shown by its compositor; None without one."""
     shown = (each for each in compositor.shown_scenes(scene) if each.frog.composed_with == scene)
     return next(shown, None)
 
 
 def follow_all(objects_changed: bool = True) -> None:
-    """Brings every scene of captures up to date, and decides which engine draws the captures of its scene: the points
-    are left out of other engines' renders as long as FRoG's image is laid over them.
+    """Updates every scene of captures and decides which engine draws which capture: points are excluded from other
+    engines' renders while FRoG's image is overlaid.
 
     Args:
         objects_changed: whether there may be other captures than before; looking for them takes long among very many
@@ -71,7 +71,7 @@ def follow_all(objects_changed: bool = True) -> None:
     try:
         for splats in found:
             follow(splats)
-        over = [scene for scene in {splats.frog.composed_with for splats in found} if laid_over(scene) is not None]
+        over = [scene for scene in {splats.frog.composed_with for splats in found} if overlay_of(scene) is not None]
         laid = {scene.session_uid for scene in over}
         if objects_changed or laid != following.laid:
             _settle_points(over)
@@ -81,8 +81,8 @@ def follow_all(objects_changed: bool = True) -> None:
     following.is_needed = bool(found)
 
 
-def follow(splats: Any) -> None:
-    """Makes a scene of captures what its scene is now."""
+def follow(splats: bpy.types.Scene) -> None:
+    """Updates a scene of captures to match the scene that it follows."""
     for _ in range(_PASSES):
         layer = splats.view_layers[0]
         known = layer.layer_collection  # of a new scene not there (Blender 5.3), or empty (5.2), before it is updated
@@ -95,8 +95,8 @@ def follow(splats: Any) -> None:
             return
 
 
-def structural_changes(splats: Any) -> list[Change]:
-    """What is to be done so that a scene has the collections and objects of the one that it follows."""
+def structural_changes(splats: bpy.types.Scene) -> list[Change]:
+    """The changes that give a scene the collections and objects of the one that it follows."""
     scene = splats.frog.composed_with
     changes: list[Change] = []
     for mine, theirs in (
@@ -111,15 +111,15 @@ def structural_changes(splats: Any) -> list[Change]:
     return changes
 
 
-def rendered_layers(scene: Any) -> list[Any]:
+def rendered_layers(scene: bpy.types.Scene) -> list[bpy.types.ViewLayer]:
     """The view layers of a scene that F12 renders."""
     return [layer for layer in scene.view_layers if layer.use] or [scene.view_layers[0]]
 
 
-def _plain_changes(splats: Any, scene: Any) -> Iterator[Change]:
-    """What is to be done so that a scene has the settings of the one that it follows."""
-    yield from _differing(splats, {name: getattr(scene, name) for name in _OF_SCENES})
-    yield from _differing(splats.render, {name: getattr(scene.render, name) for name in _OF_RENDERS})
+def _plain_changes(splats: bpy.types.Scene, scene: bpy.types.Scene) -> Iterator[Change]:
+    """The changes that give a scene the settings of the one that it follows."""
+    yield from _differing(splats, {name: getattr(scene, name) for name in _SCENE_SETTINGS})
+    yield from _differing(splats.render, {name: getattr(scene.render, name) for name in _RENDER_SETTINGS})
     yield from _differing(splats.render, {"engine": "FROG", "film_transparent": True})
     yield from _differing(splats.view_layers[0], {"use": True})
     # The timeline switches to the cameras of its markers.
@@ -128,20 +128,20 @@ def _plain_changes(splats: Any, scene: Any) -> Iterator[Change]:
         yield partial(_write_markers, splats.timeline_markers, wanted)
 
 
-def _differing(block: Any, wanted: dict[str, Any]) -> Iterator[Change]:
+def _differing(block: bpy.types.bpy_struct, wanted: dict[str, Any]) -> Iterator[Change]:
     for name, value in wanted.items():
         if getattr(block, name) != value:
             yield partial(setattr, block, name, value)
 
 
-def _write_markers(markers: Any, wanted: list[tuple[str, int, Any]]) -> None:
+def _write_markers(markers: bpy.types.TimelineMarkers, wanted: list[tuple[str, int, bpy.types.Object]]) -> None:
     markers.clear()
     for name, frame, camera in wanted:
         markers.new(name, frame=frame).camera = camera
 
 
-def _layer_changes(mine: Any, theirs: list[Any]) -> Iterator[Change]:
-    """What is excluded, or holds out, in all view layers that the user renders does so here."""
+def _layer_changes(mine: bpy.types.LayerCollection, theirs: list[bpy.types.LayerCollection]) -> Iterator[Change]:
+    """The changes that exclude or hold out what is excluded or holds out in all rendered view layers."""
     known = [{child.collection: child for child in layer.children} for layer in theirs]
     for child in mine.children:
         alike = [children[child.collection] for children in known if child.collection in children]
@@ -156,8 +156,8 @@ def _layer_changes(mine: Any, theirs: list[Any]) -> Iterator[Change]:
         yield from _layer_changes(child, seen or alike)
 
 
-def _settle_points(over: list[Any]) -> None:
-    """Has every capture drawn once: by FRoG in the scenes that its images lay over, else by the other engine."""
+def _settle_points(over: list[bpy.types.Scene]) -> None:
+    """Has every capture drawn by exactly one engine: by FRoG in composed scenes, otherwise by the other engine."""
     hidden = {obj for scene in over for obj in playback.captures_in(scene)}
     for obj in playback.captures(bpy.data.objects):
         if obj in hidden or obj.frog.laid_over:
@@ -169,7 +169,7 @@ def _settle_points(over: list[Any]) -> None:
 
 
 @persistent
-def _on_update(_scene: Any, depsgraph: Any) -> None:
+def _on_update(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     if not addon_state.get(Following).is_needed or bpy.app.is_job_running("RENDER"):
         return
     objects_changed = depsgraph.id_type_updated("COLLECTION") or any(map(_is_back, depsgraph.updates))
@@ -177,8 +177,8 @@ def _on_update(_scene: Any, depsgraph: Any) -> None:
         follow_all(objects_changed)
 
 
-def _is_back(update: Any) -> bool:
-    """Whether someone has switched on the points of a capture that is to be left out."""
+def _is_back(update: bpy.types.DepsgraphUpdate) -> bool:
+    """Whether the points of an excluded capture were enabled in renders again."""
     block = update.id
     return (
         isinstance(block, bpy.types.Object) and block.frog.laid_over and point_cloud.is_drawn_in_renders(block.original)
@@ -186,14 +186,14 @@ def _is_back(update: Any) -> bool:
 
 
 def begin() -> None:
-    """Has whatever scenes there are followed from now on."""
+    """Starts following all scenes that there are."""
     addon_state.get(Following).is_needed = True
     follow_all()
 
 
 @persistent
 def _on_other_file(*_: Any) -> None:
-    """What was opened, appended, pasted, undone or redone may be of any age, and was made beside other scenes."""
+    """Data that was opened, appended, pasted, undone or redone may be out of date."""
     begin()
 
 

@@ -1,4 +1,4 @@
-"""Operators as a window runs them, without a screen; and scripts in a Blender of their own."""
+"""Runs operators as a window does, without a screen, and scripts in another Blender process."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ def started_in_window(
     monkeypatch.setattr(module, "has_window", lambda context: context.window is not None)
     monkeypatch.setattr(operator, "is_interactive", True, raising=False)  # of those that first show a file browser
     started: list[tuple[Any, Iterator[Any]]] = []
-    go_on = operator.go_on_in_window
+    go_on = operator.run_in_window
 
     def noted(self: Any, context: Any, steps: Iterator[Any], *rest: Any) -> Any:
         started.append((self, steps))
         return go_on(self, context, steps, *rest)
 
-    monkeypatch.setattr(operator, "go_on_in_window", noted)
+    monkeypatch.setattr(operator, "run_in_window", noted)
     return started
 
 

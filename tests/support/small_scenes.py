@@ -1,4 +1,4 @@
-"""Small .frog scenes and readers of what Blender wrote, for the tests beside this file."""
+"""Small .frog scenes and readers of what Blender wrote, for tests inside Blender."""
 
 from __future__ import annotations
 

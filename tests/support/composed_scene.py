@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import bpy
-from small_scenes import glowing
+from support.small_scenes import glowing
 
 from frog_blender.render.compositing import compositor
 from frog_blender.timeline import playback

@@ -1,0 +1,45 @@
+"""A layout that keeps what a panel writes, and trainings in any state for the panel to show."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+from frog_blender.training_task import runner
+
+
+class Written:
+    """Stands in for a layout, which only a window has: keeps what is written into it."""
+
+    def __init__(self, said=None):
+        self.said = [] if said is None else said
+
+    def label(self, text="", icon="NONE"):
+        self.said.append(text)
+
+    def progress(self, factor, text):
+        self.said.append(text)
+
+    def operator(self, name, text=None, icon="NONE"):
+        self.said.append(name)
+        return SimpleNamespace()
+
+    def prop(self, data, name, **_):
+        data.bl_rna.properties[name]  # as Blender: a name that is none is an error
+        self.said.append(name)
+
+    def template_icon(self, icon_value, scale):
+        self.said.append("image")
+
+    def box(self, **_):
+        return Written(self.said)
+
+    row = column = box
+
+
+def told(*said):
+    """A training that has said this and is still running."""
+    task = runner.TrainingTask(lambda control: iter(said))
+    for event in said:
+        task.apply(event)
+    runner.set_current(task)
+    return task

@@ -1,0 +1,21 @@
+"""A scene that holds something of the user's, and the viewports that show it."""
+
+from __future__ import annotations
+
+import bpy
+
+
+def users_scene(scene):
+    """Settings of the user's own, and a world that nothing else uses."""
+    world = bpy.data.worlds.new("My studio lights")
+    if world.node_tree is None:
+        world.use_nodes = True
+    world.node_tree.nodes.new("ShaderNodeTexEnvironment")
+    scene.world, scene.view_settings.view_transform = world, "Filmic"
+    scene.render.resolution_x, scene.render.fps, scene.frame_end = 1280, 25, 99
+    return world
+
+
+def views():
+    areas = [area for window in bpy.context.window_manager.windows for area in window.screen.areas]
+    return [area.spaces.active for area in areas if area.type == "VIEW_3D"]
