@@ -42,7 +42,7 @@ def test_tracks_of_another_kind_are_refused(tracks: np.ndarray) -> None:
         ScenePlayer(SceneFile(scene.header, scene.arrays | {"fades": tracks}))
 
 
-@pytest.mark.parametrize(("reshaped", "tracks"), [(-1, 40), (121, 40), ("many", 40), (50, 181)])
+@pytest.mark.parametrize(("num_shape_dynamic", "tracks"), [(-1, 40), (121, 40), ("many", 40), (50, 181)])
 def test_counts_that_cannot_be_are_refused(num_shape_dynamic: object, tracks: int) -> None:
     scene = spared()
     header = replace(scene.header, model=scene.header.model | {"reshaped": num_shape_dynamic})
@@ -75,7 +75,7 @@ def test_groups_that_keep_their_shape(count: int, share: float, kept: bool) -> N
         assert np.isnan(found[name][mixed:]).all(), name
 
 
-@pytest.mark.parametrize("reshaped", [0, 50, 120])
+@pytest.mark.parametrize("num_shape_dynamic", [0, 50, 120])
 @pytest.mark.parametrize("model", [{}, {"deformed_sh": 0}, {"deformed_sh": 4}, {"fusion": "dual"}], ids=str)
 def test_only_what_changes_differs_from_rest(model: dict, num_shape_dynamic: int) -> None:
     scene = spared(num_shape_dynamic=num_shape_dynamic, **model)

@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..arrays import Array
+
 
 def first_layer(
-    temporal: np.ndarray,
-    temporal_weight: np.ndarray,
-    bias: np.ndarray,
-    embedding_weight: np.ndarray,
-    modulation_weight: np.ndarray | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
+    temporal: Array,
+    temporal_weight: Array,
+    bias: Array,
+    embedding_weight: Array,
+    modulation_weight: Array | None = None,
+) -> tuple[Array, Array]:
     """``DeformationField.shared`` (networks * hidden,) and ``embedding_weights`` (networks * hidden, E) of a moment.
 
     Args:
@@ -34,12 +36,12 @@ def first_layer(
 
 
 def first_layer_gradients(
-    by_shared: np.ndarray,
-    by_weights: np.ndarray,
-    temporal: np.ndarray,
-    temporal_weight: np.ndarray,
-    modulation_weight: np.ndarray | None = None,
-) -> dict[str, np.ndarray]:
+    by_shared: Array,
+    by_weights: Array,
+    temporal: Array,
+    temporal_weight: Array,
+    modulation_weight: Array | None = None,
+) -> dict[str, Array]:
     """Gradients by argument of ``first_layer``; those of bias and embedding_weight are the first two arguments.
 
     Args:
@@ -59,11 +61,11 @@ def first_layer_gradients(
     return gradients
 
 
-def _by_network(rows: np.ndarray, networks: int) -> np.ndarray:
+def _by_network(rows: Array, networks: int) -> Array:
     """(networks, hidden, ...) of (networks * hidden, ...)."""
     return rows.reshape(networks, -1, rows.shape[1])
 
 
-def _modulation(temporal: np.ndarray, size: int) -> np.ndarray:
+def _modulation(temporal: Array, size: int) -> Array:
     """(networks, 1, E) what the modulation's weights are multiplied with."""
     return temporal[:, None, :size] - 1

@@ -10,8 +10,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
+from ..arrays import Array
 from ..errors import FrogError
 from ..playback.player import CANONICAL, ScenePlayer
 from ..playback.transform import transform
@@ -109,7 +108,7 @@ def export_frames(
     folder: Path,
     stem: str,
     report: Callable[[int], None] | None = None,
-    turn: np.ndarray | None = None,
+    turn: Array | None = None,
 ) -> list[Path]:
     """Writes frames (counted from 0) of a scene as ``STEM_0000.ply`` and so on, each atomically; returns their paths.
 

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import json
 import math
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
+from ..arrays import Array
 from ..errors import brief, printable
 
 _MOST_LISTS = 2**20  # a hundred bytes each, however few the text takes for them
 _LARGEST = 2**63
+
+
+JsonObject: TypeAlias = dict[str, Any]
+"""Named values as JSON gives them: of any kind until they are checked."""
 
 
 class UnfitValue(ValueError):
@@ -46,7 +51,7 @@ def number(value: Any, what: str, least: float, most: float) -> float:
     return float(value)
 
 
-def numbers(value: Any, what: str, shape: tuple[int, ...], most: float) -> np.ndarray:
+def numbers(value: Any, what: str, shape: tuple[int, ...], most: float) -> Array:
     """Finite float64 numbers of that shape, none beyond ``most`` either way; UnfitValue for anything else."""
     rows, flat = [value], value
     for length in shape:
@@ -74,23 +79,25 @@ def items(value: Any, what: str, most: int) -> list[Any]:
     return value
 
 
-def entries(value: Any, what: str) -> dict[str, Any]:
+def entries(value: Any, what: str) -> JsonObject:
     """A JSON object; UnfitValue for anything else."""
     if type(value) is not dict:
         raise UnfitValue(f"{what} = {brief(value)}", "an object of named values")
-    return value
+    found: JsonObject = value
+    return found
 
 
-def finite_entries(value: Any, what: str) -> dict[str, Any]:
+def finite_entries(value: Any, what: str) -> JsonObject:
     """The same, all of whose numbers, however deep, are finite and fit into 64 bits."""
-    waiting: list[Any] = [entries(value, what)]
+    found = entries(value, what)
+    waiting: list[Any] = [found]
     while waiting:
         each = waiting.pop()
         if isinstance(each, dict | list):
             waiting += each.values() if isinstance(each, dict) else each
         elif isinstance(each, int | float) and not (math.isfinite(each) if isinstance(each, float) else _fits(each)):
             raise UnfitValue(f"{what} with {brief(each)}", "finite numbers")
-    return value
+    return found
 
 
 def _fits(value: int) -> bool:

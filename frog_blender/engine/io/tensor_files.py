@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from ..arrays import Array
 from ..errors import brief, found_instead
 from .plain_values import UnfitValue, entries, items, plain_json, whole
 from .regular_file import regular_file
@@ -35,7 +36,7 @@ _DTYPES: dict[str, type[np.generic]] = {
 
 def read_tensors(
     path: str | Path, kind: str, wanted: Callable[[str], bool] = lambda name: True
-) -> tuple[dict[str, np.ndarray], dict[str, str]]:
+) -> tuple[dict[str, Array], dict[str, str]]:
     """Arrays and metadata of a safetensors file; sizes are checked before anything is allocated.
 
     Args:
@@ -57,7 +58,7 @@ def read_tensors(
         raise found_instead(path, f"a damaged or foreign file ({error})", kind) from error
 
 
-def _read(file: BufferedReader, wanted: Callable[[str], bool]) -> tuple[dict[str, np.ndarray], dict[str, str]]:
+def _read(file: BufferedReader, wanted: Callable[[str], bool]) -> tuple[dict[str, Array], dict[str, str]]:
     size = os.fstat(file.fileno()).st_size
     first = file.read(8)
     length = struct.unpack("<Q", first)[0] if len(first) == 8 else size
@@ -97,7 +98,7 @@ def _place(name: str, entry: Any) -> tuple[int, int, str, tuple[int, ...]]:
     return begin, end, dtype, shape
 
 
-def _array(file: BufferedReader, dtype: str, shape: tuple[int, ...]) -> np.ndarray:
+def _array(file: BufferedReader, dtype: str, shape: tuple[int, ...]) -> Array:
     array = np.empty(shape, _DTYPES[dtype])
     if array.size:
         into = array.reshape(-1).view(np.uint8).data

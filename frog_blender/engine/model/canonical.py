@@ -5,9 +5,10 @@ from __future__ import annotations
 import torch
 from torch import nn
 
+from ..gaussians import TorchGaussians
 from ..rasterizer import GaussianArrays
+from ..spherical_harmonics import SH_DC
 
-SH_DC = 0.28209479177387814
 ATTRIBUTES = ("means", "log_scales", "quaternions", "opacity_logits", "sh", "embeddings")
 
 
@@ -45,7 +46,7 @@ class CanonicalField(nn.Module):
         """Gaussians that are deformed, M."""
         return self.embeddings.shape[0]
 
-    def gaussians(self, sh_count: int | None = None) -> GaussianArrays:
+    def gaussians(self, sh_count: int | None = None) -> TorchGaussians:
         """The undeformed Gaussians, activated, with the first ``sh_count`` coefficients (None: all)."""
         sh = self.sh[:, :sh_count]
         return GaussianArrays(self.means, self.quaternions, self.log_scales.exp(), self.opacity_logits.sigmoid(), sh)

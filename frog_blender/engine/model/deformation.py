@@ -14,8 +14,7 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-HEADS = {"means": 3, "log_scales": 3, "quaternions": 4, "opacity_logits": 1, "sh": 0}
-"""What each head changes and how many numbers it puts out; ``sh`` has three for each coefficient it deforms."""
+from ..field.output_layout import output_sizes
 
 UNITS = {"embedding_weight": 0, "temporal_weight": 0, "bias": 0, "modulation_weight": 0, "output_weight": 1}
 """The dimension along which the first layer's units lie in each array of a network that can be narrowed."""
@@ -50,8 +49,7 @@ class DeformationField(nn.Module):
     ) -> None:
         super().__init__()
         self.networks, self.modulated = networks, modulated
-        self.sizes = {name: size or 3 * sh_count for name, size in HEADS.items()}
-        self.sizes = {name: size for name, size in self.sizes.items() if size}
+        self.sizes = output_sizes(sh_count)
         self.head_width = head_width
         bound = (embedding_size + temporal_size) ** -0.5
         self.embedding_weight = _uniform(bound, networks * hidden_width, embedding_size)

@@ -13,6 +13,7 @@ from torch.nn import functional
 
 from ..capture.camera import Camera
 from ..field.temporal_table import temporal_weights
+from ..gaussians import TorchGaussians
 from ..native.deformation import FieldShape
 from ..rasterizer import GaussianArrays, RasterizeOptions
 from .canonical import CanonicalField
@@ -162,7 +163,7 @@ class Frog(SceneModel):
 
     def deform(
         self, time: float, schedule_state: ScheduleState = FINISHED, sh_count: int | None = None
-    ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
+    ) -> tuple[TorchGaussians, dict[str, torch.Tensor]]:
         """See SceneModel."""
         sh_count = sh_count or self.canonical.sh.shape[1]
         if not self.canonical.num_dynamic:
@@ -194,9 +195,9 @@ class Frog(SceneModel):
 
     @property
     def _is_fused(self) -> bool:
-        """Whether the library computes the field."""
+        """Whether the native library computes the field."""
         means = self.canonical.means
-        return means.dtype == torch.float32 and means.device.type == "cpu"
+        return self.backend is None and means.dtype == torch.float32 and means.device.type == "cpu"
 
     def _field_shape(self, schedule_state: ScheduleState, sh_count: int) -> FieldShape:
         s = self.settings
@@ -213,7 +214,7 @@ class Frog(SceneModel):
 
     def deform_reference(
         self, temporal: torch.Tensor, schedule_state: ScheduleState, sh_count: int
-    ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
+    ) -> tuple[TorchGaussians, dict[str, torch.Tensor]]:
         """``deform`` in plain torch, on any device and in any floating-point type; the fused one is tested against it.
 
         The network and the embeddings may be of another type than the rest (half precision: model.on_device).

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import torch
 
+from ..arrays import Array
 from ..field.first_layer import first_layer, first_layer_gradients
+from ..gaussians import TorchGaussians
 from ..native.deformation import FieldShape, deform, deform_backward
 from ..rasterizer import GaussianArrays
 from .canonical import ATTRIBUTES, CanonicalField
@@ -35,7 +37,7 @@ class FieldPass:
     """
 
     shape: FieldShape
-    inputs: dict[str, np.ndarray]
+    inputs: dict[str, Array]
     arrays: dict[str, torch.Tensor]
 
     def backward(self, by_outputs: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
@@ -48,7 +50,7 @@ class FieldPass:
         return gradients | {name: torch.from_numpy(gradient) for name, gradient in found.items()}
 
 
-def forward_field(shape: FieldShape, arrays: dict[str, torch.Tensor]) -> tuple[FieldPass, GaussianArrays, torch.Tensor]:
+def forward_field(shape: FieldShape, arrays: dict[str, torch.Tensor]) -> tuple[FieldPass, TorchGaussians, torch.Tensor]:
     """A pass, the deformed, activated Gaussians with ``shape.sh_active`` coefficients, and the changes (M, outputs) of
     those that move, means in world units.
 
@@ -106,7 +108,7 @@ def field_arrays(
 
 def deform_fused(
     canonical: CanonicalField, network: DeformationField, temporal: torch.Tensor, shape: FieldShape
-) -> tuple[GaussianArrays, torch.Tensor]:
+) -> tuple[TorchGaussians, torch.Tensor]:
     """Deformed, activated Gaussians with ``shape.sh_active`` coefficients, and the changes (M, outputs) of those
     that move, means in world units, without gradients.
 
@@ -114,5 +116,6 @@ def deform_fused(
         temporal: (networks, T) fused temporal embedding of the moment.
     """
     arrays = field_arrays(canonical, network, temporal)
-    *outputs, changes = _Deform.apply(shape, tuple(arrays), *arrays.values())
+    apply: Callable[..., tuple[torch.Tensor, ...]] = _Deform.apply
+    *outputs, changes = apply(shape, tuple(arrays), *arrays.values())
     return GaussianArrays(**dict(zip(_OUTPUTS, outputs, strict=True))), changes

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import torch
 
 from ..capture.camera import NEUTRAL, Camera
+from ..gaussians import TorchGaussians
 from ..native.deformation import FieldShape
-from ..rasterizer import GaussianArrays, RasterizeOptions, exposed
+from ..rasterizer import RasterizeOptions, exposed
 from ..rasterizer.cpu import Drawing, draw
 from .fused import FieldPass, forward_field
 from .interface import RenderResult
@@ -86,6 +87,6 @@ def render_fused(
     return FusedRenderResult(image, gaussians, by_attribute(changes), arrays, pose, field, drawing, silent, versions)
 
 
-def _versions(arrays: dict[str, torch.Tensor], gaussians: GaussianArrays) -> list[int]:
+def _versions(arrays: dict[str, torch.Tensor], gaussians: TorchGaussians) -> list[int]:
     """How often each array, and each of what was drawn from them, has been changed in place."""
     return [array._version for array in (*arrays.values(), *vars(gaussians).values())]

@@ -9,7 +9,8 @@ import torch
 from torch import nn
 
 from ..capture.camera import Camera
-from ..rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
+from ..gaussians import TorchGaussians
+from ..rasterizer import Backend, Image, RasterizeOptions, rasterize
 from .canonical import CanonicalField
 
 
@@ -39,7 +40,7 @@ class RenderResult:
     """
 
     image: Image
-    gaussians: GaussianArrays
+    gaussians: TorchGaussians
     changes: dict[str, torch.Tensor]
 
     def backward(self, by_rgb: torch.Tensor) -> None:
@@ -52,13 +53,19 @@ class SceneModel(nn.Module):
 
     Methods share the canonical field, the rasterizer, the losses and the trainer; a method is what it does in
     ``deform`` and the parameters it does it with.
+
+    Attributes:
+        canonical: the Gaussians before deformation.
+        backend: what draws; None for the fastest that the tensors' device and type allow. With a backend of its own a
+            model is computed by torch alone, without the native library.
     """
 
     canonical: CanonicalField
+    backend: Backend | None = None
 
     def deform(
         self, time: float, schedule_state: ScheduleState = FINISHED, sh_count: int | None = None
-    ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
+    ) -> tuple[TorchGaussians, dict[str, torch.Tensor]]:
         """The Gaussians at ``time`` and the changes (M, size) by attribute of those that move, means in world units;
         {} where a method has none.
 
@@ -80,9 +87,21 @@ class SceneModel(nn.Module):
         """An image of ``time`` that knows its way back, to the model's parameters and to ``pose``; for the arguments
         see ``deform`` and ``rasterizer.rasterize``."""
         gaussians, changes = self.deform(time, schedule_state, sh_count)
-        return RenderResult(rasterize(gaussians, camera, background, options, pose=pose), gaussians, changes)
+        return RenderResult(self.rasterize(gaussians, camera, background, options, pose=pose), gaussians, changes)
 
-    def forward(self, time: float, schedule_state: ScheduleState = FINISHED) -> GaussianArrays:
+    def rasterize(
+        self,
+        gaussians: TorchGaussians,
+        camera: Camera,
+        background: tuple[float, float, float],
+        options: RasterizeOptions | None = None,
+        *,
+        pose: torch.Tensor | None = None,
+    ) -> Image:
+        """``rasterizer.rasterize`` by the model's backend."""
+        return rasterize(gaussians, camera, background, options, pose=pose, backend=self.backend)
+
+    def forward(self, time: float, schedule_state: ScheduleState = FINISHED) -> TorchGaussians:
         return self.deform(time, schedule_state)[0]
 
     def rate_groups(self) -> dict[str, list[nn.Parameter]]:

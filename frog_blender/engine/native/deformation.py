@@ -6,12 +6,17 @@ times the Gaussians is ever stored, and the backward pass computes a block's lay
 
 from __future__ import annotations
 
-from ctypes import byref
+from collections.abc import Mapping
+from ctypes import Structure, byref
 from dataclasses import dataclass
-from typing import Any
+from typing import TypeAlias
 
+from ..field.output_layout import num_outputs
 from . import structs
 from .binding import library
+from .structs import Buffer
+
+Buffers: TypeAlias = Mapping[str, Buffer]
 
 
 @dataclass(frozen=True)
@@ -38,10 +43,10 @@ class FieldShape:
     @property
     def outputs(self) -> int:
         """Numbers that the network gives for a Gaussian: 3 + 3 + 4 + 1 and the spherical harmonics."""
-        return 11 + 3 * self.sh_deformed
+        return num_outputs(self.sh_deformed)
 
 
-def deform(shape: FieldShape, arrays: dict[str, Any], result: dict[str, Any]) -> None:
+def deform(shape: FieldShape, arrays: Buffers, result: Buffers) -> None:
     """Fills ``result`` with the deformed, activated Gaussians.
 
     Args:
@@ -72,7 +77,7 @@ class PlaybackField:
     def __init__(
         self,
         shape: FieldShape,
-        arrays: dict[str, Any],
+        arrays: Buffers,
         precomputed_first_layer: bool = False,
         num_shape_dynamic: int | None = None,
     ) -> None:
@@ -85,7 +90,7 @@ class PlaybackField:
         if num_shape_dynamic is not None:
             self._field.num_shape_dynamic = num_shape_dynamic
 
-    def deform(self, moment: dict[str, Any], result: dict[str, Any], active: Any = None) -> None:
+    def deform(self, moment: Buffers, result: Mapping[str, Buffer | int], active: Buffer | None = None) -> None:
         """Fills the first rows of ``result`` at a moment.
 
         Args:
@@ -103,12 +108,12 @@ class PlaybackField:
         _deform(field, result)
 
 
-def _deform(field: Any, result: dict[str, Any]) -> None:
+def _deform(field: Structure, result: Mapping[str, Buffer | int]) -> None:
     if library().frog_deform(byref(field), byref(structs.pointers(structs.Deformed, structs.DEFORMED, result))):
         raise MemoryError("deforming the Gaussians ran out of memory")
 
 
-def deform_backward(shape: FieldShape, arrays: dict[str, Any], by: dict[str, Any], result: dict[str, Any]) -> None:
+def deform_backward(shape: FieldShape, arrays: Buffers, by: Buffers, result: Buffers) -> None:
     """Fills ``result`` (names and shapes of ``arrays``) from the gradients ``by`` of what ``deform`` gave.
 
     The same bits for any number of threads.
@@ -121,7 +126,7 @@ def deform_backward(shape: FieldShape, arrays: dict[str, Any], by: dict[str, Any
         raise MemoryError("the deformation's backward pass ran out of memory")
 
 
-def _field(shape: FieldShape, arrays: dict[str, Any]) -> Any:
+def _field(shape: FieldShape, arrays: Buffers) -> Structure:
     in_groups, count, weight = "groups" in arrays, len(arrays["means"]), arrays["embedding_weight"]
     units, embedding = (len(arrays["output_weight"]), len(weight)) if in_groups else weight.shape
     return structs.Field(

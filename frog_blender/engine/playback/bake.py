@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from ..arrays import Array
 from ..errors import FrogError, brief, found_instead
 from ..io.atomic_files import atomic_file, remove_partial_files
 from ..io.plain_values import whole
@@ -110,7 +111,7 @@ class Bake:
         """Moments."""
         return len(self._places)
 
-    def find(self, time: float, rows: np.ndarray | None = None) -> FrameDelta | None:
+    def find(self, time: float, rows: Array | None = None) -> FrameDelta | None:
         """What was baked of a time in [0, 1], bit for bit as computed; None where it was not, or cannot be read.
 
         Args:

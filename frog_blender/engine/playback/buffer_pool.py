@@ -9,6 +9,8 @@ import threading
 
 import numpy as np
 
+from ..arrays import Array
+
 
 class BufferPool:
     """Hands out the same arrays again and again, each time when the last holder of the time before is gone.
@@ -19,7 +21,7 @@ class BufferPool:
         kept: frames to remember; what is handed out beyond them is forgotten, oldest first.
     """
 
-    def __init__(self, first: dict[str, np.ndarray], kept: int = 6) -> None:
+    def __init__(self, first: dict[str, Array], kept: int = 6) -> None:
         self._first, self._kept, self._size = first, kept, 0
         self._layout: list[tuple[str, tuple[int, ...], int]] = []  # name, shape, first byte
         for name, array in first.items():
@@ -28,11 +30,11 @@ class BufferPool:
         self._blocks: list[bytearray] = []
         self._lock = threading.Lock()
 
-    def take(self) -> dict[str, np.ndarray]:
+    def take(self) -> dict[str, Array]:
         """Arrays of one frame, whose values are those of an earlier frame or ``first``."""
         return self.acquire()[0]
 
-    def acquire(self) -> tuple[dict[str, np.ndarray], dict[str, int]]:
+    def acquire(self) -> tuple[dict[str, Array], dict[str, int]]:
         """The same, and where they lie, which takes longer to find out of each."""
         with self._lock:
             for block in self._blocks:
@@ -49,9 +51,9 @@ class BufferPool:
             arrays[name][...] = values
         return arrays, addresses
 
-    def _arrays(self, block: bytearray) -> tuple[dict[str, np.ndarray], dict[str, int]]:
+    def _arrays(self, block: bytearray) -> tuple[dict[str, Array], dict[str, int]]:
         whole = np.frombuffer(block, np.uint8)  # the block cannot be resized while this or one that shows it lives
-        arrays: dict[str, np.ndarray] = {}
+        arrays: dict[str, Array] = {}
         addresses, first = dict[str, int](), whole.__array_interface__["data"][0]
         for name, shape, start in self._layout:
             arrays[name] = np.ndarray(shape, np.float32, whole, start)

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..gaussians import GaussianArrays
+from ..arrays import Array
+from ..gaussians import NumpyGaussians
 
 WIDTHS = {"means": 3, "quaternions": 4, "scales": 3, "base": 4}
 
@@ -34,7 +35,7 @@ class FrameDelta:
         columns: (M, width) by name.
     """
 
-    columns: dict[str, np.ndarray]
+    columns: dict[str, Array]
 
     @property
     def bytes(self) -> int:
@@ -42,7 +43,7 @@ class FrameDelta:
         return sum(column.nbytes for column in self.columns.values())
 
 
-def column_of(gaussians: GaussianArrays, name: str, count: int | None = None) -> np.ndarray:
+def column_of(gaussians: NumpyGaussians, name: str, count: int | None = None) -> Array:
     """(count, width) contiguous: a column of the first ``count`` Gaussians, of all for None."""
     if name == "base":
         opacities = gaussians.opacities[:count]
@@ -54,6 +55,6 @@ def column_of(gaussians: GaussianArrays, name: str, count: int | None = None) ->
     return np.ascontiguousarray(gaussians.sh[:count, int(name.removeprefix("sh_"))])
 
 
-def extract_columns(gaussians: GaussianArrays, names: Collection[str], count: int | None = None) -> FrameDelta:
+def extract_columns(gaussians: NumpyGaussians, names: Collection[str], count: int | None = None) -> FrameDelta:
     """Those columns of the first ``count`` Gaussians."""
     return FrameDelta({name: column_of(gaussians, name, count) for name in names})

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..arrays import Array
 from ..capture.camera import Camera
-from ..gaussians import GaussianArrays
+from ..gaussians import NumpyGaussians
 from ..native.binding import Frame
 from ..native.options import RasterizeOptions
 from ..scene.header import SceneHeader
@@ -20,7 +21,7 @@ _LONGEST_SIDE = 320  # pixels; finer ones rank no better
 _UNSEEN = 0.02  # share of what no camera saw: it may be all there is from elsewhere
 
 
-def ranking(scene: ScenePlayer) -> np.ndarray:
+def ranking(scene: ScenePlayer) -> Array:
     """(N,) every Gaussian's index, the most important first; the same for the same scene on any day."""
     score = np.zeros(scene.count)
     for camera, frame in _looks(scene.header):
@@ -31,7 +32,7 @@ def ranking(scene: ScenePlayer) -> np.ndarray:
     return np.argsort(-np.nan_to_num(score), kind="stable")
 
 
-def most_important(order: np.ndarray, count: int) -> np.ndarray:
+def most_important(order: Array, count: int) -> Array:
     """(count,) the first of a ranking as ascending indices; at least one."""
     return np.sort(order[: max(1, count)])
 
@@ -48,7 +49,7 @@ def _looks(header: SceneHeader) -> list[tuple[Camera | None, int]]:
     return [shots[index] for index in chosen] if shots else [(None, frame) for frame in chosen]
 
 
-def _visible_weights(gaussians: GaussianArrays, camera: Camera) -> np.ndarray:
+def _visible_weights(gaussians: NumpyGaussians, camera: Camera) -> Array:
     """(N,) each Gaussian's largest blending weight in a small image."""
     factor = min(1.0, _LONGEST_SIDE / max(camera.width, camera.height))
     small = camera.resized(max(1, round(camera.width * factor)), max(1, round(camera.height * factor)))

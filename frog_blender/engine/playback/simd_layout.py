@@ -10,6 +10,8 @@ import math
 
 import numpy as np
 
+from ..arrays import Array, NetworkArrays, SceneArrays
+
 GROUP_SIZE = 16
 """PLAYED_GROUP of the native library: Gaussians that lie side by side."""
 _TOGETHER = GROUP_SIZE * 4096  # Gaussians that are multiplied at once, so that what is in between stays small
@@ -21,7 +23,7 @@ def num_groups(count: int) -> int:
     return -(-count // GROUP_SIZE)
 
 
-def pack_lanes(arrays: dict[str, np.ndarray], precomputed_first_layer: bool) -> np.ndarray:
+def pack_lanes(arrays: SceneArrays, precomputed_first_layer: bool) -> Array:
     """(ceil(N / GROUP_SIZE), rows, GROUP_SIZE) float32: each Gaussian's attributes and embedding as rows, a group's
     Gaussians as columns, zero beyond the last one.
 
@@ -48,7 +50,7 @@ def pack_lanes(arrays: dict[str, np.ndarray], precomputed_first_layer: bool) -> 
     return result
 
 
-def transpose_weights(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def transpose_weights(arrays: NetworkArrays) -> NetworkArrays:
     """The first layer's and the outputs' weights, turned: what is multiplied with a number lies together, in rows of
     the next multiple of GROUP_SIZE.
 
@@ -57,7 +59,7 @@ def transpose_weights(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
             ``output_bias`` (outputs,), and perhaps ``temporal_weight`` and ``modulation_weight`` (units, ...).
     """
     outputs = [slice(3), slice(10, None), slice(3, 10)]  # means; opacity and colours; scales and quaternions
-    result: dict[str, np.ndarray] = {}
+    result: NetworkArrays = {}
     for name in ("shared", "embedding_weight", "temporal_weight", "modulation_weight", "output_weight", "output_bias"):
         if name in arrays:
             rows = arrays[name]

@@ -12,6 +12,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ..arrays import Array
 from ..capture.time import frame_to_time, time_to_frame
 from ..native.options import ALPHA_MIN
 from .simd_layout import GROUP_SIZE, num_groups
@@ -20,7 +21,7 @@ _MOMENTS = 4  # looked at from a frame to the next
 _SEEN = 0.9 * ALPHA_MIN  # leaves some for moments in between
 
 
-def visible_intervals(opacities_at: Callable[[float], np.ndarray], frame_count: int) -> np.ndarray:
+def visible_intervals(opacities_at: Callable[[float], Array], frame_count: int) -> Array:
     """(frames - 1, M) bool: whether a Gaussian can be seen at some moment from a frame to the next, both included.
 
     Args:
@@ -28,7 +29,7 @@ def visible_intervals(opacities_at: Callable[[float], np.ndarray], frame_count: 
         frame_count: at least two.
     """
 
-    def seen_at(frame: float) -> np.ndarray:
+    def seen_at(frame: float) -> Array:
         return opacities_at(frame_to_time(frame, frame_count)) >= _SEEN
 
     at_frame, lives = seen_at(0), []
@@ -41,18 +42,19 @@ def visible_intervals(opacities_at: Callable[[float], np.ndarray], frame_count: 
     return np.stack(lives)
 
 
-def sort_by_visibility(lives: np.ndarray) -> np.ndarray:
+def sort_by_visibility(lives: Array) -> Array:
     """(M,) an order of Gaussians in which those that live at the same times follow each other; (frames - 1, M)."""
-    return np.lexsort(lives[::-1])
+    result: Array = np.lexsort(lives[::-1])
+    return result
 
 
-def pack_group_bits(lives: np.ndarray) -> np.ndarray:
+def pack_group_bits(lives: Array) -> Array:
     """(frames - 1, groups / 8 rounded up) uint8: a bit for each group of Gaussians, set where one of them lives."""
     padded = np.pad(lives, ((0, 0), (0, -lives.shape[1] % GROUP_SIZE)))
     return np.packbits(padded.reshape(len(lives), -1, GROUP_SIZE).any(2), axis=1)
 
 
-def mean_deformed_share(bits: np.ndarray, count: int) -> float:
+def mean_deformed_share(bits: Array, count: int) -> float:
     """Of ``count`` Gaussians in the groups of ``pack_group_bits``, how many are deformed at a moment, in the mean."""
     return float(np.unpackbits(bits, axis=1, count=num_groups(count)).mean())
 
@@ -68,18 +70,18 @@ class VisibilityMask:
         ValueError: for bits of another number of Gaussians.
     """
 
-    def __init__(self, bits: np.ndarray, count: int) -> None:
+    def __init__(self, bits: Array, count: int) -> None:
         groups = num_groups(count)
         if bits.dtype != np.uint8 or bits.ndim != 2 or not len(bits) or bits.shape[1] != -(-groups // 8):
             raise ValueError(f"lifetimes of {groups} groups are {bits.dtype} of shape {bits.shape}")
         self._bits, self._groups = bits, groups
 
-    def select(self, kept: np.ndarray) -> np.ndarray:
+    def select(self, kept: Array) -> Array:
         """``pack_group_bits`` for some of the Gaussians alone; (n,) their indices, ascending."""
         lives = np.unpackbits(self._bits, axis=1, count=self._groups).astype(bool)
         return pack_group_bits(lives[:, kept // GROUP_SIZE])
 
-    def at(self, time: float) -> np.ndarray:
+    def at(self, time: float) -> Array:
         """(groups,) uint8, zero for those that nobody can see at a time in [0, 1]."""
         interval = min(int(time_to_frame(time, len(self._bits) + 1)), len(self._bits) - 1)
         return np.unpackbits(self._bits[interval], count=self._groups)

@@ -7,13 +7,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ..capture.camera import Camera
+from ..capture.camera_motion import cameras_move
+from ..field.names import METHODS
 from ..io.plain_values import UnfitValue, entries, finite_entries, items, number, numbers, plain_json, text, whole
 from .compression_report import lines, summary
 
 FORMAT_VERSION = 5
 """1 had every array as it is; 2 may have them packed; 3 may have lifetimes; 4 may have some that only fade; 5 may have
 numbers that are packed apart from their block."""
-METHODS = ("frog", "ed3dgs", "static", "d3dgs", "hexplane", "curves")
 SHAPE_DYNAMIC = "reshaped"
 """The model setting that says how many of those that are deformed, the first, turn and grow; the others keep their
 shape. All of them where it is missing."""
@@ -69,12 +70,14 @@ class SceneHeader:
 
     @property
     def is_moving(self) -> bool:
-        """One moving camera: every entry of ``cameras`` is one moment of it, or a withheld image."""
-        if any(len(frames) != 1 for frames in self.camera_shots):
-            return False
-        named = zip(self.cameras, self.camera_shots, strict=True)
-        moments = [frame for camera, (frame,) in named if not self.is_test(camera.name, frame)]
-        return len(moments) > 1 and len(set(moments)) == len(moments)
+        """One moving camera: every entry of ``cameras`` is one frame of it, or a held-out image."""
+        trained = [
+            frame
+            for camera, frames in zip(self.cameras, self.camera_shots, strict=True)
+            for frame in frames
+            if not self.is_test(camera.name, frame)
+        ]
+        return self.frame_count > 1 and cameras_move(map(len, self.camera_shots), trained)
 
     def is_test(self, camera_name: str, frame: int) -> bool:
         """True for an image that training did not see."""

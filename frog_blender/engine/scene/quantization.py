@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from ..arrays import Array
 from . import blocks
 
 _LARGEST = 2**27  # numbers of an unpacked array
@@ -47,11 +48,11 @@ class Packed:
     description: plain values that ``unpack`` needs.
     """
 
-    content: np.ndarray
+    content: Array
     description: dict[str, Any]
 
 
-def pack(name: str, array: np.ndarray) -> Packed:
+def pack(name: str, array: Array) -> Packed:
     """A float32 array of any shape, or bytes (uint8); ValueError for numbers that are not finite."""
     bits, apart = BITS.get(name, 0), 0
     if bits == _AS_IT_IS:
@@ -70,7 +71,7 @@ def pack(name: str, array: np.ndarray) -> Packed:
     return Packed(content, described)
 
 
-def unpack(content: np.ndarray, description: dict[str, Any], most: int = _LARGEST) -> np.ndarray:
+def unpack(content: Array, description: dict[str, Any], most: int = _LARGEST) -> Array:
     """The array as it was, about; KeyError, TypeError or ValueError for what ``pack`` does not write.
 
     Sizes are checked before anything is allocated.
@@ -104,7 +105,7 @@ def unpack(content: np.ndarray, description: dict[str, Any], most: int = _LARGES
     return blocks.from_stored(stored, shape[0], columns, bits, apart).reshape(shape)
 
 
-def unpack_scene(arrays: dict[str, np.ndarray], descriptions: dict[str, Any]) -> dict[str, np.ndarray]:
+def unpack_scene(arrays: dict[str, Array], descriptions: dict[str, Any]) -> dict[str, Array]:
     """A packed scene's arrays; errors as of ``unpack``, also for arrays that no scene of that size has.
 
     Args:

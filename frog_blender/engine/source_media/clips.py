@@ -64,7 +64,7 @@ def find_clips(header: SceneHeader, folder: Path) -> dict[str, Clip]:
         return {}
     composed_files = {composed(name): file for name, file in found.items()}
     files = {each.name: composed_files.get(composed(each.name), []) for each in header.cameras}
-    if moves_alone(header):
+    if header.is_moving:
         path = [(frame, camera.name) for frame, camera in camera_path(header)]
         shown = [(frame, of[0]) for frame, name in path if (of := files[name])]
         clip = _sequence(shown, header.frame_count)
@@ -81,11 +81,6 @@ def find_clips(header: SceneHeader, folder: Path) -> dict[str, Clip]:
         alone = Clip(of[0], "VIDEO", count=header.frame_count) if is_video else Clip(of[0], "IMAGE")
         clips[camera.name] = sequence or alone
     return clips
-
-
-def moves_alone(header: SceneHeader) -> bool:
-    """One moving camera, whose images are the moments of one path."""
-    return header.is_moving and header.frame_count > 1
 
 
 def camera_path(header: SceneHeader) -> list[tuple[int, Camera]]:

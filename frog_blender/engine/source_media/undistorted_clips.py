@@ -27,7 +27,7 @@ from ..capture.readers import open_capture
 from ..capture.video import load_opencv, read_facts
 from ..errors import FrogError
 from ..io.atomic_files import write_atomically
-from .clips import Clip, camera_path, find_clips, moves_alone
+from .clips import Clip, camera_path, find_clips
 
 if TYPE_CHECKING:
     from ..capture.capture import Capture
@@ -123,7 +123,7 @@ def _films(header: SceneHeader, capture: Capture, folder: Path) -> dict[str, lis
 
 def _moments(header: SceneHeader) -> dict[str, list[tuple[int, str]]]:
     """For each clip, by the camera that it is shown behind: the moments that were filmed, and by which camera."""
-    if moves_alone(header):
+    if header.is_moving:
         path = [(frame, camera.name) for frame, camera in camera_path(header)]
         return {path[0][1]: path}
     filmed = zip(header.cameras, header.camera_shots, strict=True)

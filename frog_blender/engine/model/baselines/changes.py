@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import torch
 
+from ...gaussians import TorchGaussians
 from ...rasterizer import GaussianArrays
 from ..canonical import CanonicalField
 
 
 def deformed(
     canonical: CanonicalField, changes: dict[str, torch.Tensor], sh_count: int | None = None
-) -> GaussianArrays:
+) -> TorchGaussians:
     """The activated Gaussians with ``changes`` added before activation.
 
     Args:

@@ -15,6 +15,7 @@ from typing import Any
 
 import torch
 
+from ...gaussians import TorchGaussians
 from ...rasterizer import GaussianArrays
 from ..canonical import CanonicalField
 from ..interface import FINISHED, SceneModel, ScheduleState
@@ -70,7 +71,7 @@ class Curves(SceneModel):
 
     def deform(
         self, time: float, schedule_state: ScheduleState = FINISHED, sh_count: int | None = None
-    ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
+    ) -> tuple[TorchGaussians, dict[str, torch.Tensor]]:
         """See SceneModel."""
         c, s = self.canonical, self.settings
         curve, spin, centre, width = c.embeddings.split([3 * DEGREE, 4, 1, 1], dim=1)

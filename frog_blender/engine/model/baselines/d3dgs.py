@@ -17,7 +17,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from ...rasterizer import GaussianArrays
+from ...gaussians import TorchGaussians
 from ..canonical import CanonicalField
 from ..interface import FINISHED, SceneModel, ScheduleState
 from .changes import bounds_of, deformed
@@ -118,7 +118,8 @@ class D3dgsNetwork(nn.Module):
             )
             sums = torch.addmm(layer.bias + by_time @ moment, place, by_place.T)
             hidden = (torch.addmm(sums, hidden, by_hidden.T) if number else sums).relu()
-        return self.output(hidden)
+        result: torch.Tensor = self.output(hidden)
+        return result
 
 
 class D3dgs(SceneModel):
@@ -133,7 +134,7 @@ class D3dgs(SceneModel):
 
     def deform(
         self, time: float, schedule_state: ScheduleState = FINISHED, sh_count: int | None = None
-    ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
+    ) -> tuple[TorchGaussians, dict[str, torch.Tensor]]:
         """See SceneModel."""
         output = through_visible_rows(self.deformation, self.canonical.means.detach(), time)
         changes = dict(zip(OUTPUTS, output.split(list(OUTPUTS.values()), dim=1), strict=True))

@@ -15,9 +15,9 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from ...rasterizer import GaussianArrays
+from ...field.output_layout import output_sizes
+from ...gaussians import TorchGaussians
 from ..canonical import CanonicalField
-from ..deformation import HEADS
 from ..interface import FINISHED, SceneModel, ScheduleState
 from .changes import bounds_of, deformed
 from .visible_rows import through_visible_rows
@@ -55,9 +55,8 @@ class HexPlaneSettings:
     @property
     def sizes(self) -> dict[str, int]:
         """Numbers that come out by attribute."""
-        sizes = {name: size or 3 * self.deformed_sh for name, size in HEADS.items()}
-        sizes["opacity_logits"] *= self.deformed_opacity
-        return {name: size for name, size in sizes.items() if size}
+        sizes = output_sizes(self.deformed_sh)
+        return {name: size for name, size in sizes.items() if name != "opacity_logits" or self.deformed_opacity}
 
 
 @dataclass(frozen=True)
@@ -180,7 +179,7 @@ class HexPlane(SceneModel):
 
     def deform(
         self, time: float, schedule_state: ScheduleState = FINISHED, sh_count: int | None = None
-    ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
+    ) -> tuple[TorchGaussians, dict[str, torch.Tensor]]:
         """See SceneModel."""
         output = through_visible_rows(self.deformation, self.canonical.means, time)
         sizes = self.settings.sizes

@@ -7,6 +7,7 @@ that matter (as FRoG's native one leaves the others out): the same gradients for
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import torch
@@ -20,7 +21,8 @@ class _VisibleRows(torch.autograd.Function):
     ) -> torch.Tensor:
         ctx.network, ctx.time = network, time
         ctx.save_for_backward(means, *parameters)
-        return network(means, time)
+        result: torch.Tensor = network(means, time)
+        return result
 
     @staticmethod
     def backward(ctx: Any, *by: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
@@ -42,4 +44,5 @@ class _VisibleRows(torch.autograd.Function):
 
 def through_visible_rows(network: nn.Module, means: torch.Tensor, time: float) -> torch.Tensor:
     """``network(means, time)``, (N, outputs) of means (N, 3); every parameter of the network must take part in it."""
-    return _VisibleRows.apply(network, time, means, *network.parameters())
+    apply: Callable[..., torch.Tensor] = _VisibleRows.apply
+    return apply(network, time, means, *network.parameters())

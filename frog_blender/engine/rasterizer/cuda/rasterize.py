@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +10,7 @@ import torch
 from torch.autograd.function import once_differentiable
 
 from ...capture.camera import Camera
-from ...gaussians import GaussianArrays
+from ...gaussians import GaussianArrays, TorchGaussians
 from ...native import structs
 from ...native.options import RasterizeOptions
 from .. import Image
@@ -151,7 +152,7 @@ class _Rasterize(torch.autograd.Function):
 
 
 def rasterize(
-    gaussians: GaussianArrays,
+    gaussians: TorchGaussians,
     camera: Camera,
     background: tuple[float, float, float],
     options: RasterizeOptions,
@@ -187,7 +188,8 @@ def rasterize(
         screen_absolute=_floats(device, count, 2).zero_() if options.absolute else None,
     )
     attributes = [getattr(gaussians, name) for name in structs.ATTRIBUTES]
-    rgb, alpha = _Rasterize.apply(*attributes, screen, rows, view, outputs)
+    apply: Callable[..., tuple[torch.Tensor, torch.Tensor]] = _Rasterize.apply
+    rgb, alpha = apply(*attributes, screen, rows, view, outputs)
     image = Image(rgb, alpha, outputs.radii, screen, outputs.screen_absolute)
     image.mean_depth, image.max_weights, image.num_invalid = (
         outputs.mean_depth,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 
+from ...gaussians import TorchGaussians
 from ...playback.deformation import DeformationPlayer
 from ...playback.player import ScenePlayer, row_ranges
 from ...playback.visibility import mean_deformed_share, pack_group_bits, sort_by_visibility, visible_intervals
@@ -103,10 +104,10 @@ def in_order(scene: SceneFile, order: np.ndarray) -> SceneFile:
     return SceneFile(scene.header, arrays)
 
 
-def played_by(scene: ScenePlayer, device: torch.device) -> Callable[[float], GaussianArrays]:
+def played_by(scene: ScenePlayer, device: torch.device) -> Callable[[float], TorchGaussians]:
     """Its Gaussians at a time in [0, 1], for torch."""
 
-    def gaussians_at(moment: float) -> GaussianArrays:
+    def gaussians_at(moment: float) -> TorchGaussians:
         arrays = vars(scene.at(moment)).values()
         return GaussianArrays(*(torch.from_numpy(np.array(array)).to(device) for array in arrays))
 

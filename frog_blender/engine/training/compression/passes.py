@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 
+from ...gaussians import TorchGaussians
 from ...model.frog import Frog
 from ...rasterizer import GaussianArrays
 from ..optimize.device import image_on
@@ -85,7 +86,7 @@ def reduce_sh_degree(rounds: CompressionSchedule, trainer: Trainer, judge: Valid
 
     while (left := degree() ** 2) and left >= trainer.recipe.deformed_sh:
 
-        def cut(gaussians: GaussianArrays, left: int = left) -> GaussianArrays:
+        def cut(gaussians: TorchGaussians, left: int = left) -> TorchGaussians:
             return replace(gaussians, sh=gaussians.sh[:, :left].contiguous())
 
         if lost + (loss := judge.loss(cut)) > ALLOWED_COLOR_LOSS:

@@ -8,9 +8,10 @@ import numpy as np
 import torch
 
 from ...capture.time import frame_to_time
-from ...model.canonical import SH_DC
+from ...gaussians import TorchGaussians
 from ...playback.render import to_uint8
 from ...rasterizer import GaussianArrays, rasterize
+from ...spherical_harmonics import SH_DC
 from ..optimize.gaussian_order import gaussians_at
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ def draw_report_image(trainer: Trainer, shot_index: int) -> np.ndarray:
     return to_uint8(image.rgb.cpu().numpy())
 
 
-def _with_removed(trainer: Trainer, gaussians: GaussianArrays, colors: torch.Tensor) -> GaussianArrays:
+def _with_removed(trainer: Trainer, gaussians: TorchGaussians, colors: torch.Tensor) -> TorchGaussians:
     """Those that are there in ``colors``, and small balls for those that are not."""
     removed = torch.from_numpy(trainer.compression.removed if trainer.compression else np.empty((0, 3), np.float32))
     removed = removed.to(gaussians.means)

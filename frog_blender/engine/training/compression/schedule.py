@@ -18,9 +18,9 @@ import numpy as np
 import torch
 
 from ...capture.time import frame_to_time
+from ...gaussians import TorchGaussians
 from ...model.frog import Frog
 from ...model.interface import SceneModel
-from ...rasterizer import GaussianArrays
 from ...scene.compression_report import reduction_line
 from ..optimize.gaussian_order import arrange, gaussians_at, mean_dynamic_state
 from .network_pruning import narrow
@@ -225,12 +225,12 @@ class CompressionSchedule:
         self,
         trainer: Trainer,
         most: int | None = None,
-        played: Callable[[float], GaussianArrays] | None = None,
+        played: Callable[[float], TorchGaussians] | None = None,
     ) -> ValidationEvaluator:
         """Of the Gaussians as they stand, or as they are ``played`` at a time; by ``most`` images at most."""
         capture = trainer.capture
 
-        def gaussians_of(shot: int) -> GaussianArrays:
+        def gaussians_of(shot: int) -> TorchGaussians:
             moment = frame_to_time(capture.shots[shot].frame, capture.frame_count)
             return played(moment) if played else gaussians_at(trainer, moment)
 

@@ -14,8 +14,9 @@ import torch
 from ...capture.camera import Camera
 from ...capture.capture import Capture
 from ...capture.time import frame_to_time
-from ...model.canonical import SH_DC
+from ...gaussians import TorchGaussians
 from ...rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
+from ...spherical_harmonics import SH_DC
 
 PIXELS_OF_A_CHANGE = 64.0
 """A change of the whole display range counts as motion by so many pixels: one pixel of motion across an edge of a fifth
@@ -115,7 +116,7 @@ class _Range:
 
 
 def measure(
-    gaussians_at: Callable[[float], GaussianArrays],
+    gaussians_at: Callable[[float], TorchGaussians],
     moving: int,
     capture: Capture,
     looks: Sequence[SampledView],
@@ -161,7 +162,7 @@ def measure(
 
 
 def mean_state(
-    gaussians_at: Callable[[float], GaussianArrays], looks: Sequence[SampledView]
+    gaussians_at: Callable[[float], TorchGaussians], looks: Sequence[SampledView]
 ) -> dict[str, torch.Tensor]:
     """How Gaussians look on average over the looks, see Measured.state."""
     ranges = {name: _Range() for name in _ATTRIBUTES}
@@ -195,7 +196,7 @@ def _score(ranges: dict[str, _Range], weight: torch.Tensor, reach: torch.Tensor)
 
 
 def _squares(
-    gaussians: GaussianArrays, slopes: dict[str, torch.Tensor], state: dict[str, torch.Tensor]
+    gaussians: TorchGaussians, slopes: dict[str, torch.Tensor], state: dict[str, torch.Tensor]
 ) -> torch.Tensor:
     """(M,) by how much a look's image changes when those that move are as in ``state``, see ``_seen_from``."""
     change = torch.zeros((), device=gaussians.means.device)
@@ -211,7 +212,7 @@ def _times(each: torch.Tensor, values: torch.Tensor) -> torch.Tensor:
 
 
 def _seen_from(
-    gaussians: GaussianArrays, camera: Camera, background: tuple[float, float, float], generator: torch.Generator
+    gaussians: TorchGaussians, camera: Camera, background: tuple[float, float, float], generator: torch.Generator
 ) -> tuple[Image, dict[str, torch.Tensor]]:
     """What a camera sees, and gradients by attribute.
 
@@ -232,7 +233,7 @@ def backward_by_signs(image: Image, generator: torch.Generator) -> None:
     image.rgb.backward(signs.to(image.rgb.device))
 
 
-def _pixels_per_unit(gaussians: GaussianArrays, image: Image, camera: Camera) -> torch.Tensor:
+def _pixels_per_unit(gaussians: TorchGaussians, image: Image, camera: Camera) -> torch.Tensor:
     """(N,) pixels that a world unit takes at each Gaussian's depth, 0 where it is not drawn."""
     row = torch.from_numpy(camera.world_to_camera[2]).to(gaussians.means)
     depth = gaussians.means @ row[:3] + row[3]

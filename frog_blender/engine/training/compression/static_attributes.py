@@ -14,8 +14,8 @@ import numpy as np
 import torch
 
 from ...field.opacity_tracks import quantize_opacities
+from ...gaussians import TorchGaussians
 from ...playback.player import ScenePlayer
-from ...rasterizer import GaussianArrays
 from ...scene.header import SHAPE_DYNAMIC
 from ...scene.quantization import pack
 from ...scene.scene_file import OPACITY_TRACKS, SceneFile
@@ -112,7 +112,7 @@ def _spared(
     return order[:number].sort().values, lost
 
 
-def _where(chosen: torch.Tensor, still: dict[str, torch.Tensor], gaussians: GaussianArrays) -> dict[str, torch.Tensor]:
+def _where(chosen: torch.Tensor, still: dict[str, torch.Tensor], gaussians: TorchGaussians) -> dict[str, torch.Tensor]:
     """Attributes by name, of the first Gaussians as in ``still`` where ``chosen`` is true."""
     changed, count = {}, len(chosen)
     for name, values in still.items():
@@ -130,7 +130,8 @@ def _moments(playable: ScenePlayer, most: int) -> list[int]:
 
 def _seen_state(playable: ScenePlayer) -> dict[str, np.ndarray]:
     """How those that move look (GaussianArrays, by name), in the mean over frames weighed by squared opacity."""
-    count, total = playable.num_dynamic, 0.0
+    count = playable.num_dynamic
+    total: np.ndarray | float = 0.0
     sums: dict[str, np.ndarray | float] = dict.fromkeys(STATE, 0.0)
     for frame in _moments(playable, _MOMENTS):
         gaussians = playable.at_frame(frame)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import torch
 
+from ...gaussians import TorchGaussians
 from ...model.frog import total_deformation
 from ...rasterizer import GaussianArrays
 from ...scene.morton_order import morton_order_by_range
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @torch.no_grad()
-def gaussians_at(trainer: Trainer, moment: float) -> GaussianArrays:
+def gaussians_at(trainer: Trainer, moment: float) -> TorchGaussians:
     """All Gaussians at a time in [0, 1], as training stands; what is done with them leaves the model no gradient."""
     gaussians = trainer.gaussians_at(moment, trainer.progress)[0]
     return GaussianArrays(*(value.detach() for value in vars(gaussians).values()))

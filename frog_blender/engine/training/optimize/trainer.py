@@ -20,8 +20,9 @@ from ...capture.frames import FrameStore
 from ...capture.seeds import Seeds
 from ...capture.time import frame_to_time
 from ...evaluation.metrics import psnr_of
+from ...gaussians import TorchGaussians
 from ...model.interface import RenderResult, SceneModel, ScheduleState
-from ...rasterizer import GaussianArrays, RasterizeOptions, rasterize
+from ...rasterizer import RasterizeOptions, rasterize
 from ..compression.schedule import CompressionSchedule
 from ..methods import method_named
 from ..recipe import Recipe
@@ -41,7 +42,7 @@ from .schedule import Every, ViewSampler, ramp
 from .smoothness import SMOOTHED_EVERY, NeighbourGraph
 from .working_time import worked_since
 
-Played = Callable[[float], GaussianArrays]
+Played = Callable[[float], TorchGaussians]
 """A scene's Gaussians at a time in [0, 1]."""
 
 _SORTED_EVERY = 0.1  # of the training, while it grows
@@ -275,7 +276,7 @@ class Trainer:
         degree = sum(progress >= start for start in self.recipe.sh_growth[: self.recipe.sh_degree])
         return min((degree + 1) ** 2, self.model.canonical.sh.shape[1])
 
-    def gaussians_at(self, time_: float, progress: float) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
+    def gaussians_at(self, time_: float, progress: float) -> tuple[TorchGaussians, dict[str, torch.Tensor]]:
         """Gaussians and changes at a time, with the schedules as they stand at ``progress``."""
         sh_count = self.sh_count_at(progress)
         if progress >= self.recipe.warm_up:

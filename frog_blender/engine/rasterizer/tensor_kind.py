@@ -1,0 +1,19 @@
+"""Type and place of new tensors, as torch's factories take them."""
+
+from __future__ import annotations
+
+from typing import TypedDict
+
+import torch
+
+
+class TensorKind(TypedDict):
+    """Keywords of ``torch.empty`` and the like. Given always: torch's defaults may be set by anybody."""
+
+    dtype: torch.dtype
+    device: torch.device
+
+
+def kind_of(tensor: torch.Tensor) -> TensorKind:
+    """That of another tensor."""
+    return {"dtype": tensor.dtype, "device": tensor.device}
