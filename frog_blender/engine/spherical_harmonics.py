@@ -29,13 +29,14 @@ def sh_terms(count: int, x: Values, y: Values, z: Values) -> list[Values]:
     if count > 1:
         terms += [-0.4886025119029199 * y, 0.4886025119029199 * z, -0.4886025119029199 * x]
     xx, yy, zz = x * x, y * y, z * z
+    xx_yy: Values = xx - yy
     if count > 4:
         terms += [
             1.0925484305920792 * x * y,
             -1.0925484305920792 * y * z,
-            (2 * zz - xx - yy) * 0.31539156525252005,
+            0.31539156525252005 * (2 * zz - xx - yy),
             -1.0925484305920792 * x * z,
-            (xx - yy) * 0.5462742152960396,
+            0.5462742152960396 * xx_yy,
         ]
     if count > 9:
         terms += [
@@ -44,7 +45,7 @@ def sh_terms(count: int, x: Values, y: Values, z: Values) -> list[Values]:
             -0.4570457994644658 * y * (4 * zz - xx - yy),
             0.3731763325901154 * z * (2 * zz - 3 * xx - 3 * yy),
             -0.4570457994644658 * x * (4 * zz - xx - yy),
-            1.445305721320277 * z * (xx - yy),
+            1.445305721320277 * z * xx_yy,
             -0.5900435899266435 * x * (xx - 3 * yy),
         ]
     return terms

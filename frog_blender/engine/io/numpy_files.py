@@ -29,7 +29,10 @@ NUMBERS, TEXT = "biuf", "U"
 _LARGEST_NUMBER = 16  # bytes
 _LONGEST_HEADER = 1000  # characters: of plain arrays it has a tenth of that
 _MOST_ARRAYS = 10_000
-_HEADERS: dict[tuple[int, int], Any] = {(1, 0): layout.read_array_header_1_0, (2, 0): layout.read_array_header_2_0}
+_HEADERS: dict[tuple[int, int], Callable[..., tuple[tuple[int, ...], bool, np.dtype[np.generic]]]] = {
+    (1, 0): layout.read_array_header_1_0,
+    (2, 0): layout.read_array_header_2_0,
+}
 _COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 
 
@@ -87,10 +90,14 @@ def read_npz(path: Path, expected: str, wanted: Wanted, most: int, kinds: str = 
 
 
 def _read(
-    file: Any, size: int, kinds: str, most: int, wanted: Callable[[tuple[int, ...]], None] | None = None
+    file: Any,  # typing.IO has no readinto, which both kinds of files have
+    size: int,
+    kinds: str,
+    most: int,
+    wanted: Callable[[tuple[int, ...]], None] | None = None,
 ) -> Array:
     """One array of a file of ``size`` bytes; anything may be raised for what is none."""
-    read_magic: Callable[[Any], tuple[int, int]] = layout.read_magic
+    read_magic: Callable[..., tuple[int, int]] = layout.read_magic
     version = read_magic(file)
     if version not in _HEADERS:
         raise ValueError(f"version {version} of the format")

@@ -12,7 +12,6 @@ import struct
 from collections.abc import Callable
 from io import BufferedReader
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -84,9 +83,9 @@ def _read(file: BufferedReader, wanted: Callable[[str], bool]) -> tuple[dict[str
     return arrays, metadata
 
 
-def _place(name: str, entry: Any) -> tuple[int, int, str, tuple[int, ...]]:
+def _place(name: str, found: object) -> tuple[int, int, str, tuple[int, ...]]:
     """First byte, the one after the last, type and shape of an array."""
-    entry = entries(entry, name)
+    entry = entries(found, name)
     dtype, lengths, offsets = (entry.get(key) for key in ("dtype", "shape", "data_offsets"))
     if not isinstance(dtype, str) or dtype not in _DTYPES:
         raise UnfitValue(f"{name} of type {brief(dtype)}", f"one of {', '.join(_DTYPES)}")

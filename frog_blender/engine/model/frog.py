@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass, replace
-from typing import Any
 
 import numpy as np
 import torch
@@ -14,6 +13,7 @@ from torch.nn import functional
 from ..capture.camera import Camera
 from ..field.temporal_table import temporal_weights
 from ..gaussians import TorchGaussians
+from ..io.plain_values import JsonObject
 from ..native.deformation import FieldShape
 from ..rasterizer import GaussianArrays, RasterizeOptions
 from .canonical import CanonicalField
@@ -258,7 +258,7 @@ class Frog(SceneModel):
             return None
         return self.table_smoothness * self.temporal_table.diff(dim=0).square().mean()
 
-    def stored_settings(self, schedule_state: ScheduleState) -> dict[str, Any]:
+    def stored_settings(self, schedule_state: ScheduleState) -> JsonObject:
         """Schedules included: a scene stopped early plays as it was trained."""
         settings = replace(
             self.settings,

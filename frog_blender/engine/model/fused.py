@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 
@@ -13,6 +12,7 @@ from ..field.first_layer import first_layer, first_layer_gradients
 from ..gaussians import TorchGaussians
 from ..native.deformation import FieldShape, deform, deform_backward
 from ..rasterizer import GaussianArrays
+from ..rasterizer.torch_types import Context
 from .canonical import ATTRIBUTES, CanonicalField
 from .deformation import DeformationField
 
@@ -75,7 +75,7 @@ class _Deform(torch.autograd.Function):
 
     @staticmethod
     def forward(
-        ctx: Any, shape: FieldShape, names: tuple[str, ...], *tensors: torch.Tensor
+        ctx: Context, shape: FieldShape, names: tuple[str, ...], *tensors: torch.Tensor
     ) -> tuple[torch.Tensor, ...]:
         ctx.field, gaussians, changes = forward_field(shape, dict(zip(names, tensors, strict=True)))
         result = [getattr(gaussians, name) for name in _OUTPUTS]
@@ -86,7 +86,7 @@ class _Deform(torch.autograd.Function):
         return *result, changes
 
     @staticmethod
-    def backward(ctx: Any, *by: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
+    def backward(ctx: Context, *by: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
         some = ctx.saved_tensors[0]
         by_outputs = {
             name: some.new_zeros(size) if gradient is None else gradient.contiguous()

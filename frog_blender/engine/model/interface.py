@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 from torch import nn
 
 from ..capture.camera import Camera
 from ..gaussians import TorchGaussians
+from ..io.plain_values import JsonObject
 from ..rasterizer import Backend, Image, RasterizeOptions, rasterize
 from .canonical import CanonicalField
 
@@ -112,6 +112,6 @@ class SceneModel(nn.Module):
         """A loss of the method's own, weighted."""
         return None
 
-    def stored_settings(self, schedule_state: ScheduleState) -> dict[str, Any]:
+    def stored_settings(self, schedule_state: ScheduleState) -> JsonObject:
         """Plain values that playback needs, with the schedules as they stand at the end."""
         return {}

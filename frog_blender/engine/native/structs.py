@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from ctypes import Structure, addressof, c_char, c_float, c_int32, c_int64, c_void_p
-from typing import Any, Protocol, TypeAlias
+from typing import Protocol, TypeAlias
 
 import numpy as np
 
@@ -33,7 +33,7 @@ SPLAT_FLOATS = 16  # a Splat takes 64 bytes
 ATTRIBUTES = ("means", "quaternions", "scales", "opacities", "sh")
 
 
-def _struct(name: str, *fields: tuple[str, Any]) -> type[Structure]:
+def _struct(name: str, *fields: tuple[str, type]) -> type[Structure]:
     return type(name, (Structure,), {"_fields_": list(fields)})
 
 

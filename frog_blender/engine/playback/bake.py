@@ -14,7 +14,6 @@ import shutil
 import threading
 from collections.abc import Generator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -175,8 +174,8 @@ class Bake:
         return 8 + length, [float(time) for time in times], str(identity)
 
 
-def _is_time(time: Any) -> bool:
-    return type(time) in (int, float) and 0 <= time <= 1
+def _is_time(time: object) -> bool:
+    return (type(time) is int or type(time) is float) and 0 <= time <= 1
 
 
 def fingerprint(path: Path) -> str:

@@ -7,9 +7,8 @@ a moment is not deformed, and what only fades never is.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -20,8 +19,9 @@ from ..field.names import FORMS
 from ..field.opacity_tracks import OpacityTracks
 from ..field.output_layout import column_outputs, num_heads, num_outputs
 from ..gaussians import GaussianArrays, NumpyGaussians
-from ..io.plain_values import JsonObject
+from ..io.plain_values import JsonMapping
 from ..native.deformation import FieldShape, PlaybackField
+from ..native.structs import Buffer
 from ..scene.header import SHAPE_DYNAMIC
 from ..scene.scene_file import OPACITY_TRACKS, VISIBILITY
 from .buffer_pool import BufferPool
@@ -35,7 +35,7 @@ _SHAPE = ("quaternions", "scales")
 _CANONICAL = ("means", "log_scales", "quaternions", "opacity_logits")
 
 
-def _checked_arrays(arrays: SceneArrays, model: JsonObject, temporal: TemporalEmbedding) -> SceneArrays:
+def _checked_arrays(arrays: SceneArrays, model: JsonMapping, temporal: TemporalEmbedding) -> SceneArrays:
     """Contiguous float32 by the native library's names.
 
     KeyError or ValueError unless every array is what the settings say: the library only sees addresses.
@@ -70,7 +70,7 @@ def _checked_arrays(arrays: SceneArrays, model: JsonObject, temporal: TemporalEm
     return {"embeddings": np.empty((0, embedding), np.float32)} | result
 
 
-def _shape(model: JsonObject, sh_count: int, networks: int) -> FieldShape:
+def _shape(model: JsonMapping, sh_count: int, networks: int) -> FieldShape:
     """KeyError or ValueError for settings that cannot be."""
     form, sharpness = model["opacity_reduction"], float(model["opacity_sharpness"])
     if form not in FORMS or not sharpness >= 0:
@@ -82,7 +82,7 @@ def _shape(model: JsonObject, sh_count: int, networks: int) -> FieldShape:
     return FieldShape(head_width, sh_count, deformed, form, sharpness, share, unit, networks)
 
 
-def _reshaped(model: JsonObject, deformed: int) -> int:
+def _reshaped(model: JsonMapping, deformed: int) -> int:
     """ValueError for a number that cannot be, or with heads, which have no groups that could keep their shape."""
     num_shape_dynamic = model.get(SHAPE_DYNAMIC, deformed)
     if (
@@ -115,7 +115,7 @@ class DeformationPlayer:
         visibility: when groups of those that are deformed can be seen, where the file says so.
     """
 
-    def __init__(self, arrays: SceneArrays, model: JsonObject) -> None:
+    def __init__(self, arrays: SceneArrays, model: JsonMapping) -> None:
         try:
             self._temporal = TemporalEmbedding(arrays, model)
             a = _checked_arrays(arrays, model, self._temporal)
@@ -166,7 +166,7 @@ class DeformationPlayer:
         return dict(zip(("shared", "embedding_weight"), found, strict=True))
 
     def _deform(
-        self, field: PlaybackField, time: float, result: SceneArrays, places: dict[str, Any] | None = None
+        self, field: PlaybackField, time: float, result: SceneArrays, places: Mapping[str, Buffer | int] | None = None
     ) -> None:
         """Fills the first of ``result``: those that move. ``places`` are its arrays, or where they lie if known."""
         if self.deformed:

@@ -16,7 +16,7 @@ from ..arrays import Array, SceneArrays
 from ..capture.time import frame_to_time
 from ..field.names import FIELD_METHODS
 from ..gaussians import GaussianArrays, NumpyGaussians
-from ..io.plain_values import JsonObject
+from ..io.plain_values import JsonMapping
 from ..scene.header import SHAPE_DYNAMIC, SceneHeader
 from ..scene.scene_file import OPACITY_TRACKS, VISIBILITY, SceneFile, read_scene
 from .baselines import BASELINES
@@ -43,7 +43,7 @@ class Deformation(Protocol):
         ...
 
 
-PLAYABLE: dict[str, Callable[[SceneArrays, JsonObject], Deformation]] = {
+PLAYABLE: dict[str, Callable[[SceneArrays, JsonMapping], Deformation]] = {
     **dict.fromkeys(FIELD_METHODS, DeformationPlayer),
     **BASELINES,
 }
@@ -81,7 +81,7 @@ def select_gaussians(scene: SceneFile, kept: Array) -> SceneFile:
         arrays[name] = arrays[name][kept[(kept >= rows.start) & (kept < rows.stop)] - rows.start]
     if SHAPE_DYNAMIC in header.model:
         num_shape_dynamic = int((kept < header.model[SHAPE_DYNAMIC]).sum())
-        header = replace(header, model=header.model | {SHAPE_DYNAMIC: num_shape_dynamic})
+        header = replace(header, model={**header.model, SHAPE_DYNAMIC: num_shape_dynamic})
     if OPACITY_TRACKS in arrays and not len(arrays[OPACITY_TRACKS]):
         del arrays[OPACITY_TRACKS]
     if (

@@ -7,7 +7,7 @@ import numpy as np
 from ..arrays import Array, SceneArrays
 from ..field.names import FUSIONS
 from ..field.temporal_table import resampled
-from ..io.plain_values import JsonObject
+from ..io.plain_values import JsonMapping
 
 
 def fuse(form: str, coarse: Array, fine: Array, attention: tuple[Array, Array] | None = None) -> Array:
@@ -70,7 +70,7 @@ class TemporalEmbedding:
         networks, size: of the deformation networks there are, and length of what each is given.
     """
 
-    def __init__(self, arrays: SceneArrays, model: JsonObject) -> None:
+    def __init__(self, arrays: SceneArrays, model: JsonMapping) -> None:
         rows, coarse, length = (int(model[name]) for name in ("temporal_rows", "coarse_rows", "temporal_size"))
         fine = int(model.get("fine_rows", 0)) or rows  # scenes of the first version have no such setting
         if not (1 <= coarse <= rows and 1 <= fine <= rows):

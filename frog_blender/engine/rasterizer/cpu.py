@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 
@@ -13,7 +12,7 @@ from ..gaussians import GaussianArrays, TorchGaussians
 from ..native import binding, structs
 from ..native.options import RasterizeOptions
 from . import Image
-from .tensor_kind import TensorKind
+from .torch_types import Context, TensorKind
 
 _CPU = torch.device("cpu")
 # The library is given addresses alone: torch's defaults must not decide what lies there.
@@ -111,7 +110,7 @@ class _Order:
 class _Rasterize(torch.autograd.Function):
     @staticmethod
     def forward(
-        ctx: Any,
+        ctx: Context,
         means: torch.Tensor,
         quaternions: torch.Tensor,
         scales: torch.Tensor,
@@ -131,7 +130,7 @@ class _Rasterize(torch.autograd.Function):
         return rgb, alpha
 
     @staticmethod
-    def backward(ctx: Any, *grad_outputs: torch.Tensor | None) -> tuple[torch.Tensor | None, ...]:
+    def backward(ctx: Context, *grad_outputs: torch.Tensor | None) -> tuple[torch.Tensor | None, ...]:
         _ = ctx.saved_tensors
         by_rgb, by_alpha = grad_outputs
         if by_rgb is None:

@@ -16,7 +16,7 @@ from ..gaussians import TorchGaussians
 from ..native.options import ALPHA_MAX, ALPHA_MIN, COMPENSATION_MIN, TRANSMITTANCE_MIN, RasterizeOptions
 from ..spherical_harmonics import SH_DC, sh_terms
 from . import Image
-from .tensor_kind import kind_of
+from .torch_types import kind_of
 
 _STRIP_ELEMENTS = 8_000_000  # pixels times Gaussians held at once
 

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import math
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ..arrays import Array
+from ..io.plain_values import JsonMapping, JsonObject
 from . import blocks
 
 _LARGEST = 2**27  # numbers of an unpacked array
@@ -49,7 +50,7 @@ class Packed:
     """
 
     content: Array
-    description: dict[str, Any]
+    description: JsonObject
 
 
 def pack(name: str, array: Array) -> Packed:
@@ -71,7 +72,7 @@ def pack(name: str, array: Array) -> Packed:
     return Packed(content, described)
 
 
-def unpack(content: Array, description: dict[str, Any], most: int = _LARGEST) -> Array:
+def unpack(content: Array, description: JsonMapping, most: int = _LARGEST) -> Array:
     """The array as it was, about; KeyError, TypeError or ValueError for what ``pack`` does not write.
 
     Sizes are checked before anything is allocated.
@@ -105,7 +106,7 @@ def unpack(content: Array, description: dict[str, Any], most: int = _LARGEST) ->
     return blocks.from_stored(stored, shape[0], columns, bits, apart).reshape(shape)
 
 
-def unpack_scene(arrays: dict[str, Array], descriptions: dict[str, Any]) -> dict[str, Array]:
+def unpack_scene(arrays: dict[str, Array], descriptions: Mapping[str, JsonMapping]) -> dict[str, Array]:
     """A packed scene's arrays; errors as of ``unpack``, also for arrays that no scene of that size has.
 
     Args:
@@ -123,7 +124,7 @@ def unpack_scene(arrays: dict[str, Array], descriptions: dict[str, Any]) -> dict
     }
 
 
-def _shape_of(description: dict[str, Any]) -> tuple[int, ...]:
+def _shape_of(description: JsonMapping) -> tuple[int, ...]:
     shape = tuple(description["shape"])
     if any(type(length) is not int or length < 0 for length in shape):
         raise ValueError(f"an array of shape {shape}")

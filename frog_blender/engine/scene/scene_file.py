@@ -21,7 +21,7 @@ from ..arrays import SceneArrays
 from ..errors import FrogError, found_instead
 from ..field.names import FIELD_METHODS
 from ..io.atomic_files import write_atomically
-from ..io.plain_values import UnfitValue, entries, plain_json
+from ..io.plain_values import JsonObject, UnfitValue, entries, plain_json
 from ..io.tensor_files import read_tensors
 from .header import SceneHeader
 from .quantization import Packed, pack, unpack_scene
@@ -46,7 +46,7 @@ class SceneFile:
     arrays: SceneArrays
 
 
-def settings_json(settings: Any) -> dict[str, Any]:
+def settings_json(settings: Any) -> JsonObject:
     """A settings dataclass as plain values for a header."""
     return asdict(settings)
 
@@ -101,7 +101,7 @@ def read_scene(path: str | Path) -> SceneFile:
     return SceneFile(header, arrays)
 
 
-def _unpacked(arrays: SceneArrays, described: dict[str, Any]) -> SceneArrays:
+def _unpacked(arrays: SceneArrays, described: JsonObject) -> SceneArrays:
     """UnfitValue for bytes and descriptions that ``packed_arrays`` does not write."""
     try:
         return unpack_scene(arrays, described)

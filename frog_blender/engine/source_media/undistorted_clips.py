@@ -16,7 +16,7 @@ from collections.abc import Generator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 import numpy as np
@@ -27,6 +27,7 @@ from ..capture.readers import open_capture
 from ..capture.video import load_opencv, read_facts
 from ..errors import FrogError
 from ..io.atomic_files import write_atomically
+from ..io.plain_values import JsonObject
 from .clips import Clip, camera_path, find_clips
 
 if TYPE_CHECKING:
@@ -140,13 +141,13 @@ def _at_size(capture: Capture, header: SceneHeader) -> Capture:
     return capture.with_cameras(cameras)
 
 
-def _decides(header: SceneHeader) -> dict[str, Any]:
+def _decides(header: SceneHeader) -> JsonObject:
     """What of a scene decides its clips, as it is kept beside them."""
     lenses = {camera.name: np.round(camera.intrinsics, 6).tolist() for camera in header.cameras}
     return {"capture": header.capture_path, "frames": header.frame_count, "lenses": lenses}
 
 
-def _index(folder: Path) -> dict[str, Any] | None:
+def _index(folder: Path) -> JsonObject | None:
     """What the folder's index says; {} where films were begun and not finished, None where there is no index."""
     try:
         index = json.loads((folder / _INDEX).read_text(encoding="utf-8"))
@@ -163,7 +164,7 @@ def _file(folder: Path, name: str, count: int) -> Path:
 
 
 def _write(
-    header: SceneHeader, capture: Capture, films: Mapping[str, Sequence[int]], folder: Path, marks: dict[str, Any]
+    header: SceneHeader, capture: Capture, films: Mapping[str, Sequence[int]], folder: Path, marks: JsonObject
 ) -> Generator[int, None, None]:
     """Films into the folder, whose index says nothing until all of them are whole.
 

@@ -11,11 +11,11 @@ where a fresh Gaussian begins, in a unit of its own, so that one Adam rate serve
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import torch
 
 from ...gaussians import TorchGaussians
+from ...io.plain_values import JsonObject
 from ...rasterizer import GaussianArrays
 from ..canonical import CanonicalField
 from ..interface import FINISHED, SceneModel, ScheduleState
@@ -91,5 +91,5 @@ class Curves(SceneModel):
         )
         return gaussians, {"means": motion, "quaternions": turn}
 
-    def stored_settings(self, schedule_state: ScheduleState) -> dict[str, Any]:
+    def stored_settings(self, schedule_state: ScheduleState) -> JsonObject:
         return asdict(self.settings)

@@ -11,13 +11,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import torch
 from torch import nn
 from torch.nn import functional
 
 from ...gaussians import TorchGaussians
+from ...io.plain_values import JsonObject
 from ..canonical import CanonicalField
 from ..interface import FINISHED, SceneModel, ScheduleState
 from .changes import bounds_of, deformed
@@ -144,5 +144,5 @@ class D3dgs(SceneModel):
     def rate_groups(self) -> dict[str, list[nn.Parameter]]:
         return {"network": list(self.deformation.parameters())}
 
-    def stored_settings(self, schedule_state: ScheduleState) -> dict[str, Any]:
+    def stored_settings(self, schedule_state: ScheduleState) -> JsonObject:
         return asdict(self.settings)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import torch
 from torch import nn
@@ -17,6 +16,7 @@ from torch.nn import functional
 
 from ...field.output_layout import output_sizes
 from ...gaussians import TorchGaussians
+from ...io.plain_values import JsonObject
 from ..canonical import CanonicalField
 from ..interface import FINISHED, SceneModel, ScheduleState
 from .changes import bounds_of, deformed
@@ -205,5 +205,5 @@ class HexPlane(SceneModel):
             total = total + weights.stillness * (over_time - 1).abs().mean()
         return total
 
-    def stored_settings(self, schedule_state: ScheduleState) -> dict[str, Any]:
+    def stored_settings(self, schedule_state: ScheduleState) -> JsonObject:
         return asdict(self.settings)

@@ -8,16 +8,17 @@ that matter (as FRoG's native one leaves the others out): the same gradients for
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import torch
 from torch import nn
+
+from ...rasterizer.torch_types import Context
 
 
 class _VisibleRows(torch.autograd.Function):
     @staticmethod
     def forward(
-        ctx: Any, network: nn.Module, time: float, means: torch.Tensor, *parameters: torch.Tensor
+        ctx: Context, network: nn.Module, time: float, means: torch.Tensor, *parameters: torch.Tensor
     ) -> torch.Tensor:
         ctx.network, ctx.time = network, time
         ctx.save_for_backward(means, *parameters)
@@ -25,7 +26,7 @@ class _VisibleRows(torch.autograd.Function):
         return result
 
     @staticmethod
-    def backward(ctx: Any, *by: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
+    def backward(ctx: Context, *by: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
         means, *parameters = ctx.saved_tensors
         (gradient,) = by
         rows = gradient.any(dim=1).nonzero().squeeze(1)

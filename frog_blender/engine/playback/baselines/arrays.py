@@ -10,7 +10,7 @@ import numpy as np
 from ...arrays import Array, SceneArrays
 from ...errors import FrogError, brief
 from ...gaussians import GaussianArrays, NumpyGaussians
-from ...io.plain_values import JsonObject
+from ...io.plain_values import JsonMapping
 
 BLOCK = 4096
 """Gaussians that go through a network together: few enough for their layers to stay in the cache."""
@@ -36,7 +36,7 @@ def take(arrays: SceneArrays, name: str, *shape: int) -> Array:
     return array
 
 
-def whole(model: JsonObject, name: str, least: int, most: int) -> int:
+def whole(model: JsonMapping, name: str, least: int, most: int) -> int:
     """A setting that is a whole number; ValueError outside ``least`` to ``most``."""
     value = int(model[name])
     if not least <= value <= most:
@@ -44,7 +44,7 @@ def whole(model: JsonObject, name: str, least: int, most: int) -> int:
     return value
 
 
-def number(model: JsonObject, name: str) -> float:
+def number(model: JsonMapping, name: str) -> float:
     """A setting that is a finite number above zero; ValueError otherwise."""
     value = float(model[name])
     if not 0 < value < np.inf:

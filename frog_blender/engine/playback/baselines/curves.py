@@ -6,7 +6,7 @@ import numpy as np
 
 from ...arrays import SceneArrays
 from ...gaussians import GaussianArrays, NumpyGaussians
-from ...io.plain_values import JsonObject
+from ...io.plain_values import JsonMapping
 from .arrays import StaticGaussians, number, readable, scales_of, sigmoid, take
 
 _NUMBERS = 15
@@ -22,7 +22,7 @@ class PlayableCurves:
 
     changing = frozenset({"means", "quaternions", "base"})
 
-    def __init__(self, arrays: SceneArrays, model: JsonObject) -> None:
+    def __init__(self, arrays: SceneArrays, model: JsonMapping) -> None:
         with readable("curves"):
             count = self.num_dynamic = len(StaticGaussians(arrays))
             embeddings = take(arrays, "embeddings", count, _NUMBERS)

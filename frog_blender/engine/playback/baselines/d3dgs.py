@@ -6,7 +6,7 @@ import numpy as np
 
 from ...arrays import Array, SceneArrays
 from ...gaussians import NumpyGaussians
-from ...io.plain_values import JsonObject
+from ...io.plain_values import JsonMapping
 from .arrays import StaticGaussians, in_blocks, number, readable, take, whole
 
 _SIZES = {"means": 3, "quaternions": 4, "log_scales": 3}
@@ -30,7 +30,7 @@ class PlayableD3dgs:
 
     changing = frozenset(name.removeprefix("log_") for name in _SIZES)
 
-    def __init__(self, arrays: SceneArrays, model: JsonObject) -> None:
+    def __init__(self, arrays: SceneArrays, model: JsonMapping) -> None:
         with readable("deformation network"):
             self._still = StaticGaussians(arrays)
             self.num_dynamic = len(self._still)

@@ -11,7 +11,7 @@ import numpy as np
 from ...arrays import Array, SceneArrays
 from ...field.output_layout import output_sizes
 from ...gaussians import NumpyGaussians
-from ...io.plain_values import JsonObject
+from ...io.plain_values import JsonMapping
 from .arrays import StaticGaussians, in_blocks, number, readable, take, whole
 
 _AXES = ((0, 1), (0, 2), (1, 2))  # columns and rows of the planes of space
@@ -68,7 +68,7 @@ class PlayableHexPlane:
         model: the scene header's model settings.
     """
 
-    def __init__(self, arrays: SceneArrays, model: JsonObject) -> None:
+    def __init__(self, arrays: SceneArrays, model: JsonMapping) -> None:
         with readable("planes or network"):
             self._still = StaticGaussians(arrays)
             self.num_dynamic = len(self._still)

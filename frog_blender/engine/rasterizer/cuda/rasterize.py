@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 from torch.autograd.function import once_differentiable
@@ -14,6 +13,7 @@ from ...gaussians import GaussianArrays, TorchGaussians
 from ...native import structs
 from ...native.options import RasterizeOptions
 from .. import Image
+from ..torch_types import Context
 from . import launch
 from .binning import TILE, Bins, bin_splats, blocks_for
 from .sources import kernel
@@ -57,7 +57,7 @@ class _Outputs:
 class _Rasterize(torch.autograd.Function):
     @staticmethod
     def forward(
-        ctx: Any,
+        ctx: Context,
         means: torch.Tensor,
         quaternions: torch.Tensor,
         scales: torch.Tensor,
@@ -107,7 +107,7 @@ class _Rasterize(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, *grad_outputs: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
+    def backward(ctx: Context, *grad_outputs: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
         view, absolute = ctx.view, ctx.screen_absolute
         *attributes, pose, final_transmittance, reached, tile_splats, slots, ranges, first_slots, splats, counts = (
             ctx.saved_tensors

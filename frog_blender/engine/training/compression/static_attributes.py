@@ -85,7 +85,7 @@ def _keep_shapes(
     if len(who) < max(1, _SHAPE_WORTH_IT * count):
         return scene, []
     chosen = who.cpu().numpy()
-    header = replace(scene.header, model=scene.header.model | {SHAPE_DYNAMIC: count - len(chosen)})
+    header = replace(scene.header, model={**scene.header.model, SHAPE_DYNAMIC: count - len(chosen)})
     found = _last_of_movers(SceneFile(header, _in_state(scene, chosen, state, SHAPE)), chosen)
     faster = milliseconds_between(playable, ScenePlayer(found))
     return found, [CompressionStep("keep their shape", 1.0, count, count - len(who), loss, faster)]

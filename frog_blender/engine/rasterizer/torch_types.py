@@ -1,10 +1,13 @@
-"""Type and place of new tensors, as torch's factories take them."""
+"""Types for what torch leaves untyped."""
 
 from __future__ import annotations
 
-from typing import TypedDict
+from typing import Any, TypeAlias, TypedDict
 
 import torch
+
+# Any: torch keeps on it whatever ``forward`` sets.
+Context: TypeAlias = Any
 
 
 class TensorKind(TypedDict):
