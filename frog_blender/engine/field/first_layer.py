@@ -1,4 +1,4 @@
-"""What of the network's first layer depends on the moment (see model.deformation), and its gradients. No torch.
+"""The time-dependent part of the network's first layer (see model.deformation) and its gradients. No torch.
 
 A dozen products of small matrices: automatic differentiation takes longer to keep track of them than they take. Sums
 are einsum's, since the threads of numpy's own matrix product would spin on the cores that the rasterizer wants.
@@ -18,7 +18,7 @@ def first_layer(
     embedding_weight: Array,
     modulation_weight: Array | None = None,
 ) -> tuple[Array, Array]:
-    """``DeformationField.shared`` (networks * hidden,) and ``embedding_weights`` (networks * hidden, E) of a moment.
+    """``DeformationField.shared`` (networks * hidden,) and ``embedding_weights`` (networks * hidden, E) of a time.
 
     Args:
         temporal: (networks, T) fused temporal embedding.

@@ -13,7 +13,7 @@ from ..arrays import Array
 from ..capture.time import time_to_frame
 
 LEVELS = 255
-"""Opacities are told apart by so much; the first step is about where the rasterizer begins to draw."""
+"""Steps of a stored opacity; the first is about where the rasterizer begins to draw."""
 
 
 def quantize_opacities(opacities: Array) -> Array:
@@ -23,7 +23,7 @@ def quantize_opacities(opacities: Array) -> Array:
 
 
 class OpacityTracks:
-    """Opacities of those that only fade, for playback: linear from one frame to the next.
+    """Opacities of transient Gaussians at playback, linear between frames.
 
     Args:
         tracks: (F, frames) uint8, from a file.

@@ -1,7 +1,7 @@
 """Looking up the temporal table (FRoG, section on early fusion; E-D3DGS's two resolutions of one table). No torch.
 
-A table of R rows is resampled to n rows and interpolated at a time: with few rows it moves slowly (coarse), with many
-it can follow fast motion (fine). Both are linear in the table, so a time is a vector of R weights.
+A table of R rows is resampled to n rows and interpolated at a time. Few rows change slowly (coarse), many can follow
+fast motion (fine). Both steps are linear in the table, so that each time is a vector of R weights.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ def _between(table: Array, position: float) -> Array:
     return result
 
 
-@functools.lru_cache(maxsize=4096)  # a training comes back to a few hundred moments in thousands of steps
+@functools.lru_cache(maxsize=4096)  # a training returns to a few hundred times in thousands of steps
 def temporal_weights(time: float, rows: int, table_rows: int) -> Array:
-    """(table_rows,) float32, read-only: what each row counts at a time when the table is resampled to ``rows``."""
+    """(table_rows,) float32, read-only: the weight of each row at a time, of a table resampled to ``rows``."""
     weights = interpolated(_resampling(rows, table_rows), time).astype(np.float32)
     weights.flags.writeable = False
     return weights
@@ -40,5 +40,5 @@ def temporal_weights(time: float, rows: int, table_rows: int) -> Array:
 
 @functools.lru_cache(maxsize=8)
 def _resampling(rows: int, table_rows: int) -> Array:
-    """(rows, table_rows) what makes the one of the other."""
+    """(rows, table_rows) the matrix that resamples a table."""
     return resampled(np.eye(table_rows), rows)

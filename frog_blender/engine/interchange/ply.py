@@ -1,9 +1,9 @@
-"""3DGS ``.ply`` files: Gaussians of one moment in the layout that splat viewers share. Numpy alone.
+"""3DGS ``.ply`` files: the Gaussians of one time in the layout that splat viewers share. Numpy alone.
 
 ``x y z nx ny nz f_dc_0..2 f_rest_* opacity scale_0..2 rot_0..3``: opacities as logits, scales as logarithms,
 quaternions w, x, y, z, ``f_rest`` by channel (all of red, then green, then blue). Written as little-endian float32;
 read in either byte order, any order of properties, and floats of 16 (which PLY can only name whole numbers), 32 and 64
-bits. Which way is up no file says: see exchange.
+bits. No file says which way is up: see interchange.splats.
 
 plyfile was tried for this. Its current release wants numpy 2, which Blender 4.5 and 5.0 do not have; and for lists
 before the vertices, text, or a header without an end it asks for what the file says (30 GB for 200 bytes; 86 s for

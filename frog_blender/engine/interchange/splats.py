@@ -1,4 +1,4 @@
-"""Scenes to and from other programs: moments as 3DGS ``.ply`` files, and such a file as a still scene.
+"""Scenes to and from other programs: frames as 3DGS ``.ply`` files, and such a file as a static scene.
 
 No ``.ply`` says which way is up; most viewers take y for down. Here numbers go in and out with the axes that they have,
 unless a turn is asked for; in Blender's menus, where z is up, the export turns to y down and the import back again.
@@ -44,10 +44,10 @@ class Imported:
 
 
 def import_splats(source: Path, target: Path, *, compact: bool = False) -> Imported:
-    """Writes a 3DGS ``.ply`` as a still scene without cameras; FrogError when it cannot, and nothing is changed then.
+    """Writes a 3DGS ``.ply`` as a static scene without cameras; FrogError when it cannot, and nothing is changed then.
 
     Args:
-        compact: pack the scene (see packing): several times smaller, and different by less than can be seen.
+        compact: pack the scene (see quantization): several times smaller, without a visible difference.
     """
     if target.suffix != ".frog":
         raise FrogError(f"{target}: found the ending {target.suffix!r}, expected a file that ends in .frog.")

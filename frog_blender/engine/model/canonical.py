@@ -13,7 +13,7 @@ ATTRIBUTES = ("means", "log_scales", "quaternions", "opacity_logits", "sh", "emb
 
 
 class CanonicalField(nn.Module):
-    """N Gaussians, the first M of which move; those behind them are at rest and look at all times as they do here.
+    """N Gaussians: the first M are dynamic, the others are static.
 
     Density control can treat all attributes alike: their first dimension is N, of the embeddings M.
 
@@ -23,7 +23,7 @@ class CanonicalField(nn.Module):
         quaternions: (N, 4) w, x, y, z, normalised when drawn.
         opacity_logits: (N,).
         sh: (N, K, 3).
-        embeddings: (M, E) what the deformation field knows of each Gaussian that moves; E = 0 where a method has none.
+        embeddings: (M, E) what the deformation field knows of each dynamic Gaussian; E = 0 for methods without.
     """
 
     means: torch.Tensor

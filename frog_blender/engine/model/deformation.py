@@ -1,12 +1,12 @@
 """The deformation field: one small network from (temporal embedding, Gaussian embedding) to attribute changes.
 
 Its first layer separates, W [t; e] + b = (W_t t + b) + W_e e, so the N x (T + E) concatenation is never built:
-``W_t t + b`` is one vector a moment, and ``W_e e`` does not depend on time at all (playback caches it).
+``W_t t + b`` is one vector for all Gaussians, and ``W_e e`` does not depend on time at all (playback caches it).
 
 With modulation, which no paper of this family has, the embedding's weights follow time as well,
 (W_e + W_m diag(t - 1)) e, so that a unit sees products of temporal and Gaussian embedding beside their sum. With the
-sum alone a Gaussian that learns one moment's motion disturbs its other moments. It costs a matrix of weights a moment,
-nothing a Gaussian.
+sum alone, a Gaussian that learns its motion at one time is disturbed at the others. It costs one matrix of weights a
+frame and nothing a Gaussian.
 """
 
 from __future__ import annotations
@@ -82,12 +82,12 @@ class DeformationField(nn.Module):
         return torch.addmm(self.shared(temporal), embeddings, self.embedding_weights(temporal).T).relu_()
 
     def shared(self, temporal: torch.Tensor) -> torch.Tensor:
-        """(networks * hidden,) the first layer's temporal part and bias at a moment, from (networks, T)."""
+        """(networks * hidden,) the first layer's temporal part and bias at a time, from (networks, T)."""
         weights = self.temporal_weight.reshape(self.networks, -1, self.temporal_weight.shape[1])
         return (weights @ temporal[:, :, None]).flatten() + self.bias
 
     def embedding_weights(self, temporal: torch.Tensor) -> torch.Tensor:
-        """(networks * hidden, E) what embeddings are multiplied with at a moment, from (networks, T)."""
+        """(networks * hidden, E) what embeddings are multiplied with at a time, from (networks, T)."""
         if not self.modulated:
             return self.embedding_weight
         size = self.embedding_weight.shape[1]

@@ -37,8 +37,8 @@ class FrogSettings:
         opacity_reduction, opacity_sharpness: see model.opacity.
         fusion: of the coarse and the fine temporal embedding, see model.fusion.
         modulation: see model.deformation.
-        silent_heads: heads whose output is zero (see training.parsimony).
-        deformed_opacity: False leaves opacities as they are at every moment (and there is nothing to reduce).
+        silent_heads: heads whose output is zero (see training.compression).
+        deformed_opacity: False leaves opacities as they are at every time (and there is nothing to reduce).
         motion_unit: world units that a network output of one moves a Gaussian by (makes rates independent of the
             capture's units).
         fine_rows, opacity_share: how far the schedules had come when the scene was written; all rows (0) and 1 unless
@@ -110,14 +110,14 @@ class Frog(SceneModel):
 
     @torch.no_grad()
     def prune_head(self, name: str) -> None:
-        """Sets a head's output to zero and keeps it there: nothing reaches its weights any more."""
+        """Sets a head's output to zero and keeps it there: no gradient reaches its weights any more."""
         rows = self.output_rows(name)
         self._pruned_heads.add(name)
         self.deformation.output_weight[rows] = 0
         self.deformation.output_bias[rows] = 0
 
     def restore_head(self, name: str) -> None:
-        """Undoes ``prune_head``; the head's weights are the caller's to restore."""
+        """Undoes ``prune_head``, but for the head's weights, which the caller restores."""
         self._pruned_heads.discard(name)
 
     def set_width(self, arrays: dict[str, torch.Tensor]) -> None:
@@ -217,7 +217,7 @@ class Frog(SceneModel):
     ) -> tuple[TorchGaussians, dict[str, torch.Tensor]]:
         """``deform`` in plain torch, on any device and in any floating-point type; the fused one is tested against it.
 
-        The network and the embeddings may be of another type than the rest (half precision: model.on_device).
+        The network and the embeddings may be of another type than the rest (half precision: model.torch_player).
 
         Args:
             temporal: (networks, T) fused temporal embedding.
@@ -226,7 +226,7 @@ class Frog(SceneModel):
         changes = self.deformation(temporal.to(c.embeddings.dtype), c.embeddings)
         changes = {name: change.to(c.means.dtype) for name, change in changes.items()}
         changes["means"] = changes["means"] * s.motion_unit
-        # Nothing is added to Gaussians at rest.
+        # Nothing is added to static Gaussians.
         added = {name: functional.pad(change, (0, 0, 0, len(c) - c.num_dynamic)) for name, change in changes.items()}
         opacities = torch.sigmoid(c.opacity_logits + added["opacity_logits"].squeeze(1))
         if self.opacity_form != "off":
@@ -280,7 +280,7 @@ def initial_table(settings: FrogSettings) -> torch.Tensor:
     """(rows, T): one plus a sine in each column, of a frequency that two columns share a quarter of a turn apart.
 
     Around one, because the product of a zero table with itself has no gradient at all; slow waves, because they let
-    neighbouring moments learn from each other from the first step (0.5 dB better in the moving region than noise of
+    neighbouring frames learn from each other from the first step (0.5 dB better in the moving region than noise of
     the same size after a short training). The frequencies lie evenly spread and in pairs so that none is missing
     and none depends on its phase: drawn freely they decided more about a training than anything else that is drawn
     (docs/experiments/stability.md). On the CPU, as the network's first weights.

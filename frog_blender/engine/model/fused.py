@@ -26,9 +26,9 @@ _LAYER_INPUTS, _LAYER_OUTPUTS = ("temporal", *_FIRST_LAYER, *_MODULATION), ("sha
 
 @dataclass(frozen=True)
 class FieldPass:
-    """What a pass through the fused field needs for its way back; without automatic differentiation.
+    """A forward pass through the fused field, kept for its backward pass; without automatic differentiation.
 
-    It does not hold what came out: outputs that know their way back and are known there would never be freed.
+    It does not hold the outputs: they would refer to it and it to them, and neither would be freed.
 
     Attributes:
         shape: settings.
@@ -57,7 +57,7 @@ def forward_field(shape: FieldShape, arrays: dict[str, torch.Tensor]) -> tuple[F
     Args:
         shape: settings.
         arrays: float32 tensors on the CPU by name: the canonical field's attributes, ``temporal``
-            (networks, T), the fused temporal embedding of the moment, and the network's layers.
+            (networks, T), the fused temporal embedding of the time, and the network's layers.
     """
     arrays = {name: array.detach().contiguous() for name, array in arrays.items()}
     inputs = {name: arrays.pop(name).numpy() for name in _LAYER_INPUTS if name in arrays}
@@ -113,7 +113,7 @@ def deform_fused(
     that move, means in world units, without gradients.
 
     Args:
-        temporal: (networks, T) fused temporal embedding of the moment.
+        temporal: (networks, T) fused temporal embedding of the time.
     """
     arrays = field_arrays(canonical, network, temporal)
     apply: Callable[..., tuple[torch.Tensor, ...]] = _Deform.apply

@@ -1,4 +1,4 @@
-"""An image of the fused field and its way back, by native calls one after the other.
+"""An image of the fused field and its backward pass, by native calls one after the other.
 
 The same bits as ``deform_fused`` and ``rasterize`` with automatic differentiation, which keeps track of some twenty
 arrays between them: that takes a tenth of a training's step.
@@ -27,7 +27,7 @@ class FusedRenderResult(RenderResult):
     Attributes:
         arrays: what was drawn, by name: parameters, and ``temporal`` with the gradients' way to the table.
         pose: the camera's, to receive its gradient, or None.
-        field, drawing: for the way back.
+        field, drawing: for the backward pass.
         silent: rows of the network's outputs that no gradient passes.
         versions: of arrays and Gaussians, when they were drawn.
     """

@@ -32,7 +32,7 @@ FINISHED = ScheduleState()
 
 @dataclass(frozen=True)
 class RenderResult:
-    """An image of a moment.
+    """An image, and what it was drawn from.
 
     Attributes:
         image: what was drawn.
@@ -84,7 +84,7 @@ class SceneModel(nn.Module):
         sh_count: int | None = None,
         pose: torch.Tensor | None = None,
     ) -> RenderResult:
-        """An image of ``time`` that knows its way back, to the model's parameters and to ``pose``; for the arguments
+        """An image at ``time``, differentiable in the model's parameters and in ``pose``; for the arguments
         see ``deform`` and ``rasterizer.rasterize``."""
         gaussians, changes = self.deform(time, schedule_state, sh_count)
         return RenderResult(self.rasterize(gaussians, camera, background, options, pose=pose), gaussians, changes)

@@ -1,6 +1,6 @@
 """A finished scene played and drawn by torch, on a GPU: the network in half precision where that is harmless.
 
-Blender plays without torch (engine/inference); this is for images by the hundred (``frog render --device cuda``).
+Blender plays without torch (engine/playback); this is for images by the hundred (``frog render --device cuda``).
 """
 
 from __future__ import annotations

@@ -52,7 +52,7 @@ def deform(shape: FieldShape, arrays: Buffers, result: Buffers) -> None:
     Args:
         shape: settings.
         arrays: contiguous float32 by name: the canonical field's attributes, of which ``embeddings`` (M, E) may have
-            fewer rows than there are Gaussians: those behind them are at rest; ``shared`` (networks * hidden,) (the
+            fewer rows than there are Gaussians: the others are static; ``shared`` (networks * hidden,) (the
             first layer's temporal part and bias), and the network's ``embedding_weight``, ``output_weight``,
             ``output_bias`` and, with heads, ``head_weight`` and ``head_bias``.
         result: contiguous float32 by name: the attributes of GaussianArrays, with ``sh`` (N, sh_active, 3), and where
@@ -62,16 +62,17 @@ def deform(shape: FieldShape, arrays: Buffers, result: Buffers) -> None:
 
 
 class PlaybackField:
-    """``deform`` at one moment after the other, with unit quaternions. Where the arrays lie is looked up once, which
-    takes as long as a thousand Gaussians.
+    """``deform`` at many times, with unit quaternions; looks up the arrays' addresses once, which costs as much as a
+    thousand Gaussians.
 
     Args:
         shape: settings.
-        arrays: as for ``deform``; they are kept, and not to be replaced. Without heads ``groups`` may stand for the
-            Gaussians' attributes but ``means``, whose length counts, and then the network's are in columns (see
-            inference.groups for both).
-        kept_products: what ``groups`` has instead of embeddings.
-        reshaped: with ``groups``, the first so many Gaussians turn and grow, the others keep their shape; None for all.
+        arrays: as for ``deform``; kept, and not to be replaced. Without heads of their own, ``groups`` may stand for
+            all attributes but ``means`` (which gives the number of Gaussians), with transposed weights; see
+            playback.simd_layout for both.
+        precomputed_first_layer: whether ``groups`` has the embeddings' products with the first layer in their place.
+        num_shape_dynamic: with ``groups``, Gaussians whose quaternions and scales change, which come first; None for
+            all.
     """
 
     def __init__(
@@ -90,20 +91,20 @@ class PlaybackField:
         if num_shape_dynamic is not None:
             self._field.num_shape_dynamic = num_shape_dynamic
 
-    def deform(self, moment: Buffers, result: Mapping[str, Buffer | int], active: Buffer | None = None) -> None:
-        """Fills the first rows of ``result`` at a moment.
+    def deform(self, inputs: Buffers, result: Mapping[str, Buffer | int], active: Buffer | None = None) -> None:
+        """Fills the first rows of ``result``.
 
         Args:
-            moment: arrays that are other than at other moments: ``shared`` and ``embedding_weight``, or with ``groups``
-                and ``temporal_weight`` the moment's ``temporal`` embedding (networks, T).
+            inputs: the arrays that depend on time: ``shared`` and ``embedding_weight``, or with ``groups`` and
+                ``temporal_weight`` the ``temporal`` embedding (networks, T).
             result: arrays, or their addresses. Beside the attributes it may have ``was_visible`` (groups,), as the last
                 call left it, or ones: a group that is invisible now and was then is not written again.
-            active: with ``groups``, (groups,) uint8, or None for all: where it is zero, Gaussians cannot be seen. They
-                come out as they are canonically, but for an opacity of zero, and the network is not asked.
+            active: with ``groups``, (groups,) uint8, or None for all. Where it is zero a group is invisible: it comes
+                out as canonical, with an opacity of zero, and is not deformed.
         """
-        field = structs.Field.from_buffer_copy(self._field)  # others may be at another moment
+        field = structs.Field.from_buffer_copy(self._field)  # other threads may deform at another time
         field.active = structs.address(active)
-        for name, array in moment.items():
+        for name, array in inputs.items():
             setattr(field, name, structs.address(array))
         _deform(field, result)
 

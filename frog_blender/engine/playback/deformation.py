@@ -1,8 +1,8 @@
 """The deformation network at playback (FRoG's, and E-D3DGS's two): numpy and the native library.
 
-What does not depend on time is computed once: the first layer's product with the Gaussians' embeddings, where nothing
-modulates it; Gaussians at rest and colours that do not deform lie in the frames' memory already. What cannot be seen at
-a moment is not deformed, and what only fades never is.
+What does not depend on time is computed once: without modulation the first layer's product with the Gaussians'
+embeddings; static Gaussians and colours that do not deform are written once into the frames' memory. Groups that are
+invisible at a time are not deformed, and Gaussians with opacity tracks never are.
 """
 
 from __future__ import annotations
@@ -108,11 +108,10 @@ class DeformationPlayer:
         model: the scene header's model settings.
 
     Attributes:
-        moving: Gaussians that are not the same at all times; they come first, and first of them ``deformed`` that the
-            network moves. The others only fade.
-        changing: their columns (see moving_part) that are not the same at all times; a head that was silenced
-            changes nothing.
-        visibility: when groups of those that are deformed can be seen, where the file says so.
+        num_dynamic: Gaussians that change in time, which come first.
+        deformed: those of them that the network moves, which come first; the others have opacity tracks.
+        changing: the columns (see frame_delta) that change in time. A pruned head changes none.
+        visibility: when groups of deformed Gaussians are visible; None where the file does not say.
     """
 
     def __init__(self, arrays: SceneArrays, model: JsonMapping) -> None:
@@ -122,19 +121,19 @@ class DeformationPlayer:
             self._shape = _shape(model, a["sh"].shape[1], self._temporal.networks)
             self.deformed = len(a["embeddings"])
             self.visibility = VisibilityMask(arrays[VISIBILITY], self.deformed) if VISIBILITY in arrays else None
-            self._fades = OpacityTracks(arrays[OPACITY_TRACKS]) if OPACITY_TRACKS in arrays else None
+            self._tracks = OpacityTracks(arrays[OPACITY_TRACKS]) if OPACITY_TRACKS in arrays else None
             self._reshaped = _reshaped(model, self.deformed)
         except (KeyError, ValueError, TypeError, AttributeError, IndexError, OverflowError) as error:
             raise FrogError(
                 f"The scene's deformation network cannot be used ({brief(error)}); train it again."
             ) from error
         a["shared"] = a.pop("bias")
-        self.num_dynamic = self.deformed + (len(self._fades) if self._fades else 0)
+        self.num_dynamic = self.deformed + (len(self._tracks) if self._tracks else 0)
         colors = self._shape.sh_deformed
         self.changing = _changing(a, colors) if self.deformed else frozenset()
         if not self._reshaped:
             self.changing -= set(_SHAPE)
-        if self.visibility or self._fades:
+        if self.visibility or self._tracks:
             self.changing |= {"base"}  # in which opacities are
         self._still = vars(canonical_gaussians(a))
         was_visible = {"was_visible": np.ones(num_groups(self.deformed), np.float32)} if self.visibility else {}
@@ -156,8 +155,8 @@ class DeformationPlayer:
         """(networks, T) what each network is given at a time in [0, 1]."""
         return self._temporal.at(time)
 
-    def _moment(self, time: float) -> SceneArrays:
-        """What the native library is given of a moment: it computes the first layer where Gaussians lie in groups."""
+    def _time_inputs(self, time: float) -> SceneArrays:
+        """The native library's inputs that depend on time. With groups it computes the first layer itself."""
         temporal = self.temporal(time)
         if not self._shape.head_width:
             return {"temporal": temporal}
@@ -166,14 +165,18 @@ class DeformationPlayer:
         return dict(zip(("shared", "embedding_weight"), found, strict=True))
 
     def _deform(
-        self, field: PlaybackField, time: float, result: SceneArrays, places: Mapping[str, Buffer | int] | None = None
+        self,
+        field: PlaybackField,
+        time: float,
+        result: SceneArrays,
+        addresses: Mapping[str, Buffer | int] | None = None,
     ) -> None:
-        """Fills the first of ``result``: those that move. ``places`` are its arrays, or where they lie if known."""
+        """Fills the dynamic Gaussians of ``result``; ``addresses`` are those of its arrays, if known."""
         if self.deformed:
             active = self.visibility.at(time) if self.visibility else None
-            field.deform(self._moment(time), places or result, active)
-        if self._fades:
-            self._fades.at(time, result["opacities"][self.deformed : self.num_dynamic])
+            field.deform(self._time_inputs(time), addresses or result, active)
+        if self._tracks:
+            self._tracks.at(time, result["opacities"][self.deformed : self.num_dynamic])
 
     def at(self, time: float) -> NumpyGaussians:
         """The Gaussians at a time in [0, 1], activated, with unit quaternions; the arrays are not to be changed."""
@@ -184,11 +187,11 @@ class DeformationPlayer:
         return GaussianArrays(**result)
 
     def delta_at(self, time: float, names: Collection[str]) -> FrameDelta:
-        """Columns of the Gaussians that move, at a time in [0, 1]: the same bits as in ``at``."""
+        """Columns of the dynamic Gaussians at a time in [0, 1]: the same bits as in ``at``."""
         count, colors = self.num_dynamic, self._shape.sh_deformed
         sizes = {"means": (3,), "quaternions": (4,), "scales": (3,), "opacities": (), "sh": (colors, 3)}
         moved = {name: np.empty((count, *size), np.float32) for name, size in sizes.items()}
-        for name, values in moved.items():  # what keeps its shape, and what only fades
+        for name, values in moved.items():  # constant shapes, and Gaussians with opacity tracks
             first = self._reshaped if name in _SHAPE else self.deformed
             still = self._still[name][first:count]
             values[first:] = still[:, :colors] if name == "sh" else still

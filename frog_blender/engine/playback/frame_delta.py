@@ -1,4 +1,4 @@
-"""What of a frame is not as at all other moments: the numbers that change, of the Gaussians that move.
+"""The part of a frame that changes in time: the changing columns of the dynamic Gaussians.
 
 A frame's columns are ``means`` (N, 3), ``quaternions`` (N, 4), ``scales`` (N, 3), ``base`` (N, 4: the first SH
 coefficient and the opacity) and ``sh_1`` ... (N, 3) of each further coefficient, float32 and contiguous.
@@ -29,7 +29,7 @@ def column_width(name: str) -> int:
 
 @dataclass(frozen=True)
 class FrameDelta:
-    """The changing columns of the first M Gaussians at one moment; they are not to be written into.
+    """The changing columns of the M dynamic Gaussians at one time; not to be written to.
 
     Attributes:
         columns: (M, width) by name.

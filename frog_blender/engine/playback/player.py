@@ -56,8 +56,8 @@ TIMES_KEPT = 4
 
 
 def row_ranges(arrays: SceneArrays) -> dict[str, range]:
-    """Of which Gaussians a scene file's arrays tell, by their names: all of them, those that are deformed, which come
-    first, or those that only fade, which come next. Arrays that do not have a row a Gaussian are not among them."""
+    """The Gaussians that each array with a row a Gaussian has: all, the deformed ones, which come first, or those with
+    opacity tracks, which come next."""
     deformed, everyone = len(arrays.get("embeddings", ())), range(len(arrays["means"]))
     rows = dict.fromkeys(CANONICAL & arrays.keys(), everyone)
     if "embeddings" in arrays:
@@ -68,7 +68,7 @@ def row_ranges(arrays: SceneArrays) -> dict[str, range]:
 
 
 def select_gaussians(scene: SceneFile, kept: Array) -> SceneFile:
-    """The scene of some of its Gaussians alone, which are and move there as they do in the whole one.
+    """A scene of some of the Gaussians, with the same appearance and motion.
 
     Args:
         kept: (M,) their indices, ascending, at least one.
@@ -97,10 +97,10 @@ class ScenePlayer:
 
     Attributes:
         header: the scene file's header.
-        count, moving: Gaussians, and those of them that the method moves.
+        count, num_dynamic: Gaussians, and those of them that the method moves.
         sh_degree: of their colours.
-        columns: names of a frame's columns, see moving_part; ``changing`` are those of them that are not the same at
-            all times.
+        columns: names of a frame's columns, see frame_delta; ``changing`` are those of them that change in
+            time.
         token: of this object alone, in this and any other process: what is kept of it elsewhere can name it.
     """
 
@@ -126,7 +126,7 @@ class ScenePlayer:
         return cls(read_scene(path))
 
     def subset(self, kept: Array) -> ScenePlayer:
-        """A scene of some of the Gaussians alone, which are and move there as they do here.
+        """A scene of some of the Gaussians, with the same appearance and motion.
 
         Args:
             kept: (M,) their indices, ascending, at least one.
@@ -138,7 +138,7 @@ class ScenePlayer:
         return self.at(self.time_of(frame))
 
     def time_of(self, frame: float) -> float:
-        """The time in [0, 1] of a frame counted from 0; 0 where nothing moves, which is one moment."""
+        """The time in [0, 1] of a frame counted from 0; always 0 in a static scene."""
         return self._held(frame_to_time(frame, self.header.frame_count))
 
     def at(self, time: float, part: FrameDelta | None = None) -> NumpyGaussians:
@@ -161,7 +161,7 @@ class ScenePlayer:
         return _copy(gaussians)
 
     def delta_at(self, time: float) -> FrameDelta:
-        """What of a time in [0, 1] (clamped) is not as at all others: ``changing`` of the Gaussians that move."""
+        """The columns ``changing`` of the dynamic Gaussians at a time in [0, 1] (clamped)."""
         if not self.changing:
             return FrameDelta({})
         if isinstance(self._deformation, DeformationPlayer):  # which computes those columns alone
@@ -170,7 +170,7 @@ class ScenePlayer:
 
     @property
     def delta_bytes(self) -> int:
-        """How much memory ``delta_at`` gives."""
+        """Bytes that ``delta_at`` returns."""
         return 4 * self.num_dynamic * sum(column_width(name) for name in self.changing)
 
     def column(self, name: str, part: FrameDelta) -> Array:
@@ -189,7 +189,7 @@ class ScenePlayer:
 
     @cached_property
     def _still(self) -> NumpyGaussians:
-        """Some moment: right for the columns that do not change, and for the Gaussians that do not move."""
+        """The frame at time 0: right in constant columns, and for static Gaussians."""
         return self._compute(0.0)
 
     @cached_property

@@ -11,7 +11,7 @@ from ..io.plain_values import JsonMapping
 
 
 def fuse(form: str, coarse: Array, fine: Array, attention: tuple[Array, Array] | None = None) -> Array:
-    """(networks, fused size) what the networks are given, from the embeddings (T,) of a moment.
+    """(networks, fused size) what the networks are given, from the embeddings (T,) of a time.
 
     Args:
         form: one of ``field.names.FUSIONS``.
@@ -43,7 +43,7 @@ def fuse(form: str, coarse: Array, fine: Array, attention: tuple[Array, Array] |
 
 
 class _Table:
-    """``model.temporal.interpolated`` of a table (R, T) in half of the time: every frame asks for it twice."""
+    """``field.temporal_table.interpolated`` of a table (R, T), twice as fast: every frame needs it twice."""
 
     def __init__(self, table: Array) -> None:
         self._rows, self._steps = table, np.diff(table, axis=0, append=table[-1:])

@@ -22,9 +22,9 @@ _INTEGERS: TensorKind = {"dtype": torch.int32, "device": _CPU}
 
 @dataclass(frozen=True)
 class Drawing:
-    """What a drawing's way back needs, and what it gave besides the image. Without automatic differentiation.
+    """A drawing, kept for its backward pass, and its outputs besides the image. Without automatic differentiation.
 
-    It does not hold the image: one that knows its way back and is known there would never be freed.
+    It does not hold the image: each would refer to the other, and neither would be freed.
 
     Attributes:
         gaussians, camera: what was drawn.

@@ -58,7 +58,7 @@ class SceneHeader:
         capture_path, capture_format, scale, pixel_offsets: where the frames came from and how they were read.
         metrics: PSNR and so on as measured at the end of training.
         steps, train_seconds: how much training is in it (decoding and seeding not counted).
-        capacity: what the training took out of the model (see training.parsimony), empty where it took nothing.
+        capacity: what the training took out of the model (see training.compression), empty where it took nothing.
     """
 
     method: str

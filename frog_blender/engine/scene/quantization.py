@@ -1,8 +1,8 @@
 """Arrays of a scene as few bytes: quantised in blocks, laid out by significance, compressed by zlib. No torch.
 
 A block is 256 rows in which each column is stored as whole numbers between its least and largest value (see blocks).
-Gaussians that lie side by side in the file lie side by side in the scene (see spatial_order), or are there at the same
-moments (see inference.lifetimes), so a block spans little and neighbours have bytes in common.
+Gaussians that lie side by side in the file lie side by side in the scene (see morton_order), or are visible at the same
+times (see playback.visibility), so a block spans little and neighbours have bytes in common.
 """
 
 from __future__ import annotations

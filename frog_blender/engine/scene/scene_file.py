@@ -2,7 +2,7 @@
 
 Tensors of a FRoG scene: ``means, log_scales, quaternions, opacity_logits, sh`` by Gaussian,
 ``embeddings`` of those that are deformed, which come first, ``temporal_table`` and ``network.*``, and where that saves
-time at playback LIFETIMES (see inference.lifetimes) and, of those that come next, FADES (see model.fading). The
+time at playback VISIBILITY (see playback.visibility) and, for those that come next, OPACITY_TRACKS. The
 header holds what playback and evaluation need besides.
 """
 
@@ -27,9 +27,9 @@ from .header import SceneHeader
 from .quantization import Packed, pack, unpack_scene
 
 VISIBILITY = "lifetimes"
-"""Name of the array in which bits say when groups of Gaussians can be seen."""
+"""Name of the array of bits that say when groups of Gaussians are visible (playback.visibility)."""
 OPACITY_TRACKS = "fades"
-"""Name of the array (F, frames) in which opacities stand of those that only fade."""
+"""Name of the array (F, frames) of opacities of transient Gaussians (field.opacity_tracks)."""
 _HEADER_KEY = "frog"
 _PACKING_KEY = "packing"
 _CANONICAL = {"means", "log_scales", "quaternions", "opacity_logits", "sh"}
@@ -55,7 +55,7 @@ def write_scene(path: str | Path, scene: SceneFile, *, compact: bool = False) ->
     """Writes atomically; FrogError when it cannot, and then an earlier file of that name is untouched.
 
     Args:
-        compact: quantise and compress (see packing), which changes numbers by less than can be seen.
+        compact: quantise and compress (see quantization), which changes numbers invisibly.
     """
     write_atomically(path, scene_bytes(scene, compact=compact))
 

@@ -84,13 +84,13 @@ def find_clips(header: SceneHeader, folder: Path) -> dict[str, Clip]:
 
 
 def camera_path(header: SceneHeader) -> list[tuple[int, Camera]]:
-    """The moments of a moving camera in order: frame, and the camera there; images to train on go before others."""
+    """Frames of a moving camera in order, with the camera there; training images go before held-out ones."""
     by_frame: dict[int, Camera] = {}
     for camera, frames in zip(header.cameras, header.camera_shots, strict=True):
         for frame in frames:
             if frame not in by_frame or by_frame[frame].name in header.test_cameras:
                 by_frame[frame] = camera
-    return sorted(by_frame.items(), key=lambda moment: moment[0])
+    return sorted(by_frame.items(), key=lambda entry: entry[0])
 
 
 def _files(header: SceneHeader, folder: Path) -> dict[str, list[Path]]:

@@ -1,4 +1,4 @@
-"""Films of a capture's cameras as training saw them, for video programs: free of lens distortion, one for each camera.
+"""Clips of a capture's cameras as training saw them, for video programs: free of lens distortion, one for each camera.
 
 Needed where lenses distort, or where a video program cannot read a layout's images as a film (Technicolor's end with
 the camera's number). They lie in a folder beside the scene's file, with an index that says what they were made from,
@@ -66,9 +66,9 @@ def undistorted_clips(header: SceneHeader, scene_file: Path) -> dict[str, Clip]:
     if not index or index.get("scene") != _decides(header):
         return {}
     clips = {}
-    for name, moments in _moments(header).items():
-        file = _file(folder, name, len(moments))
-        clips[name] = Clip(file, "VIDEO", count=header.frame_count) if len(moments) > 1 else Clip(file, "IMAGE")
+    for name, filmed_frames in _filmed_frames(header).items():
+        file = _file(folder, name, len(filmed_frames))
+        clips[name] = Clip(file, "VIDEO", count=header.frame_count) if len(filmed_frames) > 1 else Clip(file, "IMAGE")
     return clips if all(clip.path.is_file() for clip in clips.values()) else {}
 
 
@@ -114,16 +114,16 @@ def _films(header: SceneHeader, capture: Capture, folder: Path) -> dict[str, lis
         )
     index = {camera.name: i for i, camera in enumerate(capture.cameras)}
     films = {}
-    for name, moments in _moments(header).items():
-        shots = [capture.shot_index(index.get(camera, -1), frame) for frame, camera in moments]
+    for name, filmed_frames in _filmed_frames(header).items():
+        shots = [capture.shot_index(index.get(camera, -1), frame) for frame, camera in filmed_frames]
         films[name] = [shot for shot in shots if shot is not None]
         if not shots or None in shots:
             raise FrogError(f"{folder}: not all images of {name} are there, expected those that were trained on.")
     return films
 
 
-def _moments(header: SceneHeader) -> dict[str, list[tuple[int, str]]]:
-    """For each clip, by the camera that it is shown behind: the moments that were filmed, and by which camera."""
+def _filmed_frames(header: SceneHeader) -> dict[str, list[tuple[int, str]]]:
+    """By the camera that shows each clip: the frames that were filmed, and by which camera."""
     if header.is_moving:
         path = [(frame, camera.name) for frame, camera in camera_path(header)]
         return {path[0][1]: path}
@@ -159,7 +159,7 @@ def _index(folder: Path) -> JsonObject | None:
 
 
 def _file(folder: Path, name: str, count: int) -> Path:
-    """The file of a camera's clip of so many moments. Names of cameras may hold strokes, files' may not."""
+    """The file of a camera's clip of ``count`` frames. Cameras' names may hold slashes, files' may not."""
     return folder / f"{quote(name, safe=' ')}.{'mp4' if count > 1 else 'png'}"
 
 
@@ -212,7 +212,7 @@ def _remove_abandoned(folder: Path) -> None:
 
 
 def _write_clip(path: Path, rate: int, capture: Capture, shots: Sequence[int]) -> Generator[None, None, None]:
-    """One camera's shots, ordered by frame: an image, or a video of all moments that repeats one where one lacks.
+    """One camera's shots, ordered by frame: an image, or a video of all times that repeats one where one lacks.
 
     Whoever shows it asks for images by number, so a whole rate will do; MPEG-4 cannot say every other.
     """

@@ -1,4 +1,4 @@
-"""What a rival's network changes, put onto the canonical Gaussians."""
+"""Adds the changes that a baseline's network gives to the canonical Gaussians."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ class CurveSettings:
     """Units of an embedding's numbers; written into the scene file. A whole capture is one unit of time.
 
     A unit is what the recipe's ``embedding_rate`` is multiplied by, so they stand for rates. The original's, for
-    captures of 50 moments: motion 5.6e-4 times the scene's extent (positions' 1.6e-4 times 3.5), rotation and centre
+    captures of 50 frames: motion 5.6e-4 times the scene's extent (positions' 1.6e-4 times 3.5), rotation and centre
     1e-4, log-width 3e-2. The defaults are to each other as those within a factor of four (how they were found:
     docs/experiments/baselines.md): an ``embedding_rate`` of 8.4e-3 gives the original's rate of motion.
 

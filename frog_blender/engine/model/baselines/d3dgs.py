@@ -54,11 +54,11 @@ class D3dgsSettings:
 def settings_for(hidden_width: int, frame_count: int, motion_unit: float) -> D3dgsSettings:
     """The original's eight layers of 256 for recipes as wide as the papers', a network for two cores for others.
 
-    Time has as many octaves as the moments can tell apart (ten of the original's at 300 moments): finer ones only let
-    neighbouring moments disagree.
+    Time has as many octaves as the frames can tell apart (the original's ten at 300 frames). Finer ones only let
+    neighbouring frames disagree.
     """
-    moments = max(2, frame_count) - 1
-    time_frequencies = max(2, min(10, 1 + round(math.log2(math.pi * moments))))
+    intervals = max(2, frame_count) - 1
+    time_frequencies = max(2, min(10, 1 + round(math.log2(math.pi * intervals))))
     if hidden_width >= _PAPER_WIDTH:
         return D3dgsSettings(8, 2 * hidden_width, 10, time_frequencies, motion_unit)
     return D3dgsSettings(4, hidden_width, 8, time_frequencies, motion_unit)
@@ -106,7 +106,7 @@ class D3dgsNetwork(nn.Module):
         """(N, 10) of means (N, 3); what time adds to a layer is one vector, the same for all Gaussians."""
         s = self.settings
         place = encode((means - self.centre) / self.unit, s.space_frequencies)
-        moment = encode(torch.full((1, 1), time, device=means.device), s.time_frequencies)[0]
+        encoded_time = encode(torch.full((1, 1), time, device=means.device), s.time_frequencies)[0]
         hidden = place.new_empty(len(place), 0)
         for number, layer in enumerate(self.layers):
             assert isinstance(layer, nn.Linear)
@@ -116,7 +116,7 @@ class D3dgsNetwork(nn.Module):
             by_place, by_time, by_hidden = layer.weight.split(
                 [self.space_size, self.time_size, layer.in_features - self.space_size - self.time_size], dim=1
             )
-            sums = torch.addmm(layer.bias + by_time @ moment, place, by_place.T)
+            sums = torch.addmm(layer.bias + by_time @ encoded_time, place, by_place.T)
             hidden = (torch.addmm(sums, hidden, by_hidden.T) if number else sums).relu()
         result: torch.Tensor = self.output(hidden)
         return result

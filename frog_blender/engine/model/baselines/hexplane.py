@@ -83,7 +83,7 @@ def settings_for(
     motion_unit: float,
 ) -> HexPlaneSettings:
     """The original's planes for recipes as wide as the papers', and fewer cells for others; a row of time for every
-    two moments, as the original advises."""
+    two frames, as the original advises."""
     rows = max(2, math.ceil(frame_count / 2))
     resolutions = (64, 128) if hidden_width >= _PAPER_WIDTH else (32, 64)
     return HexPlaneSettings(16, resolutions, rows, hidden_width, head_width, deformed_sh, deformed_opacity, motion_unit)

@@ -1,6 +1,6 @@
 """A network's backward pass through the Gaussians that a step has drawn, and no others.
 
-Most steps draw a part of an image, and most Gaussians send no gradient back. What a rival's network says of one
+Most steps draw a part of an image, and most Gaussians send no gradient back. What a baseline's network says of one
 Gaussian depends on no other, so the pass forwards keeps nothing, and the pass backwards repeats it for the few rows
 that matter (as FRoG's native one leaves the others out): the same gradients for a fraction of the time.
 """

@@ -1,4 +1,4 @@
-"""What all rivals' playback needs: arrays of known shapes, and changes put onto the canonical Gaussians."""
+"""Playback of all baselines: arrays checked for their shapes, and changes added to the canonical Gaussians."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def take(arrays: SceneArrays, name: str, *shape: int) -> Array:
         raise ValueError(f"{name} has shape {array.shape}, expected {shape}")
     array = np.ascontiguousarray(array, np.float32)
     if not np.isfinite(array).all():
-        raise ValueError(f"{name} holds what is no number")
+        raise ValueError(f"{name} holds numbers that are not finite")
     return array
 
 
@@ -53,7 +53,7 @@ def number(model: JsonMapping, name: str) -> float:
 
 
 def scales_of(logs: Array) -> Array:
-    """Standard deviations, finite for any logarithms, as those of Gaussians at rest."""
+    """Standard deviations, finite for any logarithms, as those of static Gaussians."""
     result: Array = np.exp(np.clip(logs, -80, 80))
     return result
 

@@ -1,4 +1,4 @@
-"""Deformable-3DGS at playback; see ``model.baselines.d3dgs``. Encoded places are kept, they do not change in time."""
+"""Deformable-3DGS at playback; see ``model.baselines.d3dgs``. Encoded positions do not change in time and are kept."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ class PlayableD3dgs:
             space = 3 + 6 * whole(model, "space_frequencies", 0, 24)
             self._frequencies = whole(model, "time_frequencies", 0, 24)
             self._unit = number(model, "motion_unit")
-            moment = 1 + 2 * self._frequencies
+            encoded_time = 1 + 2 * self._frequencies
             self._skips = (0, depth // 2 + 1)
             self._layers = []
             for layer in range(depth):
-                inputs = (space + moment) * (layer in self._skips) + width * (layer > 0)
+                inputs = (space + encoded_time) * (layer in self._skips) + width * (layer > 0)
                 weight = take(arrays, f"network.layers.{layer}.weight", width, inputs)
                 bias = take(arrays, f"network.layers.{layer}.bias", width)
-                splits = [space, space + moment] if layer in self._skips else [0, 0]
+                splits = [space, space + encoded_time] if layer in self._skips else [0, 0]
                 self._layers.append((*np.split(weight, splits, axis=1), bias))
             outputs = sum(_SIZES.values())
             self._output = take(arrays, "network.output.weight", outputs, width)
@@ -57,9 +57,10 @@ class PlayableD3dgs:
 
     def at(self, time: float) -> NumpyGaussians:
         """The Gaussians at a time in [0, 1], activated; quaternions are not normalised."""
-        moment = _encode(np.full((1, 1), time, np.float32), self._frequencies)[0]
+        encoded_time = _encode(np.full((1, 1), time, np.float32), self._frequencies)[0]
         constants = [
-            bias + by_time @ moment if by_time.size else bias for by_place, by_time, by_hidden, bias in self._layers
+            bias + by_time @ encoded_time if by_time.size else bias
+            for by_place, by_time, by_hidden, bias in self._layers
         ]
 
         def network(part: slice) -> Array:
