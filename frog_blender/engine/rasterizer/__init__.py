@@ -35,7 +35,7 @@ class Image:
         median_z: (H, W) planar depth of the same centre, or None.
         mean_depth: (H, W) planar depth averaged by blending weight, NaN where nothing was hit, or None.
         max_weights: (N,) each Gaussian's largest blending weight, or None.
-        at_fault: Gaussians that were dropped because a number in them is not finite or out of range.
+        num_invalid: Gaussians that were dropped because a number in them is not finite or out of range.
     """
 
     rgb: torch.Tensor
