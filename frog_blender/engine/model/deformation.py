@@ -45,6 +45,7 @@ class DeformationField(nn.Module):
         head_width: int,
         sh_count: int,
         networks: int = 1,
+        *,
         modulated: bool = False,
     ) -> None:
         super().__init__()

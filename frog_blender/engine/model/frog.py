@@ -83,7 +83,7 @@ class Frog(SceneModel):
             settings.head_width,
             settings.deformed_sh,
             network_count(settings.fusion),
-            settings.modulation,
+            modulated=settings.modulation,
         )
         if settings.fusion == "attention":
             bound = settings.temporal_size**-0.5
@@ -183,15 +183,19 @@ class Frog(SceneModel):
         options: RasterizeOptions,
         schedule_state: ScheduleState = FINISHED,
         sh_count: int | None = None,
+        *,
         pose: torch.Tensor | None = None,
     ) -> RenderResult:
         """See SceneModel."""
         if not (self._is_fused and self.canonical.num_dynamic and torch.is_grad_enabled()) or options.absolute:
-            return super().draw(time, camera, background, options, schedule_state, sh_count, pose)
+            return super().draw(time, camera, background, options, schedule_state, sh_count, pose=pose)
         shape = self._field_shape(schedule_state, sh_count or self.canonical.sh.shape[1])
         arrays = field_arrays(self.canonical, self.deformation, self.temporal_embedding(time, schedule_state))
-        silent = [self.output_rows(name) for name in self._pruned_heads]
-        return render_fused(shape, arrays, camera, background, options, pose, silent, self.deformation.by_attribute)
+        pruned = [self.output_rows(name) for name in self._pruned_heads]
+        by_attribute = self.deformation.by_attribute
+        return render_fused(
+            shape, arrays, camera, background, options, pose=pose, pruned_rows=pruned, by_attribute=by_attribute
+        )
 
     @property
     def _is_fused(self) -> bool:

@@ -82,6 +82,7 @@ class SceneModel(nn.Module):
         options: RasterizeOptions,
         schedule_state: ScheduleState = FINISHED,
         sh_count: int | None = None,
+        *,
         pose: torch.Tensor | None = None,
     ) -> RenderResult:
         """An image at ``time``, differentiable in the model's parameters and in ``pose``; for the arguments

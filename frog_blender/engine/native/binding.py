@@ -201,6 +201,7 @@ class Frame:
         options: RasterizeOptions,
         image: Mapping[str, Buffer],
         depth_limit: Buffer | None = None,
+        *,
         differentiable: bool = False,
     ) -> None:
         self._handle = None

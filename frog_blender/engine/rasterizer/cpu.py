@@ -75,6 +75,7 @@ def draw(
     background: tuple[float, float, float],
     options: RasterizeOptions,
     depth_limit: torch.Tensor | None = None,
+    *,
     differentiable: bool = True,
 ) -> tuple[Drawing, torch.Tensor, torch.Tensor]:
     """A drawing, its image (H, W, 3) and the image's alpha (H, W), without automatic differentiation.
@@ -94,7 +95,7 @@ def draw(
     if options.weights:
         extras["max_weights"] = torch.empty(count, **_FLOATS)
     outputs = {"rgb": rgb, "alpha": alpha, **extras}
-    frame = binding.Frame(gaussians, camera, background, options, outputs, depth_limit, differentiable)
+    frame = binding.Frame(gaussians, camera, background, options, outputs, depth_limit, differentiable=differentiable)
     return Drawing(gaussians, camera, size, extras, frame), rgb, alpha
 
 
@@ -157,7 +158,11 @@ def rasterize(
     if depth_limit is not None:
         depth_limit = depth_limit.detach().to("cpu", torch.float32).contiguous()
     differentiable = torch.is_grad_enabled()
-    order = _Order(lambda found: draw(found, camera, background, options, depth_limit, differentiable), screen_absolute)
+
+    def draw_on(arrays: TorchGaussians) -> tuple[Drawing, torch.Tensor, torch.Tensor]:
+        return draw(arrays, camera, background, options, depth_limit, differentiable=differentiable)
+
+    order = _Order(draw_on, screen_absolute)
     apply: Callable[..., tuple[torch.Tensor, torch.Tensor]] = _Rasterize.apply
     rgb, alpha = apply(*vars(gaussians).values(), screen, pose, order)
     assert order.drawing is not None

@@ -252,7 +252,7 @@ class Trainer:
             gaussians = self.model.canonical.gaussians(sh_count)
             return pixels, RenderResult(rasterize(gaussians, camera, background, options, pose=pose), gaussians, {})
         time_, schedules = frame_to_time(shot.frame, self.capture.frame_count), self.schedule_state(progress)
-        return pixels, self.model.draw(time_, camera, background, options, schedules, sh_count, pose)
+        return pixels, self.model.draw(time_, camera, background, options, schedules, sh_count, pose=pose)
 
     def _learned_pose(self, camera: int, progress: float) -> torch.Tensor | None:
         """(3, 4) the pose of a camera, to receive its gradient in this step; None where it is not learned."""
