@@ -84,7 +84,7 @@ def _own_drawing(scene: Scene, leaves: list[Any], backend: str) -> Callable[[], 
 
     def draw() -> list[Any]:
         gaussians = GaussianArrays(*leaves)
-        image = rasterize(gaussians, scene.camera, scene.background, implementation=backend)
+        image = rasterize(gaussians, scene.camera, scene.background, backend=backend)
         return [image.rgb, image.alpha]
 
     return draw

@@ -8,6 +8,8 @@ import functools
 
 import numpy as np
 
+from .engine.srgb import linear_to_srgb, srgb_to_linear
+
 _STEPS = 65535  # of the table for images
 _WORKING_SPACES = {
     "Linear Rec.2020": ((0.627404, 0.329283, 0.043313), (0.069097, 0.919540, 0.011362), (0.016391, 0.088013, 0.895595)),
@@ -31,13 +33,13 @@ def _table() -> np.ndarray:
 def to_linear(display: np.ndarray) -> np.ndarray:
     """Scene-linear float32 of display-referred sRGB, any shape; values above one continue along the same curve."""
     display = np.maximum(np.asarray(display, dtype=np.float32), 0.0)
-    return np.where(display <= 0.04045, display / 12.92, ((display + 0.055) / 1.055) ** 2.4).astype(np.float32)
+    return srgb_to_linear(display).astype(np.float32)
 
 
 def to_display(linear: np.ndarray) -> np.ndarray:
     """Display-referred sRGB float32 of scene-linear colour, any shape: the inverse of ``to_linear``."""
     linear = np.maximum(np.asarray(linear, dtype=np.float32), 0.0)
-    return np.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear ** (1 / 2.4) - 0.055).astype(np.float32)
+    return linear_to_srgb(linear).astype(np.float32)
 
 
 def into_working_space(linear: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..engine.scene.header import METHODS
+from ..engine.field.names import METHODS
 from ..engine.training.recipe import RECIPES
 from ..engine.training.session.output_paths import check_unused
 from .arguments import add_offset_argument, offsets_of, positive, seed

@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Generic, TypeAlias, TypeVar
 
 import numpy as np
+
+from .arrays import Array
 
 if TYPE_CHECKING:
     import torch
 
+ArrayT = TypeVar("ArrayT", Array, "torch.Tensor")
+
+_SH_DEGREES = {1: 0, 4: 1, 9: 2, 16: 3}
+
 
 @dataclass
-class GaussianArrays:
+class GaussianArrays(Generic[ArrayT]):
     """N Gaussians, as numpy arrays (playback) or torch tensors (training).
 
-    The native library wants them float32 and contiguous; ``checked`` makes them so.
+    The native library wants them float32 and contiguous; ``checked`` makes them so. Construct the class itself, never
+    an alias of it: typing would add an attribute to the instance, and ``vars`` of one are its five arrays.
 
     Attributes:
         means: (N, 3) world units.
@@ -25,11 +32,11 @@ class GaussianArrays:
         sh: (N, K, 3) spherical harmonics in the 3DGS order, K = 1, 4, 9 or 16; display-referred sRGB minus one half.
     """
 
-    means: Any
-    quaternions: Any
-    scales: Any
-    opacities: Any
-    sh: Any
+    means: ArrayT
+    quaternions: ArrayT
+    scales: ArrayT
+    opacities: ArrayT
+    sh: ArrayT
 
     def __len__(self) -> int:
         return len(self.means)
@@ -37,9 +44,9 @@ class GaussianArrays:
     @property
     def sh_degree(self) -> int:
         """0 to 3."""
-        return {1: 0, 4: 1, 9: 2, 16: 3}[self.sh.shape[1]]
+        return _SH_DEGREES[self.sh.shape[1]]
 
-    def checked(self) -> GaussianArrays:
+    def checked(self) -> NumpyGaussians:
         """The same as contiguous float32 numpy arrays; ValueError names an array of the wrong shape."""
         count = len(self.means)
         shapes = {"means": (count, 3), "quaternions": (count, 4), "scales": (count, 3), "opacities": (count,)}
@@ -51,19 +58,24 @@ class GaussianArrays:
                 raise ValueError(f"{name}: shape {array.shape}, expected {expected}")
             arrays[name] = array
         sh = arrays["sh"]
-        if sh.ndim != 3 or sh.shape[0] != count or sh.shape[1] not in (1, 4, 9, 16) or sh.shape[2] != 3:
+        if sh.ndim != 3 or sh.shape[0] != count or sh.shape[1] not in _SH_DEGREES or sh.shape[2] != 3:
             raise ValueError(f"sh: shape {sh.shape}, expected ({count}, 1 | 4 | 9 | 16, 3)")
         return GaussianArrays(**arrays)
 
     def check_tensors(self, device: torch.device) -> None:
-        """ValueError naming a tensor that is not what native code, which only sees addresses, would read."""
+        """ValueError for a tensor of another shape, type or device: native code sees addresses alone."""
         count, sh = len(self), self.sh
         shapes: dict[str, tuple[int, ...]] = {"means": (count, 3), "quaternions": (count, 4), "scales": (count, 3)}
-        coefficients = sh.shape[1] if sh.ndim == 3 and sh.shape[1] in (1, 4, 9, 16) else 1
+        coefficients = sh.shape[1] if sh.ndim == 3 and sh.shape[1] in _SH_DEGREES else 1
         shapes |= {"opacities": (count,), "sh": (count, coefficients, 3)}
         for name, shape in shapes.items():
             tensor = getattr(self, name)
-            # By name: the architecture keeps torch out of this file.
+            # By name: torch is not imported where Gaussians are played.
             if tensor.shape != shape or str(tensor.dtype) != "torch.float32" or tensor.device != device:
                 found = f"{tuple(tensor.shape)} {tensor.dtype} on {tensor.device}"
                 raise ValueError(f"{name}: {found}, expected {shape} torch.float32 on {device}")
+
+
+NumpyGaussians: TypeAlias = GaussianArrays[Array]
+TorchGaussians: TypeAlias = "GaussianArrays[torch.Tensor]"
+AnyGaussians: TypeAlias = "GaussianArrays[Array] | GaussianArrays[torch.Tensor]"

@@ -1,4 +1,4 @@
-"""Giving memory back to the system, and not looking through all of it again and again."""
+"""Memory returned to the system, and garbage collections that pass over old objects."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ def gc_frozen() -> Iterator[None]:
 
 
 def trim_heap() -> None:
-    """What was freed goes back to the system, where the C library would keep it (glibc's: half a gigabyte after a few
-    trainings in one process, more than they ever hold at once)."""
+    """Returns freed memory to the system, which glibc would keep: half a gigabyte after a few trainings in one process,
+    more than they hold at once."""
     if not sys.platform.startswith("linux"):
         return
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # not in every C library

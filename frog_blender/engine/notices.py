@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import warnings
-from typing import Any
+from typing import TextIO
 
 _USUAL = warnings.showwarning
 _left_to_blender = False
@@ -31,8 +31,15 @@ def as_sentences() -> None:
     warnings.showwarning = _show
 
 
-def _show(message: Any, category: type[Warning], *more: Any, **keywords: Any) -> None:
+def _show(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
     if issubclass(category, Notice):
         print(f"\nwarning: {message}", file=sys.stderr)  # on a line of its own, even if a progress bar has this one
     else:
-        _USUAL(message, category, *more, **keywords)
+        _USUAL(message, category, filename, lineno, file, line)

@@ -11,14 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..engine.errors import FrogError
+from ..engine.field.names import METHODS
 from .corruptions.catalogue import condition_named
 
 if TYPE_CHECKING:
     from ..engine.capture.capture import Capture
     from ..engine.training.recipe import Recipe
 
-METHODS = ("frog", "ed3dgs", "static", "d3dgs", "hexplane", "curves")
-"""In the order of the tables."""
 AUTO_ROW, AUTO_LABEL, AUTO = "frog-auto", "FRoG auto", {"capacity": "auto"}
 """FRoG with automatic capacity (see training.compression), a row beside FRoG with a fixed capacity."""
 ROWS = ("frog", AUTO_ROW, *METHODS[1:])

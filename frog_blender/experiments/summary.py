@@ -7,7 +7,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-from .grid import ABLATIONS, AUTO_LABEL, METHODS
+from ..engine.field.names import METHODS
+from .grid import ABLATIONS, AUTO_LABEL
 from .results import Record, finished, timings
 
 GROUPS = ("methods", "time", *ABLATIONS)

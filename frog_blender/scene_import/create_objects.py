@@ -12,7 +12,7 @@ from mathutils import Matrix
 from .. import point_cloud
 from ..cameras import apply_lens, lens_of, pose_of
 from ..engine.errors import FrogError, brief
-from ..engine.source_media.clips import camera_path, moves_alone
+from ..engine.source_media.clips import camera_path
 from ..timeline import playback
 from .camera_clips import add_clips
 from .capture_objects import stored_path
@@ -88,7 +88,7 @@ def _add_cameras(
     header: SceneHeader, start_frame: float, root: bpy.types.Object, collection: bpy.types.Collection
 ) -> list[bpy.types.Object]:
     """One Blender camera for each of the capture's cameras, or a single animated one for a moving camera."""
-    if not moves_alone(header):
+    if not header.is_moving:
         return [_add_camera(camera.name, camera, root, collection) for camera in header.cameras]
     path = camera_path(header)
     obj = _add_camera("Moving Camera", path[0][1], root, collection)

@@ -9,6 +9,7 @@ import pytest
 from support.chart_records import run_record, timing_record, whole_chart
 
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.field.names import METHODS
 from frog_blender.experiments.charts import (
     STYLES,
     ablation_chart,
@@ -18,7 +19,6 @@ from frog_blender.experiments.charts import (
     training_chart,
     write_charts,
 )
-from frog_blender.experiments.grid import METHODS
 from frog_blender.experiments.labels import overlapping
 from frog_blender.experiments.report import write_report
 from frog_blender.experiments.results import append

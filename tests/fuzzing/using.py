@@ -18,7 +18,7 @@ from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.playback.render_files import render_frames
 from frog_blender.engine.scene.scene_file import read_scene
-from frog_blender.engine.source_media.clips import camera_path, capture_folders, find_clips, moves_alone
+from frog_blender.engine.source_media.clips import camera_path, capture_folders, find_clips
 
 _LARGEST = 2**20  # pixels of images that are drawn with all that there is to know; `frog render` draws larger ones
 
@@ -79,7 +79,7 @@ def _draw(scene: ScenePlayer) -> None:
 def _look_for_clips(scene: ScenePlayer, path: Path) -> None:
     for folder in capture_folders(scene.header, path):
         find_clips(scene.header, folder)
-    if scene.header.cameras and moves_alone(scene.header):
+    if scene.header.cameras and scene.header.is_moving:
         camera_path(scene.header)
 
 

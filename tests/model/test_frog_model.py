@@ -70,7 +70,7 @@ def test_the_folded_network_equals_the_literal_one(
     networks: int, head_width: int, sh_count: int, modulated: bool
 ) -> None:
     torch.manual_seed(3)
-    field = awake(DeformationField(5, 7, 20, head_width, sh_count, networks, modulated))
+    field = awake(DeformationField(5, 7, 20, head_width, sh_count, networks, modulated=modulated))
     temporal, embeddings = torch.randn(networks, 7), torch.randn(9, 5)
     found, expected = field(temporal, embeddings), literal(field, temporal, embeddings)
     assert (

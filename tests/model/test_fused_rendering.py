@@ -18,7 +18,7 @@ from frog_blender.engine.field.names import FUSIONS
 from frog_blender.engine.model.frog import Frog, FrogSettings
 from frog_blender.engine.model.fused_rendering import FusedRenderResult
 from frog_blender.engine.model.interface import RenderResult, SceneModel, ScheduleState
-from frog_blender.engine.rasterizer import RasterizeOptions
+from frog_blender.engine.rasterizer import Image, RasterizeOptions, backend_named
 
 SETTINGS = FrogSettings(temporal_rows=6, coarse_rows=3, temporal_size=9, embedding_size=8, hidden_width=32)
 BACKGROUND = (0.2, 0.5, 0.1)
@@ -41,7 +41,7 @@ def drawn_by(
     """An image, and the gradients that a random one by its colours (or ``by_rgb``) brings, by name."""
     pose = torch.from_numpy(camera.world_to_camera[:3]).float().requires_grad_() if posed else None
     model.zero_grad()
-    drawn = draw(model, 0.37, camera, BACKGROUND, options, HALFWAY, 4, pose)
+    drawn = draw(model, 0.37, camera, BACKGROUND, options, HALFWAY, 4, pose=pose)
     if by_rgb is None:
         by_rgb = torch.randn(drawn.image.rgb.shape, generator=torch.Generator().manual_seed(5))
     drawn.backward(by_rgb)
@@ -134,3 +134,25 @@ def test_a_drawing_goes_when_nobody_holds_it() -> None:
         assert frame() is None
     finally:
         gc.enable()
+
+
+def test_a_model_is_drawn_by_the_backend_it_is_given() -> None:
+    """By torch alone then, whatever the native library could do."""
+    model, drawn_with = model_of(SETTINGS), []
+
+    def backend(*arguments: Any) -> Image:
+        drawn_with.append(arguments[1])
+        return backend_named("reference")(*arguments)
+
+    model.backend = backend
+    camera = view()
+    drawn = model.draw(0.37, camera, BACKGROUND, RasterizeOptions(), HALFWAY, 4)
+    assert drawn_with == [camera] and type(drawn) is RenderResult
+    model.backend = None
+    expected = model.draw(0.37, camera, BACKGROUND, RasterizeOptions(), HALFWAY, 4)
+    torch.testing.assert_close(drawn.image.rgb, expected.image.rgb, atol=1e-4, rtol=1e-3)
+
+
+def test_an_unknown_backend_is_refused() -> None:
+    with pytest.raises(ValueError, match="no backend 'gpu'"):
+        backend_named("gpu")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -137,8 +138,8 @@ def test_an_emptied_model_setting_is_one_sentence(tmp_path: Path) -> None:
 
     for missing in ("coarse_rows", "head_width", "motion_unit"):
         scene = scene_file()
-        del scene.header.model[missing]
-        write_scene(tmp_path / "x.frog", scene)
+        model = {name: value for name, value in scene.header.model.items() if name != missing}
+        write_scene(tmp_path / "x.frog", replace(scene, header=replace(scene.header, model=model)))
         assert read_scene(tmp_path / "x.frog")
         with pytest.raises(FrogError, match=missing):
             ScenePlayer.load(tmp_path / "x.frog")

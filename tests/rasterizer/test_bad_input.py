@@ -67,12 +67,12 @@ def neighbours() -> GaussianArrays:
     return random_gaussians(CAMERA, 30, 0, seed=7)
 
 
-@pytest.mark.parametrize("implementation", ["cpu", "reference"])
+@pytest.mark.parametrize("backend", ["cpu", "reference"])
 @pytest.mark.parametrize("name", INVISIBLE)
-def test_what_cannot_be_drawn_changes_no_neighbour(name: str, implementation: str) -> None:
+def test_what_cannot_be_drawn_changes_no_neighbour(name: str, backend: str) -> None:
     """The bad one comes first in the list and stands in front, so that a shifted index would show."""
-    expected, expected_gradients = draw_with_gradients(neighbours(), CAMERA, implementation)
-    image, gradients = draw_with_gradients(join(INVISIBLE[name], neighbours()), CAMERA, implementation)
+    expected, expected_gradients = draw_with_gradients(neighbours(), CAMERA, backend)
+    image, gradients = draw_with_gradients(join(INVISIBLE[name], neighbours()), CAMERA, backend)
     for output in ("rgb", "alpha", "median_depth", "median_z", "mean_depth"):
         assert torch.equal(getattr(image, output).nan_to_num(-1), getattr(expected, output).nan_to_num(-1)), output
     assert image.radii[0] == 0 and image.max_weights[0] == 0
@@ -81,20 +81,20 @@ def test_what_cannot_be_drawn_changes_no_neighbour(name: str, implementation: st
         np.testing.assert_array_equal(gradients[attribute][1:], expected_gradients[attribute])
 
 
-@pytest.mark.parametrize("implementation", ["cpu", "reference"])
-def test_what_is_at_fault_is_counted(implementation: str) -> None:
+@pytest.mark.parametrize("backend", ["cpu", "reference"])
+def test_what_is_at_fault_is_counted(backend: str) -> None:
     """Each kind by itself, and several together between good ones."""
     assert 10 < len(FAULTS) < len(INVISIBLE)
     counted = {}
     for name, bad in INVISIBLE.items():
         with torch.no_grad():
-            counted[name] = rasterize(tensors(bad), CAMERA, implementation=implementation).num_invalid
+            counted[name] = rasterize(tensors(bad), CAMERA, backend=backend).num_invalid
     assert {name for name, count in counted.items() if count} == set(FAULTS)
     assert set(counted.values()) == {0, 1}
     together = join(neighbours(), *INVISIBLE.values(), neighbours(), *INVISIBLE.values())
     with torch.no_grad():
-        assert rasterize(tensors(together), CAMERA, implementation=implementation).num_invalid == 2 * len(FAULTS)
-        assert rasterize(tensors(neighbours()), CAMERA, implementation=implementation).num_invalid == 0
+        assert rasterize(tensors(together), CAMERA, backend=backend).num_invalid == 2 * len(FAULTS)
+        assert rasterize(tensors(neighbours()), CAMERA, backend=backend).num_invalid == 0
 
 
 @pytest.mark.parametrize("name", STRANGE)
@@ -129,10 +129,10 @@ def test_culled_gaussians_anywhere_shift_nothing() -> None:
         assert not gradients[attribute][culled].any()
 
 
-@pytest.mark.parametrize("implementation", ["cpu", "reference"])
-def test_no_gaussians(implementation: str) -> None:
+@pytest.mark.parametrize("backend", ["cpu", "reference"])
+def test_no_gaussians(backend: str) -> None:
     nothing = GaussianArrays(*[getattr(neighbours(), name)[:0] for name in ATTRIBUTES])
-    image, _ = draw_with_gradients(nothing, CAMERA, implementation)
+    image, _ = draw_with_gradients(nothing, CAMERA, backend)
     assert torch.allclose(image.rgb, torch.tensor([0.3, 0.6, 0.1]).expand_as(image.rgb))
     assert not image.alpha.any() and image.median_depth.isnan().all() and image.mean_depth.isnan().all()
 

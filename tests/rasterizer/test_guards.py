@@ -17,7 +17,7 @@ from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.native import binding
 from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions, rasterize
 
-IMPLEMENTATIONS = pytest.mark.parametrize("implementation", ["cpu", "reference"])
+BACKENDS = pytest.mark.parametrize("backend", ["cpu", "reference"])
 FOCAL, LOW_PASS = 40.0, 0.3
 
 
@@ -75,15 +75,15 @@ def test_what_is_counted_is_what_is_drawn() -> None:
         assert work["gaussians"] <= 1 and work["pairs"] <= 256 * work["instances"]
 
 
-@IMPLEMENTATIONS
+@BACKENDS
 @pytest.mark.parametrize("options", [EVERYTHING, RasterizeOptions(absolute=True, region=(3, 4, 20, 9))])
-def test_a_view_of_nothing(options: RasterizeOptions, implementation: str) -> None:
+def test_a_view_of_nothing(options: RasterizeOptions, backend: str) -> None:
     """Gaussians there are, but none in sight: the background, and zeros for gradients."""
     camera = odd_camera()
     gaussians = random_gaussians(camera, 50, 1)
     gaussians.means = 2 * camera.center - gaussians.means  # behind the camera, all of them
     image, gradients = draw_with_gradients(
-        gaussians, camera, implementation, options=options, pose=np.eye(4)[:3] @ camera.world_to_camera
+        gaussians, camera, backend, options=options, pose=np.eye(4)[:3] @ camera.world_to_camera
     )
     torch.testing.assert_close(image.rgb.detach(), torch.tensor(BACKGROUND).expand_as(image.rgb))
     assert not image.alpha.any() and not image.radii.any() and image.num_invalid == 0
@@ -117,8 +117,8 @@ def test_giants_at_the_near_plane_are_finite(depth: float, size: float) -> None:
         assert np.isfinite(gradient).all(), name
 
 
-@IMPLEMENTATIONS
-def test_light_is_conserved_forward_and_backward(implementation: str) -> None:
+@BACKENDS
+def test_light_is_conserved_forward_and_backward(backend: str) -> None:
     """The gradient of an image's brightness by a Gaussian's colour is the sum of its weights; over all Gaussians these
     add up to the coverage. It holds only if the backward pass begins every pixel where it ended."""
     camera = odd_camera(75, 51)
@@ -126,7 +126,7 @@ def test_light_is_conserved_forward_and_backward(implementation: str) -> None:
     gaussians.scales *= 3
     gaussians.sh[:] = 0.5
     leaves = tensors(gaussians)
-    image = rasterize(leaves, camera, (0, 0, 0), RasterizeOptions(weights=True), implementation=implementation)
+    image = rasterize(leaves, camera, (0, 0, 0), RasterizeOptions(weights=True), backend=backend)
     image.rgb[..., 0].sum().backward()
     weights = leaves.sh.grad[:, 0, 0].double() / 0.28209479177387814
     assert float((image.alpha > 0.9998).double().mean()) > 0.3  # many pixels ended early

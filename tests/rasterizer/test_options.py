@@ -22,7 +22,7 @@ from frog_blender.engine.native import binding
 from frog_blender.engine.rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
 
 CAMERA = odd_camera(90, 61)
-IMPLEMENTATIONS = pytest.mark.parametrize("implementation", ["cpu", "reference"])
+BACKENDS = pytest.mark.parametrize("backend", ["cpu", "reference"])
 IMAGES = ("rgb", "alpha", "median_depth", "median_z", "mean_depth")
 ALIGNED = [(0, 0, 90, 61), (32, 16, 48, 32), (64, 48, 26, 13), (0, 32, 16, 16), (16, 0, 1, 1)]
 """Regions that begin where a tile does."""
@@ -42,9 +42,9 @@ def shallow_limit(seed: int = 1) -> torch.Tensor:
     return torch.tensor(limit, dtype=torch.float32)
 
 
-def drawn(gaussians: GaussianArrays, options: RasterizeOptions, implementation: str, **more: object) -> Image:
+def drawn(gaussians: GaussianArrays, options: RasterizeOptions, backend: str, **more: object) -> Image:
     with torch.no_grad():
-        return rasterize(tensors(gaussians), CAMERA, BACKGROUND, options, implementation=implementation, **more)
+        return rasterize(tensors(gaussians), CAMERA, BACKGROUND, options, backend=backend, **more)
 
 
 def assert_same_image(found: Image, expected: Image, region: tuple[int, int, int, int], exactly: bool) -> None:
@@ -62,38 +62,34 @@ def test_a_region_of_whole_tiles_has_the_bits_of_the_whole_image(region: tuple[i
     assert_same_image(drawn(crowd(), replace(EVERYTHING, region=region), "cpu"), whole, region, exactly=True)
 
 
-@IMPLEMENTATIONS
+@BACKENDS
 @pytest.mark.parametrize("region", ALIGNED + ANYWHERE)
-def test_a_region_is_its_part_of_the_whole_image(region: tuple[int, int, int, int], implementation: str) -> None:
+def test_a_region_is_its_part_of_the_whole_image(region: tuple[int, int, int, int], backend: str) -> None:
     """Where tiles begin elsewhere positions round differently, and nothing else."""
-    whole = drawn(crowd(), EVERYTHING, implementation)
-    part = drawn(crowd(), replace(EVERYTHING, region=region), implementation)
+    whole = drawn(crowd(), EVERYTHING, backend)
+    part = drawn(crowd(), replace(EVERYTHING, region=region), backend)
     assert part.rgb.shape == (region[3], region[2], 3)
     assert_same_image(part, whole, region, exactly=False)
     assert bool((part.max_weights <= whole.max_weights * (1 + 1e-5)).all())
 
 
-@IMPLEMENTATIONS
+@BACKENDS
 @pytest.mark.parametrize("region", [ALIGNED[1], ALIGNED[2], ANYWHERE[0], ANYWHERE[1]])
-def test_gradients_of_a_region_are_those_of_a_loss_on_it(
-    region: tuple[int, int, int, int], implementation: str
-) -> None:
-    dtype = torch.float32 if implementation == "cpu" else torch.float64
+def test_gradients_of_a_region_are_those_of_a_loss_on_it(region: tuple[int, int, int, int], backend: str) -> None:
+    dtype = torch.float32 if backend == "cpu" else torch.float64
     options = RasterizeOptions(absolute=True)
     limit, pose = shallow_limit(), CAMERA.world_to_camera
     _, found = draw_with_gradients(
         crowd(),
         CAMERA,
-        implementation,
+        backend,
         dtype,
         replace(options, region=region),
         pose=pose,
         depth_limit=cut(limit, region),
     )
     leaves, moving = tensors(crowd(), dtype), torch.tensor(pose).float().to(dtype).requires_grad_()
-    image = rasterize(
-        leaves, CAMERA, BACKGROUND, options, pose=moving, depth_limit=limit, implementation=implementation
-    )
+    image = rasterize(leaves, CAMERA, BACKGROUND, options, pose=moving, depth_limit=limit, backend=backend)
     mask = torch.zeros_like(image.alpha)
     cut(mask, region)[:] = 1
     by_rgb, by_alpha = (weights.to(dtype) for weights in image_weights(CAMERA))
@@ -109,12 +105,10 @@ def test_gradients_of_a_region_are_those_of_a_loss_on_it(
 @pytest.mark.parametrize(
     "region", [(-1, 0, 5, 5), (0, -1, 5, 5), (86, 0, 5, 5), (0, 57, 5, 5), (0, 0, 0, 5), (0, 0, 5, -2), (0, 0, 91, 61)]
 )
-@IMPLEMENTATIONS
-def test_regions_that_do_not_lie_in_the_image_are_refused(
-    region: tuple[int, int, int, int], implementation: str
-) -> None:
+@BACKENDS
+def test_regions_that_do_not_lie_in_the_image_are_refused(region: tuple[int, int, int, int], backend: str) -> None:
     with pytest.raises(ValueError, match="90 x 61"):
-        drawn(crowd(), RasterizeOptions(region=region), implementation)
+        drawn(crowd(), RasterizeOptions(region=region), backend)
 
 
 def test_depth_limits_equal_the_reference() -> None:
@@ -130,11 +124,11 @@ def test_depth_limits_equal_the_reference() -> None:
     assert float((expected.alpha.detach() - drawn(crowd(), EVERYTHING, "reference").alpha).abs().max()) > 0.5
 
 
-@IMPLEMENTATIONS
-def test_nothing_behind_a_limit_is_seen(implementation: str) -> None:
+@BACKENDS
+def test_nothing_behind_a_limit_is_seen(backend: str) -> None:
     """Neither as colour nor as depth, and the splat exactly at the limit is."""
     limit = shallow_limit()
-    image = drawn(crowd(), EVERYTHING, implementation, depth_limit=limit)
+    image = drawn(crowd(), EVERYTHING, backend, depth_limit=limit)
     for depth in (image.median_z, image.mean_depth):
         seen = ~depth.isnan()
         assert 0.3 < float(seen.double().mean()) < 0.95 and bool((depth[seen] <= limit[seen] * (1 + 1e-6)).all())
@@ -142,9 +136,7 @@ def test_nothing_behind_a_limit_is_seen(implementation: str) -> None:
     for depth, visible in ((2.0, True), (np.nextafter(np.float32(2), np.float32(0)), False)):
         limit = torch.full((32, 32), float(depth))
         with torch.no_grad():
-            alpha = rasterize(
-                tensors(one_gaussian((0, 0, 2.0))), camera, depth_limit=limit, implementation=implementation
-            ).alpha
+            alpha = rasterize(tensors(one_gaussian((0, 0, 2.0))), camera, depth_limit=limit, backend=backend).alpha
         assert bool(alpha.any()) == visible
 
 
@@ -158,22 +150,22 @@ def test_an_infinite_limit_is_none(options: RasterizeOptions) -> None:
         np.testing.assert_array_equal(gradients[name], gradient, err_msg=name)
 
 
-@IMPLEMENTATIONS
-def test_a_limit_of_zero_hides_everything(implementation: str) -> None:
+@BACKENDS
+def test_a_limit_of_zero_hides_everything(backend: str) -> None:
     shut = torch.zeros(CAMERA.height, CAMERA.width)
-    image, gradients = draw_with_gradients(crowd(), CAMERA, implementation, depth_limit=shut)
+    image, gradients = draw_with_gradients(crowd(), CAMERA, backend, depth_limit=shut)
     torch.testing.assert_close(image.rgb.detach(), torch.tensor(BACKGROUND).expand_as(image.rgb))
     assert not image.alpha.any() and not image.max_weights.any()
     assert image.median_depth.isnan().all() and image.mean_depth.isnan().all()
     assert not any(gradient.any() for gradient in gradients.values())
 
 
-@IMPLEMENTATIONS
-def test_a_limit_of_another_size_is_refused(implementation: str) -> None:
+@BACKENDS
+def test_a_limit_of_another_size_is_refused(backend: str) -> None:
     options = RasterizeOptions(region=(16, 16, 20, 10))
     for shape in ((61, 90), (20, 10), (10, 20, 1)):
         with pytest.raises(ValueError, match="depth_limit"):
-            drawn(crowd(), options, implementation, depth_limit=torch.ones(shape))
+            drawn(crowd(), options, backend, depth_limit=torch.ones(shape))
 
 
 @pytest.mark.parametrize("low_pass", [0.1, 0.3, 2.0])
@@ -193,8 +185,8 @@ def test_compensation_equals_the_reference(low_pass: float) -> None:
     assert float((plain.alpha - image.alpha).detach().max()) > 0.3
 
 
-@IMPLEMENTATIONS
-def test_a_tiny_gaussian_gets_fainter_with_distance(implementation: str) -> None:
+@BACKENDS
+def test_a_tiny_gaussian_gets_fainter_with_distance(backend: str) -> None:
     """Its light falls with the square of the distance; without compensation it stays that of the low-pass."""
     camera = plain_camera(33, 33, 40.0)
     light = {}
@@ -203,19 +195,19 @@ def test_a_tiny_gaussian_gets_fainter_with_distance(implementation: str) -> None
             point = one_gaussian((0, 0, depth), scales=[[0.004] * 3], opacities=[0.99])
             options = RasterizeOptions(compensate=compensate)
             with torch.no_grad():
-                image = rasterize(tensors(point), camera, (0, 0, 0), options, implementation=implementation)
+                image = rasterize(tensors(point), camera, (0, 0, 0), options, backend=backend)
             light[compensate, depth] = float(image.alpha.max())
     assert light[False, 3.0] > 0.98 * light[False, 1.0]
     np.testing.assert_allclose(light[True, 3.0] / light[True, 1.0], 1 / 9, rtol=0.1)
 
 
-@IMPLEMENTATIONS
-def test_a_wide_gaussian_is_not_compensated(implementation: str) -> None:
+@BACKENDS
+def test_a_wide_gaussian_is_not_compensated(backend: str) -> None:
     wide = join(one_gaussian((0, 0, 3.0), scales=[[5.0] * 3]), one_gaussian((0.5, 0, 4.0), scales=[[9.0] * 3]))
     camera = plain_camera()
     with torch.no_grad():
         plain, compensated = (
-            rasterize(tensors(wide), camera, BACKGROUND, RasterizeOptions(compensate=on), implementation=implementation)
+            rasterize(tensors(wide), camera, BACKGROUND, RasterizeOptions(compensate=on), backend=backend)
             for on in (False, True)
         )
     torch.testing.assert_close(plain.rgb, compensated.rgb, atol=1e-4, rtol=0)

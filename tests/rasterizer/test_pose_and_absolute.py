@@ -13,7 +13,7 @@ from support.torch_drawing import BACKGROUND, draw_with_gradients, image_weights
 from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions, rasterize, rasterize_batch
 
 CAMERA = odd_camera(45, 27)
-IMPLEMENTATIONS = pytest.mark.parametrize("implementation", ["cpu", "reference"])
+BACKENDS = pytest.mark.parametrize("backend", ["cpu", "reference"])
 ABSOLUTE = RasterizeOptions(absolute=True)
 
 
@@ -35,7 +35,7 @@ def few(degree: int) -> GaussianArrays:
 
 def reference_loss(gaussians: GaussianArrays, pose: torch.Tensor, options: RasterizeOptions) -> torch.Tensor:
     leaves = GaussianArrays(*[torch.tensor(getattr(gaussians, name)) for name in ATTRIBUTES])
-    image = rasterize(leaves, CAMERA, BACKGROUND, options, pose=pose, implementation="reference")
+    image = rasterize(leaves, CAMERA, BACKGROUND, options, pose=pose, backend="reference")
     by_rgb, by_alpha = image_weights(CAMERA)
     return (image.rgb * by_rgb).sum() + (image.alpha * by_alpha).sum()
 
@@ -73,16 +73,16 @@ def test_pose_gradient_equals_the_reference(rows: int, options: RasterizeOptions
         assert relative_error(found[name], gradient) < 1e-5, name
 
 
-@IMPLEMENTATIONS
-def test_a_pose_is_where_the_camera_stands(implementation: str) -> None:
+@BACKENDS
+def test_a_pose_is_where_the_camera_stands(backend: str) -> None:
     gaussians = random_gaussians(CAMERA, 80, 2, seed=6)
     everything = RasterizeOptions(depth=True)
-    standing = draw_with_gradients(gaussians, CAMERA.with_pose(moved()), implementation, options=everything)
-    posed = draw_with_gradients(gaussians, CAMERA, implementation, options=everything, pose=moved())
+    standing = draw_with_gradients(gaussians, CAMERA.with_pose(moved()), backend, options=everything)
+    posed = draw_with_gradients(gaussians, CAMERA, backend, options=everything, pose=moved())
     for name in ("rgb", "alpha", "median_depth", "median_z", "mean_depth"):
         found, expected = getattr(posed[0], name), getattr(standing[0], name)
         torch.testing.assert_close(found, expected, atol=1e-5, rtol=1e-5, equal_nan=True)
-    elsewhere = draw_with_gradients(gaussians, CAMERA, implementation)[0]
+    elsewhere = draw_with_gradients(gaussians, CAMERA, backend)[0]
     assert float((elsewhere.rgb - posed[0].rgb).detach().abs().max()) > 0.1
 
 
@@ -116,45 +116,45 @@ def test_absolute_gradients_equal_the_reference(compensate: bool, limited: bool)
     assert found["screen_absolute"].sum() > 1.5 * np.abs(found["screen"]).sum()
 
 
-@IMPLEMENTATIONS
-def test_opposite_pulls_cancel_in_the_sum_and_not_in_the_absolute(implementation: str) -> None:
+@BACKENDS
+def test_opposite_pulls_cancel_in_the_sum_and_not_in_the_absolute(backend: str) -> None:
     """A splat in the middle of an image that should be covered more everywhere: no side wins."""
     leaves = tensors(one_gaussian((0, 0, 2.0), scales=[[0.1, 0.1, 0.1]]))
-    image = rasterize(leaves, plain_camera(), options=ABSOLUTE, implementation=implementation)
+    image = rasterize(leaves, plain_camera(), options=ABSOLUTE, backend=backend)
     assert not image.screen_absolute.any()
     image.alpha.sum().backward()
     assert float(image.screen.grad.abs().max()) < 1e-5
     assert float(image.screen_absolute.min()) > 1
     # A single pixel pulls to one side only: both are the same.
     leaves = tensors(one_gaussian((0, 0, 2.0), scales=[[0.1, 0.1, 0.1]]))
-    image = rasterize(leaves, plain_camera(), options=ABSOLUTE, implementation=implementation)
+    image = rasterize(leaves, plain_camera(), options=ABSOLUTE, backend=backend)
     image.alpha[14, 17].backward()
     torch.testing.assert_close(image.screen_absolute, image.screen.grad.abs())
     assert float(image.screen_absolute.min()) > 0.01
 
 
-@IMPLEMENTATIONS
-def test_absolute_gradients_change_nothing_else(implementation: str) -> None:
+@BACKENDS
+def test_absolute_gradients_change_nothing_else(backend: str) -> None:
     gaussians = random_gaussians(CAMERA, 100, 1, seed=13)
-    _, found = draw_with_gradients(gaussians, CAMERA, implementation, options=ABSOLUTE)
-    image, expected = draw_with_gradients(gaussians, CAMERA, implementation, options=RasterizeOptions())
+    _, found = draw_with_gradients(gaussians, CAMERA, backend, options=ABSOLUTE)
+    image, expected = draw_with_gradients(gaussians, CAMERA, backend, options=RasterizeOptions())
     assert image.screen_absolute is None
     for name, gradient in expected.items():
         np.testing.assert_array_equal(found[name], gradient, err_msg=name)
 
 
-@IMPLEMENTATIONS
-def test_a_batch_adds_its_gradients_up(implementation: str) -> None:
+@BACKENDS
+def test_a_batch_adds_its_gradients_up(backend: str) -> None:
     cameras = [CAMERA, CAMERA.with_pose(moved()), replace(plain_camera(20, 30), world_to_camera=moved())]
     gaussians = random_gaussians(CAMERA, 60, 1, seed=2)
     together = tensors(gaussians)
-    images = rasterize_batch(together, cameras, BACKGROUND, ABSOLUTE, implementation=implementation)
+    images = rasterize_batch(together, cameras, BACKGROUND, ABSOLUTE, backend=backend)
     assert [image.rgb.shape[:2] for image in images] == [(27, 45), (27, 45), (30, 20)]
     sum(image.rgb.square().sum() for image in images).backward()
     sums = dict.fromkeys(ATTRIBUTES, 0.0)
     for camera, image in zip(cameras, images, strict=True):
         alone = tensors(gaussians)
-        single = rasterize(alone, camera, BACKGROUND, ABSOLUTE, implementation=implementation)
+        single = rasterize(alone, camera, BACKGROUND, ABSOLUTE, backend=backend)
         single.rgb.square().sum().backward()
         assert torch.equal(single.rgb, image.rgb)
         assert torch.equal(single.screen.grad, image.screen.grad)

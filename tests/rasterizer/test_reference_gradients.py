@@ -15,7 +15,7 @@ STEP = 1e-6
 
 
 def loss_of(gaussians: GaussianArrays, camera: Camera) -> torch.Tensor:
-    image = rasterize(gaussians, camera, BACKGROUND, implementation="reference")
+    image = rasterize(gaussians, camera, BACKGROUND, backend="reference")
     by_rgb, by_alpha = image_weights(camera)
     return (image.rgb * by_rgb).sum() + (image.alpha * by_alpha).sum()
 

@@ -182,3 +182,14 @@ def test_arrays_of_another_type_are_refused(tmp_path: Path, name: str, kind: typ
     scene_files.write_scene(tmp_path / "x.frog", scene)
     with pytest.raises(FrogError, match=f"{name} of type {np.dtype(kind)}, expected float32"):
         read_scene(tmp_path / "x.frog")
+
+
+@pytest.mark.parametrize("name", ["recipe", "model", "pixel_offsets", "metrics", "capacity"])
+def test_a_header_changes_with_nothing(name: str) -> None:
+    """Neither through its own mappings nor through those that it was made of."""
+    given: dict[str, Any] = {"a": 1}
+    header = replace(scene_file().header, **{name: given})
+    given["b"] = 2
+    assert getattr(header, name) == {"a": 1}
+    with pytest.raises(TypeError):
+        getattr(header, name)["c"] = 3

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -168,11 +169,12 @@ def test_a_safetensors_file_without_a_header(path: Path) -> None:
 def test_arrays_of_the_wrong_shape(path: Path, name: str, shape: tuple[int, ...] | None) -> None:
     """Shapes are checked when a scene is opened: the native library only sees addresses."""
     scene = read_scene(path)
+    header = scene.header
     if shape is None:
-        scene.header.model["head_width"] = 16  # but the file has no heads
+        header = replace(header, model={**header.model, "head_width": 16})  # but the file has no heads
     else:
         scene.arrays[name] = np.ones(shape, np.float32)
-    path.write_bytes(scene_files.serialize(scene.arrays, metadata={"frog": scene.header.to_json()}))
+    path.write_bytes(scene_files.serialize(scene.arrays, metadata={"frog": header.to_json()}))
     with pytest.raises(FrogError) as caught:
         ScenePlayer.load(path)
     assert "\n" not in str(caught.value)

@@ -11,7 +11,7 @@ import pytest
 from support.builders import plain_camera
 
 from frog_blender.engine.scene.header import SceneHeader
-from frog_blender.engine.source_media.clips import Clip, camera_path, capture_folders, find_clips, moves_alone
+from frog_blender.engine.source_media.clips import Clip, camera_path, capture_folders, find_clips
 
 
 def header(names, *, layout="n3dv", shots=None, frames=8, path="", test=()):
@@ -73,7 +73,7 @@ def test_numbered_images_of_a_moving_camera(tmp_path, numbers, frames, expected)
     names = [f"left1_{number}" for number in numbers]
     folder = empty_files(tmp_path, *(f"rgb/2x/{name}.png" for name in names), "rgb/1x/left1_001.png")
     scene = moving(names, frames, layout="hypernerf")
-    assert moves_alone(scene)
+    assert scene.is_moving
     found = find_clips(scene, folder)
     if expected is None:
         assert not found
@@ -141,4 +141,4 @@ def test_a_file_does_not_make_a_computer_call_another(tmp_path, path):
 def test_the_path_of_a_moving_camera_prefers_what_was_trained_on():
     scene = header(["a", "b", "c"], shots=[(0,), (1,), (1,)], frames=2, test=["b"])
     assert [(frame, camera.name) for frame, camera in camera_path(scene)] == [(0, "a"), (1, "c")]
-    assert np.all([moves_alone(scene), not moves_alone(header(["a", "b"]))])
+    assert np.all([scene.is_moving, not header(["a", "b"]).is_moving])

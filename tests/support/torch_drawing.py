@@ -39,7 +39,7 @@ def cut(image: torch.Tensor, region: tuple[int, int, int, int]) -> torch.Tensor:
 def draw_with_gradients(
     gaussians: GaussianArrays,
     camera: Camera,
-    implementation: str,
+    backend: str,
     dtype: torch.dtype = torch.float32,
     options: RasterizeOptions = EVERYTHING,
     *,
@@ -50,9 +50,7 @@ def draw_with_gradients(
     ``screen_absolute`` where there are any."""
     leaves = tensors(gaussians, dtype)
     moving = None if pose is None else torch.tensor(pose, dtype=torch.float32).to(dtype).requires_grad_()
-    image = rasterize(
-        leaves, camera, BACKGROUND, options, pose=moving, depth_limit=depth_limit, implementation=implementation
-    )
+    image = rasterize(leaves, camera, BACKGROUND, options, pose=moving, depth_limit=depth_limit, backend=backend)
     by_rgb, by_alpha = (cut(weights, options.region_of(camera)).to(dtype) for weights in image_weights(camera))
     ((image.rgb * by_rgb).sum() + (image.alpha * by_alpha).sum()).backward()
     gradients = {name: getattr(leaves, name).grad.numpy() for name in ATTRIBUTES}

@@ -5,6 +5,7 @@ A capture only names its images; ``frames.FrameStore`` decodes them.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
@@ -16,6 +17,7 @@ import numpy as np
 
 from ..errors import FrogError
 from .camera import Camera
+from .camera_motion import cameras_move
 
 MAX_FRAMES = 1_000_000
 """Moments of a capture: nine hours at 30 a second. What claims more is mistaken."""
@@ -120,14 +122,18 @@ class Capture:
 
     @property
     def is_moving(self) -> bool:
-        """True for one moving camera: every camera has one shot, and no two that may be trained on share a moment.
+        """True for one moving camera: every camera has one shot, and no two that may be trained on share a frame.
 
-        A withheld image may share it: of a rig of two cameras one is trained on and the other judges.
+        A held-out image may share it: of a rig of two cameras one is trained on and the other judges.
         """
-        if len({shot.camera for shot in self.shots}) < len(self.shots):
-            return False
-        frames = [shot.frame for shot in self.train_shots]
-        return len(frames) > 1 and len(set(frames)) == len(frames)
+        images = Counter(shot.camera for shot in self.shots)
+        return cameras_move(images.values(), [shot.frame for shot in self.train_shots])
+
+    @property
+    def has_moving_cameras(self) -> bool:
+        """True for one moving camera, or several that moved together."""
+        images = Counter(shot.camera for shot in self.shots)
+        return cameras_move(images.values(), [shot.frame for shot in self.train_shots], rig=True)
 
     @cached_property
     def _shot_indices(self) -> dict[tuple[int, int], int]:

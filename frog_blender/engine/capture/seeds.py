@@ -12,7 +12,7 @@ from .capture import Capture
 from .seeding.given import given_points
 from .seeding.matching import triangulate
 from .seeding.plane_sweep import DepthMap, consistent, sweep, world_points
-from .seeding.views import Images, View, cameras_move, load_view, neighbours, scene_depth, spread
+from .seeding.views import Images, View, load_view, neighbours, scene_depth, spread
 from .seeding.volume import fill_volume
 
 _MATCH_SIDE, _SWEEP_SIDE = 800, 256  # longest side in pixels
@@ -115,7 +115,7 @@ def _typical(near_far: tuple[float, float]) -> float:
 
 def _references(capture: Capture, train: list[int]) -> list[int]:
     """Shots whose depth is measured: all cameras at the middle moment, or of moving ones spread frames."""
-    if cameras_move(capture):
+    if capture.has_moving_cameras:
         return spread(train, _SWEEP_REFERENCES)
     frames = sorted({capture.shots[index].frame for index in train})
     middle = frames[len(frames) // 2]
@@ -124,7 +124,7 @@ def _references(capture: Capture, train: list[int]) -> list[int]:
 
 def _candidates(capture: Capture, train: list[int], reference: int) -> list[int]:
     """Training shots that may show the same state of the scene: the same moment, or of moving cameras all."""
-    if cameras_move(capture):
+    if capture.has_moving_cameras:
         return [index for index in train if index != reference]
     frame = capture.shots[reference].frame
     return [index for index in train if capture.shots[index].frame == frame and index != reference]
@@ -132,7 +132,7 @@ def _candidates(capture: Capture, train: list[int], reference: int) -> list[int]
 
 def _match(capture: Capture, store: Images, train: list[int], depth: float) -> Cloud:
     """Points triangulated from features, at some moments or between near frames."""
-    if cameras_move(capture):
+    if capture.has_moving_cameras:
         shots = spread(train, _MATCH_VIEWS // 2)
     else:
         frames = sorted({capture.shots[index].frame for index in train})

@@ -1,4 +1,4 @@
-"""What of the network's first layer depends on the moment (see model.deformation), and its gradients. No torch.
+"""The time-dependent part of the network's first layer (see model.deformation) and its gradients. No torch.
 
 A dozen products of small matrices: automatic differentiation takes longer to keep track of them than they take. Sums
 are einsum's, since the threads of numpy's own matrix product would spin on the cores that the rasterizer wants.
@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..arrays import Array
+
 
 def first_layer(
-    temporal: np.ndarray,
-    temporal_weight: np.ndarray,
-    bias: np.ndarray,
-    embedding_weight: np.ndarray,
-    modulation_weight: np.ndarray | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """``DeformationField.shared`` (networks * hidden,) and ``embedding_weights`` (networks * hidden, E) of a moment.
+    temporal: Array,
+    temporal_weight: Array,
+    bias: Array,
+    embedding_weight: Array,
+    modulation_weight: Array | None = None,
+) -> tuple[Array, Array]:
+    """``DeformationField.shared`` (networks * hidden,) and ``embedding_weights`` (networks * hidden, E) of a time.
 
     Args:
         temporal: (networks, T) fused temporal embedding.
@@ -34,12 +36,12 @@ def first_layer(
 
 
 def first_layer_gradients(
-    by_shared: np.ndarray,
-    by_weights: np.ndarray,
-    temporal: np.ndarray,
-    temporal_weight: np.ndarray,
-    modulation_weight: np.ndarray | None = None,
-) -> dict[str, np.ndarray]:
+    by_shared: Array,
+    by_weights: Array,
+    temporal: Array,
+    temporal_weight: Array,
+    modulation_weight: Array | None = None,
+) -> dict[str, Array]:
     """Gradients by argument of ``first_layer``; those of bias and embedding_weight are the first two arguments.
 
     Args:
@@ -59,11 +61,11 @@ def first_layer_gradients(
     return gradients
 
 
-def _by_network(rows: np.ndarray, networks: int) -> np.ndarray:
+def _by_network(rows: Array, networks: int) -> Array:
     """(networks, hidden, ...) of (networks * hidden, ...)."""
     return rows.reshape(networks, -1, rows.shape[1])
 
 
-def _modulation(temporal: np.ndarray, size: int) -> np.ndarray:
+def _modulation(temporal: Array, size: int) -> Array:
     """(networks, 1, E) what the modulation's weights are multiplied with."""
     return temporal[:, None, :size] - 1

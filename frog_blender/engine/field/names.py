@@ -1,6 +1,12 @@
-"""Names of a model's forms, apart from what computes them: a recipe can be read without torch."""
+"""Names of methods and of a model's forms: a recipe or a header can be read without torch."""
 
 from __future__ import annotations
+
+FIELD_METHODS = ("frog", "ed3dgs")
+"""Methods with a temporal table and a deformation network: FRoG and its base."""
+
+METHODS = (*FIELD_METHODS, "static", "d3dgs", "hexplane", "curves")
+"""Every method, in the order of the tables."""
 
 FUSIONS = ("product", "add", "concat", "attention", "coarse", "fine", "dual")
 """Of the temporal embeddings. ``product`` is FRoG's t_c * t_f, ``dual`` E-D3DGS's late fusion: two networks whose
@@ -8,4 +14,4 @@ changes add up. The paper does not write out its attention; here a small layer s
 the scores weighs them."""
 
 FORMS = ("paper", "unit", "off")
-"""Of the opacity reduction, see ``opacity.reduction_factor``."""
+"""Of the opacity reduction, see ``model.opacity.reduction_factor``."""

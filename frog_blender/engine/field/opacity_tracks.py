@@ -9,19 +9,21 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..arrays import Array
 from ..capture.time import time_to_frame
 
 LEVELS = 255
-"""Opacities are told apart by so much; the first step is about where the rasterizer begins to draw."""
+"""Steps of a stored opacity; the first is about where the rasterizer begins to draw."""
 
 
-def quantize_opacities(opacities: np.ndarray) -> np.ndarray:
+def quantize_opacities(opacities: Array) -> Array:
     """uint8 from activated opacities, in the same shape."""
-    return np.rint(LEVELS * opacities.clip(0, 1)).astype(np.uint8)
+    result: Array = np.rint(LEVELS * opacities.clip(0, 1)).astype(np.uint8)
+    return result
 
 
 class OpacityTracks:
-    """Opacities of those that only fade, for playback: linear from one frame to the next.
+    """Opacities of transient Gaussians at playback, linear between frames.
 
     Args:
         tracks: (F, frames) uint8, from a file.
@@ -30,7 +32,7 @@ class OpacityTracks:
         ValueError: for anything else, and for none.
     """
 
-    def __init__(self, tracks: np.ndarray) -> None:
+    def __init__(self, tracks: Array) -> None:
         if tracks.dtype != np.uint8 or tracks.ndim != 2 or not tracks.size:
             raise ValueError(f"fades are {tracks.dtype} of shape {tracks.shape}")
         self._by_frame = np.ascontiguousarray(tracks.T).astype(np.float32) / LEVELS
@@ -38,7 +40,7 @@ class OpacityTracks:
     def __len__(self) -> int:
         return self._by_frame.shape[1]
 
-    def at(self, time: float, result: np.ndarray) -> None:
+    def at(self, time: float, result: Array) -> None:
         """Fills ``result`` (F,) float32 at a time in [0, 1]."""
         frames = len(self._by_frame)
         frame = time_to_frame(time, frames)

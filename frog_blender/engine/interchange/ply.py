@@ -1,9 +1,9 @@
-"""3DGS ``.ply`` files: Gaussians of one moment in the layout that splat viewers share. Numpy alone.
+"""3DGS ``.ply`` files: the Gaussians of one time in the layout that splat viewers share. Numpy alone.
 
 ``x y z nx ny nz f_dc_0..2 f_rest_* opacity scale_0..2 rot_0..3``: opacities as logits, scales as logarithms,
 quaternions w, x, y, z, ``f_rest`` by channel (all of red, then green, then blue). Written as little-endian float32;
 read in either byte order, any order of properties, and floats of 16 (which PLY can only name whole numbers), 32 and 64
-bits. Which way is up no file says: see exchange.
+bits. No file says which way is up: see interchange.splats.
 
 plyfile was tried for this. Its current release wants numpy 2, which Blender 4.5 and 5.0 do not have; and for lists
 before the vertices, text, or a header without an end it asks for what the file says (30 GB for 200 bytes; 86 s for
@@ -20,8 +20,9 @@ from typing import BinaryIO
 
 import numpy as np
 
+from ..arrays import Array, SceneArrays
 from ..errors import FrogError, found_instead
-from ..gaussians import GaussianArrays
+from ..gaussians import NumpyGaussians
 from ..io.atomic_files import write_atomically
 from ..io.regular_file import regular_file
 from .ply_values import cleaned, floats
@@ -54,16 +55,16 @@ class Splats:
         left_out: rows whose numbers are not finite or too large to be drawn, and which are not among the N.
     """
 
-    arrays: dict[str, np.ndarray]
+    arrays: SceneArrays
     left_out: int
 
 
-def write_splats(path: str | Path, gaussians: GaussianArrays) -> None:
+def write_splats(path: str | Path, gaussians: NumpyGaussians) -> None:
     """Writes Gaussians as they are, atomically; FrogError when it cannot, and then an earlier file is untouched."""
     write_atomically(path, splat_bytes(gaussians))
 
 
-def splat_bytes(gaussians: GaussianArrays) -> bytes:
+def splat_bytes(gaussians: NumpyGaussians) -> bytes:
     """What ``write_splats`` writes."""
     g = gaussians.checked()
     rest = g.sh[:, 1:].transpose(0, 2, 1).reshape(len(g), -1)  # channel by channel
@@ -74,7 +75,8 @@ def splat_bytes(gaussians: GaussianArrays) -> bytes:
     columns += [np.log(np.maximum(g.scales.astype(np.float64), 1e-30)), g.quaternions]
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(g)}"]
     header += [*(f"property float {name}" for name in names), "end_header\n"]
-    return "\n".join(header).encode() + np.concatenate(columns, axis=1).astype("<f4").tobytes()
+    result: bytes = "\n".join(header).encode() + np.concatenate(columns, axis=1).astype("<f4").tobytes()
+    return result
 
 
 def read_splats(path: str | Path) -> Splats:
@@ -95,7 +97,7 @@ def read_splats(path: str | Path) -> Splats:
     return _splats(path, np.frombuffer(content, dtype, count))
 
 
-def _layout(path: str | Path, file: BinaryIO) -> tuple[int, int, np.dtype]:
+def _layout(path: str | Path, file: BinaryIO) -> tuple[int, int, np.dtype[np.void]]:
     """Byte at which the vertices begin, how many there are, and the structure of one."""
     head = file.read(_LONGEST_HEADER)
     if not head.startswith((b"ply\n", b"ply\r\n")):
@@ -146,7 +148,7 @@ def _count(path: str | Path, text: str) -> int:
     return int(text)
 
 
-def _splats(path: str | Path, table: np.ndarray) -> Splats:
+def _splats(path: str | Path, table: Array) -> Splats:
     names = set(table.dtype.names or ())
     rest = next(i for i in itertools.count() if f"f_rest_{i}" not in names)
     wanted = {

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..arrays import Array, SceneArrays
 from ..errors import found_instead
 
 _EXPECTED = "logarithms of sizes, logits of opacities and the like, as 3DGS trainings write them"
@@ -16,7 +17,7 @@ _THINNEST = -30.0  # logarithm that stands for that of a size of zero, which som
 _MOST_CERTAIN = 30.0  # logit that stands for an infinite one, which some programs write for an opacity of one
 
 
-def floats(path: str | Path, column: np.ndarray) -> np.ndarray:
+def floats(path: str | Path, column: Array) -> Array:
     """(N,) float32 of a property: of floats, or of whole numbers of 16 bits, in which some programs write half floats
     because PLY has no name for them. FrogError for other whole numbers."""
     if column.dtype.kind != "f":
@@ -26,7 +27,7 @@ def floats(path: str | Path, column: np.ndarray) -> np.ndarray:
     return column.astype(np.float32)
 
 
-def cleaned(path: str | Path, arrays: dict[str, np.ndarray], *, halves: bool) -> tuple[dict[str, np.ndarray], int]:
+def cleaned(path: str | Path, arrays: SceneArrays, *, halves: bool) -> tuple[SceneArrays, int]:
     """Arrays with unit quaternions and bounded logits, and how many rows are left out, whose numbers are not finite or
     too large to be drawn. FrogError if most of the table cannot be splats.
 
@@ -49,12 +50,13 @@ def cleaned(path: str | Path, arrays: dict[str, np.ndarray], *, halves: bool) ->
     return kept, int((~fits).sum())
 
 
-def _bounded(array: np.ndarray) -> np.ndarray:
+def _bounded(array: Array) -> Array:
     """(N,) where all numbers of a row are finite and not too large."""
-    return (np.abs(array.reshape(len(array), -1)) <= _LARGEST).all(axis=1)
+    result: Array = (np.abs(array.reshape(len(array), -1)) <= _LARGEST).all(axis=1)
+    return result
 
 
-def _complaint(arrays: dict[str, np.ndarray], fits: np.ndarray) -> str:
+def _complaint(arrays: SceneArrays, fits: Array) -> str:
     """What shows that most rows are no splats; "" where nothing does."""
     size, logit = _median(arrays["log_scales"]), _median(np.abs(arrays["opacity_logits"]))
     if size > _USUAL_SIZE:
@@ -72,14 +74,15 @@ def _complaint(arrays: dict[str, np.ndarray], fits: np.ndarray) -> str:
     return f"colours of {color:,.0f} for half of the Gaussians" if color > 100 else ""
 
 
-def _median(numbers: np.ndarray) -> float:
+def _median(numbers: Array) -> float:
     """Of the finite ones; 0 where there are none."""
     finite = numbers[np.isfinite(numbers)]
     return float(np.median(finite)) if finite.size else 0.0
 
 
-def _units(quaternions: np.ndarray) -> np.ndarray:
+def _units(quaternions: Array) -> Array:
     """Of length one; without a turn where they have no direction."""
     exact = quaternions.astype(np.float64)
     exact[~exact.any(axis=1)] = (1.0, 0.0, 0.0, 0.0)
-    return (exact / np.linalg.norm(exact, axis=1, keepdims=True)).astype(np.float32)
+    result: Array = (exact / np.linalg.norm(exact, axis=1, keepdims=True)).astype(np.float32)
+    return result

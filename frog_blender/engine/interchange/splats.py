@@ -1,4 +1,4 @@
-"""Scenes to and from other programs: moments as 3DGS ``.ply`` files, and such a file as a still scene.
+"""Scenes to and from other programs: frames as 3DGS ``.ply`` files, and such a file as a static scene.
 
 No ``.ply`` says which way is up; most viewers take y for down. Here numbers go in and out with the axes that they have,
 unless a turn is asked for; in Blender's menus, where z is up, the export turns to y down and the import back again.
@@ -10,8 +10,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
+from ..arrays import Array
 from ..errors import FrogError
 from ..playback.player import CANONICAL, ScenePlayer
 from ..playback.transform import transform
@@ -45,10 +44,10 @@ class Imported:
 
 
 def import_splats(source: Path, target: Path, *, compact: bool = False) -> Imported:
-    """Writes a 3DGS ``.ply`` as a still scene without cameras; FrogError when it cannot, and nothing is changed then.
+    """Writes a 3DGS ``.ply`` as a static scene without cameras; FrogError when it cannot, and nothing is changed then.
 
     Args:
-        compact: pack the scene (see packing): several times smaller, and different by less than can be seen.
+        compact: pack the scene (see quantization): several times smaller, without a visible difference.
     """
     if target.suffix != ".frog":
         raise FrogError(f"{target}: found the ending {target.suffix!r}, expected a file that ends in .frog.")
@@ -109,7 +108,7 @@ def export_frames(
     folder: Path,
     stem: str,
     report: Callable[[int], None] | None = None,
-    turn: np.ndarray | None = None,
+    turn: Array | None = None,
 ) -> list[Path]:
     """Writes frames (counted from 0) of a scene as ``STEM_0000.ply`` and so on, each atomically; returns their paths.
 

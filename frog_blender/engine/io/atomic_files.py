@@ -42,7 +42,7 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
     It gets the permissions of the file that it replaces, else those that the process gives to new files (umask).
     OSError when it cannot be written.
     """
-    temporary = path.with_name(_temporary_name(path.name))  # known before it exists: a signal can come at any moment
+    temporary = path.with_name(_temporary_name(path.name))  # known before it exists: a signal can come at any time
     try:
         mode = _mode_of(path)
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | _BINARY

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.lib import format as layout
 
+from ..arrays import Array
 from ..errors import FrogError, brief, found_instead
 from .regular_file import regular_file
 
@@ -28,11 +29,14 @@ NUMBERS, TEXT = "biuf", "U"
 _LARGEST_NUMBER = 16  # bytes
 _LONGEST_HEADER = 1000  # characters: of plain arrays it has a tenth of that
 _MOST_ARRAYS = 10_000
-_HEADERS: dict[tuple[int, int], Any] = {(1, 0): layout.read_array_header_1_0, (2, 0): layout.read_array_header_2_0}
+_HEADERS: dict[tuple[int, int], Callable[..., tuple[tuple[int, ...], bool, np.dtype[np.generic]]]] = {
+    (1, 0): layout.read_array_header_1_0,
+    (2, 0): layout.read_array_header_2_0,
+}
 _COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 
 
-def read_npy(path: Path, expected: str, most: int) -> np.ndarray:
+def read_npy(path: Path, expected: str, most: int) -> Array:
     """The array of numbers in a ``.npy`` file.
 
     Args:
@@ -52,7 +56,7 @@ def read_npy(path: Path, expected: str, most: int) -> np.ndarray:
         raise found_instead(path, f"a file that is not a NumPy array of numbers ({brief(error)})", expected) from error
 
 
-def read_npz(path: Path, expected: str, wanted: Wanted, most: int, kinds: str = NUMBERS) -> dict[str, np.ndarray]:
+def read_npz(path: Path, expected: str, wanted: Wanted, most: int, kinds: str = NUMBERS) -> dict[str, Array]:
     """All arrays of an ``.npz`` file by name; errors as of ``read_npy``.
 
     Args:
@@ -61,7 +65,7 @@ def read_npz(path: Path, expected: str, wanted: Wanted, most: int, kinds: str = 
         kinds: of arrays: NUMBERS, and TEXT where that is expected.
     """
     regular_file(path, expected)
-    arrays: dict[str, np.ndarray] = {}
+    arrays: dict[str, Array] = {}
     try:
         with zipfile.ZipFile(path) as archive:
             entries = archive.infolist()
@@ -86,10 +90,15 @@ def read_npz(path: Path, expected: str, wanted: Wanted, most: int, kinds: str = 
 
 
 def _read(
-    file: Any, size: int, kinds: str, most: int, wanted: Callable[[tuple[int, ...]], None] | None = None
-) -> np.ndarray:
+    file: Any,  # typing.IO has no readinto, which both kinds of files have
+    size: int,
+    kinds: str,
+    most: int,
+    wanted: Callable[[tuple[int, ...]], None] | None = None,
+) -> Array:
     """One array of a file of ``size`` bytes; anything may be raised for what is none."""
-    version = layout.read_magic(file)
+    read_magic: Callable[..., tuple[int, int]] = layout.read_magic
+    version = read_magic(file)
     if version not in _HEADERS:
         raise ValueError(f"version {version} of the format")
     shape, by_columns, dtype = _HEADERS[version](file, max_header_size=_LONGEST_HEADER)

@@ -12,10 +12,10 @@ import struct
 from collections.abc import Callable
 from io import BufferedReader
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from ..arrays import Array
 from ..errors import brief, found_instead
 from .plain_values import UnfitValue, entries, items, plain_json, whole
 from .regular_file import regular_file
@@ -35,7 +35,7 @@ _DTYPES: dict[str, type[np.generic]] = {
 
 def read_tensors(
     path: str | Path, kind: str, wanted: Callable[[str], bool] = lambda name: True
-) -> tuple[dict[str, np.ndarray], dict[str, str]]:
+) -> tuple[dict[str, Array], dict[str, str]]:
     """Arrays and metadata of a safetensors file; sizes are checked before anything is allocated.
 
     Args:
@@ -57,7 +57,7 @@ def read_tensors(
         raise found_instead(path, f"a damaged or foreign file ({error})", kind) from error
 
 
-def _read(file: BufferedReader, wanted: Callable[[str], bool]) -> tuple[dict[str, np.ndarray], dict[str, str]]:
+def _read(file: BufferedReader, wanted: Callable[[str], bool]) -> tuple[dict[str, Array], dict[str, str]]:
     size = os.fstat(file.fileno()).st_size
     first = file.read(8)
     length = struct.unpack("<Q", first)[0] if len(first) == 8 else size
@@ -83,9 +83,9 @@ def _read(file: BufferedReader, wanted: Callable[[str], bool]) -> tuple[dict[str
     return arrays, metadata
 
 
-def _place(name: str, entry: Any) -> tuple[int, int, str, tuple[int, ...]]:
+def _place(name: str, found: object) -> tuple[int, int, str, tuple[int, ...]]:
     """First byte, the one after the last, type and shape of an array."""
-    entry = entries(entry, name)
+    entry = entries(found, name)
     dtype, lengths, offsets = (entry.get(key) for key in ("dtype", "shape", "data_offsets"))
     if not isinstance(dtype, str) or dtype not in _DTYPES:
         raise UnfitValue(f"{name} of type {brief(dtype)}", f"one of {', '.join(_DTYPES)}")
@@ -97,7 +97,7 @@ def _place(name: str, entry: Any) -> tuple[int, int, str, tuple[int, ...]]:
     return begin, end, dtype, shape
 
 
-def _array(file: BufferedReader, dtype: str, shape: tuple[int, ...]) -> np.ndarray:
+def _array(file: BufferedReader, dtype: str, shape: tuple[int, ...]) -> Array:
     array = np.empty(shape, _DTYPES[dtype])
     if array.size:
         into = array.reshape(-1).view(np.uint8).data

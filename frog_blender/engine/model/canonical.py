@@ -5,14 +5,15 @@ from __future__ import annotations
 import torch
 from torch import nn
 
+from ..gaussians import TorchGaussians
 from ..rasterizer import GaussianArrays
+from ..spherical_harmonics import SH_DC
 
-SH_DC = 0.28209479177387814
 ATTRIBUTES = ("means", "log_scales", "quaternions", "opacity_logits", "sh", "embeddings")
 
 
 class CanonicalField(nn.Module):
-    """N Gaussians, the first M of which move; those behind them are at rest and look at all times as they do here.
+    """N Gaussians: the first M are dynamic, the others are static.
 
     Density control can treat all attributes alike: their first dimension is N, of the embeddings M.
 
@@ -22,7 +23,7 @@ class CanonicalField(nn.Module):
         quaternions: (N, 4) w, x, y, z, normalised when drawn.
         opacity_logits: (N,).
         sh: (N, K, 3).
-        embeddings: (M, E) what the deformation field knows of each Gaussian that moves; E = 0 where a method has none.
+        embeddings: (M, E) what the deformation field knows of each dynamic Gaussian; E = 0 for methods without.
     """
 
     means: torch.Tensor
@@ -45,7 +46,7 @@ class CanonicalField(nn.Module):
         """Gaussians that are deformed, M."""
         return self.embeddings.shape[0]
 
-    def gaussians(self, sh_count: int | None = None) -> GaussianArrays:
+    def gaussians(self, sh_count: int | None = None) -> TorchGaussians:
         """The undeformed Gaussians, activated, with the first ``sh_count`` coefficients (None: all)."""
         sh = self.sh[:, :sh_count]
         return GaussianArrays(self.means, self.quaternions, self.log_scales.exp(), self.opacity_logits.sigmoid(), sh)

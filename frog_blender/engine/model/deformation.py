@@ -1,12 +1,12 @@
 """The deformation field: one small network from (temporal embedding, Gaussian embedding) to attribute changes.
 
 Its first layer separates, W [t; e] + b = (W_t t + b) + W_e e, so the N x (T + E) concatenation is never built:
-``W_t t + b`` is one vector a moment, and ``W_e e`` does not depend on time at all (playback caches it).
+``W_t t + b`` is one vector for all Gaussians, and ``W_e e`` does not depend on time at all (playback caches it).
 
 With modulation, which no paper of this family has, the embedding's weights follow time as well,
 (W_e + W_m diag(t - 1)) e, so that a unit sees products of temporal and Gaussian embedding beside their sum. With the
-sum alone a Gaussian that learns one moment's motion disturbs its other moments. It costs a matrix of weights a moment,
-nothing a Gaussian.
+sum alone, a Gaussian that learns its motion at one time is disturbed at the others. It costs one matrix of weights a
+frame and nothing a Gaussian.
 """
 
 from __future__ import annotations
@@ -14,8 +14,7 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-HEADS = {"means": 3, "log_scales": 3, "quaternions": 4, "opacity_logits": 1, "sh": 0}
-"""What each head changes and how many numbers it puts out; ``sh`` has three for each coefficient it deforms."""
+from ..field.output_layout import output_sizes
 
 UNITS = {"embedding_weight": 0, "temporal_weight": 0, "bias": 0, "modulation_weight": 0, "output_weight": 1}
 """The dimension along which the first layer's units lie in each array of a network that can be narrowed."""
@@ -46,12 +45,12 @@ class DeformationField(nn.Module):
         head_width: int,
         sh_count: int,
         networks: int = 1,
+        *,
         modulated: bool = False,
     ) -> None:
         super().__init__()
         self.networks, self.modulated = networks, modulated
-        self.sizes = {name: size or 3 * sh_count for name, size in HEADS.items()}
-        self.sizes = {name: size for name, size in self.sizes.items() if size}
+        self.sizes = output_sizes(sh_count)
         self.head_width = head_width
         bound = (embedding_size + temporal_size) ** -0.5
         self.embedding_weight = _uniform(bound, networks * hidden_width, embedding_size)
@@ -84,12 +83,12 @@ class DeformationField(nn.Module):
         return torch.addmm(self.shared(temporal), embeddings, self.embedding_weights(temporal).T).relu_()
 
     def shared(self, temporal: torch.Tensor) -> torch.Tensor:
-        """(networks * hidden,) the first layer's temporal part and bias at a moment, from (networks, T)."""
+        """(networks * hidden,) the first layer's temporal part and bias at a time, from (networks, T)."""
         weights = self.temporal_weight.reshape(self.networks, -1, self.temporal_weight.shape[1])
         return (weights @ temporal[:, :, None]).flatten() + self.bias
 
     def embedding_weights(self, temporal: torch.Tensor) -> torch.Tensor:
-        """(networks * hidden, E) what embeddings are multiplied with at a moment, from (networks, T)."""
+        """(networks * hidden, E) what embeddings are multiplied with at a time, from (networks, T)."""
         if not self.modulated:
             return self.embedding_weight
         size = self.embedding_weight.shape[1]

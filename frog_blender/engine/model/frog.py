@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass, replace
-from typing import Any
 
 import numpy as np
 import torch
@@ -13,6 +12,8 @@ from torch.nn import functional
 
 from ..capture.camera import Camera
 from ..field.temporal_table import temporal_weights
+from ..gaussians import TorchGaussians
+from ..io.plain_values import JsonObject
 from ..native.deformation import FieldShape
 from ..rasterizer import GaussianArrays, RasterizeOptions
 from .canonical import CanonicalField
@@ -36,8 +37,8 @@ class FrogSettings:
         opacity_reduction, opacity_sharpness: see model.opacity.
         fusion: of the coarse and the fine temporal embedding, see model.fusion.
         modulation: see model.deformation.
-        silent_heads: heads whose output is zero (see training.parsimony).
-        deformed_opacity: False leaves opacities as they are at every moment (and there is nothing to reduce).
+        silent_heads: heads whose output is zero (see training.compression).
+        deformed_opacity: False leaves opacities as they are at every time (and there is nothing to reduce).
         motion_unit: world units that a network output of one moves a Gaussian by (makes rates independent of the
             capture's units).
         fine_rows, opacity_share: how far the schedules had come when the scene was written; all rows (0) and 1 unless
@@ -82,7 +83,7 @@ class Frog(SceneModel):
             settings.head_width,
             settings.deformed_sh,
             network_count(settings.fusion),
-            settings.modulation,
+            modulated=settings.modulation,
         )
         if settings.fusion == "attention":
             bound = settings.temporal_size**-0.5
@@ -109,14 +110,14 @@ class Frog(SceneModel):
 
     @torch.no_grad()
     def prune_head(self, name: str) -> None:
-        """Sets a head's output to zero and keeps it there: nothing reaches its weights any more."""
+        """Sets a head's output to zero and keeps it there: no gradient reaches its weights any more."""
         rows = self.output_rows(name)
         self._pruned_heads.add(name)
         self.deformation.output_weight[rows] = 0
         self.deformation.output_bias[rows] = 0
 
     def restore_head(self, name: str) -> None:
-        """Undoes ``prune_head``; the head's weights are the caller's to restore."""
+        """Undoes ``prune_head``, but for the head's weights, which the caller restores."""
         self._pruned_heads.discard(name)
 
     def set_width(self, arrays: dict[str, torch.Tensor]) -> None:
@@ -162,7 +163,7 @@ class Frog(SceneModel):
 
     def deform(
         self, time: float, schedule_state: ScheduleState = FINISHED, sh_count: int | None = None
-    ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
+    ) -> tuple[TorchGaussians, dict[str, torch.Tensor]]:
         """See SceneModel."""
         sh_count = sh_count or self.canonical.sh.shape[1]
         if not self.canonical.num_dynamic:
@@ -182,21 +183,25 @@ class Frog(SceneModel):
         options: RasterizeOptions,
         schedule_state: ScheduleState = FINISHED,
         sh_count: int | None = None,
+        *,
         pose: torch.Tensor | None = None,
     ) -> RenderResult:
         """See SceneModel."""
         if not (self._is_fused and self.canonical.num_dynamic and torch.is_grad_enabled()) or options.absolute:
-            return super().draw(time, camera, background, options, schedule_state, sh_count, pose)
+            return super().draw(time, camera, background, options, schedule_state, sh_count, pose=pose)
         shape = self._field_shape(schedule_state, sh_count or self.canonical.sh.shape[1])
         arrays = field_arrays(self.canonical, self.deformation, self.temporal_embedding(time, schedule_state))
-        silent = [self.output_rows(name) for name in self._pruned_heads]
-        return render_fused(shape, arrays, camera, background, options, pose, silent, self.deformation.by_attribute)
+        pruned = [self.output_rows(name) for name in self._pruned_heads]
+        by_attribute = self.deformation.by_attribute
+        return render_fused(
+            shape, arrays, camera, background, options, pose=pose, pruned_rows=pruned, by_attribute=by_attribute
+        )
 
     @property
     def _is_fused(self) -> bool:
-        """Whether the library computes the field."""
+        """Whether the native library computes the field."""
         means = self.canonical.means
-        return means.dtype == torch.float32 and means.device.type == "cpu"
+        return self.backend is None and means.dtype == torch.float32 and means.device.type == "cpu"
 
     def _field_shape(self, schedule_state: ScheduleState, sh_count: int) -> FieldShape:
         s = self.settings
@@ -213,10 +218,10 @@ class Frog(SceneModel):
 
     def deform_reference(
         self, temporal: torch.Tensor, schedule_state: ScheduleState, sh_count: int
-    ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
+    ) -> tuple[TorchGaussians, dict[str, torch.Tensor]]:
         """``deform`` in plain torch, on any device and in any floating-point type; the fused one is tested against it.
 
-        The network and the embeddings may be of another type than the rest (half precision: model.on_device).
+        The network and the embeddings may be of another type than the rest (half precision: model.torch_player).
 
         Args:
             temporal: (networks, T) fused temporal embedding.
@@ -225,7 +230,7 @@ class Frog(SceneModel):
         changes = self.deformation(temporal.to(c.embeddings.dtype), c.embeddings)
         changes = {name: change.to(c.means.dtype) for name, change in changes.items()}
         changes["means"] = changes["means"] * s.motion_unit
-        # Nothing is added to Gaussians at rest.
+        # Nothing is added to static Gaussians.
         added = {name: functional.pad(change, (0, 0, 0, len(c) - c.num_dynamic)) for name, change in changes.items()}
         opacities = torch.sigmoid(c.opacity_logits + added["opacity_logits"].squeeze(1))
         if self.opacity_form != "off":
@@ -257,7 +262,7 @@ class Frog(SceneModel):
             return None
         return self.table_smoothness * self.temporal_table.diff(dim=0).square().mean()
 
-    def stored_settings(self, schedule_state: ScheduleState) -> dict[str, Any]:
+    def stored_settings(self, schedule_state: ScheduleState) -> JsonObject:
         """Schedules included: a scene stopped early plays as it was trained."""
         settings = replace(
             self.settings,
@@ -279,7 +284,7 @@ def initial_table(settings: FrogSettings) -> torch.Tensor:
     """(rows, T): one plus a sine in each column, of a frequency that two columns share a quarter of a turn apart.
 
     Around one, because the product of a zero table with itself has no gradient at all; slow waves, because they let
-    neighbouring moments learn from each other from the first step (0.5 dB better in the moving region than noise of
+    neighbouring frames learn from each other from the first step (0.5 dB better in the moving region than noise of
     the same size after a short training). The frequencies lie evenly spread and in pairs so that none is missing
     and none depends on its phase: drawn freely they decided more about a training than anything else that is drawn
     (docs/experiments/stability.md). On the CPU, as the network's first weights.

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
-import numpy as np
 import torch
 
+from ..arrays import Array
 from ..field.first_layer import first_layer, first_layer_gradients
+from ..gaussians import TorchGaussians
 from ..native.deformation import FieldShape, deform, deform_backward
 from ..rasterizer import GaussianArrays
+from ..rasterizer.torch_types import Context
 from .canonical import ATTRIBUTES, CanonicalField
 from .deformation import DeformationField
 
@@ -24,9 +26,9 @@ _LAYER_INPUTS, _LAYER_OUTPUTS = ("temporal", *_FIRST_LAYER, *_MODULATION), ("sha
 
 @dataclass(frozen=True)
 class FieldPass:
-    """What a pass through the fused field needs for its way back; without automatic differentiation.
+    """A forward pass through the fused field, kept for its backward pass; without automatic differentiation.
 
-    It does not hold what came out: outputs that know their way back and are known there would never be freed.
+    It does not hold the outputs: they would refer to it and it to them, and neither would be freed.
 
     Attributes:
         shape: settings.
@@ -35,7 +37,7 @@ class FieldPass:
     """
 
     shape: FieldShape
-    inputs: dict[str, np.ndarray]
+    inputs: dict[str, Array]
     arrays: dict[str, torch.Tensor]
 
     def backward(self, by_outputs: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
@@ -48,14 +50,14 @@ class FieldPass:
         return gradients | {name: torch.from_numpy(gradient) for name, gradient in found.items()}
 
 
-def forward_field(shape: FieldShape, arrays: dict[str, torch.Tensor]) -> tuple[FieldPass, GaussianArrays, torch.Tensor]:
+def forward_field(shape: FieldShape, arrays: dict[str, torch.Tensor]) -> tuple[FieldPass, TorchGaussians, torch.Tensor]:
     """A pass, the deformed, activated Gaussians with ``shape.sh_active`` coefficients, and the changes (M, outputs) of
     those that move, means in world units.
 
     Args:
         shape: settings.
         arrays: float32 tensors on the CPU by name: the canonical field's attributes, ``temporal``
-            (networks, T), the fused temporal embedding of the moment, and the network's layers.
+            (networks, T), the fused temporal embedding of the time, and the network's layers.
     """
     arrays = {name: array.detach().contiguous() for name, array in arrays.items()}
     inputs = {name: arrays.pop(name).numpy() for name in _LAYER_INPUTS if name in arrays}
@@ -73,7 +75,7 @@ class _Deform(torch.autograd.Function):
 
     @staticmethod
     def forward(
-        ctx: Any, shape: FieldShape, names: tuple[str, ...], *tensors: torch.Tensor
+        ctx: Context, shape: FieldShape, names: tuple[str, ...], *tensors: torch.Tensor
     ) -> tuple[torch.Tensor, ...]:
         ctx.field, gaussians, changes = forward_field(shape, dict(zip(names, tensors, strict=True)))
         result = [getattr(gaussians, name) for name in _OUTPUTS]
@@ -84,7 +86,7 @@ class _Deform(torch.autograd.Function):
         return *result, changes
 
     @staticmethod
-    def backward(ctx: Any, *by: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
+    def backward(ctx: Context, *by: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
         some = ctx.saved_tensors[0]
         by_outputs = {
             name: some.new_zeros(size) if gradient is None else gradient.contiguous()
@@ -106,13 +108,14 @@ def field_arrays(
 
 def deform_fused(
     canonical: CanonicalField, network: DeformationField, temporal: torch.Tensor, shape: FieldShape
-) -> tuple[GaussianArrays, torch.Tensor]:
+) -> tuple[TorchGaussians, torch.Tensor]:
     """Deformed, activated Gaussians with ``shape.sh_active`` coefficients, and the changes (M, outputs) of those
     that move, means in world units, without gradients.
 
     Args:
-        temporal: (networks, T) fused temporal embedding of the moment.
+        temporal: (networks, T) fused temporal embedding of the time.
     """
     arrays = field_arrays(canonical, network, temporal)
-    *outputs, changes = _Deform.apply(shape, tuple(arrays), *arrays.values())
+    apply: Callable[..., tuple[torch.Tensor, ...]] = _Deform.apply
+    *outputs, changes = apply(shape, tuple(arrays), *arrays.values())
     return GaussianArrays(**dict(zip(_OUTPUTS, outputs, strict=True))), changes

@@ -1,4 +1,4 @@
-"""An image of the fused field and its way back, by native calls one after the other.
+"""An image of the fused field and its backward pass, by native calls one after the other.
 
 The same bits as ``deform_fused`` and ``rasterize`` with automatic differentiation, which keeps track of some twenty
 arrays between them: that takes a tenth of a training's step.
@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import torch
 
 from ..capture.camera import NEUTRAL, Camera
+from ..gaussians import TorchGaussians
 from ..native.deformation import FieldShape
-from ..rasterizer import GaussianArrays, RasterizeOptions, exposed
+from ..rasterizer import RasterizeOptions, exposed
 from ..rasterizer.cpu import Drawing, draw
 from .fused import FieldPass, forward_field
 from .interface import RenderResult
@@ -26,8 +27,8 @@ class FusedRenderResult(RenderResult):
     Attributes:
         arrays: what was drawn, by name: parameters, and ``temporal`` with the gradients' way to the table.
         pose: the camera's, to receive its gradient, or None.
-        field, drawing: for the way back.
-        silent: rows of the network's outputs that no gradient passes.
+        field, drawing: for the backward pass.
+        pruned_rows: rows of the network's outputs that no gradient passes.
         versions: of arrays and Gaussians, when they were drawn.
     """
 
@@ -35,7 +36,7 @@ class FusedRenderResult(RenderResult):
     pose: torch.Tensor | None
     field: FieldPass
     drawing: Drawing
-    silent: list[slice]
+    pruned_rows: list[slice]
     versions: list[int]
 
     def backward(self, by_rgb: torch.Tensor) -> None:
@@ -50,7 +51,7 @@ class FusedRenderResult(RenderResult):
             self.pose.grad = by_gaussians.pop("pose")
         gradients = self.field.backward(by_gaussians)
         for name in ("output_weight", "output_bias"):
-            for rows in self.silent:
+            for rows in self.pruned_rows:
                 gradients[name][rows] = 0
         self.arrays["temporal"].backward(gradients.pop("temporal"))
         for name, gradient in gradients.items():
@@ -64,8 +65,9 @@ def render_fused(
     camera: Camera,
     background: tuple[float, float, float],
     options: RasterizeOptions,
+    *,
     pose: torch.Tensor | None,
-    silent: list[slice],
+    pruned_rows: list[slice],
     by_attribute: Callable[[torch.Tensor], dict[str, torch.Tensor]],
 ) -> FusedRenderResult:
     """An image whose colours, alpha and Gaussians are without gradients of their own.
@@ -73,7 +75,7 @@ def render_fused(
     Args:
         shape, arrays: see ``forward_field``; parameters but for ``temporal``.
         camera, background, options, pose: see ``rasterizer.rasterize``; without ``options.absolute``.
-        silent: see FusedRenderResult.
+        pruned_rows: see FusedRenderResult.
         by_attribute: see DeformationField.
     """
     if pose is not None:
@@ -83,9 +85,11 @@ def render_fused(
     screen = torch.empty((len(gaussians), 2), dtype=torch.float32, device="cpu")  # for its gradient alone
     image = exposed(drawing.image(rgb, alpha, screen), camera)
     versions = _versions(arrays, gaussians)
-    return FusedRenderResult(image, gaussians, by_attribute(changes), arrays, pose, field, drawing, silent, versions)
+    return FusedRenderResult(
+        image, gaussians, by_attribute(changes), arrays, pose, field, drawing, pruned_rows, versions
+    )
 
 
-def _versions(arrays: dict[str, torch.Tensor], gaussians: GaussianArrays) -> list[int]:
+def _versions(arrays: dict[str, torch.Tensor], gaussians: TorchGaussians) -> list[int]:
     """How often each array, and each of what was drawn from them, has been changed in place."""
     return [array._version for array in (*arrays.values(), *vars(gaussians).values())]

@@ -18,11 +18,11 @@ def fused_size(form: str, temporal_size: int) -> int:
 def fuse(
     form: str, coarse: torch.Tensor, fine: torch.Tensor, attention: tuple[torch.Tensor, torch.Tensor] | None = None
 ) -> torch.Tensor:
-    """(networks, fused size) what the networks are given at a moment.
+    """(networks, fused size) what the networks are given at a time.
 
     Args:
-        form: one of choices.FUSIONS.
-        coarse, fine: (T,) embeddings of the moment.
+        form: one of field.names.FUSIONS.
+        coarse, fine: (T,) embeddings of the time.
         attention: weight (A, T) and query (A,): the score of t is query . tanh(weight t).
     """
     if form == "dual":

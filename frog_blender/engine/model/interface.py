@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 from torch import nn
 
 from ..capture.camera import Camera
-from ..rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
+from ..gaussians import TorchGaussians
+from ..io.plain_values import JsonObject
+from ..rasterizer import Backend, Image, RasterizeOptions, rasterize
 from .canonical import CanonicalField
 
 
@@ -31,7 +32,7 @@ FINISHED = ScheduleState()
 
 @dataclass(frozen=True)
 class RenderResult:
-    """An image of a moment.
+    """An image, and what it was drawn from.
 
     Attributes:
         image: what was drawn.
@@ -39,7 +40,7 @@ class RenderResult:
     """
 
     image: Image
-    gaussians: GaussianArrays
+    gaussians: TorchGaussians
     changes: dict[str, torch.Tensor]
 
     def backward(self, by_rgb: torch.Tensor) -> None:
@@ -52,13 +53,19 @@ class SceneModel(nn.Module):
 
     Methods share the canonical field, the rasterizer, the losses and the trainer; a method is what it does in
     ``deform`` and the parameters it does it with.
+
+    Attributes:
+        canonical: the Gaussians before deformation.
+        backend: what draws; None for the fastest that the tensors' device and type allow. With a backend of its own a
+            model is computed by torch alone, without the native library.
     """
 
     canonical: CanonicalField
+    backend: Backend | None = None
 
     def deform(
         self, time: float, schedule_state: ScheduleState = FINISHED, sh_count: int | None = None
-    ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
+    ) -> tuple[TorchGaussians, dict[str, torch.Tensor]]:
         """The Gaussians at ``time`` and the changes (M, size) by attribute of those that move, means in world units;
         {} where a method has none.
 
@@ -75,14 +82,27 @@ class SceneModel(nn.Module):
         options: RasterizeOptions,
         schedule_state: ScheduleState = FINISHED,
         sh_count: int | None = None,
+        *,
         pose: torch.Tensor | None = None,
     ) -> RenderResult:
-        """An image of ``time`` that knows its way back, to the model's parameters and to ``pose``; for the arguments
+        """An image at ``time``, differentiable in the model's parameters and in ``pose``; for the arguments
         see ``deform`` and ``rasterizer.rasterize``."""
         gaussians, changes = self.deform(time, schedule_state, sh_count)
-        return RenderResult(rasterize(gaussians, camera, background, options, pose=pose), gaussians, changes)
+        return RenderResult(self.rasterize(gaussians, camera, background, options, pose=pose), gaussians, changes)
 
-    def forward(self, time: float, schedule_state: ScheduleState = FINISHED) -> GaussianArrays:
+    def rasterize(
+        self,
+        gaussians: TorchGaussians,
+        camera: Camera,
+        background: tuple[float, float, float],
+        options: RasterizeOptions | None = None,
+        *,
+        pose: torch.Tensor | None = None,
+    ) -> Image:
+        """``rasterizer.rasterize`` by the model's backend."""
+        return rasterize(gaussians, camera, background, options, pose=pose, backend=self.backend)
+
+    def forward(self, time: float, schedule_state: ScheduleState = FINISHED) -> TorchGaussians:
         return self.deform(time, schedule_state)[0]
 
     def rate_groups(self) -> dict[str, list[nn.Parameter]]:
@@ -93,6 +113,6 @@ class SceneModel(nn.Module):
         """A loss of the method's own, weighted."""
         return None
 
-    def stored_settings(self, schedule_state: ScheduleState) -> dict[str, Any]:
+    def stored_settings(self, schedule_state: ScheduleState) -> JsonObject:
         """Plain values that playback needs, with the schedules as they stand at the end."""
         return {}

@@ -1,6 +1,6 @@
 """A finished scene played and drawn by torch, on a GPU: the network in half precision where that is harmless.
 
-Blender plays without torch (engine/inference); this is for images by the hundred (``frog render --device cuda``).
+Blender plays without torch (engine/playback); this is for images by the hundred (``frog render --device cuda``).
 """
 
 from __future__ import annotations
@@ -11,11 +11,14 @@ import math
 import numpy as np
 import torch
 
+from ..arrays import Array
 from ..capture.camera import Camera
 from ..capture.time import frame_to_time
 from ..errors import FrogError
+from ..field.names import FIELD_METHODS
 from ..field.opacity_tracks import OpacityTracks
-from ..rasterizer import GaussianArrays, rasterize
+from ..gaussians import TorchGaussians
+from ..rasterizer import rasterize
 from ..scene.header import SHAPE_DYNAMIC
 from ..scene.scene_file import OPACITY_TRACKS, VISIBILITY, SceneFile
 from .canonical import ATTRIBUTES, CanonicalField
@@ -25,7 +28,6 @@ from .interface import ScheduleState
 HALF_TOLERANCE = 1e-3
 """What half precision may change: of means in motion units, of logarithms of scales, of opacities and colours."""
 _TRIAL_TIMES = (0.0, 0.31, 0.69, 1.0)
-_METHODS = ("frog", "ed3dgs")
 
 
 class TorchScenePlayer:
@@ -45,7 +47,7 @@ class TorchScenePlayer:
     """
 
     def __init__(self, scene: SceneFile, device: torch.device | str, half: bool | None = None) -> None:
-        if scene.header.method not in _METHODS:
+        if scene.header.method not in FIELD_METHODS:
             raise FrogError(f"Found a scene of the method {scene.header.method!r}, expected FRoG or E-D3DGS on a GPU.")
         self.header = scene.header
         self._model = model_of(scene).to(device)
@@ -57,12 +59,12 @@ class TorchScenePlayer:
         if self.half:
             self._model = _halved(self._model)
 
-    def at_frame(self, frame: float) -> GaussianArrays:
+    def at_frame(self, frame: float) -> TorchGaussians:
         """As ScenePlayer.at_frame; quaternions of any length."""
         return self.at(frame_to_time(frame, self.header.frame_count))
 
     @torch.inference_mode()
-    def at(self, time: float) -> GaussianArrays:
+    def at(self, time: float) -> TorchGaussians:
         """Gaussians at a time in [0, 1] (clamped), activated; quaternions of any length."""
         time = min(max(float(time), 0.0), 1.0)
         gaussians, canonical = _gaussians(self._model, time), self._model.canonical
@@ -78,7 +80,7 @@ class TorchScenePlayer:
         return gaussians
 
     @torch.inference_mode()
-    def render_image(self, frame: float, camera: Camera) -> np.ndarray:
+    def render_image(self, frame: float, camera: Camera) -> Array:
         """(H, W, 3) float32, display-referred, over the scene's background."""
         return rasterize(self.at_frame(frame), camera, self.header.background).rgb.cpu().numpy()
 
@@ -95,7 +97,7 @@ def half_error(model: Frog) -> float:
 
 
 @torch.inference_mode()
-def _gaussians(model: Frog, time: float) -> GaussianArrays:
+def _gaussians(model: Frog, time: float) -> TorchGaussians:
     s = model.settings
     rows = s.temporal_rows - s.coarse_rows
     fine = ((s.fine_rows or s.temporal_rows) - s.coarse_rows) / rows if rows else 1.0

@@ -9,19 +9,21 @@ import ctypes
 import functools
 import os
 import sys
+from collections.abc import Mapping
 from ctypes import POINTER, byref, c_char_p, c_float, c_int32, c_int64, c_void_p
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from ..arrays import Array
 from ..capture.camera import MAX_SIDE, Camera
 from ..errors import FrogError, found_instead
-from ..gaussians import GaussianArrays
+from ..gaussians import AnyGaussians
 from ..io.regular_file import regular_file
 from ..notices import say
 from . import structs
 from .options import RasterizeOptions
+from .structs import Buffer
 
 ABI_VERSION = 15
 CELL = 16  # FROG_CELL: pixels a side of the cells of ``l1_loss``, which are the rasterizer's tiles
@@ -112,7 +114,8 @@ def _with_signatures(path: Path, loaded: ctypes.CDLL) -> ctypes.CDLL:
 
 def instruction_set() -> str:
     """The kernels in use: "avx512", "avx2" or "baseline" (FROG_INSTRUCTION_SET forces one, before the first call)."""
-    return library().frog_instruction_set().decode()
+    name: bytes = library().frog_instruction_set()
+    return name.decode()
 
 
 def set_thread_count(count: int) -> None:
@@ -128,7 +131,7 @@ def check_status(status: int, what: str) -> None:
         raise MemoryError(f"{what} ran out of memory")
 
 
-def ssim(image: Any, truth: Any, gradient: Any) -> float:
+def ssim(image: Buffer, truth: Buffer, gradient: Buffer) -> float:
     """Mean structural similarity of two images (H, W, 3) in [0, 1], window of 3DGS; fills ``gradient`` (H, W, 3)
     with its gradient by ``image``."""
     height, width = image.shape[:2]
@@ -141,7 +144,9 @@ def ssim(image: Any, truth: Any, gradient: Any) -> float:
     return value.value
 
 
-def l1_loss(image: Any, truth: Any, weight: float, gradient: Any, cells: Any, truth_floats: Any = None) -> float:
+def l1_loss(
+    image: Buffer, truth: Array, weight: float, gradient: Buffer, cells: Buffer, truth_floats: Buffer | None = None
+) -> float:
     """Mean absolute difference of a drawing (H, W, 3) and the image it should be, in one pass on all threads.
 
     Args:
@@ -190,12 +195,13 @@ class Frame:
 
     def __init__(
         self,
-        gaussians: GaussianArrays,
+        gaussians: AnyGaussians,
         camera: Camera,
         background: tuple[float, float, float],
         options: RasterizeOptions,
-        image: dict[str, Any],
-        depth_limit: Any = None,
+        image: Mapping[str, Buffer],
+        depth_limit: Buffer | None = None,
+        *,
         differentiable: bool = False,
     ) -> None:
         self._handle = None
@@ -219,7 +225,7 @@ class Frame:
         if not differentiable and self.instances > MANY_INSTANCES:
             say(takes_long(len(gaussians)))
 
-    def backward(self, rgb: Any, alpha: Any, gradients: dict[str, Any]) -> None:
+    def backward(self, rgb: Buffer, alpha: Buffer | None, gradients: Mapping[str, Buffer | None]) -> None:
         """Fills ``gradients`` from dL/d(rgb, alpha); ``alpha`` is None where the loss does not look at it.
 
         ``gradients`` are arrays by name: those of the Gaussians, ``screen`` (N, 2), and where wanted

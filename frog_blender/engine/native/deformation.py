@@ -6,12 +6,17 @@ times the Gaussians is ever stored, and the backward pass computes a block's lay
 
 from __future__ import annotations
 
-from ctypes import byref
+from collections.abc import Mapping
+from ctypes import Structure, byref
 from dataclasses import dataclass
-from typing import Any
+from typing import TypeAlias
 
+from ..field.output_layout import num_outputs
 from . import structs
 from .binding import library
+from .structs import Buffer
+
+Buffers: TypeAlias = Mapping[str, Buffer]
 
 
 @dataclass(frozen=True)
@@ -38,16 +43,16 @@ class FieldShape:
     @property
     def outputs(self) -> int:
         """Numbers that the network gives for a Gaussian: 3 + 3 + 4 + 1 and the spherical harmonics."""
-        return 11 + 3 * self.sh_deformed
+        return num_outputs(self.sh_deformed)
 
 
-def deform(shape: FieldShape, arrays: dict[str, Any], result: dict[str, Any]) -> None:
+def deform(shape: FieldShape, arrays: Buffers, result: Buffers) -> None:
     """Fills ``result`` with the deformed, activated Gaussians.
 
     Args:
         shape: settings.
         arrays: contiguous float32 by name: the canonical field's attributes, of which ``embeddings`` (M, E) may have
-            fewer rows than there are Gaussians: those behind them are at rest; ``shared`` (networks * hidden,) (the
+            fewer rows than there are Gaussians: the others are static; ``shared`` (networks * hidden,) (the
             first layer's temporal part and bias), and the network's ``embedding_weight``, ``output_weight``,
             ``output_bias`` and, with heads, ``head_weight`` and ``head_bias``.
         result: contiguous float32 by name: the attributes of GaussianArrays, with ``sh`` (N, sh_active, 3), and where
@@ -57,22 +62,23 @@ def deform(shape: FieldShape, arrays: dict[str, Any], result: dict[str, Any]) ->
 
 
 class PlaybackField:
-    """``deform`` at one moment after the other, with unit quaternions. Where the arrays lie is looked up once, which
-    takes as long as a thousand Gaussians.
+    """``deform`` at many times, with unit quaternions; looks up the arrays' addresses once, which costs as much as a
+    thousand Gaussians.
 
     Args:
         shape: settings.
-        arrays: as for ``deform``; they are kept, and not to be replaced. Without heads ``groups`` may stand for the
-            Gaussians' attributes but ``means``, whose length counts, and then the network's are in columns (see
-            inference.groups for both).
-        kept_products: what ``groups`` has instead of embeddings.
-        reshaped: with ``groups``, the first so many Gaussians turn and grow, the others keep their shape; None for all.
+        arrays: as for ``deform``; kept, and not to be replaced. Without heads of their own, ``groups`` may stand for
+            all attributes but ``means`` (which gives the number of Gaussians), with transposed weights; see
+            playback.simd_layout for both.
+        precomputed_first_layer: whether ``groups`` has the embeddings' products with the first layer in their place.
+        num_shape_dynamic: with ``groups``, Gaussians whose quaternions and scales change, which come first; None for
+            all.
     """
 
     def __init__(
         self,
         shape: FieldShape,
-        arrays: dict[str, Any],
+        arrays: Buffers,
         precomputed_first_layer: bool = False,
         num_shape_dynamic: int | None = None,
     ) -> None:
@@ -85,30 +91,30 @@ class PlaybackField:
         if num_shape_dynamic is not None:
             self._field.num_shape_dynamic = num_shape_dynamic
 
-    def deform(self, moment: dict[str, Any], result: dict[str, Any], active: Any = None) -> None:
-        """Fills the first rows of ``result`` at a moment.
+    def deform(self, inputs: Buffers, result: Mapping[str, Buffer | int], active: Buffer | None = None) -> None:
+        """Fills the first rows of ``result``.
 
         Args:
-            moment: arrays that are other than at other moments: ``shared`` and ``embedding_weight``, or with ``groups``
-                and ``temporal_weight`` the moment's ``temporal`` embedding (networks, T).
+            inputs: the arrays that depend on time: ``shared`` and ``embedding_weight``, or with ``groups`` and
+                ``temporal_weight`` the ``temporal`` embedding (networks, T).
             result: arrays, or their addresses. Beside the attributes it may have ``was_visible`` (groups,), as the last
                 call left it, or ones: a group that is invisible now and was then is not written again.
-            active: with ``groups``, (groups,) uint8, or None for all: where it is zero, Gaussians cannot be seen. They
-                come out as they are canonically, but for an opacity of zero, and the network is not asked.
+            active: with ``groups``, (groups,) uint8, or None for all. Where it is zero a group is invisible: it comes
+                out as canonical, with an opacity of zero, and is not deformed.
         """
-        field = structs.Field.from_buffer_copy(self._field)  # others may be at another moment
+        field = structs.Field.from_buffer_copy(self._field)  # other threads may deform at another time
         field.active = structs.address(active)
-        for name, array in moment.items():
+        for name, array in inputs.items():
             setattr(field, name, structs.address(array))
         _deform(field, result)
 
 
-def _deform(field: Any, result: dict[str, Any]) -> None:
+def _deform(field: Structure, result: Mapping[str, Buffer | int]) -> None:
     if library().frog_deform(byref(field), byref(structs.pointers(structs.Deformed, structs.DEFORMED, result))):
         raise MemoryError("deforming the Gaussians ran out of memory")
 
 
-def deform_backward(shape: FieldShape, arrays: dict[str, Any], by: dict[str, Any], result: dict[str, Any]) -> None:
+def deform_backward(shape: FieldShape, arrays: Buffers, by: Buffers, result: Buffers) -> None:
     """Fills ``result`` (names and shapes of ``arrays``) from the gradients ``by`` of what ``deform`` gave.
 
     The same bits for any number of threads.
@@ -121,7 +127,7 @@ def deform_backward(shape: FieldShape, arrays: dict[str, Any], by: dict[str, Any
         raise MemoryError("the deformation's backward pass ran out of memory")
 
 
-def _field(shape: FieldShape, arrays: dict[str, Any]) -> Any:
+def _field(shape: FieldShape, arrays: Buffers) -> Structure:
     in_groups, count, weight = "groups" in arrays, len(arrays["means"]), arrays["embedding_weight"]
     units, embedding = (len(arrays["output_weight"]), len(weight)) if in_groups else weight.shape
     return structs.Field(

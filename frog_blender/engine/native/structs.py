@@ -5,16 +5,35 @@ The library takes them by address, the CUDA kernels by value; a test compares th
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from ctypes import Structure, addressof, c_char, c_float, c_int32, c_int64, c_void_p
-from typing import Any
+from typing import Protocol, TypeAlias
 
 import numpy as np
+
+from ..arrays import Array
+from ..capture.camera import Camera as CaptureCamera
+from ..gaussians import AnyGaussians
+from .options import RasterizeOptions
+
+
+class TensorLike(Protocol):
+    """A torch tensor, as far as the library is concerned, which does without torch."""
+
+    @property
+    def shape(self) -> tuple[int, ...]: ...
+    def __len__(self) -> int: ...
+    def data_ptr(self) -> int: ...
+
+
+Buffer: TypeAlias = Array | TensorLike
+"""An array whose address is given to the library: contiguous, and of the type that its struct says."""
 
 SPLAT_FLOATS = 16  # a Splat takes 64 bytes
 ATTRIBUTES = ("means", "quaternions", "scales", "opacities", "sh")
 
 
-def _struct(name: str, *fields: tuple[str, Any]) -> type[Structure]:
+def _struct(name: str, *fields: tuple[str, type]) -> type[Structure]:
     return type(name, (Structure,), {"_fields_": list(fields)})
 
 
@@ -86,8 +105,8 @@ L1Loss = _struct(
 OPACITY_FORMS = {"off": 0, "paper": 1, "unit": 2}
 
 
-def address(array: Any) -> int | None:
-    """Where an array's numbers lie; None for None, and what is an address already."""
+def address(array: Buffer | int | None) -> int | None:
+    """Where an array's numbers lie; an address stays one, and None is null."""
     if array is None or isinstance(array, int):
         return array
     if not isinstance(array, np.ndarray):
@@ -95,21 +114,21 @@ def address(array: Any) -> int | None:
     try:
         return addressof(c_char.from_buffer(array.data))  # a third of the time, for a dozen arrays a frame
     except (TypeError, ValueError):  # read-only, or empty
-        return array.__array_interface__["data"][0]
+        return int(array.__array_interface__["data"][0])
 
 
-def pointers(struct: type[Structure], names: tuple[str, ...], arrays: dict[str, Any]) -> Structure:
+def pointers(struct: type[Structure], names: tuple[str, ...], arrays: Mapping[str, Buffer | int | None]) -> Structure:
     """A struct of the addresses of ``arrays`` in the order of ``names``; null where there is none."""
     return struct(*[address(arrays.get(name)) for name in names])
 
 
-def gaussians_struct(gaussians: Any) -> Gaussians:
+def gaussians_struct(gaussians: AnyGaussians) -> Gaussians:
     """From a ``GaussianArrays`` of contiguous float32 arrays, which must outlive the struct's use."""
     addresses = [address(getattr(gaussians, name)) for name in ATTRIBUTES]
     return Gaussians(len(gaussians), gaussians.sh.shape[1], *addresses)
 
 
-def camera_struct(camera: Any) -> Camera:
+def camera_struct(camera: CaptureCamera) -> Camera:
     """From a ``capture.camera.Camera``."""
     k = camera.intrinsics
     rows = (c_float * 12)(*camera.world_to_camera[:3].ravel())
@@ -117,7 +136,10 @@ def camera_struct(camera: Any) -> Camera:
 
 
 def options_struct(
-    options: Any, background: tuple[float, float, float], region: tuple[int, int, int, int], depth_limit: Any
+    options: RasterizeOptions,
+    background: tuple[float, float, float],
+    region: tuple[int, int, int, int],
+    depth_limit: Buffer | None,
 ) -> Options:
     """From ``RasterizeOptions``, its region of the camera, and an array or None, which must outlive it."""
     return Options(

@@ -1,6 +1,6 @@
-"""Baked playback: moments of a scene in a file of their own, so that showing them needs no network.
+"""Baked playback: frames of a scene in a file, so that showing them needs no network.
 
-A safetensors file with one tensor, a row for each moment: the changing columns of the Gaussians that move (see
+A safetensors file with one tensor, a row for each time: the changing columns of the dynamic Gaussians (see
 moving_part), one column after the other.  It names the scene file it was made from by a hash.  Rows are read one by one
 instead of being mapped into memory: a mapped file that another program cuts short would end Blender.
 """
@@ -14,10 +14,10 @@ import shutil
 import threading
 from collections.abc import Generator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from ..arrays import Array
 from ..errors import FrogError, brief, found_instead
 from ..io.atomic_files import atomic_file, remove_partial_files
 from ..io.plain_values import whole
@@ -30,13 +30,13 @@ _TENSOR, _KIND = "moments", "a bake of a .frog scene"
 _LONGEST_HEADER, _MOST_LISTS, _LONGEST_AXIS = 1 << 25, 64, 1 << 40
 
 
-def bytes_needed(scene: ScenePlayer, moments: int) -> int:
-    """How large a bake of so many moments gets, but for its header."""
-    return moments * scene.delta_bytes
+def bytes_needed(scene: ScenePlayer, num_times: int) -> int:
+    """Size of a bake without its header."""
+    return num_times * scene.delta_bytes
 
 
 def write_bake(path: Path, source: Path, scene: ScenePlayer, times: Sequence[float]) -> Generator[int, None, None]:
-    """Writes the moments at ``times``; yields how many are done.  The file appears when the last one is.
+    """Bakes ``times``; yields how many are done. The file appears when all are.
 
     Closing the iterator before its end leaves nothing behind.
 
@@ -77,7 +77,7 @@ class Bake:
 
     Attributes:
         bytes: of the file.
-        problem: a sentence once a moment could not be read; empty before.
+        problem: a sentence once reading has failed; empty before.
 
     Raises:
         FrogError: damaged, of another kind, or made from another version of the scene.
@@ -87,7 +87,7 @@ class Bake:
         self.problem = ""
         self._path, self._lock = path, threading.Lock()
         self._columns = [(name, column_width(name)) for name in scene.changing]
-        self._moving, self._row = scene.num_dynamic, scene.delta_bytes // 4
+        self._num_dynamic, self._row = scene.num_dynamic, scene.delta_bytes // 4
         try:
             self._file = regular_file(path, _KIND).open("rb", buffering=0)  # what is read is on the disk now
         except OSError as error:
@@ -107,14 +107,14 @@ class Bake:
         self._places = {time: place for place, time in enumerate(times)}
 
     def __len__(self) -> int:
-        """Moments."""
+        """Baked times."""
         return len(self._places)
 
-    def find(self, time: float, rows: np.ndarray | None = None) -> FrameDelta | None:
+    def find(self, time: float, rows: Array | None = None) -> FrameDelta | None:
         """What was baked of a time in [0, 1], bit for bit as computed; None where it was not, or cannot be read.
 
         Args:
-            rows: (K,) which of the Gaussians that move are wanted, ascending; None for all of them.
+            rows: (K,) indices of the wanted dynamic Gaussians, ascending; None for all of them.
         """
         place = self._places.get(time)
         if place is None or self.problem:
@@ -135,8 +135,8 @@ class Bake:
         row = np.frombuffer(content, "<f4")
         columns, begin = {}, 0
         for name, width in self._columns:
-            end = begin + self._moving * width
-            column = row[begin:end].reshape(self._moving, width)
+            end = begin + self._num_dynamic * width
+            column = row[begin:end].reshape(self._num_dynamic, width)
             columns[name] = column if rows is None else column.take(rows, axis=0)  # indexing takes four times as long
             begin = end
         return FrameDelta(columns)
@@ -174,8 +174,8 @@ class Bake:
         return 8 + length, [float(time) for time in times], str(identity)
 
 
-def _is_time(time: Any) -> bool:
-    return type(time) in (int, float) and 0 <= time <= 1
+def _is_time(time: object) -> bool:
+    return (type(time) is int or type(time) is float) and 0 <= time <= 1
 
 
 def fingerprint(path: Path) -> str:

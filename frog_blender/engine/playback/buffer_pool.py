@@ -1,57 +1,60 @@
-"""Memory for the Gaussians of a frame, used again once nobody holds a frame's arrays any more.
+"""Memory for the arrays of a frame, reused once nobody holds any of them.
 
-Fresh memory costs a page fault every few kilobytes, and colours that do not deform need to be written only once.
+Fresh memory costs a page fault for every few kilobytes, and colours that do not deform need to be written only once.
 """
 
 from __future__ import annotations
 
-import threading
+import weakref
+from collections import deque
 
 import numpy as np
 
+from ..arrays import Array
+
 
 class BufferPool:
-    """Hands out the same arrays again and again, each time when the last holder of the time before is gone.
+    """Hands out the same memory again, each time when the last array of the time before is gone.
 
     Args:
-        first: float32 arrays of a frame by name, as they are before anybody writes; who overwrites parts of them does
-            so in every frame, or keeps among them what was written last.
-        kept: frames to remember; what is handed out beyond them is forgotten, oldest first.
+        first: float32 arrays of a frame by name, as they are in new memory. A user writes the same parts of them in
+            every frame, or keeps among them what was written last.
+        kept: blocks of memory that may lie unused; of more, the oldest is freed.
     """
 
-    def __init__(self, first: dict[str, np.ndarray], kept: int = 6) -> None:
-        self._first, self._kept, self._size = first, kept, 0
+    def __init__(self, first: dict[str, Array], kept: int = 6) -> None:
+        self._first, self._size = first, 0
         self._layout: list[tuple[str, tuple[int, ...], int]] = []  # name, shape, first byte
         for name, array in first.items():
             self._layout.append((name, array.shape, self._size))
             self._size += 4 * array.size
-        self._blocks: list[bytearray] = []
-        self._lock = threading.Lock()
+        # Without a lock: a block is given back in whatever thread drops its last array, even one that is in here.
+        self._free: deque[bytearray] = deque(maxlen=kept)
 
-    def take(self) -> dict[str, np.ndarray]:
-        """Arrays of one frame, whose values are those of an earlier frame or ``first``."""
+    def __len__(self) -> int:
+        """Blocks of memory that lie unused."""
+        return len(self._free)
+
+    def take(self) -> dict[str, Array]:
+        """Arrays of one frame, with the values of an earlier frame or of ``first``."""
         return self.acquire()[0]
 
-    def acquire(self) -> tuple[dict[str, np.ndarray], dict[str, int]]:
-        """The same, and where they lie, which takes longer to find out of each."""
-        with self._lock:
-            for block in self._blocks:
-                try:
-                    # Python refuses to resize what an array still shows. It costs nothing: no memory is given back.
-                    block.append(block.pop())
-                except BufferError:
-                    continue
-                return self._arrays(block)
-            block = bytearray(self._size + 1)
-            self._blocks = [*self._blocks, block][-self._kept :]
-            arrays, addresses = self._arrays(block)
+    def acquire(self) -> tuple[dict[str, Array], dict[str, int]]:
+        """The same, and their addresses, which are cheaper to know here than to look up of each array."""
+        try:
+            return self._lease(self._free.pop())
+        except IndexError:
+            arrays, addresses = self._lease(bytearray(self._size + 1))  # never empty, which numpy refuses
         for name, values in self._first.items():
             arrays[name][...] = values
         return arrays, addresses
 
-    def _arrays(self, block: bytearray) -> tuple[dict[str, np.ndarray], dict[str, int]]:
-        whole = np.frombuffer(block, np.uint8)  # the block cannot be resized while this or one that shows it lives
-        arrays: dict[str, np.ndarray] = {}
+    def _lease(self, block: bytearray) -> tuple[dict[str, Array], dict[str, int]]:
+        # Every array of the block, and every view of one, holds this object: numpy's views refer to the array whose
+        # memory is no array's. When it dies the block is free.
+        whole = np.frombuffer(block, np.uint8)
+        weakref.finalize(whole, self._free.append, block).atexit = False
+        arrays: dict[str, Array] = {}
         addresses, first = dict[str, int](), whole.__array_interface__["data"][0]
         for name, shape, start in self._layout:
             arrays[name] = np.ndarray(shape, np.float32, whole, start)

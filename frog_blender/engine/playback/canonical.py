@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..gaussians import GaussianArrays
+from ..arrays import Array, SceneArrays
+from ..gaussians import GaussianArrays, NumpyGaussians
 
 
-def canonical_gaussians(arrays: dict[str, np.ndarray]) -> GaussianArrays:
+def canonical_gaussians(arrays: SceneArrays) -> NumpyGaussians:
     """The canonical field of a scene file's arrays, activated, with unit quaternions."""
     opacities = 1 / (1 + np.exp(-np.clip(arrays["opacity_logits"], -80, 80)))
     scales = np.exp(np.clip(arrays["log_scales"], -80, 80))  # as the native library does
@@ -16,6 +17,7 @@ def canonical_gaussians(arrays: dict[str, np.ndarray]) -> GaussianArrays:
     )
 
 
-def normalize(quaternions: np.ndarray) -> np.ndarray:
+def normalize(quaternions: Array) -> Array:
     """(N, 4) of length one."""
-    return quaternions / np.maximum(np.linalg.norm(quaternions, axis=1, keepdims=True), 1e-12)
+    result: Array = quaternions / np.maximum(np.linalg.norm(quaternions, axis=1, keepdims=True), 1e-12)
+    return result

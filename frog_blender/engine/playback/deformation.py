@@ -1,23 +1,27 @@
 """The deformation network at playback (FRoG's, and E-D3DGS's two): numpy and the native library.
 
-What does not depend on time is computed once: the first layer's product with the Gaussians' embeddings, where nothing
-modulates it; Gaussians at rest and colours that do not deform lie in the frames' memory already. What cannot be seen at
-a moment is not deformed, and what only fades never is.
+What does not depend on time is computed once: without modulation the first layer's product with the Gaussians'
+embeddings; static Gaussians and colours that do not deform are written once into the frames' memory. Groups that are
+invisible at a time are not deformed, and Gaussians with opacity tracks never are.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
+from ..arrays import Array, SceneArrays
 from ..errors import FrogError, brief
 from ..field.first_layer import first_layer
+from ..field.names import FORMS
 from ..field.opacity_tracks import OpacityTracks
-from ..gaussians import GaussianArrays
+from ..field.output_layout import column_outputs, num_heads, num_outputs
+from ..gaussians import GaussianArrays, NumpyGaussians
+from ..io.plain_values import JsonMapping
 from ..native.deformation import FieldShape, PlaybackField
+from ..native.structs import Buffer
 from ..scene.header import SHAPE_DYNAMIC
 from ..scene.scene_file import OPACITY_TRACKS, VISIBILITY
 from .buffer_pool import BufferPool
@@ -31,7 +35,7 @@ _SHAPE = ("quaternions", "scales")
 _CANONICAL = ("means", "log_scales", "quaternions", "opacity_logits")
 
 
-def _checked_arrays(arrays: dict[str, np.ndarray], model: dict, temporal: TemporalEmbedding) -> dict[str, np.ndarray]:
+def _checked_arrays(arrays: SceneArrays, model: JsonMapping, temporal: TemporalEmbedding) -> SceneArrays:
     """Contiguous float32 by the native library's names.
 
     KeyError or ValueError unless every array is what the settings say: the library only sees addresses.
@@ -41,7 +45,7 @@ def _checked_arrays(arrays: dict[str, np.ndarray], model: dict, temporal: Tempor
     if deformed + fading > count:
         raise ValueError(f"{deformed + fading} of its {count} Gaussians move")
     hidden, heads, colors = (int(model[name]) for name in ("hidden_width", "head_width", "deformed_sh"))
-    outputs = 11 + 3 * colors  # means 3, scales 3, quaternions 4, opacity 1
+    outputs = num_outputs(colors)
     if not 0 <= colors <= arrays["sh"].shape[1]:
         raise ValueError("it deforms more colours than there are")
     shapes = {name: (count, *size) for name, size in zip(_CANONICAL, ((3,), (3,), (4,), ()), strict=True)}
@@ -60,16 +64,16 @@ def _checked_arrays(arrays: dict[str, np.ndarray], model: dict, temporal: Tempor
             raise ValueError(f"embeddings of {embedding} are modulated by {temporal.size} numbers")
         shapes["network.modulation_weight"] = (networks * hidden, embedding)
     if heads:
-        width = networks * heads * (5 if colors else 4)
+        width = networks * heads * num_heads(colors)
         shapes |= {"network.head_weight": (width, hidden), "network.head_bias": (width,)}
     result = {name.removeprefix("network."): checked(arrays, name, shape) for name, shape in shapes.items()}
     return {"embeddings": np.empty((0, embedding), np.float32)} | result
 
 
-def _shape(model: dict, sh_count: int, networks: int) -> FieldShape:
+def _shape(model: JsonMapping, sh_count: int, networks: int) -> FieldShape:
     """KeyError or ValueError for settings that cannot be."""
     form, sharpness = model["opacity_reduction"], float(model["opacity_sharpness"])
-    if form not in ("paper", "unit", "off") or not sharpness >= 0:
+    if form not in FORMS or not sharpness >= 0:
         raise ValueError(f"the opacity reduction is {form!r}, {sharpness}")
     share = float(model.get("opacity_share", 1.0))
     if not 0 <= share <= 1:
@@ -78,7 +82,7 @@ def _shape(model: dict, sh_count: int, networks: int) -> FieldShape:
     return FieldShape(head_width, sh_count, deformed, form, sharpness, share, unit, networks)
 
 
-def _reshaped(model: dict, deformed: int) -> int:
+def _reshaped(model: JsonMapping, deformed: int) -> int:
     """ValueError for a number that cannot be, or with heads, which have no groups that could keep their shape."""
     num_shape_dynamic = model.get(SHAPE_DYNAMIC, deformed)
     if (
@@ -90,12 +94,10 @@ def _reshaped(model: dict, deformed: int) -> int:
     return num_shape_dynamic
 
 
-def _changing(arrays: dict[str, np.ndarray], deformed: int) -> frozenset[str]:
+def _changing(arrays: SceneArrays, deformed: int) -> frozenset[str]:
     """The columns that some output of the network reaches."""
     reached = arrays["output_weight"].any(axis=1) | (arrays["output_bias"] != 0)
-    outputs = {"means": (0, 3), "scales": (3, 6), "quaternions": (6, 10), "base": (10, 14)}
-    outputs |= {f"sh_{k}": (11 + 3 * k, 14 + 3 * k) for k in range(1, deformed)}
-    return frozenset(name for name, (first, last) in outputs.items() if reached[first:last].any())
+    return frozenset(name for name, outputs in column_outputs(deformed).items() if reached[outputs].any())
 
 
 class DeformationPlayer:
@@ -106,35 +108,32 @@ class DeformationPlayer:
         model: the scene header's model settings.
 
     Attributes:
-        moving: Gaussians that are not the same at all times; they come first, and first of them ``deformed`` that the
-            network moves. The others only fade.
-        changing: their columns (see moving_part) that are not the same at all times; a head that was silenced
-            changes nothing.
-        visibility: when groups of those that are deformed can be seen, where the file says so.
+        num_dynamic: Gaussians that change in time, which come first.
+        deformed: those of them that the network moves, which come first; the others have opacity tracks.
+        changing: the columns (see frame_delta) that change in time. A pruned head changes none.
+        visibility: when groups of deformed Gaussians are visible; None where the file does not say.
     """
 
-    gives_checked = True  # ``at`` gives unit quaternions, contiguous and float32 as all the others
-
-    def __init__(self, arrays: dict[str, np.ndarray], model: dict) -> None:
+    def __init__(self, arrays: SceneArrays, model: JsonMapping) -> None:
         try:
             self._temporal = TemporalEmbedding(arrays, model)
             a = _checked_arrays(arrays, model, self._temporal)
             self._shape = _shape(model, a["sh"].shape[1], self._temporal.networks)
             self.deformed = len(a["embeddings"])
             self.visibility = VisibilityMask(arrays[VISIBILITY], self.deformed) if VISIBILITY in arrays else None
-            self._fades = OpacityTracks(arrays[OPACITY_TRACKS]) if OPACITY_TRACKS in arrays else None
+            self._tracks = OpacityTracks(arrays[OPACITY_TRACKS]) if OPACITY_TRACKS in arrays else None
             self._reshaped = _reshaped(model, self.deformed)
         except (KeyError, ValueError, TypeError, AttributeError, IndexError, OverflowError) as error:
             raise FrogError(
                 f"The scene's deformation network cannot be used ({brief(error)}); train it again."
             ) from error
         a["shared"] = a.pop("bias")
-        self.num_dynamic = self.deformed + (len(self._fades) if self._fades else 0)
+        self.num_dynamic = self.deformed + (len(self._tracks) if self._tracks else 0)
         colors = self._shape.sh_deformed
         self.changing = _changing(a, colors) if self.deformed else frozenset()
         if not self._reshaped:
             self.changing -= set(_SHAPE)
-        if self.visibility or self._fades:
+        if self.visibility or self._tracks:
             self.changing |= {"base"}  # in which opacities are
         self._still = vars(canonical_gaussians(a))
         was_visible = {"was_visible": np.ones(num_groups(self.deformed), np.float32)} if self.visibility else {}
@@ -152,12 +151,12 @@ class DeformationPlayer:
             for shape in (self._shape, replace(self._shape, sh_active=colors))
         )
 
-    def temporal(self, time: float) -> np.ndarray:
+    def temporal(self, time: float) -> Array:
         """(networks, T) what each network is given at a time in [0, 1]."""
         return self._temporal.at(time)
 
-    def _moment(self, time: float) -> dict[str, np.ndarray]:
-        """What the native library is given of a moment: it computes the first layer where Gaussians lie in groups."""
+    def _time_inputs(self, time: float) -> SceneArrays:
+        """The native library's inputs that depend on time. With groups it computes the first layer itself."""
         temporal = self.temporal(time)
         if not self._shape.head_width:
             return {"temporal": temporal}
@@ -166,16 +165,20 @@ class DeformationPlayer:
         return dict(zip(("shared", "embedding_weight"), found, strict=True))
 
     def _deform(
-        self, field: PlaybackField, time: float, result: dict[str, np.ndarray], places: dict[str, Any] | None = None
+        self,
+        field: PlaybackField,
+        time: float,
+        result: SceneArrays,
+        addresses: Mapping[str, Buffer | int] | None = None,
     ) -> None:
-        """Fills the first of ``result``: those that move. ``places`` are its arrays, or where they lie if known."""
+        """Fills the dynamic Gaussians of ``result``; ``addresses`` are those of its arrays, if known."""
         if self.deformed:
             active = self.visibility.at(time) if self.visibility else None
-            field.deform(self._moment(time), places or result, active)
-        if self._fades:
-            self._fades.at(time, result["opacities"][self.deformed : self.num_dynamic])
+            field.deform(self._time_inputs(time), addresses or result, active)
+        if self._tracks:
+            self._tracks.at(time, result["opacities"][self.deformed : self.num_dynamic])
 
-    def at(self, time: float) -> GaussianArrays:
+    def at(self, time: float) -> NumpyGaussians:
         """The Gaussians at a time in [0, 1], activated, with unit quaternions; the arrays are not to be changed."""
         memory, addresses = self._memory.acquire()
         result = {"sh": self._still["sh"]} | memory
@@ -184,11 +187,11 @@ class DeformationPlayer:
         return GaussianArrays(**result)
 
     def delta_at(self, time: float, names: Collection[str]) -> FrameDelta:
-        """Columns of the Gaussians that move, at a time in [0, 1]: the same bits as in ``at``."""
+        """Columns of the dynamic Gaussians at a time in [0, 1]: the same bits as in ``at``."""
         count, colors = self.num_dynamic, self._shape.sh_deformed
         sizes = {"means": (3,), "quaternions": (4,), "scales": (3,), "opacities": (), "sh": (colors, 3)}
         moved = {name: np.empty((count, *size), np.float32) for name, size in sizes.items()}
-        for name, values in moved.items():  # what keeps its shape, and what only fades
+        for name, values in moved.items():  # constant shapes, and Gaussians with opacity tracks
             first = self._reshaped if name in _SHAPE else self.deformed
             still = self._still[name][first:count]
             values[first:] = still[:, :colors] if name == "sh" else still

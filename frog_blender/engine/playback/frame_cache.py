@@ -1,4 +1,4 @@
-"""Moments that were computed, in a bounded amount of memory: what was not used for longest goes first."""
+"""Computed frames in a bounded amount of memory: a least-recently-used cache."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class FrameCache:
     """Safe to use from any thread.
 
     Args:
-        limit: bytes that the kept moments may take together.
+        limit: bytes that all frames together may take.
     """
 
     def __init__(self, limit: int) -> None:
@@ -37,18 +37,18 @@ class FrameCache:
 
     @property
     def bytes(self) -> int:
-        """What the kept moments take."""
+        """Bytes that the frames take."""
         return self._bytes
 
     def __len__(self) -> int:
-        """How many moments are kept."""
+        """Frames that are kept."""
         return len(self._parts)
 
     def __contains__(self, key: Key) -> bool:
         return key in self._parts
 
     def find(self, key: Key) -> FrameDelta | None:
-        """What was kept of a moment, which is now the one used last; None if there is nothing."""
+        """What is kept of a time, which becomes the most recently used; None if there is nothing."""
         with self._lock:
             part = self._parts.get(key)
             if part is not None:
@@ -56,17 +56,17 @@ class FrameCache:
             return part
 
     def keep(self, key: Key, part: FrameDelta) -> None:
-        """Remembers a moment, and forgets others for it; one that is larger than the limit is not remembered."""
+        """Keeps a frame, dropping others for it; one that is larger than the limit is not kept."""
         with self._lock:
             self._bytes -= self._parts.pop(key).bytes if key in self._parts else 0
             if not 0 < part.bytes <= self._limit:
-                return  # a scene at rest has nothing to remember
+                return  # a static scene has nothing to keep
             self._make_room(part.bytes)
             self._parts[key] = part
             self._bytes += part.bytes
 
     def forget(self, token: str | None = None) -> None:
-        """Drops the moments of a scene, of all scenes for None."""
+        """Drops the frames of a scene, of all scenes for None."""
         with self._lock:
             for key in [key for key in self._parts if token is None or key[0] == token]:
                 self._bytes -= self._parts.pop(key).bytes

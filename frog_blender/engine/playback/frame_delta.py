@@ -1,4 +1,4 @@
-"""What of a frame is not as at all other moments: the numbers that change, of the Gaussians that move.
+"""The part of a frame that changes in time: the changing columns of the dynamic Gaussians.
 
 A frame's columns are ``means`` (N, 3), ``quaternions`` (N, 4), ``scales`` (N, 3), ``base`` (N, 4: the first SH
 coefficient and the opacity) and ``sh_1`` ... (N, 3) of each further coefficient, float32 and contiguous.
@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..gaussians import GaussianArrays
+from ..arrays import Array
+from ..gaussians import NumpyGaussians
 
 WIDTHS = {"means": 3, "quaternions": 4, "scales": 3, "base": 4}
 
@@ -28,13 +29,13 @@ def column_width(name: str) -> int:
 
 @dataclass(frozen=True)
 class FrameDelta:
-    """The changing columns of the first M Gaussians at one moment; they are not to be written into.
+    """The changing columns of the M dynamic Gaussians at one time; not to be written to.
 
     Attributes:
         columns: (M, width) by name.
     """
 
-    columns: dict[str, np.ndarray]
+    columns: dict[str, Array]
 
     @property
     def bytes(self) -> int:
@@ -42,7 +43,7 @@ class FrameDelta:
         return sum(column.nbytes for column in self.columns.values())
 
 
-def column_of(gaussians: GaussianArrays, name: str, count: int | None = None) -> np.ndarray:
+def column_of(gaussians: NumpyGaussians, name: str, count: int | None = None) -> Array:
     """(count, width) contiguous: a column of the first ``count`` Gaussians, of all for None."""
     if name == "base":
         opacities = gaussians.opacities[:count]
@@ -54,6 +55,6 @@ def column_of(gaussians: GaussianArrays, name: str, count: int | None = None) ->
     return np.ascontiguousarray(gaussians.sh[:count, int(name.removeprefix("sh_"))])
 
 
-def extract_columns(gaussians: GaussianArrays, names: Collection[str], count: int | None = None) -> FrameDelta:
+def extract_columns(gaussians: NumpyGaussians, names: Collection[str], count: int | None = None) -> FrameDelta:
     """Those columns of the first ``count`` Gaussians."""
     return FrameDelta({name: column_of(gaussians, name, count) for name in names})

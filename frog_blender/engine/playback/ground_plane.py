@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..arrays import Array
 from ..capture.camera import Camera
 from ..errors import FrogError
 
@@ -50,14 +51,14 @@ class Floor:
         tilt: degrees between ``up`` and what the cameras say.
     """
 
-    up: np.ndarray
+    up: Array
     height: float
     found: bool
     share: float
     tilt: float
 
 
-def static_points(scene: ScenePlayer) -> tuple[np.ndarray, np.ndarray]:
+def static_points(scene: ScenePlayer) -> tuple[Array, Array]:
     """Points (N, 3) and weights (N,) of the opaque Gaussians that stay where they are; all if that leaves none.
 
     A weight is opacity times size, so that a bare floor of a few large Gaussians counts as what it covers.
@@ -75,7 +76,7 @@ def static_points(scene: ScenePlayer) -> tuple[np.ndarray, np.ndarray]:
     return middle.means[kept].astype(np.float64), middle.opacities[kept] * area
 
 
-def camera_up(cameras: Sequence[Camera]) -> tuple[np.ndarray, bool]:
+def camera_up(cameras: Sequence[Camera]) -> tuple[Array, bool]:
     """(3,) unit up of level cameras, and whether it is certain (False: their pitch is still in it).
 
     FrogError without a camera.
@@ -96,9 +97,7 @@ def camera_up(cameras: Sequence[Camera]) -> tuple[np.ndarray, bool]:
     return vertical * np.sign(vertical @ up), True
 
 
-def find_floor(
-    points: np.ndarray, weights: np.ndarray, up: np.ndarray, *, certain: bool = True, seed: int = 0
-) -> Floor:
+def find_floor(points: Array, weights: Array, up: Array, *, certain: bool = True, seed: int = 0) -> Floor:
     """The floor among points.
 
     Args:
@@ -128,10 +127,10 @@ def find_floor(
     share = float(weights[np.abs(points @ normal - height) < thickness].sum() / weights.sum())
     if normal @ up < steepest or share < _LEAST_SHARE:
         return none
-    return Floor(normal, height, True, share, float(np.degrees(np.arccos(min(normal @ up, 1.0)))))
+    return Floor(normal, height, True, share, float(np.degrees(np.arccos(min(float(normal @ up), 1.0)))))
 
 
-def placement(floor: Floor, points: np.ndarray, cameras: Sequence[Camera]) -> np.ndarray:
+def placement(floor: Floor, points: Array, cameras: Sequence[Camera]) -> Array:
     """(4, 4) rigid matrix from the scene to a world with the floor at z = 0 and z up.
 
     The middle of the points (N, 3) around it stands above the origin, and the cameras look along +y on the whole:
@@ -152,14 +151,12 @@ def placement(floor: Floor, points: np.ndarray, cameras: Sequence[Camera]) -> np
     return matrix
 
 
-def min_height(points: np.ndarray, up: np.ndarray) -> float:
+def min_height(points: Array, up: Array) -> float:
     """Height along ``up`` at which points (N, 3) begin, up to a few below it."""
     return float(np.quantile(points @ up, 0.02))
 
 
-def _hypotheses(
-    points: np.ndarray, weights: np.ndarray, up: np.ndarray, steepest: float, seed: int
-) -> tuple[np.ndarray, np.ndarray]:
+def _hypotheses(points: Array, weights: Array, up: Array, steepest: float, seed: int) -> tuple[Array, Array]:
     """Planes (M, 3), (M,) through three points each that are level enough, and level ones through one point."""
     random = np.random.default_rng(seed)
     triples = points[random.choice(len(points), (_SAMPLES * 4, 3), p=weights / weights.sum())]
@@ -174,15 +171,13 @@ def _hypotheses(
     return normals, np.einsum("ij,ij->i", normals, np.concatenate([triples, levels]))
 
 
-def _score(distances: np.ndarray, weights: np.ndarray, thickness: float) -> float:
+def _score(distances: Array, weights: Array, thickness: float) -> float:
     """What lies in a plane, less what lies beneath it."""
     inside = weights[np.abs(distances) < thickness].sum()
     return float(inside - _BENEATH * weights[distances < -2 * thickness].sum())
 
 
-def _refined(
-    points: np.ndarray, weights: np.ndarray, normal: np.ndarray, height: float, thickness: float
-) -> tuple[np.ndarray, float]:
+def _refined(points: Array, weights: Array, normal: Array, height: float, thickness: float) -> tuple[Array, float]:
     """The least-squares plane of what lies in a plane, found anew until it stays."""
     for _ in range(8):
         inside = np.abs(points @ normal - height) < thickness
@@ -200,7 +195,7 @@ def _refined(
     return normal, height
 
 
-def _seen(points: np.ndarray, weights: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
+def _seen(points: Array, weights: Array, seed: int) -> tuple[Array, Array]:
     """Finite points around the middle of the scene: backgrounds far away say nothing of its floor."""
     usable = np.isfinite(points).all(axis=1) & np.isfinite(weights) & (weights > 0)
     points, weights = points[usable], weights[usable]
@@ -215,12 +210,12 @@ def _seen(points: np.ndarray, weights: np.ndarray, seed: int) -> tuple[np.ndarra
     return points, weights
 
 
-def _size(points: np.ndarray) -> float:
+def _size(points: Array) -> float:
     """How large a cloud is, without its outliers: the longest side of what holds its middle."""
     return float((np.quantile(points, 0.9, axis=0) - np.quantile(points, 0.1, axis=0)).max()) if len(points) else 0.0
 
 
-def _robust_mean(vectors: np.ndarray) -> np.ndarray:
+def _robust_mean(vectors: Array) -> Array:
     """The mean of unit vectors (N, 3) without those that point elsewhere, by more than 60 degrees.
 
     A median would follow the larger part of a few cameras around a scene; their pitches cancel in the mean alone.
@@ -231,15 +226,17 @@ def _robust_mean(vectors: np.ndarray) -> np.ndarray:
         if not kept.any():
             break
         mean = vectors[kept].mean(axis=0)
-    return mean
+    result: Array = mean
+    return result
 
 
-def _level(vector: np.ndarray, up: np.ndarray) -> np.ndarray:
+def _level(vector: Array, up: Array) -> Array:
     return vector - (vector @ up) * up
 
 
-def _unit(vector: np.ndarray) -> np.ndarray:
+def _unit(vector: Array) -> Array:
     length = np.linalg.norm(vector)
     if not length > 1e-9:
         raise FrogError("The cameras' images have no up in common, so the scene's floor cannot be looked for.")
-    return vector / length
+    result: Array = vector / length
+    return result

@@ -1,29 +1,30 @@
-"""Which Gaussians an image misses most: one fixed order a scene, so that leaving out the last never flickers.
+"""Gaussians ranked by what an image loses without them: one order a scene, so that leaving out the last never flickers.
 
 A Gaussian counts by its opacity times its area (its two largest standard deviations), times the largest share it has
-in a pixel of what the scene's own cameras saw; the mean of moments spread over the scene's time.
+in a pixel of the scene's own cameras; the mean over times spread over the scene.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from ..arrays import Array
 from ..capture.camera import Camera
-from ..gaussians import GaussianArrays
+from ..gaussians import NumpyGaussians
 from ..native.binding import Frame
 from ..native.options import RasterizeOptions
 from ..scene.header import SceneHeader
 from .player import ScenePlayer
 
-_LOOKS = 8  # images at most: a second for 200,000 Gaussians
+_MAX_VIEWS = 8  # images at most: a second for 200,000 Gaussians
 _LONGEST_SIDE = 320  # pixels; finer ones rank no better
 _UNSEEN = 0.02  # share of what no camera saw: it may be all there is from elsewhere
 
 
-def ranking(scene: ScenePlayer) -> np.ndarray:
+def ranking(scene: ScenePlayer) -> Array:
     """(N,) every Gaussian's index, the most important first; the same for the same scene on any day."""
     score = np.zeros(scene.count)
-    for camera, frame in _looks(scene.header):
+    for camera, frame in _sampled_views(scene.header):
         gaussians = scene.at_frame(frame)
         largest = np.sort(gaussians.scales, axis=1)[:, 1:].astype(np.float64)
         seen = _visible_weights(gaussians, camera) if camera is not None else 1.0
@@ -31,12 +32,12 @@ def ranking(scene: ScenePlayer) -> np.ndarray:
     return np.argsort(-np.nan_to_num(score), kind="stable")
 
 
-def most_important(order: np.ndarray, count: int) -> np.ndarray:
+def most_important(order: Array, count: int) -> Array:
     """(count,) the first of a ranking as ascending indices; at least one."""
     return np.sort(order[: max(1, count)])
 
 
-def _looks(header: SceneHeader) -> list[tuple[Camera | None, int]]:
+def _sampled_views(header: SceneHeader) -> list[tuple[Camera | None, int]]:
     """Cameras and frames that they saw, spread over both; frames alone for a scene without cameras."""
     shots: list[tuple[Camera | None, int]] = [
         (camera, frame)
@@ -44,11 +45,11 @@ def _looks(header: SceneHeader) -> list[tuple[Camera | None, int]]:
         for frame in frames
         if 0 <= frame < header.frame_count
     ]
-    chosen = np.unique(np.linspace(0, (len(shots) or header.frame_count) - 1, _LOOKS).round().astype(int)).tolist()
+    chosen = np.unique(np.linspace(0, (len(shots) or header.frame_count) - 1, _MAX_VIEWS).round().astype(int)).tolist()
     return [shots[index] for index in chosen] if shots else [(None, frame) for frame in chosen]
 
 
-def _visible_weights(gaussians: GaussianArrays, camera: Camera) -> np.ndarray:
+def _visible_weights(gaussians: NumpyGaussians, camera: Camera) -> Array:
     """(N,) each Gaussian's largest blending weight in a small image."""
     factor = min(1.0, _LONGEST_SIDE / max(camera.width, camera.height))
     small = camera.resized(max(1, round(camera.width * factor)), max(1, round(camera.height * factor)))

@@ -10,12 +10,13 @@ from collections.abc import Callable
 from dataclasses import fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Protocol
 
-import numpy as np
-
+from ..arrays import Array, SceneArrays
 from ..capture.time import frame_to_time
-from ..gaussians import GaussianArrays
+from ..field.names import FIELD_METHODS
+from ..gaussians import GaussianArrays, NumpyGaussians
+from ..io.plain_values import JsonMapping
 from ..scene.header import SHAPE_DYNAMIC, SceneHeader
 from ..scene.scene_file import OPACITY_TRACKS, VISIBILITY, SceneFile, read_scene
 from .baselines import BASELINES
@@ -25,13 +26,28 @@ from .deformation import DeformationPlayer
 from .frame_delta import FrameDelta, column_names, column_of, column_width, extract_columns
 from .visibility import VisibilityMask
 
-PLAYABLE: dict[str, Callable[[dict[str, np.ndarray], dict], Any]] = {
-    "frog": DeformationPlayer,
-    "ed3dgs": DeformationPlayer,
+
+class Deformation(Protocol):
+    """Moves the Gaussians of a scene.
+
+    Attributes:
+        num_dynamic: Gaussians that it moves, the first ones.
+        changing: their columns that are not the same at all times.
+    """
+
+    num_dynamic: int
+    changing: frozenset[str]
+
+    def at(self, time: float) -> NumpyGaussians:
+        """The Gaussians at a time in [0, 1], activated. Quaternions may have any length, arrays any layout."""
+        ...
+
+
+PLAYABLE: dict[str, Callable[[SceneArrays, JsonMapping], Deformation]] = {
+    **dict.fromkeys(FIELD_METHODS, DeformationPlayer),
     **BASELINES,
 }
-"""What moves a scene, by the method in its header, unless there is no more in the file than CANONICAL: nothing moves
-then. Quaternions may be of any length, and arrays of any layout, unless the class has a true ``gives_checked``."""
+"""What plays each method that moves Gaussians. A file with nothing but CANONICAL is static, whatever its method."""
 
 CANONICAL = {"means", "log_scales", "quaternions", "opacity_logits", "sh"}
 
@@ -39,9 +55,9 @@ TIMES_KEPT = 4
 """Times a scene remembers: a render asks for the same one for every view layer, playback for its neighbours."""
 
 
-def row_ranges(arrays: dict[str, np.ndarray]) -> dict[str, range]:
-    """Of which Gaussians a scene file's arrays tell, by their names: all of them, those that are deformed, which come
-    first, or those that only fade, which come next. Arrays that do not have a row a Gaussian are not among them."""
+def row_ranges(arrays: SceneArrays) -> dict[str, range]:
+    """The Gaussians that each array with a row a Gaussian has: all, the deformed ones, which come first, or those with
+    opacity tracks, which come next."""
     deformed, everyone = len(arrays.get("embeddings", ())), range(len(arrays["means"]))
     rows = dict.fromkeys(CANONICAL & arrays.keys(), everyone)
     if "embeddings" in arrays:
@@ -51,8 +67,8 @@ def row_ranges(arrays: dict[str, np.ndarray]) -> dict[str, range]:
     return rows
 
 
-def select_gaussians(scene: SceneFile, kept: np.ndarray) -> SceneFile:
-    """The scene of some of its Gaussians alone, which are and move there as they do in the whole one.
+def select_gaussians(scene: SceneFile, kept: Array) -> SceneFile:
+    """A scene of some of the Gaussians, with the same appearance and motion.
 
     Args:
         kept: (M,) their indices, ascending, at least one.
@@ -65,7 +81,7 @@ def select_gaussians(scene: SceneFile, kept: np.ndarray) -> SceneFile:
         arrays[name] = arrays[name][kept[(kept >= rows.start) & (kept < rows.stop)] - rows.start]
     if SHAPE_DYNAMIC in header.model:
         num_shape_dynamic = int((kept < header.model[SHAPE_DYNAMIC]).sum())
-        header = replace(header, model=header.model | {SHAPE_DYNAMIC: num_shape_dynamic})
+        header = replace(header, model={**header.model, SHAPE_DYNAMIC: num_shape_dynamic})
     if OPACITY_TRACKS in arrays and not len(arrays[OPACITY_TRACKS]):
         del arrays[OPACITY_TRACKS]
     if (
@@ -81,10 +97,10 @@ class ScenePlayer:
 
     Attributes:
         header: the scene file's header.
-        count, moving: Gaussians, and those of them that the method moves.
+        count, num_dynamic: Gaussians, and those of them that the method moves.
         sh_degree: of their colours.
-        columns: names of a frame's columns, see moving_part; ``changing`` are those of them that are not the same at
-            all times.
+        columns: names of a frame's columns, see frame_delta; ``changing`` are those of them that change in
+            time.
         token: of this object alone, in this and any other process: what is kept of it elsewhere can name it.
     """
 
@@ -96,14 +112,12 @@ class ScenePlayer:
         playable = None if is_static_capture else PLAYABLE.get(scene.header.method)
         self._deformation = playable(scene.arrays, scene.header.model) if playable else None
         self.sh_degree = math.isqrt(scene.arrays["sh"].shape[1]) - 1
-        self.num_dynamic = (
-            int(getattr(self._deformation, "num_dynamic", self.count)) if self._deformation is not None else 0
-        )
+        self.num_dynamic = self._deformation.num_dynamic if self._deformation is not None else 0
         self.columns = column_names(scene.arrays["sh"].shape[1])
-        changing: frozenset[str] = getattr(self._deformation, "changing", frozenset())
+        changing = self._deformation.changing if self._deformation is not None else frozenset[str]()
         self.changing = tuple(name for name in self.columns if name in changing)
         self.token = uuid.uuid4().hex
-        self._recent: OrderedDict[float, GaussianArrays] = OrderedDict()
+        self._recent: OrderedDict[float, NumpyGaussians] = OrderedDict()
         self._lock = threading.Lock()
 
     @classmethod
@@ -111,23 +125,23 @@ class ScenePlayer:
         """FrogError in one sentence when the file cannot be used."""
         return cls(read_scene(path))
 
-    def subset(self, kept: np.ndarray) -> ScenePlayer:
-        """A scene of some of the Gaussians alone, which are and move there as they do here.
+    def subset(self, kept: Array) -> ScenePlayer:
+        """A scene of some of the Gaussians, with the same appearance and motion.
 
         Args:
             kept: (M,) their indices, ascending, at least one.
         """
         return ScenePlayer(select_gaussians(SceneFile(self.header, self._arrays), kept))
 
-    def at_frame(self, frame: float) -> GaussianArrays:
+    def at_frame(self, frame: float) -> NumpyGaussians:
         """Gaussians at a frame counted from 0; fractions are legal, frames outside are held."""
         return self.at(self.time_of(frame))
 
     def time_of(self, frame: float) -> float:
-        """The time in [0, 1] of a frame counted from 0; 0 where nothing moves, which is one moment."""
+        """The time in [0, 1] of a frame counted from 0; always 0 in a static scene."""
         return self._held(frame_to_time(frame, self.header.frame_count))
 
-    def at(self, time: float, part: FrameDelta | None = None) -> GaussianArrays:
+    def at(self, time: float, part: FrameDelta | None = None) -> NumpyGaussians:
         """Gaussians at a time in [0, 1] (clamped): unit quaternions, scales and opacities activated.
 
         The arrays are read-only: others may be shown the same ones.  With ``part``, what was kept of that time (see
@@ -147,20 +161,19 @@ class ScenePlayer:
         return _copy(gaussians)
 
     def delta_at(self, time: float) -> FrameDelta:
-        """What of a time in [0, 1] (clamped) is not as at all others: ``changing`` of the Gaussians that move."""
+        """The columns ``changing`` of the dynamic Gaussians at a time in [0, 1] (clamped)."""
         if not self.changing:
             return FrameDelta({})
-        compute = getattr(self._deformation, "delta_at", None)
-        if compute is not None:
-            return compute(self._held(time), self.changing)
+        if isinstance(self._deformation, DeformationPlayer):  # which computes those columns alone
+            return self._deformation.delta_at(self._held(time), self.changing)
         return extract_columns(self._compute(self._held(time)), self.changing)
 
     @property
     def delta_bytes(self) -> int:
-        """How much memory ``delta_at`` gives."""
+        """Bytes that ``delta_at`` returns."""
         return 4 * self.num_dynamic * sum(column_width(name) for name in self.changing)
 
-    def column(self, name: str, part: FrameDelta) -> np.ndarray:
+    def column(self, name: str, part: FrameDelta) -> Array:
         """(N, width) a column at the time of ``part``; it is good until the caller drops it, and not to be changed."""
         moved = part.columns.get(name)
         if moved is None:
@@ -175,8 +188,8 @@ class ScenePlayer:
         return min(max(float(time), 0.0), 1.0) if self._deformation is not None else 0.0
 
     @cached_property
-    def _still(self) -> GaussianArrays:
-        """Some moment: right for the columns that do not change, and for the Gaussians that do not move."""
+    def _still(self) -> NumpyGaussians:
+        """The frame at time 0: right in constant columns, and for static Gaussians."""
         return self._compute(0.0)
 
     @cached_property
@@ -190,7 +203,7 @@ class ScenePlayer:
         colors = ["sh"] if any(name == "base" or name.startswith("sh_") for name in self.changing) else []
         return BufferPool({name: getattr(self._still, name) for name in [*plain, *opacities, *colors]})
 
-    def _joined(self, part: FrameDelta) -> GaussianArrays:
+    def _joined(self, part: FrameDelta) -> NumpyGaussians:
         arrays = {field.name: getattr(self._still, field.name) for field in fields(GaussianArrays)}
         arrays |= self._joined_memory.take()
         for name, column in part.columns.items():
@@ -207,22 +220,22 @@ class ScenePlayer:
                 arrays[name] = column
         return GaussianArrays(**arrays)
 
-    def _compute(self, time: float) -> GaussianArrays:
+    def _compute(self, time: float) -> NumpyGaussians:
         if self._deformation is None:
             return canonical_gaussians(self._arrays).checked()
         gaussians = self._deformation.at(time)
-        if getattr(self._deformation, "gives_checked", False):
-            return gaussians
+        if isinstance(self._deformation, DeformationPlayer):
+            return gaussians  # contiguous float32 with unit quaternions
         gaussians.quaternions = normalize(gaussians.quaternions)
         return gaussians.checked()
 
 
-def _copy(gaussians: GaussianArrays) -> GaussianArrays:
+def _copy(gaussians: NumpyGaussians) -> NumpyGaussians:
     """Another object of the same arrays; a third of the time of ``dataclasses.replace``, in every frame."""
     return GaussianArrays(*vars(gaussians).values())
 
 
-def _read_only(gaussians: GaussianArrays) -> GaussianArrays:
+def _read_only(gaussians: NumpyGaussians) -> NumpyGaussians:
     """Other views of the same arrays, which cannot be written through."""
     views = [array.view() for array in vars(gaussians).values()]
     for view in views:

@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..arrays import Array
 from ..capture.camera import NEUTRAL, Camera
-from ..gaussians import GaussianArrays
+from ..gaussians import NumpyGaussians
 from ..native.binding import Frame
 from ..native.options import RasterizeOptions
 
@@ -28,21 +29,21 @@ class Drawing:
         instances: (Gaussian, tile) pairs that were gone through, see native.MANY_INSTANCES.
     """
 
-    rgb: np.ndarray
-    alpha: np.ndarray
-    median_depth: np.ndarray
-    median_z: np.ndarray
-    mean_depth: np.ndarray
-    median_index: np.ndarray
+    rgb: Array
+    alpha: Array
+    median_depth: Array
+    median_z: Array
+    mean_depth: Array
+    median_index: Array
     instances: int = 0
 
 
 def draw(
-    gaussians: GaussianArrays,
+    gaussians: NumpyGaussians,
     camera: Camera,
     background: tuple[float, float, float] = (0.0, 0.0, 0.0),
     options: RasterizeOptions | None = None,
-    depth_limit: np.ndarray | None = None,
+    depth_limit: Array | None = None,
 ) -> Drawing:
     """What ``camera`` sees of ``gaussians``, exactly as in training; arguments as in ``rasterizer.rasterize``."""
     gaussians = gaussians.checked()
@@ -62,7 +63,7 @@ def draw(
     instances = Frame(gaussians, camera, background, options, image, depth_limit).instances
     if camera.exposure != NEUTRAL:
         np.multiply(image["rgb"], np.asarray(camera.exposure, np.float32), out=image["rgb"])
-    offsets = gaussians.means - camera.center.astype(np.float32)
+    offsets: Array = gaussians.means - camera.center.astype(np.float32)
     missing = np.full(1, np.nan, np.float32)  # index -1 picks it
     distances = np.concatenate([np.linalg.norm(offsets, axis=1), missing]).astype(np.float32)
     planar = np.concatenate([offsets @ camera.forward.astype(np.float32), missing])
@@ -78,8 +79,8 @@ def draw(
 
 
 def render_image(
-    gaussians: GaussianArrays, camera: Camera, background: tuple[float, float, float] = (0.0, 0.0, 0.0)
-) -> np.ndarray:
+    gaussians: NumpyGaussians, camera: Camera, background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> Array:
     """(H, W, 3) uint8: the colours of ``draw`` alone, in little more memory than the result takes."""
     gaussians = gaussians.checked()
     _, _, width, height = RasterizeOptions().region_of(camera)
@@ -95,6 +96,6 @@ def render_image(
     return result
 
 
-def to_uint8(rgb: np.ndarray) -> np.ndarray:
+def to_uint8(rgb: Array) -> Array:
     """Display-referred floats to bytes, rounded."""
     return (np.clip(rgb, 0, 1) * 255 + 0.5).astype(np.uint8)

@@ -1,7 +1,6 @@
-"""A finished scene's moving Gaussians as playback reads them: side by side in groups, each in one piece of memory.
+"""The memory layout of deformed Gaussians at playback: groups of them side by side, each group in one piece.
 
-The native library then works on whole vectors of Gaussians from the embeddings to the deformed attributes, and reads
-the network's weights in columns.
+The native library then works on whole vectors of Gaussians, from the embeddings to the deformed attributes.
 """
 
 from __future__ import annotations
@@ -10,8 +9,10 @@ import math
 
 import numpy as np
 
+from ..arrays import Array, NetworkArrays, SceneArrays
+
 GROUP_SIZE = 16
-"""PLAYED_GROUP of the native library: Gaussians that lie side by side."""
+"""Gaussians side by side; GROUP_SIZE of the native library."""
 _TOGETHER = GROUP_SIZE * 4096  # Gaussians that are multiplied at once, so that what is in between stays small
 _ATTRIBUTES = ("means", "opacity_logits", "sh", "log_scales", "quaternions")  # last what does not change of all
 
@@ -21,14 +22,14 @@ def num_groups(count: int) -> int:
     return -(-count // GROUP_SIZE)
 
 
-def pack_lanes(arrays: dict[str, np.ndarray], precomputed_first_layer: bool) -> np.ndarray:
+def pack_lanes(arrays: SceneArrays, precomputed_first_layer: bool) -> Array:
     """(ceil(N / GROUP_SIZE), rows, GROUP_SIZE) float32: each Gaussian's attributes and embedding as rows, a group's
     Gaussians as columns, zero beyond the last one.
 
     Args:
         arrays: ``means`` (N, 3), ``log_scales`` (N, 3), ``quaternions`` (N, 4), ``opacity_logits`` (N,), ``sh``
             (N, deformed coefficients, 3), ``embeddings`` (N, E) and ``embedding_weight`` (units, E).
-        keep_products: instead of the embeddings their products with the weights, where those are the same at all times.
+        precomputed_first_layer: whether the embeddings' products with their weight stand in their place.
     """
     count, weight = len(arrays["means"]), arrays["embedding_weight"]
     columns = [arrays[name].reshape(count, math.prod(arrays[name].shape[1:])) for name in _ATTRIBUTES]
@@ -48,16 +49,15 @@ def pack_lanes(arrays: dict[str, np.ndarray], precomputed_first_layer: bool) -> 
     return result
 
 
-def transpose_weights(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The first layer's and the outputs' weights, turned: what is multiplied with a number lies together, in rows of
-    the next multiple of GROUP_SIZE.
+def transpose_weights(arrays: NetworkArrays) -> NetworkArrays:
+    """The weights of the first layer and of the outputs, transposed, their rows padded to a multiple of GROUP_SIZE.
 
     Args:
         arrays: ``shared`` (units,), ``embedding_weight`` (units, E), ``output_weight`` (outputs, units) and
             ``output_bias`` (outputs,), and perhaps ``temporal_weight`` and ``modulation_weight`` (units, ...).
     """
     outputs = [slice(3), slice(10, None), slice(3, 10)]  # means; opacity and colours; scales and quaternions
-    result: dict[str, np.ndarray] = {}
+    result: NetworkArrays = {}
     for name in ("shared", "embedding_weight", "temporal_weight", "modulation_weight", "output_weight", "output_bias"):
         if name in arrays:
             rows = arrays[name]

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..arrays import Array, SceneArrays
+from ..field.names import FUSIONS
 from ..field.temporal_table import resampled
-
-FUSIONS = ("product", "add", "concat", "attention", "coarse", "fine", "dual")
-"""See ``model.fusion``; "dual" is E-D3DGS, whose second network is given the fine embedding."""
+from ..io.plain_values import JsonMapping
 
 
-def fuse(
-    form: str, coarse: np.ndarray, fine: np.ndarray, attention: tuple[np.ndarray, np.ndarray] | None = None
-) -> np.ndarray:
-    """(networks, fused size) what the networks are given, from the embeddings (T,) of a moment.
+def fuse(form: str, coarse: Array, fine: Array, attention: tuple[Array, Array] | None = None) -> Array:
+    """(networks, fused size) what the networks are given, from the embeddings (T,) of a time.
 
     Args:
-        form: one of FUSIONS.
+        form: one of ``field.names.FUSIONS``.
         attention: weight (A, T) and query (A,): the score of t is query . tanh(weight t).
     """
     match form:
@@ -45,15 +43,16 @@ def fuse(
 
 
 class _Table:
-    """``model.temporal.interpolated`` of a table (R, T) in half of the time: every frame asks for it twice."""
+    """``field.temporal_table.interpolated`` of a table (R, T), twice as fast: every frame needs it twice."""
 
-    def __init__(self, table: np.ndarray) -> None:
+    def __init__(self, table: Array) -> None:
         self._rows, self._steps = table, np.diff(table, axis=0, append=table[-1:])
 
-    def at(self, time: float) -> np.ndarray:
+    def at(self, time: float) -> Array:
         position = min(max(time, 0.0), 1.0) * (len(self._rows) - 1)
         row = int(position)
-        return self._rows[row] + np.float32(position - row) * self._steps[row]
+        result: Array = self._rows[row] + np.float32(position - row) * self._steps[row]
+        return result
 
 
 class TemporalEmbedding:
@@ -71,7 +70,7 @@ class TemporalEmbedding:
         networks, size: of the deformation networks there are, and length of what each is given.
     """
 
-    def __init__(self, arrays: dict[str, np.ndarray], model: dict) -> None:
+    def __init__(self, arrays: SceneArrays, model: JsonMapping) -> None:
         rows, coarse, length = (int(model[name]) for name in ("temporal_rows", "coarse_rows", "temporal_size"))
         fine = int(model.get("fine_rows", 0)) or rows  # scenes of the first version have no such setting
         if not (1 <= coarse <= rows and 1 <= fine <= rows):
@@ -89,13 +88,13 @@ class TemporalEmbedding:
         self.networks = 2 if self.form == "dual" else 1
         self.size = 2 * length if self.form == "concat" else length
 
-    def at(self, time: float) -> np.ndarray:
+    def at(self, time: float) -> Array:
         """(networks, size) float32 at a time in [0, 1]."""
         coarse, fine = (table.at(time) for table in self._tables)
         return fuse(self.form, coarse, fine, self._attention).astype(np.float32, copy=False)
 
 
-def checked(arrays: dict[str, np.ndarray], name: str, shape: tuple[int, ...]) -> np.ndarray:
+def checked(arrays: SceneArrays, name: str, shape: tuple[int, ...]) -> Array:
     """An array as contiguous float32; KeyError or ValueError unless it has that shape, none of it zero."""
     array = arrays[name]
     if array.shape != shape or 0 in shape:

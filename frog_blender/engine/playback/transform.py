@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..arrays import Array
 from ..errors import FrogError
-from ..gaussians import GaussianArrays
+from ..gaussians import GaussianArrays, NumpyGaussians
+from ..spherical_harmonics import SH_DC, sh_terms
 
 Y_DOWN = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 """(4, 4) from Blender's axes (z up) to those of most 3DGS files (y down, z into the image)."""
 
 
-def transform(gaussians: GaussianArrays, matrix: np.ndarray) -> GaussianArrays:
+def transform(gaussians: NumpyGaussians, matrix: Array) -> NumpyGaussians:
     """Gaussians after ``matrix`` (4, 4): a rotation times a uniform positive scale, and a translation.
 
     FrogError for a matrix that shears, mirrors or scales unevenly: Gaussians could follow it, their colours could not.
@@ -32,7 +34,7 @@ def transform(gaussians: GaussianArrays, matrix: np.ndarray) -> GaussianArrays:
     return GaussianArrays(means, quaternions, gaussians.scales * np.float32(scale), gaussians.opacities, sh).checked()
 
 
-def rotate_sh(sh: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+def rotate_sh(sh: Array, rotation: Array) -> Array:
     """(N, K, 3) coefficients of the same light seen after the scene was turned by ``rotation`` (3, 3).
 
     Each degree turns within itself. Its matrix follows from sampling: the turned function at direction d is the old
@@ -52,23 +54,13 @@ def rotate_sh(sh: np.ndarray, rotation: np.ndarray) -> np.ndarray:
     return result
 
 
-def sh_basis(count: int, directions: np.ndarray) -> np.ndarray:
+def sh_basis(count: int, directions: Array) -> Array:
     """(M, count) real spherical harmonics at unit directions (M, 3), in the order and signs of 3DGS."""
     x, y, z = directions.T
-    xx, yy, zz = x * x, y * y, z * z
-    terms = [
-        np.full_like(x, 0.28209479177387814),
-        *(-0.4886025119029199 * y, 0.4886025119029199 * z, -0.4886025119029199 * x),
-        *(1.0925484305920792 * x * y, -1.0925484305920792 * y * z, 0.31539156525252005 * (2 * zz - xx - yy)),
-        *(-1.0925484305920792 * x * z, 0.5462742152960396 * (xx - yy), -0.5900435899266435 * y * (3 * xx - yy)),
-        *(2.890611442640554 * x * y * z, -0.4570457994644658 * y * (4 * zz - xx - yy)),
-        *(0.3731763325901154 * z * (2 * zz - 3 * xx - 3 * yy), -0.4570457994644658 * x * (4 * zz - xx - yy)),
-        *(1.445305721320277 * z * (xx - yy), -0.5900435899266435 * x * (xx - 3 * yy)),
-    ]
-    return np.stack(terms[:count], axis=-1)
+    return np.stack([np.full_like(x, SH_DC), *sh_terms(count, x, y, z)], axis=-1)
 
 
-def _quaternion(rotation: np.ndarray) -> np.ndarray:
+def _quaternion(rotation: Array) -> Array:
     """(4,) w, x, y, z of a rotation matrix: the largest eigenvector (Bar-Itzhack's method), stable everywhere."""
     r = rotation
     k = np.array(
@@ -82,7 +74,7 @@ def _quaternion(rotation: np.ndarray) -> np.ndarray:
     return np.linalg.eigh(k)[1][:, -1]
 
 
-def _multiply(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+def _multiply(p: Array, q: Array) -> Array:
     """Hamilton products p * q of one quaternion (4,) with many (N, 4)."""
     w, x, y, z = p
     matrix = np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]], np.float32)

@@ -1,22 +1,22 @@
-"""How Gaussians are drawn: one differentiable operation, several implementations of the same page of mathematics.
+"""Drawing Gaussians: one differentiable operation with three backends, ``cpu``, ``cuda`` and ``reference``.
 
-``rasterize`` needs torch; ``native`` and ``arrays`` do not.
+``rasterize`` needs torch; importing this room does not.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Protocol
 
 from ..capture.camera import NEUTRAL, Camera
-from ..gaussians import GaussianArrays
+from ..gaussians import GaussianArrays, TorchGaussians
 from ..native.options import RasterizeOptions
 
 if TYPE_CHECKING:
     import torch
 
-__all__ = ["GaussianArrays", "Image", "RasterizeOptions", "rasterize", "rasterize_batch"]
+__all__ = ["Backend", "GaussianArrays", "Image", "RasterizeOptions", "rasterize", "rasterize_batch"]
 
 
 @dataclass
@@ -35,7 +35,7 @@ class Image:
         median_z: (H, W) planar depth of the same centre, or None.
         mean_depth: (H, W) planar depth averaged by blending weight, NaN where nothing was hit, or None.
         max_weights: (N,) each Gaussian's largest blending weight, or None.
-        at_fault: Gaussians that were dropped because a number in them is not finite or out of range.
+        num_invalid: Gaussians that were dropped because a number in them is not finite or out of range.
     """
 
     rgb: torch.Tensor
@@ -50,15 +50,29 @@ class Image:
     num_invalid: int = 0
 
 
+class Backend(Protocol):
+    """Draws Gaussians differentiably, without the camera's exposure; arguments as in ``rasterize``, checked."""
+
+    def __call__(
+        self,
+        gaussians: TorchGaussians,
+        camera: Camera,
+        background: tuple[float, float, float],
+        options: RasterizeOptions,
+        pose: torch.Tensor | None = None,
+        depth_limit: torch.Tensor | None = None,
+    ) -> Image: ...
+
+
 def rasterize(
-    gaussians: GaussianArrays,
+    gaussians: TorchGaussians,
     camera: Camera,
     background: torch.Tensor | tuple[float, float, float] = (0.0, 0.0, 0.0),
     options: RasterizeOptions | None = None,
     *,
     pose: torch.Tensor | None = None,
     depth_limit: torch.Tensor | None = None,
-    implementation: str = "auto",
+    backend: Backend | str | None = None,
 ) -> Image:
     """Draws Gaussians (torch tensors) as ``camera`` sees and exposes them, differentiably in every Gaussian attribute.
 
@@ -69,16 +83,19 @@ def rasterize(
         options: RasterizeOptions.
         pose: (3, 4) or (4, 4) world_to_camera to use in place of the camera's, which receives gradients too.
         depth_limit: (H, W) planar depth of what hides Gaussians behind it, world units, infinite where nothing does.
-        implementation: "auto" (what is fastest for where and what the tensors are), "cpu" (float32), "cuda" (float32)
-            or "reference" (anything, slowly).
+        backend: what draws: a Backend, the name of one (see ``backend_named``), or None for the fastest that the
+            tensors' device and type allow.
     """
     options = options or RasterizeOptions()
     red, green, blue = (float(value) for value in background)
     size = options.region_of(camera)[3:1:-1]
     if depth_limit is not None and depth_limit.shape != size:
         raise ValueError(f"depth_limit: shape {tuple(depth_limit.shape)}, expected {size}")
-    draw = _implementation(implementation, gaussians.means)
-    return exposed(draw(gaussians, camera, (red, green, blue), options, pose, depth_limit), camera)
+    if backend is None:
+        backend = default_backend(gaussians.means)
+    elif isinstance(backend, str):
+        backend = backend_named(backend)
+    return exposed(backend(gaussians, camera, (red, green, blue), options, pose, depth_limit), camera)
 
 
 def exposed(image: Image, camera: Camera) -> Image:
@@ -90,14 +107,27 @@ def exposed(image: Image, camera: Camera) -> Image:
     return image
 
 
-def rasterize_batch(gaussians: GaussianArrays, cameras: Sequence[Camera], *args: Any, **keywords: Any) -> list[Image]:
+def rasterize_batch(
+    gaussians: TorchGaussians,
+    cameras: Sequence[Camera],
+    background: torch.Tensor | tuple[float, float, float] = (0.0, 0.0, 0.0),
+    options: RasterizeOptions | None = None,
+    *,
+    backend: Backend | str | None = None,
+) -> list[Image]:
     """``rasterize`` for each of several cameras; gradients of the Gaussians add up."""
-    return [rasterize(gaussians, camera, *args, **keywords) for camera in cameras]
+    return [rasterize(gaussians, camera, background, options, backend=backend) for camera in cameras]
 
 
-def _implementation(name: str, means: torch.Tensor) -> Callable[..., Image]:
-    if name == "auto":
-        name = means.device.type if means.dtype.itemsize == 4 else "reference"
+def default_backend(means: torch.Tensor) -> Backend:
+    """The fastest for the device and type of these tensors; the reference where there is no other."""
+    if means.dtype.itemsize == 4 and means.device.type in ("cpu", "cuda"):
+        return backend_named(means.device.type)
+    return backend_named("reference")
+
+
+def backend_named(name: str) -> Backend:
+    """ "cpu" and "cuda" (float32 tensors there), or "reference" (any tensors, slowly); ValueError for another name."""
     if name == "cpu":
         from . import cpu
 
@@ -106,6 +136,8 @@ def _implementation(name: str, means: torch.Tensor) -> Callable[..., Image]:
         from .cuda.rasterize import rasterize as cuda_rasterize
 
         return cuda_rasterize
-    from . import reference
+    if name == "reference":
+        from . import reference
 
-    return reference.rasterize
+        return reference.rasterize
+    raise ValueError(f"there is no backend {name!r}, expected cpu, cuda or reference")

@@ -4,26 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 
 from ..capture.camera import Camera
-from ..gaussians import GaussianArrays
+from ..gaussians import GaussianArrays, TorchGaussians
 from ..native import binding, structs
 from ..native.options import RasterizeOptions
 from . import Image
+from .torch_types import Context, TensorKind
 
-# The library is given addresses alone: torch's defaults, which anybody may set, must not decide what lies there.
-_FLOATS: dict[str, Any] = {"dtype": torch.float32, "device": "cpu"}
-_INTEGERS: dict[str, Any] = {"dtype": torch.int32, "device": "cpu"}
+_CPU = torch.device("cpu")
+# The library is given addresses alone: torch's defaults must not decide what lies there.
+_FLOATS: TensorKind = {"dtype": torch.float32, "device": _CPU}
+_INTEGERS: TensorKind = {"dtype": torch.int32, "device": _CPU}
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """What a drawing's way back needs, and what it gave besides the image. Without automatic differentiation.
+    """A drawing, kept for its backward pass, and its outputs besides the image. Without automatic differentiation.
 
-    It does not hold the image: one that knows its way back and is known there would never be freed.
+    It does not hold the image: each would refer to the other, and neither would be freed.
 
     Attributes:
         gaussians, camera: what was drawn.
@@ -32,14 +33,18 @@ class Drawing:
         frame: the library's.
     """
 
-    gaussians: GaussianArrays
+    gaussians: TorchGaussians
     camera: Camera
     size: tuple[int, int]
     extras: dict[str, torch.Tensor]
     frame: binding.Frame
 
     def backward(
-        self, by_rgb: torch.Tensor, by_alpha: torch.Tensor | None, pose: tuple[int, ...] | None, absolute: Any = None
+        self,
+        by_rgb: torch.Tensor,
+        by_alpha: torch.Tensor | None,
+        pose: tuple[int, ...] | None,
+        absolute: torch.Tensor | None = None,
     ) -> dict[str, torch.Tensor]:
         """Gradients by attribute, ``screen`` (N, 2) and, where it has a shape, ``pose``; fills ``absolute`` (N, 2)."""
         gradients = {name: torch.empty(array.shape, **_FLOATS) for name, array in vars(self.gaussians).items()}
@@ -50,7 +55,9 @@ class Drawing:
         self.frame.backward(by_rgb.contiguous(), by_alpha, {**gradients, "screen_absolute": absolute})
         return gradients
 
-    def image(self, rgb: torch.Tensor, alpha: torch.Tensor, screen: torch.Tensor, absolute: Any = None) -> Image:
+    def image(
+        self, rgb: torch.Tensor, alpha: torch.Tensor, screen: torch.Tensor, absolute: torch.Tensor | None = None
+    ) -> Image:
         """What there is to see, of ``rgb`` and ``alpha`` with gradients."""
         extras = self.extras
         image = Image(rgb, alpha, extras["radii"], screen, absolute, max_weights=extras.get("max_weights"))
@@ -63,11 +70,12 @@ class Drawing:
 
 
 def draw(
-    gaussians: GaussianArrays,
+    gaussians: TorchGaussians,
     camera: Camera,
     background: tuple[float, float, float],
     options: RasterizeOptions,
     depth_limit: torch.Tensor | None = None,
+    *,
     differentiable: bool = True,
 ) -> tuple[Drawing, torch.Tensor, torch.Tensor]:
     """A drawing, its image (H, W, 3) and the image's alpha (H, W), without automatic differentiation.
@@ -87,7 +95,7 @@ def draw(
     if options.weights:
         extras["max_weights"] = torch.empty(count, **_FLOATS)
     outputs = {"rgb": rgb, "alpha": alpha, **extras}
-    frame = binding.Frame(gaussians, camera, background, options, outputs, depth_limit, differentiable)
+    frame = binding.Frame(gaussians, camera, background, options, outputs, depth_limit, differentiable=differentiable)
     return Drawing(gaussians, camera, size, extras, frame), rgb, alpha
 
 
@@ -95,7 +103,7 @@ def draw(
 class _Order:
     """What ``_Rasterize`` needs besides tensors with gradients, and what comes of it."""
 
-    draw: Callable[[GaussianArrays], tuple[Drawing, torch.Tensor, torch.Tensor]]
+    draw: Callable[[TorchGaussians], tuple[Drawing, torch.Tensor, torch.Tensor]]
     screen_absolute: torch.Tensor | None
     drawing: Drawing | None = None
 
@@ -103,7 +111,7 @@ class _Order:
 class _Rasterize(torch.autograd.Function):
     @staticmethod
     def forward(
-        ctx: Any,
+        ctx: Context,
         means: torch.Tensor,
         quaternions: torch.Tensor,
         scales: torch.Tensor,
@@ -123,7 +131,7 @@ class _Rasterize(torch.autograd.Function):
         return rgb, alpha
 
     @staticmethod
-    def backward(ctx: Any, *grad_outputs: torch.Tensor | None) -> tuple[torch.Tensor | None, ...]:
+    def backward(ctx: Context, *grad_outputs: torch.Tensor | None) -> tuple[torch.Tensor | None, ...]:
         _ = ctx.saved_tensors
         by_rgb, by_alpha = grad_outputs
         if by_rgb is None:
@@ -133,7 +141,7 @@ class _Rasterize(torch.autograd.Function):
 
 
 def rasterize(
-    gaussians: GaussianArrays,
+    gaussians: TorchGaussians,
     camera: Camera,
     background: tuple[float, float, float],
     options: RasterizeOptions,
@@ -141,7 +149,7 @@ def rasterize(
     depth_limit: torch.Tensor | None = None,
 ) -> Image:
     """As ``rasterizer.rasterize``, for float32 tensors on the CPU. The same bits for any number of threads."""
-    gaussians.check_tensors(torch.device("cpu"))
+    gaussians.check_tensors(_CPU)
     if pose is not None:
         camera = camera.with_pose(pose.detach().numpy())
     count = len(gaussians)
@@ -150,8 +158,13 @@ def rasterize(
     if depth_limit is not None:
         depth_limit = depth_limit.detach().to("cpu", torch.float32).contiguous()
     differentiable = torch.is_grad_enabled()
-    order = _Order(lambda found: draw(found, camera, background, options, depth_limit, differentiable), screen_absolute)
-    rgb, alpha = _Rasterize.apply(*vars(gaussians).values(), screen, pose, order)
+
+    def draw_on(arrays: TorchGaussians) -> tuple[Drawing, torch.Tensor, torch.Tensor]:
+        return draw(arrays, camera, background, options, depth_limit, differentiable=differentiable)
+
+    order = _Order(draw_on, screen_absolute)
+    apply: Callable[..., tuple[torch.Tensor, torch.Tensor]] = _Rasterize.apply
+    rgb, alpha = apply(*vars(gaussians).values(), screen, pose, order)
     assert order.drawing is not None
     return order.drawing.image(rgb, alpha, screen, screen_absolute)
 

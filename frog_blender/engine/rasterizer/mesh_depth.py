@@ -6,15 +6,14 @@ from ctypes import byref, c_int32
 
 import numpy as np
 
+from ..arrays import Array
 from ..capture.camera import Camera
 from ..native import structs
 from ..native.binding import check_status, library
 from ..native.options import RasterizeOptions
 
 
-def mesh_depth(
-    vertices: np.ndarray, triangles: np.ndarray, camera: Camera, options: RasterizeOptions | None = None
-) -> np.ndarray:
+def mesh_depth(vertices: Array, triangles: Array, camera: Camera, options: RasterizeOptions | None = None) -> Array:
     """(H, W) float32 planar depth of the nearest triangle along each pixel's central ray, infinity where there is none.
 
     Args:

@@ -12,9 +12,11 @@ from dataclasses import dataclass
 import torch
 
 from ..capture.camera import Camera
-from ..gaussians import GaussianArrays
+from ..gaussians import TorchGaussians
 from ..native.options import ALPHA_MAX, ALPHA_MIN, COMPENSATION_MIN, TRANSMITTANCE_MIN, RasterizeOptions
+from ..spherical_harmonics import SH_DC, sh_terms
 from . import Image
+from .torch_types import kind_of
 
 _STRIP_ELEMENTS = 8_000_000  # pixels times Gaussians held at once
 
@@ -22,28 +24,7 @@ _STRIP_ELEMENTS = 8_000_000  # pixels times Gaussians held at once
 def sh_basis(count: int, directions: torch.Tensor) -> torch.Tensor:
     """(N, count) real spherical harmonics at unit directions (N, 3), in the order and signs of 3DGS."""
     x, y, z = directions.unbind(-1)
-    xx, yy, zz = x * x, y * y, z * z
-    terms = [torch.full_like(x, 0.28209479177387814)]
-    if count > 1:
-        terms += [-0.4886025119029199 * y, 0.4886025119029199 * z, -0.4886025119029199 * x]
-    if count > 4:
-        terms += [
-            1.0925484305920792 * x * y,
-            -1.0925484305920792 * y * z,
-            0.31539156525252005 * (2 * zz - xx - yy),
-            -1.0925484305920792 * x * z,
-            0.5462742152960396 * (xx - yy),
-        ]
-    if count > 9:
-        terms += [
-            -0.5900435899266435 * y * (3 * xx - yy),
-            2.890611442640554 * x * y * z,
-            -0.4570457994644658 * y * (4 * zz - xx - yy),
-            0.3731763325901154 * z * (2 * zz - 3 * xx - 3 * yy),
-            -0.4570457994644658 * x * (4 * zz - xx - yy),
-            1.445305721320277 * z * (xx - yy),
-            -0.5900435899266435 * x * (xx - 3 * yy),
-        ]
+    terms = [torch.full_like(x, SH_DC), *sh_terms(count, x, y, z)]
     return torch.stack(terms, dim=-1)
 
 
@@ -82,7 +63,7 @@ def _clamped_tangents(local: torch.Tensor, camera: Camera) -> torch.Tensor:
     return torch.stack(tangents, dim=-1)
 
 
-def _usable(g: GaussianArrays, local: torch.Tensor) -> torch.Tensor:
+def _usable(g: TorchGaussians, local: torch.Tensor) -> torch.Tensor:
     """(N,) True where the numbers are finite and in range; the others are dropped and counted."""
     square = g.quaternions.square().sum(-1)
     usable = (square > 1e-24) & (square < 1e24) & (g.opacities.abs() < 1e30)
@@ -91,10 +72,10 @@ def _usable(g: GaussianArrays, local: torch.Tensor) -> torch.Tensor:
 
 
 def _project(
-    g: GaussianArrays, screen: torch.Tensor, camera: Camera, options: RasterizeOptions, pose: torch.Tensor | None
+    g: TorchGaussians, screen: torch.Tensor, camera: Camera, options: RasterizeOptions, pose: torch.Tensor | None
 ) -> tuple[_Splats, int]:
     """The splats, and how many Gaussians were at fault."""
-    like = {"dtype": g.means.dtype, "device": g.means.device}
+    like = kind_of(g.means)
     view = torch.as_tensor(camera.world_to_camera, **like) if pose is None else pose.to(**like)
     left, top, width, height = options.region_of(camera)
     k = camera.intrinsics
@@ -199,7 +180,7 @@ def _blend(
 
 
 def rasterize(
-    gaussians: GaussianArrays,
+    gaussians: TorchGaussians,
     camera: Camera,
     background: tuple[float, float, float],
     options: RasterizeOptions,
@@ -207,7 +188,7 @@ def rasterize(
     depth_limit: torch.Tensor | None = None,
 ) -> Image:
     """As ``rasterizer.rasterize``, on any device and in any floating-point type."""
-    like = {"dtype": gaussians.means.dtype, "device": gaussians.means.device}
+    like = kind_of(gaussians.means)
     if pose is not None:
         camera = camera.with_pose(pose.detach().cpu().numpy())
     count = len(gaussians)

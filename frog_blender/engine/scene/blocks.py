@@ -11,6 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..arrays import Array
+
 BLOCK = 256
 """Rows that share a range."""
 _TOGETHER = 16 * BLOCK  # rows that are unpacked at once, so that what is in between stays small
@@ -33,14 +35,14 @@ class Blocks:
         numbers: (A,) float32, what they are.
     """
 
-    least: np.ndarray
-    step: np.ndarray
-    levels: np.ndarray
-    places: np.ndarray
-    numbers: np.ndarray
+    least: Array
+    step: Array
+    levels: Array
+    places: Array
+    numbers: Array
 
 
-def quantize(name: str, rows: np.ndarray, bits: int) -> Blocks:
+def quantize(name: str, rows: Array, bits: int) -> Blocks:
     """The finite numbers (N, columns) of an attribute in whole ones of 8 or 16 bits."""
     kind = np.uint8 if bits == 8 else np.uint16
     inside = _inside(name, rows, bits)
@@ -66,7 +68,7 @@ def stored_size(rows: int, columns: int, bits: int, apart: int) -> int:
     return 8 * -(-rows // BLOCK) * columns + bits // 8 * rows * columns + APART_BYTES * apart
 
 
-def from_stored(content: bytes, rows: int, columns: int, bits: int, apart: int) -> np.ndarray:
+def from_stored(content: bytes, rows: int, columns: int, bits: int, apart: int) -> Array:
     """(rows, columns) float32 from ``stored_size`` bytes; ValueError for places that are none."""
     blocks = -(-rows // BLOCK)
     ranges = np.frombuffer(content, "<f4", 2 * blocks * columns).reshape(2, blocks, columns)
@@ -87,17 +89,17 @@ def from_stored(content: bytes, rows: int, columns: int, bits: int, apart: int) 
     return found
 
 
-def by_significance(numbers: np.ndarray, width: int) -> bytes:
+def by_significance(numbers: Array, width: int) -> bytes:
     """All lowest bytes, then all next ones."""
     return np.ascontiguousarray(numbers.reshape(-1, width).T).tobytes()
 
 
-def from_significance(content: bytes, width: int) -> np.ndarray:
+def from_significance(content: bytes, width: int) -> Array:
     """The bytes in the order that ``by_significance`` was given."""
     return np.ascontiguousarray(np.frombuffer(content, np.uint8).reshape(width, -1).T).reshape(-1)
 
 
-def _ranges(rows: np.ndarray, inside: np.ndarray | None, bits: int) -> tuple[np.ndarray, np.ndarray]:
+def _ranges(rows: Array, inside: Array | None, bits: int) -> tuple[Array, Array]:
     """(blocks, columns) least value and step of what is ``inside``, or of everything."""
     starts = np.arange(0, len(rows), BLOCK)
     if not len(starts):
@@ -108,7 +110,7 @@ def _ranges(rows: np.ndarray, inside: np.ndarray | None, bits: int) -> tuple[np.
     return least.astype(np.float32), np.maximum(step, 1e-30).astype(np.float32)
 
 
-def _inside(name: str, rows: np.ndarray, bits: int) -> np.ndarray | None:
+def _inside(name: str, rows: Array, bits: int) -> Array | None:
     """(N, columns) which numbers stand in their block's range; None where all do."""
     whole = len(rows) // BLOCK * BLOCK
     parts = [part for part in (rows[:whole].reshape(-1, BLOCK, rows.shape[1]), rows[whole:][None]) if part.size]
@@ -131,17 +133,19 @@ def _inside(name: str, rows: np.ndarray, bits: int) -> np.ndarray | None:
             mask[block, column] = (part[block, column] >= first) & (part[block, column] <= last)
     if inside is None:
         return None
-    return np.concatenate([mask.transpose(0, 2, 1).reshape(-1, rows.shape[1]) for mask in inside])
+    result: Array = np.concatenate([mask.transpose(0, 2, 1).reshape(-1, rows.shape[1]) for mask in inside])
+    return result
 
 
-def _extent_of_half(ordered: np.ndarray) -> np.ndarray:
+def _extent_of_half(ordered: Array) -> Array:
     """(P,) the shortest interval with half of the ascending numbers of each row (P, n), and two of them at least."""
     count = ordered.shape[1]
     half = min(max(-(-count // 2), 2), count)
-    return np.subtract(ordered[:, half - 1 :], ordered[:, : count - half + 1], dtype=np.float64).min(axis=1)
+    result: Array = np.subtract(ordered[:, half - 1 :], ordered[:, : count - half + 1], dtype=np.float64).min(axis=1)
+    return result
 
 
-def _usual_extent(extents: np.ndarray, at: np.ndarray) -> float:
+def _usual_extent(extents: Array, at: Array) -> float:
     """The median over blocks of what the widest of their columns has; of (P,) extents at (block, column) (P, 2)."""
     if not len(extents):
         return 0.0
@@ -149,7 +153,7 @@ def _usual_extent(extents: np.ndarray, at: np.ndarray) -> float:
     return float(np.median(np.maximum.reduceat(extents, first)))
 
 
-def _fullest(ordered: np.ndarray, width: float) -> tuple[float, float]:
+def _fullest(ordered: Array, width: float) -> tuple[float, float]:
     """Ends of the interval of at most that width that holds most of the ascending numbers."""
     after = np.searchsorted(ordered, ordered.astype(np.float64) + width, side="right")
     first = int(np.argmax(after - np.arange(len(ordered))))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Any
+from ..io.plain_values import JsonMapping
 
 
 class StepKind(StrEnum):
@@ -50,7 +50,7 @@ _HEADS = (
 _KNOWN = {kind.value: kind for kind in StepKind}
 
 
-def summary(capacity: dict[str, Any]) -> str:
+def summary(capacity: JsonMapping) -> str:
     """One line: what is left."""
     heads = ", ".join(capacity.get("heads", ())) or "none"
     return (
@@ -59,12 +59,12 @@ def summary(capacity: dict[str, Any]) -> str:
     )
 
 
-def lines(capacity: dict[str, Any]) -> list[str]:
+def lines(capacity: JsonMapping) -> list[str]:
     """A line for each reduction: what it did, saved and cost."""
     return [reduction_line(reduction) for reduction in capacity.get("reductions", ())]
 
 
-def reduction_line(reduction: dict[str, Any]) -> str:
+def reduction_line(reduction: JsonMapping) -> str:
     """``at 85 %, put to rest: 20,704 -> 5,927 moving Gaussians; saves 1.9 MB, 1.2 ms a frame; costs 0.005 dB``."""
     what = reduction["what"]
     unit = _KNOWN[what].unit if what in _KNOWN else ""  # a newer version's kind

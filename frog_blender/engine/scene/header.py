@@ -3,17 +3,31 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from types import MappingProxyType
 
 from ..capture.camera import Camera
-from ..io.plain_values import UnfitValue, entries, finite_entries, items, number, numbers, plain_json, text, whole
+from ..capture.camera_motion import cameras_move
+from ..field.names import METHODS
+from ..io.plain_values import (
+    JsonMapping,
+    JsonObject,
+    UnfitValue,
+    entries,
+    finite_entries,
+    items,
+    number,
+    numbers,
+    plain_json,
+    text,
+    whole,
+)
 from .compression_report import lines, summary
 
 FORMAT_VERSION = 5
 """1 had every array as it is; 2 may have them packed; 3 may have lifetimes; 4 may have some that only fade; 5 may have
 numbers that are packed apart from their block."""
-METHODS = ("frog", "ed3dgs", "static", "d3dgs", "hexplane", "curves")
 SHAPE_DYNAMIC = "reshaped"
 """The model setting that says how many of those that are deformed, the first, turn and grow; the others keep their
 shape. All of them where it is missing."""
@@ -44,12 +58,12 @@ class SceneHeader:
         capture_path, capture_format, scale, pixel_offsets: where the frames came from and how they were read.
         metrics: PSNR and so on as measured at the end of training.
         steps, train_seconds: how much training is in it (decoding and seeding not counted).
-        capacity: what the training took out of the model (see training.parsimony), empty where it took nothing.
+        capacity: what the training took out of the model (see training.compression), empty where it took nothing.
     """
 
     method: str
-    recipe: dict[str, Any]
-    model: dict[str, Any]
+    recipe: JsonMapping
+    model: JsonMapping
     cameras: tuple[Camera, ...]
     camera_shots: tuple[tuple[int, ...], ...]
     test_cameras: tuple[str, ...]
@@ -60,21 +74,28 @@ class SceneHeader:
     capture_path: str
     capture_format: str
     scale: float
-    pixel_offsets: dict[str, tuple[float, float]] = field(default_factory=dict)
-    metrics: dict[str, Any] = field(default_factory=dict)
+    pixel_offsets: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    metrics: JsonMapping = field(default_factory=dict)
     steps: int = 0
     train_seconds: float = 0.0
     format_version: int = FORMAT_VERSION
-    capacity: dict[str, Any] = field(default_factory=dict)
+    capacity: JsonMapping = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Copies the mappings, and lets nobody change the copies: a header says what it said when it was made."""
+        for name in ("recipe", "model", "pixel_offsets", "metrics", "capacity"):
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
 
     @property
     def is_moving(self) -> bool:
-        """One moving camera: every entry of ``cameras`` is one moment of it, or a withheld image."""
-        if any(len(frames) != 1 for frames in self.camera_shots):
-            return False
-        named = zip(self.cameras, self.camera_shots, strict=True)
-        moments = [frame for camera, (frame,) in named if not self.is_test(camera.name, frame)]
-        return len(moments) > 1 and len(set(moments)) == len(moments)
+        """One moving camera: every entry of ``cameras`` is one frame of it, or a held-out image."""
+        trained = [
+            frame
+            for camera, frames in zip(self.cameras, self.camera_shots, strict=True)
+            for frame in frames
+            if not self.is_test(camera.name, frame)
+        ]
+        return self.frame_count > 1 and cameras_move(map(len, self.camera_shots), trained)
 
     def is_test(self, camera_name: str, frame: int) -> bool:
         """True for an image that training did not see."""
@@ -82,6 +103,7 @@ class SceneHeader:
 
     def to_json(self) -> str:
         values = {name: getattr(self, name) for name in self.__dataclass_fields__ if name != "cameras"}
+        values = {name: dict(value) if isinstance(value, MappingProxyType) else value for name, value in values.items()}
         return json.dumps({**values, "cameras": [camera.to_json() for camera in self.cameras]}, allow_nan=False)
 
     @classmethod
@@ -120,7 +142,7 @@ class SceneHeader:
         return header
 
 
-def _model(value: Any) -> dict[str, Any]:
+def _model(value: object) -> JsonObject:
     """What is asked of a model by others than those who play it; these check what they need."""
     model = finite_entries(value, "model")
     for name in items(model.get("silent_heads", []), "silent_heads", 64):
@@ -129,7 +151,7 @@ def _model(value: Any) -> dict[str, Any]:
     return model
 
 
-def _filmed(data: dict[str, Any]) -> dict[str, Any]:
+def _filmed(data: JsonObject) -> JsonObject:
     """The fields that say which cameras saw which frames."""
     cameras = tuple(Camera.from_json(camera) for camera in items(data["cameras"], "cameras", MOST_CAMERAS))
     shots = items(data["camera_shots"], "camera_shots", MOST_CAMERAS)
@@ -147,11 +169,11 @@ def _filmed(data: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _frames(value: Any, what: str) -> tuple[int, ...]:
+def _frames(value: object, what: str) -> tuple[int, ...]:
     return tuple(whole(frame, f"a frame of {what}", 0, MAX_FRAMES - 1) for frame in items(value, what, MAX_FRAMES))
 
 
-def _offsets(value: Any) -> dict[str, tuple[float, float]]:
+def _offsets(value: object) -> dict[str, tuple[float, float]]:
     found = {}
     for name, offset in entries(value, "pixel_offsets").items():
         dx, dy = numbers(offset, "a pixel offset", (2,), 1e6).tolist()
@@ -159,7 +181,7 @@ def _offsets(value: Any) -> dict[str, tuple[float, float]]:
     return found
 
 
-def _capacity(value: Any) -> dict[str, Any]:
+def _capacity(value: object) -> JsonObject:
     """UnfitValue for a report that nobody could read out."""
     capacity = finite_entries(value, "capacity")
     if capacity:

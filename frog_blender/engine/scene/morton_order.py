@@ -6,8 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from ..arrays import Array
 
-def morton_order(means: np.ndarray) -> np.ndarray:
+
+def morton_order(means: Array) -> Array:
     """(N,) an order of ``means`` (N, 3) in which neighbours follow each other: Morton's curve through them."""
     if not len(means):
         return np.empty(0, np.int64)
@@ -20,7 +22,7 @@ def morton_order(means: np.ndarray) -> np.ndarray:
     return np.argsort(code, kind="stable")
 
 
-def morton_order_by_range(means: np.ndarray, *bounds: int) -> np.ndarray:
+def morton_order_by_range(means: Array, *bounds: int) -> Array:
     """(N,) an order of ``means`` (N, 3): the first up to each of the ``bounds``, and the others, each along a curve of
     their own."""
     edges = pairwise((0, *bounds, len(means)))

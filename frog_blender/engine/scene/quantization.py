@@ -1,19 +1,21 @@
 """Arrays of a scene as few bytes: quantised in blocks, laid out by significance, compressed by zlib. No torch.
 
 A block is 256 rows in which each column is stored as whole numbers between its least and largest value (see blocks).
-Gaussians that lie side by side in the file lie side by side in the scene (see spatial_order), or are there at the same
-moments (see inference.lifetimes), so a block spans little and neighbours have bytes in common.
+Gaussians that lie side by side in the file lie side by side in the scene (see morton_order), or are visible at the same
+times (see playback.visibility), so a block spans little and neighbours have bytes in common.
 """
 
 from __future__ import annotations
 
 import math
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from ..arrays import Array
+from ..io.plain_values import JsonMapping, JsonObject
 from . import blocks
 
 _LARGEST = 2**27  # numbers of an unpacked array
@@ -47,11 +49,11 @@ class Packed:
     description: plain values that ``unpack`` needs.
     """
 
-    content: np.ndarray
-    description: dict[str, Any]
+    content: Array
+    description: JsonObject
 
 
-def pack(name: str, array: np.ndarray) -> Packed:
+def pack(name: str, array: Array) -> Packed:
     """A float32 array of any shape, or bytes (uint8); ValueError for numbers that are not finite."""
     bits, apart = BITS.get(name, 0), 0
     if bits == _AS_IT_IS:
@@ -70,7 +72,7 @@ def pack(name: str, array: np.ndarray) -> Packed:
     return Packed(content, described)
 
 
-def unpack(content: np.ndarray, description: dict[str, Any], most: int = _LARGEST) -> np.ndarray:
+def unpack(content: Array, description: JsonMapping, most: int = _LARGEST) -> Array:
     """The array as it was, about; KeyError, TypeError or ValueError for what ``pack`` does not write.
 
     Sizes are checked before anything is allocated.
@@ -104,7 +106,7 @@ def unpack(content: np.ndarray, description: dict[str, Any], most: int = _LARGES
     return blocks.from_stored(stored, shape[0], columns, bits, apart).reshape(shape)
 
 
-def unpack_scene(arrays: dict[str, np.ndarray], descriptions: dict[str, Any]) -> dict[str, np.ndarray]:
+def unpack_scene(arrays: dict[str, Array], descriptions: Mapping[str, JsonMapping]) -> dict[str, Array]:
     """A packed scene's arrays; errors as of ``unpack``, also for arrays that no scene of that size has.
 
     Args:
@@ -122,7 +124,7 @@ def unpack_scene(arrays: dict[str, np.ndarray], descriptions: dict[str, Any]) ->
     }
 
 
-def _shape_of(description: dict[str, Any]) -> tuple[int, ...]:
+def _shape_of(description: JsonMapping) -> tuple[int, ...]:
     shape = tuple(description["shape"])
     if any(type(length) is not int or length < 0 for length in shape):
         raise ValueError(f"an array of shape {shape}")

@@ -2,7 +2,7 @@
 
 Tensors of a FRoG scene: ``means, log_scales, quaternions, opacity_logits, sh`` by Gaussian,
 ``embeddings`` of those that are deformed, which come first, ``temporal_table`` and ``network.*``, and where that saves
-time at playback LIFETIMES (see inference.lifetimes) and, of those that come next, FADES (see model.fading). The
+time at playback VISIBILITY (see playback.visibility) and, for those that come next, OPACITY_TRACKS. The
 header holds what playback and evaluation need besides.
 """
 
@@ -17,22 +17,24 @@ from typing import Any
 import numpy as np
 from safetensors.numpy import save as serialize
 
+from ..arrays import SceneArrays
 from ..errors import FrogError, found_instead
+from ..field.names import FIELD_METHODS
 from ..io.atomic_files import write_atomically
-from ..io.plain_values import UnfitValue, entries, plain_json
+from ..io.plain_values import JsonObject, UnfitValue, entries, plain_json
 from ..io.tensor_files import read_tensors
 from .header import SceneHeader
 from .quantization import Packed, pack, unpack_scene
 
 VISIBILITY = "lifetimes"
-"""Name of the array in which bits say when groups of Gaussians can be seen."""
+"""Name of the array of bits that say when groups of Gaussians are visible (playback.visibility)."""
 OPACITY_TRACKS = "fades"
-"""Name of the array (F, frames) in which opacities stand of those that only fade."""
+"""Name of the array (F, frames) of opacities of transient Gaussians (field.opacity_tracks)."""
 _HEADER_KEY = "frog"
 _PACKING_KEY = "packing"
 _CANONICAL = {"means", "log_scales", "quaternions", "opacity_logits", "sh"}
 _FROG = {"embeddings", "temporal_table", "attention_weight", "attention_query", VISIBILITY, OPACITY_TRACKS}
-_OF_METHOD = {"frog": _FROG, "ed3dgs": _FROG, "curves": {"embeddings"}}
+_OF_METHOD = {**dict.fromkeys(FIELD_METHODS, _FROG), "curves": {"embeddings"}}
 _NETWORK = re.compile(r"network\.[a-z0-9_.]{1,80}")
 
 
@@ -41,10 +43,10 @@ class SceneFile:
     """A scene as it lies on disk: header and arrays by name."""
 
     header: SceneHeader
-    arrays: dict[str, np.ndarray]
+    arrays: SceneArrays
 
 
-def settings_json(settings: Any) -> dict[str, Any]:
+def settings_json(settings: Any) -> JsonObject:
     """A settings dataclass as plain values for a header."""
     return asdict(settings)
 
@@ -53,7 +55,7 @@ def write_scene(path: str | Path, scene: SceneFile, *, compact: bool = False) ->
     """Writes atomically; FrogError when it cannot, and then an earlier file of that name is untouched.
 
     Args:
-        compact: quantise and compress (see packing), which changes numbers by less than can be seen.
+        compact: quantise and compress (see quantization), which changes numbers invisibly.
     """
     write_atomically(path, scene_bytes(scene, compact=compact))
 
@@ -66,10 +68,11 @@ def scene_bytes(scene: SceneFile, *, compact: bool = False) -> bytes:
         packed = packed_arrays(arrays)
         arrays = {name: each.content for name, each in packed.items()}
         metadata[_PACKING_KEY] = json.dumps({name: each.description for name, each in packed.items()})
-    return serialize(_contiguous(arrays), metadata=metadata)
+    result: bytes = serialize(_contiguous(arrays), metadata=metadata)
+    return result
 
 
-def packed_arrays(arrays: dict[str, np.ndarray]) -> dict[str, Packed]:
+def packed_arrays(arrays: SceneArrays) -> dict[str, Packed]:
     """FrogError for numbers that no packed file can hold."""
     try:
         return {name: pack(name, array) for name, array in arrays.items()}
@@ -98,7 +101,7 @@ def read_scene(path: str | Path) -> SceneFile:
     return SceneFile(header, arrays)
 
 
-def _unpacked(arrays: dict[str, np.ndarray], described: dict[str, Any]) -> dict[str, np.ndarray]:
+def _unpacked(arrays: SceneArrays, described: JsonObject) -> SceneArrays:
     """UnfitValue for bytes and descriptions that ``packed_arrays`` does not write."""
     try:
         return unpack_scene(arrays, described)
@@ -106,7 +109,7 @@ def _unpacked(arrays: dict[str, np.ndarray], described: dict[str, Any]) -> dict[
         raise UnfitValue(f"packed arrays that cannot be read ({error})", "a .frog scene") from error
 
 
-def _contiguous(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def _contiguous(arrays: SceneArrays) -> SceneArrays:
     return {name: np.ascontiguousarray(array) for name, array in arrays.items()}
 
 
@@ -116,7 +119,7 @@ def _is_known(name: str, method: str = "frog") -> bool:
     return named or (method != "static" and _NETWORK.fullmatch(name) is not None)
 
 
-def _check_arrays(arrays: dict[str, np.ndarray]) -> None:
+def _check_arrays(arrays: SceneArrays) -> None:
     """UnfitValue for types and shapes that playback does not rely on."""
     for name, array in arrays.items():
         expected = np.uint8 if name in (VISIBILITY, OPACITY_TRACKS) else np.float32

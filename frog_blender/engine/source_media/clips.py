@@ -64,7 +64,7 @@ def find_clips(header: SceneHeader, folder: Path) -> dict[str, Clip]:
         return {}
     composed_files = {composed(name): file for name, file in found.items()}
     files = {each.name: composed_files.get(composed(each.name), []) for each in header.cameras}
-    if moves_alone(header):
+    if header.is_moving:
         path = [(frame, camera.name) for frame, camera in camera_path(header)]
         shown = [(frame, of[0]) for frame, name in path if (of := files[name])]
         clip = _sequence(shown, header.frame_count)
@@ -83,19 +83,14 @@ def find_clips(header: SceneHeader, folder: Path) -> dict[str, Clip]:
     return clips
 
 
-def moves_alone(header: SceneHeader) -> bool:
-    """One moving camera, whose images are the moments of one path."""
-    return header.is_moving and header.frame_count > 1
-
-
 def camera_path(header: SceneHeader) -> list[tuple[int, Camera]]:
-    """The moments of a moving camera in order: frame, and the camera there; images to train on go before others."""
+    """Frames of a moving camera in order, with the camera there; training images go before held-out ones."""
     by_frame: dict[int, Camera] = {}
     for camera, frames in zip(header.cameras, header.camera_shots, strict=True):
         for frame in frames:
             if frame not in by_frame or by_frame[frame].name in header.test_cameras:
                 by_frame[frame] = camera
-    return sorted(by_frame.items(), key=lambda moment: moment[0])
+    return sorted(by_frame.items(), key=lambda entry: entry[0])
 
 
 def _files(header: SceneHeader, folder: Path) -> dict[str, list[Path]]:

@@ -1,4 +1,4 @@
-"""Films of a capture's cameras as training saw them, for video programs: free of lens distortion, one for each camera.
+"""Clips of a capture's cameras as training saw them, for video programs: free of lens distortion, one for each camera.
 
 Needed where lenses distort, or where a video program cannot read a layout's images as a film (Technicolor's end with
 the camera's number). They lie in a folder beside the scene's file, with an index that says what they were made from,
@@ -16,7 +16,7 @@ from collections.abc import Generator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 import numpy as np
@@ -27,7 +27,8 @@ from ..capture.readers import open_capture
 from ..capture.video import load_opencv, read_facts
 from ..errors import FrogError
 from ..io.atomic_files import write_atomically
-from .clips import Clip, camera_path, find_clips, moves_alone
+from ..io.plain_values import JsonObject
+from .clips import Clip, camera_path, find_clips
 
 if TYPE_CHECKING:
     from ..capture.capture import Capture
@@ -65,9 +66,9 @@ def undistorted_clips(header: SceneHeader, scene_file: Path) -> dict[str, Clip]:
     if not index or index.get("scene") != _decides(header):
         return {}
     clips = {}
-    for name, moments in _moments(header).items():
-        file = _file(folder, name, len(moments))
-        clips[name] = Clip(file, "VIDEO", count=header.frame_count) if len(moments) > 1 else Clip(file, "IMAGE")
+    for name, filmed_frames in _filmed_frames(header).items():
+        file = _file(folder, name, len(filmed_frames))
+        clips[name] = Clip(file, "VIDEO", count=header.frame_count) if len(filmed_frames) > 1 else Clip(file, "IMAGE")
     return clips if all(clip.path.is_file() for clip in clips.values()) else {}
 
 
@@ -113,17 +114,17 @@ def _films(header: SceneHeader, capture: Capture, folder: Path) -> dict[str, lis
         )
     index = {camera.name: i for i, camera in enumerate(capture.cameras)}
     films = {}
-    for name, moments in _moments(header).items():
-        shots = [capture.shot_index(index.get(camera, -1), frame) for frame, camera in moments]
+    for name, filmed_frames in _filmed_frames(header).items():
+        shots = [capture.shot_index(index.get(camera, -1), frame) for frame, camera in filmed_frames]
         films[name] = [shot for shot in shots if shot is not None]
         if not shots or None in shots:
             raise FrogError(f"{folder}: not all images of {name} are there, expected those that were trained on.")
     return films
 
 
-def _moments(header: SceneHeader) -> dict[str, list[tuple[int, str]]]:
-    """For each clip, by the camera that it is shown behind: the moments that were filmed, and by which camera."""
-    if moves_alone(header):
+def _filmed_frames(header: SceneHeader) -> dict[str, list[tuple[int, str]]]:
+    """By the camera that shows each clip: the frames that were filmed, and by which camera."""
+    if header.is_moving:
         path = [(frame, camera.name) for frame, camera in camera_path(header)]
         return {path[0][1]: path}
     filmed = zip(header.cameras, header.camera_shots, strict=True)
@@ -140,13 +141,13 @@ def _at_size(capture: Capture, header: SceneHeader) -> Capture:
     return capture.with_cameras(cameras)
 
 
-def _decides(header: SceneHeader) -> dict[str, Any]:
+def _decides(header: SceneHeader) -> JsonObject:
     """What of a scene decides its clips, as it is kept beside them."""
     lenses = {camera.name: np.round(camera.intrinsics, 6).tolist() for camera in header.cameras}
     return {"capture": header.capture_path, "frames": header.frame_count, "lenses": lenses}
 
 
-def _index(folder: Path) -> dict[str, Any] | None:
+def _index(folder: Path) -> JsonObject | None:
     """What the folder's index says; {} where films were begun and not finished, None where there is no index."""
     try:
         index = json.loads((folder / _INDEX).read_text(encoding="utf-8"))
@@ -158,12 +159,12 @@ def _index(folder: Path) -> dict[str, Any] | None:
 
 
 def _file(folder: Path, name: str, count: int) -> Path:
-    """The file of a camera's clip of so many moments. Names of cameras may hold strokes, files' may not."""
+    """The file of a camera's clip of ``count`` frames. Cameras' names may hold slashes, files' may not."""
     return folder / f"{quote(name, safe=' ')}.{'mp4' if count > 1 else 'png'}"
 
 
 def _write(
-    header: SceneHeader, capture: Capture, films: Mapping[str, Sequence[int]], folder: Path, marks: dict[str, Any]
+    header: SceneHeader, capture: Capture, films: Mapping[str, Sequence[int]], folder: Path, marks: JsonObject
 ) -> Generator[int, None, None]:
     """Films into the folder, whose index says nothing until all of them are whole.
 
@@ -211,7 +212,7 @@ def _remove_abandoned(folder: Path) -> None:
 
 
 def _write_clip(path: Path, rate: int, capture: Capture, shots: Sequence[int]) -> Generator[None, None, None]:
-    """One camera's shots, ordered by frame: an image, or a video of all moments that repeats one where one lacks.
+    """One camera's shots, ordered by frame: an image, or a video of all times that repeats one where one lacks.
 
     Whoever shows it asks for images by number, so a whole rate will do; MPEG-4 cannot say every other.
     """

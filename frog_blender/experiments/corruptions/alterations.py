@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...engine.capture.video import load_opencv
+from ...engine.srgb import linear_to_srgb, srgb_to_linear
 
 
 class _Alteration:
@@ -94,15 +95,10 @@ class Occlusion(_Alteration):
 def brightened(image: np.ndarray, gain: float) -> np.ndarray:
     """An sRGB image, uint8 or in [0, 1], with ``gain`` times the light, as its camera would clip it."""
     if image.dtype == np.uint8:
-        table = 255 * _to_srgb(_to_linear(np.arange(256) / 255) * gain)
+        table = 255 * _clipped_srgb(srgb_to_linear(np.arange(256) / 255) * gain)
         return table.round().astype(np.uint8)[image]
-    return _to_srgb(_to_linear(image) * gain)
+    return _clipped_srgb(srgb_to_linear(image) * gain)
 
 
-def _to_linear(value: np.ndarray) -> np.ndarray:
-    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
-
-
-def _to_srgb(value: np.ndarray) -> np.ndarray:
-    value = value.clip(0, 1)
-    return np.where(value <= 0.0031308, 12.92 * value, 1.055 * value ** (1 / 2.4) - 0.055)
+def _clipped_srgb(value: np.ndarray) -> np.ndarray:
+    return linear_to_srgb(value.clip(0, 1))

@@ -24,7 +24,7 @@ def built_emulator(tmp_path_factory: pytest.TempPathFactory):
 
 @pytest.fixture
 def emulator(built_emulator, monkeypatch: pytest.MonkeyPatch):
-    """``implementation="cuda"`` draws tensors on the CPU, with the kernels compiled by g++."""
+    """``backend="cuda"`` draws tensors on the CPU, with the kernels compiled by g++."""
     from frog_blender.engine.rasterizer.cuda import launch
 
     monkeypatch.setattr(launch, "launcher_for", lambda device: built_emulator)

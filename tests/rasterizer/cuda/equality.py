@@ -144,7 +144,7 @@ def depth_limit(scene: Scene) -> torch.Tensor | None:
     return torch.tensor(limit, dtype=torch.float32)
 
 
-def draw(scene: Scene, implementation: str, dtype: torch.dtype, device: str = "cpu") -> dict[str, np.ndarray]:
+def draw(scene: Scene, backend: str, dtype: torch.dtype, device: str = "cpu") -> dict[str, np.ndarray]:
     """Every output, ``num_invalid``, and every gradient as ``by_...``, of a random linear loss; float64 numpy."""
     leaves = tensors(scene.gaussians, dtype)
     values = GaussianArrays(*[getattr(leaves, name).to(device) for name in ATTRIBUTES])
@@ -157,7 +157,7 @@ def draw(scene: Scene, implementation: str, dtype: torch.dtype, device: str = "c
         scene.options,
         pose=None if pose is None else pose.to(device),
         depth_limit=None if limit is None else limit.to(device),
-        implementation=implementation,
+        backend=backend,
     )
     generator = torch.Generator().manual_seed(5)
     by_rgb = torch.randn(image.rgb.shape, generator=generator, dtype=torch.float64).to(device, dtype)

@@ -117,7 +117,7 @@ def test_an_image_over_the_budget_is_refused_with_a_sentence(
 
 def test_the_backward_pass_can_run_twice(emulator: Emulator) -> None:
     leaves = tensors(random_gaussians(SMALL, 40, 1, seed=3))
-    image = rasterize(leaves, SMALL, BACKGROUND, EVERYTHING, implementation="cuda")
+    image = rasterize(leaves, SMALL, BACKGROUND, EVERYTHING, backend="cuda")
     loss = image.rgb.square().sum()
     once = torch.autograd.grad(loss, leaves.means, retain_graph=True)[0]
     assert torch.equal(once, torch.autograd.grad(loss, leaves.means)[0])
@@ -125,10 +125,10 @@ def test_the_backward_pass_can_run_twice(emulator: Emulator) -> None:
 
 def test_inputs_need_not_be_contiguous(emulator: Emulator) -> None:
     gaussians = random_gaussians(SMALL, 40, 1, seed=3)
-    expected = rasterize(tensors(gaussians), SMALL, implementation="cuda")
+    expected = rasterize(tensors(gaussians), SMALL, backend="cuda")
     leaves = tensors(gaussians)
     turned = GaussianArrays(*[torch.stack([getattr(leaves, name)] * 2, -1)[..., 0] for name in ATTRIBUTES])
-    assert torch.equal(rasterize(turned, SMALL, implementation="cuda").rgb, expected.rgb)
+    assert torch.equal(rasterize(turned, SMALL, backend="cuda").rgb, expected.rgb)
 
 
 def test_tensors_that_the_kernels_would_misread_are_refused(emulator: Emulator) -> None:
@@ -139,7 +139,7 @@ def test_tensors_that_the_kernels_would_misread_are_refused(emulator: Emulator) 
         ("scales", leaves.means[:5]),
     ):
         with pytest.raises(ValueError, match=name):
-            rasterize(GaussianArrays(**{**vars(leaves), name: wrong}), SMALL, implementation="cuda")
+            rasterize(GaussianArrays(**{**vars(leaves), name: wrong}), SMALL, backend="cuda")
     with pytest.raises(ValueError, match="pose"):
         module.rasterize(leaves, SMALL, BACKGROUND, EVERYTHING, torch.eye(3))
     with pytest.raises(ValueError, match="depth_limit"):
@@ -148,7 +148,7 @@ def test_tensors_that_the_kernels_would_misread_are_refused(emulator: Emulator) 
 
 def test_tensors_on_the_cpu_are_refused_without_the_emulator() -> None:
     with pytest.raises(ValueError, match="GPU"):
-        rasterize(tensors(random_gaussians(SMALL, 6, 1)), SMALL, implementation="cuda")
+        rasterize(tensors(random_gaussians(SMALL, 6, 1)), SMALL, backend="cuda")
 
 
 def test_structs_and_constants_are_those_of_the_kernels(built_emulator: Emulator) -> None:

@@ -75,7 +75,7 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Iterator[Machine]:
 
     def slowly(*arguments: Any, **keywords: Any) -> Any:
         with machine.uncounted():  # the CUDA rasterizer waits once, whatever is drawn
-            return rasterize(*arguments, **keywords, implementation="reference")
+            return rasterize(*arguments, **keywords, backend="reference")
 
     def deform(self: Frog, time: float, schedule_state: Any = FINISHED, sh_count: int | None = None) -> Any:
         temporal = self.temporal_embedding(time, schedule_state)

@@ -62,12 +62,6 @@ def sample_view(view: View, points: np.ndarray, image: np.ndarray) -> tuple[np.n
     return image[np.where(seen, lines, 0), np.where(seen, columns, 0)], seen
 
 
-def cameras_move(capture: Capture) -> bool:
-    """True where every camera took one image and they show several moments: a moving camera, or a moving rig."""
-    frames = {shot.frame for shot in capture.train_shots}
-    return len(frames) > 1 and len({shot.camera for shot in capture.shots}) == len(capture.shots)
-
-
 def spread(items: Sequence[int], count: int) -> list[int]:
     """At most ``count`` of the items, evenly spread, the first and the last among them."""
     if len(items) <= count:

@@ -12,7 +12,7 @@ import numpy as np
 from ..capture import Capture
 from ..video import load_opencv
 from .moving import moving_points
-from .views import Images, View, cameras_move, load_view, sample_view, spread
+from .views import Images, View, load_view, sample_view, spread
 
 _SAMPLES = 300_000
 _LONGEST_SIDE = 320
@@ -26,7 +26,7 @@ def fill_volume(
     by_frame: dict[int, list[int]] = {}
     for index in capture.train_indices:
         by_frame.setdefault(capture.shots[index].frame, []).append(index)
-    frames, moves = sorted(by_frame), cameras_move(capture)
+    frames, moves = sorted(by_frame), capture.has_moving_cameras
     shots = spread(capture.train_indices, 12) if moves else by_frame[frames[len(frames) // 2]]
     views = [load_view(capture, store, shot, _LONGEST_SIDE) for shot in shots]
     samples = _sample_frustums(views, near, far, _SAMPLES, random)

@@ -1,16 +1,17 @@
-"""What a rival's network changes, put onto the canonical Gaussians."""
+"""Adds the changes that a baseline's network gives to the canonical Gaussians."""
 
 from __future__ import annotations
 
 import torch
 
+from ...gaussians import TorchGaussians
 from ...rasterizer import GaussianArrays
 from ..canonical import CanonicalField
 
 
 def deformed(
     canonical: CanonicalField, changes: dict[str, torch.Tensor], sh_count: int | None = None
-) -> GaussianArrays:
+) -> TorchGaussians:
     """The activated Gaussians with ``changes`` added before activation.
 
     Args:

@@ -11,10 +11,11 @@ where a fresh Gaussian begins, in a unit of its own, so that one Adam rate serve
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import torch
 
+from ...gaussians import TorchGaussians
+from ...io.plain_values import JsonObject
 from ...rasterizer import GaussianArrays
 from ..canonical import CanonicalField
 from ..interface import FINISHED, SceneModel, ScheduleState
@@ -28,7 +29,7 @@ class CurveSettings:
     """Units of an embedding's numbers; written into the scene file. A whole capture is one unit of time.
 
     A unit is what the recipe's ``embedding_rate`` is multiplied by, so they stand for rates. The original's, for
-    captures of 50 moments: motion 5.6e-4 times the scene's extent (positions' 1.6e-4 times 3.5), rotation and centre
+    captures of 50 frames: motion 5.6e-4 times the scene's extent (positions' 1.6e-4 times 3.5), rotation and centre
     1e-4, log-width 3e-2. The defaults are to each other as those within a factor of four (how they were found:
     docs/experiments/baselines.md): an ``embedding_rate`` of 8.4e-3 gives the original's rate of motion.
 
@@ -70,7 +71,7 @@ class Curves(SceneModel):
 
     def deform(
         self, time: float, schedule_state: ScheduleState = FINISHED, sh_count: int | None = None
-    ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
+    ) -> tuple[TorchGaussians, dict[str, torch.Tensor]]:
         """See SceneModel."""
         c, s = self.canonical, self.settings
         curve, spin, centre, width = c.embeddings.split([3 * DEGREE, 4, 1, 1], dim=1)
@@ -90,5 +91,5 @@ class Curves(SceneModel):
         )
         return gaussians, {"means": motion, "quaternions": turn}
 
-    def stored_settings(self, schedule_state: ScheduleState) -> dict[str, Any]:
+    def stored_settings(self, schedule_state: ScheduleState) -> JsonObject:
         return asdict(self.settings)

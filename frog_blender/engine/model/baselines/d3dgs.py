@@ -11,13 +11,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import torch
 from torch import nn
 from torch.nn import functional
 
-from ...rasterizer import GaussianArrays
+from ...gaussians import TorchGaussians
+from ...io.plain_values import JsonObject
 from ..canonical import CanonicalField
 from ..interface import FINISHED, SceneModel, ScheduleState
 from .changes import bounds_of, deformed
@@ -54,11 +54,11 @@ class D3dgsSettings:
 def settings_for(hidden_width: int, frame_count: int, motion_unit: float) -> D3dgsSettings:
     """The original's eight layers of 256 for recipes as wide as the papers', a network for two cores for others.
 
-    Time has as many octaves as the moments can tell apart (ten of the original's at 300 moments): finer ones only let
-    neighbouring moments disagree.
+    Time has as many octaves as the frames can tell apart (the original's ten at 300 frames). Finer ones only let
+    neighbouring frames disagree.
     """
-    moments = max(2, frame_count) - 1
-    time_frequencies = max(2, min(10, 1 + round(math.log2(math.pi * moments))))
+    intervals = max(2, frame_count) - 1
+    time_frequencies = max(2, min(10, 1 + round(math.log2(math.pi * intervals))))
     if hidden_width >= _PAPER_WIDTH:
         return D3dgsSettings(8, 2 * hidden_width, 10, time_frequencies, motion_unit)
     return D3dgsSettings(4, hidden_width, 8, time_frequencies, motion_unit)
@@ -106,7 +106,7 @@ class D3dgsNetwork(nn.Module):
         """(N, 10) of means (N, 3); what time adds to a layer is one vector, the same for all Gaussians."""
         s = self.settings
         place = encode((means - self.centre) / self.unit, s.space_frequencies)
-        moment = encode(torch.full((1, 1), time, device=means.device), s.time_frequencies)[0]
+        encoded_time = encode(torch.full((1, 1), time, device=means.device), s.time_frequencies)[0]
         hidden = place.new_empty(len(place), 0)
         for number, layer in enumerate(self.layers):
             assert isinstance(layer, nn.Linear)
@@ -116,9 +116,10 @@ class D3dgsNetwork(nn.Module):
             by_place, by_time, by_hidden = layer.weight.split(
                 [self.space_size, self.time_size, layer.in_features - self.space_size - self.time_size], dim=1
             )
-            sums = torch.addmm(layer.bias + by_time @ moment, place, by_place.T)
+            sums = torch.addmm(layer.bias + by_time @ encoded_time, place, by_place.T)
             hidden = (torch.addmm(sums, hidden, by_hidden.T) if number else sums).relu()
-        return self.output(hidden)
+        result: torch.Tensor = self.output(hidden)
+        return result
 
 
 class D3dgs(SceneModel):
@@ -133,7 +134,7 @@ class D3dgs(SceneModel):
 
     def deform(
         self, time: float, schedule_state: ScheduleState = FINISHED, sh_count: int | None = None
-    ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
+    ) -> tuple[TorchGaussians, dict[str, torch.Tensor]]:
         """See SceneModel."""
         output = through_visible_rows(self.deformation, self.canonical.means.detach(), time)
         changes = dict(zip(OUTPUTS, output.split(list(OUTPUTS.values()), dim=1), strict=True))
@@ -143,5 +144,5 @@ class D3dgs(SceneModel):
     def rate_groups(self) -> dict[str, list[nn.Parameter]]:
         return {"network": list(self.deformation.parameters())}
 
-    def stored_settings(self, schedule_state: ScheduleState) -> dict[str, Any]:
+    def stored_settings(self, schedule_state: ScheduleState) -> JsonObject:
         return asdict(self.settings)

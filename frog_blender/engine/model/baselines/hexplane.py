@@ -9,15 +9,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import torch
 from torch import nn
 from torch.nn import functional
 
-from ...rasterizer import GaussianArrays
+from ...field.output_layout import output_sizes
+from ...gaussians import TorchGaussians
+from ...io.plain_values import JsonObject
 from ..canonical import CanonicalField
-from ..deformation import HEADS
 from ..interface import FINISHED, SceneModel, ScheduleState
 from .changes import bounds_of, deformed
 from .visible_rows import through_visible_rows
@@ -55,9 +55,8 @@ class HexPlaneSettings:
     @property
     def sizes(self) -> dict[str, int]:
         """Numbers that come out by attribute."""
-        sizes = {name: size or 3 * self.deformed_sh for name, size in HEADS.items()}
-        sizes["opacity_logits"] *= self.deformed_opacity
-        return {name: size for name, size in sizes.items() if size}
+        sizes = output_sizes(self.deformed_sh)
+        return {name: size for name, size in sizes.items() if name != "opacity_logits" or self.deformed_opacity}
 
 
 @dataclass(frozen=True)
@@ -84,7 +83,7 @@ def settings_for(
     motion_unit: float,
 ) -> HexPlaneSettings:
     """The original's planes for recipes as wide as the papers', and fewer cells for others; a row of time for every
-    two moments, as the original advises."""
+    two frames, as the original advises."""
     rows = max(2, math.ceil(frame_count / 2))
     resolutions = (64, 128) if hidden_width >= _PAPER_WIDTH else (32, 64)
     return HexPlaneSettings(16, resolutions, rows, hidden_width, head_width, deformed_sh, deformed_opacity, motion_unit)
@@ -180,7 +179,7 @@ class HexPlane(SceneModel):
 
     def deform(
         self, time: float, schedule_state: ScheduleState = FINISHED, sh_count: int | None = None
-    ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
+    ) -> tuple[TorchGaussians, dict[str, torch.Tensor]]:
         """See SceneModel."""
         output = through_visible_rows(self.deformation, self.canonical.means, time)
         sizes = self.settings.sizes
@@ -206,5 +205,5 @@ class HexPlane(SceneModel):
             total = total + weights.stillness * (over_time - 1).abs().mean()
         return total
 
-    def stored_settings(self, schedule_state: ScheduleState) -> dict[str, Any]:
+    def stored_settings(self, schedule_state: ScheduleState) -> JsonObject:
         return asdict(self.settings)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from ...rasterizer import GaussianArrays
+from ...gaussians import TorchGaussians
 from ..canonical import CanonicalField
 from ..interface import FINISHED, SceneModel, ScheduleState
 
@@ -18,6 +18,6 @@ class Static(SceneModel):
 
     def deform(
         self, time: float, schedule_state: ScheduleState = FINISHED, sh_count: int | None = None
-    ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
+    ) -> tuple[TorchGaussians, dict[str, torch.Tensor]]:
         """See SceneModel; nothing changes."""
         return self.canonical.gaussians(sh_count), {}

@@ -1,29 +1,32 @@
 """A network's backward pass through the Gaussians that a step has drawn, and no others.
 
-Most steps draw a part of an image, and most Gaussians send no gradient back. What a rival's network says of one
+Most steps draw a part of an image, and most Gaussians send no gradient back. What a baseline's network says of one
 Gaussian depends on no other, so the pass forwards keeps nothing, and the pass backwards repeats it for the few rows
 that matter (as FRoG's native one leaves the others out): the same gradients for a fraction of the time.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
 
 import torch
 from torch import nn
+
+from ...rasterizer.torch_types import Context
 
 
 class _VisibleRows(torch.autograd.Function):
     @staticmethod
     def forward(
-        ctx: Any, network: nn.Module, time: float, means: torch.Tensor, *parameters: torch.Tensor
+        ctx: Context, network: nn.Module, time: float, means: torch.Tensor, *parameters: torch.Tensor
     ) -> torch.Tensor:
         ctx.network, ctx.time = network, time
         ctx.save_for_backward(means, *parameters)
-        return network(means, time)
+        result: torch.Tensor = network(means, time)
+        return result
 
     @staticmethod
-    def backward(ctx: Any, *by: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
+    def backward(ctx: Context, *by: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
         means, *parameters = ctx.saved_tensors
         (gradient,) = by
         rows = gradient.any(dim=1).nonzero().squeeze(1)
@@ -42,4 +45,5 @@ class _VisibleRows(torch.autograd.Function):
 
 def through_visible_rows(network: nn.Module, means: torch.Tensor, time: float) -> torch.Tensor:
     """``network(means, time)``, (N, outputs) of means (N, 3); every parameter of the network must take part in it."""
-    return _VisibleRows.apply(network, time, means, *network.parameters())
+    apply: Callable[..., torch.Tensor] = _VisibleRows.apply
+    return apply(network, time, means, *network.parameters())

@@ -30,45 +30,45 @@ typedef struct {
   int64_t slot_limit;  // (Gaussian, tile) pairs whose gradients may be in memory at a time, 36 bytes each
 } FrogImageGradient;
 
-enum { GROUP_SIZE = 16 };
+enum { GROUP_SIZE = 16 };  // Gaussians side by side in `groups`
 
 enum { FROG_OPACITY_OFF = 0, FROG_OPACITY_PAPER = 1, FROG_OPACITY_UNIT = 2 };
 
 // The canonical field and the deformation network at one moment. Arrays are laid out as torch's parameters are.
 typedef struct {
   int32_t count;        // N
-  int32_t num_dynamic;  // the first so many are deformed, the others are as they are at all times
+  int32_t num_dynamic;  // deformed Gaussians, which come first; the others are static
   int32_t embedding_size, hidden_width;
   int32_t head_width;                        // of each head's hidden layer; 0: all outputs read the first layer
   int32_t networks;                          // 1 or 2 of this shape, whose outputs add up
   int32_t sh_count, sh_active, sh_deformed;  // coefficients there are, that come out, and that the network changes
   int32_t opacity_form;
   int32_t unit_quaternions;         // in the forward pass: they come out normalised
-  int32_t precomputed_first_layer;  // what `groups` has in place of embeddings
+  int32_t precomputed_first_layer;  // `groups` has products with embedding_weight in place of embeddings
   int32_t temporal_size;
-  int32_t num_shape_dynamic;  // with `groups`: the first so many turn and grow, the others keep their shape
+  int32_t num_shape_dynamic;  // with `groups`: Gaussians whose quaternions and scales change, which come first
   float opacity_sharpness, opacity_share;  // see model/opacity.py
   float motion_unit;                       // world units that an output of one moves a Gaussian by
-  const float *means, *log_scales, *quaternions, *opacity_logits,
-      *sh;                                   // (N, 3), (N, 3), (N, 4), (N,), (N, sh_count, 3)
+  // (N, 3), (N, 3), (N, 4), (N,), (N, sh_count, 3)
+  const float *means, *log_scales, *quaternions, *opacity_logits, *sh;
   const float *embeddings;                   // (num_dynamic, embedding_size)
   const float *shared;                       // (networks * hidden_width,) the first layer's temporal part and bias
   const float *embedding_weight;             // (networks * hidden_width, embedding_size)
   const float *head_weight, *head_bias;      // (networks * heads * head_width, hidden_width), as many, or null
   const float *output_weight, *output_bias;  // (outputs, networks * (head_width or hidden_width)), (outputs,)
-  // Or null; then the forward pass reads nothing else of a Gaussian, of which all move, and tells no changes;
-  // quaternions and scales of groups that keep their shape are left as they are in the output. Without heads: (N /
-  // GROUP_SIZE rounded up, rows, GROUP_SIZE), whose rows are means, opacity_logits, sh_deformed coefficients,
-  // log_scales, quaternions and embeddings, or with precomputed_first_layer the embeddings times embedding_weight.
+  // For playback, or null. (ceil(N / GROUP_SIZE), rows, GROUP_SIZE): means, opacity_logits, sh_deformed coefficients,
+  // log_scales, quaternions, and embeddings or, with precomputed_first_layer, their products with embedding_weight.
+  // Nothing else of a Gaussian is read then. All N are dynamic, heads have no layers of their own, and `changes` is
+  // not written. Quaternions and scales beyond num_shape_dynamic are left as they are in the output.
   const float *groups;
-  // (groups,) or null, with `groups` only. Those with a zero here cannot be seen: they come out as their canonical
-  // attributes say, but for an opacity of zero.
+  // (groups,) with `groups` only, or null. Zero for an invisible group: its attributes come out canonical, its
+  // opacities zero.
   const uint8_t *active;
-  // With `groups`, weights are turned, and the outputs in the order of the rows there: what is multiplied with a number
-  // lies together, in rows of the next multiple of GROUP_SIZE: embedding_weight (embedding_size, units), output_weight
-  // (units, outputs), shared and output_bias one row. And the first layer may be that of a moment: with its temporal
-  // embedding (networks, temporal_size), temporal_weight (temporal_size, units) times it is added to `shared`, and
-  // modulation_weight (embedding_size, units, or null) times what it has more than one to embedding_weight.
+  // With `groups`, weights are transposed, their rows padded to a multiple of GROUP_SIZE, and outputs are in the order
+  // of the rows there: embedding_weight (embedding_size, units), output_weight (units, outputs), one row of shared and
+  // of output_bias. The library may compute the first layer of a time from its temporal embedding t (networks,
+  // temporal_size): shared += temporal_weight^T t, with (temporal_size, units), and, unless null, embedding_weight +=
+  // modulation_weight (t - 1), with (embedding_size, units).
   const float *temporal, *temporal_weight, *modulation_weight;
 } FrogDeformation;
 
@@ -76,10 +76,9 @@ typedef struct {
 // leaves the coefficients beyond sh_count as they are in the output.
 typedef struct {
   float *means, *quaternions, *scales, *opacities, *sh;  // sh is (N, sh_active, 3)
-  float *changes;  // (num_dynamic, outputs) what the network added: means, log_scales, quaternions, opacity logit, sh
-                   // (or null)
-  float *was_visible;  // (groups,) zero where the output holds a group as one that cannot be seen; read and written (or
-                       // null)
+  // (num_dynamic, outputs) what the network added: means, log_scales, quaternions, opacity logit, sh (or null)
+  float *changes;
+  float *was_visible;  // (groups,) zero where the output holds a group as invisible; read and written (or null)
 } FrogDeformed;
 
 typedef struct {  // shapes as in FrogDeformation

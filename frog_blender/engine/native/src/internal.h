@@ -21,8 +21,8 @@ struct FrameView {
   int32_t tiles_x, tiles_y;
   Splat *splats;              // (N,)
   const Instance *instances;  // tile by tile, each in depth order
-  // Where the way back begins, (H, W), or null where there is none: the transmittance behind all that a pixel blended,
-  // and how many of its tile's instances it went through until then.
+  // (H, W), where the backward pass begins; null without one. The transmittance behind all that a pixel blended, and
+  // how many of its tile's instances it went through.
   float *transmittance;
   int32_t *reached;
   float *slot_weights;  // the largest blending weight of each slot, zero before; or null where nobody asks
@@ -39,7 +39,7 @@ constexpr int SSIM_STRIP = 32;  // rows of a strip
 
 struct Kernels {
   const char *name;
-  int (*project)(const FrameView &, const FrogGaussians &, int begin, int end);  // returns how many are at fault
+  int (*project)(const FrameView &, const FrogGaussians &, int begin, int end);  // returns how many are invalid
   void (*blend)(const FrameView &, const Tile &, const FrogImage &);
   int64_t (*count_blended)(const FrameView &, const Tile &);
   void (*blend_backward)(const FrameView &, const SlotView &, const Tile &, const FrogImageGradient &);

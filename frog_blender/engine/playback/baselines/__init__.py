@@ -1,4 +1,4 @@
-"""Finished scenes of FRoG's rivals, played: a class for each method, ``(arrays, model)`` with ``at(time)``."""
+"""Playback of the baseline methods: one class a method, made of ``(arrays, model)``, with ``at(time)``."""
 
 from __future__ import annotations
 
@@ -6,5 +6,9 @@ from .curves import PlayableCurves
 from .d3dgs import PlayableD3dgs
 from .hexplane import PlayableHexPlane
 
-BASELINES = {"d3dgs": PlayableD3dgs, "hexplane": PlayableHexPlane, "curves": PlayableCurves}
+BASELINES: dict[str, type[PlayableD3dgs] | type[PlayableHexPlane] | type[PlayableCurves]] = {
+    "d3dgs": PlayableD3dgs,
+    "hexplane": PlayableHexPlane,
+    "curves": PlayableCurves,
+}
 """By the method's name in the scene file's header."""

@@ -1,4 +1,4 @@
-"""What all rivals' playback needs: arrays of known shapes, and changes put onto the canonical Gaussians."""
+"""Playback of all baselines: arrays checked for their shapes, and changes added to the canonical Gaussians."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from ...arrays import Array, SceneArrays
 from ...errors import FrogError, brief
-from ...gaussians import GaussianArrays
+from ...gaussians import GaussianArrays, NumpyGaussians
+from ...io.plain_values import JsonMapping
 
 BLOCK = 4096
 """Gaussians that go through a network together: few enough for their layers to stay in the cache."""
@@ -23,18 +25,18 @@ def readable(what: str) -> Iterator[None]:
         raise FrogError(f"The scene's {what} cannot be used ({brief(error)}); train it again.") from error
 
 
-def take(arrays: dict[str, np.ndarray], name: str, *shape: int) -> np.ndarray:
+def take(arrays: SceneArrays, name: str, *shape: int) -> Array:
     """An array as contiguous float32; KeyError or ValueError unless it has that shape and no number is missing."""
     array = arrays[name]
     if array.shape != shape or 0 in shape:
         raise ValueError(f"{name} has shape {array.shape}, expected {shape}")
     array = np.ascontiguousarray(array, np.float32)
     if not np.isfinite(array).all():
-        raise ValueError(f"{name} holds what is no number")
+        raise ValueError(f"{name} holds numbers that are not finite")
     return array
 
 
-def whole(model: dict, name: str, least: int, most: int) -> int:
+def whole(model: JsonMapping, name: str, least: int, most: int) -> int:
     """A setting that is a whole number; ValueError outside ``least`` to ``most``."""
     value = int(model[name])
     if not least <= value <= most:
@@ -42,7 +44,7 @@ def whole(model: dict, name: str, least: int, most: int) -> int:
     return value
 
 
-def number(model: dict, name: str) -> float:
+def number(model: JsonMapping, name: str) -> float:
     """A setting that is a finite number above zero; ValueError otherwise."""
     value = float(model[name])
     if not 0 < value < np.inf:
@@ -50,19 +52,21 @@ def number(model: dict, name: str) -> float:
     return value
 
 
-def scales_of(logs: np.ndarray) -> np.ndarray:
-    """Standard deviations, finite for any logarithms, as those of Gaussians at rest."""
-    return np.exp(np.clip(logs, -80, 80))
+def scales_of(logs: Array) -> Array:
+    """Standard deviations, finite for any logarithms, as those of static Gaussians."""
+    result: Array = np.exp(np.clip(logs, -80, 80))
+    return result
 
 
-def sigmoid(logits: np.ndarray) -> np.ndarray:
-    return 1 / (1 + np.exp(-np.clip(logits, -80, 80)))
+def sigmoid(logits: Array) -> Array:
+    result: Array = 1 / (1 + np.exp(-np.clip(logits, -80, 80)))
+    return result
 
 
 class StaticGaussians:
     """The canonical Gaussians, and what becomes of them when changes are added before activation."""
 
-    def __init__(self, arrays: dict[str, np.ndarray]) -> None:
+    def __init__(self, arrays: SceneArrays) -> None:
         names = ("means", "log_scales", "quaternions", "opacity_logits", "sh")
         self._values = {name: np.ascontiguousarray(arrays[name], np.float32) for name in names}
 
@@ -70,7 +74,7 @@ class StaticGaussians:
         return len(self._values["means"])
 
     @property
-    def means(self) -> np.ndarray:
+    def means(self) -> Array:
         """(N, 3)."""
         return self._values["means"]
 
@@ -79,7 +83,7 @@ class StaticGaussians:
         """SH coefficients a channel."""
         return self._values["sh"].shape[1]
 
-    def changed(self, sizes: dict[str, int], output: np.ndarray, motion_unit: float) -> GaussianArrays:
+    def changed(self, sizes: dict[str, int], output: Array, motion_unit: float) -> NumpyGaussians:
         """Activated, quaternions not normalised.
 
         Args:
@@ -102,7 +106,7 @@ class StaticGaussians:
         )
 
 
-def in_blocks(count: int, outputs: int, network: Callable[[slice], np.ndarray]) -> np.ndarray:
+def in_blocks(count: int, outputs: int, network: Callable[[slice], Array]) -> Array:
     """(count, outputs) of a network that answers for the Gaussians of a slice."""
     result = np.empty((count, outputs), np.float32)
     for start in range(0, count, BLOCK):

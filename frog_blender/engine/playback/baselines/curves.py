@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...gaussians import GaussianArrays
+from ...arrays import SceneArrays
+from ...gaussians import GaussianArrays, NumpyGaussians
+from ...io.plain_values import JsonMapping
 from .arrays import StaticGaussians, number, readable, scales_of, sigmoid, take
 
 _NUMBERS = 15
@@ -20,9 +22,9 @@ class PlayableCurves:
 
     changing = frozenset({"means", "quaternions", "base"})
 
-    def __init__(self, arrays: dict[str, np.ndarray], model: dict) -> None:
+    def __init__(self, arrays: SceneArrays, model: JsonMapping) -> None:
         with readable("curves"):
-            count = len(StaticGaussians(arrays))
+            count = self.num_dynamic = len(StaticGaussians(arrays))
             embeddings = take(arrays, "embeddings", count, _NUMBERS)
             units = [number({"motion_units": unit}, "motion_units") for unit in model["motion_units"]]
             if len(units) != 3:
@@ -37,7 +39,7 @@ class PlayableCurves:
             self._opacities = sigmoid(np.asarray(arrays["opacity_logits"], np.float32))
             self._sh = np.ascontiguousarray(arrays["sh"], np.float32)
 
-    def at(self, time: float) -> GaussianArrays:
+    def at(self, time: float) -> NumpyGaussians:
         """The Gaussians at a time in [0, 1], activated; quaternions are not normalised."""
         since = np.float32(time - 0.5) - self._centres
         first, second, third = self._curve

@@ -8,14 +8,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...gaussians import GaussianArrays
+from ...arrays import Array, SceneArrays
+from ...field.output_layout import output_sizes
+from ...gaussians import NumpyGaussians
+from ...io.plain_values import JsonMapping
 from .arrays import StaticGaussians, in_blocks, number, readable, take, whole
 
 _AXES = ((0, 1), (0, 2), (1, 2))  # columns and rows of the planes of space
 _WIDEST = 4096
 
 
-def _cells(places: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+def _cells(places: Array, size: int) -> tuple[Array, Array]:
     """Lower neighbours (N, 3) and shares of the upper ones of places in [0, 1], held at the rims, on ``size`` cells."""
     at = np.clip(places, 0, 1) * np.float32(size - 1)
     cell = np.minimum(at.astype(np.int32), size - 2)
@@ -25,7 +28,7 @@ def _cells(places: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
 class _Scale:
     """The planes of one resolution."""
 
-    def __init__(self, space: np.ndarray, over_time: np.ndarray, places: np.ndarray) -> None:
+    def __init__(self, space: Array, over_time: Array, places: Array) -> None:
         self.over_time = over_time
         cells, shares = _cells(places, space.shape[-1])
         self.cells, self.shares = cells.T.copy(), shares.T[:, :, None].copy()  # (3, N), (3, N, 1)
@@ -38,7 +41,7 @@ class _Scale:
             lower = table[r + 1, c] * (1 - across) + table[r + 1, c + 1] * across
             self.space *= upper * (1 - down) + lower * down
 
-    def lines_at(self, time: float) -> np.ndarray:
+    def lines_at(self, time: float) -> Array:
         """(3, cells, channels) for x, y and z."""
         rows = self.over_time.shape[2]
         at = min(max(time, 0.0), 1.0) * (rows - 1)
@@ -47,7 +50,7 @@ class _Scale:
         first, second = self.over_time[:, :, row], self.over_time[:, :, row + 1]
         return np.ascontiguousarray((first + (second - first) * share).transpose(0, 2, 1))
 
-    def features(self, lines: np.ndarray, part: slice) -> np.ndarray:
+    def features(self, lines: Array, part: slice) -> Array:
         """(n, channels) of the Gaussians in ``part``."""
         product = self.space[part].copy()
         for line, all_cells, all_shares in zip(lines, self.cells, self.shares, strict=True):
@@ -65,16 +68,18 @@ class PlayableHexPlane:
         model: the scene header's model settings.
     """
 
-    def __init__(self, arrays: dict[str, np.ndarray], model: dict) -> None:
+    def __init__(self, arrays: SceneArrays, model: JsonMapping) -> None:
         with readable("planes or network"):
             self._still = StaticGaussians(arrays)
+            self.num_dynamic = len(self._still)
             channels, rows = whole(model, "channels", 1, _WIDEST), whole(model, "time_rows", 2, 1 << 20)
             hidden, self._head = whole(model, "hidden_width", 1, _WIDEST), whole(model, "head_width", 0, _WIDEST)
             deformed = whole(model, "deformed_sh", 0, self._still.sh_count)
             self._unit = number(model, "motion_unit")
-            sizes = {"means": 3, "log_scales": 3, "quaternions": 4}
-            sizes |= {"opacity_logits": int(bool(model["deformed_opacity"])), "sh": 3 * deformed}
-            self._sizes = {name: size for name, size in sizes.items() if size}
+            sizes = output_sizes(deformed)
+            if not model["deformed_opacity"]:
+                del sizes["opacity_logits"]
+            self._sizes = sizes
             plain = {
                 name.removeprefix("log_") for name in ("means", "log_scales", "quaternions") if name in self._sizes
             }
@@ -106,11 +111,11 @@ class PlayableHexPlane:
             }
             self._network = {name: take(arrays, f"network.{name}", *shape) for name, shape in shapes.items()}
 
-    def at(self, time: float) -> GaussianArrays:
+    def at(self, time: float) -> NumpyGaussians:
         """The Gaussians at a time in [0, 1], activated; quaternions are not normalised."""
         lines, n = [scale.lines_at(time) for scale in self._scales], self._network
 
-        def network(part: slice) -> np.ndarray:
+        def network(part: slice) -> Array:
             parts = [scale.features(line, part) for scale, line in zip(self._scales, lines, strict=True)]
             hidden = np.concatenate(parts, axis=1)
             for layer in ("first", "second"):

@@ -58,7 +58,7 @@ def bin_splats(
         splats: (N, 16) float32, ``Splat`` structs.
         depths: (N,) float32 planar depths; larger than any other where a Gaussian is not drawn.
         tile_counts: (N,) int32 tiles that each splat reaches.
-        at_fault: (1,) int64.
+        num_invalid: (1,) int64.
         size: width and height of the image in pixels.
 
     Raises:

@@ -7,7 +7,7 @@ import functools
 import sys
 import threading
 from ctypes import POINTER, byref, c_char_p, c_int, c_int32, c_uint, c_void_p
-from typing import Any, Protocol
+from typing import Protocol, TypeAlias
 
 import torch
 
@@ -16,6 +16,9 @@ from .compile import machine_code
 from .sources import Kernel
 
 THREADS = 256  # of every block; THREADS in kernels/common.cuh
+
+Argument: TypeAlias = torch.Tensor | int | ctypes.Structure | None
+Parameter: TypeAlias = c_void_p | c_int32 | ctypes.Structure
 
 
 class Launcher(Protocol):
@@ -27,7 +30,7 @@ class Launcher(Protocol):
 
     memory: int
 
-    def launch(self, kernel: Kernel, blocks: int, *arguments: Any) -> None:
+    def launch(self, kernel: Kernel, blocks: int, *arguments: Argument) -> None:
         """Start a kernel on ``blocks`` blocks of THREADS threads; nothing where there are none.
 
         Arguments are tensors (their addresses are passed), None (a null address), ints (32 bits) or ctypes structs (by
@@ -35,9 +38,9 @@ class Launcher(Protocol):
         """
 
 
-def as_parameters(arguments: tuple[Any, ...]) -> list[Any]:
+def as_parameters(arguments: tuple[Argument, ...]) -> list[Parameter]:
     """ctypes objects for what ``Launcher.launch`` takes."""
-    parameters: list[Any] = []
+    parameters: list[Parameter] = []
     for argument in arguments:
         if argument is None or isinstance(argument, torch.Tensor):
             parameters.append(c_void_p(None if argument is None else argument.data_ptr()))
@@ -56,7 +59,7 @@ def _driver() -> ctypes.CDLL:
     except OSError as error:
         raise FrogError(f"{name}: the CUDA driver could not be loaded ({error}).") from error
     handle = POINTER(c_void_p)
-    signatures: dict[str, list[Any]] = {
+    signatures: dict[str, list[type]] = {
         "cuInit": [c_uint],
         "cuDeviceGet": [POINTER(c_int), c_int],
         "cuDevicePrimaryCtxRetain": [handle, c_int],
@@ -101,7 +104,7 @@ class Device:
         _check(driver.cuDeviceGet(byref(device), index), self._name)
         _check(driver.cuDevicePrimaryCtxRetain(byref(self._context), device), self._name)
 
-    def launch(self, kernel: Kernel, blocks: int, *arguments: Any) -> None:
+    def launch(self, kernel: Kernel, blocks: int, *arguments: Argument) -> None:
         """See Launcher. FrogError when the kernel cannot be compiled, loaded or launched."""
         if not blocks:
             return

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 from torch.autograd.function import once_differentiable
 
 from ...capture.camera import Camera
-from ...gaussians import GaussianArrays
+from ...gaussians import GaussianArrays, TorchGaussians
 from ...native import structs
 from ...native.options import RasterizeOptions
 from .. import Image
+from ..torch_types import Context
 from . import launch
 from .binning import TILE, Bins, bin_splats, blocks_for
 from .sources import kernel
@@ -56,7 +57,7 @@ class _Outputs:
 class _Rasterize(torch.autograd.Function):
     @staticmethod
     def forward(
-        ctx: Any,
+        ctx: Context,
         means: torch.Tensor,
         quaternions: torch.Tensor,
         scales: torch.Tensor,
@@ -106,7 +107,7 @@ class _Rasterize(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, *grad_outputs: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
+    def backward(ctx: Context, *grad_outputs: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
         view, absolute = ctx.view, ctx.screen_absolute
         *attributes, pose, final_transmittance, reached, tile_splats, slots, ranges, first_slots, splats, counts = (
             ctx.saved_tensors
@@ -151,7 +152,7 @@ class _Rasterize(torch.autograd.Function):
 
 
 def rasterize(
-    gaussians: GaussianArrays,
+    gaussians: TorchGaussians,
     camera: Camera,
     background: tuple[float, float, float],
     options: RasterizeOptions,
@@ -187,7 +188,8 @@ def rasterize(
         screen_absolute=_floats(device, count, 2).zero_() if options.absolute else None,
     )
     attributes = [getattr(gaussians, name) for name in structs.ATTRIBUTES]
-    rgb, alpha = _Rasterize.apply(*attributes, screen, rows, view, outputs)
+    apply: Callable[..., tuple[torch.Tensor, torch.Tensor]] = _Rasterize.apply
+    rgb, alpha = apply(*attributes, screen, rows, view, outputs)
     image = Image(rgb, alpha, outputs.radii, screen, outputs.screen_absolute)
     image.mean_depth, image.max_weights, image.num_invalid = (
         outputs.mean_depth,

@@ -50,7 +50,7 @@ def photometric_loss(
     gradient, cells = torch.empty_like(image), image.new_empty([-(-length // CELL) for length in pixels.shape[:2]])
     truth = torch.empty_like(image) if dssim_weight else None
     loss = error = l1_loss(image, pixels, weight, gradient, cells, truth)
-    if dssim_weight:
+    if truth is not None:
         slope = torch.empty_like(image)
         loss += dssim_weight * (1 - native_ssim(image, truth, slope)) / 2
         gradient.sub_(slope, alpha=weight * dssim_weight / 2)

@@ -76,7 +76,7 @@ class BuiltScene:
         """What is to be said of it once it lies at ``path``."""
         header = self.scene.header
         psnr, split = header.metrics.get("psnr"), header.metrics.get("split", "")
-        return ExportReport(path, len(self.content), psnr, split, header.capacity, self.warning)
+        return ExportReport(path, len(self.content), psnr, split, dict(header.capacity), self.warning)
 
 
 def export_scene(session: Session, path: Path, metrics: Metrics | None = None) -> ExportReport:

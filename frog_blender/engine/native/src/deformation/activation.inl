@@ -17,9 +17,6 @@ static inline void store_3(float *to, Quad v, bool last) {
   for (int k = 0; k < 3; ++k) to[k] = v[k];
 }
 
-// Offsets of the outputs: means 3, log_scales 3, quaternions 4, opacity logit 1, then spherical harmonics.
-enum { OUT_MEANS = 0, OUT_SCALES = 3, OUT_QUATERNIONS = 6, OUT_OPACITY = 10, OUT_SH = 11 };
-
 // to = a + b, or a.
 static inline void add(float *to, const float *a, const float *b, long long count) {
   long long k = 0;

@@ -76,7 +76,7 @@ static void network_forward(const DeformationPlan &plan, const DeformationLayout
   later_layers(plan, l, scratch, rows);
 }
 
-// Gaussians at rest lie behind those that move; `begin` to the end of its range are one or the other.
+// Static Gaussians lie behind the dynamic ones; a range has one kind only.
 static inline bool is_static(const DeformationPlan &plan, int begin) { return begin >= plan.field->num_dynamic; }
 
 static void no_change(const DeformationLayout &l, float *scratch, int rows) {
@@ -151,7 +151,7 @@ static void network_backward(const DeformationPlan &plan, const DeformationLayou
                  scratch + l.by_input, l.embedding);
 }
 
-// What a block's way back reads and writes, in the order in which it does.
+// What the backward pass of a block reads and writes, in that order.
 static Prefetcher memory_of_backward(const DeformationPlan &plan, const FrogDeformed &by,
                                      const FrogDeformationGradients &out, long long begin, int rows) {
   const FrogDeformation &field = *plan.field;

@@ -69,8 +69,8 @@ static inline void multiply_columns(int rows, int inner, const MatrixView &a, co
                                             prefetcher);
 }
 
-// C (rows, columns) = START + A (rows, inner) B (inner, columns), negative numbers made zero with RELU; meanwhile
-// memory is prefetcher for what comes later.
+// C (rows, columns) = START + A (rows, inner) B (inner, columns), negative numbers made zero with RELU; prefetches what
+// is used next meanwhile.
 template <Start START, bool RELU = false, class Prefetch>
 static void multiply(int rows, int inner, int columns, const MatrixView &a, const PanelView &b, float *c,
                      long long c_row, const float *row, Prefetch &prefetcher) {

@@ -86,7 +86,7 @@ struct Heads {
   Heads(const FrogDeformation &field, bool backward) : sizes{3, 3, 4, 1, 3 * field.sh_deformed} {
     if (!field.head_width) {
       count = read = 1;
-      sizes[0] = 11 + sizes[4];
+      sizes[0] = OUT_SH + sizes[4];
       place[0] = 0;
       return;
     }
@@ -179,7 +179,7 @@ Packed plan_of(const FrogDeformation &field, bool backward) {
   plan.hidden = field.head_width ? field.hidden_width : field.networks * field.hidden_width;
   const Heads heads(field, backward);
   plan.heads = field.head_width * heads.read;
-  plan.outputs = 11 + 3 * field.sh_deformed;
+  plan.outputs = OUT_SH + 3 * field.sh_deformed;
   packed.memory.reserve(9 + 2 * MAX_BRANCHES);
   if (field.groups) {
     plan_groups(packed);

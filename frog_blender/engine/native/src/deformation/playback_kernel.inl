@@ -4,7 +4,7 @@
 // Groups that are multiplied at once: a weight that is fetched then serves two vectors, where there are registers for
 // the sums.
 constexpr int PLAYBACK_TOGETHER = LANES == 16 ? 2 : 1;
-static_assert(PLAYBACK_TOGETHER <= PLAYBACK_MOST, "scratch memory has allocate for so many");
+static_assert(PLAYBACK_TOGETHER <= PLAYBACK_MOST, "scratch memory has room for them");
 
 // Rows of a group, canonical and deformed: means, opacity, colours and, last, what groups that keep their shape lack.
 enum { PLAYBACK_MEANS = 0, PLAYBACK_OPACITY = 3, PLAYBACK_SH = 4 };

@@ -1,11 +1,10 @@
-// Memory is prefetcher, a line at a time while numbers are multiplied, for what is worked on later: it would wait
-// meanwhile, and the processor for it afterwards.
+// Software prefetch interleaved with the matrix products: one cache line per iteration, of memory that is used next.
 
 struct NoPrefetch {
   void next() {}
 };
 
-// Pieces of memory, one after the other. Narrow vectors take so long that nobody waits for memory.
+// Pieces of memory, one after the other. Does nothing for narrow vectors, whose arithmetic is slower than memory.
 class Prefetcher {
   static constexpr int MOST = 14, LINE = 16;
   const float *pieces_[MOST], *ends_[MOST], *next_ = nullptr, *end_ = nullptr;
@@ -20,7 +19,7 @@ class Prefetcher {
   }
 
  public:
-  // What is read, or written, of `count` numbers; MOST times at most.
+  // `count` numbers that will be read or written. At most MOST calls.
   void add(const float *from, long long count) { pieces_[count_] = from, ends_[count_] = from + count, ++count_; }
   void next() {
     if (LANES < 8 || (next_ >= end_ && !advance())) return;

@@ -13,6 +13,10 @@ static_assert(PLAYBACK_CHUNK % GROUP_SIZE == 0, "a chunk is whole groups");
 static_assert(DEFORM_PAD == GROUP_SIZE, "playback's weights come in rows padded to groups");
 constexpr int MAX_BRANCHES = 10;
 
+// Offsets of the outputs: means 3, log_scales 3, quaternions 4, opacity logit 1, then spherical harmonics
+// (field/output_layout.py).
+enum { OUT_MEANS = 0, OUT_SCALES = 3, OUT_QUATERNIONS = 6, OUT_OPACITY = 10, OUT_SH = 11 };
+
 static inline long long padded(long long length) { return (length + DEFORM_PAD - 1) / DEFORM_PAD * DEFORM_PAD; }
 
 // One linear output layer: of everything when the hidden layer is shared, else of one head of one network.

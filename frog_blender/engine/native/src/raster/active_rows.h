@@ -1,5 +1,5 @@
-// The Gaussians that an image pulls at: those with a gradient that is not zero. A step that draws a part of an image
-// sees few of them, and for the others the deformation's backward pass would add up zeros.
+// Gaussians with a nonzero gradient. A step on a part of an image reaches few of them, and for the others the
+// deformation's backward pass would add up zeros.
 #pragma once
 #include <memory>
 #include <vector>
@@ -14,7 +14,7 @@ class ActiveRows {
   ActiveRows(const FrogDeformation &field, const FrogDeformed &by);
   int count() const { return count_; }
 
-  // The same field, gradients and places for results, of the active Gaussians alone.
+  // The field, gradients and results of the active Gaussians alone.
   FrogDeformation field() const { return field_; }
   FrogDeformed by() const { return by_; }
   FrogDeformationGradients results(const FrogDeformationGradients &all);
@@ -24,16 +24,16 @@ class ActiveRows {
   void scatter(const FrogDeformationGradients &all) const;
 
  private:
-  void list();  // one after the other: where it would not be worth it they are only counted
+  void list();  // called only where gathering is worth it: else they are counted alone
   const float *gathered(const float *from, int length);
-  const float *gathered(const float *from, int length, int rows);  // the first so many of the active
+  const float *gathered(const float *from, int length, int rows);  // the first `rows` active ones
   float *allocate(int length);
 
-  int num_dynamic_, count_ = 0;  // those that move of all, and the active
+  int num_dynamic_, count_ = 0;  // of all Gaussians, and active ones
   FrogDeformation field_;
   FrogDeformed by_;
   FrogDeformationGradients results_{};
-  std::vector<int> rows_, positions_;  // of the active among all, and of all among the active (-1: none)
+  std::vector<int> rows_, positions_;  // active -> all, and all -> active (-1: not active)
   std::vector<std::unique_ptr<Buffer<float>>> memory_;
 };
 

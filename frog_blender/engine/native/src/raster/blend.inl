@@ -26,8 +26,8 @@ struct Contribution {
 template <bool LIMIT>
 static inline void contribution_of(Floats power, Floats t, float depth, const float *limit, Contribution &c) {
   const Mask touched = at_least(power, all(LOG2_ALPHA_MIN));
-  // t (1 - alpha) to its last digit, for the way back divides by 1 - alpha: t - t alpha has lost digits where alpha is
-  // near 1.
+  // t (1 - alpha) to its last digit, for the backward pass divides by 1 - alpha: t - t alpha has lost digits where
+  // alpha is near 1.
   const Floats alpha = smaller(exp2(power), all(ALPHA_MAX)), behind = without(t, alpha);
   c.blended = at_least(touched, behind, all(TRANSMITTANCE_MIN));
   if (LIMIT) c.blended = at_least(c.blended, load(limit), all(depth));

@@ -1,7 +1,7 @@
-// Gradients of one tile, by the way back: the same splats, from the last to the first.
+// Gradients of one tile: the same splats as in blending, from the last to the first.
 //
 // Image C = sum w_i c_i + T_end background, alpha A = 1 - T_end. With g = dL/dC and h = dL/dA, the part of the loss
-// that lies behind Gaussian i is rest_i = sum_{j > i} w_j g.c_j + T_end (g.background - h); on the way back it begins
+// that lies behind Gaussian i is rest_i = sum_{j > i} w_j g.c_j + T_end (g.background - h); backward it begins
 // with its last term and gains w_i g.c_i at each step, and T_i = T_{i+1} / (1 - alpha_i). Then dL/dalpha_i = T_i g.c_i
 // - rest_i / (1 - alpha_i), and dL/dlog(alpha_i) = w_i g.c_i - rest_i alpha_i / (1 - alpha_i). On the way out rest
 // would begin as the whole image's, and behind opaque Gaussians what is left of it would be its rounding

@@ -23,7 +23,7 @@ struct Keyed {  // for sorting by depth
 struct FrogFrame {
   FrameView view{};
   int32_t drawn = 0;
-  bool in_bands = false;  // not all instances were in memory at once: there is no way back
+  bool in_bands = false;  // not all instances were in memory at once: there is no backward pass
   frog::Buffer<Splat> splats;
   frog::Buffer<Instance> instances;
   frog::Buffer<frog::RowEntry> entries;  // row by row, each in depth order
@@ -57,7 +57,7 @@ void bin_splats(FrogFrame &frame);
 // one row's. Returns the row after the last. Call after bin_splats.
 int list_tiles(FrogFrame &frame, int first, uint64_t most);
 
-// A frame with the memory of one that was given back, and the way back. `recycle` frees what is too large to keep.
+// A frame, with the memory of a recycled one if there is one. `recycle` frees a frame that is too large to keep.
 FrogFrame *take_frame();
 void recycle(FrogFrame *frame);
 

@@ -72,7 +72,7 @@ static inline bool rows_where(Test test, uint32_t *rows) {
   return anywhere;
 }
 
-// How often it is prefetcher which of a tile's pixels still take part, in splats.
+// Splats between two checks of which of a tile's pixels still take part.
 constexpr uint32_t CHECK_EVERY = 16;
 
 struct TileSize {
