@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from ...capture.capture import Capture
 from ...capture.time import frame_to_time
@@ -77,7 +78,7 @@ class Proposal:
     apply: Callable[[int], None]
     count: Callable[[], int]
     loss: Callable[[int], float] | None = None
-    expected: np.ndarray = field(default_factory=lambda: np.zeros(1))
+    expected: NDArray[np.float64] = field(default_factory=lambda: np.zeros(1))
     allowed: float = 0.0
     forced: int = 0
     work: Callable[[], object] | None = None

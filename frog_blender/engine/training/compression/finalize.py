@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from ...playback.deformation import DeformationPlayer
 from ...playback.player import ScenePlayer, rows_of
@@ -86,13 +87,13 @@ def playback_steps(
     return packing, CompressionStep(StepKind.LIFETIMES, 1.0, count, deformed, loss, saved)
 
 
-def _lives(scene: SceneFile) -> np.ndarray:
+def _lives(scene: SceneFile) -> NDArray[np.bool_]:
     """(frames - 1, M) of the dynamic Gaussians, see playback.visibility."""
     field = DeformationPlayer(scene.arrays, scene.header.model)
     return lifetimes(lambda time_: field.at(time_).opacities[: field.deformed], scene.header.frame_count)
 
 
-def in_order(scene: SceneFile, order: np.ndarray) -> SceneFile:
+def in_order(scene: SceneFile, order: NDArray[np.int64]) -> SceneFile:
     """Its Gaussians in ``order``, in which each kind of them (see playback.player.rows_of) stays in its place."""
     rows = rows_of(scene.arrays)
     arrays = {n: array[order[rows[n]] - rows[n].start] if n in rows else array for n, array in scene.arrays.items()}

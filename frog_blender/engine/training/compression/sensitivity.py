@@ -193,7 +193,8 @@ def _score(ranges: dict[str, _Range], weight: torch.Tensor, reach: torch.Tensor)
     fade = opacities.half / opacities.largest.clamp(min=1e-6)
     tint = SH_DC * sh.half[:, 0].amax(1)
     moved = means.half.norm(dim=1) + scales.half.amax(1) + turn
-    return reach * moved + PIXELS_OF_A_CHANGE * weight * (fade + tint)
+    score: torch.Tensor = reach * moved + PIXELS_OF_A_CHANGE * weight * (fade + tint)
+    return score
 
 
 def _squares(

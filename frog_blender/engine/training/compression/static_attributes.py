@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from ...field.opacity_tracks import as_tracks
 from ...playback.player import ScenePlayer
@@ -85,7 +86,7 @@ def _unmissed(
     context: CompressionContext,
     player: ScenePlayer,
     energy: torch.Tensor,
-    state: dict[str, np.ndarray],
+    state: dict[str, NDArray[np.float32]],
     allowed: float,
 ) -> tuple[torch.Tensor, float]:
     """Indices, ascending, of dynamic Gaussians that may be as in ``state``, and what that costs."""
@@ -117,11 +118,11 @@ def _frames(player: ScenePlayer, most: int) -> list[int]:
     return np.unique(np.linspace(0, frames - 1, min(frames, most)).round().astype(int)).tolist()
 
 
-def seen_state(player: ScenePlayer, most: int) -> dict[str, np.ndarray]:
+def seen_state(player: ScenePlayer, most: int) -> dict[str, NDArray[np.float32]]:
     """How dynamic Gaussians look (GaussianArrays, by name), in the mean over at most ``most`` frames, weighted by
     squared opacity."""
     count, total = player.moving, 0.0
-    sums: dict[str, np.ndarray | float] = dict.fromkeys(STATE, 0.0)
+    sums: dict[str, NDArray[np.float32] | float] = dict.fromkeys(STATE, 0.0)
     for frame in _frames(player, most):
         gaussians = player.at_frame(frame)
         weight = gaussians.opacities[:count].clip(FAINT) ** 2
@@ -132,19 +133,19 @@ def seen_state(player: ScenePlayer, most: int) -> dict[str, np.ndarray]:
     return {name: np.asarray(value) / _as_wide(np.asarray(total), np.asarray(value)) for name, value in sums.items()}
 
 
-def _as_wide(weight: np.ndarray, values: np.ndarray) -> np.ndarray:
+def _as_wide(weight: NDArray[np.float32], values: NDArray[np.float32]) -> NDArray[np.float32]:
     return weight.reshape(-1, *[1] * (values.ndim - 1))
 
 
-def _tracks(player: ScenePlayer) -> np.ndarray:
+def _tracks(player: ScenePlayer) -> NDArray[np.uint8]:
     """(M, frames) of the dynamic Gaussians, see field.opacity_tracks."""
     frames = range(player.header.frame_count)
     return np.stack([as_tracks(player.at_frame(frame).opacities[: player.moving]) for frame in frames], axis=1)
 
 
 def _in_state(
-    scene: SceneFile, indices: np.ndarray, state: dict[str, np.ndarray], names: tuple[str, ...]
-) -> dict[str, np.ndarray]:
+    scene: SceneFile, indices: NDArray[np.int64], state: dict[str, NDArray[np.float32]], names: tuple[str, ...]
+) -> dict[str, NDArray[np.float32]]:
     """The scene's arrays, in which the attributes ``names`` of ``indices`` are canonically as in ``state``."""
     arrays = {name: array.copy() for name, array in scene.arrays.items()}
     for name in names:
@@ -156,7 +157,7 @@ def _in_state(
     return arrays
 
 
-def _last_of_dynamic(scene: SceneFile, indices: np.ndarray) -> SceneFile:
+def _last_of_dynamic(scene: SceneFile, indices: NDArray[np.int64]) -> SceneFile:
     """The scene in another order: among the dynamic Gaussians, ``indices`` come after the others."""
     deformed, everyone = len(scene.arrays["embeddings"]), np.arange(len(scene.arrays["means"]))
     others = np.delete(everyone[:deformed], indices)

@@ -6,6 +6,7 @@ from typing import Any, Protocol
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from ...capture.capture import Capture
 from ...capture.frames import FrameStore
@@ -52,7 +53,7 @@ class Training(Stateful, Protocol):
         """Gaussians and changes at a time in [0, 1], as training stands."""
         ...
 
-    def render_image(self, shot_index: int) -> np.ndarray:
+    def render_image(self, shot_index: int) -> NDArray[np.float32]:
         """(H, W, 3) float32 what a shot looks like as training stands."""
         ...
 

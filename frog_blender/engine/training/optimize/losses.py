@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch.nn import functional
 
 from ...native.binding import CELL, compare, similarity
@@ -33,7 +34,7 @@ class PhotometricLoss:
 
 
 def photometric_loss(
-    image: torch.Tensor, pixels: np.ndarray, *, dssim_weight: float = 0.0, weight: float = 1.0
+    image: torch.Tensor, pixels: NDArray[np.uint8], *, dssim_weight: float = 0.0, weight: float = 1.0
 ) -> PhotometricLoss:
     """``weight`` (mean |image - truth| + ``dssim_weight`` (1 - SSIM) / 2).
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from ...capture.camera import Camera
 from ...capture.capture import Capture
@@ -325,7 +326,7 @@ class Trainer:
     def inject_anchors(self, progress: float, shot: int) -> None:
         """Canonical field sampling where the drawing of a shot is wrong, see ``canonical_sampling``."""
 
-        def draw() -> tuple[np.ndarray, RenderResult, Camera]:
+        def draw() -> tuple[NDArray[np.uint8], RenderResult, Camera]:
             camera = self.camera_at(self.capture.shots[shot].camera, progress)
             return *self.draw(shot, progress, RasterizeOptions(depth=True)), camera
 
@@ -344,7 +345,7 @@ class Trainer:
 
     def draw(
         self, shot_index: int, progress: float, options: RasterizeOptions, pose: torch.Tensor | None = None
-    ) -> tuple[np.ndarray, RenderResult]:
+    ) -> tuple[NDArray[np.uint8], RenderResult]:
         """An image (H, W, 3) uint8 and its drawing."""
         shot = self.capture.shots[shot_index]
         camera = self.camera_at(shot.camera, progress)
@@ -384,7 +385,7 @@ class Trainer:
     @torch.no_grad()
     def render_image(
         self, shot_index: int, largest_side: int | None = None, played: Played | None = None
-    ) -> np.ndarray:
+    ) -> NDArray[np.float32]:
         """(H, W, 3) float32 what a shot looks like as training stands, or as it is ``played``, at so many pixels a side
         at most."""
         shot = self.capture.shots[shot_index]

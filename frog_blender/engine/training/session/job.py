@@ -165,8 +165,17 @@ def _run(job: TrainingJob, control: CancelToken) -> Iterator[Event]:
         yield events.Cancelled(0, None)
         return
     limits = Limits(job.steps or (None if job.seconds else job.recipe.steps_for(capture.frame_count)), job.seconds)
-    options = {"seed": job.seed, "device": device, "compression": job.compression}
-    trainer = build_trainer(capture, store, seeds, job.recipe, job.method, limits, **options)
+    trainer = build_trainer(
+        capture,
+        store,
+        seeds,
+        job.recipe,
+        job.method,
+        limits,
+        seed=job.seed,
+        device=device,
+        compression=job.compression,
+    )
     if job.resume:
         load_checkpoint(checkpoint_path(job.output), trainer)
     check_readable(job, trainer, scale)
