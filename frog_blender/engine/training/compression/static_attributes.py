@@ -115,7 +115,7 @@ def _where(chosen: torch.Tensor, frozen: dict[str, torch.Tensor], gaussians: Gau
 def _frames(player: ScenePlayer, most: int) -> list[int]:
     """Frames, spread over all of them."""
     frames = player.header.frame_count
-    return np.unique(np.linspace(0, frames - 1, min(frames, most)).round().astype(int)).tolist()
+    return [int(frame) for frame in np.unique(np.linspace(0, frames - 1, min(frames, most)).round())]
 
 
 def seen_state(player: ScenePlayer, most: int) -> dict[str, NDArray[np.float32]]:

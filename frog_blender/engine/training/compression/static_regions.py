@@ -83,7 +83,8 @@ def _variance(store: FrameStore, shots: list[int]) -> NDArray[np.float32]:
     of_pixels = _cells(of_each / 255, cell).mean(2)
     of_means = np.var([_cells(image, cell) for image in images], axis=0).mean(2)
     noise = NOISE_FACTOR * float(np.quantile(of_pixels, QUIET_QUANTILE))
-    return np.maximum(np.maximum(of_means - noise / cell**2, of_pixels - noise), 0).astype(np.float32)
+    variance = np.maximum(np.maximum(of_means - noise / cell**2, of_pixels - noise), 0)
+    return np.asarray(variance, dtype=np.float32)
 
 
 def _training_shots(capture: Capture) -> dict[int, list[int]]:
@@ -117,4 +118,4 @@ def _cells(pixels: NDArray[np.float32], cell: int = _CELL) -> NDArray[np.float32
 
     height, width = pixels.shape[:2]
     size = max(1, width // cell), max(1, height // cell)
-    return cv2.resize(pixels.astype(np.float32) / 255, size, interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.resize(pixels.astype(np.float32) / 255, size, interpolation=cv2.INTER_AREA))

@@ -95,4 +95,6 @@ def ssim(image: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
     covariance = product - mean_x * mean_y
     c1, c2 = 0.01**2, 0.03**2
     numerator = (2 * mean_x * mean_y + c1) * (2 * covariance + c2)
-    return (numerator / ((mean_x.square() + mean_y.square() + c1) * (variance_x + variance_y + c2))).mean()
+    denominator = (mean_x.square() + mean_y.square() + c1) * (variance_x + variance_y + c2)
+    mean: torch.Tensor = (numerator / denominator).mean()
+    return mean

@@ -146,7 +146,7 @@ class PoseRefinement:
 
 def without_common(changes: NDArray[np.float64], centers: NDArray[np.float64]) -> NDArray[np.float64]:
     """(L, 6) changes of cameras with ``centers`` (L, 3) without what all of them do together."""
-    own = changes - changes.mean(axis=0)
+    own = np.asarray(changes - changes.mean(axis=0))
     centers = centers - centers.mean(axis=0)
     growth = (own[:, 3:] * centers).sum() / max((centers**2).sum(), _TINY)  # all nearer to the middle, or away
     own[:, 3:] -= growth * centers
