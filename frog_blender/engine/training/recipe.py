@@ -59,8 +59,8 @@ class Recipe:
         cool_down: fraction of training, the last, over which all rates go down to nothing as well, linearly: steps as
             large as they were leave the scene a few tenths of a dB beside where they lead.
         pose_reach, pose_from: how far a training camera's pose may go in a training, as a share of its image's width,
-            and the fraction of training at which it begins (see optimize.pose_refinement); the papers take poses as they
-            are.
+            and the fraction of training at which it begins (see optimize.pose_refinement); the papers take poses as
+            they are.
         exposure_from: fraction of training from which on training cameras' exposures are compared (see
             optimize.exposure_compensation); 1 for never, as in the papers.
         dssim_weight: of (1 - SSIM) / 2, for ``dssim_burst`` of every ``dssim_period`` steps after ``dssim_from``
