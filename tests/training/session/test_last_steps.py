@@ -111,7 +111,7 @@ def test_what_a_failed_round_did_is_undone(task: TrainingJob, monkeypatch: pytes
         return []
 
     def fails(context: CompressionContext, *_: Any) -> list[Proposal]:
-        context.training.gaussians.model.silence("means")
+        context.training.gaussians.model.prune_head("means")
         raise RuntimeError("too late")
 
     monkeypatch.setattr(schedule, "freeze_motion", lambda *_: [])

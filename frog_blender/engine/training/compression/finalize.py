@@ -10,15 +10,16 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from ...gaussians import TorchGaussians
 from ...playback.deformation import DeformationPlayer
-from ...playback.player import ScenePlayer, rows_of
-from ...playback.visibility import lifetimes, of_groups, share_deformed, together
+from ...playback.player import ScenePlayer, row_ranges
+from ...playback.visibility import mean_deformed_share, pack_group_bits, sort_by_visibility, visible_intervals
 from ...rasterizer import GaussianArrays
 from ...scene.compression_report import StepKind
-from ...scene.header import RESHAPED
-from ...scene.morton_order import neighbours_together
+from ...scene.header import SHAPE_DYNAMIC
+from ...scene.morton_order import morton_order_by_range
 from ...scene.quantization import unpack
-from ...scene.scene_file import LIFETIMES, OPACITY_TRACKS, SceneFile, packed_arrays
+from ...scene.scene_file import OPACITY_TRACKS, VISIBILITY, SceneFile, packed_arrays
 from .context import CompressionContext, CompressionStep
 from .settings import DEFAULT
 
@@ -34,15 +35,20 @@ def reorder_for_playback(
     playback some of them; the array ``lifetimes`` says when (see playback.visibility).
     """
     deformed, fading = len(scene.arrays.get("embeddings", ())), len(scene.arrays.get(OPACITY_TRACKS, ()))
-    reshaped = scene.header.model.get(RESHAPED, deformed)
-    near = in_order(scene, neighbours_together(scene.arrays["means"], reshaped, deformed, deformed + fading))
+    num_shape_dynamic = scene.header.model.get(SHAPE_DYNAMIC, deformed)
+    near = in_order(scene, morton_order_by_range(scene.arrays["means"], num_shape_dynamic, deformed, deformed + fading))
     if not finished or not has_transients(near, max_visible):
         return near
     lives = _lives(near)
-    order = np.concatenate([together(lives[:, :reshaped]), reshaped + together(lives[:, reshaped:])])
+    order = np.concatenate(
+        [
+            sort_by_visibility(lives[:, :num_shape_dynamic]),
+            num_shape_dynamic + sort_by_visibility(lives[:, num_shape_dynamic:]),
+        ]
+    )
     found = in_order(near, np.concatenate([order, np.arange(deformed, len(near.arrays["means"]))]))
     lives = lives[:, order] | _lives(as_packed(found))  # whose opacities differ a little
-    return SceneFile(scene.header, found.arrays | {LIFETIMES: of_groups(lives)})
+    return SceneFile(scene.header, found.arrays | {VISIBILITY: pack_group_bits(lives)})
 
 
 def in_groups(scene: SceneFile) -> bool:
@@ -56,7 +62,7 @@ def has_transients(scene: SceneFile, max_visible: float = DEFAULT.max_visible) -
     if not in_groups(scene) or scene.header.frame_count < 2:
         return False
     lives = _lives(scene)
-    return share_deformed(of_groups(lives[:, together(lives)]), lives.shape[1]) <= max_visible
+    return mean_deformed_share(pack_group_bits(lives[:, sort_by_visibility(lives)]), lives.shape[1]) <= max_visible
 
 
 def as_packed(scene: SceneFile) -> SceneFile:
@@ -75,35 +81,35 @@ def playback_steps(
     """
     packed = as_packed(scene)
     player = ScenePlayer(packed)
-    always = ScenePlayer(SceneFile(packed.header, {k: v for k, v in packed.arrays.items() if k != LIFETIMES}))
+    always = ScenePlayer(SceneFile(packed.header, {k: v for k, v in packed.arrays.items() if k != VISIBILITY}))
     plain, psnr = sum(array.nbytes for array in scene.arrays.values()), _psnr(context, always)
     loss = context.evaluator().now - lost - psnr
     packing = CompressionStep(StepKind.PACK, 1.0, plain, size, loss, bytes=plain - size)
-    if LIFETIMES not in packed.arrays:
+    if VISIBILITY not in packed.arrays:
         return packing, None
     count = len(packed.arrays["embeddings"])
-    deformed = round(count * share_deformed(packed.arrays[LIFETIMES], count))
+    deformed = round(count * mean_deformed_share(packed.arrays[VISIBILITY], count))
     loss, saved = psnr - _psnr(context, player), milliseconds_between(always, player)
-    return packing, CompressionStep(StepKind.LIFETIMES, 1.0, count, deformed, loss, saved)
+    return packing, CompressionStep(StepKind.VISIBILITY, 1.0, count, deformed, loss, saved)
 
 
 def _lives(scene: SceneFile) -> NDArray[np.bool_]:
     """(frames - 1, M) of the dynamic Gaussians, see playback.visibility."""
     field = DeformationPlayer(scene.arrays, scene.header.model)
-    return lifetimes(lambda time_: field.at(time_).opacities[: field.deformed], scene.header.frame_count)
+    return visible_intervals(lambda time_: field.at(time_).opacities[: field.deformed], scene.header.frame_count)
 
 
 def in_order(scene: SceneFile, order: NDArray[np.int64]) -> SceneFile:
     """Its Gaussians in ``order``, in which each kind of them (see playback.player.rows_of) stays in its place."""
-    rows = rows_of(scene.arrays)
+    rows = row_ranges(scene.arrays)
     arrays = {n: array[order[rows[n]] - rows[n].start] if n in rows else array for n, array in scene.arrays.items()}
     return SceneFile(scene.header, arrays)
 
 
-def played_by(scene: ScenePlayer, device: torch.device) -> Callable[[float], GaussianArrays]:
+def played_by(scene: ScenePlayer, device: torch.device) -> Callable[[float], TorchGaussians]:
     """Its Gaussians at a time in [0, 1], for torch."""
 
-    def gaussians_at(time_: float) -> GaussianArrays:
+    def gaussians_at(time_: float) -> TorchGaussians:
         arrays = vars(scene.at(time_)).values()
         return GaussianArrays(*(torch.from_numpy(np.array(array)).to(device) for array in arrays))
 

@@ -7,6 +7,7 @@ import torch
 from numpy.typing import NDArray
 
 from ...capture.time import frame_to_time
+from ...gaussians import TorchGaussians
 from ...model.canonical import SH_DC
 from ...playback.render import to_uint8
 from ...rasterizer import GaussianArrays, rasterize
@@ -34,7 +35,7 @@ def draw_report_image(context: CompressionContext, shot_index: int) -> NDArray[n
     return to_uint8(image.rgb.cpu().numpy())
 
 
-def _with_removed(places: NDArray[np.float32], gaussians: GaussianArrays, colors: torch.Tensor) -> GaussianArrays:
+def _with_removed(places: NDArray[np.float32], gaussians: TorchGaussians, colors: torch.Tensor) -> TorchGaussians:
     """The Gaussians in ``colors`` (N, 3), and small balls at ``places`` (n, 3)."""
     removed = torch.from_numpy(places).to(gaussians.means)
     count, size = len(removed), 0.3 * float(gaussians.scales.median())

@@ -13,11 +13,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ...field.opacity_tracks import as_tracks
+from ...field.opacity_tracks import quantize_opacities
+from ...gaussians import TorchGaussians
 from ...playback.player import ScenePlayer
-from ...rasterizer import GaussianArrays
 from ...scene.compression_report import StepKind
-from ...scene.header import RESHAPED
+from ...scene.header import SHAPE_DYNAMIC
 from ...scene.quantization import pack
 from ...scene.scene_file import OPACITY_TRACKS, SceneFile
 from ..optimize.gaussian_order import mask_excluding
@@ -76,7 +76,7 @@ def _freeze_shape(
     if len(indices) < max(1, settings.min_rigid * count):
         return scene, []
     chosen = indices.cpu().numpy()
-    header = replace(scene.header, model=scene.header.model | {RESHAPED: count - len(chosen)})
+    header = replace(scene.header, model=scene.header.model | {SHAPE_DYNAMIC: count - len(chosen)})
     found = _last_of_dynamic(SceneFile(header, _in_state(scene, chosen, state, SHAPE)), chosen)
     faster = milliseconds_between(player, ScenePlayer(found))
     return found, [CompressionStep(StepKind.KEEP_SHAPE, 1.0, count, count - len(indices), loss, faster)]
@@ -102,7 +102,7 @@ def _unmissed(
     return order[:number].sort().values, lost
 
 
-def _where(chosen: torch.Tensor, frozen: dict[str, torch.Tensor], gaussians: GaussianArrays) -> dict[str, torch.Tensor]:
+def _where(chosen: torch.Tensor, frozen: dict[str, torch.Tensor], gaussians: TorchGaussians) -> dict[str, torch.Tensor]:
     """Attributes by name, of the first Gaussians as in ``frozen`` where ``chosen`` is true."""
     changed, count = {}, len(chosen)
     for name, values in frozen.items():
@@ -121,7 +121,7 @@ def _frames(player: ScenePlayer, most: int) -> list[int]:
 def seen_state(player: ScenePlayer, most: int) -> dict[str, NDArray[np.float32]]:
     """How dynamic Gaussians look (GaussianArrays, by name), in the mean over at most ``most`` frames, weighted by
     squared opacity."""
-    count, total = player.moving, 0.0
+    count, total = player.num_dynamic, 0.0
     sums: dict[str, NDArray[np.float32] | float] = dict.fromkeys(STATE, 0.0)
     for frame in _frames(player, most):
         gaussians = player.at_frame(frame)
@@ -140,7 +140,9 @@ def _as_wide(weight: NDArray[np.float32], values: NDArray[np.float32]) -> NDArra
 def _tracks(player: ScenePlayer) -> NDArray[np.uint8]:
     """(M, frames) of the dynamic Gaussians, see field.opacity_tracks."""
     frames = range(player.header.frame_count)
-    return np.stack([as_tracks(player.at_frame(frame).opacities[: player.moving]) for frame in frames], axis=1)
+    return np.stack(
+        [quantize_opacities(player.at_frame(frame).opacities[: player.num_dynamic]) for frame in frames], axis=1
+    )
 
 
 def _in_state(

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from ...capture.capture import Capture
 from ...capture.frames import FrameStore
 from ...evaluation.metrics import psnr_of
-from ...rasterizer import GaussianArrays, rasterize
+from ...gaussians import TorchGaussians
+from ...rasterizer import rasterize
 from ..optimize.device import image_on
 
 _SHARE = 0.06
@@ -48,10 +49,10 @@ class ValidationEvaluator:
     """
 
     def __init__(
-        self, capture: Capture, store: FrameStore, shots: Sequence[int], gaussians_of: Callable[[int], GaussianArrays]
+        self, capture: Capture, store: FrameStore, shots: Sequence[int], gaussians_of: Callable[[int], TorchGaussians]
     ) -> None:
         self._capture, self._store, self._shots, self._gaussians_of = capture, store, shots, gaussians_of
-        self._gaussians: dict[int, GaussianArrays] = {}  # as they stand, by shot
+        self._gaussians: dict[int, TorchGaussians] = {}  # as they stand, by shot
         self._now: float | None = None
 
     @property
@@ -61,7 +62,7 @@ class ValidationEvaluator:
             self._now = self._psnr(lambda gaussians: gaussians)
         return self._now
 
-    def loss(self, change: Callable[[GaussianArrays], GaussianArrays]) -> float:
+    def loss(self, change: Callable[[TorchGaussians], TorchGaussians]) -> float:
         """How many dB ``change`` costs on average; negative where it gains."""
         return self.now - self._psnr(change)
 
@@ -81,7 +82,7 @@ class ValidationEvaluator:
         self._gaussians = {}
 
     @torch.no_grad()
-    def _psnr(self, change: Callable[[GaussianArrays], GaussianArrays]) -> float:
+    def _psnr(self, change: Callable[[TorchGaussians], TorchGaussians]) -> float:
         """Mean over the shots after ``change``."""
         self._gaussians = self._gaussians or {index: self._gaussians_of(index) for index in self._shots}
         values = []

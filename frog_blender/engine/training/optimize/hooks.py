@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ...capture.capture import Capture
 from ...capture.frames import FrameStore
+from ...gaussians import TorchGaussians
 from ...model.interface import ScheduleState
 from ...rasterizer import GaussianArrays
 from ..recipe import Recipe
@@ -49,7 +50,7 @@ class Training(Stateful, Protocol):
         """The schedules inside the model as they stand."""
         ...
 
-    def deform(self, time: float) -> tuple[GaussianArrays, Tensors]:
+    def deform(self, time: float) -> tuple[TorchGaussians, Tensors]:
         """Gaussians and changes at a time in [0, 1], as training stands."""
         ...
 
@@ -99,6 +100,6 @@ class Hook:
 
 
 @torch.no_grad()
-def gaussians_at(training: Training, time: float) -> GaussianArrays:
+def gaussians_at(training: Training, time: float) -> TorchGaussians:
     """All Gaussians at a time in [0, 1], as training stands; what is done with them leaves the model no gradient."""
     return GaussianArrays(*(value.detach() for value in vars(training.deform(time)[0]).values()))

@@ -22,8 +22,9 @@ from ...capture.frames import FrameStore
 from ...capture.seeds import Seeds
 from ...capture.time import frame_to_time
 from ...evaluation.metrics import psnr_of
+from ...gaussians import TorchGaussians
 from ...model.interface import RenderResult, SceneModel, ScheduleState
-from ...rasterizer import GaussianArrays, RasterizeOptions, rasterize
+from ...rasterizer import RasterizeOptions, rasterize
 from ...scene.scene_file import settings_json
 from ..methods import method_named
 from ..recipe import Recipe
@@ -47,7 +48,7 @@ from .smoothness import SMOOTHED_EVERY, EmbeddingSmoothness
 from .stateful import Stateful, Tensors, Values
 from .working_time import worked_since
 
-Played = Callable[[float], GaussianArrays]
+Played = Callable[[float], TorchGaussians]
 """A scene's Gaussians at a time in [0, 1]."""
 
 _SORTED_EVERY = 0.1  # of the training, while it grows
@@ -374,7 +375,7 @@ class Trainer:
         degree = sum(progress >= start for start in self.recipe.sh_growth[: self.recipe.sh_degree])
         return min((degree + 1) ** 2, self.model.canonical.sh.shape[1])
 
-    def deform(self, time: float, progress: float | None = None) -> tuple[GaussianArrays, Tensors]:
+    def deform(self, time: float, progress: float | None = None) -> tuple[TorchGaussians, Tensors]:
         """Gaussians and changes at a time in [0, 1], with the schedules at ``progress``, or as they stand."""
         progress = self.progress if progress is None else progress
         sh_count = self.sh_count_at(progress)
