@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
+
 from ..io.plain_values import JsonMapping
 
 

@@ -1,4 +1,4 @@
-"""The methods that the trainer knows: FRoG and its rivals, each with the recipe as it trains it.
+"""The methods that the trainer knows: FRoG and its baselines, each with the recipe as it trains it.
 
 All share canonical Gaussians, rasterizer, losses and schedules, so that a comparison compares methods.
 """
@@ -30,9 +30,9 @@ class ModelInit:
     Attributes:
         canonical: the seeds' Gaussians, with embeddings (N, ``recipe.embedding_size``) of zeros.
         recipe: as the method adapted it.
-        frame_count: moments of the capture.
+        frame_count: frames of the capture.
         image_count: training images.
-        scene_scale: world units, see ``start.scale_of``.
+        scene_scale: world units, see ``initialization.scale_of``.
     """
 
     canonical: CanonicalField

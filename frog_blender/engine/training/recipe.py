@@ -19,8 +19,8 @@ _MOST_STEPS, _MOST_GAUSSIANS, _MOST_SEEDS, _WIDEST, _FASTEST = 10**9, 10**7, 10*
 _NEVER, _OFTENEST = 10.0, 1e-6  # fractions of a training
 _MOST_NUMBERS = 2**27  # of all seed points' attributes together
 _GROWN, _GROWN_FROM = 1.075, 0.5
-"""Times as many Gaussians as a scene keeps, with automatic capacity, before what images do not miss is left out; and
-the fraction of the training before which there are no more than it keeps."""
+"""Times as many Gaussians as a scene keeps, with automatic capacity, before what images do not miss is pruned; and the
+fraction of the training before which there are no more than it keeps."""
 
 
 @dataclass(frozen=True)
@@ -30,17 +30,17 @@ class Recipe:
     Attributes:
         name: "draft" or "standard"; "paper" (N3DV), "hypernerf" and "technicolor" follow the papers.
         steps: optimiser steps, each on one image or part of it, at least.
-        steps_per_moment: for each of the capture's moments; what is longer of the two is trained.
+        steps_per_moment: for each of the capture's frames; what is longer of the two is trained.
         max_gaussians: of a scene at most, see ``growth_limit_at``.
         kept_gaussians: of them, those that a scene has in the end at most, with automatic capacity; 0 for as many as it
-            needs (see training.budget).
+            needs (see compression.budget).
         seed_gaussians: seed points at most.
         seed_share: of the seed points, those that may be measured, see ``find_seeds``; for tests of stability.
         sh_degree: 0 to 3; grows by one at each of ``sh_growth`` (fractions of training, one for each degree at least).
-        capacity: "auto" leaves a scene no more than it needs (see training.parsimony), "fixed" what it has.
-        dynamic_share: with "auto", the share of the Gaussians that may move at most, whatever that costs; 0 for as many
-            as have to.
-        fusion: of the temporal embeddings, see model.choices.FUSIONS (FRoG, section on early fusion; its table compares
+        capacity: "auto" leaves a scene no more than it needs (see compression.schedule), "fixed" what it has.
+        dynamic_share: with "auto", the share of the Gaussians that are dynamic at most, whatever that costs; 0 for as
+            many as have to be.
+        fusion: of the temporal embeddings, see field.names.FUSIONS (FRoG, section on early fusion; its table compares
             them).
         embedding_size, temporal_size, hidden_width, head_width, deformed_sh, deformed_opacity: see model.frog.
         modulation: see model.deformation; the papers have none.
@@ -50,8 +50,8 @@ class Recipe:
             and 30 for 300 frames), which leaves short captures very few.
         opacity_reduction, opacity_sharpness: "paper", "unit" or "off", and the paper's k.
         opacity_ramp: fractions of training between which the reduction is ramped in.
-        table_smoothness: weight of the temporal table's smoothness (E-D3DGS has 1e-4 for HyperNeRF); rows at withheld
-            moments have nothing else to go by.
+        table_smoothness: weight of the temporal table's smoothness (E-D3DGS has 1e-4 for HyperNeRF); rows at held-out
+            frames have nothing else to go by.
         fine_rows_until: fraction at which the fine temporal embedding has all its rows.
         warm_up: fraction of training without deformation.
         mean_rate ... grid_rate: Adam rates at the start; means, embedding, network, grid and temporal rates decay
@@ -59,23 +59,24 @@ class Recipe:
         cool_down: fraction of training, the last, over which all rates go down to nothing as well, linearly: steps as
             large as they were leave the scene a few tenths of a dB beside where they lead.
         pose_reach, pose_from: how far a training camera's pose may go in a training, as a share of its image's width,
-            and the fraction of training at which it begins (see training.poses); the papers take poses as they are.
+            and the fraction of training at which it begins (see optimize.pose_refinement); the papers take poses as
+            they are.
         exposure_from: fraction of training from which on training cameras' exposures are compared (see
-            training.exposures); 1 for never, as in the papers.
+            optimize.exposure_compensation); 1 for never, as in the papers.
         dssim_weight: of (1 - SSIM) / 2, for ``dssim_burst`` of every ``dssim_period`` steps after ``dssim_from``
             (FRoG, section on optimisation: 5 of 50 after an eighth of the training).
         smoothness_weight, smoothness_neighbours, smoothness_falloff: embedding smoothness; the falloff (the paper's
             lambda_w) multiplies squared distances in units of the median nearest-neighbour distance.
-        frame_choice: "even" draws every training image alike; "loss" draws every second moment in proportion to its
+        frame_choice: "even" draws every training image alike; "loss" draws every second frame in proportion to its
             last loss (E-D3DGS's loss-based frame sampling).
-        half_size_until: fraction of training in which images have half their size (see training.resolution).
+        half_size_until: fraction of training in which images have half their size (see optimize.half_resolution).
         region_share, region_size, region_emphasis: probability that a step draws only a rectangle where the errors
             are, the rectangle's sides over the image's, and how much more its pixels weigh than a whole image's:
-            with 0 a pixel weighs the same in every step, with 1 a step weighs the same (see training.regions).
+            with 0 a pixel weighs the same in every step, with 1 a step weighs the same (see optimize.crop_sampler).
         densify_from, densify_until, densify_every: fractions.
         densify_threshold: mean screen gradient (in half image widths, as in 3DGS) above which a Gaussian splits.
         densify_growth: share of new Gaussians a round at most, see ``num_new``.
-        replaced_below: largest blending weight of late below which a Gaussian makes room for a new one when there are
+        replaced_below: largest recent blending weight below which a Gaussian is replaced by a new one when there are
             ``max_gaussians``; 0 for none, as in the papers.
         split_scale: above this size a Gaussian is split, below it is cloned.
         prune_opacity: canonical opacity below which a Gaussian is removed.
@@ -159,12 +160,12 @@ class Recipe:
     sampling_every: float = number(0.01, _OFTENEST, _NEVER)
     sampling_share: float = number(0.002, 0, 1)
 
-    def steps_for(self, moments: int) -> int:
-        """Steps for a capture of so many moments: motion takes time to learn, and more of it more time."""
-        return max(self.steps, self.steps_per_moment * moments)
+    def steps_for(self, frames: int) -> int:
+        """Steps for a capture of so many frames: more motion takes longer to learn."""
+        return max(self.steps, self.steps_per_moment * frames)
 
     def temporal_rows_for(self, frames: int, images: int) -> int:
-        """Rows of the temporal table for a capture of so many moments and training images."""
+        """Rows of the temporal table for a capture of so many frames and training images."""
         rows = math.ceil(frames / self.frames_per_row)
         if self.pictures_per_row:
             rows = min(rows, int(images / self.pictures_per_row))
@@ -270,7 +271,7 @@ RECIPES = {
         densify_every=100 / 60_000,
         densify_threshold=2e-4,
     ),
-    # Fifty moments; colours do not deform, all rows from the start.
+    # Fifty frames; colours do not deform, all rows from the start.
     "technicolor": replace(
         _PAPER,
         name="technicolor",

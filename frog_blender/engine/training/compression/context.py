@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from ...capture.capture import Capture
 from ...capture.time import frame_to_time
-from ...rasterizer import GaussianArrays
+from ...gaussians import TorchGaussians
 from ...scene.compression_report import StepKind, reduction_line
 from ..optimize.gaussian_state import Reindexing
 from ..optimize.hooks import Training, gaussians_at
@@ -77,7 +78,7 @@ class Proposal:
     apply: Callable[[int], None]
     count: Callable[[], int]
     loss: Callable[[int], float] | None = None
-    expected: np.ndarray = field(default_factory=lambda: np.zeros(1))
+    expected: NDArray[np.float64] = field(default_factory=lambda: np.zeros(1))
     allowed: float = 0.0
     forced: int = 0
     work: Callable[[], object] | None = None
@@ -174,7 +175,7 @@ class CompressionContext:
         """Dynamic Gaussians."""
         return self.training.gaussians.num_dynamic
 
-    def gaussians_at(self, time: float) -> GaussianArrays:
+    def gaussians_at(self, time: float) -> TorchGaussians:
         """All Gaussians at a time in [0, 1]."""
         return gaussians_at(self.training, time)
 
@@ -192,12 +193,12 @@ class CompressionContext:
         return {name: values[: self.num_dynamic] for name, values in mean_state(self.gaussians_at, views).items()}
 
     def evaluator(
-        self, most: int | None = None, played: Callable[[float], GaussianArrays] | None = None
+        self, most: int | None = None, played: Callable[[float], TorchGaussians] | None = None
     ) -> ValidationEvaluator:
         """Of the Gaussians as they stand, or as they are ``played`` at a time; on ``most`` images at most."""
         capture = self.training.capture
 
-        def gaussians_of(shot: int) -> GaussianArrays:
+        def gaussians_of(shot: int) -> TorchGaussians:
             return (played or self.gaussians_at)(frame_to_time(capture.shots[shot].frame, capture.frame_count))
 
         return ValidationEvaluator(capture, self.training.store, self.record.judged[:most], gaussians_of)

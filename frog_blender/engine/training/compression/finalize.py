@@ -8,7 +8,9 @@ from collections.abc import Callable
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
+from ...gaussians import TorchGaussians
 from ...playback.deformation import DeformationPlayer
 from ...playback.player import ScenePlayer, row_ranges
 from ...playback.visibility import mean_deformed_share, pack_group_bits, sort_by_visibility, visible_intervals
@@ -91,23 +93,23 @@ def playback_steps(
     return packing, CompressionStep(StepKind.VISIBILITY, 1.0, count, deformed, loss, saved)
 
 
-def _lives(scene: SceneFile) -> np.ndarray:
+def _lives(scene: SceneFile) -> NDArray[np.bool_]:
     """(frames - 1, M) of the dynamic Gaussians, see playback.visibility."""
     field = DeformationPlayer(scene.arrays, scene.header.model)
     return visible_intervals(lambda time_: field.at(time_).opacities[: field.deformed], scene.header.frame_count)
 
 
-def in_order(scene: SceneFile, order: np.ndarray) -> SceneFile:
+def in_order(scene: SceneFile, order: NDArray[np.int64]) -> SceneFile:
     """Its Gaussians in ``order``, in which each kind of them (see playback.player.rows_of) stays in its place."""
     rows = row_ranges(scene.arrays)
     arrays = {n: array[order[rows[n]] - rows[n].start] if n in rows else array for n, array in scene.arrays.items()}
     return SceneFile(scene.header, arrays)
 
 
-def played_by(scene: ScenePlayer, device: torch.device) -> Callable[[float], GaussianArrays]:
+def played_by(scene: ScenePlayer, device: torch.device) -> Callable[[float], TorchGaussians]:
     """Its Gaussians at a time in [0, 1], for torch."""
 
-    def gaussians_at(time_: float) -> GaussianArrays:
+    def gaussians_at(time_: float) -> TorchGaussians:
         arrays = vars(scene.at(time_)).values()
         return GaussianArrays(*(torch.from_numpy(np.array(array)).to(device) for array in arrays))
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from ...capture.time import frame_to_time
+from ...gaussians import TorchGaussians
 from ...model.canonical import SH_DC
 from ...playback.render import to_uint8
 from ...rasterizer import GaussianArrays, rasterize
@@ -16,7 +18,7 @@ STATIC, DYNAMIC, REMOVED = (0.35, 0.60, 0.85), (1.00, 0.60, 0.05), (0.85, 0.10, 
 
 
 @torch.no_grad()
-def draw_report_image(context: CompressionContext, shot_index: int) -> np.ndarray:
+def draw_report_image(context: CompressionContext, shot_index: int) -> NDArray[np.uint8]:
     """(H, W, 3) uint8 what a shot shows: blue is static, orange dynamic, red dots are pruned Gaussians.
 
     Brightness is the scene's own, so that things can be told.
@@ -33,7 +35,7 @@ def draw_report_image(context: CompressionContext, shot_index: int) -> np.ndarra
     return to_uint8(image.rgb.cpu().numpy())
 
 
-def _with_removed(places: np.ndarray, gaussians: GaussianArrays, colors: torch.Tensor) -> GaussianArrays:
+def _with_removed(places: NDArray[np.float32], gaussians: TorchGaussians, colors: torch.Tensor) -> TorchGaussians:
     """The Gaussians in ``colors`` (N, 3), and small balls at ``places`` (n, 3)."""
     removed = torch.from_numpy(places).to(gaussians.means)
     count, size = len(removed), 0.3 * float(gaussians.scales.median())

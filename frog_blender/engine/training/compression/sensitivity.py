@@ -14,6 +14,7 @@ import torch
 from ...capture.camera import Camera
 from ...capture.capture import Capture
 from ...capture.time import frame_to_time
+from ...gaussians import TorchGaussians
 from ...model.canonical import SH_DC
 from ...rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
 
@@ -117,7 +118,7 @@ class _Range:
 
 
 def measure(
-    gaussians_at: Callable[[float], GaussianArrays],
+    gaussians_at: Callable[[float], TorchGaussians],
     num_dynamic: int,
     capture: Capture,
     views: Sequence[SampledView],
@@ -163,7 +164,7 @@ def measure(
 
 
 def mean_state(
-    gaussians_at: Callable[[float], GaussianArrays], views: Sequence[SampledView]
+    gaussians_at: Callable[[float], TorchGaussians], views: Sequence[SampledView]
 ) -> dict[str, torch.Tensor]:
     """How Gaussians look on average over the views, see ``Sensitivity.state``."""
     ranges = {name: _Range() for name in _ATTRIBUTES}
@@ -193,11 +194,12 @@ def _score(ranges: dict[str, _Range], weight: torch.Tensor, reach: torch.Tensor)
     fade = opacities.half / opacities.largest.clamp(min=1e-6)
     tint = SH_DC * sh.half[:, 0].amax(1)
     moved = means.half.norm(dim=1) + scales.half.amax(1) + turn
-    return reach * moved + PIXELS_OF_A_CHANGE * weight * (fade + tint)
+    score: torch.Tensor = reach * moved + PIXELS_OF_A_CHANGE * weight * (fade + tint)
+    return score
 
 
 def _squares(
-    gaussians: GaussianArrays, slopes: dict[str, torch.Tensor], state: dict[str, torch.Tensor]
+    gaussians: TorchGaussians, slopes: dict[str, torch.Tensor], state: dict[str, torch.Tensor]
 ) -> torch.Tensor:
     """(M,) by how much a view's image changes when dynamic Gaussians are as in ``state``, see ``view_gradients``."""
     change = torch.zeros((), device=gaussians.means.device)
@@ -213,7 +215,7 @@ def _scale_rows(factors: torch.Tensor, values: torch.Tensor) -> torch.Tensor:
 
 
 def view_gradients(
-    gaussians: GaussianArrays, camera: Camera, background: tuple[float, float, float], generator: torch.Generator
+    gaussians: TorchGaussians, camera: Camera, background: tuple[float, float, float], generator: torch.Generator
 ) -> tuple[Image, dict[str, torch.Tensor]]:
     """A camera's image, and gradients by attribute.
 
@@ -234,7 +236,7 @@ def backward_by_signs(image: Image, generator: torch.Generator) -> None:
     image.rgb.backward(signs.to(image.rgb.device))
 
 
-def _pixels_per_unit(gaussians: GaussianArrays, image: Image, camera: Camera) -> torch.Tensor:
+def _pixels_per_unit(gaussians: TorchGaussians, image: Image, camera: Camera) -> torch.Tensor:
     """(N,) pixels that a world unit takes at each Gaussian's depth, 0 where it is not drawn."""
     row = torch.from_numpy(camera.world_to_camera[2]).to(gaussians.means)
     depth = gaussians.means @ row[:3] + row[3]

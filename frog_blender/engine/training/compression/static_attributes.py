@@ -11,10 +11,11 @@ from dataclasses import replace
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from ...field.opacity_tracks import quantize_opacities
+from ...gaussians import TorchGaussians
 from ...playback.player import ScenePlayer
-from ...rasterizer import GaussianArrays
 from ...scene.compression_report import StepKind
 from ...scene.header import SHAPE_DYNAMIC
 from ...scene.quantization import pack
@@ -75,7 +76,7 @@ def _freeze_shape(
     if len(indices) < max(1, settings.min_rigid * count):
         return scene, []
     chosen = indices.cpu().numpy()
-    header = replace(scene.header, model=scene.header.model | {SHAPE_DYNAMIC: count - len(chosen)})
+    header = replace(scene.header, model={**scene.header.model, SHAPE_DYNAMIC: count - len(chosen)})
     found = _last_of_dynamic(SceneFile(header, _in_state(scene, chosen, state, SHAPE)), chosen)
     faster = milliseconds_between(player, ScenePlayer(found))
     return found, [CompressionStep(StepKind.KEEP_SHAPE, 1.0, count, count - len(indices), loss, faster)]
@@ -85,7 +86,7 @@ def _unmissed(
     context: CompressionContext,
     player: ScenePlayer,
     energy: torch.Tensor,
-    state: dict[str, np.ndarray],
+    state: dict[str, NDArray[np.float32]],
     allowed: float,
 ) -> tuple[torch.Tensor, float]:
     """Indices, ascending, of dynamic Gaussians that may be as in ``state``, and what that costs."""
@@ -101,7 +102,7 @@ def _unmissed(
     return order[:number].sort().values, lost
 
 
-def _where(chosen: torch.Tensor, frozen: dict[str, torch.Tensor], gaussians: GaussianArrays) -> dict[str, torch.Tensor]:
+def _where(chosen: torch.Tensor, frozen: dict[str, torch.Tensor], gaussians: TorchGaussians) -> dict[str, torch.Tensor]:
     """Attributes by name, of the first Gaussians as in ``frozen`` where ``chosen`` is true."""
     changed, count = {}, len(chosen)
     for name, values in frozen.items():
@@ -114,14 +115,15 @@ def _where(chosen: torch.Tensor, frozen: dict[str, torch.Tensor], gaussians: Gau
 def _frames(player: ScenePlayer, most: int) -> list[int]:
     """Frames, spread over all of them."""
     frames = player.header.frame_count
-    return np.unique(np.linspace(0, frames - 1, min(frames, most)).round().astype(int)).tolist()
+    return [int(frame) for frame in np.unique(np.linspace(0, frames - 1, min(frames, most)).round())]
 
 
-def seen_state(player: ScenePlayer, most: int) -> dict[str, np.ndarray]:
+def seen_state(player: ScenePlayer, most: int) -> dict[str, NDArray[np.float32]]:
     """How dynamic Gaussians look (GaussianArrays, by name), in the mean over at most ``most`` frames, weighted by
     squared opacity."""
-    count, total = player.num_dynamic, 0.0
-    sums: dict[str, np.ndarray | float] = dict.fromkeys(STATE, 0.0)
+    count = player.num_dynamic
+    total = np.zeros((), np.float32)
+    sums = {name: np.zeros((), np.float32) for name in STATE}
     for frame in _frames(player, most):
         gaussians = player.at_frame(frame)
         weight = gaussians.opacities[:count].clip(FAINT) ** 2
@@ -129,14 +131,14 @@ def seen_state(player: ScenePlayer, most: int) -> dict[str, np.ndarray]:
         for name in STATE:
             values = getattr(gaussians, name)[:count]
             sums[name] = sums[name] + values * _as_wide(weight, values)
-    return {name: np.asarray(value) / _as_wide(np.asarray(total), np.asarray(value)) for name, value in sums.items()}
+    return {name: value / _as_wide(total, value) for name, value in sums.items()}
 
 
-def _as_wide(weight: np.ndarray, values: np.ndarray) -> np.ndarray:
+def _as_wide(weight: NDArray[np.float32], values: NDArray[np.float32]) -> NDArray[np.float32]:
     return weight.reshape(-1, *[1] * (values.ndim - 1))
 
 
-def _tracks(player: ScenePlayer) -> np.ndarray:
+def _tracks(player: ScenePlayer) -> NDArray[np.uint8]:
     """(M, frames) of the dynamic Gaussians, see field.opacity_tracks."""
     frames = range(player.header.frame_count)
     return np.stack(
@@ -145,8 +147,8 @@ def _tracks(player: ScenePlayer) -> np.ndarray:
 
 
 def _in_state(
-    scene: SceneFile, indices: np.ndarray, state: dict[str, np.ndarray], names: tuple[str, ...]
-) -> dict[str, np.ndarray]:
+    scene: SceneFile, indices: NDArray[np.int64], state: dict[str, NDArray[np.float32]], names: tuple[str, ...]
+) -> dict[str, NDArray[np.float32]]:
     """The scene's arrays, in which the attributes ``names`` of ``indices`` are canonically as in ``state``."""
     arrays = {name: array.copy() for name, array in scene.arrays.items()}
     for name in names:
@@ -158,7 +160,7 @@ def _in_state(
     return arrays
 
 
-def _last_of_dynamic(scene: SceneFile, indices: np.ndarray) -> SceneFile:
+def _last_of_dynamic(scene: SceneFile, indices: NDArray[np.int64]) -> SceneFile:
     """The scene in another order: among the dynamic Gaussians, ``indices`` come after the others."""
     deformed, everyone = len(scene.arrays["embeddings"]), np.arange(len(scene.arrays["means"]))
     others = np.delete(everyone[:deformed], indices)

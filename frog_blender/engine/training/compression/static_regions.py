@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...capture.capture import Capture
 from ...capture.frames import FrameStore
@@ -43,14 +44,14 @@ class TemporalVariance:
             uniform surfaces, the second what is finer than a cell.
     """
 
-    variance: dict[int, np.ndarray]
+    variance: dict[int, NDArray[np.float32]]
 
     def static_share(self, deviation: float) -> float:
         """The share of all cells that change by less than ``deviation`` (of the display range)."""
         cells = np.concatenate([variance.ravel() for variance in self.variance.values()])
         return float((cells < deviation**2).mean())
 
-    def map_of(self, camera: int, height: int, width: int) -> np.ndarray:
+    def map_of(self, camera: int, height: int, width: int) -> NDArray[np.float32]:
         """(height, width) float32, each pixel with its cell's."""
         import cv2
 
@@ -70,7 +71,7 @@ def measure_temporal_variance(capture: Capture, store: FrameStore) -> TemporalVa
     return TemporalVariance({camera: _variance(store, shots) for camera, shots in spread.items()}) if several else None
 
 
-def _variance(store: FrameStore, shots: list[int]) -> np.ndarray:
+def _variance(store: FrameStore, shots: list[int]) -> NDArray[np.float32]:
     """(rows, columns) of TemporalVariance.variance."""
     images = [store.image(index)[::_SAMPLED, ::_SAMPLED] for index in shots]
     cell = _CELL // _SAMPLED
@@ -82,7 +83,8 @@ def _variance(store: FrameStore, shots: list[int]) -> np.ndarray:
     of_pixels = _cells(of_each / 255, cell).mean(2)
     of_means = np.var([_cells(image, cell) for image in images], axis=0).mean(2)
     noise = NOISE_FACTOR * float(np.quantile(of_pixels, QUIET_QUANTILE))
-    return np.maximum(np.maximum(of_means - noise / cell**2, of_pixels - noise), 0).astype(np.float32)
+    variance = np.maximum(np.maximum(of_means - noise / cell**2, of_pixels - noise), 0)
+    return np.asarray(variance, dtype=np.float32)
 
 
 def _training_shots(capture: Capture) -> dict[int, list[int]]:
@@ -110,10 +112,10 @@ def _changes(store: FrameStore, shots: list[int]) -> bool:
     return typical > _LEAST_CHANGE or bool(spread.max() > max(_LEAST_CHANGE, NOISE_FACTOR * typical))
 
 
-def _cells(pixels: np.ndarray, cell: int = _CELL) -> np.ndarray:
+def _cells(pixels: NDArray[np.float32], cell: int = _CELL) -> NDArray[np.float32]:
     """(rows, columns, 3) means in [0, 1] of whole cells of (H, W, 3) in [0, 255]; an image smaller than one is one."""
     import cv2
 
     height, width = pixels.shape[:2]
     size = max(1, width // cell), max(1, height // cell)
-    return cv2.resize(pixels.astype(np.float32) / 255, size, interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.resize(pixels.astype(np.float32) / 255, size, interpolation=cv2.INTER_AREA))

@@ -11,6 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from ...capture.capture import Capture
 from ...capture.frames import FrameStore
@@ -65,7 +66,7 @@ class ValidationEvaluator:
         """How many dB ``change`` costs on average; negative where it gains."""
         return self.now - self._psnr(change)
 
-    def expected(self, energies: torch.Tensor) -> np.ndarray:
+    def expected(self, energies: torch.Tensor) -> NDArray[np.float64]:
         """(N,) dB that the first change costs, the first two and so on, about.
 
         Args:
@@ -94,7 +95,7 @@ class ValidationEvaluator:
 
 
 def largest_count_within(
-    loss: Callable[[int], float], expected: np.ndarray, allowed: float, tries: int = 4
+    loss: Callable[[int], float], expected: NDArray[np.float64], allowed: float, tries: int = 4
 ) -> tuple[int, float]:
     """About the largest number of candidates, from the first, whose loss is allowed: (number, its loss).
 

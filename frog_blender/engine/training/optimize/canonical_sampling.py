@@ -11,6 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch.nn import functional
 
 from ...capture.camera import Camera
@@ -121,7 +122,7 @@ def inject_anchors(
     gaussians: GaussianState,
     density: DensificationStrategy,
     limit: int,
-    draw: Callable[[], tuple[np.ndarray, RenderResult, Camera]],
+    draw: Callable[[], tuple[NDArray[np.uint8], RenderResult, Camera]],
     generator: torch.Generator,
 ) -> None:
     """One round: new anchors where a drawing is wrong, behind the other dynamic Gaussians. At the limit they replace

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from ...capture.camera import Camera
 from ...errors import FrogError
@@ -106,7 +107,7 @@ class OnItsWay:
         return self._copy
 
 
-def image_on(device: torch.device, pixels: np.ndarray) -> torch.Tensor:
+def image_on(device: torch.device, pixels: NDArray[np.uint8]) -> torch.Tensor:
     """(H, W, 3) float32 in [0, 1] on ``device`` from bytes (H, W, 3)."""
     if device.type == "cpu":
         return torch.from_numpy(pixels.astype(np.float32)) / 255

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from ...capture.camera import NEUTRAL, Camera
 from ...capture.capture import Capture
@@ -59,7 +60,7 @@ class ExposureCompensation:
         """Whether a step that draws this camera at ``progress`` is to be observed."""
         return step % _OBSERVED_EVERY == 0 and progress >= self._from and index in self._learned
 
-    def observe(self, index: int, camera: Camera, rgb: torch.Tensor, pixels: np.ndarray) -> None:
+    def observe(self, index: int, camera: Camera, rgb: torch.Tensor, pixels: NDArray[np.uint8]) -> None:
         """Adds what a step drew of camera ``index``, (H, W, 3), and the bytes that it should be."""
         truth = image_on(rgb.device, np.ascontiguousarray(pixels[::_EVERY_PIXEL, ::_EVERY_PIXEL]))
         counts = (truth > _DARKEST) & (truth < _BRIGHTEST)

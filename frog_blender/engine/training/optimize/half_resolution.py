@@ -7,6 +7,7 @@ training that begins so ends sharper, and motion has a wider basin to be found i
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...capture.camera import Camera
 from ...capture.capture import Capture
@@ -28,12 +29,12 @@ def halved(camera: Camera) -> Camera:
     return camera.resized(camera.width // 2, camera.height // 2)
 
 
-def halved_image(pixels: np.ndarray) -> np.ndarray:
+def halved_image(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """(H // 2, W // 2, 3) uint8 means over the area of each pixel, of (H, W, 3) uint8."""
     import cv2
 
     height, width = pixels.shape[:2]
-    return cv2.resize(pixels, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.resize(pixels, (width // 2, height // 2), interpolation=cv2.INTER_AREA))
 
 
 def halved_capture(capture: Capture) -> Capture:
@@ -41,6 +42,6 @@ def halved_capture(capture: Capture) -> Capture:
     return capture.with_cameras(halved(each) if _is_large(each) else each for each in capture.cameras)
 
 
-def sized(pixels: np.ndarray, camera: Camera) -> np.ndarray:
+def sized(pixels: NDArray[np.uint8], camera: Camera) -> NDArray[np.uint8]:
     """(H, W, 3) uint8 an image as its camera or the halved one sees it."""
     return pixels if pixels.shape[:2] == (camera.height, camera.width) else halved_image(pixels)

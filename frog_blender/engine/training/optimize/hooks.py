@@ -6,9 +6,11 @@ from typing import Any, Protocol
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from ...capture.capture import Capture
 from ...capture.frames import FrameStore
+from ...gaussians import TorchGaussians
 from ...model.interface import ScheduleState
 from ...rasterizer import GaussianArrays
 from ..recipe import Recipe
@@ -48,11 +50,11 @@ class Training(Stateful, Protocol):
         """The schedules inside the model as they stand."""
         ...
 
-    def deform(self, time: float) -> tuple[GaussianArrays, Tensors]:
+    def deform(self, time: float) -> tuple[TorchGaussians, Tensors]:
         """Gaussians and changes at a time in [0, 1], as training stands."""
         ...
 
-    def render_image(self, shot_index: int) -> np.ndarray:
+    def render_image(self, shot_index: int) -> NDArray[np.float32]:
         """(H, W, 3) float32 what a shot looks like as training stands."""
         ...
 
@@ -98,6 +100,6 @@ class Hook:
 
 
 @torch.no_grad()
-def gaussians_at(training: Training, time: float) -> GaussianArrays:
+def gaussians_at(training: Training, time: float) -> TorchGaussians:
     """All Gaussians at a time in [0, 1], as training stands; what is done with them leaves the model no gradient."""
     return GaussianArrays(*(value.detach() for value in vars(training.deform(time)[0]).values()))

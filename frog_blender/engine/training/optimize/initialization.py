@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from ...capture.capture import Capture
 from ...capture.seeds import Seeds
@@ -15,7 +16,7 @@ from ..recipe import Recipe
 from .nearest_neighbours import spacings
 
 
-def scale_of(capture: Capture, points: np.ndarray) -> float:
+def scale_of(capture: Capture, points: NDArray[np.float32]) -> float:
     """Median distance from camera to seed point (N, 3), world units."""
     centers = np.array([camera.center for camera in capture.cameras])
     some = points[:: max(1, len(points) // 2000)]

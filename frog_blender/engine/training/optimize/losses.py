@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch.nn import functional
 
 from ...native.binding import CELL, l1_loss
@@ -34,7 +35,7 @@ class PhotometricLoss:
 
 
 def photometric_loss(
-    image: torch.Tensor, pixels: np.ndarray, *, dssim_weight: float = 0.0, weight: float = 1.0
+    image: torch.Tensor, pixels: NDArray[np.uint8], *, dssim_weight: float = 0.0, weight: float = 1.0
 ) -> PhotometricLoss:
     """``weight`` (mean |image - truth| + ``dssim_weight`` (1 - SSIM) / 2).
 
@@ -95,4 +96,6 @@ def ssim(image: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
     covariance = product - mean_x * mean_y
     c1, c2 = 0.01**2, 0.03**2
     numerator = (2 * mean_x * mean_y + c1) * (2 * covariance + c2)
-    return (numerator / ((mean_x.square() + mean_y.square() + c1) * (variance_x + variance_y + c2))).mean()
+    denominator = (mean_x.square() + mean_y.square() + c1) * (variance_x + variance_y + c2)
+    mean: torch.Tensor = (numerator / denominator).mean()
+    return mean

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from ...capture.camera import Camera, rotation_about
 from ...capture.capture import Capture
@@ -39,7 +40,7 @@ class PoseRefinement:
         distance: from which cameras see it, world units.
     """
 
-    def __init__(self, rig: CameraRig, recipe: Recipe, center: np.ndarray, distance: float) -> None:
+    def __init__(self, rig: CameraRig, recipe: Recipe, center: NDArray[np.float64], distance: float) -> None:
         capture = rig.capture
         self._rig, self._recipe = rig, recipe
         self._center, self._distance = center.astype(np.float64), distance
@@ -98,14 +99,14 @@ class PoseRefinement:
         centers = np.array([self._rig.capture.cameras[index].center for index in self._learned])
         self._move(without_common(changes[self._learned], centers))
 
-    def _slope(self, camera: Camera, gradient: np.ndarray) -> np.ndarray:
+    def _slope(self, camera: Camera, gradient: NDArray[np.float64]) -> NDArray[np.float64]:
         """(6,) of the loss by the world's turn about the centre and its shift in distances, as this camera sees it."""
         by_shift = gradient[:, 3] @ camera.rotation
         by_rotation = camera.rotation.T @ gradient[:, :3] - by_shift[:, None] * self._center
         by_turn = (by_rotation - by_rotation.T)[(2, 0, 1), (1, 2, 0)]
         return np.concatenate([by_turn, by_shift * self._distance])
 
-    def _move(self, changes: np.ndarray) -> None:
+    def _move(self, changes: NDArray[np.float64]) -> None:
         """Moves the world before the learned cameras: (L, 6) radians about the centre, and world units."""
         cameras = list(self._rig.capture.cameras)
         for index, change in zip(self._learned, changes, strict=True):
@@ -143,16 +144,16 @@ class PoseRefinement:
         self.moved[:, 1] = max(progress, self._recipe.pose_from)
 
 
-def without_common(changes: np.ndarray, centers: np.ndarray) -> np.ndarray:
+def without_common(changes: NDArray[np.float64], centers: NDArray[np.float64]) -> NDArray[np.float64]:
     """(L, 6) changes of cameras with ``centers`` (L, 3) without what all of them do together."""
-    own = changes - changes.mean(axis=0)
+    own = np.asarray(changes - changes.mean(axis=0))
     centers = centers - centers.mean(axis=0)
     growth = (own[:, 3:] * centers).sum() / max((centers**2).sum(), _TINY)  # all nearer to the middle, or away
     own[:, 3:] -= growth * centers
     return own
 
 
-def _check_poses(found: np.ndarray) -> None:
+def _check_poses(found: NDArray[np.float64]) -> None:
     """ValueError unless (C, 4, 4) turn and shift, and no more."""
     turns = found[:, :3, :3]
     if not (np.abs(found) < _MOST).all() or not (np.abs(turns @ turns.swapaxes(1, 2) - np.eye(3)) < _ROUNDED).all():

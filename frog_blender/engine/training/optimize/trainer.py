@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from ...capture.camera import Camera
 from ...capture.capture import Capture
@@ -21,8 +22,9 @@ from ...capture.frames import FrameStore
 from ...capture.seeds import Seeds
 from ...capture.time import frame_to_time
 from ...evaluation.metrics import psnr_of
+from ...gaussians import TorchGaussians
 from ...model.interface import RenderResult, SceneModel, ScheduleState
-from ...rasterizer import GaussianArrays, RasterizeOptions, rasterize
+from ...rasterizer import RasterizeOptions, rasterize
 from ...scene.scene_file import settings_json
 from ..methods import method_named
 from ..recipe import Recipe
@@ -46,7 +48,7 @@ from .smoothness import SMOOTHED_EVERY, EmbeddingSmoothness
 from .stateful import Stateful, Tensors, Values
 from .working_time import worked_since
 
-Played = Callable[[float], GaussianArrays]
+Played = Callable[[float], TorchGaussians]
 """A scene's Gaussians at a time in [0, 1]."""
 
 _SORTED_EVERY = 0.1  # of the training, while it grows
@@ -325,7 +327,7 @@ class Trainer:
     def inject_anchors(self, progress: float, shot: int) -> None:
         """Canonical field sampling where the drawing of a shot is wrong, see ``canonical_sampling``."""
 
-        def draw() -> tuple[np.ndarray, RenderResult, Camera]:
+        def draw() -> tuple[NDArray[np.uint8], RenderResult, Camera]:
             camera = self.camera_at(self.capture.shots[shot].camera, progress)
             return *self.draw(shot, progress, RasterizeOptions(depth=True)), camera
 
@@ -344,7 +346,7 @@ class Trainer:
 
     def draw(
         self, shot_index: int, progress: float, options: RasterizeOptions, pose: torch.Tensor | None = None
-    ) -> tuple[np.ndarray, RenderResult]:
+    ) -> tuple[NDArray[np.uint8], RenderResult]:
         """An image (H, W, 3) uint8 and its drawing."""
         shot = self.capture.shots[shot_index]
         camera = self.camera_at(shot.camera, progress)
@@ -356,7 +358,7 @@ class Trainer:
             gaussians = self.model.canonical.gaussians(sh_count)
             return pixels, RenderResult(rasterize(gaussians, camera, background, options, pose=pose), gaussians, {})
         frame_time, schedules = frame_to_time(shot.frame, self.capture.frame_count), self.schedule_state(progress)
-        return pixels, self.model.draw(frame_time, camera, background, options, schedules, sh_count, pose)
+        return pixels, self.model.draw(frame_time, camera, background, options, schedules, sh_count, pose=pose)
 
     def camera_at(self, index: int, progress: float) -> Camera:
         """A camera at the size at which it is drawn at ``progress``."""
@@ -373,7 +375,7 @@ class Trainer:
         degree = sum(progress >= start for start in self.recipe.sh_growth[: self.recipe.sh_degree])
         return min((degree + 1) ** 2, self.model.canonical.sh.shape[1])
 
-    def deform(self, time: float, progress: float | None = None) -> tuple[GaussianArrays, Tensors]:
+    def deform(self, time: float, progress: float | None = None) -> tuple[TorchGaussians, Tensors]:
         """Gaussians and changes at a time in [0, 1], with the schedules at ``progress``, or as they stand."""
         progress = self.progress if progress is None else progress
         sh_count = self.sh_count_at(progress)
@@ -384,7 +386,7 @@ class Trainer:
     @torch.no_grad()
     def render_image(
         self, shot_index: int, largest_side: int | None = None, played: Played | None = None
-    ) -> np.ndarray:
+    ) -> NDArray[np.float32]:
         """(H, W, 3) float32 what a shot looks like as training stands, or as it is ``played``, at so many pixels a side
         at most."""
         shot = self.capture.shots[shot_index]
