@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 
 from ..engine.capture.camera import Camera
 from ..engine.capture.capture import Capture
-from ..engine.capture.frames import FrameStore
+from ..engine.capture.frames import FrameStore, is_decoded
 from ..engine.capture.readers import open_capture
 from ..engine.errors import FrogError
 from ..engine.evaluation.evaluate import Measure, evaluate
@@ -23,7 +24,9 @@ from ..engine.scene import compression_report
 from ..engine.scene.scene_file import SceneFile, read_scene
 from ..engine.source_media.clips import camera_path
 from ..engine.training.recipe import recipe
-from ..engine.training.session.time_estimate import Workload, estimate, likely_device, usual_scale
+from ..engine.training.session.job import usual_scale
+from ..engine.training.session.likely_device import likely_device
+from ..engine.training.session.time_estimate import Workload, estimate
 
 Report = Callable[[int, int], None]
 
@@ -55,7 +58,9 @@ def _training_times(capture: Capture) -> list[str]:
     device = likely_device("auto")
     times = [(name, recipe(name)) for name in ("draft", "standard")]
     scale = usual_scale(capture.cameras)
-    return [f"{name}: {estimate(Workload.of(capture, chosen, scale=scale), device)}" for name, chosen in times]
+    prepared = is_decoded(capture if scale == 1 else capture.scaled(scale))
+    works = [replace(Workload.of(capture, chosen, scale=scale), prepared=prepared) for _, chosen in times]
+    return [f"{name}: {estimate(work, device)}" for (name, _), work in zip(times, works, strict=True)]
 
 
 def _describe_scene(scene: ScenePlayer, path: Path) -> dict[str, Any]:

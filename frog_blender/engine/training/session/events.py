@@ -30,6 +30,8 @@ class Started:
     """"cpu" or "cuda"."""
     pixels: int = 0
     """Of an image, in the mean over the cameras."""
+    images: int = 0
+    """Of the capture."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,7 @@ class Progress:
     """An estimate when the training is limited by time."""
     seconds: float
     seconds_left: float
+    """By the clock, to the end of the run: an estimate."""
     loss: float
     gaussians: int
     moving: int = 0
@@ -93,11 +96,14 @@ class Finished:
     path: str
     steps: int
     seconds: float
+    """Of training, without evaluation and saving."""
     psnr: float | None
     """None where it could not be measured."""
     gaussians: int
     capacity: dict[str, Any] = field(default_factory=dict)
     """See SceneHeader."""
+    phases: dict[str, float] = field(default_factory=dict)
+    """Seconds by the clock, without pauses, of time_estimate.PHASES."""
 
 
 @dataclass(frozen=True)
