@@ -144,7 +144,7 @@ def test_what_is_left_follows_what_passes() -> None:
         found = left.after(step / 100, until - passed)
         passed = until
         truth = 2 * (WORK.seconds["training"] + WORK.seconds["finishing"]) - until
-        if step >= 10:
+        if step >= 30:
             assert found == pytest.approx(truth, rel=0.1)
     assert found == pytest.approx(2 * WORK.seconds["finishing"], rel=0.01)
 

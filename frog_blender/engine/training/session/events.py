@@ -1,4 +1,4 @@
-"""What a training says while it runs. Plain values only: safe to hand from thread to thread, and to any front end."""
+"""Events of a training, with plain values alone: safe to pass between threads, and to any front end."""
 
 from __future__ import annotations
 
@@ -44,15 +44,15 @@ class Progress:
     """By the clock, to the end of the run: an estimate."""
     loss: float
     gaussians: int
-    moving: int = 0
-    """Those of them that the network moves."""
+    num_dynamic: int = 0
+    """Those of them that the network deforms."""
 
 
 @dataclass(frozen=True)
 class Reduced:
     step: int
     message: str
-    """What a round took out of the model (see training.parsimony)."""
+    """What a compression step did, in words."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Evaluated:
     step: int
     psnr: float
     split: str
-    """"held-out", or "training" when nothing is withheld."""
+    """"held-out", or "training" when nothing is held out."""
     seconds: float = 0.0
     """Of training so far."""
 
@@ -74,7 +74,7 @@ class Preview:
 
 @dataclass(frozen=True)
 class CompressionPreview:
-    """An image of what moves, what rests and what was left out, beside the scene."""
+    """The image beside the scene that shows dynamic, static and pruned Gaussians."""
 
     path: str
     image: NDArray[np.uint8]
@@ -110,7 +110,7 @@ class Finished:
 class Cancelled:
     step: int
     path: str | None
-    """The scene as far as it came, None when training had not begun."""
+    """The scene that was saved; None when training had not begun."""
 
 
 Event = (

@@ -34,7 +34,7 @@ _GRID = np.linspace(0.0, 1.0, 401)  # of a training's progress, over which the c
 _SHORT = 10.0  # modelled seconds below which a training teaches nothing: what happens once outweighs its steps
 _NEWEST = 0.5  # share of the newest training in a factor
 _SKIPPED = 0.1  # of the expected time: decoding or seeding that is quicker found its results on disk
-_FORGETTING = 20.0  # a twentieth of a training replaces most of the rate that was measured before it
+_FORGETTING = 10.0  # a tenth of a training replaces most of the rate that was measured before it
 
 # Reference seconds, on two cores with AVX2 at 3.2 GHz. Of a step: fixed, for a thousand Gaussians, for a thousand of
 # them and a thousand weights of the network, and for a million pixels rendered. Of decoding: for an image, and for a
