@@ -5,15 +5,19 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from ..engine.capture.capture import Capture
+from ..engine.capture.frames import is_decoded
 from ..engine.capture.readers import open_capture
 from ..engine.playback.player import ScenePlayer
 from ..engine.scene import compression_report
 from ..engine.training.recipe import recipe
-from ..engine.training.session.time_estimate import Workload, estimate, likely_device, usual_scale
+from ..engine.training.session.job import usual_scale
+from ..engine.training.session.likely_device import likely_device
+from ..engine.training.session.time_estimate import Workload, estimate
 from .arguments import add_offset_argument, offsets_of
 from .printing import say
 
@@ -74,8 +78,12 @@ def _training_times(capture: Capture) -> list[str]:
     """How long the recipes for any computer would take, a line each."""
     device = likely_device("auto")
     scale = usual_scale(capture.cameras)
-    times = [(name, recipe(name)) for name in ("draft", "standard")]
-    return [f"{name}: {estimate(Workload.of(capture, chosen, scale=scale), device)}" for name, chosen in times]
+    prepared = is_decoded(capture if scale == 1 else capture.scaled(scale))
+    lines = []
+    for name in ("draft", "standard"):
+        work = replace(Workload.of(capture, recipe(name), scale=scale), prepared=prepared)
+        lines.append(f"{name}: {estimate(work, device)}")
+    return lines
 
 
 def _describe_scene(scene: ScenePlayer, path: Path) -> dict[str, Any]:

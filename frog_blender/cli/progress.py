@@ -12,6 +12,7 @@ from tqdm import tqdm
 from ..engine.errors import printable
 from ..engine.scene.compression_report import lines, summary
 from ..engine.training.session import events
+from ..engine.training.session.durations import about
 from ..engine.training.session.events import Event
 from ..engine.training.session.output_paths import checkpoint_path
 from .printing import complain, say
@@ -56,22 +57,24 @@ def show(stream: Iterator[Event], output: Path) -> bool:
                     switch(name, total, done)
                 case events.Started(device="cuda"):
                     _note("training on the GPU")
-                case events.Progress(step=step, steps=steps, loss=loss, gaussians=gaussians, moving=moving):
-                    postfix = {"loss": f"{loss:.4f}", "gaussians": gaussians, "moving": moving}
+                case events.Progress(step, steps, _, left, loss, gaussians, num_dynamic):
+                    figures = {"loss": f"{loss:.4f}", "gaussians": gaussians, "dynamic": num_dynamic}
+                    postfix = {**figures, "left": about(left)}
                     switch("Training", steps, step).set_postfix(postfix)
                 case events.Reduced(_, message):
                     _note(message)
                 case events.Evaluated(step=step, psnr=psnr, split=split):
                     _note(f"step {step}: {split} PSNR {psnr:.2f} dB")
                 case events.CompressionPreview(path, _):
-                    text = f"{path}: what moves is orange, what rests blue, red dots were left out"
+                    text = f"{path}: dynamic Gaussians are orange, static ones blue, pruned ones red dots"
                     _note(text)
                 case events.WarningEvent(message):
                     _note(f"warning: {message}")
-                case events.Finished(path, steps, seconds, psnr, gaussians, capacity):
+                case events.Finished(path, steps, seconds, psnr, gaussians, capacity, phases):
                     _close(line)
                     quality = "PSNR not measured" if psnr is None else f"PSNR {psnr:.2f} dB"
-                    say(f"{path}: {steps} steps in {seconds:.0f} s, {gaussians} Gaussians, {quality}")
+                    whole = f" ({sum(phases.values()):.0f} s in all)" if phases else ""
+                    say(f"{path}: {steps} steps in {seconds:.0f} s{whole}, {gaussians} Gaussians, {quality}")
                     for text in [summary(capacity), *lines(capacity)] if capacity else []:
                         say(f"  {text}")
                     return True

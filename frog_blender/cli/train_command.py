@@ -62,7 +62,7 @@ def add_train_parser(commands: Any) -> None:
         "--resume",
         action="store_true",
         help="go on from the checkpoint beside the .frog, with the recipe, method, capacity and so on that it began "
-        "with (others are left aside, and it says so); only --steps, --seconds and --max-bytes may be others",
+        "with (others are ignored, and it says so); only --steps, --seconds and --max-bytes may be set anew",
     )
     add_offset_argument(train)
     train.set_defaults(run=_train, given=frozenset())

@@ -53,7 +53,7 @@ class TrainingState:
                 self.stage = ""
                 self.step, self.steps, self.loss = event.step, event.steps, event.loss
                 self.seconds, self.seconds_left = event.seconds, event.seconds_left
-                self.gaussians, self.moving = event.gaussians, event.moving
+                self.gaussians, self.moving = event.gaussians, event.num_dynamic
             case kinds.Reduced():
                 self.capacity.append(event.message)
             case kinds.CompressionPreview() | kinds.Preview():

@@ -52,12 +52,14 @@ def test_a_capture_is_described_and_its_training_timed(empty, drawn, capture):
 
 def test_estimates_follow_what_finished_trainings_took(empty, drawn, capture):
     from frog_blender.engine.training.recipe import recipe
-    from frog_blender.engine.training.session.time_estimate import Sensitivity, Workload, about, remember
+    from frog_blender.engine.training.session.durations import about
+    from frog_blender.engine.training.session.time_estimate import Workload, remember
 
     empty.frog.capture_folder, empty.frog.device = str(capture), "cpu"
-    remember(Sensitivity("cpu", "standard", modelled=1.0, seconds=7.0))
     opened = capture_summary.known(bpy.path.abspath(empty.frog.capture_folder)).capture
-    expected = about(7 * Workload.of(opened, recipe("standard")).seconds)
+    work = Workload.of(opened, recipe("standard"))
+    remember(work, "cpu", {phase: 7 * seconds for phase, seconds in work.seconds.items()})
+    expected = about(7 * sum(work.seconds.values()))
     assert f"About {expected} on this processor, as earlier trainings went." in drawn()
 
 

@@ -310,15 +310,19 @@ class Checkpoints(Kind):
         return build_trainer(capture, store, seeds(min(300, most)), job.recipe, job.method, limits, seed=job.seed)
 
     def use(self) -> bool:
+        from frog_blender.engine.training.optimize.running_loss import TrainingDiverged
         from frog_blender.engine.training.session.checkpoint import load_checkpoint
         from frog_blender.engine.training.session.resume import restore_job
 
         job, _ = restore_job(self._job)
         trainer = self._trainer(job)
         load_checkpoint(self.path, trainer)
-        for _ in range(3):
-            if not trainer.finished:
-                trainer.step()
+        try:
+            for _ in range(3):
+                if not trainer.finished:
+                    trainer.step()
+        except TrainingDiverged:
+            return False
         return True
 
 

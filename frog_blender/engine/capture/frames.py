@@ -182,6 +182,14 @@ def decoding_key(capture: Capture) -> str:
     return _key(capture, _sources(capture))
 
 
+def is_decoded(capture: Capture) -> bool:
+    """True when the default cache folder has the frames of a capture whose cameras have the frames' sizes."""
+    try:
+        return _is_whole(default_cache_folder() / decoding_key(capture), capture)
+    except FrogError:  # a file of the capture is missing
+        return False
+
+
 def _key(capture: Capture, sources: dict[str, list[int]]) -> str:
     cameras = [
         [c.width, c.height, c.intrinsics.tolist(), _distortion_key(d), crop]

@@ -122,11 +122,11 @@ def seen_state(player: ScenePlayer, most: int) -> dict[str, NDArray[np.float32]]
     """How dynamic Gaussians look (GaussianArrays, by name), in the mean over at most ``most`` frames, weighted by
     squared opacity."""
     count = player.num_dynamic
-    total = np.zeros((), np.float32)
-    sums = {name: np.zeros((), np.float32) for name in STATE}
+    total: NDArray[np.float32] = np.zeros((), np.float32)
+    sums: dict[str, NDArray[np.float32]] = {name: np.zeros((), np.float32) for name in STATE}
     for frame in _frames(player, most):
         gaussians = player.at_frame(frame)
-        weight = gaussians.opacities[:count].clip(FAINT) ** 2
+        weight = np.square(gaussians.opacities[:count].clip(FAINT))
         total = total + weight
         for name in STATE:
             values = getattr(gaussians, name)[:count]

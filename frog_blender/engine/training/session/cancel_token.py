@@ -1,28 +1,31 @@
-"""What a person asks of a training that runs: hold, go on, end, show another camera. Any thread may ask."""
+"""Pausing, resuming and cancelling a training, and choosing its preview, from any thread."""
 
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 
 
 class CancelToken:
-    """Between its steps a training calls it: true when it is to end. While paused the call waits.
+    """Called by a training between its steps: true when it is to end. While paused the call waits.
 
     Attributes:
         preview_camera: whose view the previews show from now on; None leaves it to the job.
+        seconds_paused: that callers have waited so far.
     """
 
     def __init__(self, ends: Callable[[], bool] = lambda: False) -> None:
-        """``ends`` is asked besides: a front end's own way to cancel."""
+        """``ends`` is asked as well: a front end's own way to cancel."""
         self.preview_camera: str | None = None
+        self.seconds_paused = 0.0
         self._ends = ends
         self._changed = threading.Condition()
         self._paused = self._cancelled = False
 
     @classmethod
     def of(cls, cancelled: Callable[[], bool]) -> CancelToken:
-        """What ``run_training`` was given, as a control."""
+        """A token for what ``run_training`` was given."""
         return cancelled if isinstance(cancelled, CancelToken) else cls(cancelled)
 
     @property
@@ -36,12 +39,12 @@ class CancelToken:
         return self._cancelled or self._ends()
 
     def pause(self) -> None:
-        """Hold the training before its next step."""
+        """Halt the training before its next step."""
         with self._changed:
             self._paused = True
 
     def resume(self) -> None:
-        """Go on after a pause."""
+        """Continue after a pause."""
         with self._changed:
             self._paused = False
             self._changed.notify_all()
@@ -54,5 +57,8 @@ class CancelToken:
 
     def __call__(self) -> bool:
         with self._changed:
-            self._changed.wait_for(lambda: self._cancelled or not self._paused)
+            began = time.perf_counter()
+            if self.paused:
+                self._changed.wait_for(lambda: not self.paused)
+                self.seconds_paused += time.perf_counter() - began
         return self.ended

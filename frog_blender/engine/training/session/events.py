@@ -1,4 +1,4 @@
-"""What a training says while it runs. Plain values only: safe to hand from thread to thread, and to any front end."""
+"""Events of a training, with plain values alone: safe to pass between threads, and to any front end."""
 
 from __future__ import annotations
 
@@ -30,6 +30,8 @@ class Started:
     """"cpu" or "cuda"."""
     pixels: int = 0
     """Of an image, in the mean over the cameras."""
+    images: int = 0
+    """Of the capture."""
 
 
 @dataclass(frozen=True)
@@ -39,17 +41,18 @@ class Progress:
     """An estimate when the training is limited by time."""
     seconds: float
     seconds_left: float
+    """By the clock, to the end of the run: an estimate."""
     loss: float
     gaussians: int
-    moving: int = 0
-    """Those of them that the network moves."""
+    num_dynamic: int = 0
+    """Those of them that the network deforms."""
 
 
 @dataclass(frozen=True)
 class Reduced:
     step: int
     message: str
-    """What a round took out of the model (see training.parsimony)."""
+    """What a compression step did, in words."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +60,7 @@ class Evaluated:
     step: int
     psnr: float
     split: str
-    """"held-out", or "training" when nothing is withheld."""
+    """"held-out", or "training" when nothing is held out."""
     seconds: float = 0.0
     """Of training so far."""
 
@@ -71,7 +74,7 @@ class Preview:
 
 @dataclass(frozen=True)
 class CompressionPreview:
-    """An image of what moves, what rests and what was left out, beside the scene."""
+    """The image beside the scene that shows dynamic, static and pruned Gaussians."""
 
     path: str
     image: NDArray[np.uint8]
@@ -93,18 +96,21 @@ class Finished:
     path: str
     steps: int
     seconds: float
+    """Of training, without evaluation and saving."""
     psnr: float | None
     """None where it could not be measured."""
     gaussians: int
     capacity: dict[str, Any] = field(default_factory=dict)
     """See SceneHeader."""
+    phases: dict[str, float] = field(default_factory=dict)
+    """Seconds by the clock, without pauses, of time_estimate.PHASES."""
 
 
 @dataclass(frozen=True)
 class Cancelled:
     step: int
     path: str | None
-    """The scene as far as it came, None when training had not begun."""
+    """The scene that was saved; None when training had not begun."""
 
 
 Event = (

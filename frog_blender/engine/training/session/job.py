@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from ...capture.camera import Camera
 from ...capture.capture import Capture
 from ...capture.seeds import Seeds
 from ...scene.header import METHODS
@@ -14,6 +15,9 @@ from ...scene.scene_file import settings_json
 from ..compression.settings import DEFAULT, CompressionSettings
 from ..recipe import Recipe, recipe
 from ..setting import Choice, Kind, Number, OrNone
+
+LARGEST_SIDE = 1600
+"""Pixels a side, to which images are shrunk where no scale is chosen."""
 
 _MAX_CAMERAS, _MAX_OFFSET = 10_000, 1e6
 
@@ -82,6 +86,11 @@ class TrainingJob:
         """What the checkpoint keeps of this job: the fields in ``KEPT``, the recipe, and whose training it is."""
         settings = {name: getattr(self, name) for name in KEPT}
         return {**settings, "recipe": settings_json(self.recipe), "capture": str(Path(self.capture).resolve())}
+
+
+def usual_scale(cameras: Iterable[Camera]) -> float:
+    """The image size factor where none is chosen: at most LARGEST_SIDE pixels a side."""
+    return min(1.0, LARGEST_SIDE / max(max(camera.width, camera.height) for camera in cameras))
 
 
 @dataclass(frozen=True)

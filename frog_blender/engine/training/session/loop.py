@@ -6,7 +6,8 @@ from .. import passive_threads  # noqa: F401
 
 # isort: split
 import time
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
+from dataclasses import replace
 
 from ...errors import FrogError, reason
 from ...io.atomic_files import write_atomically
@@ -32,7 +33,7 @@ from .output_paths import beside
 from .preview import Previews, preview_shot
 from .recovery import Recovery
 from .session import Session
-from .time_estimate import Workload
+from .time_estimate import TimeLeft, Workload
 
 _EVALUATIONS = 10  # over a training
 
@@ -50,6 +51,7 @@ def train(session: Session) -> Iterator[Event]:
         while True:
             try:
                 yield from _steps(session, recovery, checkpoints)
+                session.clock.end("training")
                 if trainer.step_count == began and not trainer.finished:  # there is nothing new to write
                     yield events.Cancelled(began, str(output) if output.is_file() and session.job.resume else None)
                     return
@@ -75,8 +77,10 @@ def train(session: Session) -> Iterator[Event]:
         yield events.Cancelled(trainer.step_count, path)
         return
     if compression := compression_of(trainer):
-        yield from _report_image(compression, report, preview_shot(session.capture) or 0)
-    yield events.Finished(path, trainer.step_count, trainer.seconds, report.psnr, trainer.count, report.compression)
+        yield from _report_image(session, compression, report)
+    session.clock.end("finishing")
+    figures = (trainer.step_count, trainer.seconds, report.psnr, trainer.count, report.compression)
+    yield events.Finished(path, *figures, session.clock.seconds)
 
 
 def _steps(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> Iterator[Event]:
@@ -84,12 +88,12 @@ def _steps(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> It
     job, trainer, cancel = session.job, session.trainer, session.cancel
     last_event = last_save = time.monotonic()
     evaluated = int(trainer.progress * _EVALUATIONS)
-    previews, work = Previews(session), Workload.of(trainer.capture, trainer.recipe, trainer.limits.steps)
+    previews, time_left = Previews(session), _TimeLeft(session)
     while not trainer.finished and not cancel.ended:
         paused = cancel.paused  # asked once: a pause that comes later holds the next step
         # A pause may last for days: before it, what was learned goes to disk.
         if trainer.step_count != checkpoints.step and (paused or time.monotonic() - last_save >= job.save_seconds):
-            yield _progress_event(session, work)
+            yield _progress_event(session, time_left)
             yield from _save(session, recovery, checkpoints)
             last_event = last_save = time.monotonic()
         if paused and cancel():
@@ -99,7 +103,7 @@ def _steps(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> It
         now = time.monotonic()
         if now - last_event >= job.event_seconds or trainer.finished:
             last_event = now
-            yield _progress_event(session, work)
+            yield _progress_event(session, time_left)
         a_tenth = int(trainer.progress * _EVALUATIONS) > evaluated and not trainer.finished
         if a_tenth:
             evaluated = int(trainer.progress * _EVALUATIONS)
@@ -146,13 +150,13 @@ def _export(session: Session, recovery: Recovery, space: SpareSpace) -> Generato
     return built.report((yield from save_with_fallback(session.output, built.content, space)))
 
 
-def _report_image(compression: CompressionContext, report: ExportReport, shot: int) -> Iterator[Event]:
+def _report_image(session: Session, compression: CompressionContext, report: ExportReport) -> Iterator[Event]:
     """An image of the compression beside the scene; a failure costs only the image."""
     import cv2
 
     path = beside(report.path.with_suffix(""), ".capacity.png")
     try:
-        image = draw_report_image(compression, shot)
+        image = draw_report_image(compression, preview_shot(session.capture) or 0)
         write_atomically(path, cv2.imencode(".png", image[:, :, ::-1])[1].tobytes())
     except Exception as error:
         yield events.WarningEvent(f"The image of static and dynamic Gaussians could not be made ({reason(error)}).")
@@ -167,16 +171,29 @@ def _compression_events(session: Session) -> Iterator[Event]:
         yield events.Reduced(session.trainer.step_count, reduction_line(step.to_json()))
 
 
-def _progress_event(session: Session, work: Workload) -> events.Progress:
+class _TimeLeft:
+    """Seconds left at each call, from the progress and the time since the call before."""
+
+    def __init__(self, session: Session) -> None:
+        trainer, self._session = session.trainer, session
+        work = Workload.of(session.capture, session.recipe, trainer.limits.steps)
+        work = replace(work, even=trainer.limits.seconds is not None)
+        self._estimate = TimeLeft(work, trainer.device.type, trainer.progress)
+        self._last = session.clock.now
+
+    def __call__(self) -> float:
+        now = self._session.clock.now
+        passed, self._last = now - self._last, now
+        return self._estimate.after(self._session.trainer.progress, passed)
+
+
+def _progress_event(session: Session, time_left: Callable[[], float]) -> events.Progress:
     trainer = session.trainer
-    share = max(trainer.progress, 1e-9)
-    # Late steps are dearer than early ones, unless the training is limited by time itself.
-    done = share if trainer.limits.seconds else work.share_done(share)
     return events.Progress(
         trainer.step_count,
-        trainer.limits.steps or round(trainer.step_count / share),
+        trainer.limits.steps or round(trainer.step_count / max(trainer.progress, 1e-9)),
         trainer.seconds,
-        trainer.seconds * (1 - done) / done,
+        time_left(),
         trainer.loss,
         trainer.count,
         trainer.gaussians.num_dynamic,

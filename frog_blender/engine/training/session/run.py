@@ -28,13 +28,14 @@ from .cancel_token import CancelToken
 from .checkpoint import load_checkpoint
 from .events import Event
 from .export import check_budget, check_readable
-from .job import TrainingJob
+from .job import TrainingJob, usual_scale
 from .loop import train
 from .output_lock import lock_output
 from .output_paths import check_unused, checkpoint_path
+from .phase_clock import PhaseClock
 from .resume import restore_job
 from .session import Session
-from .time_estimate import pixels_of, usual_scale
+from .time_estimate import Workload
 
 
 def prepare_capture(
@@ -89,6 +90,7 @@ def _run(job: TrainingJob, cancel: CancelToken) -> Iterator[Event]:
     if job.max_bytes and (adapted.capacity != "auto" or job.lossless):
         raise FrogError("A budget of bytes needs FRoG with automatic capacity, and a file that may be packed.")
     capture, scale = prepare_capture(job.capture, job.scale, job.holdout_frames, job.pixel_offsets, job.opened)
+    clock = PhaseClock(cancel)
     device, fallback = choose_device(job.device)
     for warning in (*capture.warnings, *([fallback] if fallback else [])):
         yield events.WarningEvent(warning)
@@ -98,11 +100,13 @@ def _run(job: TrainingJob, cancel: CancelToken) -> Iterator[Event]:
     store = yield from in_background(
         "Decoding frames", lambda report: FrameStore.open(capture, progress=report, cancelled=cancel), cancel
     )
+    clock.end("decoding")
     seeds = None
     if store is not None:
         seeds = yield from in_background(
             "Finding seed points", lambda report: _seeds(job, capture, store, report), cancel
         )
+    clock.end("seeding")
     if store is None or seeds is None:
         yield events.Cancelled(0, None)
         return
@@ -120,14 +124,14 @@ def _run(job: TrainingJob, cancel: CancelToken) -> Iterator[Event]:
     )
     if job.resume:
         load_checkpoint(checkpoint_path(job.output), trainer)
-    session = Session(job, trainer, scale, cancel)
+    session = Session(job, trainer, scale, cancel, clock)
     check_readable(session)
     for doubt in (doubt_of_scale(trainer.scene_scale), check_budget(session)):
         if doubt:
             yield events.WarningEvent(doubt)
     counts = (len(capture.cameras), capture.frame_count, trainer.count)
-    pixels = round(pixels_of(capture.cameras))
-    yield events.Started(job.method, limits.steps, *counts, device.type, pixels)
+    work = Workload.of(capture, trainer.recipe, limits.steps)
+    yield events.Started(job.method, limits.steps, *counts, device.type, round(work.pixels), work.images)
     with gc_frozen():
         yield from train(session)
 

@@ -14,6 +14,7 @@ from ..recipe import Recipe
 from .cancel_token import CancelToken
 from .job import TrainingJob
 from .output_paths import checkpoint_path
+from .phase_clock import PhaseClock
 
 
 @dataclass(frozen=True)
@@ -25,12 +26,14 @@ class Session:
         trainer: the training's state.
         scale: image size factor that the job's scale came to.
         cancel: what the front end asks of the training.
+        clock: how long each phase took.
     """
 
     job: TrainingJob
     trainer: Trainer
     scale: float = 1.0
     cancel: CancelToken = field(default_factory=CancelToken)
+    clock: PhaseClock = field(default_factory=lambda: PhaseClock(CancelToken()))
 
     @property
     def capture(self) -> Capture:

@@ -1,59 +1,49 @@
-"""How long a training will take: a model of a step's cost, and what trainings on this computer took before.
+"""How long a training takes by the clock, from decoding to the scene's file.
 
-Nothing here needs torch: a panel or a command line asks before it is loaded. Only the training itself is estimated;
-decoding and seed points come before it, once for a capture.
+A rough model of the work gives seconds by phase on a reference computer. A factor by phase, kept from earlier trainings
+on this computer, makes them this computer's, and what passes corrects what is left. Nothing here needs torch, since a
+panel or a command line asks before torch is loaded.
 """
 
 from __future__ import annotations
 
 import json
-import math
 import os
-import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ...capture.camera import Camera
 from ...capture.capture import Capture
 from ...capture.frames import default_cache_folder
 from ...errors import FrogError
 from ...io.atomic_files import write_atomically
-from ...native import binding
 from ..recipe import Recipe
 from . import events
-from .events import Event
+from .durations import about
 from .job import TrainingJob
 
-LARGEST_SIDE = 1600  # pixels, to which images are shrunk unless told otherwise
-MODEL = 1  # raise it when the model of a step's cost changes: what was remembered no longer fits then
+PHASES = ("decoding", "seeding", "training", "finishing")
+MODEL = 2  # raise it when the model changes: older factors no longer fit then
 
-_MOMENTS = np.linspace(0.0, 1.0, 401)  # of a training, between which its cost is summed
-_KEPT = 40  # trainings that are remembered
-_FADING = 0.6  # what a training counts beside the one after it
-_OTHER_RECIPE = 0.2  # what one of another recipe counts
-_SHORT = 15.0  # modelled seconds below which a training says little of how long others take
+_FILE = "training_times.json"  # beside the decoded frames: it belongs to this computer and its user
+_GRID = np.linspace(0.0, 1.0, 401)  # of a training's progress, over which the cost of steps is summed
+_SHORT = 10.0  # modelled seconds below which a training teaches nothing: what happens once outweighs its steps
+_NEWEST = 0.5  # share of the newest training in a factor
+_SKIPPED = 0.1  # of the expected time: decoding or seeding that is quicker found its results on disk
+_FORGETTING = 10.0  # a tenth of a training replaces most of the rate that was measured before it
 
-# Seconds of a step on two quiet cores with AVX2 at 3.2 GHz (docs/experiments/rasterizer.md): fixed, for a
-# thousand Gaussians, for a thousand of them and a thousand weights of the network, and for a million pixels drawn.
+# Reference seconds, on two cores with AVX2 at 3.2 GHz. Of a step: fixed, for a thousand Gaussians, for a thousand of
+# them and a thousand weights of the network, and for a million pixels rendered. Of decoding: for an image, and for a
+# million pixels. Of the seed search, whose images are few and small.
 _FIXED, _GAUSSIANS, _WEIGHTS, _PIXELS = 6e-3, 0.53e-3, 0.054e-3, 190e-3
-_WITH_AVX512 = 0.5  # of that, on two cores at 4.1 GHz
-_CORES, _BY_CORES = 2, 0.7  # how a step gains from more cores; not measured
-
-
-def pixels_of(cameras: Iterable[Camera], scale: float = 1.0) -> float:
-    """Of an image at that scale, in the mean over the cameras."""
-    return float(np.mean([camera.width * camera.height for camera in cameras])) * scale**2
-
-
-def usual_scale(cameras: Iterable[Camera]) -> float:
-    """The image size factor where none is chosen: at most LARGEST_SIDE pixels a side."""
-    return min(1.0, LARGEST_SIDE / max(max(camera.width, camera.height) for camera in cameras))
+_IMAGE, _DECODED, _SEEDING = 17e-3, 40e-3, 10.0
+# What takes as long as so many steps: evaluations, previews and compression during the training, and evaluation,
+# compression and saving after it; with a capacity of "fixed" or "auto".
+_BESIDES, _FINISHING = {"fixed": 40, "auto": 140}, {"fixed": 15, "auto": 45}
 
 
 @dataclass(frozen=True)
@@ -63,67 +53,50 @@ class Workload:
     Attributes:
         recipe: its schedules, Gaussians and network.
         steps: of the whole training.
-        pixels: of a whole image.
+        pixels: of an image, in the mean.
+        images: of the capture, all of which are decoded first.
+        prepared: True when an earlier training has left frames and seed points on disk.
+        even: True where every share of the progress takes as long: in a training that is limited by time.
     """
 
     recipe: Recipe
     steps: int
     pixels: float
+    images: int = 0
+    prepared: bool = False
+    even: bool = False
 
     @classmethod
     def of(cls, capture: Capture, recipe: Recipe, steps: int | None = None, scale: float = 1.0) -> Workload:
         """For a capture at an image scale; ``steps`` None for the recipe's own."""
-        return cls(recipe, steps or recipe.steps_for(capture.frame_count), pixels_of(capture.cameras, scale))
-
-    @property
-    def seconds(self) -> float:
-        """On the computer that the model was measured on, see docs/experiments/rasterizer.md."""
-        return float(self._cost[-1])
-
-    def share_done(self, progress: float) -> float:
-        """Of the whole cost, what lies before ``progress`` (0 to 1)."""
-        return float(np.interp(progress, _MOMENTS, self._cost)) / self.seconds
+        pixels = float(np.mean([camera.width * camera.height for camera in capture.cameras])) * scale**2
+        return cls(recipe, steps or recipe.steps_for(capture.frame_count), pixels, len(capture.shots))
 
     @cached_property
-    def _cost(self) -> np.ndarray:
-        """Seconds from the start to each of _MOMENTS."""
+    def seconds(self) -> dict[str, float]:
+        """Reference seconds of each phase."""
+        decoding = self.images * (_IMAGE + _DECODED * self.pixels / 1e6)
+        before = (0.0, 0.0) if self.prepared else (decoding, _SEEDING)
+        whole = float(self._cost[-1])
+        finishing = whole * _FINISHING[self.recipe.capacity] / (self.steps + _BESIDES[self.recipe.capacity])
+        return dict(zip(PHASES, (*before, whole, finishing), strict=True))
+
+    def training_until(self, progress: float) -> float:
+        """Reference seconds of training before ``progress`` (0 to 1)."""
+        return progress * self.seconds["training"] if self.even else float(np.interp(progress, _GRID, self._cost))
+
+    @cached_property
+    def _cost(self) -> NDArray[np.float64]:
+        """Reference seconds from the start to each of _GRID."""
         r = self.recipe
-        growing = np.clip(_MOMENTS, r.densify_from, r.densify_until) - r.densify_from
+        growing = np.clip(_GRID, r.densify_from, r.densify_until) - r.densify_from
         grown = r.seed_gaussians * (1 + r.densify_growth) ** (growing / r.densify_every)
-        gaussians = np.minimum(grown, [r.growth_limit_at(moment) for moment in _MOMENTS])
-        whole = (1 - r.region_share) + r.region_share * r.region_size**2
-        pixels = self.pixels * np.where(r.half_size_until > _MOMENTS, 0.25, whole)
-        each = _GAUSSIANS + _WEIGHTS * _weights(r) / 1e3
-        step = _FIXED + each * gaussians / 1e3 + _PIXELS * pixels / 1e6
-        between = np.diff(_MOMENTS) * (step[1:] + step[:-1]) / 2
-        return self.steps * np.concatenate([[0.0], np.cumsum(between)])
-
-
-def _weights(recipe: Recipe) -> int:
-    """Of the deformation network: multiplications for each Gaussian that moves."""
-    r = recipe
-    outputs = 3 + 3 + 4 + int(r.deformed_opacity) + 3 * r.deformed_sh
-    heads = r.hidden_width * 5 * r.head_width + r.head_width * outputs if r.head_width else r.hidden_width * outputs
-    return r.embedding_size * r.hidden_width + heads
-
-
-@dataclass(frozen=True)
-class Sensitivity:
-    """A training that was finished.
-
-    Attributes:
-        device: "cpu" or "cuda".
-        recipe: its name.
-        modelled: seconds that its Workload says.
-        seconds: that it took.
-        model: MODEL when it was measured.
-    """
-
-    device: str
-    recipe: str
-    modelled: float
-    seconds: float
-    model: int = MODEL
+        gaussians = np.minimum(grown, [r.growth_limit_at(progress) for progress in _GRID])
+        cropped = (1 - r.region_share) + r.region_share * r.region_size**2
+        pixels = self.pixels * np.where(r.half_size_until > _GRID, 0.25, cropped)
+        weights = r.hidden_width * (r.embedding_size + 5 * r.head_width + 3 * (4 + r.deformed_sh))  # about
+        step = _FIXED + (_GAUSSIANS + _WEIGHTS * weights / 1e3) * gaussians / 1e3 + _PIXELS * pixels / 1e6
+        return (self.steps + _BESIDES[r.capacity]) * np.cumsum(step) / len(step)
 
 
 @dataclass(frozen=True)
@@ -131,7 +104,7 @@ class Estimate:
     """How long a training will take.
 
     Attributes:
-        seconds: None where nothing is known, on a GPU that nothing was trained on.
+        seconds: by the clock; None where nothing is known, on a GPU that nothing was trained on.
         device: "cpu" or "cuda".
         trainings: finished ones on this computer and device that it rests on; with none it is a rough guess.
     """
@@ -150,101 +123,75 @@ class Estimate:
 
 
 def estimate(work: Workload, device: str = "cpu") -> Estimate:
-    """The time for ``work`` on "cpu" or "cuda", from the model and from what is remembered of this computer."""
-    known = [one for one in remembered() if one.device == device]
-    if known:
-        weights = [
-            _FADING**age * (1.0 if one.recipe == work.recipe.name else _OTHER_RECIPE)
-            for age, one in enumerate(reversed(known))
-        ]
-        ratios = [math.log(one.seconds / one.modelled) for one in reversed(known)]
-        return Estimate(work.seconds * math.exp(np.average(ratios, weights=weights)), device, len(known))
-    if device != "cpu":
-        return Estimate(None, device, 0)
-    return Estimate(work.seconds * _this_processor(), device, 0)
+    """The time for all phases of ``work`` on "cpu" or "cuda"."""
+    trainings, factors = history(device)
+    known = device == "cpu" or trainings
+    return Estimate(sum(work.seconds[phase] * factors[phase] for phase in PHASES) if known else None, device, trainings)
 
 
-def _this_processor() -> float:
-    """How long a step takes here, roughly, over what it took where the model was measured."""
-    try:
-        wide = binding.instruction_set() == "avx512"
-    except FrogError:  # no native library: then a training says so
-        wide = False
-    by_cores = (_CORES / (os.cpu_count() or _CORES)) ** _BY_CORES
-    return by_cores * (_WITH_AVX512 if wide else 1.0)
+class TimeLeft:
+    """What is left of a training by the clock: the estimate, corrected by a moving average of what passed.
+
+    Args:
+        work: of the whole training.
+        device: "cpu" or "cuda".
+        progress: at which the clock begins.
+    """
+
+    def __init__(self, work: Workload, device: str, progress: float) -> None:
+        self._work, self._factors = work, history(device)[1]
+        self._rate, self._done = self._factors["training"], work.training_until(progress)
+
+    def after(self, progress: float, seconds: float) -> float:
+        """Seconds left at ``progress``, to which it took ``seconds`` since the call before."""
+        done, whole = self._work.training_until(progress), self._work.seconds["training"]
+        passed, self._done = done - self._done, done
+        if passed > 0:  # after a rollback there is nothing to learn
+            newest = 1 - (1 - min(1.0, passed / whole)) ** _FORGETTING
+            self._rate += newest * (seconds / passed - self._rate)
+        finishing = self._work.seconds["finishing"] * self._factors["finishing"]
+        return (whole - done) * self._rate + finishing * self._rate / self._factors["training"]
 
 
-def likely_device(name: str) -> str:
-    """What ``choose_device`` will make of a name, without loading torch: "auto" is a GPU where there is a driver."""
-    if name != "auto":
-        return name
-    torch = sys.modules.get("torch")
-    if torch is not None:
-        return "cuda" if torch.cuda.is_available() else "cpu"
-    system = Path(os.environ.get("SYSTEMROOT", r"C:\Windows")) / "System32" / "nvcuda.dll"
-    return "cuda" if Path("/proc/driver/nvidia/version").exists() or system.exists() else "cpu"
+def remembering(stream: Iterator[events.Event], job: TrainingJob) -> Iterator[events.Event]:
+    """A job's events as they are; how long its phases took is remembered when it has finished.
 
-
-def about(seconds: float) -> str:
-    """No more precisely than an estimate is: 48 -> "50 seconds", 250 -> "4 minutes", 9000 -> "2.5 hours"."""
-    if seconds < 95:
-        return f"{max(10, round(seconds, -1)):.0f} seconds"
-    if seconds < 95 * 60:
-        minutes = seconds / 60
-        return f"{round(minutes) if minutes < 20 else 5 * round(minutes / 5)} minutes"
-    return f"{seconds / 3600:.1f}".removesuffix(".0") + " hours"
-
-
-def remembering(stream: Iterator[Event], job: TrainingJob) -> Iterator[Event]:
-    """A job's events as they are; when it has finished, how long it took is remembered for later estimates.
-
-    A training limited by time, one that goes on from a checkpoint (which another device may have begun), one of
-    another method and a short trial, which mostly waits for what comes once, teach nothing.
+    A training that is limited by time, is resumed, or is of another method teaches nothing.
     """
     started: events.Started | None = None
     for event in stream:
         if isinstance(event, events.Started) and event.steps and job.method == "frog" and not job.resume:
             started = event
-        elif isinstance(event, events.Finished) and started and started.steps and event.seconds > 0:
-            work = Workload(job.recipe, started.steps, started.pixels)
-            if work.seconds >= _SHORT:
-                remember(Sensitivity(started.device, job.recipe.name, work.seconds, event.seconds))
+        elif isinstance(event, events.Finished) and started and started.steps:
+            remember(Workload(job.recipe, started.steps, started.pixels, started.images), started.device, event.phases)
         yield event
 
 
-def remember(measured: Sensitivity) -> None:
-    """Adds a training to those that estimates rest on; a disk that does not take it changes nothing."""
-    entries = [asdict(one) for one in [*remembered(), measured]][-_KEPT:]
+def history(device: str) -> tuple[int, dict[str, float]]:
+    """How many trainings were remembered, and the factor of each phase; where there is none, a guess."""
+    entries = _stored().get(device, {}).items()
+    known = {name: value for name, value in entries if isinstance(value, int | float) and 0 < value < 1e9}
+    guess = (2 / (os.cpu_count() or 2)) ** 0.7  # the reference has two cores; what more of them give is not measured
+    return int(known.get("trainings", 0)), {phase: float(known.get(phase, guess)) for phase in PHASES}
+
+
+def remember(work: Workload, device: str, phases: Mapping[str, float]) -> None:
+    """Takes the seconds that each phase took into the factors; a disk that does not accept them changes nothing."""
+    (trainings, factors), teaches = history(device), work.seconds["training"] >= _SHORT
+    for phase, seconds in phases.items():
+        ratio = seconds / work.seconds[phase] if work.seconds[phase] else 0.0
+        if ratio > _SKIPPED * factors[phase] if phase in PHASES[:2] else teaches:
+            share = _NEWEST if trainings else 1.0
+            factors[phase] = share * ratio + (1 - share) * factors[phase]
+    entries = {**_stored(), "model": MODEL, device: {"trainings": trainings + teaches, **factors}}
     with suppress(FrogError, OSError):
-        _file().parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(_file(), json.dumps(entries, indent=1).encode())
+        write_atomically(default_cache_folder() / _FILE, json.dumps(entries, indent=1).encode())
 
 
-def remembered() -> list[Sensitivity]:
-    """Trainings on this computer, oldest first; what a damaged file says besides is left out."""
-    try:
-        entries = json.loads(_file().read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return []
-    found = [_measured(entry) for entry in entries] if isinstance(entries, list) else []
-    return [one for one in found if one is not None]
-
-
-def _measured(entry: Any) -> Sensitivity | None:
-    try:
-        one = Sensitivity(
-            str(entry["device"]),
-            str(entry["recipe"]),
-            float(entry["modelled"]),
-            float(entry["seconds"]),
-            entry["model"],
-        )
-    except (KeyError, TypeError, ValueError, OverflowError):
-        return None
-    usable = 0 < one.seconds < math.inf and 0 < one.modelled < math.inf and one.model == MODEL
-    return one if usable else None
-
-
-def _file() -> Path:
-    """Beside the decoded frames: it belongs to this computer and its user."""
-    return default_cache_folder() / "training_times.json"
+def _stored() -> dict[str, dict[str, object]]:
+    """What the file says, by device; nothing where it is missing, damaged or of another model."""
+    with suppress(OSError, ValueError, RecursionError):
+        entries = json.loads((default_cache_folder() / _FILE).read_text(encoding="utf-8"))
+        if isinstance(entries, dict) and entries.get("model") == MODEL:
+            return {device: entry for device, entry in entries.items() if isinstance(entry, dict)}
+    return {}
