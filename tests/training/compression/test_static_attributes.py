@@ -122,7 +122,7 @@ class Bytes:
 class Passing:
     """Seven frames of two Gaussians: one is there in the second frame only, one all the time, and both go on."""
 
-    moving, header = 2, scene_file().header
+    num_dynamic, header = 2, scene_file().header
 
     def at_frame(self, frame: int) -> GaussianArrays:
         gaussians = ScenePlayer(scene_file(2)).at(0.0)
