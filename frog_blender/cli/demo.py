@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ..engine.capture.arrays import Float64s
 from ..engine.capture.camera import Camera
 from ..engine.capture.frames import FrameStore
 from ..engine.errors import FrogError
@@ -188,7 +189,7 @@ def flight(header: SceneHeader, share: float) -> Camera:
     return Camera("Flight", base.width, base.height, base.intrinsics, matrix)
 
 
-def _focus(cameras: tuple[Camera, ...], base: Camera) -> np.ndarray:
+def _focus(cameras: tuple[Camera, ...], base: Camera) -> Float64s:
     """(3,) where the optical axes come closest to meeting; ahead of ``base`` when they are parallel."""
     lines = [np.eye(3) - np.outer(camera.forward, camera.forward) for camera in cameras]
     offsets = sum(line @ camera.center for line, camera in zip(lines, cameras, strict=True))

@@ -55,7 +55,7 @@ class Row:
     def training_seconds(self) -> float | None:
         """Of the dedicated pass where there is one; of the runs themselves otherwise, and for those at equal time."""
         if self.timing and self.group != "time":
-            return self.timing["training"]["seconds"]
+            return float(self.timing["training"]["seconds"])
         return self.median("train_seconds")
 
     @property
