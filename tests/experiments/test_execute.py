@@ -16,7 +16,6 @@ from support import synthetic_capture as film
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.scene.scene_file import read_scene
-from frog_blender.engine.training.session import job
 from frog_blender.experiments import runs, worker
 from frog_blender.experiments.execute import GridCallbacks, Progress, run_grid, seconds_left
 from frog_blender.experiments.grid import CommonSettings, Run, SeedCounts, chart_grid
@@ -155,11 +154,6 @@ def test_time_left_looks_at_the_most_similar_runs() -> None:
 
 
 # With the real training, on the small filmed scene.
-
-
-@pytest.fixture
-def quick_seeds(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(job, "stored_seeds", lambda *_, **__: film.seeds())
 
 
 def filmed_run(filmed: Path, **changes: Any) -> Run:

@@ -11,7 +11,6 @@ from support import synthetic_capture as film
 
 from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.training.session import job
 from frog_blender.experiments.corruptions.catalogue import CONDITIONS
 from frog_blender.experiments.grid import AUTO_LABEL, Run
 from frog_blender.experiments.heat_map import heat_map, stability_table, write_stability
@@ -100,11 +99,7 @@ def test_no_results_is_a_sentence(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def stability(
-    own_cache: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Callable[..., tuple[int, str, str]]:
-    monkeypatch.setattr(job, "stored_seeds", lambda *_, **__: film.seeds())
-
+def stability(quick_seeds: None, capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
     def call(*arguments: object) -> tuple[int, str, str]:
         capsys.readouterr()
         status = main(["stability", *map(str, arguments)])
