@@ -1,19 +1,20 @@
 # Two commands: `make demo` and `make test`. Both set everything up in .venv first.
 # On Debian a fresh machine needs: python3.11 python3.11-venv g++ make, and for bpy libxi6 libxrender1 libxkbcommon0 libsm6 libgl1.
 PYTHON ?= python3.11
-VENV := .venv
+# An environment for each Python: .venv, and .venv-3.13 for `make test PYTHON=python3.13`.
+VENV := .venv$(patsubst python%,-%,$(filter-out python3.11,$(filter python3.%,$(notdir $(PYTHON)))))
 BIN := $(VENV)/bin
 CAPTURE ?= room
 OUT ?= out/$(CAPTURE)
 # Where pip finds a CPU build of torch by itself (as on macOS) nothing is needed here; see the README for Linux and CUDA.
 PIP_FLAGS ?=
 INSTALL := $(BIN)/python -m pip install --disable-pip-version-check -q -c constraints.txt $(PIP_FLAGS)
-NATIVE := $(wildcard frog_blender/engine/native/src/* frog_blender/engine/native/src/*/*) CMakeLists.txt pyproject.toml
+NATIVE := $(wildcard frog_blender/engine/native/src/* frog_blender/engine/native/src/*/*) CMakeLists.txt pyproject.toml blender_manifest.toml
 
 # The CUDA run-time compiler, for tests that compile every kernel; there is none for macOS.
 NVRTC := $(if $(filter Darwin,$(shell uname)),,nvidia-cuda-nvrtc-cu12)
 
-.PHONY: demo chart stability test test-slow test-sanitizers test-blender test-bpy45 test-bpy53 tour lint format extension clean setup
+.PHONY: demo chart stability experiment-tables test test-fast test-slow test-sanitizers test-blender test-bpy45 test-bpy53 tour lint format extension clean setup
 
 setup: $(VENV)/.ready
 
@@ -32,7 +33,7 @@ demo: setup
 
 # Trains every method on the bundled captures, for hours; killed, it goes on where it stopped. CHART_FLAGS overrides the grid.
 CHART_CAPTURES ?= examples/captures/room examples/captures/dim examples/captures/fast
-CHART_OUT ?= docs/chart
+CHART_OUT ?= out/chart
 CHART_FLAGS ?= --ablation --equal-time --timing
 
 chart: setup
@@ -40,7 +41,7 @@ chart: setup
 
 # Renders the captures that `room`, `dim` and `fast` do not stand for (an hour), then trains under every condition, for
 # hours; killed, it goes on where it stopped. STABILITY_FLAGS overrides the grid.
-STABILITY_OUT ?= docs/stability
+STABILITY_OUT ?= out/stability
 STABILITY_FLAGS ?=
 RENDERED := out/captures
 
@@ -54,8 +55,17 @@ stability: $(RENDERED)/long/cam06.mp4 $(RENDERED)/still/cam11.mp4
 	$(BIN)/frog stability examples/captures/room --long $(RENDERED)/long --dim examples/captures/dim \
 		--appearing examples/captures/fast --still $(RENDERED)/still --out $(STABILITY_OUT) $(STABILITY_FLAGS)
 
+# Every table and picture of docs/experiments, from the results kept there. New ones are kept by
+# .venv/bin/python tools/experiment_tables.py --keep out/stability/runs.jsonl stability
+experiment-tables: setup
+	$(BIN)/python tools/experiment_tables.py
+
 test: setup
 	$(BIN)/python -m pytest -q
+
+# Under two minutes on two quiet cores: no whole training, no Blender (tests/conftest.py says what is left out).
+test-fast: setup
+	$(BIN)/python -m pytest -q -m "not slow and not integration"
 
 test-slow: setup
 	$(BIN)/python -m pytest -q -m slow
@@ -88,7 +98,7 @@ BPY45 := .venv-bpy45
 
 $(BPY45)/.ready: constraints.txt
 	$(BPY45)/bin/python -m pip --version > /dev/null 2>&1 || $(PYTHON) -m venv --clear $(BPY45)
-	sed 's/^bpy==.*/bpy==4.5.15/' constraints.txt > $(BPY45)/constraints.txt
+	sed 's/^bpy==[0-9.]*/bpy==4.5.15/' constraints.txt > $(BPY45)/constraints.txt
 	$(BPY45)/bin/python -m pip install --disable-pip-version-check -q -c $(BPY45)/constraints.txt $(PIP_FLAGS) \
 		bpy torch numpy safetensors opencv-contrib-python-headless tqdm pytest plyfile
 	touch $@
@@ -100,9 +110,9 @@ test-bpy45: setup $(BPY45)/.ready
 PYTHON313 ?= $(firstword $(wildcard $(HOME)/.pyenv/versions/3.13*/bin/python3.13) python3.13)
 BPY53 := .venv-bpy53
 
-$(BPY53)/.ready: constraints-bpy53.txt
+$(BPY53)/.ready: constraints.txt
 	$(BPY53)/bin/python -m pip --version > /dev/null 2>&1 || $(PYTHON313) -m venv --clear $(BPY53)
-	$(BPY53)/bin/python -m pip install --disable-pip-version-check -q -c constraints-bpy53.txt $(PIP_FLAGS) \
+	$(BPY53)/bin/python -m pip install --disable-pip-version-check -q -c constraints.txt $(PIP_FLAGS) \
 		bpy torch numpy safetensors opencv-contrib-python-headless tqdm pytest plyfile
 	touch $@
 

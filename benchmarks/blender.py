@@ -29,12 +29,14 @@ from mathutils import Matrix
 from support.builders import scene_file
 
 import frog_blender
+from frog_blender import app_handlers
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.scene.scene_file import SceneFile, write_scene
 from frog_blender.render import frog_engine
 from frog_blender.render.viewport import COARSEST, Viewport
 from frog_blender.render.viewport_drawing import image_of
+from frog_blender.timeline import handlers as timeline_handlers
 from frog_blender.timeline import playback
 
 
@@ -76,7 +78,8 @@ def handler(folder: Path, count: int, moving: int) -> dict[str, float]:
     when the attributes it writes are shared with the evaluated copy of the frame before."""
     _, path = opened(folder, count, moving, (160, 120))
     scene, inside = bpy.context.scene, []
-    original, timed = playback._on_frame, noting(playback._on_frame, inside)
+    original = app_handlers.guarded(timeline_handlers.on_frame)
+    timed = noting(original, inside)
     handlers = bpy.app.handlers.frame_change_pre
     handlers[handlers.index(original)] = timed
 

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from frog_blender.engine.evaluation.evaluate_file import evaluate_file
-from frog_blender.engine.playback.player import some_of
+from frog_blender.engine.playback.player import select_gaussians
 from frog_blender.engine.scene.scene_file import read_scene, write_scene
 from frog_blender.engine.training.compression.budget import with_budget
 from frog_blender.engine.training.recipe import recipe
@@ -40,7 +40,7 @@ def without_transparent(path: Path, output: Path, count: int) -> Path:
     """The scene with its ``count`` most opaque Gaussians."""
     scene = read_scene(path)
     kept = np.sort(np.argsort(-scene.arrays["opacity_logits"], kind="stable")[:count])
-    write_scene(output, some_of(scene, kept))
+    write_scene(output, select_gaussians(scene, kept))
     return output
 
 

@@ -32,7 +32,7 @@ import torch
 
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
 from frog_blender.engine.model.frog import FINISHED, Frog, FrogSettings
-from frog_blender.engine.model.fused import FieldPass, field_arrays, pass_field
+from frog_blender.engine.model.fused import FieldPass, field_arrays, forward_field
 from frog_blender.engine.native import binding
 from frog_blender.engine.playback.deformation import DeformationPlayer
 from frog_blender.experiments.timing import moments
@@ -80,7 +80,7 @@ def paths_of(model: Frog, plain: bool) -> dict[str, Callable[[float], object]]:
 
     def forward(moment: float) -> tuple[dict[str, torch.Tensor], FieldPass]:
         arrays = field_arrays(model.canonical, model.deformation, model.temporal_embedding(moment))
-        return arrays, pass_field(shape, arrays)[0]
+        return arrays, forward_field(shape, arrays)[0]
 
     def both_ways(moment: float) -> dict[str, torch.Tensor]:
         arrays, field = forward(moment)
@@ -88,11 +88,11 @@ def paths_of(model: Frog, plain: bool) -> dict[str, Callable[[float], object]]:
         arrays["temporal"].backward(gradients.pop("temporal"))
         return gradients
 
-    def deform_plainly(moment: float) -> Any:
-        return model.deform_plainly(model.temporal_embedding(moment), FINISHED, SH_COUNT)[0]
+    def deform_reference(moment: float) -> Any:
+        return model.deform_reference(model.temporal_embedding(moment), FINISHED, SH_COUNT)[0]
 
     def plainly_both_ways(moment: float) -> None:
-        outputs = vars(deform_plainly(moment))
+        outputs = vars(deform_reference(moment))
         torch.autograd.backward([outputs[name] for name in OUTPUTS], list(by_outputs.values()))
         model.zero_grad(set_to_none=True)
 
@@ -102,7 +102,7 @@ def paths_of(model: Frog, plain: bool) -> dict[str, Callable[[float], object]]:
         "inference": played.at,
     }
     if plain:
-        paths["plain torch, forward"] = deform_plainly
+        paths["plain torch, forward"] = deform_reference
         paths["plain torch, forward and backward"] = plainly_both_ways
     return paths
 

@@ -26,8 +26,9 @@ import bpy
 import numpy as np
 
 import frog_blender
-from frog_blender.timeline.prefetch import look_ahead
+from frog_blender.timeline.prefetch import prefetch
 from frog_blender.training_task import runner
+from frog_blender.training_task.request import TrainingRequest
 
 SCRUB_SECONDS = 0.04  # between two frames
 PATIENCE = 20  # times as long as asked for: decoding and seeds come on top, and machines stall
@@ -46,7 +47,7 @@ def at_rest() -> dict[str, float]:
     }
 
 
-def train(request: runner.TrainingRequest, seconds: float) -> int:
+def train(request: TrainingRequest, seconds: float) -> int:
     """One training, as the panel runs it, while somebody scrubs; the frames that were shown."""
     old = list(bpy.data.objects)  # captures and their cameras
     task = runner.begin(request.events, lambda path: bpy.ops.import_scene.frog(filepath=str(path), set_up_scene=True))
@@ -54,9 +55,9 @@ def train(request: runner.TrainingRequest, seconds: float) -> int:
     while task.state.running:
         if time.monotonic() > end:
             raise SystemExit(f"the training has not ended: {task.state}")
-        runner._tick()
+        runner.tick()
         scene.frame_set(1 + shown % 30)
-        look_ahead(scene)
+        prefetch(scene)
         shown += 1
         time.sleep(SCRUB_SECONDS)
     task.join()
@@ -92,7 +93,7 @@ def main() -> None:
         while time.monotonic() - began < 60 * options.minutes:
             output = Path(folder) / f"{len(samples)}.frog"
             limits = {"seconds": options.each, "scale": options.scale, "seed": len(samples)}
-            request = runner.TrainingRequest(options.capture, output, "draft", "auto", **limits)
+            request = TrainingRequest(options.capture, output, "draft", "auto", **limits)
             frames = train(request, options.each)
             scene.render.engine = "FROG"
             bpy.ops.render.render()

@@ -25,10 +25,10 @@ import numpy as np
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw, to_uint8
 from frog_blender.engine.scene import blocks
-from frog_blender.engine.scene.header import RESHAPED
-from frog_blender.engine.scene.morton_order import neighbours_together
+from frog_blender.engine.scene.header import SHAPE_DYNAMIC
+from frog_blender.engine.scene.morton_order import morton_order_by_range
 from frog_blender.engine.scene.quantization import BITS
-from frog_blender.engine.scene.scene_file import LIFETIMES, OPACITY_TRACKS, SceneFile, read_scene, write_scene
+from frog_blender.engine.scene.scene_file import OPACITY_TRACKS, VISIBILITY, SceneFile, read_scene, write_scene
 
 DIM = -5.0  # logit of an opacity that can just be seen
 
@@ -43,8 +43,8 @@ def main() -> None:
         scene = read_scene(path)
         if (
             not scene.header.cameras
-            or {LIFETIMES, OPACITY_TRACKS} & scene.arrays.keys()
-            or RESHAPED in scene.header.model
+            or {VISIBILITY, OPACITY_TRACKS} & scene.arrays.keys()
+            or SHAPE_DYNAMIC in scene.header.model
         ):
             parser.error(f"{path}: expected a scene with cameras, of a training with --capacity fixed")
         for share in options.shares:
@@ -66,7 +66,7 @@ def strayed(scene: SceneFile, share: float, seed: int) -> SceneFile:
     arrays["log_scales"][huge] += np.float32(random.uniform(3, 8, (len(huge), 1)))
     arrays["sh"][bright] *= np.float32(10 ** random.uniform(1, 3, (len(bright), 1, 1)))
     arrays["opacity_logits"][chosen] = DIM
-    order = neighbours_together(arrays["means"], len(arrays.get("embeddings", ())))
+    order = morton_order_by_range(arrays["means"], len(arrays.get("embeddings", ())))
     by_gaussian = {name: array[order[: len(array)]] for name, array in arrays.items() if name in BITS}
     return replace(scene, arrays=arrays | by_gaussian)
 

@@ -27,9 +27,11 @@ import bpy
 import numpy as np
 
 import frog_blender
+from frog_blender import app_handlers
 from frog_blender.render import viewport_drawing
-from frog_blender.timeline import playback
+from frog_blender.timeline.handlers import on_frame
 from frog_blender.training_task import runner
+from frog_blender.training_task.request import TrainingRequest
 
 INTERVAL = 0.01  # seconds
 IDLE_SECONDS = 8.0
@@ -40,7 +42,7 @@ PATIENCE_SECONDS = 300.0  # for the training to reach its first step
 class Watch:
     """The timer: one phase after the other, the lateness of every call noted under its phase."""
 
-    def __init__(self, request: runner.TrainingRequest, seconds: float) -> None:
+    def __init__(self, request: TrainingRequest, seconds: float) -> None:
         self.request = request
         self.seconds = seconds
         self.late: dict[str, list[float]] = {"idle": [], "preparing": [], "training": []}
@@ -76,8 +78,8 @@ class Watch:
         """Play a scene in the window from now on."""
         bpy.ops.import_scene.frog(filepath=str(scene.resolve()), show_clips=False)
         handlers = bpy.app.handlers.frame_change_pre
-        place = handlers.index(playback._on_frame)
-        handlers[place] = self.timed("frame handler", playback._on_frame)
+        original = app_handlers.guarded(on_frame)
+        handlers[handlers.index(original)] = self.timed("frame handler", original)
         viewport_drawing.image_of = self.timed("image of the viewport", viewport_drawing.image_of)
         window = bpy.context.window_manager.windows[0]
         with bpy.context.temp_override(window=window, screen=window.screen):
@@ -85,7 +87,7 @@ class Watch:
 
     def advance(self, elapsed: float) -> bool:
         """Go to the next phase when this one has lasted; whether it did."""
-        task = runner.current
+        task = runner.current()
         if self.phase == "settling" and elapsed > SETTLE_SECONDS:
             self.phase = "idle"
         elif self.phase == "idle" and elapsed > IDLE_SECONDS:
@@ -109,7 +111,7 @@ class Watch:
                 figures[phase] = summary(late)
             elif phase in self.own:
                 figures[phase] = {name: summary(taken) for name, taken in self.own[phase].items()}
-        state = runner.current.state if runner.current else None
+        state = runner.current().state if runner.current() else None
         if state is not None:
             figures["steps"], figures["gaussians"], figures["error"] = state.step, state.gaussians, state.error
         print(json.dumps(figures), flush=True)
@@ -135,7 +137,7 @@ def main() -> None:
     bpy.context.preferences.view.show_splash = False
     frog_blender.register()
     output = Path(tempfile.mkdtemp()) / "latency.frog"
-    watch = Watch(runner.TrainingRequest(options.capture.resolve(), output, options.recipe), options.seconds)
+    watch = Watch(TrainingRequest(options.capture.resolve(), output, options.recipe), options.seconds)
     if options.play is not None:
         watch.play(options.play)
     bpy.app.timers.register(watch.__call__, first_interval=INTERVAL)

@@ -66,11 +66,10 @@ def arguments() -> argparse.Namespace:
 def train(options: argparse.Namespace, part: Any) -> Path:
     """Train to OUT/scene.frog, saying how it goes; FrogError if it does not. ``part`` gives modules of the add-on."""
     part("ui.preferences").make_torch_importable()
-    background = part("background")
     output = options.out.resolve() / "scene.frog"
     capture, what = options.capture.resolve(), {"capacity": "auto", "steps": options.steps}
-    request = background.TrainingRequest(capture, output, options.recipe, **what)
-    task = background.begin(request.events)
+    request = part("training_task.request").TrainingRequest(capture, output, options.recipe, **what)
+    task = part("training_task.runner").begin(request.events)
     state, said, warned = task.state, "", 0
     while state.running:
         if not task.pump():
@@ -94,7 +93,7 @@ def show_and_render(path: Path, out: Path, part: Any) -> None:
     """The scene as Blender objects, saved and rendered."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     scene = bpy.context.scene
-    part("operators.materialize").import_scene(path, scene)
+    part("scene_import.create_objects").import_scene(path, scene)
     bpy.ops.wm.save_as_mainfile(filepath=str(out / "scene.blend"))
     scene.render.image_settings.file_format = "PNG"
     scene.render.filepath = f"{out}/frames/"

@@ -7,20 +7,18 @@ from __future__ import annotations
 
 from importlib import import_module
 
-# In this order: properties before what reads them, playback before what fills it.
+# In this order: properties before what reads them, a training before the preview that watches it.
 _ROOMS = (
     "ui.preferences",
     "ui.training_settings",
     "ui.playback_settings",
-    "timeline.playback_cache",
-    "timeline.playback",
-    "timeline.render_thread",
-    "timeline.prefetch",
-    "compositing.scenes",
-    "compositing.renders",
+    "timeline.handlers",
+    "render.compositing.scenes",
+    "render.compositing.renders",
     "render.frog_engine",
-    "ui.preview_image",
     "training_task.runner",
+    "ui.preview_image",
+    "torch_install.task",
     "operators",
     "ui.presets",
     "ui.refreshing",
@@ -40,3 +38,4 @@ def unregister() -> None:
     """Called by Blender when the add-on is disabled, and when Blender quits."""
     for room in reversed(_ROOMS):
         import_module(f".{room}", __package__).unregister()
+    import_module(".addon_state", __package__).clear()

@@ -3,39 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import wraps
+from functools import cache, wraps
 from typing import Any
 
 from . import reported_once
 
-Handlers = list[tuple[list[Any], Callable[..., Any]]]
+Handler = Callable[..., Any]  # Any: each list of Blender's passes other arguments
+Handlers = list[tuple[list[Handler], Handler]]
 """Lists of ``bpy.app.handlers``, and what is to be called from each."""
-
-_guarded: dict[Callable[..., Any], Callable[..., Any]] = {}
 
 
 def add(handlers: Handlers) -> None:
-    """Puts each function into its list, once; what it raises is said once, not at every frame."""
+    """Puts each function into its list, once, guarded."""
     for functions, function in handlers:
-        handler = _guarded.setdefault(function, _guard(function))
-        if handler not in functions:
-            functions.append(handler)
+        if guarded(function) not in functions:
+            functions.append(guarded(function))
 
 
 def remove(handlers: Handlers) -> None:
     """Takes each function out of its list, if it is there."""
     for functions, function in handlers:
-        handler = _guarded.get(function)
-        if handler in functions:
-            functions.remove(handler)
+        if guarded(function) in functions:
+            functions.remove(guarded(function))
 
 
-def _guard(function: Callable[..., Any]) -> Callable[..., Any]:
+@cache
+def guarded(function: Handler) -> Handler:
+    """What stands for a function in Blender's lists: an error is reported once, not at every frame."""
+
     @wraps(function)  # with what ``persistent`` wrote on it
     def handler(*arguments: Any) -> None:
         try:
             function(*arguments)
         except Exception as error:
-            reported_once.unforeseen(f"{function.__module__}.{function.__name__}", error)
+            reported_once.unexpected(f"{function.__module__}.{function.__name__}", error)
 
     return handler

@@ -19,12 +19,24 @@ from typing import Any
 
 import bpy
 
-from . import point_cloud, relative_paths
+from . import addon_state, point_cloud, relative_paths
 
 _LONGEST_PATH = 1023  # bytes that a volume's path holds
-_lock = threading.Lock()  # a render looks for files in its own thread
-_folder: tempfile.TemporaryDirectory[str] | None = None
-_unpacked: dict[tuple[int, int, int], Path] = {}  # by a volume's session_uid, and the place and size of what it packs
+
+
+class UnpackedFiles:
+    """Copies of what is packed into the .blend.
+
+    Attributes:
+        paths: by a volume's session_uid, and the place and size of what it packs.
+        folder: where they lie, once there are any.
+        lock: of both; a render looks for files in its own thread.
+    """
+
+    def __init__(self) -> None:
+        self.paths: dict[tuple[int, int, int], Path] = {}
+        self.folder: tempfile.TemporaryDirectory[str] | None = None
+        self.lock = threading.Lock()
 
 
 def is_capture(obj: Any) -> bool:
@@ -85,25 +97,28 @@ def packed_bytes(obj: Any) -> int:
 
 def _copy_of_packed(source: Any) -> Path | None:
     """A file with what a volume has packed, written once for each content; None where it cannot be written."""
-    global _folder
     packed = source.packed_file
     key = source.session_uid, packed.as_pointer(), packed.size
-    with _lock:
-        known = _unpacked.get(key)
+    unpacked = addon_state.get(UnpackedFiles)
+    with unpacked.lock:
+        known = unpacked.paths.get(key)
         if known is not None and known.is_file():
             return known
         content = packed.data
         try:
-            _folder = _folder or tempfile.TemporaryDirectory(prefix="frog-packed-", ignore_cleanup_errors=True)
+            if unpacked.folder is None:
+                unpacked.folder = tempfile.TemporaryDirectory(prefix="frog-packed-", ignore_cleanup_errors=True)
             stem = bpy.path.clean_name(Path(bpy.path.basename(source.filepath)).stem) or "scene"
-            path = Path(_folder.name) / hashlib.blake2b(content, digest_size=8).hexdigest() / f"{stem[:60]}.frog"
+            path = (
+                Path(unpacked.folder.name) / hashlib.blake2b(content, digest_size=8).hexdigest() / f"{stem[:60]}.frog"
+            )
             if not path.is_file():
                 _write(path, content)
         except OSError as error:
             reason = error.strerror or error
             print(f"FRoG: {source.name}: its packed file could not be unpacked ({reason}).", file=sys.stderr)
             return None
-        _unpacked[key] = path
+        unpacked.paths[key] = path
         return path
 
 
@@ -117,9 +132,9 @@ def _write(path: Path, content: bytes) -> None:
 
 def forget() -> None:
     """Deletes the copies of packed files."""
-    global _folder
-    with _lock:
-        _unpacked.clear()
-        if _folder is not None:
-            _folder.cleanup()
-        _folder = None
+    unpacked = addon_state.get(UnpackedFiles)
+    with unpacked.lock:
+        unpacked.paths.clear()
+        if unpacked.folder is not None:
+            unpacked.folder.cleanup()
+        unpacked.folder = None

@@ -53,7 +53,7 @@ def create(name: str, gaussians: GaussianArrays) -> Any:
     if draws_splats():
         cloud = bpy.data.pointclouds.new(name)
         try:
-            _make_splats(cloud)
+            make_splats(cloud)
             obj = bpy.data.objects.new(name, cloud)
             write(obj, gaussians)
         except (AttributeError, KeyError, RuntimeError, TypeError, ValueError) as error:
@@ -69,7 +69,8 @@ def create(name: str, gaussians: GaussianArrays) -> Any:
     return obj
 
 
-def _make_splats(cloud: Any) -> None:
+def make_splats(cloud: Any) -> None:
+    """Makes a point cloud one of Gaussian splats; AttributeError or TypeError where Blender knows none."""
     cloud.type = _SPLATS
 
 
@@ -114,7 +115,7 @@ def write(obj: Any, gaussians: GaussianArrays) -> None:
     }
     columns |= {f"radiance:sh_{k}": gaussians.sh[:, k + 1] for k in range(further)}
     for name, values in columns.items():
-        _set(mesh, name, values)
+        write_attribute(mesh, name, values)
     mesh.update_tag()
 
 
@@ -125,7 +126,7 @@ def show(obj: Any, scene: ScenePlayer, time: float, part: Callable[[], FrameDelt
     another moment of the same scene.
 
     Args:
-        part: gives what ``scene.part_at(time)`` does; called if there is something to write.
+        part: gives what ``scene.delta_at(time)`` does; called if there is something to write.
     """
     mesh = obj.data
     if getattr(mesh, "is_editmode", False):  # point clouds have none to tell
@@ -141,7 +142,7 @@ def show(obj: Any, scene: ScenePlayer, time: float, part: Callable[[], FrameDelt
     invalidate(mesh)  # until all is written
     for name, column in columns.items():
         if whole or column in moving.columns:
-            _set(mesh, name, scene.column(column, moving))
+            write_attribute(mesh, name, scene.column(column, moving))
     mesh[_SHOWN] = wanted
     mesh.update_tag()
 
@@ -152,7 +153,8 @@ def invalidate(mesh: Any) -> None:
         del mesh[_SHOWN]
 
 
-def _set(mesh: Any, name: str, values: np.ndarray) -> None:
+def write_attribute(mesh: Any, name: str, values: np.ndarray) -> None:
+    """Writes one attribute of a datablock: (N, width) float32, whatever it held."""
     attribute = mesh.attributes[name]  # fetched anew: adding an attribute may move the others
     # 1-D, float32, contiguous: the only form that Blender copies instead of reading value by value.
     flat = np.ascontiguousarray(values, dtype=np.float32).ravel()

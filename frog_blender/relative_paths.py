@@ -15,14 +15,34 @@ from typing import Any
 import bpy
 from bpy.app.handlers import persistent
 
+from . import addon_state
+
 _OF_OBJECTS = ("filepath", "bake_folder")
 _OF_SCENES = ("capture_folder", "output_path", "derived_output")
 
-moving = False
-"""While paths are written that lead nowhere yet: nobody is to follow them."""
 
-_target: Path | None = None  # the folder that is saved into, if it is another one
-_before: list[tuple[Any, int, str, str]] = []  # blocks, session_uid, property, value before it was rewritten
+class Rewriting:
+    """A save that rewrites paths.
+
+    Attributes:
+        is_writing: while paths are written that lead nowhere yet.
+        target: the folder that is saved into, if it is another one.
+        before: blocks, session_uid, property and value before it was rewritten.
+    """
+
+    def __init__(self) -> None:
+        self.is_writing = False
+        self.target: Path | None = None
+        self.before: list[tuple[Any, int, str, str]] = []
+
+
+def _rewriting() -> Rewriting:
+    return addon_state.get(Rewriting)
+
+
+def are_being_written() -> bool:
+    """True while paths are written that lead nowhere yet: nobody is to follow them."""
+    return _rewriting().is_writing
 
 
 def library_of(block: Any) -> Any:
@@ -71,12 +91,12 @@ def _set_of(block: Any, names: tuple[str, ...]) -> list[tuple[str, str]]:
 
 
 def _write(block: Any, name: str, value: str) -> None:
-    global moving
-    moving = True
+    rewriting = _rewriting()
+    rewriting.is_writing = True
     try:
         setattr(block.frog, name, value)
     finally:
-        moving = False
+        rewriting.is_writing = False
 
 
 def seen_from(folder: Path, path: str) -> str:
@@ -95,13 +115,13 @@ def _seen_from_here(path: str) -> str:
 @persistent
 def on_save_pre(path: str = "", *_: Any) -> None:
     """Rewrites the paths, where the .blend goes into another folder or into its first one."""
-    global _target
     _settle()
-    _target, here, there = None, bpy.data.filepath, Path(path).parent
-    _before.clear()
+    rewriting, here, there = _rewriting(), bpy.data.filepath, Path(path).parent
+    rewriting.target = None
+    rewriting.before.clear()
     if not path or (here and Path(here).parent == there):
         return
-    _target = there
+    rewriting.target = there
     becomes_relative = not here and bpy.context.preferences.filepaths.use_relative_paths
     for blocks, block, name, value in list(_kept()):
         is_relative = value.startswith("//")
@@ -112,19 +132,20 @@ def on_save_pre(path: str = "", *_: Any) -> None:
 
 
 def _rewrite(blocks: Any, block: Any, name: str, before: str, value: str) -> None:
-    _before.append((blocks, block.session_uid, name, before))
+    _rewriting().before.append((blocks, block.session_uid, name, before))
     _write(block, name, value)
 
 
 @persistent
 def on_save_post(*_: Any) -> None:
     """Of a copy, or where nothing could be saved, the open .blend stays where it was: so do its paths."""
-    if _target is not None and Path(bpy.data.filepath).parent != _target:
-        for blocks, uid, name, value in _before:
+    rewriting = _rewriting()
+    if rewriting.target is not None and Path(bpy.data.filepath).parent != rewriting.target:
+        for blocks, uid, name, value in rewriting.before:
             block = next((block for block in blocks if block.session_uid == uid), None)
             if block is not None:
                 _write(block, name, value)
-    _before.clear()
+    rewriting.before.clear()
 
 
 @persistent

@@ -14,6 +14,45 @@ if str(Path(__file__).parent) not in sys.path:
     sys.path.insert(0, str(Path(__file__).parent))
 
 
+INTEGRATION = (
+    "benchmarks",
+    "blender",
+    "capture/test_seeds.py",
+    "cli",
+    "experiments",
+    "io/test_mutated_files.py",
+    "playback/test_without_torch.py",
+    "rasterizer/cuda",
+    "rasterizer/test_bands.py",
+    "rasterizer/test_random_scenes.py",
+    "rasterizer/test_reference_gradients.py",
+    "training",
+)
+"""Folders and files of this one whose tests train, start other processes or Blender, or draw for seconds. ``make
+test-fast`` leaves them out; what is added to another folder and does so belongs here as well."""
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """What is not asked for is not imported either: importing Blender and torch takes long as well."""
+    without = "not integration" in config.option.markexpr
+    return True if without and collection_path in _integration() else None
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    marked = _integration()
+    for item in items:
+        if not marked.isdisjoint((item.path, *item.path.parents)):
+            item.add_marker(pytest.mark.integration)
+
+
+def _integration() -> set[Path]:
+    """The paths of ``INTEGRATION``; UsageError where one is not there, since its tests would no longer be marked."""
+    tests = Path(__file__).parent
+    if missing := [name for name in INTEGRATION if not (tests / name).exists()]:
+        raise pytest.UsageError(f"{tests / missing[0]}: no such tests; mend INTEGRATION in tests/conftest.py.")
+    return {tests / name for name in INTEGRATION}
+
+
 @pytest.fixture(scope="session", autouse=True)
 def one_torch_thread() -> None:
     if "torch" in sys.modules:

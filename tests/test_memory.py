@@ -32,7 +32,7 @@ for _ in range(4000):
 for block in blocks[:-1]:  # the last one holds the end of the heap in its place
     library.free(block)
 before = resident()
-memory.give_back()
+memory.trim_heap()
 print(before, resident())
 """
 

@@ -21,9 +21,11 @@ import argparse
 import fnmatch
 import hashlib
 import json
+import multiprocessing
 import os
 import platform
 import re
+import runpy
 import shutil
 import struct
 import subprocess
@@ -32,7 +34,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -45,7 +47,7 @@ WIDTH, HEIGHT, FOCAL = 64, 48, 67.0
 FRAMES = 8
 MOVING_FRAMES = 16
 _UNSTABLE = re.compile(
-    r"seconds|milliseconds|memory|megabytes|version|path|(^|_)(date|capture|file|files|bytes|torch|device)$"
+    r"seconds|milliseconds|memory|megabytes|version|path|(^|_)(date|capture|file|files|bytes|torch|device)$|^scene$"
 )
 _SENTENCES = re.compile(r"^(training|reductions|warning)$")
 """Names of entries in JSON that are left out: those that no two runs share, and the words of ``frog info``."""
@@ -156,6 +158,12 @@ def _write_still(folder: Path) -> None:
     _write_n3dv(folder, lambda time_: _ball(0.5))
 
 
+def _write_appearing(folder: Path) -> None:
+    """The ball is there for three of the frames."""
+    hidden = np.array([0.0, 0.0, 5.0])  # behind the wall
+    _write_n3dv(folder, lambda time_: _ball(time_) if 0.3 < time_ < 0.8 else hidden)
+
+
 def _write_exposed(folder: Path) -> None:
     """Videos of three cameras through distorting lenses, unlike in exposure, and ``cameras_opencv.json``."""
     cameras = []
@@ -207,6 +215,7 @@ CAPTURES = {
     "rig": _write_rig,
     "moving": _write_moving,
     "still": _write_still,
+    "appearing": _write_appearing,
     "exposed": _write_exposed,
     "cutout": _write_cutout,
 }
@@ -243,20 +252,21 @@ def _run(name: str, capture: str, arguments: str, then: str = "", **options: boo
 
 
 _DRAFT = "--recipe draft --steps"
-_SMALL = "--max-gaussians 1500 --recipe draft --steps"
+_SMALL = "--max-gaussians 800 --recipe draft --steps"
 RUNS = (
-    _run("rig-frog", "rig", f"{_DRAFT} 200", quick=True, plays=True, blender=True),
+    _run("rig-frog", "rig", f"{_SMALL} 200", quick=True, plays=True, blender=True),
     _run("rig-frog-lossless", "rig", f"{_SMALL} 200 --lossless", quick=True),
     _run("rig-frog-fixed", "rig", f"{_SMALL} 150 --capacity fixed", quick=True, plays=True),
     _run("rig-frog-fixed-lossless", "rig", f"{_SMALL} 100 --capacity fixed --lossless"),
     _run("rig-frog-seed", "rig", f"{_SMALL} 100 --seed 2"),
-    _run("rig-frog-bytes", "rig", f"{_DRAFT} 200 --max-bytes 24000", quick=True),
+    _run("rig-frog-bytes", "rig", f"{_DRAFT} 150 --max-bytes 24000", quick=True),
+    _run("rig-frog-many", "rig", f"{_DRAFT} 80"),
     _run("rig-frog-half", "rig", f"{_SMALL} 120 --scale 0.5 --holdout-frames 3"),
     _run("rig-frog-resumed", "rig", f"{_SMALL} 100 --save-every 1", "--steps 200", quick=True),
-    _run("rig-frog-standard", "rig", "--recipe standard --max-gaussians 1500 --steps 100"),
-    _run("rig-frog-paper", "rig", "--recipe paper --max-gaussians 1500 --steps 40"),
-    _run("rig-frog-hypernerf", "rig", "--recipe hypernerf --max-gaussians 1500 --steps 40"),
-    _run("rig-frog-technicolor", "rig", "--recipe technicolor --max-gaussians 1500 --steps 40"),
+    _run("rig-frog-standard", "rig", "--recipe standard --max-gaussians 800 --steps 100"),
+    _run("rig-frog-paper", "rig", "--recipe paper --max-gaussians 800 --steps 40"),
+    _run("rig-frog-hypernerf", "rig", "--recipe hypernerf --max-gaussians 800 --steps 40"),
+    _run("rig-frog-technicolor", "rig", "--recipe technicolor --max-gaussians 800 --steps 40"),
     _run("rig-static", "rig", f"{_SMALL} 120 --method static", quick=True, plays=True),
     _run("rig-ed3dgs", "rig", f"{_SMALL} 150 --method ed3dgs", quick=True, plays=True),
     _run("rig-ed3dgs-resumed", "rig", f"{_SMALL} 60 --method ed3dgs", "--steps 120"),
@@ -266,12 +276,13 @@ RUNS = (
     _run("rig-hexplane-resumed", "rig", f"{_SMALL} 40 --method hexplane", "--steps 80"),
     _run("rig-curves", "rig", f"{_SMALL} 150 --method curves", quick=True, plays=True),
     _run("rig-curves-resumed", "rig", f"{_SMALL} 60 --method curves", "--steps 120"),
-    _run("moving-frog", "moving", f"{_DRAFT} 200", quick=True, plays=True, blender=True),
+    _run("moving-frog", "moving", f"{_SMALL} 200", quick=True, plays=True, blender=True),
     _run("moving-frog-resumed", "moving", f"{_SMALL} 100 --holdout-frames 0", "--steps 200"),
     _run("moving-ed3dgs-fixed", "moving", f"{_SMALL} 100 --method ed3dgs --capacity fixed"),
     _run("still-frog", "still", f"{_SMALL} 200", quick=True, plays=True, blender=True),
     _run("still-frog-resumed", "still", f"{_SMALL} 100", "--steps 200"),
     _run("still-curves", "still", f"{_SMALL} 100 --method curves"),
+    _run("appearing-frog", "appearing", f"{_SMALL} 300", plays=True),
     _run("exposed-frog", "exposed", f"{_SMALL} 200", quick=True, plays=True),
     _run("exposed-frog-resumed", "exposed", f"{_SMALL} 100", "--steps 200"),
     _run("exposed-static", "exposed", f"{_SMALL} 100 --method static --capacity fixed"),
@@ -279,40 +290,66 @@ RUNS = (
 )
 
 
-@dataclass
+_CONTEXT = multiprocessing.get_context(
+    "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else None
+)
+
+
+def _command_line(arguments: list[str], folder: Path, said: Path) -> None:
+    """``frog`` in a process of its own; what it prints goes into a file."""
+    os.chdir(folder)
+    with said.open("wb") as file:
+        for stream in (sys.stdout, sys.stderr):
+            os.dup2(file.fileno(), stream.fileno())
+    sys.argv = ["frog", *arguments]
+    runpy.run_module("frog_blender.cli", run_name="__main__")
+
+
+def _isolate(folder: Path) -> None:
+    """Nothing that other trainings left in the user's folders may decide anything, and nothing stays there."""
+    os.environ |= {f"{library}_NUM_THREADS": "1" for library in ("OMP", "MKL", "OPENBLAS")}
+    places = {"FROG_CACHE": "cache", "HOME": "home", "XDG_CACHE_HOME": "home/cache", "XDG_CONFIG_HOME": "home/config"}
+    os.environ |= {name: str(folder / place) for name, place in places.items()}
+    (folder / "home").mkdir(parents=True)
+    # Processes are forked from one that has imported what takes seconds: half of the time that all runs would take.
+    _CONTEXT.set_forkserver_preload(["cv2", "torch", "torch.fx.experimental.symbolic_shapes"])
+
+
+@dataclass(frozen=True)
 class Recorder:
     """Runs commands below ``folder`` and hashes what they leave there."""
 
     folder: Path
     blender: bool
-    environment: dict[str, str] = field(init=False)
-
-    def __post_init__(self) -> None:
-        threads = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "MKL", "OPENBLAS")}
-        # Nothing that other trainings left in the user's folders may decide anything here, and nothing stays there.
-        places = {
-            "FROG_CACHE": str(self.folder / "cache"),
-            "HOME": str(self.folder / "home"),
-            "XDG_CACHE_HOME": str(self.folder / "home" / "cache"),
-            "XDG_CONFIG_HOME": str(self.folder / "home" / "config"),
-        }
-        Path(places["HOME"]).mkdir(parents=True)
-        path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
-        self.environment = {**os.environ, **threads, **places, "PYTHONPATH": path, "PYTHONHASHSEED": "0"}
-
-    def call(self, *arguments: str | Path) -> str:
-        """Standard output of a Python process; SystemExit with what it said where it fails."""
-        command = [sys.executable, *map(str, arguments)]
-        done = subprocess.run(command, env=self.environment, capture_output=True, text=True, cwd=self.folder)
-        if done.returncode:
-            raise SystemExit(f"{' '.join(command)}\nfailed with status {done.returncode}:\n{done.stderr[-4000:]}")
-        return done.stdout
 
     def frog(self, *arguments: str | Path) -> str:
-        return self.call("-m", "frog_blender.cli", *arguments)
+        """What the command prints; SystemExit with it where it fails."""
+        handle, name = tempfile.mkstemp(dir=self.folder)
+        os.close(handle)
+        words, said = [*map(str, arguments)], Path(name)
+        process = _CONTEXT.Process(target=_command_line, args=(words, self.folder, said))
+        process.start()
+        process.join()
+        text = said.read_text(errors="replace")
+        said.unlink()
+        if process.exitcode:
+            raise SystemExit(f"frog {' '.join(words)}\nfailed with status {process.exitcode}:\n{text[-4000:]}")
+        return text
+
+    def _play_in_blender(self, scene: Path, folder: Path) -> None:
+        command = [sys.executable, str(Path(__file__).resolve()), "blender", str(scene), str(folder)]
+        done = subprocess.run(command, capture_output=True, text=True, cwd=self.folder)
+        if done.returncode:
+            raise SystemExit(f"{' '.join(command)}\nfailed with status {done.returncode}:\n{done.stderr[-4000:]}")
+
+    def _values(self, *arguments: str | Path) -> dict[str, Any]:
+        """The JSON that a command prints, behind what it says of its progress."""
+        text = self.frog(*arguments, "--json")
+        values: dict[str, Any] = json.loads(text[text.index("{\n") :])
+        return values
 
     def info(self, path: Path) -> Hashes:
-        said = json.loads(self.frog("info", path, "--json"))
+        said = self._values("info", path)
         return hash_values({key: value for key, value in said.items() if not _SENTENCES.search(key)})
 
     def record(self, run: Run) -> Hashes:
@@ -329,7 +366,7 @@ class Recorder:
         if run.plays:
             found |= self._played(scene, capture, folder)
         if run.blender and self.blender:
-            self.call(Path(__file__).resolve(), "blender", scene, folder / "blender")
+            self._play_in_blender(scene, folder / "blender")
             found |= _named("blender", hash_folder(folder / "blender"))
         shutil.rmtree(folder)
         return _named(run.name, found)
@@ -341,9 +378,9 @@ class Recorder:
 
     def _played(self, scene: Path, capture: Path, folder: Path) -> Hashes:
         found = _named("info", self.info(scene))
-        found |= _named("eval", hash_values(json.loads(self.frog("eval", scene, capture, "--json"))))
-        split = ("--split", "training")
-        found |= _named("eval-training", hash_values(json.loads(self.frog("eval", scene, capture, *split, "--json"))))
+        found |= _named("eval", hash_values(self._values("eval", scene, capture)))
+        seen = self._values("eval", scene, capture, "--split", "training")
+        found |= _named("eval-training", hash_values(seen))
         camera = json.loads(_header(scene)[0]["frog"])["cameras"][-1]["name"]
         self.frog("render", scene, "--camera", camera, "--frames", "0:4", "--out", folder / "render")
         self.frog("export", scene, "--frames", "1:4", "--out", folder / "export")
@@ -376,19 +413,15 @@ def hash_values(values: Any, name: str = "") -> Hashes:
     """One entry for each name in (nested) JSON, short values as they are; what no two runs share is left out."""
     if isinstance(values, dict):
         found: Hashes = {}
+        unstable = {"before", "after"} if values.get("what") == "packed" else set()  # which are bytes
         for key, value in sorted(values.items()):
-            if not _UNSTABLE.search(key):
+            if key not in unstable and not _UNSTABLE.search(key):
                 found |= hash_values(value, f"{name}.{key}" if name else key)
         return found
-    content = json.dumps(_stable(values), sort_keys=True)
+    if isinstance(values, list) and values and all(isinstance(value, dict) for value in values):
+        return {k: v for i, value in enumerate(values) for k, v in hash_values(value, f"{name}.{i}").items()}
+    content = json.dumps(values)
     return {name: content if len(content) <= 60 else f"{len(content)} characters {_digest(content.encode())}"}
-
-
-def _stable(values: Any) -> Any:
-    """Without the entries that no two runs share, inside lists too."""
-    if isinstance(values, dict):
-        return {key: _stable(value) for key, value in values.items() if not _UNSTABLE.search(key)}
-    return [_stable(value) for value in values] if isinstance(values, list) else values
 
 
 def _header(path: Path) -> tuple[dict[str, str], dict[str, Any], bytes]:
@@ -407,6 +440,8 @@ def hash_tensors(path: Path) -> Hashes:
         begin, end = entry["data_offsets"]
         found[name] = f"{entry['dtype']}{entry['shape']} {_digest(data[begin:end])}"
     for key, content in metadata.items():
+        if _UNSTABLE.search(key):
+            continue
         try:
             found |= _named("metadata", hash_values(json.loads(content), key))
         except ValueError:
@@ -422,7 +457,7 @@ def hash_file(path: Path) -> Hashes:
     if path.suffix == ".npz":
         with np.load(path) as arrays:
             return _named(path.name, {name: hash_array(arrays[name]) for name in arrays.files})
-    if path.suffix in (".frog", ".checkpoint", ".bake"):
+    if path.suffix in (".frog", ".checkpoint", ".frogbake"):
         return _named(path.name, hash_tensors(path))
     return {path.name: f"{path.stat().st_size} bytes {_digest(path.read_bytes())}"}
 
@@ -441,7 +476,7 @@ def hash_folder(folder: Path) -> Hashes:
 
 
 def play_in_blender(scene_file: Path, folder: Path) -> None:
-    """Imports a scene into the bpy module; writes what three frames show, and a rendered image, into ``folder``."""
+    """Imports a scene into the bpy module and writes what frames show, a bake and a rendered image into ``folder``."""
     import bpy
 
     import frog_blender
@@ -454,6 +489,14 @@ def play_in_blender(scene_file: Path, folder: Path) -> None:
     for frame in (1, 3, 6):
         scene.frame_set(frame)
         np.savez(folder / f"points_{frame}.npz", **_attributes(carrier.data))
+    scene.frame_start, scene.frame_end = 2, 5
+    carrier.frog.bake_folder = str(folder)
+    try:
+        bpy.ops.frog.bake()
+        scene.frame_set(4)
+        np.savez(folder / "baked_points.npz", **_attributes(carrier.data))
+    except RuntimeError as error:  # nothing moves; where something does, the hashes are missed
+        print(error)
     cameras = [obj for obj in scene.objects if obj.type == "CAMERA"]
     np.savez(folder / "cameras.npz", **{obj.name: np.array(obj.matrix_world) for obj in cameras})
     scene.render.engine = "FROG"
@@ -488,6 +531,7 @@ def record(options: argparse.Namespace) -> int:
     runs = [run for run in runs if any(fnmatch.fnmatch(run.name, pattern) for pattern in options.only)]
     hashes: Hashes = {}
     with tempfile.TemporaryDirectory(prefix="behaviour_") as parent:
+        _isolate(Path(parent))
         blender = find_spec("bpy") is not None if options.blender is None else options.blender
         recorder = Recorder(Path(parent).resolve(), blender)
         for name in sorted({run.capture for run in runs}):

@@ -21,6 +21,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 REQUIREMENTS = ["safetensors>=0.4.3"]  # numpy comes with Blender
 LIBRARY_SUFFIXES = (".so", ".dylib", ".dll")
+LEFT_OUT = ("cli", "experiments")
+"""Rooms of the package that nothing in Blender uses: the command line and what it alone calls."""
 
 
 def blender_platform() -> str:
@@ -47,11 +49,16 @@ def blender_ext() -> Path:
 
 
 def copy_package(target: Path) -> None:
-    """The package as it is imported: sources, kernels' sources and the native library, no caches."""
+    """What Blender imports of the package: sources, kernels' sources and the native library, no caches."""
     package = ROOT / "frog_blender"
-    if not any(path.suffix in LIBRARY_SUFFIXES for path in (package / "engine" / "rasterizer").iterdir()):
+    if not any(path.suffix in LIBRARY_SUFFIXES for path in (package / "engine" / "native").iterdir()):
         raise SystemExit("The native library is not built; build it first (make setup), or the extension cannot draw.")
-    shutil.copytree(package, target, ignore=shutil.ignore_patterns("__pycache__", "*.pyc"))
+    caches = shutil.ignore_patterns("__pycache__", "*.pyc")
+
+    def left_out(folder: str, names: list[str]) -> set[str]:
+        return caches(folder, names) | (set(LEFT_OUT) if Path(folder) == package else set())
+
+    shutil.copytree(package, target, ignore=left_out)
     for name in ("LICENSE", "README.md"):
         if (ROOT / name).is_file():
             shutil.copy2(ROOT / name, target)

@@ -92,10 +92,10 @@ class Tour:
         yield from self.shot("01_capture")
 
     def train(self) -> Iterator[float]:
-        background = import_module(f"{ADDON}.background")
+        runner = import_module(f"{ADDON}.training_task.runner")
         with override(view()):
             expect(bpy.ops.frog.train(), "Train FRoG")
-        task = background.current
+        task = runner.current()
         yield from wait(lambda: not task.state.running or task.state.step > 0.6 * self.step_count)
         yield from wait(lambda: not task.state.running or task.state.preview is not None)
         yield SETTLE
@@ -109,7 +109,7 @@ class Tour:
         yield from self.shot("03_trained")
 
     def look_around(self) -> Iterator[float]:
-        """The imported scene from beside its cameras, in the rendered viewport, at two moments."""
+        """The imported scene from beside its cameras, in the rendered viewport, at two frames."""
         with override(view()):
             expect(bpy.ops.frog.align_to_floor(), "Align to Floor")
         orbit()
@@ -269,7 +269,7 @@ def expanded() -> bool:
 
 def gaussians() -> Any:
     """The imported capture's Gaussians."""
-    playback = import_module(f"{ADDON}.playback")
+    playback = import_module(f"{ADDON}.timeline.playback")
     return next(playback.captures(bpy.context.scene.objects))
 
 

@@ -83,7 +83,7 @@ def _describe_scene(scene: ScenePlayer, path: Path) -> dict[str, Any]:
     return {
         "method": header.method,
         "gaussians": scene.count,
-        "dynamic": scene.moving,
+        "dynamic": scene.num_dynamic,
         "heads": _heads(scene),
         "sh_degree": scene.sh_degree,
         "bytes": path.stat().st_size,
@@ -101,7 +101,7 @@ def _describe_scene(scene: ScenePlayer, path: Path) -> dict[str, Any]:
 def _heads(scene: ScenePlayer) -> list[str]:
     """The attributes that a scene's deformation network changes; none for other methods and for static scenes."""
     model = scene.header.model
-    if not scene.moving or scene.header.method not in ("frog", "ed3dgs"):
+    if not scene.num_dynamic or scene.header.method not in ("frog", "ed3dgs"):
         return []
     names = ["means", "log_scales", "quaternions", "opacity_logits", *(["sh"] if model["deformed_sh"] else [])]
     return [name for name in names if name not in model.get("silent_heads", ())]

@@ -7,6 +7,7 @@ import errno
 import io
 import sys
 from collections.abc import Sequence
+from typing import NoReturn
 
 from ..engine.errors import FrogError
 from ..engine.notices import as_sentences
@@ -58,8 +59,22 @@ def _escape_unprintable() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
+class _PrintVersion(argparse.Action):
+    """Looks the version up when asked for it: reading what is installed takes longer than parsing the arguments."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        from importlib.metadata import PackageNotFoundError, version
+
+        try:
+            print(f"frog {version('frog-blender')}")
+        except PackageNotFoundError:
+            parser.error("frog_blender runs without being installed, so its version is not known.")
+        parser.exit()
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="frog", description="Dynamic Gaussian scenes: train, evaluate, render.")
+    parser.add_argument("--version", action=_PrintVersion, nargs=0, help="print the version of frog_blender")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     add_train_parser(commands)
     add_info_parser(commands)

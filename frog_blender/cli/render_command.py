@@ -63,7 +63,7 @@ def frame_renderer(scene: SceneFile, device: str) -> FrameRenderer:
         chosen, warning = choose_device(device)
         if warning:
             print(f"warning: {warning}", file=sys.stderr)
-        if chosen.type != "cpu" and played.moving:  # a static scene has no deformation to compute
+        if chosen.type != "cpu" and played.num_dynamic:  # a static scene has no deformation to compute
             on_device = TorchScenePlayer(scene, chosen)
             return lambda frame, camera: to_uint8(on_device.render_image(frame, camera))
     return cpu_renderer(played)

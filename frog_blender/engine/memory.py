@@ -23,7 +23,7 @@ def gc_frozen() -> Iterator[None]:
         gc.unfreeze()
 
 
-def give_back() -> None:
+def trim_heap() -> None:
     """What was freed goes back to the system, where the C library would keep it (glibc's: half a gigabyte after a few
     trainings in one process, more than they ever hold at once)."""
     if not sys.platform.startswith("linux"):

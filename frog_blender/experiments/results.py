@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import math
 import os
+import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -58,15 +60,12 @@ def locked(path: Path) -> Iterator[None]:
 
 
 def read(path: Path) -> list[Record]:
-    """Every whole line, in order; what is no JSON object is left out. No file is no results."""
-    try:
-        text = path.read_text(encoding="utf-8", errors="replace")
-    except FileNotFoundError:
-        return []
-    except OSError as error:
-        raise FrogError(f"{path}: the results could not be read ({error.strerror or error}).") from error
+    """Every whole line, in order; what is no JSON object is left out. No file is no results.
+
+    Lines of ``path`` with ``.gz`` after its name, results that are kept compressed, come before those of ``path``.
+    """
     records = []
-    for line in text.splitlines():
+    for line in (_text(path.with_name(path.name + ".gz")) + _text(path)).splitlines():
         try:
             record = json.loads(line)
         except (ValueError, RecursionError):
@@ -74,6 +73,20 @@ def read(path: Path) -> list[Record]:
         if isinstance(record, dict) and "kind" in record:
             records.append(record)
     return records
+
+
+def _text(path: Path) -> str:
+    """What a file says, decompressed where its name ends in ``.gz``; nothing where there is none."""
+    try:
+        content = path.read_bytes()
+        if path.suffix == ".gz":
+            content = gzip.decompress(content)
+    except FileNotFoundError:
+        return ""
+    except (OSError, EOFError, zlib.error) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise FrogError(f"{path}: the results could not be read ({reason}).") from error
+    return content.decode(errors="replace")
 
 
 def finished(records: Iterable[Record]) -> dict[str, Record]:

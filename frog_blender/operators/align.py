@@ -10,7 +10,7 @@ from bpy.props import BoolProperty, FloatProperty
 from mathutils import Matrix
 
 from ..engine.errors import FrogError
-from ..engine.playback.ground_plane import Floor, camera_up, find_floor, lowest, placement, resting
+from ..engine.playback.ground_plane import Floor, camera_up, find_floor, min_height, placement, static_points
 from ..scene_import.capture_objects import cameras_of, chosen, placed_by
 from ..timeline import playback
 
@@ -96,11 +96,11 @@ def aligned(obj: Any, *, use_floor: bool = True, flip: bool = False) -> tuple[np
     upright = np.array(obj.matrix_world.to_3x3().inverted_safe())[:, 2]
     up, certain = camera_up(cameras) if cameras else (upright / np.linalg.norm(upright), False)
     up = -up if flip else up
-    points, weights = resting(scene)
+    points, weights = static_points(scene)
     if use_floor:
         floor = find_floor(points, weights, up, certain=certain)
     else:
-        floor = Floor(up, lowest(points, up), False, 0.0, 0.0)
+        floor = Floor(up, min_height(points, up), False, 0.0, 0.0)
     return placement(floor, points, cameras), _sentence(obj.name, floor, certain, use_floor)
 
 

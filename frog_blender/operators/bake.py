@@ -17,7 +17,7 @@ from ..engine.errors import FrogError
 from ..scene_import.capture_objects import named_or_chosen
 from ..timeline import open_scenes, playback, playback_cache
 from ..timeline.retiming import needs_evaluated_time, stretched
-from .modal_operator import Stepwise, has_window
+from .modal_operator import ModalOperator, has_window
 
 
 @dataclass
@@ -56,14 +56,14 @@ def _times(scene: Any, objects: list[Any]) -> set[float]:
     """The times in [0, 1] that objects show over a scene's frame range."""
     frames = range(scene.frame_start, scene.frame_end + 1)
     if not any(needs_evaluated_time(obj) for obj in objects):
-        return {playback.moment(obj, stretched(scene, frame)).time for obj in objects for frame in frames}
+        return {playback.scene_time(obj, stretched(scene, frame)).time for obj in objects for frame in frames}
     stood, layer, found = (scene.frame_current, scene.frame_subframe), scene.view_layers[0], set()
     for frame in frames:
         scene.frame_set(frame)
         layer.update()
         evaluated = [obj.evaluated_get(layer.depsgraph) for obj in objects]
         shown = zip(objects, evaluated, strict=True)
-        found |= {playback.moment(obj, scene.frame_current_final, each).time for obj, each in shown}
+        found |= {playback.scene_time(obj, scene.frame_current_final, each).time for obj, each in shown}
     scene.frame_set(stood[0], subframe=stood[1])
     return found
 
@@ -81,7 +81,7 @@ class _OnCapture:
         return named_or_chosen(context, self.object_name)
 
 
-class FROG_OT_bake(_OnCapture, Stepwise, bpy.types.Operator):
+class FROG_OT_bake(_OnCapture, ModalOperator, bpy.types.Operator):
     """Compute every frame of this capture in the scene's frame range and keep them on disk, so that scrubbing has \
 nothing to compute. Esc or the right mouse button stops it"""
 

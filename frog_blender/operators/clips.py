@@ -10,13 +10,13 @@ import bpy
 from bpy.props import BoolProperty, FloatProperty, StringProperty
 
 from ..engine.errors import FrogError
-from ..engine.source_media.undistorted_clips import Straightening
+from ..engine.source_media.undistorted_clips import Undistortion
 from ..scene_import.camera_clips import OPACITY, add_clips, begin_straightening, hide_clip, revive
 from ..scene_import.capture_objects import cameras_of, chosen, known_by
-from .modal_operator import Stepwise, has_window
+from .modal_operator import ModalOperator, has_window
 
 
-class FROG_OT_add_clips(Stepwise, bpy.types.Operator):
+class FROG_OT_add_clips(ModalOperator, bpy.types.Operator):
     """Show each camera's own video behind what it sees, in time with the capture. Where a lens distorts, films that are
     free of it are written beside the scene's file first"""
 
@@ -57,7 +57,7 @@ class FROG_OT_add_clips(Stepwise, bpy.types.Operator):
     _folder: Path | None = None
     _shown = 0
     _problem = ""
-    _asked = False  # by a click, not by a script
+    is_interactive = False  # by a click, not by a script
 
     @classmethod
     def poll(cls, context: Any) -> bool:
@@ -67,7 +67,7 @@ class FROG_OT_add_clips(Stepwise, bpy.types.Operator):
 
     def invoke(self, context: Any, event: Any) -> set[str]:
         """In a window: films are written a slice at a time, and a folder is asked for where none was found."""
-        self._asked = True
+        self.is_interactive = True
         ended = self._show(context, None)
         if ended is None:
             context.window_manager.fileselect_add(self)
@@ -98,7 +98,7 @@ class FROG_OT_add_clips(Stepwise, bpy.types.Operator):
         self._folder = folder
         if films is not None:
             self._show_now(obj, straight=False)  # until they are written, and if they never are
-            go = self.go_on_in_window if self._asked and has_window(context) else self.go_through
+            go = self.go_on_in_window if self.is_interactive and has_window(context) else self.go_through
             return go(context, self._write(films, obj.session_uid), films.total)
         try:
             self._show_now(obj, straight=self.straighten)
@@ -114,7 +114,7 @@ class FROG_OT_add_clips(Stepwise, bpy.types.Operator):
             self.report({"INFO"}, self.finished_sentence())
         return {"FINISHED"}
 
-    def _write(self, films: Straightening, capture: int) -> Generator[int, None, None]:
+    def _write(self, films: Undistortion, capture: int) -> Generator[int, None, None]:
         """Write the films, then show them if the capture is still there."""
         yield from films.steps
         obj = known_by(bpy.data.objects, capture)

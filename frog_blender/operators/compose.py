@@ -12,7 +12,7 @@ from typing import Any
 import bpy
 from bpy.props import EnumProperty
 
-from ..compositing import compositor, scenes
+from ..render.compositing import compositor, scenes
 from ..timeline import playback
 
 

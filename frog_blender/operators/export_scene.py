@@ -19,7 +19,7 @@ from ..scene_import.capture_objects import chosen, stored_path
 from ..timeline import playback
 from ..timeline.retiming import raw_frame
 from .frame_export import FrameExport
-from .modal_operator import Stepwise, has_window
+from .modal_operator import ModalOperator, has_window
 
 RANGES = (
     ("CURRENT", "Current Frame", "One file, of the moment that is shown now"),
@@ -28,7 +28,7 @@ RANGES = (
 )
 
 
-class FROG_OT_export_frames(Stepwise, bpy.types.Operator, ExportHelper):
+class FROG_OT_export_frames(ModalOperator, bpy.types.Operator, ExportHelper):
     """Write the Gaussians of frames of a capture as 3DGS .ply files, which other splat programs open. Esc or the \
 right mouse button stops it"""
 
@@ -57,7 +57,7 @@ right mouse button stops it"""
     )
 
     doing = "Exporting {done:,} of {total:,} frames"
-    _asked = False  # by a user, in the file browser
+    is_interactive = False  # by a user, in the file browser
     _export: FrameExport | None = None
 
     @classmethod
@@ -67,7 +67,7 @@ right mouse button stops it"""
 
     def invoke(self, context: Any, event: Any) -> set[str]:
         _suggest(self, context)
-        self._asked = True
+        self.is_interactive = True
         self.first, self.last = context.scene.frame_start, context.scene.frame_end
         return super().invoke(context, event)
 
@@ -87,7 +87,7 @@ right mouse button stops it"""
         """Several frames that a user asked for in the file browser are written one by one while Blender goes on."""
         from ..engine.interchange.splats import numbered
 
-        asked, self._asked = self._asked, False  # whoever repeats the operator waits for it
+        asked, self.is_interactive = self.is_interactive, False  # whoever repeats the operator waits for it
         obj, path = chosen(context), Path(bpy.path.abspath(self.filepath))
         frames = self._frames(context.scene)
         if obj is None:

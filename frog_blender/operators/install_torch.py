@@ -2,25 +2,14 @@
 
 # mypy: disable-error-code="valid-type"
 
-import threading
-from pathlib import Path
 from typing import Any
 
 import bpy
 
-from .. import __package__ as base_package
 from ..engine.errors import FrogError
-from ..torch_install.folders import clear_remains, remains
-from ..torch_install.installer import SIZES, Installation
+from ..torch_install import task
+from ..torch_install.installer import SIZES
 from ..ui import preferences
-
-current: Installation | None = None  # the one that runs, or the last that ran
-_TICK = 0.5
-
-
-def folder() -> Path:
-    """Where this add-on's torch lies: with the user's extensions, so that it outlives upgrades of the add-on."""
-    return Path(bpy.utils.user_resource("DATAFILES", path="frog_blender")) / "torch"
 
 
 class FROG_OT_install_torch(bpy.types.Operator):
@@ -35,22 +24,19 @@ class FROG_OT_install_torch(bpy.types.Operator):
             cls.poll_message_set("Allow Online Access in Preferences > System first.")
             return False
         cls.poll_message_set("An installation is running.")
-        return current is None or not current.running
+        return not task.is_running()
 
     def invoke(self, context: Any, event: Any) -> set[str]:
         text = f"This downloads {SIZES}, depending on what the package index serves."
         return context.window_manager.invoke_confirm(self, event, title="Install torch", message=text)
 
-    def execute(self, context: Any) -> set[str]:
-        global current
-        index = context.preferences.addons[base_package].preferences.package_index.strip() if _has_preferences() else ""
+    def execute(self, _context: Any) -> set[str]:
+        index = preferences.package_index()
         try:
-            current = Installation(folder(), ["--index-url", index] if index else []).start()
+            task.begin(["--index-url", index] if index else [], preferences.use_installation)
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        if not bpy.app.timers.is_registered(_tick):
-            bpy.app.timers.register(_tick, first_interval=_TICK, persistent=True)
         return {"FINISHED"}
 
 
@@ -62,56 +48,12 @@ class FROG_OT_cancel_installation(bpy.types.Operator):
 
     @classmethod
     def poll(cls, _context: Any) -> bool:
-        return current is not None and current.running
+        return task.is_running()
 
     def execute(self, _context: Any) -> set[str]:
-        assert current is not None
-        current.cancel()
+        task.cancel()
         return {"FINISHED"}
 
 
-def adopt() -> bool:
-    """Names a finished installation in the preferences; True when there was one."""
-    if current is None or not current.done:
-        return False
-    if _has_preferences():
-        bpy.context.preferences.addons[base_package].preferences.torch_path = str(current.folder)
-    preferences.add_folder(current.folder)
-    return True
-
-
-def _has_preferences() -> bool:
-    return base_package in bpy.context.preferences.addons
-
-
-def _tick() -> float | None:
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type in ("PREFERENCES", "VIEW_3D"):
-                area.tag_redraw()
-    if current is not None and current.running:
-        return _TICK
-    adopt()
-    return None
-
-
 _CLASSES = (FROG_OT_install_torch, FROG_OT_cancel_installation)
-_register_classes, _unregister_classes = bpy.utils.register_classes_factory(_CLASSES)
-
-
-def register() -> None:
-    _register_classes()
-    place = folder()
-    if remains(place):  # gigabytes, which take a while
-        threading.Thread(target=clear_remains, args=(place,), name="FRoG tidying", daemon=True).start()
-
-
-def unregister() -> None:
-    global current
-    if current is not None:
-        current.cancel()
-        current.join(10.0)
-        current = None
-    if bpy.app.timers.is_registered(_tick):
-        bpy.app.timers.unregister(_tick)
-    _unregister_classes()
+register, unregister = bpy.utils.register_classes_factory(_CLASSES)

@@ -20,7 +20,7 @@ def has_window(context: Any) -> bool:
     return context.window is not None and not bpy.app.background
 
 
-class Stepwise:
+class ModalOperator:
     """A base beside ``bpy.types.Operator``; ``execute`` ends with ``go_through`` or ``go_on_in_window``.
 
     The steps are a generator that yields how many of the total are done, after each, and ends. Whatever a step raises
@@ -34,7 +34,7 @@ class Stepwise:
     """Of work between two looks at the keyboard, one step at least."""
 
     _steps: Generator[int, None, None] | None = None
-    _timer: Any = None
+    timer: Any = None  # Any: of Blender; None while no window waits for the next step
     _done = 0
     _total = 0
 
@@ -52,7 +52,7 @@ class Stepwise:
         """A step whenever a timer fires, from now on."""
         self._begin(context, steps, total)
         manager = context.window_manager
-        self._timer = manager.event_timer_add(_TIMER_SECONDS, window=context.window)
+        self.timer = manager.event_timer_add(_TIMER_SECONDS, window=context.window)
         manager.modal_handler_add(self)
         self._say(context)
         return {"RUNNING_MODAL"}
@@ -61,7 +61,7 @@ class Stepwise:
         if self._steps is None:
             return {"CANCELLED"}
         if event.type in ("ESC", "RIGHTMOUSE") and event.value == "PRESS":
-            return self._end(context, "INFO", self.stopped_sentence(), {"CANCELLED"})
+            return self.end(context, "INFO", self.stopped_sentence(), {"CANCELLED"})
         # A render evaluates the file in its own thread; nothing else may go through the frames meanwhile.
         if event.type != "TIMER" or bpy.app.is_job_running("RENDER"):
             return {"PASS_THROUGH"}
@@ -100,24 +100,25 @@ class Stepwise:
         try:
             done = next(self._steps, None)
         except FrogError as error:
-            return self._end(context, "ERROR", self.failed_sentence(str(error)), {"CANCELLED"})
+            return self.end(context, "ERROR", self.failed_sentence(str(error)), {"CANCELLED"})
         except Exception as error:
             traceback.print_exc(file=sys.stderr)
-            reason = f"Stopped by an unforeseen {type(error).__name__}: {error}."
-            return self._end(context, "ERROR", self.failed_sentence(reason), {"CANCELLED"})
+            reason = f"Stopped on an unexpected {type(error).__name__}: {error}."
+            return self.end(context, "ERROR", self.failed_sentence(reason), {"CANCELLED"})
         if done is None:
-            return self._end(context, "INFO", self.finished_sentence(), {"FINISHED"})
+            return self.end(context, "INFO", self.finished_sentence(), {"FINISHED"})
         self._done = done
         self._say(context)
         return set()
 
     def _say(self, context: Any) -> None:
         context.window_manager.progress_update(self._done)
-        if self._timer is not None and context.workspace is not None:
+        if self.timer is not None and context.workspace is not None:
             doing = self.doing.format(done=self._done, total=self._total)
             context.workspace.status_text_set(f"{doing} | Esc, Right Mouse: Stop")
 
-    def _end(self, context: Any, kind: str, sentence: str, result: set[str]) -> set[str]:
+    def end(self, context: Any, kind: str, sentence: str, result: set[str]) -> set[str]:
+        """Cleans up, reports and gives Blender the result."""
         self._clean_up(context)
         self.restore()
         self.report({kind}, sentence)  # type: ignore[attr-defined]
@@ -130,8 +131,8 @@ class Stepwise:
         self._steps.close()
         self._steps = None
         context.window_manager.progress_end()
-        if self._timer is not None:
-            context.window_manager.event_timer_remove(self._timer)
-            self._timer = None
+        if self.timer is not None:
+            context.window_manager.event_timer_remove(self.timer)
+            self.timer = None
             if context.workspace is not None:
                 context.workspace.status_text_set(None)

@@ -3,17 +3,15 @@
 # Blender reads properties from annotations, which to a type checker are not types.
 # mypy: disable-error-code="valid-type"
 
-import os
-from pathlib import Path
 from typing import Any
 
 import bpy
 from bpy.props import BoolProperty
 
-from ..engine.errors import FrogError, found_instead
-from ..engine.training.session.output_paths import checkpoint_path, is_of_another, unused_output
+from ..engine.errors import FrogError
 from ..scene_import.capture_objects import stored_path
 from ..training_task import runner
+from ..training_task.request import output_of, request_of
 from ..ui import capture_summary, preferences
 from .training_result import importer
 
@@ -62,8 +60,9 @@ class FROG_OT_cancel_training(bpy.types.Operator):
         return runner.is_running()
 
     def execute(self, _context: Any) -> set[str]:
-        if runner.current is not None:
-            runner.current.cancel()
+        task = runner.current()
+        if task is not None:
+            task.cancel()
         return {"FINISHED"}
 
 
@@ -78,8 +77,9 @@ class FROG_OT_pause_training(bpy.types.Operator):
         return runner.is_running() and not runner.is_paused()
 
     def execute(self, _context: Any) -> set[str]:
-        assert runner.current is not None
-        runner.current.control.pause()
+        task = runner.current()
+        if task is not None:
+            task.control.pause()
         return {"FINISHED"}
 
 
@@ -94,8 +94,9 @@ class FROG_OT_resume_training(bpy.types.Operator):
         return runner.is_paused()
 
     def execute(self, _context: Any) -> set[str]:
-        assert runner.current is not None
-        runner.current.control.resume()
+        task = runner.current()
+        if task is not None:
+            task.control.resume()
         return {"FINISHED"}
 
 
@@ -112,55 +113,6 @@ class FROG_OT_inspect_capture(bpy.types.Operator):
             self.report({"ERROR"}, summary.error)
             return {"CANCELLED"}
         return {"FINISHED"}
-
-
-def request_of(settings: Any, resume: bool = False) -> runner.TrainingRequest:
-    """What the panel's settings ask for; FrogError if something is missing.
-
-    Unless it is resumed, a training writes what is not there yet: the output gets a number where a scene lies.
-    """
-    if not settings.capture_folder:
-        raise FrogError("No capture is chosen: name the folder with the videos and cameras to train from.")
-    capture = Path(bpy.path.abspath(settings.capture_folder))
-    if not os.path.isdir(capture):  # false, not an error, where nobody may look
-        raise FrogError(f"{capture}: found no such folder, expected a capture to train from.")
-    if not settings.output_path:
-        raise FrogError("No output is chosen: name the .frog file to write.")
-    output = output_of(settings)
-    if resume and is_of_another(output, capture):
-        raise found_instead(checkpoint_path(output), "a training of another capture", f"one of {capture}")
-    return runner.TrainingRequest(
-        capture,
-        output if resume else unused_output(output),
-        settings.recipe,
-        settings.capacity,
-        steps=settings.steps or None,
-        scale=settings.image_scale or None,
-        holdout_frames=None if settings.holdout_frames < 0 else settings.holdout_frames,
-        device=settings.device,
-        preview_camera=settings.preview_camera or None,
-        resume=resume,
-        overwrite=False,
-    )
-
-
-def output_of(settings: Any) -> Path:
-    """The .frog file that the panel's settings name."""
-    output = Path(bpy.path.abspath(settings.output_path))
-    if not output.name:
-        raise found_instead(output, "a folder", "the name of a .frog file to write")
-    return output if output.suffix == ".frog" else output.with_name(output.name + ".frog")
-
-
-def can_resume(settings: Any) -> bool:
-    """True when a training of that output left something to go on from, and not another capture's."""
-    try:
-        output = output_of(settings)
-    except FrogError:
-        return False
-    if not checkpoint_path(output).is_file():
-        return False
-    return not is_of_another(output, Path(bpy.path.abspath(settings.capture_folder)))
 
 
 _CLASSES = (

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import bpy
 
 from ..engine.errors import FrogError
-from ..scene_import.capture_objects import known_by
+from ..scene_import.capture_objects import known_by, plays
 from ..scene_import.create_objects import import_scene
 from ..scene_import.scene_setup import is_untouched
 from ..timeline import playback
@@ -43,12 +42,6 @@ def importer(scene: Any) -> Callable[[Path], str]:
         return "" if untouched else "Imported; the scene's settings stayed as they were."
 
     return show
-
-
-def plays(scene: Any, path: Path) -> bool:
-    """Whether a capture of the scene plays this file."""
-    wanted = Path(os.path.normpath(path))
-    return any(playback.file_of(obj) == wanted for obj in playback.captures(scene.objects))
 
 
 def _is_being_edited(scene: Any) -> bool:

@@ -17,13 +17,14 @@ import numpy as np
 from .. import reported_once
 from ..cameras import distance_added, engine_camera
 from ..color_spaces import into_working_space
-from ..compositing import renders
 from ..engine.errors import FrogError
 from ..engine.notices import leave_to_blender
 from ..timeline.retiming import raw_frame
-from . import index_pass, vector_pass
+from . import index_pass, vector_pass, viewport_drawing
 from .collect_instances import gather, pass_indices
+from .compositing import renders
 from .holdout import draw_before, limits_of_objects
+from .messages import error_message
 from .pixel_passes import combined_pass, depth_pass, pass_pixels, refusal_pattern
 from .region import rendered_part
 from .world import background_of
@@ -68,9 +69,9 @@ class FrogRenderEngine(bpy.types.RenderEngine):
                     return
                 self._give(depsgraph, view, passes)
         except Exception as error:  # a render that goes on without its captures would be worse than any sentence
-            sentence = sentence_of(error)
+            sentence = error_message(error)
             if not isinstance(error, (FrogError, MemoryError)):
-                reported_once.unforeseen(f"rendering {scene.name}", error)
+                reported_once.unexpected(f"rendering {scene.name}", error)
             # Not error_set: that neither ends an animation nor makes a script's render call raise.
             self.report({"ERROR"}, sentence)
             if renders.note_failure(scene, sentence):
@@ -111,16 +112,7 @@ class FrogRenderEngine(bpy.types.RenderEngine):
         """Blender tells of changes here; view_draw finds out by itself what they are."""
 
     def view_draw(self, context: Any, depsgraph: Any) -> None:
-        from . import viewport_drawing
-
         viewport_drawing.draw(self, context, depsgraph)
-
-
-def sentence_of(error: Exception) -> str:
-    """What a person in front of Blender is told when there is no image."""
-    if isinstance(error, MemoryError):
-        return f"Out of memory{f' ({error})' if str(error) else ''}: make the image smaller or hide captures."
-    return str(error) if isinstance(error, FrogError) else f"FRoG could not draw: {error!r}."
 
 
 def _stand_where_the_image_does(engine: Any, scene: Any) -> None:
@@ -294,8 +286,6 @@ def register() -> None:
 
 
 def unregister() -> None:
-    from . import viewport_drawing
-
     viewport_drawing.unregister()
     bpy.utils.unregister_class(FrogRenderEngine)
     for panel in _stock_panels():

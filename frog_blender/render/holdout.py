@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 _SURFACES = {"MESH", "CURVE", "SURFACE", "FONT", "META"}
 _ACROSS = 4  # depths along each side of a pixel
-_MOST_DEPTHS = 40_000_000  # at once
+MOST_DEPTHS = 40_000_000  # at once: 160 MB
 _STEP = 1.02  # depths of one pixel that differ by more are of two surfaces
 
 
@@ -54,7 +54,7 @@ def draw_before(limits: Limits | None, gaussians: GaussianArrays, camera: Camera
     rows, columns = np.nonzero(limits.share < 1)
     if not rows.size:
         return drawing
-    box = slice(rows.min(), rows.max() + 1), slice(columns.min(), columns.max() + 1)
+    box = slice(int(rows.min()), int(rows.max()) + 1), slice(int(columns.min()), int(columns.max()) + 1)
     left, top, *_ = options.region_of(camera)
     part = limits.behind[box]
     region = (left + box[1].start, top + box[0].start, part.shape[1], part.shape[0])
@@ -80,14 +80,25 @@ def limits_of_objects(depsgraph: Any, camera: Camera, options: RasterizeOptions)
     return limits_of_mesh(np.concatenate(vertices), np.concatenate(triangles), camera, options)
 
 
-def limits_of_mesh(vertices: np.ndarray, triangles: np.ndarray, camera: Camera, options: RasterizeOptions) -> Limits:
-    """Where splats end at a mesh of (V, 3) world-space vertices and (T, 3) triangles."""
+def limits_of_mesh(
+    vertices: np.ndarray,
+    triangles: np.ndarray,
+    camera: Camera,
+    options: RasterizeOptions,
+    *,
+    most_depths: int = MOST_DEPTHS,
+) -> Limits:
+    """Where splats end at a mesh of (V, 3) world-space vertices and (T, 3) triangles.
+
+    Args:
+        most_depths: that are computed at once, in a band of rows.
+    """
     from ..engine.rasterizer.mesh_depth import mesh_depth
 
     vertices, triangles = np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(triangles, np.int32)
     finer = camera.resized(camera.width * _ACROSS, camera.height * _ACROSS)
     left, top, width, height = options.region_of(camera)
-    rows = max(1, _MOST_DEPTHS // (_ACROSS**2 * width))
+    rows = max(1, most_depths // (_ACROSS**2 * width))
     bands = []
     for first in range(top, top + height, rows):
         count = min(rows, top + height - first)

@@ -45,6 +45,8 @@ class Viewport:
         gathered: the Gaussians last seen and their background, and for which moment and captures.
         problems: a sentence for each capture that is not among them because it cannot be drawn.
         texture, shown: what lies on the graphics card, and of which image.
+        moving_seconds: that an image may take while things move.
+        still_after: seconds without a change until a sharp image is due.
     """
 
     image: ViewportImage | None = None
@@ -54,14 +56,16 @@ class Viewport:
     problems: list[str] = field(default_factory=list)
     texture: Any = None
     shown: ViewportImage | None = None
+    moving_seconds: float = MOVING_SECONDS
+    still_after: float = STILL_AFTER
 
     def step_for(self, key: Any, width: int, height: int, now: float) -> int:
         """Into pixels of how many a side the next image of ``key`` is to be divided; 0 when the last one will do."""
         if self.image is not None and self.image.key == key:
             sharp = self.image.step == 1
-            return 0 if sharp or now - self.changed_at < STILL_AFTER else 1
+            return 0 if sharp or now - self.changed_at < self.still_after else 1
         self.changed_at = now
-        fits = MOVING_SECONDS / max(self.seconds_per_pixel, 1e-12)
+        fits = self.moving_seconds / max(self.seconds_per_pixel, 1e-12)
         return min(COARSEST, max(1, math.ceil(math.sqrt(width * height / fits))))
 
     def take(self, key: Any, step: int, pixels: np.ndarray, seconds: float) -> ViewportImage:

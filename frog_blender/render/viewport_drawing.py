@@ -12,7 +12,7 @@ from ..cameras import view_camera
 from ..engine.errors import FrogError
 from ..timeline import open_scenes, playback
 from .collect_instances import gather, visible_captures
-from .frog_engine import sentence_of
+from .messages import error_message
 from .viewport import STILL_AFTER, Viewport, ViewportImage, draw_view
 from .world import background_of
 
@@ -28,9 +28,9 @@ def draw(engine: Any, context: Any, depsgraph: Any) -> None:
     try:
         image = image_of(viewport, depsgraph, context.region_data, size, context.space_data)
     except (FrogError, MemoryError) as error:
-        _say(engine, [sentence_of(error)])
+        show_problems(engine, [error_message(error)])
         return
-    _say(engine, viewport.problems)
+    show_problems(engine, viewport.problems)
     if viewport.shown is not image:
         height, width = image.pixels.shape[:2]
         buffer = gpu.types.Buffer("FLOAT", width * height * 4, image.pixels.reshape(-1))
@@ -45,10 +45,10 @@ def draw(engine: Any, context: Any, depsgraph: Any) -> None:
         _redraw_later()
 
 
-def _say(engine: Any, problems: list[str]) -> None:
+def show_problems(engine: Any, problems: list[str]) -> None:
     """In the header of the viewport, which an empty text clears."""
     for problem in problems:
-        reported_once.once(problem)
+        reported_once.message(problem)
     others = f" ({len(problems) - 1:,} more in the console)" if len(problems) > 1 else ""
     engine.update_stats("FRoG" if problems else "", problems[0] + others if problems else "")
 

@@ -17,7 +17,7 @@ import bpy
 from ..capture_files import named_file
 from ..engine.errors import FrogError
 from ..engine.source_media.clips import Clip, capture_folders, find_clips
-from ..engine.source_media.undistorted_clips import Straightening, straight_clips, straightening
+from ..engine.source_media.undistorted_clips import Undistortion, undistorted_clips, undistortion
 from ..timeline import playback
 from ..timeline.retiming import TIMING
 from .capture_objects import cameras_of, stored_path
@@ -51,7 +51,7 @@ def add_clips(
     path, header, folders = _sources(obj, folder)
     clips = next((found for each in folders if (found := find_clips(header, each))), {})
     if straight:
-        clips |= straight_clips(header, path)
+        clips |= undistorted_clips(header, path)
     shown = 0
     for camera in cameras_of(obj):
         clip = clips.get(camera.data.frog.capture_camera or camera.name)
@@ -59,7 +59,7 @@ def add_clips(
             continue
         background = clip_of(camera) or camera.data.background_images.new()
         try:
-            background.image = _load(clip)
+            background.image = load_image(clip)
         except RuntimeError:  # no image or video that Blender can open
             camera.data.background_images.remove(background)
             continue
@@ -72,7 +72,7 @@ def add_clips(
     return shown
 
 
-def begin_straightening(obj: Any, folder: Path | None = None) -> Straightening | None:
+def begin_straightening(obj: Any, folder: Path | None = None) -> Undistortion | None:
     """The films that have to be written for ``add_clips`` to show what the cameras saw; None where there are no such,
     or no camera that could show one.
 
@@ -85,7 +85,7 @@ def begin_straightening(obj: Any, folder: Path | None = None) -> Straightening |
     problem = None
     for each in filter(os.path.isdir, folders):  # False for names that no disk takes
         try:
-            return straightening(header, path, each)
+            return undistortion(header, path, each)
         except FrogError as error:
             problem = problem or error
     if problem is not None:
@@ -106,7 +106,8 @@ def clip_of(camera: Any) -> Any:
     return next((each for each in images if each.image is not None and _MARK in each.image), None)
 
 
-def _load(clip: Clip) -> Any:
+def load_image(clip: Clip) -> Any:
+    """The image data-block of a clip, the add-on's own; RuntimeError for what Blender cannot open."""
     wanted = os.path.normpath(clip.path)
     ours = (image for image in bpy.data.images if _MARK in image and image.library is None)
     known = next((image for image in ours if os.path.normpath(bpy.path.abspath(image.filepath)) == wanted), None)

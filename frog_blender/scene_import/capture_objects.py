@@ -59,6 +59,12 @@ def cameras_of(obj: Any) -> list[Any]:
     return [child for child in placed_by(obj).children if child.type == "CAMERA"] if obj.parent is not None else []
 
 
+def plays(scene: Any, path: Path) -> bool:
+    """Whether a capture of the scene plays this file."""
+    wanted = Path(os.path.normpath(path))
+    return any(playback.file_of(obj) == wanted for obj in playback.captures(scene.objects))
+
+
 def stored_path(path: Path) -> str:
     """The path as a .blend keeps it: from its own folder, if that is what the user's other paths do.
 

@@ -130,10 +130,10 @@ def set_up(
             scene.cycles.transparent_max_bounces = max(scene.cycles.transparent_max_bounces, _LAYERS)
         # A window draws while a render evaluates frames in its own thread; locked, they do not share the Gaussians.
         scene.render.use_lock_interface = True
-        _set_background(scene, background)
+        set_background(scene, background)
     if engine:
         scene.render.engine = "FROG"
-        _look_at_it(scene, through_camera=settings and bool(cameras))
+        show_in_viewports(scene, through_camera=settings and bool(cameras))
     if settings:
         scene.frog.set_up_as = _fingerprint(scene)
 
@@ -157,7 +157,7 @@ def _show_colors_unchanged(scene: Any) -> None:
     scene.render.dither_intensity = 0.0
 
 
-def _set_background(scene: Any, color: np.ndarray) -> None:
+def set_background(scene: Any, color: np.ndarray) -> None:
     """Gives the scene a world of this colour (scene-linear RGB). The one that it had stays in the file."""
     before = scene.world
     # Another scene's is of another capture.
@@ -177,7 +177,7 @@ def _set_background(scene: Any, color: np.ndarray) -> None:
     scene.world = world
 
 
-def _look_at_it(scene: Any, *, through_camera: bool) -> None:
+def show_in_viewports(scene: Any, *, through_camera: bool) -> None:
     """Viewports of the scene that show surfaces only, of which Gaussians have none, become rendered ones."""
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas if window.scene == scene else ():

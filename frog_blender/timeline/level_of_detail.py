@@ -11,6 +11,7 @@ from collections import OrderedDict
 from typing import TYPE_CHECKING, Any, TypeAlias
 from weakref import WeakKeyDictionary
 
+from .. import addon_state
 from ..nodes import ellipsoid_nodes
 
 if TYPE_CHECKING:
@@ -39,16 +40,25 @@ class _Thinned:
                 if self.order is None:
                     self.order = ranking(scene)
                 kept = most_important(self.order, count)
-                self.scenes[count] = scene.only(kept), kept[kept < scene.moving]
+                self.scenes[count] = scene.subset(kept), kept[kept < scene.num_dynamic]
             self.scenes.move_to_end(count)
             while len(self.scenes) > _KEPT:
                 self.scenes.popitem(last=False)
             return self.scenes[count]
 
 
-_known: WeakKeyDictionary[ScenePlayer, _Thinned] = WeakKeyDictionary()
-_lock = threading.Lock()  # of ``_known``
-_is_for_render = False  # see show_for_render
+class ThinnedScenes:
+    """What is known of all scenes.
+
+    Attributes:
+        lock: of ``known``.
+        is_for_render: whether captures show what they are to show in another engine's render.
+    """
+
+    def __init__(self) -> None:
+        self.known: WeakKeyDictionary[ScenePlayer, _Thinned] = WeakKeyDictionary()
+        self.lock = threading.Lock()
+        self.is_for_render = False
 
 
 def thinned(obj: Any, scene: ScenePlayer) -> Fewer | None:
@@ -56,35 +66,25 @@ def thinned(obj: Any, scene: ScenePlayer) -> Fewer | None:
     count = shown_count(obj, scene.count)
     if count >= scene.count:
         return None
-    with _lock:
-        known = _known.setdefault(scene, _Thinned())
+    thinned_scenes = addon_state.get(ThinnedScenes)
+    with thinned_scenes.lock:
+        known = thinned_scenes.known.setdefault(scene, _Thinned())
     return known.take(scene, count)
 
 
 def shown_count(obj: Any, total: int) -> int:
     """How many of ``total`` Gaussians an object shows now; never none, and no more ellipsoids than Blender bears."""
     settings = obj.frog
-    share = settings.render_density if _is_for_render else settings.density
+    share = settings.render_density if is_for_render() else settings.density
     count = max(1, round(total * share / 100))
     return min(count, ellipsoid_nodes.MOST) if settings.display == "ELLIPSOIDS" else count
 
 
-def show_for_render(is_shown: bool) -> None:
-    """Whether captures show from now on what they are to show in another engine's render."""
-    global _is_for_render
-    from . import playback
-
-    if is_shown == _is_for_render:
-        return
-    _is_for_render = is_shown
-    for obj, scene in playback.scenes_of_captures().items():
-        if obj.frog.density != obj.frog.render_density:
-            playback.show(obj, scene.frame_current_final)
+def is_for_render() -> bool:
+    """Whether captures show what they are to show in another engine's render."""
+    return addon_state.get(ThinnedScenes).is_for_render
 
 
-def forget() -> None:
-    """Lets go of every thinned scene."""
-    global _is_for_render
-    _is_for_render = False
-    with _lock:
-        _known.clear()
+def set_for_render(is_shown: bool) -> None:
+    """Whether captures are to show from now on what they show in another engine's render."""
+    addon_state.get(ThinnedScenes).is_for_render = is_shown

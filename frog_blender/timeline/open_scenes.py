@@ -1,6 +1,7 @@
 """The .frog files and bakes that are played: read once for each version of a file, whoever plays them.
 
-Nothing of Blender's is looked at here, so any thread may ask."""
+Nothing of Blender's is looked at here, so any thread may ask.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +11,7 @@ from collections.abc import Callable, Container
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .. import addon_state
 from ..engine.errors import FrogError, brief
 from . import playback_cache
 
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
 _Stamp = tuple[int, int] | None  # modification time and size of a file; None where there is no file
 
 
-class _Kept:
+class _File:
     """What was read from one file: read once for each version of it, while other files can be read as well."""
 
     def __init__(self) -> None:
@@ -38,20 +40,61 @@ class _Kept:
             return self.content
 
 
-_scenes: dict[Path, _Kept] = {}
-_bakes: dict[tuple[Path, Path], _Kept] = {}  # by bake and scene file
-_lock = threading.Lock()  # of these two
+def _load_scene(path: Path) -> ScenePlayer:
+    from ..engine.playback.player import ScenePlayer
+
+    return ScenePlayer.load(path)
+
+
+def _load_bake(path: Path, file: Path, scene: ScenePlayer) -> Bake:
+    from ..engine.playback.bake import Bake
+
+    return Bake(path, file, scene)
+
+
+class OpenScenes:
+    """The files that were read.
+
+    Attributes:
+        scenes: by path.
+        bakes: by path of the bake and of its scene file.
+        lock: of both dictionaries.
+
+    Args:
+        load_scene: reads a scene file; FrogError if it is unusable.
+        load_bake: reads a bake of a scene file; FrogError if it is unusable.
+    """
+
+    def __init__(
+        self,
+        load_scene: Callable[[Path], ScenePlayer] = _load_scene,
+        load_bake: Callable[[Path, Path, ScenePlayer], Bake] = _load_bake,
+    ) -> None:
+        self.load_scene, self.load_bake = load_scene, load_bake
+        self.scenes: dict[Path, _File] = {}
+        self.bakes: dict[tuple[Path, Path], _File] = {}
+        self.lock = threading.Lock()
+
+
+def _open() -> OpenScenes:
+    return addon_state.get(OpenScenes)
+
+
+def paths() -> set[Path]:
+    """The scene files that are kept, readable or not."""
+    return set(_open().scenes)
 
 
 def is_known(path: Path) -> bool:
     """True if ``scene`` was asked for it before."""
-    return path in _scenes
+    return path in _open().scenes
 
 
 def scene(path: Path) -> ScenePlayer:
     """The scene in a file; FrogError with one sentence if it is unusable."""
-    with _lock:
-        kept = _scenes.setdefault(path, _Kept())
+    files = _open()
+    with files.lock:
+        kept = files.scenes.setdefault(path, _File())
     before = kept.content
     content = kept.take(version(path), lambda: _read(path))
     if before is not content:
@@ -67,8 +110,9 @@ def bake(path: Path, file: Path, scene: ScenePlayer) -> Bake | None:
     if stamp is None:
         let_go_of_bake(path)
         return None
-    with _lock:
-        kept = _bakes.setdefault((path, file), _Kept())
+    files = _open()
+    with files.lock:
+        kept = files.bakes.setdefault((path, file), _File())
     content = kept.take((stamp, scene.token), lambda: _read_bake(path, file, scene))
     return None if isinstance(content, str) else content
 
@@ -84,46 +128,47 @@ def version(path: Path) -> _Stamp:
 
 def problem(path: Path) -> str:
     """Why a file could not be played when it was last needed, or an empty string."""
-    kept = _scenes.get(path)
+    kept = _open().scenes.get(path)
     content = kept.content if kept is not None else None
     return content if isinstance(content, str) else ""
 
 
 def is_outdated(path: Path) -> bool:
     """True if the file is another one by now than when it was last needed, or never was needed."""
-    kept = _scenes.get(path)
+    kept = _open().scenes.get(path)
     return kept is None or kept.version != version(path)
 
 
 def is_bake_outdated(path: Path, file: Path) -> bool:
     """The same for a bake: it was changed, deleted or made since."""
-    kept = _bakes.get((path, file))
+    kept = _open().bakes.get((path, file))
     return (kept.version[0] if kept is not None and kept.version else None) != version(path)
 
 
 def is_missing(path: Path) -> bool:
     """True if there was no file when it was last needed."""
-    kept = _scenes.get(path)
+    kept = _open().scenes.get(path)
     return kept is not None and kept.version is None
 
 
 def used_bake(path: Path, file: Path) -> Bake | None:
     """The bake of a file that was used last."""
-    kept = _bakes.get((path, file))
+    kept = _open().bakes.get((path, file))
     return kept.content if kept is not None and not isinstance(kept.content, str) else None
 
 
 def bake_problem(path: Path, file: Path) -> str:
     """Why a bake of a file is not used, or an empty string."""
-    kept = _bakes.get((path, file))
+    kept = _open().bakes.get((path, file))
     content = kept.content if kept is not None else None
     return content if isinstance(content, str) else getattr(content, "problem", "")
 
 
 def let_go_of_bake(path: Path) -> None:
     """Closes a bake, so that it can be replaced or deleted; it is opened again when it is needed."""
-    with _lock:
-        let_go = [_bakes.pop(key) for key in [key for key in _bakes if key[0] == path]]
+    files = _open()
+    with files.lock:
+        let_go = [files.bakes.pop(key) for key in [key for key in files.bakes if key[0] == path]]
     for content in (kept.content for kept in let_go):
         if content is not None and not isinstance(content, str):
             content.close()
@@ -131,36 +176,36 @@ def let_go_of_bake(path: Path) -> None:
 
 def forget() -> None:
     """Drop every scene and bake that was read."""
-    with _lock:
-        _scenes.clear()
-        paths = {path for path, _ in _bakes}
-    for path in paths:
+    files = _open()
+    with files.lock:
+        files.scenes.clear()
+        bakes = {path for path, _ in files.bakes}
+    for path in bakes:
         let_go_of_bake(path)
     playback_cache.clear()
 
 
-def forget_all_but(files: Container[Path]) -> None:
+def forget_all_but(wanted: Container[Path]) -> None:
     """Drops scenes and bakes of other files, so that a day of trainings does not gather them."""
-    with _lock:
-        dropped = [_scenes.pop(path) for path in [path for path in _scenes if path not in files]]
-        paths = {path for path, file in _bakes if file not in files}
+    files = _open()
+    with files.lock:
+        dropped = [files.scenes.pop(path) for path in [path for path in files.scenes if path not in wanted]]
+        bakes = {path for path, file in files.bakes if file not in wanted}
     for kept in dropped:
         _forget_frames(kept.content)
-    for path in paths:
+    for path in bakes:
         let_go_of_bake(path)
 
 
 def _forget_frames(content: ScenePlayer | str | None) -> None:
     """Drops the cached frames of what was kept of a file, if that was a scene."""
     if content is not None and not isinstance(content, str):
-        playback_cache.frames.forget(content.token)
+        playback_cache.frames().forget(content.token)
 
 
 def _read(path: Path) -> ScenePlayer | str:
     try:
-        from ..engine.playback.player import ScenePlayer
-
-        return ScenePlayer.load(path)
+        return _open().load_scene(path)
     except FrogError as error:
         return str(error)
     except Exception as error:
@@ -169,10 +214,8 @@ def _read(path: Path) -> ScenePlayer | str:
 
 
 def _read_bake(path: Path, file: Path, scene: ScenePlayer) -> Bake | str:
-    from ..engine.playback.bake import Bake
-
     try:
-        return Bake(path, file, scene)
+        return _open().load_bake(path, file, scene)
     except FrogError as error:
         return str(error)
     except Exception as error:

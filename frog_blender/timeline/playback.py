@@ -1,4 +1,4 @@
-"""Timeline frame -> Gaussians: handlers that keep every imported capture showing the scene's current moment.
+"""Timeline frame -> Gaussians: which objects are captures, what each shows at a frame, and showing it.
 
 Nothing is accumulated from frame to frame, so scrubbing, jumping and farm rendering out of order all show the same.
 A capture is an object whose ``frog.filepath`` is set; between frames only its properties are kept, never the object.
@@ -11,15 +11,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import bpy
-from bpy.app.handlers import persistent
 
-from .. import app_handlers, capture_files, point_cloud, relative_paths, reported_once
+from .. import capture_files, point_cloud, relative_paths, reported_once
 from ..capture_files import file_of
 from ..engine.errors import FrogError
 from . import level_of_detail, open_scenes
-from .playback_cache import Moment
-from .render_thread import in_main_thread, may_write_points
-from .retiming import BadTiming, capture_frame, needs_evaluated_time
+from .playback_cache import SceneTime
+from .render_thread import in_main_thread
+from .retiming import BadTiming, capture_frame
 
 if TYPE_CHECKING:
     from ..engine.gaussians import GaussianArrays
@@ -61,10 +60,10 @@ def captures(objects: Any) -> Iterator[Any]:
 
 def gaussians_at(obj: Any, scene_frame: float, evaluated: Any = None) -> GaussianArrays:
     """The Gaussians an object shows at a frame of the timeline (fractions are legal), in the object's own space."""
-    return moment(obj, scene_frame, evaluated).gaussians()
+    return scene_time(obj, scene_frame, evaluated).gaussians()
 
 
-def moment(obj: Any, scene_frame: float, evaluated: Any = None) -> Moment:
+def scene_time(obj: Any, scene_frame: float, evaluated: Any = None) -> SceneTime:
     """What an object shows at a frame of the timeline; FrogError for an unusable file.
 
     Args:
@@ -72,14 +71,14 @@ def moment(obj: Any, scene_frame: float, evaluated: Any = None) -> Moment:
     """
     scene = open_scene(file_of(obj))
     time = scene.time_of(capture_frame(obj, scene_frame, scene.header.frame_count, evaluated))
-    return Moment(scene, time, open_scenes.bake(bake_path(obj), file_of(obj), scene))
+    return SceneTime(scene, time, open_scenes.bake(bake_path(obj), file_of(obj), scene))
 
 
-def displayed(obj: Any, scene_frame: float, evaluated: Any = None) -> Moment:
-    """What an object's points show of ``moment``: see density. FrogError for an unusable file."""
-    whole = moment(obj, scene_frame, evaluated)
+def displayed(obj: Any, scene_frame: float, evaluated: Any = None) -> SceneTime:
+    """What an object's points show of ``scene_time``: see level_of_detail. FrogError for an unusable file."""
+    whole = scene_time(obj, scene_frame, evaluated)
     fewer = level_of_detail.thinned(obj, whole.scene)
-    return whole if fewer is None else Moment(fewer[0], whole.time, whole.bake, fewer[1])
+    return whole if fewer is None else SceneTime(fewer[0], whole.time, whole.bake, fewer[1])
 
 
 def shown_frame(obj: Any, scene_frame: float, evaluated: Any = None) -> float:
@@ -99,11 +98,11 @@ def show(obj: Any, scene_frame: float, evaluated: Any = None) -> None:
         shown = displayed(obj, scene_frame, evaluated)
         point_cloud.show(obj, shown.scene, shown.time, shown.part)
     except BadTiming as error:
-        reported_once.once(str(error))
+        reported_once.message(str(error))
     except FrogError:
         return  # said once by open_scene, shown by the panel
     except Exception as error:  # of one capture: the others go on
-        reported_once.unforeseen(obj.name, error)
+        reported_once.unexpected(obj.name, error)
 
 
 def captures_in(scene: Any) -> list[Any]:
@@ -135,104 +134,17 @@ def refresh(scene: Any) -> None:
         show(obj, scene.frame_current_final)
 
 
-@persistent
-def refresh_all(*_: Any) -> None:
+def refresh_all() -> None:
     """Make every capture show the current frame of the scene that it is looked at in."""
     for obj, scene in scenes_of_captures().items():
         show(obj, scene.frame_current_final)
 
 
-@persistent
-def _on_frame(scene: Any, *_: Any) -> None:
-    if not may_write_points(scene):
-        if scene.render.engine != "FROG" and not all(obj.frog.laid_over for obj in captures_in(scene)):
-            reported_once.once(
-                f"{scene.name}: captures stand still in this animation; switch on Render > Lock Interface."
-            )
+def show_for_render(is_shown: bool) -> None:
+    """Whether captures show from now on what they are to show in another engine's render; shows what changes."""
+    if is_shown == level_of_detail.is_for_render():
         return
-    for obj in captures_in(scene):
-        if not needs_evaluated_time(obj):
+    level_of_detail.set_for_render(is_shown)
+    for obj, scene in scenes_of_captures().items():
+        if obj.frog.density != obj.frog.render_density:
             show(obj, scene.frame_current_final)
-
-
-@persistent
-def _on_frame_evaluated(scene: Any, depsgraph: Any) -> None:
-    if depsgraph.mode == "RENDER" and scene.render.engine == "FROG":
-        return  # it draws no points, and writing them makes Blender evaluate again, without the NLA
-    if not may_write_points(scene):
-        return
-    for obj in captures_in(scene):
-        if needs_evaluated_time(obj):
-            show(obj, scene.frame_current_final, obj.evaluated_get(depsgraph))
-
-
-@persistent
-def _on_load(*_: Any) -> None:
-    open_scenes.forget()
-    capture_files.forget()
-    reported_once.forget()
-    _take_over()
-
-
-@persistent
-def _take_over(*_: Any) -> None:
-    """Captures that came from somewhere."""
-    capture_files.adopt()
-    refresh_all()
-
-
-@persistent
-def _on_update(_scene: Any, depsgraph: Any) -> None:
-    """Whoever changed the geometry outside of a frame's change, all of it is written again with the next frame."""
-    for update in depsgraph.updates:
-        if update.is_updated_geometry and isinstance(update.id, point_cloud.DATA_TYPES):
-            point_cloud.invalidate(update.id.original)
-
-
-@persistent
-def _on_save_pre(*_: Any) -> None:
-    """Gaussians are in the .frog file; a .blend that repeats them grows by 60 bytes a Gaussian for nothing."""
-    for obj in captures(bpy.data.objects):
-        if obj.library is not None or getattr(obj.data, "is_editmode", False):
-            continue  # Blender refuses to change what is being edited
-        if open_scenes.version(file_of(obj)) is not None and not open_scenes.problem(file_of(obj)):
-            point_cloud.clear(obj)
-
-
-@persistent
-def _on_save_pre_adopt(*_: Any) -> None:
-    capture_files.adopt()  # Blender makes relative, packs and rewrites what it knows
-
-
-def _handlers() -> app_handlers.Handlers:
-    on = bpy.app.handlers
-    return [
-        (on.frame_change_pre, _on_frame),
-        (on.frame_change_post, _on_frame_evaluated),
-        (on.depsgraph_update_post, _on_update),
-        (on.load_post, _on_load),
-        (on.blend_import_post, relative_paths.on_import_post),
-        (on.blend_import_post, _take_over),
-        (on.undo_post, refresh_all),
-        (on.redo_post, refresh_all),
-        (on.save_pre, _on_save_pre),
-        (on.save_pre, _on_save_pre_adopt),
-        (on.save_pre, relative_paths.on_save_pre),  # after them, which look for the files
-        (on.save_post, relative_paths.on_save_post),
-        (on.save_post, refresh_all),
-        (on.save_post_fail, relative_paths.on_save_post),
-        (on.save_post_fail, refresh_all),
-    ]
-
-
-def register() -> None:
-    app_handlers.add(_handlers())
-    bpy.app.timers.register(_take_over, first_interval=0.0)  # for a .blend that was opened without the add-on
-
-
-def unregister() -> None:
-    if bpy.app.timers.is_registered(_take_over):
-        bpy.app.timers.unregister(_take_over)
-    app_handlers.remove(_handlers())
-    open_scenes.forget()
-    capture_files.forget()

@@ -1,23 +1,19 @@
-"""Moments of captures that are kept in memory, and a thread that computes the ones to come.
+"""Frames of captures that are kept in memory, and a thread that computes the ones to come.
 
-The thread is given plain values and never touches Blender.  It works on one moment at a time and forgets what it was
-asked for as soon as it is asked for something else; whoever needs a moment that is not here computes it at once.
+The thread is given plain values and never touches Blender.  It computes one frame at a time and forgets what it was
+asked for as soon as it is asked for something else; whoever needs a frame that is not here computes it at once.
 """
 
 from __future__ import annotations
 
-import atexit
 import sys
 import threading
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import bpy
-from bpy.app.handlers import persistent
-
-from .. import app_handlers
+from .. import addon_state
 from ..engine.playback.frame_cache import FrameCache, Key
 
 if TYPE_CHECKING:
@@ -31,11 +27,9 @@ if TYPE_CHECKING:
 DEFAULT_MEGABYTES = 1024
 MEGABYTE = 1 << 20
 
-frames = FrameCache(DEFAULT_MEGABYTES * MEGABYTE)
-
 
 @dataclass(frozen=True)
-class Moment:
+class SceneTime:
     """What an object shows at some frame: a scene at a time in [0, 1].
 
     Attributes:
@@ -53,16 +47,16 @@ class Moment:
         return self.scene.token, self.time
 
     def part(self) -> FrameDelta:
-        """What changes in time, at this one: kept, baked, or computed at once; kept from now on."""
-        found = frames.find(self.key)
+        """What changes in time, at this time: kept, baked, or computed at once; kept from now on."""
+        found = frames().find(self.key)
         if found is None:
-            found = self._baked() or self.scene.part_at(self.time)
-            frames.keep(self.key, found)
+            found = self._baked() or self.scene.delta_at(self.time)
+            frames().keep(self.key, found)
         return found
 
     def gaussians(self) -> GaussianArrays:
-        """All of them; renders go through many moments once, so nothing is kept for them."""
-        return self.scene.at(self.time, frames.find(self.key) or self._baked())
+        """All of them; renders go through many times once, so nothing is kept for them."""
+        return self.scene.at(self.time, frames().find(self.key) or self._baked())
 
     def _baked(self) -> FrameDelta | None:
         if self.bake is None or not self.scene.changing:
@@ -70,18 +64,19 @@ class Moment:
         return self.bake.find(self.time, self.rows)
 
 
-class Worker:
-    """A thread that fills ``frames``; it starts with the first request and ends with ``stop``."""
+class PrefetchWorker:
+    """A thread that fills a cache of frames; it starts with the first request and ends with ``stop``."""
 
-    def __init__(self) -> None:
-        self._wanted: deque[Moment] = deque()
+    def __init__(self, frames: FrameCache) -> None:
+        self._frames = frames
+        self._wanted: deque[SceneTime] = deque()
         self._changed = threading.Condition()
         self._thread: threading.Thread | None = None
         self._busy = False
 
-    def ask(self, moments: Iterable[Moment]) -> None:
+    def ask(self, times: Iterable[SceneTime]) -> None:
         """Compute these, first things first, and nothing else any more."""
-        wanted = deque(moment for moment in moments if frames.find(moment.key) is None)  # what is there stays there
+        wanted = deque(each for each in times if self._frames.find(each.key) is None)  # what is there stays there
         with self._changed:
             self._wanted = wanted
             if wanted and self._thread is None:
@@ -96,7 +91,7 @@ class Worker:
             return self._changed.wait_for(lambda: not self._wanted and not self._busy, seconds)
 
     def stop(self) -> None:
-        """Ends the thread after the moment that it is at."""
+        """Ends the thread after the frame that it is at."""
         with self._changed:
             thread, self._thread = self._thread, None
             self._wanted.clear()
@@ -117,45 +112,50 @@ class Worker:
                 self._changed.wait_for(lambda: self._wanted or self._thread is not me)
                 if self._thread is not me:
                     return
-                moment = self._wanted.popleft()
+                following = self._wanted.popleft()
                 self._busy = True
             try:
-                moment.part()
-            except Exception as error:  # whatever it is, who shows the moment meets it too; the thread goes on
+                following.part()
+            except Exception as error:  # whoever shows the frame meets it too; the thread goes on
                 print(f"FRoG: a frame could not be computed ahead ({type(error).__name__}: {error}).", file=sys.stderr)
 
 
-worker = Worker()
+class PlaybackCache:
+    """The frames in memory and the thread that adds to them."""
+
+    def __init__(self) -> None:
+        self.frames = FrameCache(DEFAULT_MEGABYTES * MEGABYTE)
+        self.worker = PrefetchWorker(self.frames)
+
+
+def frames() -> FrameCache:
+    """The frames that are kept."""
+    return addon_state.get(PlaybackCache).frames
+
+
+def worker() -> PrefetchWorker:
+    """The thread that computes frames ahead."""
+    return addon_state.get(PlaybackCache).worker
+
+
+def set_limit(megabytes: int) -> None:
+    """How much memory the frames may take; the least recently shown go first."""
+    frames().limit = megabytes * MEGABYTE
 
 
 def clear() -> None:
-    """Forget every moment, and what was to be computed."""
-    worker.ask(())
-    frames.forget()
+    """Forget every frame, and what was to be computed."""
+    worker().ask(())
+    frames().forget()
 
 
 def summary() -> str:
     """For the panel: ``Cache: 120 MB of 1,024 MB, 34 frames``."""
-    used, limit = (round(size / MEGABYTE) for size in (frames.bytes, frames.limit))
-    return f"Cache: {used:,} MB of {limit:,} MB, {len(frames):,} frames"
+    used, limit = (round(size / MEGABYTE) for size in (frames().bytes, frames().limit))
+    return f"Cache: {used:,} MB of {limit:,} MB, {len(frames()):,} frames"
 
 
-@persistent
-def _on_load_pre(*_: Any) -> None:
-    worker.stop()
-    frames.forget()
-
-
-def register() -> None:
-    from ..ui import preferences
-
-    frames.limit = preferences.cache_megabytes() * MEGABYTE
-    app_handlers.add([(bpy.app.handlers.load_pre, _on_load_pre)])
-    atexit.register(worker.stop)
-
-
-def unregister() -> None:
-    app_handlers.remove([(bpy.app.handlers.load_pre, _on_load_pre)])
-    atexit.unregister(worker.stop)
-    worker.stop()
-    frames.forget()
+def stop() -> None:
+    """Ends the thread and forgets every frame; the thread starts again with the next request."""
+    worker().stop()
+    frames().forget()

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import islice
 from typing import Any
 
 import bpy
-from bpy.app.handlers import persistent
 
-from .. import app_handlers
+from .. import addon_state
 from ..engine.errors import FrogError
-from ..training_task import runner
 from . import playback, playback_cache
-from .playback_cache import Moment
+from .playback_cache import SceneTime
 from .retiming import raw_frame, stretched
 
 AHEAD = 24  # frames
@@ -21,18 +19,36 @@ AHEAD_WHILE_TRAINING = 2
 """While a training wants the same cores: the next frame, and one more so that a slow one does not hold up playing.
 Every frame beyond them is work that scrubbing throws away."""
 _FARTHEST_STEP = 8.0  # frames of the timeline; who goes farther at once has jumped, not played
-_before: dict[int, tuple[float, float]] = {}  # a scene's frame and step, by session_uid: which way it is being played
+
+
+class Playing:
+    """How scenes are played.
+
+    Attributes:
+        before: a scene's frame and step, by session_uid: which way it is being played.
+        is_training: whether a training wants the same cores; see ``share_cores``.
+    """
+
+    def __init__(self) -> None:
+        self.before: dict[int, tuple[float, float]] = {}
+        self.is_training: Callable[[], bool] = lambda: False
+
+
+def share_cores(is_training: Callable[[], bool]) -> None:
+    """Leaves most of the cores to a training for as long as this says that one is running."""
+    addon_state.get(Playing).is_training = is_training
 
 
 def step_to(scene: Any, frame: float) -> float:
     """Frames from one shown frame to the next, as observed: below zero while one plays backwards."""
-    last, step = _before.get(scene.session_uid, (frame, 1.0))
+    before = addon_state.get(Playing).before
+    last, step = before.get(scene.session_uid, (frame, 1.0))
     if frame != last:
         observed, first, final = frame - last, *_range(scene)
         goes_round = (last, frame) in ((final, first), (first, final))
         if not goes_round or first == final:
             step = observed if abs(observed) <= _FARTHEST_STEP else 1.0
-    _before[scene.session_uid] = frame, step
+    before[scene.session_uid] = frame, step
     return step
 
 
@@ -47,42 +63,41 @@ def frames_after(scene: Any, frame: float, step: float) -> Iterator[float]:
         yield frame
 
 
-def moments_after(scene: Any, frame: float, step: float) -> list[Moment]:
+def times_after(scene: Any, frame: float, step: float) -> list[SceneTime]:
     """What the scene's captures show next, as much as half of the cache holds."""
-    found: dict[Any, Moment] = {}
-    room = playback_cache.frames.limit // 2
+    found: dict[Any, SceneTime] = {}
+    room = playback_cache.frames().limit // 2
     objects = playback.captures_in(scene)
     for following in islice(frames_after(scene, frame, step), _frames_ahead()):
-        for moment in _shown(scene, objects, stretched(scene, following)):
-            if moment.key in found or not moment.scene.changing:
+        for each in _shown(scene, objects, stretched(scene, following)):
+            if each.key in found or not each.scene.changing:
                 continue
-            room -= moment.scene.part_bytes
+            room -= each.scene.delta_bytes
             if room < 0:
                 return list(found.values())
-            found[moment.key] = moment
+            found[each.key] = each
     return list(found.values())
 
 
 def _frames_ahead() -> int:
-    trains = runner.is_running() and not runner.is_paused()
-    return AHEAD_WHILE_TRAINING if trains else AHEAD
+    return AHEAD_WHILE_TRAINING if addon_state.get(Playing).is_training() else AHEAD
 
 
-def _shown(scene: Any, objects: list[Any], frame: float) -> Iterator[Moment]:
+def _shown(scene: Any, objects: list[Any], frame: float) -> Iterator[SceneTime]:
     """What the objects' points show at a frame, and what FRoG draws of them, which may be more."""
     for obj in objects:
         try:
             yield playback.displayed(obj, frame)
             if scene.render.engine == "FROG":
-                yield playback.moment(obj, frame)
+                yield playback.scene_time(obj, frame)
         except FrogError:
             continue  # said already when the present frame was shown
 
 
-def look_ahead(scene: Any) -> None:
+def prefetch(scene: Any) -> None:
     """Has the thread compute what comes after the scene's present frame."""
     frame = raw_frame(scene)
-    playback_cache.worker.ask(moments_after(scene, frame, step_to(scene, frame)))
+    playback_cache.worker().ask(times_after(scene, frame, step_to(scene, frame)))
 
 
 def _range(scene: Any) -> tuple[int, int]:
@@ -91,30 +106,11 @@ def _range(scene: Any) -> tuple[int, int]:
     return scene.frame_start, scene.frame_end
 
 
-def _is_watched() -> bool:
+def is_watched() -> bool:
     """Somebody looks at the timeline; a render, which waits for each frame, needs all cores for the present one."""
     return not (bpy.app.background or bpy.app.is_job_running("RENDER"))
 
 
-@persistent
-def _on_frame(scene: Any, *_: Any) -> None:
-    if _is_watched():
-        look_ahead(scene)
-
-
-@persistent
-def _on_load(*_: Any) -> None:
-    _before.clear()
-
-
-def register() -> None:
-    app_handlers.add(_handlers())
-
-
-def unregister() -> None:
-    app_handlers.remove(_handlers())
-    _before.clear()
-
-
-def _handlers() -> app_handlers.Handlers:
-    return [(bpy.app.handlers.frame_change_post, _on_frame), (bpy.app.handlers.load_post, _on_load)]
+def forget() -> None:
+    """Forgets which way scenes were played, as for another file."""
+    addon_state.get(Playing).before.clear()

@@ -6,12 +6,25 @@ import threading
 from typing import Any
 
 import bpy
-from bpy.app.handlers import persistent
 
-from .. import app_handlers
-from . import level_of_detail
+from .. import addon_state
 
-_is_rendering = False
+
+class RenderState:
+    """Whether a render is under way."""
+
+    def __init__(self) -> None:
+        self.is_rendering = False
+
+
+def is_rendering() -> bool:
+    """Whether a render is under way, of any engine."""
+    return addon_state.get(RenderState).is_rendering
+
+
+def set_rendering(value: bool) -> None:
+    """To be told when a render begins and ends."""
+    addon_state.get(RenderState).is_rendering = value
 
 
 def in_main_thread() -> bool:
@@ -26,47 +39,12 @@ def may_write_points(scene: Any) -> bool:
     """Whether captures' points may be written now that a scene is at another frame. The FROG engine needs none."""
     if in_main_thread() and not bpy.app.background:
         return True
-    if _is_rendering and scene.render.engine == "FROG":
+    if is_rendering() and scene.render.engine == "FROG":
         return False
-    return _is_never_drawn_meanwhile(scene)
+    return is_never_drawn_meanwhile(scene)
 
 
-def _is_never_drawn_meanwhile(scene: Any) -> bool:
+def is_never_drawn_meanwhile(scene: Any) -> bool:
     """A window that is not locked may draw the points while a render's thread writes them, which Blender does not
     survive."""
     return bpy.app.background or scene.render.use_lock_interface
-
-
-@persistent
-def _on_init(scene: Any, *_: Any) -> None:
-    global _is_rendering
-    _is_rendering = True
-    level_of_detail.show_for_render(_is_never_drawn_meanwhile(scene) and scene.render.engine != "FROG")
-
-
-@persistent
-def _on_end(*_: Any) -> None:
-    """Without windows the points now show the frame that they were not written for."""
-    global _is_rendering
-    from . import playback
-
-    _is_rendering = False
-    level_of_detail.show_for_render(False)
-    if bpy.app.background and in_main_thread():
-        playback.refresh_all()
-
-
-def _handlers() -> app_handlers.Handlers:
-    on = bpy.app.handlers
-    return [(on.render_init, _on_init), (on.render_complete, _on_end), (on.render_cancel, _on_end)]
-
-
-def register() -> None:
-    app_handlers.add(_handlers())
-
-
-def unregister() -> None:
-    global _is_rendering
-    app_handlers.remove(_handlers())
-    _is_rendering = False
-    level_of_detail.forget()

@@ -85,7 +85,7 @@ def needs_evaluated_time(obj: Any) -> bool:
         return False
     if any(driver.data_path in TIMING for driver in animation.drivers):
         return True
-    if any(curve.data_path in TIMING and curve.data_path != REMAPPED for curve in _curves(animation)):
+    if any(curve.data_path in TIMING and curve.data_path != REMAPPED for curve in curves(animation)):
         return True
     strips = [strip for track in animation.nla_tracks for strip in track.strips] if animation.use_nla else []
     return any(
@@ -101,10 +101,10 @@ def _curve(obj: Any) -> Any:
     animation = obj.animation_data
     if animation is None or needs_evaluated_time(obj):
         return None
-    return next((curve for curve in _curves(animation) if curve.data_path == REMAPPED), None)
+    return next((curve for curve in curves(animation) if curve.data_path == REMAPPED), None)
 
 
-def _curves(animation: Any) -> Iterator[Any]:
+def curves(animation: Any) -> Iterator[Any]:
     """Those of the action that is not in the NLA."""
     return _curves_of(animation.action, animation.action_slot) if animation.action is not None else iter(())
 

@@ -13,13 +13,14 @@ import os
 import re
 import shutil
 import sys
+from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from typing import BinaryIO
 
 from ..engine.capture.sharing import lock_exclusively, open_shared
 
 _POINTER = ".current"
-_held: dict[str, BinaryIO] = {}  # open, and so in use, for as long as this process lives
 
 
 def hold() -> None:
@@ -29,10 +30,18 @@ def hold() -> None:
     if found is None:
         spec = importlib.util.find_spec("torch")
         found = spec.origin if spec is not None else None
-    if found is not None and found not in _held:
-        file = open_shared(Path(found))
-        if file is not None:
-            _held[found] = file
+    if found is not None:
+        with suppress(OSError):
+            _held(found)
+
+
+@cache
+def _held(path: str) -> BinaryIO:
+    """A file that is open, and so in use, for as long as this process lives; OSError if it cannot be."""
+    file = open_shared(Path(path))
+    if file is None:
+        raise OSError(path)
+    return file
 
 
 def partial_prefix(folder: Path) -> str:

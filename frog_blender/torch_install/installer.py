@@ -1,6 +1,6 @@
 """torch for training, put into a folder of its own by pip: in the background, whole or not at all.
 
-Knows nothing of Blender's windows; operators/install_torch.py asks for it, the preferences show how it stands.
+Knows nothing of Blender's windows; see ``task`` for that.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from .folders import has_torch, partial_prefix, switch_to
 PACKAGES = ("torch", "opencv-contrib-python-headless", "imageio-ffmpeg")
 """What training and reading captures import and Blender's Python has not."""
 SIZES = "about 0.3 GB for the CPU alone (1 GB on the disk), about 3 GB with CUDA (7 GB)"
-_ROOM = 1.5e9  # bytes that the smaller of the two needs while it is unpacked
+BYTES_NEEDED = 1.5e9  # bytes that the smaller of the two needs while it is unpacked
 _LINES_KEPT = 30
 
 
@@ -32,7 +32,7 @@ def pip_command() -> list[str]:
     """How to start pip with this Python: installed, or out of the wheel that Python brings along.
 
     Isolated (``-I``), so that nothing in the current folder or in PYTHONPATH runs in its place; and only for as long as
-    this process keeps the other end of its input (``pip_of_parent``).
+    this process keeps the other end of its input (``pip_process``).
 
     Raises:
         FrogError: where there is neither.
@@ -79,8 +79,10 @@ class Installation:
             free = shutil.disk_usage(self.folder.parent).free
         except OSError as error:
             raise FrogError(f"{self.folder.parent}: the folder could not be made ({error.strerror}).") from error
-        if free < _ROOM:
-            raise FrogError(f"{self.folder.parent}: found {free / 1e9:.1f} GB free, torch needs {_ROOM / 1e9:.1f} GB.")
+        if free < BYTES_NEEDED:
+            raise FrogError(
+                f"{self.folder.parent}: found {free / 1e9:.1f} GB free, torch needs {BYTES_NEEDED / 1e9:.1f} GB."
+            )
         # Only what is built: a source package would run its own code.
         options = ["--disable-pip-version-check", "--no-input", "--progress-bar", "off", "--only-binary=:all:"]
         self._command = [*command, "install", *options]

@@ -1,6 +1,6 @@
 """pip for as long as the process lives that started it, which keeps the other end of this one's input.
 
-    python -I pip_of_parent.py WHEEL ARGUMENTS...
+    python -I pip_process.py WHEEL ARGUMENTS...
 
 WHEEL is a file with pip in it, or "" for the installed one. Whatever ends the parent closes the input, even a crash,
 and with it pip ends at once. Nothing of the package is imported here.

@@ -20,11 +20,11 @@ from typing import Any
 
 import bpy
 
+from .. import addon_state
 from ..engine import memory
 from ..engine.errors import FrogError, brief
 from ..engine.training.session.cancel_token import CancelToken
-from ..torch_install import folders
-from ..ui import preview_image
+from ..timeline import prefetch
 from . import unsaved_changes
 from .state import TrainingState
 
@@ -38,32 +38,8 @@ _JOBS = ("RENDER", "OBJECT_BAKE")  # of Blender's, that look at the scene in thr
 EventSource = Callable[[CancelToken], Iterator[Any]]
 OnFinished = Callable[[Path], str | None]
 """Takes a finished scene's file; returns what the panel says besides, if anything. May raise FrogError."""
-
-
-class TrainingRequest:
-    """What to train, in plain values.
-
-    Args:
-        recipe, capacity: names; None leaves the capacity to the recipe.
-        job: fields of the engine's ``TrainingJob`` that are not to have their defaults. They are not repeated here,
-            and the class itself is not named: its module imports torch.
-    """
-
-    def __init__(
-        self, capture: Path, output: Path, recipe: str = "standard", capacity: str | None = None, **job: Any
-    ) -> None:
-        self.capture, self.output, self.recipe, self.capacity, self.job = capture, output, recipe, capacity, job
-
-    def events(self, control: CancelToken) -> Iterator[Any]:
-        """Run the training; called on the worker, because this is what imports torch."""
-        folders.hold()
-        from ..engine.training.recipe import recipe
-        from ..engine.training.session.job import TrainingJob, run_training
-        from ..engine.training.session.time_estimate import remembering
-
-        settings = recipe(self.recipe, capacity=self.capacity)
-        job = TrainingJob(self.capture, self.output, recipe=settings, **self.job)
-        return remembering(run_training(job, control), job)
+Watcher = Callable[[TrainingState], None]
+"""Is told of a training's state whenever that has changed, on Blender's main thread."""
 
 
 class TrainingTask:
@@ -74,13 +50,13 @@ class TrainingTask:
 
     def __init__(self, source: EventSource, on_finished: OnFinished | None = None) -> None:
         self.state = TrainingState()
-        self._source = source
-        self._on_finished = on_finished
+        self.on_finished = on_finished
         self.waiting: Path | None = None  # a finished file that is to be handed over
-        self._events: queue.Queue[Any] = queue.Queue()
         self.control = CancelToken()
+        self._source = source
+        self._events: queue.Queue[Any] = queue.Queue()  # Any: events of the engine, which need torch to be imported
         # A daemon, because Python waits for other threads before it runs atexit, where this one is asked to end.
-        self._thread = threading.Thread(target=self._work, name="FRoG training", daemon=True)
+        self._thread = threading.Thread(target=self.work, name="FRoG training", daemon=True)
 
     def start(self) -> TrainingTask:
         self._thread.start()
@@ -101,19 +77,20 @@ class TrainingTask:
             self._thread.join(seconds)
         return not self._thread.is_alive()
 
-    def _work(self) -> None:
+    def work(self) -> None:
+        """What the worker thread does: it goes through the source and queues what that says, how it ends included."""
         try:
             for event in self._source(self.control):
                 self._events.put(event)
         except FrogError as error:
-            self._events.put(_Ended(str(error)))
+            self._events.put(Ended(str(error)))
         except BaseException as error:
             traceback.print_exc(file=sys.stderr)
-            self._events.put(_Ended(f"Training stopped by an unforeseen {type(error).__name__}: {error}."))
+            self._events.put(Ended(f"Training stopped on an unexpected {type(error).__name__}: {error}."))
         else:
-            self._events.put(_Ended(""))
+            self._events.put(Ended(""))
         finally:
-            memory.give_back()
+            memory.trim_heap()
 
     def pump(self, most: int = PUMP_EVENTS) -> int:
         """Apply waiting events to ``state``: at most ``most``, for at most about PUMP_SECONDS.  Returns how many."""
@@ -124,8 +101,8 @@ class TrainingTask:
             except queue.Empty:
                 if not self._has_died():
                     return done
-                event = _Ended("The training stopped without giving a reason, possibly out of memory.")
-            self._apply(event)
+                event = Ended("The training stopped without giving a reason, possibly out of memory.")
+            self.apply(event)
             if time.perf_counter() > deadline:
                 return done + 1
         return most
@@ -135,9 +112,10 @@ class TrainingTask:
         gone = self.state.running and self._thread.ident is not None and not self._thread.is_alive()
         return gone and self._events.empty()  # asked last: it may have spoken just before it ended
 
-    def _apply(self, event: Any) -> None:
+    def apply(self, event: Any) -> None:
+        """Take one event of the source's, or the worker's last message, into ``state``."""
         state = self.state
-        if not isinstance(event, _Ended):
+        if not isinstance(event, Ended):
             try:
                 state.take(event)
             except Exception as error:  # one that cannot be shown; those that follow are to be
@@ -155,8 +133,8 @@ class TrainingTask:
             return
         result, self.waiting = self.waiting, None
         try:
-            if self._on_finished is not None:
-                self.state.note = self._on_finished(result) or ""
+            if self.on_finished is not None:
+                self.state.note = self.on_finished(result) or ""
         except FrogError as error:
             self.state.error = str(error)
         except Exception as error:  # nobody else would hear of it, and the file is there
@@ -165,76 +143,114 @@ class TrainingTask:
 
 
 @dataclass(frozen=True)
-class _Ended:
+class Ended:
     """The worker's last message; an empty error means that it came to its own end."""
 
     error: str
 
 
-current: TrainingTask | None = None  # the training that the panel shows: running, or the last one that ran
+class BackgroundTraining:
+    """The training of this Blender.
+
+    Attributes:
+        current: what the panel shows: the training that is running, or the last one that ran.
+        watchers: who is told of its state.
+    """
+
+    def __init__(self) -> None:
+        self.current: TrainingTask | None = None
+        self.watchers: list[Watcher] = []
+
+
+def current() -> TrainingTask | None:
+    """The training that the panel shows: running, or the last one that ran."""
+    return addon_state.get(BackgroundTraining).current
+
+
+def set_current(task: TrainingTask | None) -> None:
+    """Makes a training the one that the panel shows; None for none."""
+    addon_state.get(BackgroundTraining).current = task
+
+
+def watch(watcher: Watcher) -> None:
+    """Has ``watcher`` told of the current training's state whenever that has changed."""
+    addon_state.get(BackgroundTraining).watchers.append(watcher)
 
 
 def begin(source: EventSource, on_finished: OnFinished | None = None) -> TrainingTask:
     """Start a training as the current one, pumped by a timer; FrogError if one is running already."""
-    global current
+    last = current()
     if is_running():
         raise FrogError("A training is running already; wait for it or cancel it first.")
-    if current is not None and current.waiting:
+    if last is not None and last.waiting:
         raise FrogError("The last scene is still waiting to be imported; finish the current render or operation first.")
     task = TrainingTask(source, on_finished)
     try:
-        current = task.start()
+        task.start()
     except RuntimeError as error:  # the system has no thread left
         raise FrogError(f"The training could not be started ({error}).") from error
-    if not bpy.app.timers.is_registered(_tick):
-        bpy.app.timers.register(_tick, first_interval=TIMER_SECONDS, persistent=True)
-    return current
+    set_current(task)
+    if not bpy.app.timers.is_registered(tick):
+        bpy.app.timers.register(tick, first_interval=TIMER_SECONDS, persistent=True)
+    return task
 
 
 def is_running() -> bool:
-    return current is not None and current.state.running
+    """Whether a training is under way, paused or not."""
+    task = current()
+    return task is not None and task.state.running
 
 
 def is_paused() -> bool:
-    return current is not None and current.paused
+    """Whether a training is under way and held."""
+    task = current()
+    return task is not None and task.paused
+
+
+def is_computing() -> bool:
+    """Whether a training is under way and not held."""
+    return is_running() and not is_paused()
 
 
 def stop() -> None:
-    """Cancel the current training, let it finish what it saves, for QUIT_SECONDS at most, and take in what it said."""
-    if current is None:
+    """Cancel the current training, give it QUIT_SECONDS to save, and drain its event queue."""
+    task = current()
+    if task is None:
         return
-    current.cancel()
-    current._on_finished = None  # whoever stops a training does not want its result imported into what comes next
-    if not current.join(PATIENCE):
-        has_learned = current.state.step > 0
-        doing = "saving what the training has learned" if has_learned else "ending the training"
-        _say_at_the_end(f"{doing}, which may take up to {QUIT_SECONDS:.0f} seconds.")
-        if not current.join(QUIT_SECONDS - PATIENCE):
-            kept = "; what the last checkpoint holds, if one was written, is kept" if has_learned else ""
-            _say_at_the_end(f"it took longer{kept}.")
+    task.cancel()
+    task.on_finished = None  # whoever stops a training does not want its result imported into what comes next
+    if not task.join(PATIENCE):
+        has_learned = task.state.step > 0
+        doing = "Saving what the training has learned" if has_learned else "Ending the training"
+        _print(f"{doing}, which may take up to {QUIT_SECONDS:.0f} seconds.")
+        if not task.join(QUIT_SECONDS - PATIENCE):
+            _print("That took longer." + (" The last checkpoint is kept, if there is one." if has_learned else ""))
             return
-    while current.pump():
+    while task.pump():
         pass
 
 
-def _say_at_the_end(sentence: str) -> None:
+def _print(sentence: str) -> None:
     print(f"FRoG: {sentence}", file=sys.stderr, flush=True)
 
 
-def _tick() -> float | None:
-    if current is None:
+def tick() -> float | None:
+    """What Blender's timer calls: pumps the current training. Returns the seconds until the next call, None to end."""
+    task = current()
+    if task is None:
         return None
     try:
-        if current.pump():
-            preview_image.show(current.state.preview)
+        if task.pump():
+            for watcher in addon_state.get(BackgroundTraining).watchers:
+                watcher(task.state)
             _redraw()
-        if current.state.running:
+        if task.state.running:
             unsaved_changes.count_as_unsaved()
     except Exception:  # Blender drops a timer that fails, and with it the rest of the training
         traceback.print_exc(file=sys.stderr)
-        current.state.preview = None
-    current.hand_over()
-    return TIMER_SECONDS if current.state.running or current.waiting else None
+        task.state.preview = None
+    task.hand_over()
+    return TIMER_SECONDS if task.state.running or task.waiting else None
 
 
 def _redraw() -> None:
@@ -247,13 +263,13 @@ def _redraw() -> None:
 
 
 def register() -> None:
+    prefetch.share_cores(is_computing)
     atexit.register(stop)
 
 
 def unregister() -> None:
-    global current
     stop()
-    current = None
+    set_current(None)
     atexit.unregister(stop)
-    if bpy.app.timers.is_registered(_tick):
-        bpy.app.timers.unregister(_tick)
+    if bpy.app.timers.is_registered(tick):
+        bpy.app.timers.unregister(tick)

@@ -8,6 +8,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from .. import addon_state
 from ..engine.errors import FrogError
 from ..engine.optional_imports import is_missing, not_loaded
 
@@ -38,27 +39,39 @@ class CaptureSummary:
         return sorted(names, key=lambda name: capture is not None and name not in capture.test_cameras)
 
 
-_known: dict[str, CaptureSummary] = {}
-_stamps: dict[str, object] = {}  # of folders that cannot be used, as they were then
+class Inspected:
+    """The folders that were looked into.
+
+    Attributes:
+        summaries: what was found, by folder.
+        stamps: of the folders, as they were then.
+    """
+
+    def __init__(self) -> None:
+        self.summaries: dict[str, CaptureSummary] = {}
+        self.stamps: dict[str, object] = {}
+
+
 _FILES_LOOKED_AT = 100  # of such a folder, at every redraw of the panel
 
 
 def known(folder: str) -> CaptureSummary | None:
     """What ``inspect`` found in a folder, or None if it was not asked yet.  Opens nothing."""
-    return _known.get(folder)
+    return addon_state.get(Inspected).summaries.get(folder)
 
 
 def is_outdated(folder: str) -> bool:
     """Whether a folder that could not be used has changed since, so that the error may be mended."""
-    summary = _known.get(folder)
-    return summary is not None and bool(summary.error) and _stamp(folder) != _stamps.get(folder)
+    inspected = addon_state.get(Inspected)
+    summary = inspected.summaries.get(folder)
+    return summary is not None and bool(summary.error) and _stamp(folder) != inspected.stamps.get(folder)
 
 
 def inspect(folder: str) -> CaptureSummary:
     """Look into a folder and remember what was found."""
-    _stamps[folder] = _stamp(folder)
-    summary = _inspect(Path(folder)) if folder else CaptureSummary()
-    _known[folder] = summary
+    inspected = addon_state.get(Inspected)
+    inspected.stamps[folder] = _stamp(folder)
+    summary = inspected.summaries[folder] = _inspect(Path(folder)) if folder else CaptureSummary()
     return summary
 
 

@@ -7,9 +7,9 @@ from typing import Any
 import bpy
 
 from .. import capture_files, point_cloud
-from ..compositing import renders
 from ..nodes import ellipsoid_nodes
 from ..relative_paths import library_of
+from ..render.compositing import renders
 from ..scene_import.scene_setup import is_set_up
 from ..timeline import open_scenes, playback, playback_cache, retiming
 from . import refreshing
@@ -68,8 +68,8 @@ class FROG_PT_captures(bpy.types.Panel):
         row.operator("frog.hide_clips", text="", icon="HIDE_ON")
         layout.operator("frog.align_to_floor", icon="GRID")
         layout.operator_menu_enum("frog.compose", "engine", icon="NODE_COMPOSITING")
-        for said in renders.said:
-            sentence(layout, said, context, icon="ERROR")
+        for problem in renders.problems():
+            sentence(layout, problem, context, icon="ERROR")
 
 
 def outdated(obj: Any) -> bool:

@@ -45,7 +45,7 @@ def _on_display(settings: Any, context: Any) -> None:
 
 
 def _on_play_setting(_settings: Any, context: Any) -> None:
-    if not relative_paths.moving:
+    if not relative_paths.are_being_written():
         playback.refresh(context.scene)
 
 

@@ -13,10 +13,13 @@ from bpy.props import IntProperty, StringProperty
 from .. import __package__ as base_package
 from ..engine.errors import FrogError
 from ..timeline import playback_cache
+from ..torch_install import task
+from ..torch_install.folders import installed
+from ..torch_install.installer import SIZES
 
 
 def _on_cache_limit(settings: Any, _context: Any) -> None:
-    playback_cache.frames.limit = settings.cache_megabytes * playback_cache.MEGABYTE
+    playback_cache.set_limit(settings.cache_megabytes)
 
 
 class FROG_AP_preferences(bpy.types.AddonPreferences):
@@ -59,10 +62,7 @@ class FROG_AP_preferences(bpy.types.AddonPreferences):
 
 def draw_installation(layout: Any) -> None:
     """The button that installs torch, and how its work stands."""
-    from ..operators import install_torch
-    from ..torch_install.installer import SIZES
-
-    current = install_torch.current
+    current = task.current()
     if current is not None and current.running:
         layout.label(text=current.line[:100], icon="IMPORT")
         layout.operator("frog.cancel_installation", icon="CANCEL")
@@ -73,20 +73,31 @@ def draw_installation(layout: Any) -> None:
     layout.label(text=f"Downloads {SIZES}.")
 
 
-def cache_megabytes() -> int:
-    """What playback may keep in memory."""
+def _preferences() -> Any:
+    """This add-on's, None where Blender has none of it: when it is registered by hand."""
     addon = bpy.context.preferences.addons.get(base_package)
-    return addon.preferences.cache_megabytes if addon and addon.preferences else playback_cache.DEFAULT_MEGABYTES
+    return addon.preferences if addon is not None else None
+
+
+def package_index() -> str:
+    """Address of the index that pip is to ask; an empty string for its usual one."""
+    preferences = _preferences()
+    return preferences.package_index.strip() if preferences is not None else ""
+
+
+def use_installation(folder: Path) -> None:
+    """Names a folder that an installation has filled in the preferences, and makes its packages importable."""
+    preferences = _preferences()
+    if preferences is not None:
+        preferences.torch_path = str(folder)
+    add_folder(folder)
 
 
 def torch_path() -> str:
     """The folder named in the preferences, or the one that *Install torch* filled; else an empty string."""
-    from ..operators.install_torch import folder
-    from ..torch_install.folders import installed
-
-    addon = bpy.context.preferences.addons.get(base_package)
-    named = addon.preferences.torch_path if addon and addon.preferences else ""
-    place = folder()
+    preferences = _preferences()
+    named = preferences.torch_path if preferences is not None else ""
+    place = task.folder()
     if named and Path(bpy.path.abspath(named)).parent != place.parent:
         return str(named)
     found = installed(place)  # preferences that were not saved name an older one, or none
@@ -155,4 +166,11 @@ def _is_importable() -> bool:
         return False
 
 
-register, unregister = bpy.utils.register_classes_factory((FROG_AP_preferences,))
+_register_classes, unregister = bpy.utils.register_classes_factory((FROG_AP_preferences,))
+
+
+def register() -> None:
+    _register_classes()
+    preferences = _preferences()
+    if preferences is not None:
+        playback_cache.set_limit(preferences.cache_megabytes)

@@ -2,26 +2,48 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import bpy.utils.previews
 import numpy as np
 
-_NAME = "training"
-_icons: Any = None  # what Blender keeps custom icons in, while the add-on is on
-_shown: np.ndarray | None = None
+from .. import addon_state
+from ..training_task import runner
+from ..training_task.state import TrainingState
+
+NAME = "training"
+
+
+class PreviewIcon:
+    """The icon.
+
+    Attributes:
+        icons: what Blender keeps custom icons in, while the add-on is on.
+        shown: the image that it shows.
+    """
+
+    def __init__(self) -> None:
+        self.icons: bpy.utils.previews.ImagePreviewCollection | None = None
+        self.shown: np.ndarray | None = None
+
+
+def _icon() -> PreviewIcon:
+    return addon_state.get(PreviewIcon)
+
+
+def icons() -> bpy.utils.previews.ImagePreviewCollection | None:
+    """What Blender keeps the icon in; None while the add-on is off."""
+    return _icon().icons
 
 
 def show(image: np.ndarray | None) -> None:
     """Make (H, W, 3) uint8, rows from the top, the image; the same one again costs nothing, None takes it away."""
-    global _shown
-    if _icons is None or image is _shown:
+    preview = _icon()
+    if preview.icons is None or image is preview.shown:
         return
-    _shown = image
+    preview.shown = image
     if image is None:
-        _icons.clear()
+        preview.icons.clear()
         return
-    icon = _icons[_NAME] if _NAME in _icons else _icons.new(_NAME)
+    icon = preview.icons[NAME] if NAME in preview.icons else preview.icons.new(NAME)
     height, width = image.shape[:2]
     pixels = np.full((height, width, 4), 255, np.uint8)
     pixels[:, :, :3] = image[::-1]  # Blender's rows go up
@@ -30,18 +52,24 @@ def show(image: np.ndarray | None) -> None:
     icon.image_pixels.foreach_set(pixels.view(np.int32).ravel())
 
 
+def show_training(state: TrainingState) -> None:
+    """Makes the latest preview of a training the image."""
+    show(state.preview)
+
+
 def icon_id() -> int:
     """For ``layout.template_icon``; 0 where there is no image, and without a window."""
-    return _icons[_NAME].icon_id if _icons is not None and _NAME in _icons else 0
+    found = icons()
+    return found[NAME].icon_id if found is not None and NAME in found else 0
 
 
 def register() -> None:
-    global _icons
-    _icons = bpy.utils.previews.new()
+    _icon().icons = bpy.utils.previews.new()
+    runner.watch(show_training)
 
 
 def unregister() -> None:
-    global _icons, _shown
-    if _icons is not None:
-        bpy.utils.previews.remove(_icons)
-    _icons = _shown = None
+    preview = _icon()
+    if preview.icons is not None:
+        bpy.utils.previews.remove(preview.icons)
+    preview.icons = preview.shown = None

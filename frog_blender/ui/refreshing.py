@@ -7,25 +7,39 @@ from collections.abc import Callable
 
 import bpy
 
+from .. import addon_state
 from ..timeline import playback
 
-_REST = 1.0  # seconds between two looks: what cannot be brought up to date must not keep Blender busy
-_looked_at = -_REST
-_wanted: dict[str, Callable[[], object]] = {}
+REST = 1.0  # seconds between two looks: what cannot be brought up to date must not keep Blender busy
+
+
+class Refreshes:
+    """What is to be looked at again.
+
+    Attributes:
+        wanted: what to call, by what it is for.
+        looked_at: when that was done last (of ``time.monotonic``).
+    """
+
+    def __init__(self) -> None:
+        self.wanted: dict[str, Callable[[], object]] = {}
+        self.looked_at = -REST
 
 
 def soon(key: str = "captures", look: Callable[[], object] = playback.refresh_all) -> None:
     """Calls ``look`` once when everything is drawn, however often it is asked for ``key``, and draws sidebars anew."""
-    _wanted.setdefault(key, look)
-    if not bpy.app.timers.is_registered(_look):
-        bpy.app.timers.register(_look, first_interval=max(0.0, _looked_at + _REST - time.monotonic()))
+    refreshes = addon_state.get(Refreshes)
+    refreshes.wanted.setdefault(key, look)
+    if not bpy.app.timers.is_registered(tick):
+        bpy.app.timers.register(tick, first_interval=max(0.0, refreshes.looked_at + REST - time.monotonic()))
 
 
-def _look() -> None:
-    global _looked_at
-    _looked_at = time.monotonic()
-    looks = list(_wanted.values())
-    _wanted.clear()
+def tick() -> None:
+    """What Blender's timer calls: looks at everything that was asked for."""
+    refreshes = addon_state.get(Refreshes)
+    refreshes.looked_at = time.monotonic()
+    looks = list(refreshes.wanted.values())
+    refreshes.wanted.clear()
     for look in looks:
         look()
     for window in bpy.context.window_manager.windows:
@@ -40,6 +54,5 @@ def register() -> None:
 
 
 def unregister() -> None:
-    _wanted.clear()
-    if bpy.app.timers.is_registered(_look):
-        bpy.app.timers.unregister(_look)
+    if bpy.app.timers.is_registered(tick):
+        bpy.app.timers.unregister(tick)

@@ -8,10 +8,11 @@ from typing import Any
 
 import bpy
 
-from ..operators.train import can_resume
-from ..operators.training_result import plays
+from ..scene_import.capture_objects import plays
 from ..scene_import.scene_setup import is_set_up
 from ..training_task import runner
+from ..training_task.request import can_resume
+from ..training_task.state import TrainingState
 from . import capture_summary, preferences, presets, preview_image, refreshing, training_time
 from .text import duration, sentence
 
@@ -40,8 +41,9 @@ class FROG_PT_train(bpy.types.Panel):
         layout.prop(settings, "device")
         layout.prop(settings, "import_when_done")
         _draw_start(layout, settings, context)
-        if runner.current is not None:
-            _draw_training(layout, runner.current, settings, context)
+        task = runner.current()
+        if task is not None:
+            _draw_training(layout, task, settings, context)
 
 
 class FROG_PT_train_advanced(bpy.types.Panel):
@@ -138,7 +140,7 @@ def _draw_progress(box: Any, task: runner.TrainingTask, context: Any) -> None:
         box.label(text=f"Finished in {duration(state.seconds)}.", icon="CHECKMARK")
 
 
-def _draw_result(box: Any, state: runner.TrainingState, result: Path, context: Any) -> None:
+def _draw_result(box: Any, state: TrainingState, result: Path, context: Any) -> None:
     """Where the scene is, what became of it here, and the button that follows."""
     sentence(box, f"Saved: {result}", context, icon="FILE_TICK")
     if state.running:
@@ -153,7 +155,7 @@ def _draw_result(box: Any, state: runner.TrainingState, result: Path, context: A
         box.operator("frog.set_up_scene", icon="SCENE_DATA")
 
 
-def _draw_figures(box: Any, state: runner.TrainingState, context: Any) -> None:
+def _draw_figures(box: Any, state: TrainingState, context: Any) -> None:
     column = box.column(align=True)
     if state.running and not state.stage and state.step:
         column.label(text=f"Time left: {duration(state.seconds_left)}")

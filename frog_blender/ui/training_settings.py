@@ -38,7 +38,7 @@ CAPACITIES = (
 
 
 def _on_capture_folder(settings: Any, _context: Any) -> None:
-    if relative_paths.moving:
+    if relative_paths.are_being_written():
         return
     from . import capture_summary, preferences  # imports the readers, so not before someone names a folder
 
@@ -49,7 +49,7 @@ def _on_capture_folder(settings: Any, _context: Any) -> None:
         settings.derived_output = settings.output_path = str(free_output(Path(f"{folder}.frog"), folder))
 
 
-def _camera_names(settings: Any, _context: Any, text: str) -> list[str]:
+def camera_names(settings: Any, _context: Any, text: str) -> list[str]:
     """For the preview camera's search."""
     from . import capture_summary
 
@@ -60,8 +60,9 @@ def _camera_names(settings: Any, _context: Any, text: str) -> list[str]:
 def _on_preview_camera(settings: Any, _context: Any) -> None:
     from ..training_task import runner
 
-    if runner.current is not None:
-        runner.current.control.preview_camera = settings.preview_camera
+    task = runner.current()
+    if task is not None:
+        task.control.preview_camera = settings.preview_camera
 
 
 class FrogTrainingSettings(bpy.types.PropertyGroup):
@@ -116,7 +117,7 @@ class FrogTrainingSettings(bpy.types.PropertyGroup):
         name="Preview",
         description="Camera of the capture whose view is shown while training; empty for the first that is held out. "
         "It can be changed while training",
-        search=_camera_names,
+        search=camera_names,
         update=_on_preview_camera,
     )
     capacity: EnumProperty(

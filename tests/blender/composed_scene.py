@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 from small_scenes import glowing
 
-from frog_blender.compositing import compositor
+from frog_blender.render.compositing import compositor
 from frog_blender.timeline import playback
 
 

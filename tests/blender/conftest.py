@@ -85,7 +85,7 @@ def composed(empty, static_rig):
 def in_a_window(monkeypatch):
     """A function after which renders run as they do in a window, as if in a thread that must not change the scene."""
 
-    from frog_blender.compositing import checks, renders
+    from frog_blender.render.compositing import checks, renders
 
     def begin():
         for module in (checks, renders):

@@ -55,7 +55,7 @@ def test_the_timeline_goes_on(empty, captures, static_rig, capfd, name, value):
     capfd.readouterr()
     for frame in (2, 3, 4, 5):
         empty.frame_set(frame)
-        prefetch.look_ahead(empty)
+        prefetch.prefetch(empty)
         np.testing.assert_array_equal(
             point_cloud.read(good)["position"], ScenePlayer.load(good.frog.filepath).at_frame(frame - 1.0).means
         )
@@ -70,7 +70,7 @@ def test_no_number_is_a_sentence_in_a_render(empty, captures, capfd, rendered, h
     bad.frog.use_remap = how != "start"
     if how == "curve":
         bad.frog.keyframe_insert("shown_frame", frame=1)
-        (curve,) = retiming._curves(bad.animation_data)
+        (curve,) = retiming.curves(bad.animation_data)
         curve.keyframe_points[0].co[1] = math.nan
     else:
         raw(bad.frog, "shown_frame" if how == "remap" else "start_frame", math.nan)

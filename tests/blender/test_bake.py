@@ -10,7 +10,7 @@ import pytest
 from small_scenes import rig_of_three, write_scene
 from windows import drop_operators, event, started_in_window
 
-from frog_blender import point_cloud
+from frog_blender import addon_state, point_cloud
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.playback.bake import Bake, write_bake
 from frog_blender.engine.playback.importance import most_important, ranking
@@ -43,9 +43,15 @@ def leftovers(folder):
 def computed(monkeypatch):
     """The times that the network is asked for from now on."""
     times = []
-    part, whole = ScenePlayer.part_at, ScenePlayer._compute
-    monkeypatch.setattr(ScenePlayer, "part_at", lambda self, time: times.append(time) or part(self, time))
-    monkeypatch.setattr(ScenePlayer, "_compute", lambda self, time: times.append(time) or whole(self, time))
+    delta_at, at = ScenePlayer.delta_at, ScenePlayer.at
+
+    def noting_at(self, time, part=None):
+        if part is None:
+            times.append(time)
+        return at(self, time, part)
+
+    monkeypatch.setattr(ScenePlayer, "delta_at", lambda self, time: times.append(time) or delta_at(self, time))
+    monkeypatch.setattr(ScenePlayer, "at", noting_at)
     return times
 
 
@@ -56,11 +62,12 @@ def test_baked_frames_need_no_network(empty, capture, static_rig, computed):
     playback_cache.clear()
     empty.frame_set(2)
     assert len(playback.baked(capture)) == 10 and playback.bake_problem(capture) == ""
+    expected = {frame: ScenePlayer.load(static_rig).at_frame(frame - 1.0).means for frame in (7, 3, 10)}
     computed.clear()
-    for frame in (7, 3, 10):
+    for frame, means in expected.items():
         empty.frame_set(frame)
-        assert playback.gaussians_at(capture, frame).means is not None
-    assert [time for time in computed if time] == [], "only what never changes may be looked up"
+        np.testing.assert_array_equal(playback.gaussians_at(capture, frame).means, means)
+    assert computed == []
     for frame in (4, 9):
         empty.frame_set(frame)
         shows(capture, static_rig, frame - 1.0)
@@ -77,8 +84,8 @@ def test_every_object_of_the_file_and_its_own_time_is_baked(empty, capture, stat
     assert (tmp_path / "bakes" / "figure.frogbake").is_file()
     with pytest.raises(StopIteration):
         next(path for path in tmp_path.glob("*.frogbake"))
-    found = playback.moment(twin, 2.0).bake
-    assert len(found) == 10 + 5 and found.find(playback.moment(twin, 2.0).time) is not None
+    found = playback.scene_time(twin, 2.0).bake
+    assert len(found) == 10 + 5 and found.find(playback.scene_time(twin, 2.0).time) is not None
 
 
 def test_clearing_deletes_it(empty, capture, static_rig):
@@ -146,19 +153,21 @@ def test_a_damaged_bake_is_one_sentence_and_frames_are_computed(empty, capture, 
     assert capfd.readouterr().err.count(str(path)) == 1
 
 
-def test_whatever_else_is_wrong_with_a_bake_the_timeline_goes_on(empty, capture, static_rig, capfd, monkeypatch):
+def test_whatever_else_is_wrong_with_a_bake_the_timeline_goes_on(empty, capture, static_rig, capfd):
     """An error that nobody foresaw was raised anew at every frame."""
     bpy.ops.frog.bake()
-    path = static_rig.with_suffix(".frogbake")
-    open_scenes.let_go_of_bake(path)
-    playback_cache.clear()
-    with monkeypatch.context() as short:
-        short.setattr(Bake, "_read_header", lambda self: [0] * 2**62)  # OverflowError or MemoryError
-        for frame in (3, 4, 5):
-            empty.frame_set(frame)
-            shows(capture, static_rig, frame - 1.0)
+    open_scenes.forget()
+
+    def absurd(*_):
+        return [0] * 2**62
+
+    addon_state.put(open_scenes.OpenScenes(load_bake=absurd))
+    for frame in (3, 4, 5):
+        empty.frame_set(frame)
+        shows(capture, static_rig, frame - 1.0)
     assert "this bake cannot be used (MemoryError" in playback.bake_problem(capture)
     assert capfd.readouterr().err.count("this bake cannot be used") == 1
+    addon_state.reset(open_scenes.OpenScenes)
 
 
 def test_a_bake_that_is_cut_while_it_is_open(empty, capture, static_rig):
@@ -191,7 +200,7 @@ def test_a_bake_that_does_not_end_well_leaves_the_one_before(empty, capture, sta
         def full(self, time):
             raise OSError(28, "No space left on device")
 
-        monkeypatch.setattr(ScenePlayer, "part_at", full)
+        monkeypatch.setattr(ScenePlayer, "delta_at", full)
         with pytest.raises(FrogError, match="No space left"):
             list(work.steps)
         monkeypatch.undo()
@@ -224,8 +233,8 @@ def baking(empty, capture, monkeypatch):
     """The operator as the button starts it in a window; only the events come from here."""
     operator = bake.FROG_OT_bake
     monkeypatch.setattr(operator, "slice_seconds", 0.0)
-    started, said, end = started_in_window(monkeypatch, bake, operator), [], operator._end
-    monkeypatch.setattr(operator, "_end", lambda self, *args: said.append(args[2]) or end(self, *args))
+    started, said, end = started_in_window(monkeypatch, bake, operator), [], operator.end
+    monkeypatch.setattr(operator, "end", lambda self, *args: said.append(args[2]) or end(self, *args))
     monkeypatch.setattr(operator, "execute", lambda self, context: self.invoke(context, None))  # which needs a screen
     assert bpy.ops.frog.bake() == {"RUNNING_MODAL"}
     yield started[0][0], said
@@ -243,7 +252,7 @@ def test_in_a_window_baking_goes_on_by_a_timer(static_rig, baking):
     while (result := send(operator, "TIMER")) == {"PASS_THROUGH"}:
         steps += 1
         assert steps < 100
-    assert result == {"FINISHED"} and steps > 5 and operator._timer is None
+    assert result == {"FINISHED"} and steps > 5 and operator.timer is None
     assert said[0].startswith("Baked 10 frames") and static_rig.with_suffix(".frogbake").is_file()
 
 
@@ -253,7 +262,7 @@ def test_a_bake_is_stopped(static_rig, baking, kind):
     for _ in range(4):
         send(operator, "TIMER")
     assert len(leftovers(static_rig.parent)) == 1
-    assert send(operator, kind, "PRESS") == {"CANCELLED"} and operator._timer is None
+    assert send(operator, kind, "PRESS") == {"CANCELLED"} and operator.timer is None
     assert not static_rig.with_suffix(".frogbake").exists() and not leftovers(static_rig.parent)
     assert said == ["Baking was stopped; nothing was written."]
 
@@ -270,7 +279,7 @@ def test_write_bake_says_when_the_disk_is_too_small(empty, static_rig, monkeypat
     assert list(write_bake(path, static_rig, scene, [0.0, 1.0])) == [0, 1, 2]
     found = Bake(path, static_rig, scene)
     assert found.find(0.5) is None
-    for name, column in scene.part_at(1.0).columns.items():
+    for name, column in scene.delta_at(1.0).columns.items():
         np.testing.assert_array_equal(found.find(1.0).columns[name], column)
     found.close()
     assert found.find(0.0) is None and "cannot be read" in found.problem
@@ -293,10 +302,10 @@ def test_a_thinned_capture_takes_its_share_of_the_bake(empty, tmp_path, computed
     """The most important ones of the whole frame, to the bit, without the network."""
     capture = of_which_move(tmp_path / "part.frog", moving)
     capture.frog.density = share
-    whole, fewer = playback.moment(capture, 1.0).scene, playback.displayed(capture, 1.0).scene
+    whole, fewer = playback.scene_time(capture, 1.0).scene, playback.displayed(capture, 1.0).scene
     kept = most_important(ranking(whole), round(60 * share / 100))
     expected = {frame: whole.at_frame(frame - 1) for frame in (4, 9)}
-    assert fewer.count == len(kept) and fewer.moving == (kept < moving).sum() > 0
+    assert fewer.count == len(kept) and fewer.num_dynamic == (kept < moving).sum() > 0
     assert not np.array_equal(expected[4].means[kept], expected[9].means[kept])
     bpy.ops.frog.bake()
     playback_cache.clear()
@@ -308,15 +317,16 @@ def test_a_thinned_capture_takes_its_share_of_the_bake(empty, tmp_path, computed
         np.testing.assert_array_equal(shown["position"], gaussians.means[kept])
         np.testing.assert_array_equal(shown["rotation"], gaussians.quaternions[kept])
         np.testing.assert_array_equal(shown["radiance:base"][:, 3], gaussians.opacities[kept])
-    assert [time for time in computed if time] == [], "only what never changes may be looked up"
-    assert playback_cache.frames.bytes == len(playback_cache.frames) * fewer.part_bytes, "no more is kept than shown"
+    assert computed == []
+    kept_frames = playback_cache.frames()
+    assert kept_frames.bytes == len(kept_frames) * fewer.delta_bytes, "no more is kept than shown"
 
 
 def test_what_is_thinned_to_nothing_that_moves_stands(empty, tmp_path):
     capture = of_which_move(tmp_path / "part.frog", 1)
     bpy.ops.frog.bake()
     capture.frog.density = 50
-    assert playback.displayed(capture, 1.0).scene.moving == 0
+    assert playback.displayed(capture, 1.0).scene.num_dynamic == 0
     shown = point_cloud.read(capture)["position"]
     empty.frame_set(8)
     np.testing.assert_array_equal(point_cloud.read(capture)["position"], shown)

@@ -137,7 +137,7 @@ def test_run_again_it_leaves_what_was_put_before_the_splats(empty, static_rig):
 
 
 def test_what_the_compositor_did_before_stays(empty, static_rig):
-    from frog_blender.compositing.compositor import own_tree
+    from frog_blender.render.compositing.compositor import own_tree
 
     import_scene(static_rig)
     tree, output = own_tree(empty)

@@ -21,7 +21,7 @@ from composed_scene import (
 from small_scenes import read_png
 
 from frog_blender import point_cloud
-from frog_blender.compositing import checks, compositor, renders
+from frog_blender.render.compositing import checks, compositor, renders
 from frog_blender.timeline import playback
 
 
@@ -251,7 +251,7 @@ def test_it_is_followed(composed, rendered, change, window, in_a_window):
     change(composed)
     scene = bpy.context.scene  # which undo makes anew
     found = rendered(scene)
-    assert not renders.said or change in (captures_hidden, captures_deleted)
+    assert not renders.problems() or change in (captures_hidden, captures_deleted)
     assert found.shape != before.shape or (found != before).any(), "the change shows"
     if change is captures_deleted:
         assert not next(playback.captures(bpy.data.objects), None)

@@ -11,7 +11,7 @@ import pytest
 from composed_scene import cameras, card, compose, is_striped, name_of, nodes_of, the_capture
 from small_scenes import read_png, rig_of_three, write_scene
 
-from frog_blender.compositing import compositor, renders
+from frog_blender.render.compositing import compositor, renders
 from frog_blender.timeline import playback
 
 
@@ -181,9 +181,9 @@ def test_what_fails_later_is_no_image_and_ends_the_animation(composed, tmp_path,
     images = [read_png(path) for path in sorted(tmp_path.glob("out_*.png"))]
     assert [is_striped(image) for image in images] == [False, True]
     said = "Out of memory" if isinstance(error, MemoryError) else "a fault of our own"
-    assert said in capsys.readouterr().err and said in renders.said[0], "in the console and in the panel"
+    assert said in capsys.readouterr().err and said in renders.problems()[0], "in the console and in the panel"
     composed.frame_end = 1
-    assert bpy.ops.render.render(animation=True) == {"FINISHED"} and not renders.said
+    assert bpy.ops.render.render(animation=True) == {"FINISHED"} and not renders.problems()
 
 
 def test_a_still_that_fails_leaves_the_scene_as_it_was(composed, monkeypatch, rendered):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import re
 import subprocess
 import sys
 import zipfile
-from pathlib import Path
+from collections.abc import Iterator
+from pathlib import Path, PurePosixPath
 
 import bpy
 import pytest
@@ -50,6 +52,28 @@ def test_zip_holds_what_playing_needs_and_no_more(extension):
     assert any(Path(name).stem.endswith("frog_native") for name in names), "the native library is missing"
     assert any(name.startswith("wheels/safetensors") for name in names)
     assert not any("__pycache__" in name or name.startswith("tests") for name in names)
+    assert not any(name.startswith(("cli/", "experiments/")) for name in names), "nothing in Blender uses these"
+
+
+def imported(path: PurePosixPath, source: str) -> Iterator[str]:
+    """The files, without suffix, of what a module imports from the package, those for type checkers included."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            folder = path.parts[: -node.level]
+            module = [*folder, *(node.module.split(".") if node.module else [])]
+            yield from ("/".join([*module, alias.name]) for alias in node.names)
+
+
+def test_zip_lacks_nothing_that_it_imports(extension):
+    with zipfile.ZipFile(extension) as archive:
+        names = [PurePosixPath(name) for name in archive.namelist()]
+        modules = {str(name.with_suffix("")).removesuffix("/__init__") for name in names if name.suffix == ".py"}
+        sources = {name: archive.read(str(name)).decode() for name in names if name.suffix == ".py"}
+    found = [(name, file) for name, source in sources.items() for file in imported(name, source)]
+    assert len(found) > 500
+    # A name is a module of its own, or something in the module before it.
+    lacking = [(str(name), file) for name, file in found if not {file, file.rpartition("/")[0] or "__init__"} & modules]
+    assert not lacking
 
 
 def test_installed_zip_imports_plays_and_renders(extension, tmp_path):

@@ -40,8 +40,8 @@ STEPS = {
     "the Gaussians": (point_cloud, "write"),
     "a camera": (importing, "apply_lens"),
     "the clips": (importing, "add_clips"),
-    "the last of the settings": (scene_setup, "_set_background"),
-    "the viewports": (scene_setup, "_look_at_it"),
+    "the last of the settings": (scene_setup, "set_background"),
+    "the viewports": (scene_setup, "show_in_viewports"),
 }
 
 
@@ -189,5 +189,5 @@ def test_the_users_own_image_of_a_clip_is_not_taken(empty, static_rig, tmp_path,
     image.save()
     image.source = "FILE"
     clip = Clip(tmp_path / "shot.png", "IMAGE")
-    first, second = camera_clips._load(clip), camera_clips._load(clip)
+    first, second = camera_clips.load_image(clip), camera_clips.load_image(clip)
     assert first == second != image and "frog_clip" not in image

@@ -16,12 +16,13 @@ from types import SimpleNamespace
 import bpy
 import pytest
 
+from frog_blender import addon_state
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.training.session.cancel_token import CancelToken
-from frog_blender.torch_install import installer
+from frog_blender.torch_install import folders, installer, task
 from frog_blender.torch_install.folders import clear_remains, has_torch, installed
 from frog_blender.torch_install.installer import PACKAGES, Installation, pip_command
-from frog_blender.training_task import runner
+from frog_blender.training_task.request import TrainingRequest
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -125,7 +126,7 @@ time.sleep(60 * {cancelled:d})
 
 
 def test_no_room_is_said_before_anything_is_fetched(tmp_path, monkeypatch):
-    monkeypatch.setattr(installer, "_ROOM", 1e18)
+    monkeypatch.setattr(installer, "BYTES_NEEDED", 1e18)
     with pytest.raises(FrogError, match="GB free, torch needs"):
         Installation(tmp_path / "data" / "torch").start()
 
@@ -251,8 +252,8 @@ def test_what_another_blender_trains_with_stays_until_that_ends(tmp_path, quick_
     finished(Installation(folder).start())
     code = f"""
 import sys; sys.path[:0] = {[str(folder), str(ROOT), *sys.path]!r}
-from frog_blender import torch_folders
-torch_folders.hold()
+from frog_blender.torch_install import folders
+folders.hold()
 print("held", flush=True)
 sys.stdin.read()
 """
@@ -270,9 +271,9 @@ def test_a_training_holds_its_torch_before_it_imports_it(addon, tmp_path, monkey
     def hold():
         raise FrogError("asked")
 
-    monkeypatch.setattr(runner.torch_folders, "hold", hold)
+    monkeypatch.setattr(folders, "hold", hold)
     with pytest.raises(FrogError, match="asked"):
-        runner.TrainingRequest(tmp_path, tmp_path / "a.frog").events(CancelToken())
+        TrainingRequest(tmp_path, tmp_path / "a.frog").events(CancelToken())
 
 
 @pytest.mark.parametrize("written", [b"", b"torch-7", b"../elsewhere", b"\xff\xfe", b"/etc"])
@@ -286,8 +287,6 @@ def test_a_pointer_that_leads_nowhere_is_passed_over(tmp_path, written):
 
 
 def test_leftovers_go_at_the_next_start(empty, addon, tmp_path, monkeypatch):
-    from frog_blender.operators import install_torch
-
     data = tmp_path / "data"
     dead = subprocess.Popen([sys.executable, "-c", ""])
     dead.wait()
@@ -296,7 +295,7 @@ def test_leftovers_go_at_the_next_start(empty, addon, tmp_path, monkeypatch):
     for path in [*goes, *stays]:
         (path / "torch").mkdir(parents=True)
         (path / "torch" / "__init__.py").write_text("")
-    monkeypatch.setattr(install_torch, "folder", lambda: data / "torch")
+    monkeypatch.setattr(task, "folder", lambda: data / "torch")
     addon.unregister()
     addon.register()
     deadline = time.monotonic() + 20
@@ -314,10 +313,10 @@ def test_pip_ends_with_the_process_that_started_it(tmp_path, either_pip):
     code = f"""
 import sys; sys.path[:0] = {[str(ROOT), *sys.path]!r}
 from pathlib import Path
-from frog_blender import torch_install
-torch_install.pip_command = lambda: {pip_command()!r}
+from frog_blender.torch_install import installer
+installer.pip_command = lambda: {pip_command()!r}
 arguments = ["--index-url", {address!r}, "--timeout", "100"]
-installation = torch_install.Installation(Path({str(tmp_path)!r}) / "torch", arguments).start()
+installation = installer.Installation(Path({str(tmp_path)!r}) / "torch", arguments).start()
 installation.join(60)
 """
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PIP_")}
@@ -339,11 +338,10 @@ installation.join(60)
 
 def test_the_preferences_name_the_installation_that_counts(empty, tmp_path, monkeypatch):
     """Blender may have died before it saved them, or saved them before another installation."""
-    from frog_blender.operators import install_torch
     from frog_blender.ui import preferences
 
     place = tmp_path / "data" / "torch"
-    monkeypatch.setattr(install_torch, "folder", lambda: place)
+    monkeypatch.setattr(task, "folder", lambda: place)
     named = SimpleNamespace(preferences=SimpleNamespace(torch_path=""))
     addons = {preferences.base_package: named}
     stand_in = SimpleNamespace(context=SimpleNamespace(preferences=SimpleNamespace(addons=addons)), path=bpy.path)
@@ -370,24 +368,23 @@ def test_nothing_is_fetched_without_online_access(empty):
 
 
 def test_the_button(empty, index, tmp_path, monkeypatch):
-    from frog_blender.operators import install_torch
     from frog_blender.ui import preferences
 
     system = bpy.context.preferences.system
     allowed, system.use_online_access = system.use_online_access, True
-    monkeypatch.setattr(install_torch, "folder", lambda: tmp_path / "data" / "torch")
+    monkeypatch.setattr(task, "folder", lambda: tmp_path / "data" / "torch")
     paths = list(sys.path)
     try:
         if not bpy.app.online_access:
             pytest.skip("this Blender was started offline")
         assert bpy.ops.frog.install_torch() == {"FINISHED"}
         bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-        assert bpy.app.timers.is_registered(install_torch._tick), "another file does not end it"
+        assert bpy.app.timers.is_registered(task.tick), "another file does not end it"
         system = bpy.context.preferences.system
-        finished(install_torch.current)
-        assert install_torch.adopt() and str(tmp_path / "data" / "torch") in sys.path
+        finished(task.current())
+        assert task.tick() is None and str(tmp_path / "data" / "torch") in sys.path
         assert preferences.site_packages(tmp_path / "data" / "torch") == tmp_path / "data" / "torch"
     finally:
         system.use_online_access = allowed
         sys.path[:] = paths
-        install_torch.current = None
+        addon_state.reset(task.CurrentInstallation)

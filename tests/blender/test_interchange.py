@@ -25,9 +25,9 @@ def capture(empty, static_rig):
 
 def assert_same(path, gaussians):
     """A .ply holds these Gaussians, to 1e-6."""
-    from frog_blender.engine.playback.canonical import at_rest
+    from frog_blender.engine.playback.canonical import canonical_gaussians
 
-    found = at_rest(read_splats(path).arrays)
+    found = canonical_gaussians(read_splats(path).arrays)
     for name in ("means", "scales", "opacities", "sh"):
         np.testing.assert_allclose(getattr(found, name), getattr(gaussians, name), rtol=1e-6, atol=1e-6, err_msg=name)
     signs = np.sign((found.quaternions * gaussians.quaternions).sum(1, keepdims=True))

@@ -73,8 +73,8 @@ def test_from_all_to_one_and_back(empty, capture):
 def test_what_is_left_out_is_not_computed(empty, capture, monkeypatch):
     capture.frog.density = 10
     computed = []
-    real = ScenePlayer.part_at
-    monkeypatch.setattr(ScenePlayer, "part_at", lambda self, time: computed.append(self.count) or real(self, time))
+    real = ScenePlayer.delta_at
+    monkeypatch.setattr(ScenePlayer, "delta_at", lambda self, time: computed.append(self.count) or real(self, time))
     empty.frame_set(5, subframe=0.3)
     assert computed and set(computed) == {40}
 
@@ -97,7 +97,7 @@ def test_renders_of_other_engines_have_their_own(empty, capture, counting):
     assert counting == [300] * 4 and point_cloud.count(capture) == 40
     capture.frog.render_density = 10
     bpy.ops.render.render()
-    assert counting[-1] == 40 and not level_of_detail._is_for_render
+    assert counting[-1] == 40 and not level_of_detail.is_for_render()
 
 
 def test_two_captures_of_one_file(empty, capture, many):

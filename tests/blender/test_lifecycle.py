@@ -19,6 +19,7 @@ from frog_blender import point_cloud
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.timeline import playback
 from frog_blender.training_task import runner
+from frog_blender.training_task.request import TrainingRequest
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -187,7 +188,7 @@ def test_switched_off_while_training_leaves_no_thread(addon):
     addon.unregister()
     try:
         assert task.join(5.0) and threading.active_count() == before
-        assert not bpy.app.timers.is_registered(runner._tick)
+        assert not bpy.app.timers.is_registered(runner.tick)
     finally:
         addon.register()
 
@@ -204,7 +205,7 @@ def test_another_file_while_training_loses_nothing(addon, tmp_path, monkeypatch)
     monkeypatch.setattr(job, "stored_seeds", lambda *_, **__: film.seeds())
     capture = film.write_capture(tmp_path / "capture")
     output = tmp_path / "x.frog"
-    request = runner.TrainingRequest(capture, output, "draft", "auto", steps=100_000)
+    request = TrainingRequest(capture, output, "draft", "auto", steps=100_000)
     task = runner.begin(request.events)
     deadline = 2000
     while not task.state.step and deadline:
@@ -234,7 +235,7 @@ from pathlib import Path
 name, scene, marker = sys.argv[-3:]
 
 def training(cancelled):
-    events = import_module(name + ".engine.training.events")
+    events = import_module(name + ".engine.training.session.events")
     while not cancelled():
         yield events.Stage("decoding", 0, 1)
         threading.Event().wait(0.005)
@@ -248,7 +249,7 @@ QUIT = (
     + f"""
 sys.path[:0] = [{str(ROOT)!r}]
 import frog_blender
-from frog_blender import background
+from frog_blender.training_task import runner
 frog_blender.register()
 runner.begin(training)
 """
@@ -259,7 +260,7 @@ RELOAD = (
     + """
 import bpy, addon_utils
 addon_utils.enable(name, default_set=True)
-background, playback, carrier = (import_module(f"{name}.{room}") for room in ("background", "playback", "carrier"))
+runner, point_cloud = (import_module(f"{name}.{room}") for room in ("training_task.runner", "point_cloud"))
 bpy.ops.import_scene.frog(filepath=scene)
 capture = bpy.context.object
 threads = threading.active_count()
@@ -269,9 +270,9 @@ bpy.utils.load_scripts(reload_scripts=True)  # what Reload Scripts does, in a wi
 print("ended", task.join(0.0) and Path(marker).exists() and threading.active_count() == threads)
 print("handlers", len(bpy.app.handlers.frame_change_pre) == handlers)
 bpy.context.scene.frame_set(1)
-first = carrier.read(capture)["position"]
+first = point_cloud.read(capture)["position"]
 bpy.context.scene.frame_set(6)
-print("plays", abs(carrier.read(capture)["position"] - first).max() > 1e-3)
+print("plays", abs(point_cloud.read(capture)["position"] - first).max() > 1e-3)
 print("trains", runner.begin(training).state.running)
 addon_utils.disable(name, default_set=True)
 """

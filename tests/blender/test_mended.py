@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from small_scenes import rig_of_three, write_scene
 
-from frog_blender import capture_files, point_cloud
+from frog_blender import addon_state, capture_files, point_cloud
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.timeline import playback
 from frog_blender.ui import capture_summary, captures_panel, refreshing, train_panel
@@ -45,9 +45,9 @@ def said(empty):
             scene=bpy.context.scene, region=SimpleNamespace(width=280), preferences=preferences, object=None
         )
         panel.draw(SimpleNamespace(layout=Layout(lines)), context)
-        if bpy.app.timers.is_registered(refreshing._look):
-            bpy.app.timers.unregister(refreshing._look)
-            refreshing._look()  # no timer runs without a window
+        if bpy.app.timers.is_registered(refreshing.tick):
+            bpy.app.timers.unregister(refreshing.tick)
+            refreshing.tick()  # no timer runs without a window
         return " ".join(lines)
 
     return draw
@@ -113,13 +113,13 @@ def test_what_holds_points_still_is_said_for_other_engines(empty, capture, said)
 
 def test_a_panel_that_cannot_bring_things_up_to_date_rests(empty, capture, monkeypatch):
     looked = []
-    monkeypatch.setattr(refreshing, "_looked_at", -10.0)
+    addon_state.reset(refreshing.Refreshes)
     first = []
     monkeypatch.setattr(bpy.app.timers, "register", lambda function, first_interval: first.append(first_interval))
     refreshing.soon("x", lambda: looked.append(1))
-    refreshing._look()
+    refreshing.tick()
     refreshing.soon("x", lambda: looked.append(1))
-    assert looked == [1] and first[0] == 0.0 and 0.5 < first[1] <= refreshing._REST
+    assert looked == [1] and first[0] == 0.0 and 0.5 < first[1] <= refreshing.REST
 
 
 def test_a_calibration_that_is_mended(empty, said, tmp_path):

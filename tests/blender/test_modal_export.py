@@ -28,8 +28,8 @@ def export(empty, static_rig, tmp_path, monkeypatch):
     operator = export_scene.FROG_OT_export_frames
     started = started_in_window(monkeypatch, export_scene, operator)
     said: list[tuple[str, str]] = []  # reports, which a script does not see of an operator that Blender runs later
-    end = operator._end
-    monkeypatch.setattr(operator, "_end", lambda self, *args: said.append(args[1:3]) or end(self, *args))
+    end = operator.end
+    monkeypatch.setattr(operator, "end", lambda self, *args: said.append(args[1:3]) or end(self, *args))
 
     def begin(**options):
         said.clear()
@@ -57,7 +57,7 @@ def written(running):
 
 
 def is_over(running):
-    return running.operator._timer is None and running.steps.gi_frame is None
+    return running.operator.timer is None and running.steps.gi_frame is None
 
 
 def test_a_frame_each_time_until_all_are_there(empty, export, static_rig):
@@ -103,7 +103,7 @@ def test_what_nobody_foresaw_ends_it_too(empty, export, monkeypatch, capfd):
     monkeypatch.setattr(ScenePlayer, "at", lambda *a: 1 / 0)
     assert send(running) == {"CANCELLED"} and is_over(running)
     ((kind, text),) = running.said
-    assert kind == "ERROR" and "unforeseen ZeroDivisionError" in text and "Traceback" in capfd.readouterr().err
+    assert kind == "ERROR" and "unexpected ZeroDivisionError" in text and "Traceback" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize("placed", [False, True])

@@ -19,7 +19,7 @@ can_hold_them = pytest.mark.skipif(bpy.app.version < (5, 2, 0), reason="point cl
 def capture(empty, static_rig, monkeypatch):
     if not NATIVE:
         monkeypatch.setattr(point_cloud, "draws_splats", lambda: True)
-        monkeypatch.setattr(point_cloud, "_make_splats", lambda cloud: None)
+        monkeypatch.setattr(point_cloud, "make_splats", lambda cloud: None)
     bpy.ops.import_scene.frog(filepath=str(static_rig))
     return bpy.context.object
 
@@ -81,7 +81,7 @@ def test_what_is_refused_leaves_points(empty, static_rig, monkeypatch, capfd):
     def refuse(cloud):
         raise TypeError("no such type")
 
-    monkeypatch.setattr(point_cloud, "_make_splats", refuse)
+    monkeypatch.setattr(point_cloud, "make_splats", refuse)
     bpy.ops.import_scene.frog(filepath=str(static_rig))
     assert bpy.context.object.type == "MESH" and point_cloud.count(bpy.context.object) == 60
     assert not bpy.data.pointclouds[:] and "no such type" in capfd.readouterr().err

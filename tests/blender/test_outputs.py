@@ -15,8 +15,8 @@ from frog_blender.engine.errors import FrogError
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene
 from frog_blender.engine.scene.scene_file import write_scene as write_file
 from frog_blender.operators import train
-from frog_blender.operators.train import can_resume, request_of
 from frog_blender.training_task import runner
+from frog_blender.training_task.request import can_resume, request_of
 
 
 def trained(path, capture):

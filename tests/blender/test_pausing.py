@@ -82,7 +82,7 @@ def test_another_file_while_paused(held):
     task, source = held
     done = source.done
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    assert task.paused and runner.current is task and source.done == done
+    assert task.paused and runner.current() is task and source.done == done
     assert bpy.ops.frog.resume_training() == {"FINISHED"}
     while source.done == done:
         threading.Event().wait(0.005)
@@ -92,8 +92,8 @@ def test_switched_off_while_paused(addon, held):
     task, _ = held
     addon.unregister()
     try:
-        assert task.join(0.0) and runner.current is None
-        assert not bpy.app.timers.is_registered(runner._tick)
+        assert task.join(0.0) and runner.current() is None
+        assert not bpy.app.timers.is_registered(runner.tick)
     finally:
         addon.register()
 
@@ -107,7 +107,7 @@ import atexit, os, sys; sys.path[:0] = [{str(ROOT)!r}]
 atexit.register(os._exit, 0)  # after the add-on's: bpy 4.5 may wait for a thread of its own for ever
 import threading, bpy, frog_blender
 frog_blender.register()
-from frog_blender import background
+from frog_blender.training_task import runner
 waits = threading.Event()
 def source(control):
     waits.set()

@@ -148,10 +148,10 @@ def test_what_nobody_plays_is_let_go(empty, tmp_path):
         next(obj for obj in playback.captures(empty.objects) if playback.file_of(obj) == p) for p in paths[:2]
     )
     bpy.data.objects.remove(first)
-    assert set(open_scenes._scenes) == set(paths[:2])
+    assert open_scenes.paths() == set(paths[:2])
     kept = playback.open_scene(paths[1])
     assert bpy.ops.import_scene.frog(filepath=str(paths[2])) == {"FINISHED"}
-    assert set(open_scenes._scenes) == set(paths[1:]) and playback.open_scene(paths[1]) is kept
+    assert open_scenes.paths() == set(paths[1:]) and playback.open_scene(paths[1]) is kept
     empty.frame_set(4)
     assert_shows(second, engine_at(paths[1], 3.0))
 

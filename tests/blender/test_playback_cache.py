@@ -22,8 +22,8 @@ def capture(empty, static_rig):
     playback_cache.clear()
     bpy.ops.import_scene.frog(filepath=str(static_rig))
     yield next(playback.captures(bpy.context.scene.objects))
-    playback_cache.worker.stop()
-    playback_cache.frames.limit = playback_cache.DEFAULT_MEGABYTES * playback_cache.MEGABYTE
+    playback_cache.worker().stop()
+    playback_cache.set_limit(playback_cache.DEFAULT_MEGABYTES)
 
 
 def threads():
@@ -45,18 +45,18 @@ def shows(obj, path, frame):
 def frames_ahead(scene, obj):
     """The capture's frames that would be computed next, after the scene was shown at its present frame."""
     frame = scene.frame_current_final
-    moments = prefetch.moments_after(scene, frame, prefetch.step_to(scene, frame))
+    moments = prefetch.times_after(scene, frame, prefetch.step_to(scene, frame))
     return [round(moment.time * 9, 4) for moment in moments]
 
 
 def test_frames_ahead_are_computed_in_another_thread_and_shown_as_they_are(empty, capture, static_rig, monkeypatch):
     empty.frame_set(1)
-    prefetch.look_ahead(empty)
-    assert playback_cache.worker.wait(20.0) and len(threads()) == 1
-    assert len(playback_cache.frames) == 10
+    prefetch.prefetch(empty)
+    assert playback_cache.worker().wait(20.0) and len(threads()) == 1
+    assert len(playback_cache.frames()) == 10
     by_main_thread = []
-    compute = ScenePlayer.part_at
-    monkeypatch.setattr(ScenePlayer, "part_at", lambda *a: by_main_thread.append(a) or compute(*a))
+    compute = ScenePlayer.delta_at
+    monkeypatch.setattr(ScenePlayer, "delta_at", lambda *a: by_main_thread.append(a) or compute(*a))
     for frame in (7, 2, 10, 3):
         empty.frame_set(frame)
         shows(capture, static_rig, frame - 1.0)
@@ -114,11 +114,11 @@ def test_a_training_leaves_the_thread_little_to_do(empty, capture):
     task = runner.begin(training)
     try:
         for frame in (4, 5, 6):
-            assert frame == 4 or playback.displayed(capture, frame).key in playback_cache.frames, "it was not ready"
+            assert frame == 4 or playback.displayed(capture, frame).key in playback_cache.frames(), "it was not ready"
             empty.frame_set(frame)
-            prefetch.look_ahead(empty)
-            assert playback_cache.worker.wait(20.0)
-            assert len(playback_cache.frames) == frame - 3 + prefetch.AHEAD_WHILE_TRAINING
+            prefetch.prefetch(empty)
+            assert playback_cache.worker().wait(20.0)
+            assert len(playback_cache.frames()) == frame - 3 + prefetch.AHEAD_WHILE_TRAINING
         assert frames_ahead(empty, capture) == [6, 7]
         task.control.pause()
         assert len(frames_ahead(empty, capture)) == 10
@@ -130,47 +130,47 @@ def test_a_training_leaves_the_thread_little_to_do(empty, capture):
 
 
 def test_memory_is_bounded_and_said(empty, capture, static_rig):
-    size = playback.open_scene(static_rig).part_bytes
+    size = playback.open_scene(static_rig).delta_bytes
     playback_cache.clear()
-    playback_cache.frames.limit = 4 * size
+    playback_cache.frames().limit = 4 * size
     empty.frame_set(1)
     assert len(frames_ahead(empty, capture)) == 2, "half of the cache, the rest keeps what was shown"
     for frame in range(1, 11):
         empty.frame_set(frame)
-        prefetch.look_ahead(empty)
-        assert playback_cache.frames.bytes <= 4 * size
-    assert playback_cache.worker.wait(20.0) and len(playback_cache.frames) == 4
-    playback_cache.frames.limit = 0
+        prefetch.prefetch(empty)
+        assert playback_cache.frames().bytes <= 4 * size
+    assert playback_cache.worker().wait(20.0) and len(playback_cache.frames()) == 4
+    playback_cache.frames().limit = 0
     empty.frame_set(6)
     shows(capture, static_rig, 5.0)
-    playback_cache.frames.limit = 300 * playback_cache.MEGABYTE
+    playback_cache.frames().limit = 300 * playback_cache.MEGABYTE
     empty.frame_set(7)
     assert playback_cache.summary() == "Cache: 0 MB of 300 MB, 1 frames"
     bpy.ops.frog.clear_cache()
-    assert len(playback_cache.frames) == 0
+    assert len(playback_cache.frames()) == 0
     empty.frame_set(7)
     shows(capture, static_rig, 6.0)
 
 
 def test_another_version_of_a_file_is_another_scene(empty, capture, static_rig):
-    prefetch.look_ahead(empty)
-    assert playback_cache.worker.wait(20.0)
+    prefetch.prefetch(empty)
+    assert playback_cache.worker().wait(20.0)
     write_scene(static_rig, rig_of_three(), count=60, seed=8)
     empty.frame_set(3)
     shows(capture, static_rig, 2.0)
-    assert len(playback_cache.frames) == 1, "frames of the former version are gone"
+    assert len(playback_cache.frames()) == 1, "frames of the former version are gone"
 
 
 @pytest.mark.parametrize("how", ["another file", "add-on off"])
 def test_the_thread_ends(addon, empty, capture, how):
-    prefetch.look_ahead(empty)
+    prefetch.prefetch(empty)
     assert len(threads()) == 1
     if how == "another file":
         bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     else:
         addon.unregister()
     try:
-        assert not threads() and len(playback_cache.frames) == 0
+        assert not threads() and len(playback_cache.frames()) == 0
     finally:
         if how == "add-on off":
             addon.register()
@@ -180,13 +180,13 @@ def test_the_thread_survives_what_cannot_be_computed(empty, capture, static_rig,
     def broken(self, time):
         raise MemoryError("none left")
 
-    monkeypatch.setattr(ScenePlayer, "part_at", broken)
-    prefetch.look_ahead(empty)
-    assert playback_cache.worker.wait(20.0)
+    monkeypatch.setattr(ScenePlayer, "delta_at", broken)
+    prefetch.prefetch(empty)
+    assert playback_cache.worker().wait(20.0)
     assert "MemoryError: none left" in capfd.readouterr().err
     monkeypatch.undo()
-    prefetch.look_ahead(empty)
-    assert playback_cache.worker.wait(20.0) and len(playback_cache.frames) >= 9
+    prefetch.prefetch(empty)
+    assert playback_cache.worker().wait(20.0) and len(playback_cache.frames()) >= 9
 
 
 def test_blender_quits_with_a_thread_at_work(tmp_path):
@@ -200,12 +200,12 @@ def test_blender_quits_with_a_thread_at_work(tmp_path):
     code = """
 import atexit, os, bpy, frog_blender
 atexit.register(os._exit, 0)  # after the add-on's: bpy 4.5 may wait for a thread of its own for ever
-from frog_blender.timeline import look_ahead, playback_cache
+from frog_blender.timeline import playback_cache, prefetch
 bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
 frog_blender.register()
 bpy.ops.import_scene.frog(filepath=sys.argv[1])
-look_ahead.look_ahead(bpy.context.scene)
-print("busy", playback_cache.worker.is_alive, flush=True)
+prefetch.prefetch(bpy.context.scene)
+print("busy", playback_cache.worker().is_alive, flush=True)
 """
     root = Path(__file__).resolve().parents[2]
     command = [sys.executable, "-c", f"import sys; sys.path[:0] = [{str(root)!r}]\n{code}", str(path)]
@@ -218,9 +218,9 @@ print("busy", playback_cache.worker.is_alive, flush=True)
 
 def test_the_same_moment_is_not_written_twice_and_rest_only_once(empty, capture, static_rig, monkeypatch):
     written = []
-    write = point_cloud._set
+    write = point_cloud.write_attribute
     monkeypatch.setattr(
-        point_cloud, "_set", lambda mesh, name, values: written.append(name) or write(mesh, name, values)
+        point_cloud, "write_attribute", lambda mesh, name, values: written.append(name) or write(mesh, name, values)
     )
     empty.frame_set(2)
     assert len(written) == 7

@@ -36,7 +36,7 @@ def test_twice_on_and_off_leaves_nothing(addon):
             assert footprint() != clean
             addon.unregister()
             assert footprint() == clean
-            assert not bpy.app.timers.is_registered(runner._tick) and runner.current is None
+            assert not bpy.app.timers.is_registered(runner.tick) and runner.current() is None
     finally:
         addon.register()
 
@@ -66,13 +66,13 @@ def test_open_scrub_and_render_without_torch(tmp_path):
     code = """
 sys.modules["torch"] = None
 import bpy, frog_blender
-from frog_blender import carrier
+from frog_blender import point_cloud
 bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
 frog_blender.register()
 bpy.ops.import_scene.frog(filepath=sys.argv[1])
 scene, capture = bpy.context.scene, bpy.context.object
-scene.frame_set(1); first = carrier.read(capture)["position"]
-scene.frame_set(6); moved = abs(carrier.read(capture)["position"] - first).max()
+scene.frame_set(1); first = point_cloud.read(capture)["position"]
+scene.frame_set(6); moved = abs(point_cloud.read(capture)["position"] - first).max()
 scene.render.filepath = sys.argv[2]
 bpy.ops.render.render(write_still=True)
 from frog_blender.ui.preferences import torch_needed

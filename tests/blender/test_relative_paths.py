@@ -9,7 +9,7 @@ from small_scenes import rig_of_three, write_scene
 
 from frog_blender import app_handlers, capture_files, point_cloud
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.timeline import open_scenes, playback
+from frog_blender.timeline import handlers, open_scenes, playback
 
 
 def shows(obj, path, frame):
@@ -111,12 +111,12 @@ def without_a_volume(obj):
 
 def test_a_capture_of_an_earlier_version_is_looked_after_when_it_is_opened(project):
     without_a_volume(the_capture())
-    handlers = playback._handlers()
-    app_handlers.remove(handlers)
+    every_handler = handlers.every_handler()
+    app_handlers.remove(every_handler)
     try:
         bpy.ops.wm.save_as_mainfile(filepath=str(project / "x.blend"))
     finally:
-        app_handlers.add(handlers)
+        app_handlers.add(every_handler)
     assert not bpy.data.volumes
     bpy.ops.wm.open_mainfile(filepath=str(project / "x.blend"))
     obj = the_capture()

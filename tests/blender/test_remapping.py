@@ -34,7 +34,7 @@ def by_strip(obj):
 
 
 def linear(animation):
-    for curve in retiming._curves(animation):
+    for curve in retiming.curves(animation):
         for key in curve.keyframe_points:
             key.interpolation = "LINEAR"
 
@@ -124,7 +124,7 @@ def test_a_muted_curve_says_nothing(empty, plain, static_rig):
     for frame in (1, 11):
         plain.frog.shown_frame = float(frame - 1)
         plain.keyframe_insert("frog.shown_frame", frame=frame)
-    (curve,) = retiming._curves(plain.animation_data)
+    (curve,) = retiming.curves(plain.animation_data)
     curve.mute, plain.frog.shown_frame = True, 7.0
     empty.frame_set(4)
     np.testing.assert_array_equal(point_cloud.read(plain)["position"], ScenePlayer.load(static_rig).at_frame(7.0).means)

@@ -11,9 +11,9 @@ import bpy
 import numpy as np
 import pytest
 
-from frog_blender import point_cloud, reported_once
+from frog_blender import addon_state, point_cloud, reported_once
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.timeline import level_of_detail, open_scenes, playback, render_thread
+from frog_blender.timeline import handlers, level_of_detail, open_scenes, playback, render_thread
 
 
 @pytest.fixture
@@ -69,34 +69,34 @@ def test_points_are_written_from_a_renders_thread_only_while_windows_are_locked(
     reported_once.forget()
     empty.render.engine, empty.render.use_lock_interface = "CYCLES", locked
     empty.frame_current = 5  # as a render sets it, without the handlers of this thread
-    in_another_thread(lambda: playback._on_frame(empty))
+    in_another_thread(lambda: handlers.on_frame(empty))
     frame = 4.0 if locked else 0.0
     assert ("stand still" in capfd.readouterr().err) != locked
     np.testing.assert_array_equal(points(capture), ScenePlayer.load(static_rig).at_frame(frame).means)
-    playback._on_frame(empty)
+    handlers.on_frame(empty)
     np.testing.assert_array_equal(points(capture), ScenePlayer.load(static_rig).at_frame(4.0).means)
 
 
 def test_never_for_the_frog_engine(empty, capture, in_window):
-    render_thread._on_init(empty)
+    handlers.on_render_begin(empty)
     try:
         before = points(capture)
         empty.frame_current = 5
-        in_another_thread(lambda: playback._on_frame(empty))
+        in_another_thread(lambda: handlers.on_frame(empty))
         np.testing.assert_array_equal(points(capture), before)
-        playback._on_frame(empty)  # somebody who scrubs meanwhile
+        handlers.on_frame(empty)  # somebody who scrubs meanwhile
         assert np.abs(points(capture) - before).max() > 0
     finally:
-        render_thread._on_end()
+        handlers.on_render_end()
 
 
 def test_an_animation_by_frog_writes_no_points_and_leaves_the_right_ones(
     empty, capture, static_rig, tmp_path, monkeypatch
 ):
     written = []
-    write = point_cloud._set
+    write = point_cloud.write_attribute
     monkeypatch.setattr(
-        point_cloud, "_set", lambda *given: written.append(render_thread._is_rendering) or write(*given)
+        point_cloud, "write_attribute", lambda *given: written.append(render_thread.is_rendering()) or write(*given)
     )
     empty.render.use_motion_blur = True
     empty.frame_start, empty.frame_end = 3, 5
@@ -110,9 +110,9 @@ def test_an_animation_by_frog_writes_no_points_and_leaves_the_right_ones(
 
 def test_cycles_still_gets_the_points_of_its_frames(empty, capture, monkeypatch, tmp_path):
     written = []
-    write = point_cloud._set
+    write = point_cloud.write_attribute
     monkeypatch.setattr(
-        point_cloud, "_set", lambda *given: written.append(render_thread._is_rendering) or write(*given)
+        point_cloud, "write_attribute", lambda *given: written.append(render_thread.is_rendering()) or write(*given)
     )
     empty.render.engine, empty.cycles.samples = "CYCLES", 1
     empty.frame_start, empty.frame_end, empty.render.resolution_percentage = 3, 4, 25
@@ -124,10 +124,10 @@ def test_cycles_still_gets_the_points_of_its_frames(empty, capture, monkeypatch,
 def test_threads_share_what_is_kept_of_files(empty, capture, tmp_path, monkeypatch):
     """A render's thread and Blender's own ask for scenes, bakes and thinned scenes while others are dropped."""
     ready = ScenePlayer.load(playback.file_of(capture))
-    monkeypatch.setattr(
-        open_scenes, "_read", lambda path: copy.copy(ready)
-    )  # reading takes long and is not looked at here
-    monkeypatch.setattr(open_scenes, "_read_bake", lambda *_: SimpleNamespace(close=lambda: None, problem=""))
+    open_scenes.forget()
+    bake_file = SimpleNamespace(close=lambda: None, problem="")
+    # Reading takes long and is not looked at here.
+    addon_state.put(open_scenes.OpenScenes(lambda path: copy.copy(ready), lambda *_: bake_file))
     paths = [tmp_path / f"{number}.frog" for number in range(200)]
     for path in (*paths, bake := tmp_path / "x.frogbake"):
         path.touch()
@@ -167,4 +167,5 @@ def test_threads_share_what_is_kept_of_files(empty, capture, tmp_path, monkeypat
         dropper.join()
     finally:
         sys.setswitchinterval(before)
+        addon_state.reset(open_scenes.OpenScenes)
     assert not raised, raised

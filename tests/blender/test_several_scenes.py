@@ -9,7 +9,7 @@ from small_scenes import rig_of_three, write_scene
 
 from frog_blender import point_cloud
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.timeline import playback
+from frog_blender.timeline import handlers, playback
 
 
 @pytest.fixture
@@ -61,8 +61,8 @@ def test_what_was_opened_without_the_add_on_plays_when_it_comes(addon, empty, ca
     point_cloud.clear(capture)
     addon.unregister()
     addon.register()
-    assert bpy.app.timers.is_registered(playback._take_over)
-    playback._take_over()  # no timer runs without a window
+    assert bpy.app.timers.is_registered(handlers.take_over)
+    handlers.take_over()  # no timer runs without a window
     shows(the_capture(), static_rig, 3.0)
 
 

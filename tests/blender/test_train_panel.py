@@ -56,7 +56,7 @@ def drawn(empty):
 
     yield draw
     runner.stop()
-    runner.current = None
+    runner.set_current(None)
 
 
 @pytest.fixture
@@ -72,8 +72,8 @@ def told(*said):
     """A training that has said this and is still running."""
     task = runner.TrainingTask(lambda control: iter(said))
     for event in said:
-        task._apply(event)
-    runner.current = task
+        task.apply(event)
+    runner.set_current(task)
     return task
 
 
@@ -118,7 +118,7 @@ def test_a_running_training(drawn):
 def test_an_ended_training(drawn, tmp_path):
     path = tmp_path / ("a long name " * 8).strip() / "x.frog"
     capacity = {"gaussians": 300, "dynamic": 40, "heads": ["means"], "sh_degree": 1, "reductions": []}
-    ended = runner._Ended("")
+    ended = runner.Ended("")
     told(events.Progress(9, 9, 61.0, 0.0, 0.1, 300), events.Finished(str(path), 9, 61.0, 28.0, 300, capacity), ended)
     said = drawn()
     assert "Finished in 1 min 1 s." in said and "frog.train" in said and "300 (40 move)" in said
@@ -128,7 +128,7 @@ def test_an_ended_training(drawn, tmp_path):
 
 
 def pixels():
-    icon = preview_image._icons["training"]
+    icon = preview_image.icons()[preview_image.NAME]
     width, height = icon.image_size
     values = np.empty(width * height, np.int32)
     icon.image_pixels.foreach_get(values)
@@ -141,7 +141,7 @@ def test_the_image_is_what_training_drew(addon):
     np.testing.assert_array_equal(pixels()[:, :, :3], image)
     assert (pixels()[:, :, 3] == 255).all()
     preview_image.show(None)
-    assert preview_image.icon_id() == 0 and not len(preview_image._icons)
+    assert preview_image.icon_id() == 0 and not len(preview_image.icons())
 
 
 def test_many_images_leave_nothing_behind(addon):
@@ -155,7 +155,7 @@ def test_many_images_leave_nothing_behind(addon):
         preview_image.show(images[turn % 2].copy())  # 250 MB in all
     grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
     assert grown < (50e6 if bpy.app.build_platform == b"Darwin" else 50e3)
-    assert len(preview_image._icons) == 1 and len(bpy.data.images) == data_blocks
+    assert len(preview_image.icons()) == 1 and len(bpy.data.images) == data_blocks
     preview_image.show(None)
 
 
@@ -163,9 +163,9 @@ def test_switching_off_takes_the_image_away(addon):
     preview_image.show(np.zeros((8, 8, 3), np.uint8))
     addon.unregister()
     try:
-        assert preview_image._icons is None and preview_image.icon_id() == 0
+        assert preview_image.icons() is None and preview_image.icon_id() == 0
         preview_image.show(np.zeros((8, 8, 3), np.uint8))  # a late one
-        assert preview_image._icons is None
+        assert preview_image.icons() is None
     finally:
         addon.register()
 
@@ -174,22 +174,22 @@ def test_a_preview_reaches_the_panel_by_the_timer(addon):
     image = np.full((9, 12, 3), 200, np.uint8)
     task = runner.begin(lambda control: iter([events.Preview(1, image)]))
     assert task.join(20.0)
-    while runner._tick() is not None:
+    while runner.tick() is not None:
         pass
     np.testing.assert_array_equal(pixels()[:, :, :3], image)
     preview_image.show(None)
 
 
 def test_the_preview_camera_is_searched_among_the_captures(empty, capture):
-    from frog_blender.ui.training_settings import _camera_names
+    from frog_blender.ui.training_settings import camera_names
 
     empty.frog.capture_folder = str(capture)
-    assert _camera_names(empty.frog, None, "") == ["cam00", "cam01", "cam02", "cam03"]  # the held-out one first
-    assert _camera_names(empty.frog, None, "M02") == ["cam02"]
+    assert camera_names(empty.frog, None, "") == ["cam00", "cam01", "cam02", "cam03"]  # the held-out one first
+    assert camera_names(empty.frog, None, "M02") == ["cam02"]
     task = told(events.Stage("decoding frames", 3, 10))
     empty.frog.preview_camera = "cam02"
     assert task.control.preview_camera == "cam02"
-    runner.current = None
+    runner.set_current(None)
 
 
 def test_presets_keep_how_to_train_and_not_what(empty, tmp_path, monkeypatch):

@@ -113,7 +113,7 @@ def drawn(empty):
         return panel.layout.said
 
     yield draw
-    runner.current = None
+    runner.set_current(None)
 
 
 @pytest.mark.parametrize("cancelled", [False, True])
@@ -121,7 +121,7 @@ def test_the_panel_offers_what_is_not_here(empty, drawn, static_rig, cancelled):
     users_scene(empty)
     path = str(static_rig)
     event = events.Cancelled(9, path) if cancelled else events.Finished(path, 9, 1.0, 20.0, 5)
-    task = told(event, runner._Ended(""))
+    task = told(event, runner.Ended(""))
     task.state.note = "Not imported by itself: the scene was being edited when the training ended."
     assert "import_scene.frog" in drawn() and task.state.note in drawn() and "frog.set_up_scene" not in drawn()
     bpy.ops.import_scene.frog(filepath=str(static_rig))

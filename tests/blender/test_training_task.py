@@ -118,7 +118,7 @@ def test_nothing_is_imported_while_a_render_looks_at_the_scene(addon, monkeypatc
     assert not finish(task.start()).running
     task.hand_over()
     assert task.waiting is not None and not imported
-    monkeypatch.setattr(runner, "current", task)
+    runner.set_current(task)
     with pytest.raises(FrogError, match="finish the current render"):  # another training would take its place
         runner.begin(lambda cancelled: iter([]))
     renders.clear()
@@ -149,11 +149,11 @@ def endless(addon):
     yield task
     task.cancel()
     finish(task)
-    runner.current = None
+    runner.set_current(None)
 
 
 def test_only_one_training_at_a_time(endless):
-    assert runner.is_running() and bpy.app.timers.is_registered(runner._tick)
+    assert runner.is_running() and bpy.app.timers.is_registered(runner.tick)
     with pytest.raises(FrogError, match="running already"):
         runner.begin(lambda cancelled: iter([]))
 
@@ -164,8 +164,8 @@ def test_opening_another_file_neither_ends_a_training_nor_waits_for_it(endless, 
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "x.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "x.blend"))
     monkeypatch.undo()
-    assert runner.current is endless and runner.is_running() and not endless.control.ended
-    assert bpy.app.timers.is_registered(runner._tick)
+    assert runner.current() is endless and runner.is_running() and not endless.control.ended
+    assert bpy.app.timers.is_registered(runner.tick)
     endless.cancel()
     state = finish(endless)
     assert state.cancelled and state.result == Path("half.frog")
@@ -187,11 +187,11 @@ def test_at_the_end_there_is_so_much_patience(addon, monkeypatch, capfd, learned
     assert taken.wait(20.0) and task.pump() == 1
     addon.unregister()
     try:
-        assert not task.join(0.0) and runner.current is None
+        assert not task.join(0.0) and runner.current() is None
         said = capfd.readouterr().err
-        assert ("saving what the training has learned" in said) == learned
-        assert ("the last checkpoint" in said) == learned
-        assert "it took longer" in said
+        assert ("Saving what the training has learned" in said) == learned
+        assert ("The last checkpoint is kept" in said) == learned
+        assert "That took longer." in said
     finally:
         addon.register()
         gate.set()
@@ -215,23 +215,23 @@ def file(monkeypatch):
 
 def test_the_file_counts_as_unsaved_while_a_training_runs(endless, file):
     for _ in range(3):
-        assert runner._tick() is not None
+        assert runner.tick() is not None
     assert len(file.pushed) == 1
     file.is_dirty = False  # the user saves meanwhile
-    runner._tick()
+    runner.tick()
     assert len(file.pushed) == 2
     endless.cancel()
     finish(endless)
     file.is_dirty = False
-    assert runner._tick() is None and len(file.pushed) == 2
+    assert runner.tick() is None and len(file.pushed) == 2
 
 
 def test_a_file_that_is_saved_after_an_undo_can_still_redo(endless, file):
     file.can_redo = True
-    runner._tick()
+    runner.tick()
     assert not file.pushed
     file.can_redo = False  # something new was done, and saved
-    runner._tick()
+    runner.tick()
     assert len(file.pushed) == 1
 
 
@@ -259,7 +259,7 @@ def test_an_import_that_fails_in_an_unforeseen_way_is_a_sentence_too(addon, capf
 
     task = runner.begin(lambda cancelled: iter([events.Finished("x.frog", 1, 1.0, 20.0, 5)]), fail)
     assert task.join(20.0)
-    while runner._tick() is not None:
+    while runner.tick() is not None:
         pass
     assert "x.frog: it is trained, but could not be imported (KeyError" in task.state.error
     assert not task.state.running and task.state.result == Path("x.frog") and "Traceback" in capfd.readouterr().err
@@ -273,16 +273,19 @@ def test_an_event_that_cannot_be_shown_ends_nothing(addon):
     assert not state.running and not state.error and imported == [Path("x.frog")] and state.step == 7
 
 
-def test_an_image_that_cannot_be_shown_ends_nothing(endless, monkeypatch, capfd):
-    monkeypatch.setattr(runner.preview_image, "show", lambda image: 1 / 0)
+def test_an_image_that_cannot_be_shown_ends_nothing(endless, capfd):
+    runner.watch(lambda state: 1 / 0)
     while not endless.state.stage_fraction and not capfd.readouterr().err:
-        assert runner._tick() is not None, "the timer goes on"
+        assert runner.tick() is not None, "the timer goes on"
     assert endless.state.running
 
 
-def test_a_worker_that_dies_without_a_word_is_noticed(addon, monkeypatch):
-    monkeypatch.setattr(runner.TrainingTask, "_work", lambda self: None)
-    state = finish(runner.TrainingTask(lambda cancelled: iter([])).start())
+def test_a_worker_that_dies_without_a_word_is_noticed(addon):
+    class Dying(runner.TrainingTask):
+        def work(self):
+            """As without memory for a last message."""
+
+    state = finish(Dying(lambda cancelled: iter([])).start())
     assert state.error == "The training stopped without giving a reason, possibly out of memory." and not state.running
 
 
@@ -316,7 +319,7 @@ def test_naming_a_folder_says_what_it_is(empty, tmp_path):
 
 
 def test_what_the_panel_asks_for(empty, tmp_path):
-    from frog_blender.operators.train import can_resume, request_of
+    from frog_blender.training_task.request import can_resume, request_of
 
     settings = empty.frog
     settings.capture_folder, settings.output_path = str(tmp_path), str(tmp_path / "scene")
@@ -337,7 +340,7 @@ def test_a_request_names_what_the_engine_knows(empty, tmp_path):
     from frog_blender.engine.training.optimize.device import DEVICES
     from frog_blender.engine.training.recipe import RECIPES
     from frog_blender.engine.training.session.job import TrainingJob
-    from frog_blender.operators.train import request_of
+    from frog_blender.training_task.request import request_of
     from frog_blender.ui import training_settings
 
     empty.frog.capture_folder = str(tmp_path)
@@ -352,7 +355,7 @@ def test_resuming_what_is_no_checkpoint_is_one_sentence(empty, tmp_path):
     settings.capture_folder, settings.output_path = str(tmp_path), str(tmp_path / "scene.frog")
     (tmp_path / "scene.frog.checkpoint").write_bytes(b"x")
     assert bpy.ops.frog.train(resume=True) == {"FINISHED"}
-    task = runner.current
+    task = runner.current()
     assert task.join(60)
     while task.pump():
         pass

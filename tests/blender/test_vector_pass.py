@@ -41,7 +41,7 @@ def spied(scene, monkeypatch):
 
 def cycles_vectors(scene, path):
     """(4,) at the middle of a still card 5 before the moving camera."""
-    from frog_blender.compositing.compositor import own_tree
+    from frog_blender.render.compositing.compositor import own_tree
 
     bpy.ops.mesh.primitive_plane_add(size=30, rotation=(np.pi / 2, 0, 0))
     scene.render.engine = "CYCLES"

@@ -74,10 +74,15 @@ def seen_through(path, name):
     return gaussians, background, lambda w, h: rig_of_three()[0].resized(w, h)
 
 
-def test_coarse_while_things_move_and_sharp_when_still(empty, static_rig, monkeypatch):
-    monkeypatch.setattr(viewport, "STILL_AFTER", 1e6)  # a machine that stalls does not make a second pass
+def sharp_viewport():
+    """Sharp at once, however slow the machine is."""
+    return viewport.Viewport(moving_seconds=1e6)
+
+
+def test_coarse_while_things_move_and_sharp_when_still(empty, static_rig):
     gaussians, background, camera_of = seen_through(static_rig, "cam00")
-    memory, size = viewport.Viewport(seconds_per_pixel=1e-5), (96, 64)  # 2,000 pixels fit the time
+    # 1,600 pixels fit the time, and a machine that stalls does not make a second pass.
+    memory, size = viewport.Viewport(seconds_per_pixel=1e-5, still_after=1e6), (96, 64)
 
     def drawn(key):
         return viewport.draw_view(memory, key, gaussians, camera_of, size, background)
@@ -85,7 +90,7 @@ def test_coarse_while_things_move_and_sharp_when_still(empty, static_rig, monkey
     first = drawn("a")
     assert first.step == 2 and first.pixels.shape == (32, 48, 4) and memory.wants_more
     assert drawn("a") is first  # not yet still
-    memory.changed_at -= 2 * viewport.STILL_AFTER
+    memory.changed_at -= 2 * memory.still_after
     sharp = drawn("a")
     assert sharp.step == 1 and sharp.pixels.shape == (64, 96, 4) and not memory.wants_more
     assert drawn("a") is sharp
@@ -111,11 +116,10 @@ def test_the_sharp_image_is_the_rendered_one(empty, static_rig):
     assert pixels[..., 3].min() == 1.0 and pixels.dtype == np.float32
 
 
-def test_another_background_is_another_image(empty, static_rig, monkeypatch):
+def test_another_background_is_another_image(empty, static_rig):
     """Without orbiting: the world's colour, its strength, a transparent film."""
-    monkeypatch.setattr(viewport, "MOVING_SECONDS", 1e6)  # sharp at once, however slow the machine is
     assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
-    world, memory = bpy.data.worlds.new("sky"), viewport.Viewport()
+    world, memory = bpy.data.worlds.new("sky"), sharp_viewport()
     if world.node_tree is None:
         world.use_nodes = True
     shader = next(node for node in world.node_tree.nodes if node.type == "BACKGROUND")
@@ -161,21 +165,18 @@ def test_without_memory_it_is_a_sentence_in_the_header(empty, static_rig, monkey
     assert capfd.readouterr().err.count("Out of memory") == 1
 
 
-def test_one_capture_that_is_refused_hides_no_other_and_mended_it_is_forgotten(
-    empty, static_rig, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(viewport, "MOVING_SECONDS", 1e6)
+def test_one_capture_that_is_refused_hides_no_other_and_mended_it_is_forgotten(empty, static_rig, tmp_path):
     for path in (static_rig, write_scene(tmp_path / "other.frog", rig_of_three(), seed=5)):
         bpy.ops.import_scene.frog(filepath=str(path))
     first, second = playback.captures(empty.objects)
-    memory, header = viewport.Viewport(), []
+    memory, header = sharp_viewport(), []
     view, window = matrices(empty.camera, *SIZE)
     region = SimpleNamespace(view_matrix=view, window_matrix=window)
     engine = SimpleNamespace(update_stats=lambda *texts: header.append(texts))
 
     def drawn():
         image = viewport_drawing.image_of(memory, bpy.context.evaluated_depsgraph_get(), region, SIZE)
-        viewport_drawing._say(engine, memory.problems)
+        viewport_drawing.show_problems(engine, memory.problems)
         return image.pixels
 
     both = drawn()
@@ -215,9 +216,8 @@ def test_the_captures_that_are_seen(empty, static_rig):
     assert visible_captures(bpy.context.evaluated_depsgraph_get()) == []
 
 
-def test_pixels_that_are_not_square_through_the_camera(empty, static_rig, monkeypatch):
+def test_pixels_that_are_not_square_through_the_camera(empty, static_rig):
     """As F12 has them, though Blender's matrices do not."""
-    monkeypatch.setattr(viewport, "MOVING_SECONDS", 1e6)
     bpy.ops.import_scene.frog(filepath=str(static_rig))
     camera = empty.camera = bpy.data.objects["cam02"]
     assert camera.data.frog.focal_ratio < 0.96
@@ -226,7 +226,7 @@ def test_pixels_that_are_not_square_through_the_camera(empty, static_rig, monkey
     space = windows.viewport()["space_data"]
     empty.frame_set(4)
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    pixels = viewport_drawing.image_of(viewport.Viewport(), depsgraph, region, (80, 64), space).pixels[::-1]
+    pixels = viewport_drawing.image_of(sharp_viewport(), depsgraph, region, (80, 64), space).pixels[::-1]
     display = srgb(pixels)
     np.testing.assert_allclose(255 * display[..., :3], expected_png(static_rig, rig_of_three()[2], 3.0), atol=1.5)
 

@@ -43,8 +43,8 @@ def test_film_train_scrub_render(empty, tmp_path, rendered, monkeypatch):
     settings = empty.frog
     settings.output_path, settings.recipe = str(tmp_path / "room.frog"), "draft"
     assert bpy.ops.frog.train() == {"FINISHED"}
-    task = runner.current
-    seconds_patient(lambda: runner._tick() is None, 3000.0)
+    task = runner.current()
+    seconds_patient(lambda: runner.tick() is None, 3000.0)
     state = task.state
     assert not state.error and state.result == tmp_path / "room.frog"
     assert state.psnr > 25.0 and 0 < state.moving < state.gaussians

@@ -21,7 +21,7 @@ def started_in_window(
         a list that every operator that goes on in the window joins, with the steps that it takes.
     """
     monkeypatch.setattr(module, "has_window", lambda context: context.window is not None)
-    monkeypatch.setattr(operator, "_asked", True, raising=False)  # of those that first show a file browser
+    monkeypatch.setattr(operator, "is_interactive", True, raising=False)  # of those that first show a file browser
     started: list[tuple[Any, Iterator[Any]]] = []
     go_on = operator.go_on_in_window
 

@@ -186,9 +186,9 @@ def test_info_about_a_scene(run: Run, trained: Path) -> None:
     assert (report["method"], report["frames"], report["bytes"]) == ("frog", 6, trained.stat().st_size)
     assert "30 steps" in report["training"] and "cam03" in report["cameras"]
     scene = ScenePlayer.load(trained)
-    assert (report["gaussians"], report["dynamic"]) == (scene.count, scene.moving)
+    assert (report["gaussians"], report["dynamic"]) == (scene.count, scene.num_dynamic)
     assert set(report["heads"]) <= {"means", "log_scales", "quaternions", "opacity_logits", "sh"}
-    assert bool(report["heads"]) == bool(scene.moving)  # thirty steps may have taught no motion that shows
+    assert bool(report["heads"]) == bool(scene.num_dynamic)  # thirty steps may have taught no motion that shows
     assert report["sh_degree"] in (0, 1) and any("packed" in line for line in report["reductions"])
     status, out, _ = run("info", trained)
     assert status == 0 and "costs" in out

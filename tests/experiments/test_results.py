@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 from pathlib import Path
 
@@ -35,6 +36,23 @@ def test_lines_that_are_no_records_are_left_out(tmp_path: Path) -> None:
     path = tmp_path / "runs.jsonl"
     path.write_bytes(b'[1]\n"text"\n\n{"key": "of no kind"}\n\xff\xfe\n{"kind": "run", "key": "good"}\n')
     assert [record["key"] for record in read(path)] == ["good"]
+
+
+def test_compressed_results_come_before_later_ones(tmp_path: Path) -> None:
+    path = tmp_path / "runs.jsonl"
+    compressed = gzip.compress(b'{"kind": "run", "key": "kept"}\n')
+    (tmp_path / "runs.jsonl.gz").write_bytes(compressed)
+    assert [record["key"] for record in read(path)] == ["kept"]
+    append(path, {"kind": "run", "key": "later"})
+    assert [record["key"] for record in read(path)] == ["kept", "later"]
+
+
+@pytest.mark.parametrize("kept", [3, 25])
+def test_compressed_results_that_are_cut_off_are_refused(tmp_path: Path, kept: int) -> None:
+    compressed = gzip.compress(b'{"kind": "run", "key": "kept"}\n')
+    (tmp_path / "runs.jsonl.gz").write_bytes(compressed[:kept])
+    with pytest.raises(FrogError, match=r"runs\.jsonl\.gz: the results could not be read"):
+        read(tmp_path / "runs.jsonl")
 
 
 def test_numbers_that_json_does_not_know_become_none(tmp_path: Path) -> None:

@@ -59,11 +59,11 @@ def _tell(path: Path) -> bool:
 
 def _play(scene: ScenePlayer) -> None:
     for time in (0.0, 0.3, 1.0):
-        scene.at(time, scene.part_at(time))
+        scene.at(time, scene.delta_at(time))
     scene.at(0.7)
     order = ranking(scene)
-    some = scene.only(most_important(order, scene.count // 2))
-    some.at(0.5, some.part_at(0.5))
+    some = scene.subset(most_important(order, scene.count // 2))
+    some.at(0.5, some.delta_at(0.5))
     assert sorted(order.tolist()) == list(range(scene.count))
 
 

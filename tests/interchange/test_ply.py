@@ -13,7 +13,7 @@ from support.builders import ATTRIBUTES, plain_camera, random_gaussians
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.gaussians import GaussianArrays
 from frog_blender.engine.interchange.ply import read_splats, splat_bytes, write_splats
-from frog_blender.engine.playback.canonical import at_rest
+from frog_blender.engine.playback.canonical import canonical_gaussians
 
 STANDARD = [*"xyz", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"]
 END = ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
@@ -32,7 +32,7 @@ def test_there_and_back(tmp_path: Path, degree: int) -> None:
     before = gaussians(degree)
     write_splats(tmp_path / "x.ply", before)
     splats = read_splats(tmp_path / "x.ply")
-    after = at_rest(splats.arrays)
+    after = canonical_gaussians(splats.arrays)
     assert splats.left_out == 0
     for name in ATTRIBUTES:
         np.testing.assert_allclose(getattr(after, name), getattr(before, name), rtol=1e-6, atol=1e-6, err_msg=name)
@@ -83,7 +83,7 @@ def foreign(path: Path, order: str, kind: str, extra: bool = True) -> GaussianAr
 @pytest.mark.parametrize("extra", [False, True])
 def test_files_of_other_programs(tmp_path: Path, order: str, kind: str, extra: bool) -> None:
     before = foreign(tmp_path / "x.ply", order, kind, extra)
-    after = at_rest(read_splats(tmp_path / "x.ply").arrays)
+    after = canonical_gaussians(read_splats(tmp_path / "x.ply").arrays)
     for name in ATTRIBUTES:
         np.testing.assert_allclose(getattr(after, name), getattr(before, name), rtol=2e-6, atol=2e-6, err_msg=name)
 
@@ -109,7 +109,7 @@ def test_infinite_logits_are_certain(tmp_path: Path) -> None:
     content[start + opacity : start + opacity + 4] = np.float32(np.inf).tobytes()
     (tmp_path / "x.ply").write_bytes(content)
     splats = read_splats(tmp_path / "x.ply")
-    assert splats.left_out == 0 and at_rest(splats.arrays).opacities[0] == 1.0
+    assert splats.left_out == 0 and canonical_gaussians(splats.arrays).opacities[0] == 1.0
 
 
 def refused(path: Path) -> str:
@@ -183,7 +183,7 @@ def test_random_damage_is_refused_or_harmless(tmp_path: Path) -> None:
             changed[int(random.integers(header))] = int(random.integers(256))
         path.write_bytes(changed)
         try:
-            assert at_rest(read_splats(path).arrays).checked().means.size
+            assert canonical_gaussians(read_splats(path).arrays).checked().means.size
         except FrogError as error:
             assert "\n" not in str(error)
     unit = 1 if sys.platform == "darwin" else 1024

@@ -11,7 +11,7 @@ from support.builders import ATTRIBUTES, plain_camera, random_gaussians
 from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.interchange.ply import read_splats, splat_bytes
-from frog_blender.engine.playback.canonical import at_rest
+from frog_blender.engine.playback.canonical import canonical_gaussians
 
 COUNT = 200
 NAMES = {"<f2": "ushort", ">f2": "ushort", "<i2": "short", "<u2": "uint16"}
@@ -52,10 +52,10 @@ def refused(path: Path) -> str:
 @pytest.mark.parametrize("dtype", ["<f2", ">f2"])
 def test_half_floats(tmp_path: Path, dtype: str, kind: str) -> None:
     """By whatever name of 16 bits."""
-    before = at_rest(read_splats(write(tmp_path / "x.ply", columns(), "<f4")).arrays)
+    before = canonical_gaussians(read_splats(write(tmp_path / "x.ply", columns(), "<f4")).arrays)
     found = read_splats(write(tmp_path / "half.ply", columns(), dtype, kind))
     assert found.left_out == 0
-    for name, values in vars(at_rest(found.arrays)).items():
+    for name, values in vars(canonical_gaussians(found.arrays)).items():
         np.testing.assert_allclose(values, getattr(before, name), rtol=4e-3, atol=4e-3, err_msg=name)
     assert set(ATTRIBUTES) == set(vars(before))
 
@@ -129,7 +129,7 @@ def test_single_rows_that_cannot_be_drawn_are_left_out(tmp_path: Path) -> None:
 @pytest.mark.parametrize("length", [1e-30, 1e-3, 20.0])
 def test_quaternions_of_any_length_are_made_units(tmp_path: Path, length: float) -> None:
     found = columns()
-    before = at_rest(read_splats(write(tmp_path / "x.ply", found, "<f4")).arrays).quaternions
+    before = canonical_gaussians(read_splats(write(tmp_path / "x.ply", found, "<f4")).arrays).quaternions
     for name in ("rot_0", "rot_1", "rot_2", "rot_3"):
         found[name] = found[name] * np.float32(length)
     after = read_splats(write(tmp_path / "x.ply", found, "<f4")).arrays["quaternions"]

@@ -12,7 +12,7 @@ from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.interchange.ply import read_splats
 from frog_blender.engine.interchange.splats import export_frames, free_scene_path, import_splats
-from frog_blender.engine.playback.canonical import at_rest
+from frog_blender.engine.playback.canonical import canonical_gaussians
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.playback.transform import Y_DOWN, transform
@@ -31,7 +31,7 @@ def test_there_and_back_is_the_same_moment(trained: Path, tmp_path: Path) -> Non
     (path,) = export_frames(scene, [3], tmp_path / "out", "x")
     imported = import_splats(path, tmp_path / "still.frog")
     still = ScenePlayer.load(imported.path)
-    assert (imported.gaussians, imported.left_out, still.moving) == (scene.count, 0, 0)
+    assert (imported.gaussians, imported.left_out, still.num_dynamic) == (scene.count, 0, 0)
     before, after = scene.at_frame(3), still.at_frame(0)
     for name in ATTRIBUTES:
         np.testing.assert_allclose(getattr(after, name), getattr(before, name), rtol=1e-6, atol=1e-6, err_msg=name)
@@ -48,7 +48,7 @@ def test_the_command_turns_z_up_to_y_down(trained: Path, tmp_path: Path) -> None
     before = ScenePlayer.load(trained).at_frame(3)
     for options, turn in (([], np.eye(4)), (["--y-down"], Y_DOWN)):
         assert main(["export", str(trained), "--frames", "3:4", "--out", str(tmp_path), *options]) == 0
-        found, expected = at_rest(read_splats(tmp_path / "x_0003.ply").arrays), transform(before, turn)
+        found, expected = canonical_gaussians(read_splats(tmp_path / "x_0003.ply").arrays), transform(before, turn)
         for name in ("means", "scales", "sh"):
             np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-5, atol=1e-5)
     np.testing.assert_array_equal(Y_DOWN @ (0, 0, 1, 1), (0, -1, 0, 1))  # up

@@ -12,7 +12,13 @@ import pytest
 from support.builders import run_python
 
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.io.atomic_files import LONGEST_NAME, beginning, remove_unfinished, whole_file, write_atomically
+from frog_blender.engine.io.atomic_files import (
+    LONGEST_NAME,
+    atomic_file,
+    beginning,
+    remove_partial_files,
+    write_atomically,
+)
 
 on_posix = pytest.mark.skipif(os.name != "posix", reason="permissions as POSIX has them")
 LONG_NAMES = ["x" * (LONGEST_NAME - 5) + ".frog", "動" * 83 + ".frog", "Д" * 125 + ".frog"]
@@ -86,7 +92,7 @@ def test_a_write_onto_a_read_only_file_leaves_nothing_on_windows_either(
 @pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError, GeneratorExit, SystemExit])
 def test_whatever_ends_a_write_leaves_nothing(tmp_path: Path, error: type[BaseException]) -> None:
     (tmp_path / "x").write_bytes(b"old")
-    with pytest.raises(error), whole_file(tmp_path / "x") as file:
+    with pytest.raises(error), atomic_file(tmp_path / "x") as file:
         file.write(b"half")
         raise error
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"x": b"old"}
@@ -96,17 +102,17 @@ def test_what_a_killed_process_left_is_removed(tmp_path: Path) -> None:
     code = """
 import os, signal, sys
 from pathlib import Path
-from frog_blender.engine.io.atomic_files import whole_file
-with whole_file(Path(sys.argv[1])) as file:
+from frog_blender.engine.io.atomic_files import atomic_file
+with atomic_file(Path(sys.argv[1])) as file:
     file.write(b"half")
     os.kill(os.getpid(), signal.SIGTERM if os.name == "nt" else signal.SIGKILL)
 """
     for name in ("x.frog", LONG_NAMES[1]):
         assert run_python(code, tmp_path / name).returncode
         (left,) = tmp_path.iterdir()
-        remove_unfinished(tmp_path / "y.frog")
+        remove_partial_files(tmp_path / "y.frog")
         assert left.exists(), "another file's"
-        remove_unfinished(tmp_path / name)
+        remove_partial_files(tmp_path / name)
         assert not left.exists()
 
 

@@ -7,7 +7,7 @@ from pathlib import PureWindowsPath
 
 import pytest
 
-from frog_blender.engine.io.paths import leads_elsewhere
+from frog_blender.engine.io.paths import is_network_path
 
 STROKES = ["\\", "/"]
 
@@ -16,7 +16,7 @@ STROKES = ["\\", "/"]
 @pytest.mark.parametrize("middle", STROKES)
 def test_another_computer_is_known_however_its_strokes_lean(begin: str, middle: str) -> None:
     for path in (f"{begin}evil{middle}share", f"{begin}evil{middle}share{middle}room", f"{begin}evil"):
-        assert leads_elsewhere(path)
+        assert is_network_path(path)
     assert PureWindowsPath(f"{begin}evil{middle}share{middle}room").drive == r"\\evil\share"
 
 
@@ -33,7 +33,7 @@ def test_another_computer_is_known_however_its_strokes_lean(begin: str, middle: 
     ],
 )
 def test_devices_and_the_long_ways_round(path: str) -> None:
-    assert leads_elsewhere(path)
+    assert is_network_path(path)
 
 
 @pytest.mark.parametrize(
@@ -41,6 +41,6 @@ def test_devices_and_the_long_ways_round(path: str) -> None:
     ["", "room", "/home/a/room", r"C:\captures\room", "C:/captures//room", "room//cam", r"..\room", "/", "\\", "C:"],
 )
 def test_paths_of_this_computer(path: str) -> None:
-    assert not leads_elsewhere(path)
+    assert not is_network_path(path)
     drive = PureWindowsPath(path).drive
     assert drive in ("", "C:")

@@ -56,7 +56,7 @@ def looked_at(
         )
         gaussians, changes = deform_fused(model.canonical, model.deformation, temporal, shape)
     else:
-        gaussians, parts = model.deform_plainly(temporal, ScheduleState(opacity=share), sh_active)
+        gaussians, parts = model.deform_reference(temporal, ScheduleState(opacity=share), sh_active)
         changes = torch.cat([part.flatten(1) for part in parts.values()], 1)
     outputs = {name: getattr(gaussians, name) for name in OUTPUTS}
     generator, loss = torch.Generator().manual_seed(3), 0.0
@@ -223,7 +223,7 @@ def test_the_model_takes_the_fused_way() -> None:
     gaussians, changes = model.deform(0.4, ScheduleState(opacity=0.3), 9)
     assert isinstance(gaussians, GaussianArrays) and gaussians.sh.shape == (200, 9, 3)
     assert list(changes) == ["means", "log_scales", "quaternions", "opacity_logits", "sh"]
-    plain, expected = model.deform_plainly(model.temporal_embedding(0.4), ScheduleState(opacity=0.3), 9)
+    plain, expected = model.deform_reference(model.temporal_embedding(0.4), ScheduleState(opacity=0.3), 9)
     for name in OUTPUTS:
         torch.testing.assert_close(getattr(gaussians, name), getattr(plain, name), atol=1e-5, rtol=1e-5)
     for name in changes:
@@ -249,7 +249,7 @@ import sys
 import numpy as np
 from support.deformation_fields import field_arrays, in_groups, output_arrays
 from frog_blender.engine.native import binding
-from frog_blender.engine.native.deformation import FieldShape, PlayedField, deform, deform_backward
+from frog_blender.engine.native.deformation import FieldShape, PlaybackField, deform, deform_backward
 
 found = {}
 cases = [(33, 3, 0, "unit", 1), (33, 3, 24, "paper", 1), (64, 32, 0, "off", 1)]
@@ -265,10 +265,10 @@ for case, (hidden, embedding, head, form, networks) in enumerate(cases):
     found |= {f"{case}/{name}": array for name, array in result.items()}
     found |= {f"{case}/gradient/{name}": array for name, array in gradients.items()}
     if head == 0:
-        for kept, reshaped in ((False, None), (True, None), (False, 210)):
+        for kept, num_shape_dynamic in ((False, None), (True, None), (False, 210)):
             played = {name: np.zeros_like(array) for name, array in output_arrays(shape, 500).items()}
-            PlayedField(shape, in_groups(shape, arrays, kept), kept, reshaped).deform({}, played)
-            found |= {f"{case}/played/{kept}/{reshaped}/{name}": array for name, array in played.items()}
+            PlaybackField(shape, in_groups(shape, arrays, kept), kept, num_shape_dynamic).deform({}, played)
+            found |= {f"{case}/played/{kept}/{num_shape_dynamic}/{name}": array for name, array in played.items()}
 np.savez(sys.argv[1], **found)
 print(binding.instruction_set())
 """

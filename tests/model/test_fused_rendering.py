@@ -89,7 +89,7 @@ def test_an_exposure() -> None:
 
 def test_silent_heads_stay_silent() -> None:
     model = model_of(SETTINGS)
-    model.silence("quaternions")
+    model.prune_head("quaternions")
     assert_same(model, view())
     rows = model.output_rows("quaternions")
     grad = model.deformation.output_weight.grad

@@ -24,10 +24,10 @@ def draw(scene, camera, gaussians, options=RasterizeOptions(), limited=False):
     image = {"rgb": np.empty((height, width, 3), np.float32), "alpha": np.empty((height, width), np.float32)}
     extras = {"mean_depth": np.empty((height, width), np.float32), "radii": np.empty(count, np.float32)}
     extras["median_index"] = np.empty((height, width), np.int32)
-    extras["max_weights"], extras["at_fault"] = np.empty(count, np.float32), np.zeros(1, np.int32)
+    extras["max_weights"], extras["num_invalid"] = np.empty(count, np.float32), np.zeros(1, np.int32)
     gaussians = gaussians.checked()
     limit = np.float32(random.uniform(1, 5, (height, width))) if limited else None
-    frame = native.Frame(gaussians, camera, (0.3, 0.6, 0.1), options, {**image, **extras}, limit, differentiable=True)
+    frame = binding.Frame(gaussians, camera, (0.3, 0.6, 0.1), options, {**image, **extras}, limit, differentiable=True)
     gradients = {name: np.empty_like(value) for name, value in vars(gaussians).items()}
     gradients["screen"], gradients["screen_absolute"] = np.empty((2, count, 2), np.float32)
     gradients["pose"] = np.empty((3, 4), np.float32)
@@ -71,7 +71,7 @@ def test_instruction_sets_agree(tmp_path: Path) -> None:
         assert result.keys() == baseline.keys()
         for name, expected in baseline.items():
             where, found = (instruction_set, name), result[name]
-            if name.endswith(("median_index", "at_fault")):
+            if name.endswith(("median_index", "num_invalid")):
                 assert float(np.mean(found != expected, dtype=float)) <= 3e-4 if expected.size else True, where
             elif "/gradient/" in name:
                 assert relative_difference(found, expected) < 1e-5, where

@@ -1,5 +1,5 @@
-// Several callers and short jobs on a pool whose size changes: `make test-sanitizers` builds it with the thread sanitizer, which stops at a
-// data race. Ends with 0 when every piece of every job was done once.
+// Several callers and short jobs on a pool whose size changes: `make test-sanitizers` builds it with the thread
+// sanitizer, which stops at a data race. Ends with 0 when every piece of every job was done once.
 #include <atomic>
 #include <cstdio>
 #include <thread>

@@ -88,7 +88,7 @@ def test_what_is_kept_of_a_moment_brings_back_the_same_bits(shape: tuple[str, di
     method, settings = shape
     file = as_file(method, restless(method, **settings))
     playable, other = ScenePlayer(file), ScenePlayer(file)
-    parts = {time: playable.part_at(time) for time in TIMES}
+    parts = {time: playable.delta_at(time) for time in TIMES}
     for time, part in parts.items():
         for name in ATTRIBUTES:
             found = getattr(playable.at(time, part), name)

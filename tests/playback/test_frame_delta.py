@@ -43,7 +43,7 @@ def test_what_is_kept_brings_back_the_same_bits(model: dict) -> None:
 def test_a_scene_at_rest_keeps_nothing() -> None:
     scene = scene_file(20)
     playable = assert_same_bits(SceneFile(replace(scene.header, method="static", model={}), scene.arrays))
-    assert playable.changing == () and playable.part_at(0.4).bytes == 0 and playable.time_of(3.0) == 0.0
+    assert playable.changing == () and playable.delta_at(0.4).bytes == 0 and playable.time_of(3.0) == 0.0
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ def test_silent_heads_change_nothing(rows: tuple[int, int], name: str) -> None:
 
 
 def test_only_what_moves_takes_memory() -> None:
-    few, all_of_them = (ScenePlayer(scene_file(150, moving=moving)).part_at(0.5).bytes for moving in (15, 150))
+    few, all_of_them = (ScenePlayer(scene_file(150, moving=moving)).delta_at(0.5).bytes for moving in (15, 150))
     assert (few, all_of_them) == (15 * 14 * 4, 150 * 14 * 4)
 
 

@@ -8,7 +8,7 @@ from support.builders import rotation_of
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.playback.ground_plane import camera_up, find_floor, placement, resting
+from frog_blender.engine.playback.ground_plane import camera_up, find_floor, placement, static_points
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.header import SceneHeader
 from frog_blender.engine.scene.scene_file import SceneFile
@@ -162,7 +162,7 @@ def test_only_what_is_opaque_and_at_rest_votes(monkeypatch):
     rig = tuple(cameras())
     header = SceneHeader("static", {}, {}, rig, ((0,),) * len(rig), (), (), 1, 30.0, (0, 0, 0), "", "n3dv", 1.0)
     scene = ScenePlayer(SceneFile(header, {name: array.astype(np.float32) for name, array in arrays.items()}))
-    points, weights = resting(scene)
+    points, weights = static_points(scene)
     np.testing.assert_allclose(points, arrays["means"][20:], atol=1e-6)
     np.testing.assert_allclose(weights, 0.06 / (1 + np.exp(-5.0)), rtol=1e-4)
     plain = scene.at
@@ -173,4 +173,4 @@ def test_only_what_is_opaque_and_at_rest_votes(monkeypatch):
         return gaussians
 
     monkeypatch.setattr(scene, "at", moving)
-    assert len(resting(scene)[0]) == 20
+    assert len(static_points(scene)[0]) == 20

@@ -41,7 +41,7 @@ def test_the_first_of_it_are_worth_more_than_their_share(share: float) -> None:
     whole = draw(scene.at_frame(4), camera).rgb
 
     def error(kept: np.ndarray) -> float:
-        return float(np.abs(draw(scene.only(kept).at_frame(4), camera).rgb - whole).mean())
+        return float(np.abs(draw(scene.subset(kept).at_frame(4), camera).rgb - whole).mean())
 
     random = np.random.default_rng(0)
     others = [error(np.sort(random.permutation(300)[:count])) for _ in range(5)]
@@ -62,8 +62,8 @@ def test_without_cameras_and_without_motion() -> None:
 def test_fewer_of_them_are_as_they_were(moving: int | None) -> None:
     scene = ScenePlayer(scene_file(100, moving=moving, sh_count=9))
     kept = np.sort(np.random.default_rng(1).permutation(100)[:37])
-    fewer = scene.only(kept)
-    assert (fewer.count, fewer.moving) == (37, int((kept < scene.moving).sum()))
+    fewer = scene.subset(kept)
+    assert (fewer.count, fewer.num_dynamic) == (37, int((kept < scene.num_dynamic).sum()))
     for frame in (0, 2.5, 6):
         before, after = scene.at_frame(frame), fewer.at_frame(frame)
         for name in ATTRIBUTES:
@@ -72,6 +72,6 @@ def test_fewer_of_them_are_as_they_were(moving: int | None) -> None:
 
 def test_none_of_those_that_move() -> None:
     scene = ScenePlayer(scene_file(50, moving=20))
-    fewer = scene.only(np.arange(25, 50))
-    assert fewer.moving == 0 and not fewer.changing
+    fewer = scene.subset(np.arange(25, 50))
+    assert fewer.num_dynamic == 0 and not fewer.changing
     np.testing.assert_allclose(fewer.at_frame(5).means, scene.at_frame(2).means[25:], atol=1e-6)

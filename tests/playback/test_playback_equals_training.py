@@ -55,7 +55,7 @@ def test_gaussians_at_many_times(tmp_path: Path, shape: dict, count: int, moving
     scene = scene_file(count, sh_count=16 if shape.get("deformed_sh") == 9 else 4, moving=moving, **shape)
     write_scene(tmp_path / "x.frog", scene)
     played, model = ScenePlayer.load(tmp_path / "x.frog"), model_of(scene)
-    assert (played.count, played.moving) == (count, moving)
+    assert (played.count, played.num_dynamic) == (count, moving)
     still = torch.from_numpy(scene.arrays["means"])
     for time in TIMES:
         found = played.at(time)
@@ -94,7 +94,7 @@ def test_a_scene_in_which_nothing_moves_plays_too(tmp_path: Path, method: str) -
     header = type(scene.header)(**{**vars(scene.header), "method": method, "model": {}})
     write_scene(tmp_path / "x.frog", SceneFile(header, arrays))
     played = ScenePlayer.load(tmp_path / "x.frog")
-    assert played.moving == 0
+    assert played.num_dynamic == 0
     np.testing.assert_array_equal(played.at(0.1).means, arrays["means"])
     np.testing.assert_allclose(played.at(0.9).scales, np.exp(arrays["log_scales"]))
     np.testing.assert_allclose(np.linalg.norm(played.at(0.5).quaternions, axis=1), 1, rtol=1e-6)

@@ -7,9 +7,9 @@ import pytest
 from support.deformation_fields import field_arrays, in_groups, output_arrays
 
 from frog_blender.engine.native import binding
-from frog_blender.engine.native.deformation import FieldShape, PlayedField, deform
+from frog_blender.engine.native.deformation import FieldShape, PlaybackField, deform
 from frog_blender.engine.playback import simd_layout
-from frog_blender.engine.playback.simd_layout import GROUP, grouped
+from frog_blender.engine.playback.simd_layout import GROUP_SIZE, pack_lanes
 
 
 def play(
@@ -17,21 +17,21 @@ def play(
 ) -> None:
     """In groups, unless ``kept`` is None."""
     own = arrays if kept is None else in_groups(shape, arrays, kept)
-    PlayedField(shape, own, bool(kept)).deform({}, result)
+    PlaybackField(shape, own, bool(kept)).deform({}, result)
 
 
 @pytest.mark.parametrize("kept", [False, True])
-@pytest.mark.parametrize("count", [1, GROUP, 3 * GROUP + 5, 200])
+@pytest.mark.parametrize("count", [1, GROUP_SIZE, 3 * GROUP_SIZE + 5, 200])
 def test_gaussians_lie_in_groups(count: int, kept: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(simd_layout, "_TOGETHER", 4 * GROUP)
+    monkeypatch.setattr(simd_layout, "_TOGETHER", 4 * GROUP_SIZE)
     arrays = field_arrays(FieldShape(0, 4, 4, "off", 10.0, 1.0, 0.5), 5, 3, count, sh_count=4)
-    found = grouped(arrays, kept)
+    found = pack_lanes(arrays, kept)
     own = arrays["embeddings"] @ arrays["embedding_weight"].T if kept else arrays["embeddings"]
     attributes = ("means", "opacity_logits", "sh", "log_scales", "quaternions")
     expected = np.concatenate([*(arrays[name].reshape(count, -1) for name in attributes), own], axis=1)
-    assert found.dtype == np.float32 and found.shape == (-(-count // GROUP), expected.shape[1], GROUP)
+    assert found.dtype == np.float32 and found.shape == (-(-count // GROUP_SIZE), expected.shape[1], GROUP_SIZE)
     for i, values in enumerate(expected):
-        np.testing.assert_allclose(found[i // GROUP, :, i % GROUP], values, atol=1e-6)
+        np.testing.assert_allclose(found[i // GROUP_SIZE, :, i % GROUP_SIZE], values, atol=1e-6)
     assert not found.transpose(0, 2, 1).reshape(-1, expected.shape[1])[count:].any()
 
 
@@ -39,7 +39,7 @@ def test_heads_take_no_groups() -> None:
     shape = FieldShape(8, 4, 1, "off", 10.0, 1.0, 0.5)
     arrays = field_arrays(shape, 20, 5, 30, sh_count=4)
     with pytest.raises(ValueError, match="heads"):
-        PlayedField(shape, in_groups(shape, arrays, False))
+        PlaybackField(shape, in_groups(shape, arrays, False))
 
 
 @pytest.mark.parametrize("kept", [False, True])

@@ -88,13 +88,13 @@ def test_what_is_at_fault_is_counted(implementation: str) -> None:
     counted = {}
     for name, bad in INVISIBLE.items():
         with torch.no_grad():
-            counted[name] = rasterize(tensors(bad), CAMERA, implementation=implementation).at_fault
+            counted[name] = rasterize(tensors(bad), CAMERA, implementation=implementation).num_invalid
     assert {name for name, count in counted.items() if count} == set(FAULTS)
     assert set(counted.values()) == {0, 1}
     together = join(neighbours(), *INVISIBLE.values(), neighbours(), *INVISIBLE.values())
     with torch.no_grad():
-        assert rasterize(tensors(together), CAMERA, implementation=implementation).at_fault == 2 * len(FAULTS)
-        assert rasterize(tensors(neighbours()), CAMERA, implementation=implementation).at_fault == 0
+        assert rasterize(tensors(together), CAMERA, implementation=implementation).num_invalid == 2 * len(FAULTS)
+        assert rasterize(tensors(neighbours()), CAMERA, implementation=implementation).num_invalid == 0
 
 
 @pytest.mark.parametrize("name", STRANGE)

@@ -86,7 +86,7 @@ def test_a_view_of_nothing(options: RasterizeOptions, implementation: str) -> No
         gaussians, camera, implementation, options=options, pose=np.eye(4)[:3] @ camera.world_to_camera
     )
     torch.testing.assert_close(image.rgb.detach(), torch.tensor(BACKGROUND).expand_as(image.rgb))
-    assert not image.alpha.any() and not image.radii.any() and image.at_fault == 0
+    assert not image.alpha.any() and not image.radii.any() and image.num_invalid == 0
     for name, gradient in gradients.items():
         assert not gradient.any(), name
 

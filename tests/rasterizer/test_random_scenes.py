@@ -47,7 +47,7 @@ def compare(scene: Scene, totals: Totals) -> None:
     reference, expected = draw_with_gradients(gaussians, camera, "reference", torch.float64, options, **more)
     for name, gradient in found.items():
         assert np.isfinite(gradient).all(), name
-    assert image.at_fault == reference.at_fault == 0
+    assert image.num_invalid == reference.num_invalid == 0
     difference = (image.rgb.detach() - reference.rgb.detach()).abs()
     alpha_difference = (image.alpha.detach() - reference.alpha.detach()).abs()
     flips = int((difference.amax(-1) > FLIP).sum())

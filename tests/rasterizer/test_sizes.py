@@ -65,8 +65,8 @@ def test_the_library_does_nothing_for_absurd_sizes(size: tuple[int, int], region
 def test_images_of_absurd_sizes_are_not_compared(size: tuple[int, int]) -> None:
     width, height = size
     value = c_float()
-    assert binding.library().frog_similarity(height, width, None, None, None, None) == 2
-    assert binding.library().frog_compare(byref(structs.Comparison(height=height, width=width)), byref(value)) == 2
+    assert binding.library().frog_ssim(height, width, None, None, None, None) == 2
+    assert binding.library().frog_l1_loss(byref(structs.L1Loss(height=height, width=width)), byref(value)) == 2
     with pytest.raises(ValueError, match="sizes that cannot be"):
         binding.check_status(2, "comparing")
 

@@ -61,7 +61,7 @@ def test_the_image_tells_what_moves_from_what_rests(make_trainer: Callable[..., 
     moving = redness()
     names = ("means", "quaternions", "log_scales", "opacity_logits", "sh")
     state = {name: getattr(canonical, name).detach().clone() for name in names}
-    freeze_motion(trainer, torch.arange(canonical.moving), state)
+    freeze_motion(trainer, torch.arange(canonical.num_dynamic), state)
     assert moving > 10 > -10 > redness()
     assert trainer.compression
     resting = redness()

@@ -16,7 +16,7 @@ from support.builders import scene_file
 
 from frog_blender.engine.capture.camera import MAX_PIXELS, Camera
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.playback.player import CANONICAL, ScenePlayer, some_of
+from frog_blender.engine.playback.player import CANONICAL, ScenePlayer, select_gaussians
 from frog_blender.engine.scene import scene_file as scene_files
 from frog_blender.engine.scene.header import MAX_FRAMES, MOST_STANDING, SceneHeader
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene
@@ -171,8 +171,8 @@ def test_arrays_that_no_scene_of_its_method_has_are_passed_over(tmp_path: Path) 
     )
     found = read_scene(tmp_path / "x.frog")
     assert found.arrays.keys() == CANONICAL
-    assert len(some_of(found, np.arange(5)).arrays["means"]) == 5
-    assert ScenePlayer(found).only(np.arange(5)).at(0.5).means.shape == (5, 3)
+    assert len(select_gaussians(found, np.arange(5)).arrays["means"]) == 5
+    assert ScenePlayer(found).subset(np.arange(5)).at(0.5).means.shape == (5, 3)
 
 
 @pytest.mark.parametrize(("name", "kind"), [("means", np.float64), ("sh", np.float16), ("embeddings", np.int32)])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.builders import steps_between
 
-from frog_blender.engine.scene.morton_order import morton_order, neighbours_together
+from frog_blender.engine.scene.morton_order import morton_order, morton_order_by_range
 
 
 def test_neighbours_come_together() -> None:
@@ -26,7 +26,7 @@ def test_one_far_away_leaves_the_others_in_order() -> None:
 @pytest.mark.parametrize("moving", [0, 1, 30, 50])
 def test_those_that_move_stay_before_those_at_rest(moving: int) -> None:
     means = np.float32(np.random.default_rng(4).normal(size=(50, 3)))
-    order = neighbours_together(means, moving)
+    order = morton_order_by_range(means, moving)
     assert sorted(order[:moving]) == list(range(moving))
     np.testing.assert_array_equal(order[:moving], morton_order(means[:moving]))
     np.testing.assert_array_equal(order[moving:], moving + morton_order(means[moving:]))

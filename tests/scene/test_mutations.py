@@ -19,7 +19,7 @@ Answer = dict[str, float]
 def used(folder: Path, seed: int, count: int, *kind: str, first: int = 0) -> Answer:
     """What a process of its own made of so many files; its end names the file that it did not survive."""
     folder.mkdir(parents=True, exist_ok=True)
-    script = Path(__file__).parent / "fuzzing" / "worker.py"
+    script = Path(__file__).parents[1] / "fuzzing" / "worker.py"
     command = [sys.executable, str(script), str(folder), *map(str, (seed, first, count)), *kind]
     done = subprocess.run(command, capture_output=True, text=True, timeout=3000, check=False)
     what = (folder / "what").read_text() if (folder / "what").exists() else "an undamaged file"

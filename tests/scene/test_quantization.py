@@ -72,7 +72,7 @@ def test_a_packed_scene_plays_as_the_plain_one(tmp_path: Path, moving: int) -> N
     write_scene(tmp_path / "plain.frog", scene)
     write_scene(tmp_path / "packed.frog", scene, compact=True)
     plain, packed = (ScenePlayer.load(tmp_path / f"{name}.frog") for name in ("plain", "packed"))
-    assert packed.moving == moving
+    assert packed.num_dynamic == moving
     for time in (0.0, 0.4, 1.0):
         for name, values in vars(plain.at(time)).items():
             np.testing.assert_allclose(getattr(packed.at(time), name), values, rtol=0.05, atol=0.06, err_msg=name)

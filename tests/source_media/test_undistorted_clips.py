@@ -20,7 +20,7 @@ from frog_blender.engine.capture.video import decode, read_facts, read_image
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.scene.header import SceneHeader
 from frog_blender.engine.source_media.clips import Clip
-from frog_blender.engine.source_media.undistorted_clips import clips_folder, straight_clips, straightening
+from frog_blender.engine.source_media.undistorted_clips import clips_folder, undistorted_clips, undistortion
 
 WIDTH, HEIGHT, FRAMES = 96, 72, 5
 
@@ -69,13 +69,13 @@ def difference(a: np.ndarray, b: np.ndarray) -> float:
 def test_films_show_what_training_saw(bent: Path, tmp_path: Path) -> None:
     capture, scene = open_capture(bent), tmp_path / "x.frog"
     header = header_of(capture)
-    assert straight_clips(header, scene) == {}
-    films = straightening(header, scene, bent)
+    assert undistorted_clips(header, scene) == {}
+    films = undistortion(header, scene, bent)
     assert films is not None
     assert films.total == 2 * FRAMES
     assert list(films.steps) == list(range(1, 2 * FRAMES + 1))
     folder = clips_folder(scene)
-    assert straight_clips(header, scene) == {
+    assert undistorted_clips(header, scene) == {
         name: Clip(folder / f"{name}.mp4", "VIDEO", count=FRAMES) for name in ("left", "right")
     }
     assert read_facts(folder / "left.mp4").frames_per_second == 24.0
@@ -84,42 +84,42 @@ def test_films_show_what_training_saw(bent: Path, tmp_path: Path) -> None:
     for frame, shown in enumerate(decode(folder / "left.mp4", range(FRAMES))):
         others = [difference(shown, each) for each in [*expected[:frame], *expected[frame + 1 :], *stored]]
         assert difference(shown, expected[frame]) < 4.0 < min(others)
-    assert straightening(header, scene, bent) is None, "they are there already"
+    assert undistortion(header, scene, bent) is None, "they are there already"
 
 
 def test_films_of_other_lenses_are_not_taken(bent: Path, tmp_path: Path) -> None:
     capture, scene = open_capture(bent), tmp_path / "x.frog"
     header = header_of(capture)
-    list(straightening(header, scene, bent).steps)
+    list(undistortion(header, scene, bent).steps)
     for changed in (
         replace(header, capture_path="/another"),
         replace(header, cameras=(header.cameras[0].resized(48, 36), header.cameras[1])),
     ):
-        assert straight_clips(changed, scene) == {}
-    again = straightening(replace(header, cameras=tuple(c.resized(47, 35) for c in header.cameras)), scene, bent)
+        assert undistorted_clips(changed, scene) == {}
+    again = undistortion(replace(header, cameras=tuple(c.resized(47, 35) for c in header.cameras)), scene, bent)
     list(again.steps)
     facts = read_facts(clips_folder(scene) / "right.mp4")
     assert (facts.width, facts.height) == (48, 36), "videos have even sides"
     for damaged in ("{", "[]", '{"scene": 1}'):
         (clips_folder(scene) / "clips.json").write_text(damaged)
-        assert straight_clips(header, scene) == {}
+        assert undistorted_clips(header, scene) == {}
 
 
 def test_what_changed_is_written_again(bent: Path, tmp_path: Path) -> None:
     scene = tmp_path / "x.frog"
     header = header_of(open_capture(bent))
-    list(straightening(header, scene, bent).steps)
+    list(undistortion(header, scene, bent).steps)
     film(bent / "right.mp4", 7)
-    assert straightening(header, scene, bent) is not None, "another video of the same name"
+    assert undistortion(header, scene, bent) is not None, "another video of the same name"
     calibration = bent / "cameras_opencv.json"
     calibration.write_text(calibration.read_text().replace("-0.3", "-0.2"))
-    list(straightening(header, scene, bent).steps)
-    assert straightening(header, scene, bent) is None
+    list(undistortion(header, scene, bent).steps)
+    assert undistortion(header, scene, bent) is None
     calibration.write_text(calibration.read_text().replace("-0.2", "-0.1"))
-    list(straightening(header, scene, bent).steps)
+    list(undistortion(header, scene, bent).steps)
     (clips_folder(scene) / "left.mp4").unlink()
-    assert straight_clips(header, scene) == {}, "one is missing"
-    assert straightening(header, scene, bent) is not None
+    assert undistorted_clips(header, scene) == {}, "one is missing"
+    assert undistortion(header, scene, bent) is not None
 
 
 def test_nobody_s_own_files_are_touched(bent: Path, tmp_path: Path) -> None:
@@ -129,13 +129,13 @@ def test_nobody_s_own_files_are_touched(bent: Path, tmp_path: Path) -> None:
     footage.parent.mkdir()
     footage.write_bytes(b"mine")
     with pytest.raises(FrogError, match="none of our clips"):
-        straightening(header, scene, bent)
+        undistortion(header, scene, bent)
     assert footage.read_bytes() == b"mine"
     footage.unlink()
-    films = straightening(header, scene, bent)  # an empty folder will do
+    films = undistortion(header, scene, bent)  # an empty folder will do
     next(films.steps)
     with pytest.raises(FrogError, match="being written already"):
-        straightening(header, scene, bent)
+        undistortion(header, scene, bent)
     (footage.parent / "notes.txt").write_text("mine")
     films.steps.close()
     assert [path.name for path in footage.parent.iterdir()] == ["notes.txt"]
@@ -144,22 +144,22 @@ def test_nobody_s_own_files_are_touched(bent: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize("rate", [23.976, 66.6667, 239.8461, 0.2])
 def test_any_frame_rate_has_films(bent: Path, tmp_path: Path, rate: float) -> None:
     header = replace(header_of(open_capture(bent)), frames_per_second=rate)
-    list(straightening(header, tmp_path / "x.frog", bent).steps)
-    clip = straight_clips(header, tmp_path / "x.frog")["left"]
+    list(undistortion(header, tmp_path / "x.frog", bent).steps)
+    clip = undistorted_clips(header, tmp_path / "x.frog")["left"]
     assert read_facts(clip.path).frame_count == FRAMES
 
 
 def test_a_part_of_a_capture_is_not_the_whole(bent: Path, tmp_path: Path) -> None:
     header = header_of(open_capture(bent).segment(1, 3))
     with pytest.raises(FrogError, match="found 5 frames, expected 3"):
-        straightening(header, tmp_path / "x.frog", bent)
+        undistortion(header, tmp_path / "x.frog", bent)
 
 
 def test_straight_lenses_need_no_films(tmp_path: Path) -> None:
     folder = write_capture(tmp_path / "n3dv")
     header = header_of(open_capture(folder))
-    assert straightening(header, tmp_path / "x.frog", folder) is None
-    assert straightening(header, tmp_path / "x.frog", tmp_path / "nowhere") is None
+    assert undistortion(header, tmp_path / "x.frog", folder) is None
+    assert undistortion(header, tmp_path / "x.frog", tmp_path / "nowhere") is None
 
 
 def test_images_no_program_takes_for_a_film(tmp_path: Path) -> None:
@@ -175,12 +175,12 @@ def test_images_no_program_takes_for_a_film(tmp_path: Path) -> None:
                 image = np.full((68, 128, 3), 20 * frame + 30 * camera, np.uint8)
                 cv2.imwrite(str(folder / f"Birthday_undist_{frame:05d}_{camera:02d}.png"), image)
     header = header_of(open_capture(folder))
-    films = straightening(header, tmp_path / "b.frog", folder)
+    films = undistortion(header, tmp_path / "b.frog", folder)
     assert films is not None
     assert films.total == 7
     list(films.steps)
     for camera, brightness in enumerate(([140, 160, 180, 200], [170, 170, 210, 230])):
-        clip = straight_clips(header, tmp_path / "b.frog")[f"cam{camera:02d}"]
+        clip = undistorted_clips(header, tmp_path / "b.frog")[f"cam{camera:02d}"]
         found = [image.mean() for image in decode(clip.path, range(4))]
         np.testing.assert_allclose(found, brightness, atol=4)
 
@@ -201,8 +201,8 @@ def moving_capture(folder: Path, **lens: float) -> Path:
 def test_one_moving_camera_has_one_film(tmp_path: Path) -> None:
     folder = moving_capture(tmp_path / "mono", k1=0.1)
     header = header_of(open_capture(folder))
-    list(straightening(header, tmp_path / "m.frog", folder).steps)
-    ((_, clip),) = straight_clips(header, tmp_path / "m.frog").items()
+    list(undistortion(header, tmp_path / "m.frog", folder).steps)
+    ((_, clip),) = undistorted_clips(header, tmp_path / "m.frog").items()
     found = [image.mean() for image in decode(clip.path, range(6))]
     np.testing.assert_allclose(found, [20, 50, 80, 110, 140, 170], atol=4)
 
@@ -214,8 +214,8 @@ def test_a_single_moment_is_an_image_and_any_name_a_file(tmp_path: Path) -> None
     (folder / "transforms.json").write_text(json.dumps(data))
     capture = open_capture(folder)
     header = replace(header_of(capture), cameras=capture.cameras)
-    list(straightening(header, tmp_path / "s.frog", folder).steps)
-    clips = straight_clips(header, tmp_path / "s.frog")
+    list(undistortion(header, tmp_path / "s.frog", folder).steps)
+    clips = undistorted_clips(header, tmp_path / "s.frog")
     assert [clip.kind for clip in clips.values()] == ["IMAGE"] * 6
     assert {clip.path.parent for clip in clips.values()} == {clips_folder(tmp_path / "s.frog")}
     assert [read_image(clip.path).mean() for clip in clips.values()] == [20, 50, 80, 110, 140, 170]
@@ -225,18 +225,18 @@ def test_another_capture_is_told_apart(bent: Path, tmp_path: Path) -> None:
     header = header_of(open_capture(bent))
     renamed = replace(header, cameras=tuple(replace(c, name=f"other {c.name}") for c in header.cameras))
     with pytest.raises(FrogError, match="not all images of other left"):
-        straightening(renamed, tmp_path / "x.frog", bent)
+        undistortion(renamed, tmp_path / "x.frog", bent)
 
 
 def test_stopped_or_failed_nothing_is_left(bent: Path, tmp_path: Path) -> None:
     scene = tmp_path / "scenes" / "x.frog"
     scene.parent.mkdir()
     header = header_of(open_capture(bent))
-    films = straightening(header, scene, bent)
+    films = undistortion(header, scene, bent)
     next(films.steps)
     films.steps.close()
     assert not list(scene.parent.iterdir())
-    films = straightening(header, scene, bent)
+    films = undistortion(header, scene, bent)
     whole = (bent / "right.mp4").read_bytes()
     next(films.steps)
     (bent / "right.mp4").write_bytes(whole[: len(whole) // 2])
@@ -244,7 +244,7 @@ def test_stopped_or_failed_nothing_is_left(bent: Path, tmp_path: Path) -> None:
         list(films.steps)
     assert not list(scene.parent.iterdir())
     (bent / "right.mp4").write_bytes(whole)
-    films = straightening(header, scene.parent / "nowhere" / "x.frog", bent)
+    films = undistortion(header, scene.parent / "nowhere" / "x.frog", bent)
     with pytest.raises(FrogError, match="cannot be written here"):
         list(films.steps)
 
@@ -271,11 +271,11 @@ def test_no_link_is_written_through(bent: Path, tmp_path: Path, precious: Path, 
     header = header_of(open_capture(bent))
     if name == "clips.json" and dangling:  # no index at all
         with pytest.raises(FrogError, match="none of our clips"):
-            straightening(header, scene, bent)
+            undistortion(header, scene, bent)
     else:
-        list(straightening(header, scene, bent).steps)
+        list(undistortion(header, scene, bent).steps)
         assert not any(path.is_symlink() for path in folder.iterdir())
-        assert len(straight_clips(header, scene)) == 2
+        assert len(undistorted_clips(header, scene)) == 2
     assert precious.read_text() == "mine" and [each.name for each in precious.parent.iterdir()] == ["precious.txt"]
 
 
@@ -284,21 +284,21 @@ def test_a_folder_that_is_a_link_is_left_alone(bent: Path, tmp_path: Path, preci
     scene = tmp_path / "x.frog"
     clips_folder(scene).symlink_to(precious.parent if exists else precious.parent / "new")
     with pytest.raises(FrogError, match="none of our clips"):
-        straightening(header_of(open_capture(bent)), scene, bent)
+        undistortion(header_of(open_capture(bent)), scene, bent)
     assert [each.name for each in precious.parent.iterdir()] == ["precious.txt"]
 
 
 def test_what_was_written_before_stays_until_all_is_new(bent: Path, tmp_path: Path) -> None:
     scene = tmp_path / "x.frog"
     header = header_of(open_capture(bent))
-    list(straightening(header, scene, bent).steps)
-    before = straight_clips(header, scene)
+    list(undistortion(header, scene, bent).steps)
+    before = undistorted_clips(header, scene)
     film(bent / "right.mp4", 7)
-    films = straightening(header, scene, bent).steps
+    films = undistortion(header, scene, bent).steps
     next(films)
-    assert straight_clips(header, scene) == before
+    assert undistorted_clips(header, scene) == before
     films.close()
-    assert straight_clips(header, scene) == before
+    assert undistorted_clips(header, scene) == before
     names = sorted(path.name for path in clips_folder(scene).iterdir())
     assert names == ["clips.json", "left.mp4", "right.mp4"]
 
@@ -311,7 +311,7 @@ def test_what_a_killed_process_left_goes_with_time(bent: Path, tmp_path: Path) -
         partial.mkdir(parents=True)
         (partial / "left.mp4").write_bytes(b"half")
         os.utime(partial, (time.time() - age,) * 2)
-    list(straightening(header, scene, bent).steps)
+    list(undistortion(header, scene, bent).steps)
     assert [path.name for path in clips_folder(scene).glob(".partial-*")] == [".partial-young"]
 
 
@@ -319,4 +319,4 @@ def test_an_index_that_nests_without_end_is_none(bent: Path, tmp_path: Path) -> 
     header, scene = header_of(open_capture(bent)), tmp_path / "x.frog"
     clips_folder(scene).mkdir()
     (clips_folder(scene) / "clips.json").write_text("[" * 100_000)
-    assert straight_clips(header, scene) == {}
+    assert undistorted_clips(header, scene) == {}

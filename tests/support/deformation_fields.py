@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from frog_blender.engine.native.deformation import FieldShape
-from frog_blender.engine.playback.simd_layout import grouped, network_in_columns
+from frog_blender.engine.playback.simd_layout import pack_lanes, transpose_weights
 
 
 def field_arrays(
@@ -39,4 +39,4 @@ def output_arrays(shape: FieldShape, count: int, changes: bool = False) -> dict[
 def in_groups(shape: FieldShape, arrays: dict[str, np.ndarray], kept: bool) -> dict[str, np.ndarray]:
     """The same field with all that is of a Gaussian in groups."""
     colors = np.ascontiguousarray(arrays["sh"][:, : shape.sh_deformed])
-    return {"means": arrays["means"], "groups": grouped(arrays | {"sh": colors}, kept)} | network_in_columns(arrays)
+    return {"means": arrays["means"], "groups": pack_lanes(arrays | {"sh": colors}, kept)} | transpose_weights(arrays)

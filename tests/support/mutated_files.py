@@ -23,7 +23,7 @@ import zipfile
 from abc import ABC, abstractmethod
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 from fuzzing.mutating import cut, flipped, in_the_header, lying, torn

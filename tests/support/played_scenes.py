@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from support.builders import ATTRIBUTES, scene_file
 
-from frog_blender.engine.playback.frame_delta import column_of, width_of
+from frog_blender.engine.playback.frame_delta import column_of, column_width
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import SceneFile
 
@@ -19,7 +19,7 @@ TIMES = (0.0, 0.31, 0.5, 1.0)
 def assert_same_bits(scene: SceneFile, times: tuple[float, ...] = TIMES) -> ScenePlayer:
     """Joined parts and columns are what another player of the scene computes as a whole."""
     playable, other = ScenePlayer(scene), ScenePlayer(scene)
-    parts = {time: playable.part_at(time) for time in times}
+    parts = {time: playable.delta_at(time) for time in times}
     for time, part in parts.items():
         assert tuple(part.columns) == playable.changing
         expected, found = other.at(time), playable.at(time, part)
@@ -27,7 +27,7 @@ def assert_same_bits(scene: SceneFile, times: tuple[float, ...] = TIMES) -> Scen
             np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
         for name in playable.columns:
             column = playable.column(name, part)
-            assert column.shape == (playable.count, width_of(name)) and column.flags.c_contiguous
+            assert column.shape == (playable.count, column_width(name)) and column.flags.c_contiguous
             np.testing.assert_array_equal(column, column_of(expected, name), err_msg=name)
     return playable
 
@@ -50,15 +50,15 @@ def flickering(count: int = 300, **model: object) -> SceneFile:
     return SceneFile(scene.header, arrays)
 
 
-def spared(reshaped: int = 50, fleeting: bool = False, **model: object) -> SceneFile:
-    """200 Gaussians: the first 120 are deformed, ``reshaped`` of them in their shape too, 40 only fade, 40 rest.
+def spared(num_shape_dynamic: int = 50, fleeting: bool = False, **model: object) -> SceneFile:
+    """200 Gaussians: 120 deformed, the first ``num_shape_dynamic`` in their shape too, 40 that only fade, 40 static.
 
     Args:
         fleeting: those that are deformed are transparent at most of their moments.
     """
     plain = flickering(200, moving=120, **model) if fleeting else scene_file(200, moving=120, modulation=True, **model)
     tracks = np.random.default_rng(0).integers(0, 256, (40, plain.header.frame_count)).astype(np.uint8)
-    header = replace(plain.header, model=plain.header.model | {"reshaped": reshaped})
+    header = replace(plain.header, model=plain.header.model | {"reshaped": num_shape_dynamic})
     return SceneFile(header, plain.arrays | {"fades": tracks})
 
 

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
-from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.frames import FrameStore
 from ..capture.readers import open_capture
-from ..errors import FrogError
 from ..playback.player import ScenePlayer
+from .as_trained import as_trained
 from .evaluate import Figures, evaluate
 from .metrics import Metric
 from .perceptual import perceptual_metrics
@@ -60,22 +59,4 @@ def open_training_capture(scene: ScenePlayer, capture_path: Path) -> Capture:
         FrogError: if it cannot be read, or has other cameras or frames than the scene.
     """
     header = scene.header
-    capture = open_capture(capture_path, pixel_offsets=header.pixel_offsets or None)
-    if header.scale != 1.0:
-        capture = capture.scaled(header.scale)
-    for found, expected in _in_common(capture.cameras, capture.frame_count, header.cameras, header.frame_count):
-        if found != expected:
-            raise FrogError(f"{capture_path}: found {found}, expected {expected} as the scene was trained on.")
-    return capture.with_cameras(header.cameras)
-
-
-def _in_common(
-    cameras: Sequence[Camera], frames: int, trained: Sequence[Camera], trained_frames: int
-) -> Iterator[tuple[str, str]]:
-    """What a capture and a scene must have in common: as the capture has it, and as the scene has it."""
-    yield f"{len(cameras)} cameras and {frames} frames", f"{len(trained)} cameras and {trained_frames} frames"
-    for camera, own in zip(cameras, trained, strict=True):
-        yield (
-            f"camera {camera.name} of {camera.width} x {camera.height} pixels",
-            f"camera {own.name} of {own.width} x {own.height} pixels",
-        )
+    return as_trained(header, open_capture(capture_path, pixel_offsets=header.pixel_offsets or None))

@@ -1,6 +1,7 @@
 """Gaussians of which nothing changes but their opacity, which a track says for every frame. No torch.
 
-What moves fast is made of many Gaussians that come and go, and hardly stir while they are there (docs/parsimony.md).
+What moves fast is made of many Gaussians that come and go, and hardly stir while they are there
+(docs/experiments/compression.md).
 They need no embedding and no network: playback reads their opacities.
 """
 
@@ -14,12 +15,12 @@ LEVELS = 255
 """Opacities are told apart by so much; the first step is about where the rasterizer begins to draw."""
 
 
-def as_tracks(opacities: np.ndarray) -> np.ndarray:
+def quantize_opacities(opacities: np.ndarray) -> np.ndarray:
     """uint8 from activated opacities, in the same shape."""
     return np.rint(LEVELS * opacities.clip(0, 1)).astype(np.uint8)
 
 
-class Fades:
+class OpacityTracks:
     """Opacities of those that only fade, for playback: linear from one frame to the next.
 
     Args:

@@ -29,14 +29,14 @@ def write_atomically(path: str | Path, content: bytes) -> None:
     path = Path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with whole_file(path) as file:
+        with atomic_file(path) as file:
             file.write(content)
     except OSError as error:
         raise FrogError(f"{path}: could not be written ({error.strerror or error}); nothing was changed.") from error
 
 
 @contextmanager
-def whole_file(path: Path) -> Iterator[BinaryIO]:
+def atomic_file(path: Path) -> Iterator[BinaryIO]:
     """A file to write, which becomes ``path`` when the block ends; whatever ends it early leaves nothing behind.
 
     It gets the permissions of the file that it replaces, else those that the process gives to new files (umask).
@@ -60,7 +60,7 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
             temporary.unlink(missing_ok=True)
 
 
-def try_name(path: Path) -> None:
+def check_writable(path: Path) -> None:
     """FrogError when no file could be written under that name: it is too long, or the folder takes none."""
     temporary = path.with_name(_temporary_name(path.name))
     try:
@@ -78,7 +78,7 @@ def try_name(path: Path) -> None:
             temporary.unlink(missing_ok=True)
 
 
-def remove_unfinished(path: str | Path) -> None:
+def remove_partial_files(path: str | Path) -> None:
     """What processes left that were killed while they wrote ``path``."""
     path = Path(path)
     for part in path.parent.glob(f".{glob.escape(beginning(path.name))}.*.part"):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 
-def leads_elsewhere(path: str) -> bool:
+def is_network_path(path: str) -> bool:
     r"""True for a path by which Windows would call another computer or speak to a device.
 
     Windows takes strokes of either kind for the same: ``\\server\share``, ``//server/share`` and both mixtures begin

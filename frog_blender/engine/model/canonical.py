@@ -41,7 +41,7 @@ class CanonicalField(nn.Module):
         return self.means.shape[0]
 
     @property
-    def moving(self) -> int:
+    def num_dynamic(self) -> int:
         """Gaussians that are deformed, M."""
         return self.embeddings.shape[0]
 

@@ -18,7 +18,7 @@ from ..rasterizer import GaussianArrays, RasterizeOptions
 from .canonical import CanonicalField
 from .deformation import DeformationField
 from .fused import deform_fused, field_arrays
-from .fused_rendering import draw_fused
+from .fused_rendering import render_fused
 from .fusion import fuse, fused_size, network_count
 from .interface import FINISHED, RenderResult, SceneModel, ScheduleState
 from .opacity import reduction_factor
@@ -90,16 +90,16 @@ class Frog(SceneModel):
                 torch.empty(_ATTENTION_WIDTH, settings.temporal_size, device="cpu").uniform_(-bound, bound)
             )
             self.attention_query = nn.Parameter(torch.empty(_ATTENTION_WIDTH, device="cpu").uniform_(-bound, bound))
-        self._silent: set[str] = set()
+        self._pruned_heads: set[str] = set()
         for parameter in (self.deformation.output_weight, self.deformation.output_bias):
-            parameter.register_hook(self._without_silent)
+            parameter.register_hook(self._without_pruned)
         for name in settings.silent_heads if settings.deformed_opacity else (*settings.silent_heads, "opacity_logits"):
-            self.silence(name)
+            self.prune_head(name)
 
-    def fine_rows(self, progressing: ScheduleState) -> int:
+    def fine_rows(self, schedule_state: ScheduleState) -> int:
         """Rows of the fine embedding as its schedule stands."""
         s = self.settings
-        return round(s.coarse_rows + (s.temporal_rows - s.coarse_rows) * progressing.fine_rows)
+        return round(s.coarse_rows + (s.temporal_rows - s.coarse_rows) * schedule_state.fine_rows)
 
     def output_rows(self, name: str) -> slice:
         """Where a head's numbers lie among the outputs."""
@@ -108,16 +108,16 @@ class Frog(SceneModel):
         return slice(first, first + self.deformation.sizes[name])
 
     @torch.no_grad()
-    def silence(self, name: str) -> None:
+    def prune_head(self, name: str) -> None:
         """Sets a head's output to zero and keeps it there: nothing reaches its weights any more."""
         rows = self.output_rows(name)
-        self._silent.add(name)
+        self._pruned_heads.add(name)
         self.deformation.output_weight[rows] = 0
         self.deformation.output_bias[rows] = 0
 
-    def give_back(self, name: str) -> None:
-        """Undoes ``silence``; the head's weights are the caller's to restore."""
-        self._silent.discard(name)
+    def restore_head(self, name: str) -> None:
+        """Undoes ``prune_head``; the head's weights are the caller's to restore."""
+        self._pruned_heads.discard(name)
 
     def set_width(self, arrays: dict[str, torch.Tensor]) -> None:
         """Gives the first layer of a field that ``can_narrow`` other units.
@@ -129,30 +129,30 @@ class Frog(SceneModel):
         """
         for name, values in arrays.items():
             setattr(self.deformation, name, nn.Parameter(values))
-        self.deformation.output_weight.register_hook(self._without_silent)
+        self.deformation.output_weight.register_hook(self._without_pruned)
         self.settings = replace(self.settings, hidden_width=len(self.deformation.bias))
 
-    def _without_silent(self, gradient: torch.Tensor) -> torch.Tensor:
-        if self._silent:
+    def _without_pruned(self, gradient: torch.Tensor) -> torch.Tensor:
+        if self._pruned_heads:
             gradient = gradient.clone()
-            for name in self._silent:
+            for name in self._pruned_heads:
                 gradient[self.output_rows(name)] = 0
         return gradient
 
     @property
     def heads(self) -> list[str]:
         """What the network changes."""
-        return [name for name in self.deformation.sizes if name not in self._silent]
+        return [name for name in self.deformation.sizes if name not in self._pruned_heads]
 
     @property
     def opacity_form(self) -> str:
         """The opacity reduction; none where opacities do not deform."""
         return self.settings.opacity_reduction if self.settings.deformed_opacity else "off"
 
-    def temporal_embedding(self, time: float, progressing: ScheduleState = FINISHED) -> torch.Tensor:
+    def temporal_embedding(self, time: float, schedule_state: ScheduleState = FINISHED) -> torch.Tensor:
         """(networks, T) coarse and fine embedding, fused (FRoG, section on early fusion)."""
         s = self.settings
-        rows = (s.coarse_rows, self.fine_rows(progressing))
+        rows = (s.coarse_rows, self.fine_rows(schedule_state))
         weights = torch.from_numpy(np.stack([temporal_weights(time, each, s.temporal_rows) for each in rows]))
         if self.temporal_table.is_cuda:  # from pinned memory a copy does not wait for the work queued before it
             weights = weights.pin_memory()
@@ -161,16 +161,16 @@ class Frog(SceneModel):
         return fuse(s.fusion, coarse, fine, attention)
 
     def deform(
-        self, time: float, progressing: ScheduleState = FINISHED, sh_count: int | None = None
+        self, time: float, schedule_state: ScheduleState = FINISHED, sh_count: int | None = None
     ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
         """See SceneModel."""
         sh_count = sh_count or self.canonical.sh.shape[1]
-        if not self.canonical.moving:
+        if not self.canonical.num_dynamic:
             return self.canonical.gaussians(sh_count), {}
-        temporal = self.temporal_embedding(time, progressing)
+        temporal = self.temporal_embedding(time, schedule_state)
         if not self._is_fused:
-            return self.deform_plainly(temporal, progressing, sh_count)
-        shape = self._field_shape(progressing, sh_count)
+            return self.deform_reference(temporal, schedule_state, sh_count)
+        shape = self._field_shape(schedule_state, sh_count)
         gaussians, changes = deform_fused(self.canonical, self.deformation, temporal, shape)
         return gaussians, self.deformation.by_attribute(changes)
 
@@ -180,17 +180,17 @@ class Frog(SceneModel):
         camera: Camera,
         background: tuple[float, float, float],
         options: RasterizeOptions,
-        progressing: ScheduleState = FINISHED,
+        schedule_state: ScheduleState = FINISHED,
         sh_count: int | None = None,
         pose: torch.Tensor | None = None,
     ) -> RenderResult:
         """See SceneModel."""
-        if not (self._is_fused and self.canonical.moving and torch.is_grad_enabled()) or options.absolute:
-            return super().draw(time, camera, background, options, progressing, sh_count, pose)
-        shape = self._field_shape(progressing, sh_count or self.canonical.sh.shape[1])
-        arrays = field_arrays(self.canonical, self.deformation, self.temporal_embedding(time, progressing))
-        silent = [self.output_rows(name) for name in self._silent]
-        return draw_fused(shape, arrays, camera, background, options, pose, silent, self.deformation.by_attribute)
+        if not (self._is_fused and self.canonical.num_dynamic and torch.is_grad_enabled()) or options.absolute:
+            return super().draw(time, camera, background, options, schedule_state, sh_count, pose)
+        shape = self._field_shape(schedule_state, sh_count or self.canonical.sh.shape[1])
+        arrays = field_arrays(self.canonical, self.deformation, self.temporal_embedding(time, schedule_state))
+        silent = [self.output_rows(name) for name in self._pruned_heads]
+        return render_fused(shape, arrays, camera, background, options, pose, silent, self.deformation.by_attribute)
 
     @property
     def _is_fused(self) -> bool:
@@ -198,7 +198,7 @@ class Frog(SceneModel):
         means = self.canonical.means
         return means.dtype == torch.float32 and means.device.type == "cpu"
 
-    def _field_shape(self, progressing: ScheduleState, sh_count: int) -> FieldShape:
+    def _field_shape(self, schedule_state: ScheduleState, sh_count: int) -> FieldShape:
         s = self.settings
         return FieldShape(
             s.head_width,
@@ -206,13 +206,13 @@ class Frog(SceneModel):
             s.deformed_sh,
             self.opacity_form,
             s.opacity_sharpness,
-            progressing.opacity,
+            schedule_state.opacity,
             s.motion_unit,
             self.deformation.networks,
         )
 
-    def deform_plainly(
-        self, temporal: torch.Tensor, progressing: ScheduleState, sh_count: int
+    def deform_reference(
+        self, temporal: torch.Tensor, schedule_state: ScheduleState, sh_count: int
     ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
         """``deform`` in plain torch, on any device and in any floating-point type; the fused one is tested against it.
 
@@ -226,13 +226,13 @@ class Frog(SceneModel):
         changes = {name: change.to(c.means.dtype) for name, change in changes.items()}
         changes["means"] = changes["means"] * s.motion_unit
         # Nothing is added to Gaussians at rest.
-        added = {name: functional.pad(change, (0, 0, 0, len(c) - c.moving)) for name, change in changes.items()}
+        added = {name: functional.pad(change, (0, 0, 0, len(c) - c.num_dynamic)) for name, change in changes.items()}
         opacities = torch.sigmoid(c.opacity_logits + added["opacity_logits"].squeeze(1))
         if self.opacity_form != "off":
             factor = reduction_factor(
-                changes["opacity_logits"].squeeze(1), self.opacity_form, s.opacity_sharpness, progressing.opacity
+                changes["opacity_logits"].squeeze(1), self.opacity_form, s.opacity_sharpness, schedule_state.opacity
             )
-            opacities = opacities * functional.pad(factor, (0, len(c) - c.moving), value=1.0)
+            opacities = opacities * functional.pad(factor, (0, len(c) - c.num_dynamic), value=1.0)
         sh = c.sh
         if s.deformed_sh:
             d_sh = added["sh"].reshape(len(c), s.deformed_sh, 3)
@@ -257,14 +257,14 @@ class Frog(SceneModel):
             return None
         return self.table_smoothness * self.temporal_table.diff(dim=0).square().mean()
 
-    def stored_settings(self, progressing: ScheduleState) -> dict[str, Any]:
+    def stored_settings(self, schedule_state: ScheduleState) -> dict[str, Any]:
         """Schedules included: a scene stopped early plays as it was trained."""
         settings = replace(
             self.settings,
-            fine_rows=self.fine_rows(progressing),
-            opacity_share=progressing.opacity,
+            fine_rows=self.fine_rows(schedule_state),
+            opacity_share=schedule_state.opacity,
             opacity_reduction=self.opacity_form,
-            silent_heads=tuple(sorted(self._silent)),
+            silent_heads=tuple(sorted(self._pruned_heads)),
         )
         return asdict(settings)
 
@@ -282,7 +282,7 @@ def initial_table(settings: FrogSettings) -> torch.Tensor:
     neighbouring moments learn from each other from the first step (0.5 dB better in the moving region than noise of
     the same size after a short training). The frequencies lie evenly spread and in pairs so that none is missing
     and none depends on its phase: drawn freely they decided more about a training than anything else that is drawn
-    (docs/stability.md). On the CPU, as the network's first weights.
+    (docs/experiments/stability.md). On the CPU, as the network's first weights.
     """
     times = torch.linspace(0, 1, settings.temporal_rows, device="cpu")[:, None]
     waves = -(-settings.temporal_size // 2)

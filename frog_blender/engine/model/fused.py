@@ -39,7 +39,7 @@ class FieldPass:
     arrays: dict[str, torch.Tensor]
 
     def backward(self, by_outputs: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
-        """Gradients by name of what ``pass_field`` was given, from contiguous ones by the Gaussians' attributes."""
+        """Gradients by name of what ``forward_field`` was given, from contiguous ones by the Gaussians' attributes."""
         gradients = {name: torch.empty_like(array) for name, array in self.arrays.items()}
         deform_backward(self.shape, self.arrays, by_outputs, gradients)
         by_layer = [gradients.pop(name).numpy() for name in _LAYER_OUTPUTS]
@@ -48,7 +48,7 @@ class FieldPass:
         return gradients | {name: torch.from_numpy(gradient) for name, gradient in found.items()}
 
 
-def pass_field(shape: FieldShape, arrays: dict[str, torch.Tensor]) -> tuple[FieldPass, GaussianArrays, torch.Tensor]:
+def forward_field(shape: FieldShape, arrays: dict[str, torch.Tensor]) -> tuple[FieldPass, GaussianArrays, torch.Tensor]:
     """A pass, the deformed, activated Gaussians with ``shape.sh_active`` coefficients, and the changes (M, outputs) of
     those that move, means in world units.
 
@@ -75,7 +75,7 @@ class _Deform(torch.autograd.Function):
     def forward(
         ctx: Any, shape: FieldShape, names: tuple[str, ...], *tensors: torch.Tensor
     ) -> tuple[torch.Tensor, ...]:
-        ctx.field, gaussians, changes = pass_field(shape, dict(zip(names, tensors, strict=True)))
+        ctx.field, gaussians, changes = forward_field(shape, dict(zip(names, tensors, strict=True)))
         result = [getattr(gaussians, name) for name in _OUTPUTS]
         ctx.names, ctx.sizes = names, [array.shape for array in result]
         ctx.save_for_backward(*tensors)  # torch refuses tensors changed since
@@ -97,7 +97,7 @@ class _Deform(torch.autograd.Function):
 def field_arrays(
     canonical: CanonicalField, network: DeformationField, temporal: torch.Tensor
 ) -> dict[str, torch.Tensor]:
-    """What ``pass_field`` is given."""
+    """What ``forward_field`` is given."""
     arrays = {name: getattr(canonical, name) for name in ATTRIBUTES}
     names = (*_FIRST_LAYER, *(_MODULATION if network.modulated else ()))
     names += (*_NETWORK, *(_HEADS if network.head_width else ()))

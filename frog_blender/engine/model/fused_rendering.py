@@ -15,7 +15,7 @@ from ..capture.camera import NEUTRAL, Camera
 from ..native.deformation import FieldShape
 from ..rasterizer import GaussianArrays, RasterizeOptions, exposed
 from ..rasterizer.cpu import Drawing, draw
-from .fused import FieldPass, pass_field
+from .fused import FieldPass, forward_field
 from .interface import RenderResult
 
 
@@ -58,7 +58,7 @@ class FusedRenderResult(RenderResult):
             parameter.grad = gradient if parameter.grad is None else parameter.grad + gradient
 
 
-def draw_fused(
+def render_fused(
     shape: FieldShape,
     arrays: dict[str, torch.Tensor],
     camera: Camera,
@@ -71,14 +71,14 @@ def draw_fused(
     """An image whose colours, alpha and Gaussians are without gradients of their own.
 
     Args:
-        shape, arrays: see ``pass_field``; parameters but for ``temporal``.
+        shape, arrays: see ``forward_field``; parameters but for ``temporal``.
         camera, background, options, pose: see ``rasterizer.rasterize``; without ``options.absolute``.
         silent: see FusedRenderResult.
         by_attribute: see DeformationField.
     """
     if pose is not None:
         camera = camera.with_pose(pose.detach().numpy())
-    field, gaussians, changes = pass_field(shape, arrays)
+    field, gaussians, changes = forward_field(shape, arrays)
     drawing, rgb, alpha = draw(gaussians, camera, background, options)
     screen = torch.empty((len(gaussians), 2), dtype=torch.float32, device="cpu")  # for its gradient alone
     image = exposed(drawing.image(rgb, alpha, screen), camera)

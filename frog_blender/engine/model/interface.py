@@ -57,7 +57,7 @@ class SceneModel(nn.Module):
     canonical: CanonicalField
 
     def deform(
-        self, time: float, progressing: ScheduleState = FINISHED, sh_count: int | None = None
+        self, time: float, schedule_state: ScheduleState = FINISHED, sh_count: int | None = None
     ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
         """The Gaussians at ``time`` and the changes (M, size) by attribute of those that move, means in world units;
         {} where a method has none.
@@ -73,17 +73,17 @@ class SceneModel(nn.Module):
         camera: Camera,
         background: tuple[float, float, float],
         options: RasterizeOptions,
-        progressing: ScheduleState = FINISHED,
+        schedule_state: ScheduleState = FINISHED,
         sh_count: int | None = None,
         pose: torch.Tensor | None = None,
     ) -> RenderResult:
         """An image of ``time`` that knows its way back, to the model's parameters and to ``pose``; for the arguments
         see ``deform`` and ``rasterizer.rasterize``."""
-        gaussians, changes = self.deform(time, progressing, sh_count)
+        gaussians, changes = self.deform(time, schedule_state, sh_count)
         return RenderResult(rasterize(gaussians, camera, background, options, pose=pose), gaussians, changes)
 
-    def forward(self, time: float, progressing: ScheduleState = FINISHED) -> GaussianArrays:
-        return self.deform(time, progressing)[0]
+    def forward(self, time: float, schedule_state: ScheduleState = FINISHED) -> GaussianArrays:
+        return self.deform(time, schedule_state)[0]
 
     def rate_groups(self) -> dict[str, list[nn.Parameter]]:
         """Parameters beyond the canonical field's, by the rate that drives them: "temporal", "network" or "grid"."""
@@ -93,6 +93,6 @@ class SceneModel(nn.Module):
         """A loss of the method's own, weighted."""
         return None
 
-    def stored_settings(self, progressing: ScheduleState) -> dict[str, Any]:
+    def stored_settings(self, schedule_state: ScheduleState) -> dict[str, Any]:
         """Plain values that playback needs, with the schedules as they stand at the end."""
         return {}

@@ -14,10 +14,10 @@ import torch
 from ..capture.camera import Camera
 from ..capture.time import frame_to_time
 from ..errors import FrogError
-from ..field.opacity_tracks import Fades
+from ..field.opacity_tracks import OpacityTracks
 from ..rasterizer import GaussianArrays, rasterize
-from ..scene.header import RESHAPED
-from ..scene.scene_file import LIFETIMES, OPACITY_TRACKS, SceneFile
+from ..scene.header import SHAPE_DYNAMIC
+from ..scene.scene_file import OPACITY_TRACKS, VISIBILITY, SceneFile
 from .canonical import ATTRIBUTES, CanonicalField
 from .frog import Frog, FrogSettings
 from .interface import ScheduleState
@@ -49,8 +49,8 @@ class TorchScenePlayer:
             raise FrogError(f"Found a scene of the method {scene.header.method!r}, expected FRoG or E-D3DGS on a GPU.")
         self.header = scene.header
         self._model = model_of(scene).to(device)
-        self._reshaped = int(scene.header.model.get(RESHAPED, self._model.canonical.moving))
-        self._fades = Fades(scene.arrays[OPACITY_TRACKS]) if OPACITY_TRACKS in scene.arrays else None
+        self._reshaped = int(scene.header.model.get(SHAPE_DYNAMIC, self._model.canonical.num_dynamic))
+        self._fades = OpacityTracks(scene.arrays[OPACITY_TRACKS]) if OPACITY_TRACKS in scene.arrays else None
         if half is None and torch.device(device).type != "cpu":
             half = half_error(self._model) <= HALF_TOLERANCE
         self.half = bool(half)
@@ -66,7 +66,7 @@ class TorchScenePlayer:
         """Gaussians at a time in [0, 1] (clamped), activated; quaternions of any length."""
         time = min(max(float(time), 0.0), 1.0)
         gaussians, canonical = _gaussians(self._model, time), self._model.canonical
-        still = slice(self._reshaped, canonical.moving)
+        still = slice(self._reshaped, canonical.num_dynamic)
         gaussians.quaternions[still], gaussians.scales[still] = (
             canonical.quaternions[still],
             canonical.log_scales[still].exp(),
@@ -74,7 +74,7 @@ class TorchScenePlayer:
         if self._fades:
             opacities = np.empty(len(self._fades), np.float32)
             self._fades.at(time, opacities)
-            gaussians.opacities[canonical.moving :][: len(opacities)] = torch.from_numpy(opacities)
+            gaussians.opacities[canonical.num_dynamic :][: len(opacities)] = torch.from_numpy(opacities)
         return gaussians
 
     @torch.inference_mode()
@@ -99,21 +99,21 @@ def _gaussians(model: Frog, time: float) -> GaussianArrays:
     s = model.settings
     rows = s.temporal_rows - s.coarse_rows
     fine = ((s.fine_rows or s.temporal_rows) - s.coarse_rows) / rows if rows else 1.0
-    progressing = ScheduleState(fine, s.opacity_share)
-    temporal = model.temporal_embedding(time, progressing)
-    return model.deform_plainly(temporal, progressing, model.canonical.sh.shape[1])[0]
+    schedule_state = ScheduleState(fine, s.opacity_share)
+    temporal = model.temporal_embedding(time, schedule_state)
+    return model.deform_reference(temporal, schedule_state, model.canonical.sh.shape[1])[0]
 
 
 def model_of(scene: SceneFile) -> Frog:
     """The model as training had it, on the CPU and without gradients; FrogError when the file does not hold one."""
-    learned = {name: array for name, array in scene.arrays.items() if name not in (OPACITY_TRACKS, LIFETIMES)}
+    learned = {name: array for name, array in scene.arrays.items() if name not in (OPACITY_TRACKS, VISIBILITY)}
     values = {name: torch.from_numpy(np.array(array, np.float32)) for name, array in learned.items()}
     state = {
         f"canonical.{name}" if name in ATTRIBUTES else name.replace("network.", "deformation."): value
         for name, value in values.items()
     }
     try:
-        settings = {name: value for name, value in scene.header.model.items() if name != RESHAPED}
+        settings = {name: value for name, value in scene.header.model.items() if name != SHAPE_DYNAMIC}
         model = Frog(CanonicalField(values), FrogSettings(**settings))
         model.load_state_dict(state)
     except (KeyError, TypeError, ValueError, RuntimeError) as error:

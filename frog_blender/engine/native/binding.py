@@ -23,8 +23,8 @@ from ..notices import say
 from . import structs
 from .options import RasterizeOptions
 
-ABI_VERSION = 14
-CELL = 16  # FROG_CELL: pixels a side of the cells of ``compare``, which are the rasterizer's tiles
+ABI_VERSION = 15
+CELL = 16  # FROG_CELL: pixels a side of the cells of ``l1_loss``, which are the rasterizer's tiles
 _EXPECTED = "the native rasterizer"
 MANY_INSTANCES = 60_000_000
 """(Gaussian, tile) pairs of an image that takes seconds; a scene of a million Gaussians at 4K has a third of them."""
@@ -88,8 +88,8 @@ def _with_signatures(path: Path, loaded: ctypes.CDLL) -> ctypes.CDLL:
     loaded.frog_count_work.restype = c_int32
     loaded.frog_free.argtypes = [c_void_p]
     loaded.frog_free.restype = None
-    loaded.frog_similarity.argtypes = [c_int32, c_int32, *[c_void_p] * 4]
-    loaded.frog_similarity.restype = c_int32
+    loaded.frog_ssim.argtypes = [c_int32, c_int32, *[c_void_p] * 4]
+    loaded.frog_ssim.restype = c_int32
     loaded.frog_mesh_depth.argtypes = [
         *(c_void_p, c_int32, c_void_p, c_int32),
         *(POINTER(structs.Camera), POINTER(c_int32 * 4), c_float, c_void_p),
@@ -103,8 +103,8 @@ def _with_signatures(path: Path, loaded: ctypes.CDLL) -> ctypes.CDLL:
         POINTER(structs.FieldGradients),
     ]
     loaded.frog_deform_backward.restype = c_int32
-    loaded.frog_compare.argtypes = [POINTER(structs.Comparison), POINTER(c_float)]
-    loaded.frog_compare.restype = c_int32
+    loaded.frog_l1_loss.argtypes = [POINTER(structs.L1Loss), POINTER(c_float)]
+    loaded.frog_l1_loss.restype = c_int32
     loaded.frog_adam.argtypes = [POINTER(structs.Adam), c_int32]
     loaded.frog_adam.restype = c_int32
     return loaded
@@ -128,20 +128,20 @@ def check_status(status: int, what: str) -> None:
         raise MemoryError(f"{what} ran out of memory")
 
 
-def similarity(image: Any, truth: Any, gradient: Any) -> float:
+def ssim(image: Any, truth: Any, gradient: Any) -> float:
     """Mean structural similarity of two images (H, W, 3) in [0, 1], window of 3DGS; fills ``gradient`` (H, W, 3)
     with its gradient by ``image``."""
     height, width = image.shape[:2]
     value = c_float()
     addresses = [structs.address(array) for array in (image, truth)]
     check_status(
-        library().frog_similarity(height, width, *addresses, ctypes.addressof(value), structs.address(gradient)),
+        library().frog_ssim(height, width, *addresses, ctypes.addressof(value), structs.address(gradient)),
         f"comparing two images of {width} x {height}",
     )
     return value.value
 
 
-def compare(image: Any, truth: Any, weight: float, gradient: Any, cells: Any, truth_floats: Any = None) -> float:
+def l1_loss(image: Any, truth: Any, weight: float, gradient: Any, cells: Any, truth_floats: Any = None) -> float:
     """Mean absolute difference of a drawing (H, W, 3) and the image it should be, in one pass on all threads.
 
     Args:
@@ -158,12 +158,12 @@ def compare(image: Any, truth: Any, weight: float, gradient: Any, cells: Any, tr
         raise ValueError(f"expected images of {truth.shape}, truth in uint8 and rows, found {sizes}, {truth.dtype}")
     if tuple(cells.shape) != (-(-height // CELL), -(-width // CELL)):
         raise ValueError(f"expected a cell for {CELL} x {CELL} pixels of {height} x {width}, found {cells.shape}")
-    comparison = structs.Comparison(
+    comparison = structs.L1Loss(
         *(height, width, structs.address(image), structs.address(truth), truth.strides[0], weight),
         *(structs.address(array) for array in (gradient, cells, truth_floats)),
     )
     check_status(
-        library().frog_compare(byref(comparison), byref(absolute)), f"comparing two images of {width} x {height}"
+        library().frog_l1_loss(byref(comparison), byref(absolute)), f"comparing two images of {width} x {height}"
     )
     return absolute.value
 
@@ -183,7 +183,7 @@ class Frame:
         options: how to draw.
         image: arrays by name, with (H, W) of the options' region: ``rgb`` (H, W, 3), ``alpha`` (H, W) and, where
             wanted, ``median_index`` (H, W) int32 with ``mean_depth`` (H, W), ``max_weights`` (N,), ``radii`` (N,),
-            ``at_fault`` (1,) int32. They are written here.
+            ``num_invalid`` (1,) int32. They are written here.
         depth_limit: (H, W) planar depth beyond which nothing is drawn, or None.
         differentiable: whether ``backward`` will be called.
     """

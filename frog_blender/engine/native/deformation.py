@@ -56,7 +56,7 @@ def deform(shape: FieldShape, arrays: dict[str, Any], result: dict[str, Any]) ->
     _deform(_field(shape, arrays), result)
 
 
-class PlayedField:
+class PlaybackField:
     """``deform`` at one moment after the other, with unit quaternions. Where the arrays lie is looked up once, which
     takes as long as a thousand Gaussians.
 
@@ -70,16 +70,20 @@ class PlayedField:
     """
 
     def __init__(
-        self, shape: FieldShape, arrays: dict[str, Any], kept_products: bool = False, reshaped: int | None = None
+        self,
+        shape: FieldShape,
+        arrays: dict[str, Any],
+        precomputed_first_layer: bool = False,
+        num_shape_dynamic: int | None = None,
     ) -> None:
         if shape.head_width and "groups" in arrays:
             raise ValueError("groups: found some beside heads, expected embeddings")
         self._arrays, self._field = arrays, _field(shape, arrays)
-        self._field.unit_quaternions, self._field.kept_products = True, kept_products
+        self._field.unit_quaternions, self._field.precomputed_first_layer = True, precomputed_first_layer
         for name in ("groups", "temporal_weight", "modulation_weight"):
             setattr(self._field, name, structs.address(arrays.get(name)))
-        if reshaped is not None:
-            self._field.reshaped = reshaped
+        if num_shape_dynamic is not None:
+            self._field.num_shape_dynamic = num_shape_dynamic
 
     def deform(self, moment: dict[str, Any], result: dict[str, Any], active: Any = None) -> None:
         """Fills the first rows of ``result`` at a moment.
@@ -87,8 +91,8 @@ class PlayedField:
         Args:
             moment: arrays that are other than at other moments: ``shared`` and ``embedding_weight``, or with ``groups``
                 and ``temporal_weight`` the moment's ``temporal`` embedding (networks, T).
-            result: arrays, or their addresses. Beside the attributes it may have ``stirred`` (groups,), as its arrays
-                were left by the last call, or ones: what cannot be seen and was not seen then is not written again.
+            result: arrays, or their addresses. Beside the attributes it may have ``was_visible`` (groups,), as the last
+                call left it, or ones: a group that is invisible now and was then is not written again.
             active: with ``groups``, (groups,) uint8, or None for all: where it is zero, Gaussians cannot be seen. They
                 come out as they are canonically, but for an opacity of zero, and the network is not asked.
         """

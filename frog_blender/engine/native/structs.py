@@ -47,15 +47,15 @@ class Options(Structure):
     ]
 
 
-IMAGE = ("rgb", "alpha", "median_index", "mean_depth", "max_weights", "radii", "at_fault")
+IMAGE = ("rgb", "alpha", "median_index", "mean_depth", "max_weights", "radii", "num_invalid")
 Image = _struct("FrogImage", *[(name, c_void_p) for name in IMAGE])
 ImageGradient = _struct("FrogImageGradient", ("rgb", c_void_p), ("alpha", c_void_p), ("slot_limit", c_int64))
 GRADIENTS = (*ATTRIBUTES, "screen", "screen_absolute", "pose")
 Gradients = _struct("FrogGradients", *[(name, c_void_p) for name in GRADIENTS])
 FIELD_SIZES = (
-    *("count", "moving", "embedding_size", "hidden_width", "head_width", "networks"),
-    *("sh_count", "sh_active", "sh_deformed", "opacity_form", "unit_quaternions", "kept_products"),
-    *("temporal_size", "reshaped"),
+    *("count", "num_dynamic", "embedding_size", "hidden_width", "head_width", "networks"),
+    *("sh_count", "sh_active", "sh_deformed", "opacity_form", "unit_quaternions", "precomputed_first_layer"),
+    *("temporal_size", "num_shape_dynamic"),
 )
 FIELD_ARRAYS = (
     *("means", "log_scales", "quaternions", "opacity_logits", "sh", "embeddings", "shared"),
@@ -68,7 +68,7 @@ Field = _struct(
     *[(name, c_float) for name in ("opacity_sharpness", "opacity_share", "motion_unit")],
     *[(name, c_void_p) for name in (*FIELD_ARRAYS, "groups", "active", *MOMENT_ARRAYS)],
 )
-DEFORMED = (*ATTRIBUTES, "changes", "stirred")
+DEFORMED = (*ATTRIBUTES, "changes", "was_visible")
 Deformed = _struct("FrogDeformed", *[(name, c_void_p) for name in DEFORMED])
 FieldGradients = _struct("FrogDeformationGradients", *[(name, c_void_p) for name in FIELD_ARRAYS])
 Adam = _struct(
@@ -77,8 +77,8 @@ Adam = _struct(
     ("size", c_int64),
     *[(name, c_float) for name in ("first_share", "second_share", "rate", "second_scale", "epsilon")],
 )
-Comparison = _struct(
-    "FrogComparison",
+L1Loss = _struct(
+    "FrogL1Loss",
     *[(name, c_int32) for name in ("height", "width")],
     *[("image", c_void_p), ("truth", c_void_p), ("truth_row", c_int64), ("weight", c_float)],
     *[(name, c_void_p) for name in ("gradient", "cells", "truth_floats")],

@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 
 from ..errors import FrogError, brief, found_instead
-from ..io.atomic_files import remove_unfinished, whole_file
+from ..io.atomic_files import atomic_file, remove_partial_files
 from ..io.plain_values import whole
 from ..io.regular_file import regular_file
-from .frame_delta import FrameDelta, width_of
+from .frame_delta import FrameDelta, column_width
 from .player import ScenePlayer
 
 SUFFIX = ".frogbake"
@@ -32,7 +32,7 @@ _LONGEST_HEADER, _MOST_LISTS, _LONGEST_AXIS = 1 << 25, 64, 1 << 40
 
 def bytes_needed(scene: ScenePlayer, moments: int) -> int:
     """How large a bake of so many moments gets, but for its header."""
-    return moments * scene.part_bytes
+    return moments * scene.delta_bytes
 
 
 def write_bake(path: Path, source: Path, scene: ScenePlayer, times: Sequence[float]) -> Generator[int, None, None]:
@@ -51,15 +51,15 @@ def write_bake(path: Path, source: Path, scene: ScenePlayer, times: Sequence[flo
     try:
         identity = fingerprint(source)
         path.parent.mkdir(parents=True, exist_ok=True)
-        remove_unfinished(path)
+        remove_partial_files(path)
         needed, free = bytes_needed(scene, len(times)), shutil.disk_usage(path.parent).free
         if needed > free:
             raise FrogError(f"{path}: the bake needs {needed / 1e6:,.0f} MB, found {free / 1e6:,.0f} MB on the disk.")
-        with whole_file(path) as file:
+        with atomic_file(path) as file:
             file.write(_header(scene, times, identity))
             for done, time in enumerate(times):
                 yield done
-                for column in scene.part_at(time).columns.values():
+                for column in scene.delta_at(time).columns.values():
                     file.write(np.ascontiguousarray(column, "<f4").data)
             if fingerprint(source) != identity:
                 raise FrogError(f"{source}: found another version of it than when baking began; bake again.")
@@ -86,8 +86,8 @@ class Bake:
     def __init__(self, path: Path, source: Path, scene: ScenePlayer) -> None:
         self.problem = ""
         self._path, self._lock = path, threading.Lock()
-        self._columns = [(name, width_of(name)) for name in scene.changing]
-        self._moving, self._row = scene.moving, scene.part_bytes // 4
+        self._columns = [(name, column_width(name)) for name in scene.changing]
+        self._moving, self._row = scene.num_dynamic, scene.delta_bytes // 4
         try:
             self._file = regular_file(path, _KIND).open("rb", buffering=0)  # what is read is on the disk now
         except OSError as error:
@@ -188,7 +188,7 @@ def fingerprint(path: Path) -> str:
 
 
 def _header(scene: ScenePlayer, times: Sequence[float], identity: str) -> bytes:
-    row = scene.part_bytes // 4
+    row = scene.delta_bytes // 4
     tensor = {"dtype": "F32", "shape": [len(times), row], "data_offsets": [0, 4 * len(times) * row]}
     metadata = {"scene": identity, "columns": json.dumps(scene.changing), "times": json.dumps(list(times))}
     text = json.dumps({"__metadata__": metadata, _TENSOR: tensor}).encode()

@@ -30,9 +30,9 @@ class BufferPool:
 
     def take(self) -> dict[str, np.ndarray]:
         """Arrays of one frame, whose values are those of an earlier frame or ``first``."""
-        return self.take_for_library()[0]
+        return self.acquire()[0]
 
-    def take_for_library(self) -> tuple[dict[str, np.ndarray], dict[str, int]]:
+    def acquire(self) -> tuple[dict[str, np.ndarray], dict[str, int]]:
         """The same, and where they lie, which takes longer to find out of each."""
         with self._lock:
             for block in self._blocks:

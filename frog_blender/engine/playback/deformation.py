@@ -15,15 +15,15 @@ import numpy as np
 
 from ..errors import FrogError, brief
 from ..field.first_layer import first_layer
-from ..field.opacity_tracks import Fades
+from ..field.opacity_tracks import OpacityTracks
 from ..gaussians import GaussianArrays
-from ..native.deformation import FieldShape, PlayedField
-from ..scene.header import RESHAPED
-from ..scene.scene_file import LIFETIMES, OPACITY_TRACKS
+from ..native.deformation import FieldShape, PlaybackField
+from ..scene.header import SHAPE_DYNAMIC
+from ..scene.scene_file import OPACITY_TRACKS, VISIBILITY
 from .buffer_pool import BufferPool
-from .canonical import at_rest
-from .frame_delta import FrameDelta, taken_from
-from .simd_layout import group_count, grouped, network_in_columns
+from .canonical import canonical_gaussians
+from .frame_delta import FrameDelta, extract_columns
+from .simd_layout import num_groups, pack_lanes, transpose_weights
 from .temporal import TemporalEmbedding, checked
 from .visibility import VisibilityMask
 
@@ -80,10 +80,14 @@ def _shape(model: dict, sh_count: int, networks: int) -> FieldShape:
 
 def _reshaped(model: dict, deformed: int) -> int:
     """ValueError for a number that cannot be, or with heads, which have no groups that could keep their shape."""
-    reshaped = model.get(RESHAPED, deformed)
-    if type(reshaped) is not int or not 0 <= reshaped <= deformed or (model["head_width"] and RESHAPED in model):
-        raise ValueError(f"{reshaped!r} of its {deformed} deformed Gaussians turn and grow")
-    return reshaped
+    num_shape_dynamic = model.get(SHAPE_DYNAMIC, deformed)
+    if (
+        type(num_shape_dynamic) is not int
+        or not 0 <= num_shape_dynamic <= deformed
+        or (model["head_width"] and SHAPE_DYNAMIC in model)
+    ):
+        raise ValueError(f"{num_shape_dynamic!r} of its {deformed} deformed Gaussians turn and grow")
+    return num_shape_dynamic
 
 
 def _changing(arrays: dict[str, np.ndarray], deformed: int) -> frozenset[str]:
@@ -106,7 +110,7 @@ class DeformationPlayer:
             network moves. The others only fade.
         changing: their columns (see moving_part) that are not the same at all times; a head that was silenced
             changes nothing.
-        lifetimes: when groups of those that are deformed can be seen, where the file says so.
+        visibility: when groups of those that are deformed can be seen, where the file says so.
     """
 
     gives_checked = True  # ``at`` gives unit quaternions, contiguous and float32 as all the others
@@ -117,34 +121,34 @@ class DeformationPlayer:
             a = _checked_arrays(arrays, model, self._temporal)
             self._shape = _shape(model, a["sh"].shape[1], self._temporal.networks)
             self.deformed = len(a["embeddings"])
-            self.lifetimes = VisibilityMask(arrays[LIFETIMES], self.deformed) if LIFETIMES in arrays else None
-            self._fades = Fades(arrays[OPACITY_TRACKS]) if OPACITY_TRACKS in arrays else None
+            self.visibility = VisibilityMask(arrays[VISIBILITY], self.deformed) if VISIBILITY in arrays else None
+            self._fades = OpacityTracks(arrays[OPACITY_TRACKS]) if OPACITY_TRACKS in arrays else None
             self._reshaped = _reshaped(model, self.deformed)
         except (KeyError, ValueError, TypeError, AttributeError, IndexError, OverflowError) as error:
             raise FrogError(
                 f"The scene's deformation network cannot be used ({brief(error)}); train it again."
             ) from error
         a["shared"] = a.pop("bias")
-        self.moving = self.deformed + (len(self._fades) if self._fades else 0)
+        self.num_dynamic = self.deformed + (len(self._fades) if self._fades else 0)
         colors = self._shape.sh_deformed
         self.changing = _changing(a, colors) if self.deformed else frozenset()
         if not self._reshaped:
             self.changing -= set(_SHAPE)
-        if self.lifetimes or self._fades:
+        if self.visibility or self._fades:
             self.changing |= {"base"}  # in which opacities are
-        self._still = vars(at_rest(a))
-        stirred = {"stirred": np.ones(group_count(self.deformed), np.float32)} if self.lifetimes else {}
-        self._memory = BufferPool({k: v for k, v in self._still.items() if k != "sh" or colors} | stirred)
+        self._still = vars(canonical_gaussians(a))
+        was_visible = {"was_visible": np.ones(num_groups(self.deformed), np.float32)} if self.visibility else {}
+        self._memory = BufferPool({k: v for k, v in self._still.items() if k != "sh" or colors} | was_visible)
         for name in _CANONICAL:
             a[name] = a[name][: self.deformed]
         a["sh"] = np.ascontiguousarray(a["sh"][: self.deformed, :colors])  # the others are in the frames' memory
         kept = "modulation_weight" not in a  # the first layer's product with the embeddings is the same at all times
         self._first_layer = a["shared"], a["embedding_weight"], a["temporal_weight"], a.get("modulation_weight")
         if not self._shape.head_width:  # heads are nearly all of the arithmetic: how Gaussians lie matters little
-            a = {"means": a["means"], "groups": grouped(a, kept), **network_in_columns(a)}
+            a = {"means": a["means"], "groups": pack_lanes(a, kept), **transpose_weights(a)}
         # Of frames, which have all colours, and of parts, which have those that deform.
         self._field, self._part_field = (
-            PlayedField(shape, a, kept, self._reshaped)
+            PlaybackField(shape, a, kept, self._reshaped)
             for shape in (self._shape, replace(self._shape, sh_active=colors))
         )
 
@@ -162,26 +166,26 @@ class DeformationPlayer:
         return dict(zip(("shared", "embedding_weight"), found, strict=True))
 
     def _deform(
-        self, field: PlayedField, time: float, result: dict[str, np.ndarray], places: dict[str, Any] | None = None
+        self, field: PlaybackField, time: float, result: dict[str, np.ndarray], places: dict[str, Any] | None = None
     ) -> None:
         """Fills the first of ``result``: those that move. ``places`` are its arrays, or where they lie if known."""
         if self.deformed:
-            active = self.lifetimes.at(time) if self.lifetimes else None
+            active = self.visibility.at(time) if self.visibility else None
             field.deform(self._moment(time), places or result, active)
         if self._fades:
-            self._fades.at(time, result["opacities"][self.deformed : self.moving])
+            self._fades.at(time, result["opacities"][self.deformed : self.num_dynamic])
 
     def at(self, time: float) -> GaussianArrays:
         """The Gaussians at a time in [0, 1], activated, with unit quaternions; the arrays are not to be changed."""
-        memory, addresses = self._memory.take_for_library()
+        memory, addresses = self._memory.acquire()
         result = {"sh": self._still["sh"]} | memory
         self._deform(self._field, time, result, result | addresses)
-        result.pop("stirred", None)
+        result.pop("was_visible", None)
         return GaussianArrays(**result)
 
-    def part_at(self, time: float, names: Collection[str]) -> FrameDelta:
+    def delta_at(self, time: float, names: Collection[str]) -> FrameDelta:
         """Columns of the Gaussians that move, at a time in [0, 1]: the same bits as in ``at``."""
-        count, colors = self.moving, self._shape.sh_deformed
+        count, colors = self.num_dynamic, self._shape.sh_deformed
         sizes = {"means": (3,), "quaternions": (4,), "scales": (3,), "opacities": (), "sh": (colors, 3)}
         moved = {name: np.empty((count, *size), np.float32) for name, size in sizes.items()}
         for name, values in moved.items():  # what keeps its shape, and what only fades
@@ -191,4 +195,4 @@ class DeformationPlayer:
         self._deform(self._part_field, time, moved)
         if not colors:
             moved["sh"] = self._still["sh"][:count]
-        return taken_from(GaussianArrays(**moved), names)
+        return extract_columns(GaussianArrays(**moved), names)

@@ -21,7 +21,7 @@ def column_names(sh_count: int) -> tuple[str, ...]:
     return (*WIDTHS, *(f"sh_{k}" for k in range(1, sh_count)))
 
 
-def width_of(name: str) -> int:
+def column_width(name: str) -> int:
     """Numbers a Gaussian has in a column."""
     return WIDTHS.get(name, 3)
 
@@ -54,6 +54,6 @@ def column_of(gaussians: GaussianArrays, name: str, count: int | None = None) ->
     return np.ascontiguousarray(gaussians.sh[:count, int(name.removeprefix("sh_"))])
 
 
-def taken_from(gaussians: GaussianArrays, names: Collection[str], count: int | None = None) -> FrameDelta:
+def extract_columns(gaussians: GaussianArrays, names: Collection[str], count: int | None = None) -> FrameDelta:
     """Those columns of the first ``count`` Gaussians."""
     return FrameDelta({name: column_of(gaussians, name, count) for name in names})

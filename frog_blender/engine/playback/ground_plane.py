@@ -57,7 +57,7 @@ class Floor:
     tilt: float
 
 
-def resting(scene: ScenePlayer) -> tuple[np.ndarray, np.ndarray]:
+def static_points(scene: ScenePlayer) -> tuple[np.ndarray, np.ndarray]:
     """Points (N, 3) and weights (N,) of the opaque Gaussians that stay where they are; all if that leaves none.
 
     A weight is opacity times size, so that a bare floor of a few large Gaussians counts as what it covers.
@@ -111,7 +111,7 @@ def find_floor(
     up = _unit(np.asarray(up, np.float64))
     points, weights = _seen(np.asarray(points, np.float64), np.asarray(weights, np.float64), seed)
     size = _size(points)
-    none = Floor(up, lowest(points, up), False, 0.0, 0.0)
+    none = Floor(up, min_height(points, up), False, 0.0, 0.0)
     if len(points) < 10 or size == 0.0:
         return none
     thickness = _THICKNESS * size
@@ -152,7 +152,7 @@ def placement(floor: Floor, points: np.ndarray, cameras: Sequence[Camera]) -> np
     return matrix
 
 
-def lowest(points: np.ndarray, up: np.ndarray) -> float:
+def min_height(points: np.ndarray, up: np.ndarray) -> float:
     """Height along ``up`` at which points (N, 3) begin, up to a few below it."""
     return float(np.quantile(points @ up, 0.02))
 

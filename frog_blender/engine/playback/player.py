@@ -16,13 +16,13 @@ import numpy as np
 
 from ..capture.time import frame_to_time
 from ..gaussians import GaussianArrays
-from ..scene.header import RESHAPED, SceneHeader
-from ..scene.scene_file import LIFETIMES, OPACITY_TRACKS, SceneFile, read_scene
+from ..scene.header import SHAPE_DYNAMIC, SceneHeader
+from ..scene.scene_file import OPACITY_TRACKS, VISIBILITY, SceneFile, read_scene
 from .baselines import BASELINES
 from .buffer_pool import BufferPool
-from .canonical import at_rest, unit
+from .canonical import canonical_gaussians, normalize
 from .deformation import DeformationPlayer
-from .frame_delta import FrameDelta, column_names, column_of, taken_from, width_of
+from .frame_delta import FrameDelta, column_names, column_of, column_width, extract_columns
 from .visibility import VisibilityMask
 
 PLAYABLE: dict[str, Callable[[dict[str, np.ndarray], dict], Any]] = {
@@ -39,7 +39,7 @@ TIMES_KEPT = 4
 """Times a scene remembers: a render asks for the same one for every view layer, playback for its neighbours."""
 
 
-def rows_of(arrays: dict[str, np.ndarray]) -> dict[str, range]:
+def row_ranges(arrays: dict[str, np.ndarray]) -> dict[str, range]:
     """Of which Gaussians a scene file's arrays tell, by their names: all of them, those that are deformed, which come
     first, or those that only fade, which come next. Arrays that do not have a row a Gaussian are not among them."""
     deformed, everyone = len(arrays.get("embeddings", ())), range(len(arrays["means"]))
@@ -51,21 +51,21 @@ def rows_of(arrays: dict[str, np.ndarray]) -> dict[str, range]:
     return rows
 
 
-def some_of(scene: SceneFile, kept: np.ndarray) -> SceneFile:
+def select_gaussians(scene: SceneFile, kept: np.ndarray) -> SceneFile:
     """The scene of some of its Gaussians alone, which are and move there as they do in the whole one.
 
     Args:
         kept: (M,) their indices, ascending, at least one.
     """
     arrays, header = dict(scene.arrays), scene.header
-    if {LIFETIMES, "embeddings"} <= arrays.keys():
+    if {VISIBILITY, "embeddings"} <= arrays.keys():
         deformed = len(arrays["embeddings"])
-        arrays[LIFETIMES] = VisibilityMask(arrays[LIFETIMES], deformed).of(kept[kept < deformed])
-    for name, rows in rows_of(scene.arrays).items():
+        arrays[VISIBILITY] = VisibilityMask(arrays[VISIBILITY], deformed).select(kept[kept < deformed])
+    for name, rows in row_ranges(scene.arrays).items():
         arrays[name] = arrays[name][kept[(kept >= rows.start) & (kept < rows.stop)] - rows.start]
-    if RESHAPED in header.model:
-        reshaped = int((kept < header.model[RESHAPED]).sum())
-        header = replace(header, model=header.model | {RESHAPED: reshaped})
+    if SHAPE_DYNAMIC in header.model:
+        num_shape_dynamic = int((kept < header.model[SHAPE_DYNAMIC]).sum())
+        header = replace(header, model=header.model | {SHAPE_DYNAMIC: num_shape_dynamic})
     if OPACITY_TRACKS in arrays and not len(arrays[OPACITY_TRACKS]):
         del arrays[OPACITY_TRACKS]
     if (
@@ -96,7 +96,9 @@ class ScenePlayer:
         playable = None if is_static_capture else PLAYABLE.get(scene.header.method)
         self._deformation = playable(scene.arrays, scene.header.model) if playable else None
         self.sh_degree = math.isqrt(scene.arrays["sh"].shape[1]) - 1
-        self.moving = int(getattr(self._deformation, "moving", self.count)) if self._deformation is not None else 0
+        self.num_dynamic = (
+            int(getattr(self._deformation, "num_dynamic", self.count)) if self._deformation is not None else 0
+        )
         self.columns = column_names(scene.arrays["sh"].shape[1])
         changing: frozenset[str] = getattr(self._deformation, "changing", frozenset())
         self.changing = tuple(name for name in self.columns if name in changing)
@@ -109,13 +111,13 @@ class ScenePlayer:
         """FrogError in one sentence when the file cannot be used."""
         return cls(read_scene(path))
 
-    def only(self, kept: np.ndarray) -> ScenePlayer:
+    def subset(self, kept: np.ndarray) -> ScenePlayer:
         """A scene of some of the Gaussians alone, which are and move there as they do here.
 
         Args:
             kept: (M,) their indices, ascending, at least one.
         """
-        return ScenePlayer(some_of(SceneFile(self.header, self._arrays), kept))
+        return ScenePlayer(select_gaussians(SceneFile(self.header, self._arrays), kept))
 
     def at_frame(self, frame: float) -> GaussianArrays:
         """Gaussians at a frame counted from 0; fractions are legal, frames outside are held."""
@@ -129,7 +131,7 @@ class ScenePlayer:
         """Gaussians at a time in [0, 1] (clamped): unit quaternions, scales and opacities activated.
 
         The arrays are read-only: others may be shown the same ones.  With ``part``, what was kept of that time (see
-        ``part_at``), nothing is computed; the numbers are the same.
+        ``delta_at``), nothing is computed; the numbers are the same.
         """
         time = self._held(time)
         with self._lock:
@@ -144,29 +146,29 @@ class ScenePlayer:
             self._recent[time] = gaussians
         return _copy(gaussians)
 
-    def part_at(self, time: float) -> FrameDelta:
+    def delta_at(self, time: float) -> FrameDelta:
         """What of a time in [0, 1] (clamped) is not as at all others: ``changing`` of the Gaussians that move."""
         if not self.changing:
             return FrameDelta({})
-        compute = getattr(self._deformation, "part_at", None)
+        compute = getattr(self._deformation, "delta_at", None)
         if compute is not None:
             return compute(self._held(time), self.changing)
-        return taken_from(self._compute(self._held(time)), self.changing)
+        return extract_columns(self._compute(self._held(time)), self.changing)
 
     @property
-    def part_bytes(self) -> int:
-        """How much memory ``part_at`` gives."""
-        return 4 * self.moving * sum(width_of(name) for name in self.changing)
+    def delta_bytes(self) -> int:
+        """How much memory ``delta_at`` gives."""
+        return 4 * self.num_dynamic * sum(column_width(name) for name in self.changing)
 
     def column(self, name: str, part: FrameDelta) -> np.ndarray:
         """(N, width) a column at the time of ``part``; it is good until the caller drops it, and not to be changed."""
         moved = part.columns.get(name)
         if moved is None:
             return column_of(self._still, name)
-        if self.moving == self.count:
+        if self.num_dynamic == self.count:
             return moved
         column = self._column_memory[name].take()[name]
-        column[: self.moving] = moved
+        column[: self.num_dynamic] = moved
         return column
 
     def _held(self, time: float) -> float:
@@ -183,7 +185,7 @@ class ScenePlayer:
 
     @cached_property
     def _joined_memory(self) -> BufferPool:
-        plain = [name for name in self.changing if hasattr(self._still, name) and self.moving < self.count]
+        plain = [name for name in self.changing if hasattr(self._still, name) and self.num_dynamic < self.count]
         opacities = ["opacities"] if "base" in self.changing else []
         colors = ["sh"] if any(name == "base" or name.startswith("sh_") for name in self.changing) else []
         return BufferPool({name: getattr(self._still, name) for name in [*plain, *opacities, *colors]})
@@ -193,22 +195,25 @@ class ScenePlayer:
         arrays |= self._joined_memory.take()
         for name, column in part.columns.items():
             if name == "base":
-                arrays["sh"][: self.moving, 0], arrays["opacities"][: self.moving] = column[:, :3], column[:, 3]
+                arrays["sh"][: self.num_dynamic, 0], arrays["opacities"][: self.num_dynamic] = (
+                    column[:, :3],
+                    column[:, 3],
+                )
             elif name.startswith("sh_"):
-                arrays["sh"][: self.moving, int(name.removeprefix("sh_"))] = column
-            elif self.moving < self.count:
-                arrays[name][: self.moving] = column
+                arrays["sh"][: self.num_dynamic, int(name.removeprefix("sh_"))] = column
+            elif self.num_dynamic < self.count:
+                arrays[name][: self.num_dynamic] = column
             else:
                 arrays[name] = column
         return GaussianArrays(**arrays)
 
     def _compute(self, time: float) -> GaussianArrays:
         if self._deformation is None:
-            return at_rest(self._arrays).checked()
+            return canonical_gaussians(self._arrays).checked()
         gaussians = self._deformation.at(time)
         if getattr(self._deformation, "gives_checked", False):
             return gaussians
-        gaussians.quaternions = unit(gaussians.quaternions)
+        gaussians.quaternions = normalize(gaussians.quaternions)
         return gaussians.checked()
 
 

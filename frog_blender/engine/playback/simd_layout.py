@@ -10,20 +10,20 @@ import math
 
 import numpy as np
 
-GROUP = 16
+GROUP_SIZE = 16
 """PLAYED_GROUP of the native library: Gaussians that lie side by side."""
-_TOGETHER = GROUP * 4096  # Gaussians that are multiplied at once, so that what is in between stays small
+_TOGETHER = GROUP_SIZE * 4096  # Gaussians that are multiplied at once, so that what is in between stays small
 _ATTRIBUTES = ("means", "opacity_logits", "sh", "log_scales", "quaternions")  # last what does not change of all
 
 
-def group_count(count: int) -> int:
+def num_groups(count: int) -> int:
     """Groups that ``count`` Gaussians fill, the last of them perhaps not whole."""
-    return -(-count // GROUP)
+    return -(-count // GROUP_SIZE)
 
 
-def grouped(arrays: dict[str, np.ndarray], keep_products: bool) -> np.ndarray:
-    """(N / GROUP rounded up, rows, GROUP) float32: each Gaussian's attributes and its embedding, a group's Gaussians in
-    the last dimension, zero beyond the last one.
+def pack_lanes(arrays: dict[str, np.ndarray], precomputed_first_layer: bool) -> np.ndarray:
+    """(ceil(N / GROUP_SIZE), rows, GROUP_SIZE) float32: each Gaussian's attributes and embedding as rows, a group's
+    Gaussians as columns, zero beyond the last one.
 
     Args:
         arrays: ``means`` (N, 3), ``log_scales`` (N, 3), ``quaternions`` (N, 4), ``opacity_logits`` (N,), ``sh``
@@ -33,22 +33,24 @@ def grouped(arrays: dict[str, np.ndarray], keep_products: bool) -> np.ndarray:
     count, weight = len(arrays["means"]), arrays["embedding_weight"]
     columns = [arrays[name].reshape(count, math.prod(arrays[name].shape[1:])) for name in _ATTRIBUTES]
     width = sum(column.shape[1] for column in columns)
-    own = len(weight) if keep_products else weight.shape[1]
-    result = np.zeros((group_count(count), width + own, GROUP), np.float32)
+    own = len(weight) if precomputed_first_layer else weight.shape[1]
+    result = np.zeros((num_groups(count), width + own, GROUP_SIZE), np.float32)
     for start in range(0, count, _TOGETHER):
         some = slice(start, start + _TOGETHER)
         embeddings = arrays["embeddings"][some]
-        values = [column[some] for column in columns] + [embeddings @ weight.T if keep_products else embeddings]
+        values = [column[some] for column in columns] + [
+            embeddings @ weight.T if precomputed_first_layer else embeddings
+        ]
         rows = np.concatenate(values, axis=1).T
-        rows = np.pad(rows, ((0, 0), (0, -rows.shape[1] % GROUP))).reshape(len(rows), -1, GROUP)
-        first = start // GROUP
+        rows = np.pad(rows, ((0, 0), (0, -rows.shape[1] % GROUP_SIZE))).reshape(len(rows), -1, GROUP_SIZE)
+        first = start // GROUP_SIZE
         result[first : first + rows.shape[1]] = rows.transpose(1, 0, 2)
     return result
 
 
-def network_in_columns(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def transpose_weights(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """The first layer's and the outputs' weights, turned: what is multiplied with a number lies together, in rows of
-    the next multiple of GROUP.
+    the next multiple of GROUP_SIZE.
 
     Args:
         arrays: ``shared`` (units,), ``embedding_weight`` (units, E), ``output_weight`` (outputs, units) and
@@ -61,6 +63,6 @@ def network_in_columns(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
             rows = arrays[name]
             if name.startswith("output"):
                 rows = np.concatenate([rows[some] for some in outputs])
-            padding = [(0, -len(rows) % GROUP), *[(0, 0)] * (rows.ndim - 1)]
+            padding = [(0, -len(rows) % GROUP_SIZE), *[(0, 0)] * (rows.ndim - 1)]
             result[name] = np.ascontiguousarray(np.pad(rows, padding).T, np.float32)
     return result

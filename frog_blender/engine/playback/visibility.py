@@ -14,13 +14,13 @@ import numpy as np
 
 from ..capture.time import frame_to_time, time_to_frame
 from ..native.options import ALPHA_MIN
-from .simd_layout import GROUP, group_count
+from .simd_layout import GROUP_SIZE, num_groups
 
 _MOMENTS = 4  # looked at from a frame to the next
 _SEEN = 0.9 * ALPHA_MIN  # leaves some for moments in between
 
 
-def lifetimes(opacities_at: Callable[[float], np.ndarray], frame_count: int) -> np.ndarray:
+def visible_intervals(opacities_at: Callable[[float], np.ndarray], frame_count: int) -> np.ndarray:
     """(frames - 1, M) bool: whether a Gaussian can be seen at some moment from a frame to the next, both included.
 
     Args:
@@ -41,24 +41,24 @@ def lifetimes(opacities_at: Callable[[float], np.ndarray], frame_count: int) -> 
     return np.stack(lives)
 
 
-def together(lives: np.ndarray) -> np.ndarray:
+def sort_by_visibility(lives: np.ndarray) -> np.ndarray:
     """(M,) an order of Gaussians in which those that live at the same times follow each other; (frames - 1, M)."""
     return np.lexsort(lives[::-1])
 
 
-def of_groups(lives: np.ndarray) -> np.ndarray:
+def pack_group_bits(lives: np.ndarray) -> np.ndarray:
     """(frames - 1, groups / 8 rounded up) uint8: a bit for each group of Gaussians, set where one of them lives."""
-    padded = np.pad(lives, ((0, 0), (0, -lives.shape[1] % GROUP)))
-    return np.packbits(padded.reshape(len(lives), -1, GROUP).any(2), axis=1)
+    padded = np.pad(lives, ((0, 0), (0, -lives.shape[1] % GROUP_SIZE)))
+    return np.packbits(padded.reshape(len(lives), -1, GROUP_SIZE).any(2), axis=1)
 
 
-def share_deformed(bits: np.ndarray, count: int) -> float:
-    """Of ``count`` Gaussians in the groups of ``of_groups``, how many are deformed at a moment, in the mean."""
-    return float(np.unpackbits(bits, axis=1, count=group_count(count)).mean())
+def mean_deformed_share(bits: np.ndarray, count: int) -> float:
+    """Of ``count`` Gaussians in the groups of ``pack_group_bits``, how many are deformed at a moment, in the mean."""
+    return float(np.unpackbits(bits, axis=1, count=num_groups(count)).mean())
 
 
 class VisibilityMask:
-    """What ``of_groups`` gave, for playback.
+    """What ``pack_group_bits`` gave, for playback.
 
     Args:
         bits: from a file.
@@ -69,15 +69,15 @@ class VisibilityMask:
     """
 
     def __init__(self, bits: np.ndarray, count: int) -> None:
-        groups = group_count(count)
+        groups = num_groups(count)
         if bits.dtype != np.uint8 or bits.ndim != 2 or not len(bits) or bits.shape[1] != -(-groups // 8):
             raise ValueError(f"lifetimes of {groups} groups are {bits.dtype} of shape {bits.shape}")
         self._bits, self._groups = bits, groups
 
-    def of(self, kept: np.ndarray) -> np.ndarray:
-        """``of_groups`` for some of the Gaussians alone; (n,) their indices, ascending."""
+    def select(self, kept: np.ndarray) -> np.ndarray:
+        """``pack_group_bits`` for some of the Gaussians alone; (n,) their indices, ascending."""
         lives = np.unpackbits(self._bits, axis=1, count=self._groups).astype(bool)
-        return of_groups(lives[:, kept // GROUP])
+        return pack_group_bits(lives[:, kept // GROUP_SIZE])
 
     def at(self, time: float) -> np.ndarray:
         """(groups,) uint8, zero for those that nobody can see at a time in [0, 1]."""

@@ -47,7 +47,7 @@ class Image:
     median_z: torch.Tensor | None = None
     mean_depth: torch.Tensor | None = None
     max_weights: torch.Tensor | None = None
-    at_fault: int = 0
+    num_invalid: int = 0
 
 
 def rasterize(

@@ -54,7 +54,7 @@ class Drawing:
         """What there is to see, of ``rgb`` and ``alpha`` with gradients."""
         extras = self.extras
         image = Image(rgb, alpha, extras["radii"], screen, absolute, max_weights=extras.get("max_weights"))
-        image.at_fault = int(extras["at_fault"])
+        image.num_invalid = int(extras["num_invalid"])
         if "median_index" in extras:
             image.mean_depth = extras["mean_depth"]
             means = self.gaussians.means.detach()
@@ -80,7 +80,7 @@ def draw(
     count, (_, _, width, height) = len(gaussians), options.region_of(camera)
     size = (height, width)
     rgb, alpha = torch.empty((*size, 3), **_FLOATS), torch.empty(size, **_FLOATS)
-    extras = {"radii": torch.empty(count, **_FLOATS), "at_fault": torch.zeros(1, **_INTEGERS)}
+    extras = {"radii": torch.empty(count, **_FLOATS), "num_invalid": torch.zeros(1, **_INTEGERS)}
     if options.depth:
         extras["median_index"] = torch.empty(size, **_INTEGERS)
         extras["mean_depth"] = torch.empty(size, **_FLOATS)

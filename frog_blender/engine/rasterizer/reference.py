@@ -104,7 +104,7 @@ def _project(
         in_view = (local[:, 2] >= options.near_plane) & (g.opacities > ALPHA_MIN)
         colored = torch.isfinite(g.sh).flatten(1).all(-1)
         kept = (usable & in_view & colored).nonzero().squeeze(-1)
-        at_fault = int((~usable | (in_view & ~colored)).sum())
+        num_invalid = int((~usable | (in_view & ~colored)).sum())
 
     means, opacities = g.means[kept], g.opacities[kept].clamp(max=1.0)
     local = means @ view[:3, :3].T + view[:3, 3]
@@ -140,7 +140,7 @@ def _project(
     order = order[seen[order]]
     conics = torch.stack([yy, -xy, xx], -1) / determinant[:, None]
     splats = (kept, pixels + screen[kept], conics, opacities, colors, z, extents.amax(-1))
-    return _Splats(*(part[order] for part in splats)), at_fault
+    return _Splats(*(part[order] for part in splats)), num_invalid
 
 
 def _adder(target: torch.Tensor, index: torch.Tensor) -> Callable[[torch.Tensor], None]:
@@ -214,7 +214,7 @@ def rasterize(
     _, _, width, height = options.region_of(camera)
     screen = torch.zeros((count, 2), requires_grad=True, **like)
     absolute = torch.zeros((count, 2), **like) if options.absolute else None
-    splats, at_fault = _project(gaussians, screen, camera, options, pose)
+    splats, num_invalid = _project(gaussians, screen, camera, options, pose)
     color = torch.tensor(background, **like)
     y, x = torch.meshgrid(torch.arange(height, **like) + 0.5, torch.arange(width, **like) + 0.5, indexing="ij")
     points = torch.stack([x.flatten(), y.flatten()], -1)
@@ -228,7 +228,7 @@ def rasterize(
     weights[splats.index] = torch.stack([strip.heaviest for strip in strips]).amax(0)
     rgb = torch.cat([strip.rgb for strip in strips]).reshape(*size, 3)
     image = Image(rgb, torch.cat([strip.alpha for strip in strips]).reshape(size), radii, screen, absolute)
-    image.at_fault = at_fault
+    image.num_invalid = num_invalid
     if options.depth:
         median = torch.cat([strip.median for strip in strips]).reshape(size)
         centers = (gaussians.means.detach() - torch.as_tensor(camera.center, **like))[splats.index]

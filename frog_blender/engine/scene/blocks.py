@@ -40,7 +40,7 @@ class Blocks:
     numbers: np.ndarray
 
 
-def quantise(name: str, rows: np.ndarray, bits: int) -> Blocks:
+def quantize(name: str, rows: np.ndarray, bits: int) -> Blocks:
     """The finite numbers (N, columns) of an attribute in whole ones of 8 or 16 bits."""
     kind = np.uint8 if bits == 8 else np.uint16
     inside = _inside(name, rows, bits)

@@ -14,7 +14,7 @@ FORMAT_VERSION = 5
 """1 had every array as it is; 2 may have them packed; 3 may have lifetimes; 4 may have some that only fade; 5 may have
 numbers that are packed apart from their block."""
 METHODS = ("frog", "ed3dgs", "static", "d3dgs", "hexplane", "curves")
-RESHAPED = "reshaped"
+SHAPE_DYNAMIC = "reshaped"
 """The model setting that says how many of those that are deformed, the first, turn and grow; the others keep their
 shape. All of them where it is missing."""
 
@@ -125,7 +125,7 @@ def _model(value: Any) -> dict[str, Any]:
     model = finite_entries(value, "model")
     for name in items(model.get("silent_heads", []), "silent_heads", 64):
         text(name, "a silent head", _LONGEST_NAME)
-    whole(model.get(RESHAPED, 0), RESHAPED, 0, 2**31)
+    whole(model.get(SHAPE_DYNAMIC, 0), SHAPE_DYNAMIC, 0, 2**31)
     return model
 
 

@@ -20,7 +20,7 @@ def morton_order(means: np.ndarray) -> np.ndarray:
     return np.argsort(code, kind="stable")
 
 
-def neighbours_together(means: np.ndarray, *bounds: int) -> np.ndarray:
+def morton_order_by_range(means: np.ndarray, *bounds: int) -> np.ndarray:
     """(N,) an order of ``means`` (N, 3): the first up to each of the ``bounds``, and the others, each along a curve of
     their own."""
     edges = pairwise((0, *bounds, len(means)))

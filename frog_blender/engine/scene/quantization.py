@@ -37,7 +37,7 @@ BITS = {
 """Of a number of each Gaussian's attributes; what is not here is stored in half precision, and bytes as they are.
 
 Means have 16: a block's extent in 65,536 parts is a hundredth of a pixel, in 256 parts several pixels. The others
-were measured to cost nothing that shows (docs/parsimony.md)."""
+were measured to cost nothing that shows (docs/experiments/compression.md)."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def pack(name: str, array: np.ndarray) -> Packed:
             raise ValueError(f"{name} holds numbers too large for half precision")
         stored = blocks.by_significance(array.astype(np.float16).reshape(-1).view(np.uint8), 2)
     else:
-        found = blocks.quantise(name, array.reshape(len(array), math.prod(array.shape[1:])), bits)
+        found = blocks.quantize(name, array.reshape(len(array), math.prod(array.shape[1:])), bits)
         stored, apart = blocks.stored(found), len(found.places)
     content = np.frombuffer(zlib.compress(stored, _LEVEL), np.uint8)
     described = {"shape": list(array.shape), "bits": bits} | ({"apart": apart} if apart else {})

@@ -24,14 +24,14 @@ from ..io.tensor_files import read_tensors
 from .header import SceneHeader
 from .quantization import Packed, pack, unpack_scene
 
-LIFETIMES = "lifetimes"
+VISIBILITY = "lifetimes"
 """Name of the array in which bits say when groups of Gaussians can be seen."""
 OPACITY_TRACKS = "fades"
 """Name of the array (F, frames) in which opacities stand of those that only fade."""
 _HEADER_KEY = "frog"
 _PACKING_KEY = "packing"
 _CANONICAL = {"means", "log_scales", "quaternions", "opacity_logits", "sh"}
-_FROG = {"embeddings", "temporal_table", "attention_weight", "attention_query", LIFETIMES, OPACITY_TRACKS}
+_FROG = {"embeddings", "temporal_table", "attention_weight", "attention_query", VISIBILITY, OPACITY_TRACKS}
 _OF_METHOD = {"frog": _FROG, "ed3dgs": _FROG, "curves": {"embeddings"}}
 _NETWORK = re.compile(r"network\.[a-z0-9_.]{1,80}")
 
@@ -119,7 +119,7 @@ def _is_known(name: str, method: str = "frog") -> bool:
 def _check_arrays(arrays: dict[str, np.ndarray]) -> None:
     """UnfitValue for types and shapes that playback does not rely on."""
     for name, array in arrays.items():
-        expected = np.uint8 if name in (LIFETIMES, OPACITY_TRACKS) else np.float32
+        expected = np.uint8 if name in (VISIBILITY, OPACITY_TRACKS) else np.float32
         if array.dtype != expected:
             raise UnfitValue(f"{name} of type {array.dtype}", f"{expected.__name__}")
     count = (arrays["means"].shape or (0,))[0] if "means" in arrays else 0

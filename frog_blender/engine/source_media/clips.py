@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from ..capture.readers import transforms_json
 from ..capture.video import VIDEO_SUFFIXES, composed, find_images, find_videos
 from ..errors import FrogError
-from ..io.paths import leads_elsewhere
+from ..io.paths import is_network_path
 
 if TYPE_CHECKING:
     from ..capture.camera import Camera
@@ -50,7 +50,7 @@ def capture_folders(header: SceneHeader, scene_file: Path) -> list[Path]:
     stored = header.capture_path
     name = PureWindowsPath(stored).name  # of paths with either kind of stroke
     nearby = [scene_file.parent / name, scene_file.parent, scene_file.parent.parent / name] if name else []
-    return [Path(stored), *nearby] if stored and not leads_elsewhere(stored) else nearby
+    return [Path(stored), *nearby] if stored and not is_network_path(stored) else nearby
 
 
 def find_clips(header: SceneHeader, folder: Path) -> dict[str, Clip]:

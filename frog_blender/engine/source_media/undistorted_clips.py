@@ -41,7 +41,7 @@ _writing: set[Path] = set()
 
 
 @dataclass(frozen=True)
-class Straightening:
+class Undistortion:
     """Films on their way.
 
     Attributes:
@@ -58,7 +58,7 @@ def clips_folder(scene_file: Path) -> Path:
     return scene_file.with_suffix(".clips")
 
 
-def straight_clips(header: SceneHeader, scene_file: Path) -> dict[str, Clip]:
+def undistorted_clips(header: SceneHeader, scene_file: Path) -> dict[str, Clip]:
     """Clips by camera name that were written for this scene; {} where there are none, or not all of them."""
     folder = clips_folder(scene_file)
     index = _index(folder)
@@ -71,7 +71,7 @@ def straight_clips(header: SceneHeader, scene_file: Path) -> dict[str, Clip]:
     return clips if all(clip.path.is_file() for clip in clips.values()) else {}
 
 
-def straightening(header: SceneHeader, scene_file: Path, capture_folder: Path) -> Straightening | None:
+def undistortion(header: SceneHeader, scene_file: Path, capture_folder: Path) -> Undistortion | None:
     """What has to be written for a video program to show a capture; None where it can as it is, or has been written.
 
     Raises:
@@ -88,14 +88,14 @@ def straightening(header: SceneHeader, scene_file: Path, capture_folder: Path) -
     films = _films(header, capture, capture_folder)
     folder, seen = clips_folder(scene_file), _at_size(capture, header)
     key, index = decoding_key(seen), _index(folder)
-    if index and index.get("made_from") == key and straight_clips(header, scene_file):
+    if index and index.get("made_from") == key and undistorted_clips(header, scene_file):
         return None
     if folder in _writing:
         raise FrogError(f"{folder}: the clips are being written already.")
     if folder.is_symlink() or (index is None and _holds_others(folder)):  # a link leads where nobody asked to write
         raise FrogError(f"{folder}: found something that is none of our clips, expected this name to be free for them.")
     marks = {"scene": _decides(header), "made_from": key}
-    return Straightening(sum(map(len, films.values())), _write(header, seen, films, folder, marks))
+    return Undistortion(sum(map(len, films.values())), _write(header, seen, films, folder, marks))
 
 
 def _holds_others(folder: Path) -> bool:

@@ -110,7 +110,7 @@ def _plain(recipe: Recipe, embedding_size: int = 0) -> Recipe:
 
 
 def _d3dgs_recipe(recipe: Recipe) -> Recipe:
-    """Its deep network learns best at three times the rate of FRoG's one layer (docs/rivals.md)."""
+    """Its deep network learns best at three times the rate of FRoG's one layer (docs/experiments/baselines.md)."""
     return replace(_plain(recipe), network_rate=3 * recipe.network_rate)
 
 

@@ -145,7 +145,7 @@ def depth_limit(scene: Scene) -> torch.Tensor | None:
 
 
 def draw(scene: Scene, implementation: str, dtype: torch.dtype, device: str = "cpu") -> dict[str, np.ndarray]:
-    """Every output, ``at_fault``, and every gradient as ``by_...``, of a random linear loss; float64 numpy."""
+    """Every output, ``num_invalid``, and every gradient as ``by_...``, of a random linear loss; float64 numpy."""
     leaves = tensors(scene.gaussians, dtype)
     values = GaussianArrays(*[getattr(leaves, name).to(device) for name in ATTRIBUTES])
     pose = torch.tensor(scene.camera.world_to_camera, dtype=dtype, requires_grad=True) if scene.pose else None
@@ -166,14 +166,14 @@ def draw(scene: Scene, implementation: str, dtype: torch.dtype, device: str = "c
     found = {name: getattr(image, name) for name in OUTPUTS}
     found |= {f"by_{name}": getattr(leaves, name).grad for name in ATTRIBUTES}
     found |= {"by_screen": image.screen.grad, "by_screen_absolute": image.screen_absolute}
-    found |= {"by_pose": None if pose is None else pose.grad, "at_fault": torch.tensor(float(image.at_fault))}
+    found |= {"by_pose": None if pose is None else pose.grad, "num_invalid": torch.tensor(float(image.num_invalid))}
     return {name: tensor.detach().double().cpu().numpy() for name, tensor in found.items() if tensor is not None}
 
 
 def assert_equal(scene: Scene, found: dict[str, np.ndarray], expected: dict[str, np.ndarray]) -> None:
     """Within the scene's tolerances; thresholds may fall the other way at a few pixels."""
     assert found.keys() == expected.keys()
-    assert found["at_fault"] == expected["at_fault"]
+    assert found["num_invalid"] == expected["num_invalid"]
     for name in ("rgb", "alpha", "median_depth", "median_z", "mean_depth"):
         if name not in found:
             continue

@@ -72,9 +72,9 @@ def test_what_cannot_be_drawn_changes_no_neighbour(emulator: Emulator) -> None:
     good = random_gaussians(SMALL, 30, 0, seed=7)
     expected = draw(Scene(SMALL, good), "cuda", torch.float32)
     found = draw(Scene(SMALL, join(*BAD.values(), good)), "cuda", torch.float32)
-    assert found["at_fault"] == len(BAD) and expected["at_fault"] == 0
+    assert found["num_invalid"] == len(BAD) and expected["num_invalid"] == 0
     for name, values in expected.items():
-        if name == "at_fault":
+        if name == "num_invalid":
             continue
         kept = found[name]
         if len(kept) == len(good) + len(BAD):

@@ -14,7 +14,7 @@ from support.played_scenes import assert_same_bits, flickering, in_four_threads,
 from frog_blender.engine.model.torch_player import TorchScenePlayer
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
-from frog_blender.engine.playback.visibility import share_deformed
+from frog_blender.engine.playback.visibility import mean_deformed_share
 from frog_blender.engine.scene.compression_report import reduction_line
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene, write_scene
 from frog_blender.engine.training.compression import finalize
@@ -34,11 +34,11 @@ QUARTERS = [k / 24 for k in range(25)]
 def test_images_are_the_same(model: dict, packed: bool) -> None:
     plain = flickering(**model)
     scene = as_packed(arranged(plain)) if packed else arranged(plain)
-    assert share_deformed(scene.arrays["lifetimes"], len(scene.arrays["embeddings"])) < 0.85
+    assert mean_deformed_share(scene.arrays["lifetimes"], len(scene.arrays["embeddings"])) < 0.85
     playable, always, camera = ScenePlayer(scene), ScenePlayer(without_lifetimes(scene)), odd_camera()
     moments = {time: (playable.at(time), always.at(time)) for time in QUARTERS}
     assert all((found.opacities == 0).any() for found, _ in moments.values())
-    assert any((found.opacities[: playable.moving] > 0.1).any() for found, _ in moments.values())
+    assert any((found.opacities[: playable.num_dynamic] > 0.1).any() for found, _ in moments.values())
     for found, expected in moments.values():
         np.testing.assert_array_equal(draw(found, camera).rgb, draw(expected, camera).rgb)
 
@@ -73,7 +73,7 @@ def test_threads_see_what_one_alone_sees() -> None:
 
     def play(seed: int) -> None:
         for time in np.random.default_rng(seed).choice(TIMES, 60):
-            part = scene.part_at(time) if seed % 2 else None
+            part = scene.delta_at(time) if seed % 2 else None
             found = part.columns["means"] if part else scene.at(time).means
             if not np.array_equal(found, expected[time]):
                 wrong.append(time)
@@ -85,13 +85,13 @@ def test_threads_see_what_one_alone_sees() -> None:
 def test_a_part_of_a_scene_shows_the_same() -> None:
     scene, camera = arranged(flickering(moving=201)), odd_camera()
     kept = np.delete(np.arange(300), [3, 90, 91, 230])
-    part, whole = ScenePlayer(scene).only(kept), ScenePlayer(without_lifetimes(scene)).only(kept)
+    part, whole = ScenePlayer(scene).subset(kept), ScenePlayer(without_lifetimes(scene)).only(kept)
     left_out = [sum(int((each.at(time).opacities == 0).sum()) for time in QUARTERS) for each in (part, whole)]
     assert left_out[0] > left_out[1]
     for time in QUARTERS:
         np.testing.assert_array_equal(draw(part.at(time), camera).rgb, draw(whole.at(time), camera).rgb)
-    still = ScenePlayer(scene).only(np.arange(201, 300))
-    assert still.moving == 0 and len(still.at(0.5)) == 99
+    still = ScenePlayer(scene).subset(np.arange(201, 300))
+    assert still.num_dynamic == 0 and len(still.at(0.5)) == 99
 
 
 def test_axes_that_nobody_can_see_cost_others_nothing() -> None:

@@ -133,7 +133,7 @@ def test_a_narrower_network_trains_saves_and_plays(
     monkeypatch.setattr(network_pruning, "ALLOWED_WIDTH_LOSS", 100.0)
     trainer = halfway()
     silent = trainer.model.output_rows("quaternions")
-    trainer.model.silence("quaternions")
+    trainer.model.prune_head("quaternions")
     trainer.optimizer.stop(trainer.model.deformation.output_weight, silent)
     field = trainer.model.deformation
     memory = trainer.optimizer.adam.state[field.output_weight]["exp_avg"].clone()

@@ -32,8 +32,8 @@ def test_rounds_make_the_scene_smaller_and_training_goes_on(make_trainer: Make) 
     assert auto.compression
     whats = [reduction.what for reduction in auto.compression.reductions]
     assert "pruned" in whats and "put to rest" in whats
-    assert auto.count < fixed.count and 0 < auto.model.canonical.moving < auto.count / 2
-    assert fixed.model.canonical.moving == fixed.count
+    assert auto.count < fixed.count and 0 < auto.model.canonical.num_dynamic < auto.count / 2
+    assert fixed.model.canonical.num_dynamic == fixed.count
     assert auto.evaluate(6)[0] > fixed.evaluate(6)[0] - 1.0
     worst = max(passes.ALLOWED_LOSS, passes.ALLOWED_PRUNING_LOSS)
     assert all((reduction.loss or 0.0) <= worst for reduction in auto.compression.reductions)
@@ -53,7 +53,7 @@ def test_motion_is_learned_to_the_end_unless_some_rest_already(
     monkeypatch.setattr(schedule, "freeze_static_regions", freeze_static_regions)
     trainer = make_trainer(100, capacity="auto", dynamic_share=share)
     train(trainer, until=79)
-    assert (trainer.model.canonical.moving < trainer.count) == some_rest  # copies of those at rest are at rest
+    assert (trainer.model.canonical.num_dynamic < trainer.count) == some_rest  # copies of those at rest are at rest
     train(trainer)
     assert trainer.compression
     rests = [each for each in trainer.compression.reductions if each.what == "put to rest"]
@@ -81,7 +81,7 @@ def test_what_lies_where_images_hardly_change_rests_early(
     train(trainer, until=10)
     assert trainer.compression
     (found,) = trainer.compression.reductions
-    moving = trainer.model.canonical.moving
+    moving = trainer.model.canonical.num_dynamic
     assert found.what == "put to rest" and found.before == trainer.count and found.after == moving
     assert 3 < trainer.count - moving < trainer.count / 10
     height = trainer.model.canonical.means[:, 1].detach().abs()  # the ball's path is at most 0.4 from the middle
@@ -109,7 +109,7 @@ def test_what_the_images_would_miss_does_not_rest_early_and_neither_do_few(
     trainer = make_trainer(100, watched=Exact(capture), capacity="auto")
     train(trainer, until=20)
     assert trainer.compression and trainer.compression.reductions == []
-    assert trainer.model.canonical.moving == trainer.count
+    assert trainer.model.canonical.num_dynamic == trainer.count
 
 
 def test_many_rest_early_as_they_are(make_trainer: Make, capture: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -140,7 +140,7 @@ def test_looking_leaves_no_gradient_behind(make_trainer: Make) -> None:
         assert (motion.contribution > 0).any()
         passes.unfreeze_high_error(trainer.compression, trainer, torch.Generator().manual_seed(0))
         assert all(parameter.grad is None for parameter in trainer.model.parameters())
-        everyone = torch.arange(trainer.model.canonical.moving)
+        everyone = torch.arange(trainer.model.canonical.num_dynamic)
         arrange(trainer, everyone, everyone[:0])
 
 
@@ -151,14 +151,14 @@ def test_a_silenced_head_stays_silent(make_trainer: Make) -> None:
     assert model.heads == ["means", "log_scales", "quaternions", "opacity_logits", "sh"]
     rows = model.output_rows("log_scales")
     assert rows == slice(3, 6) and model.deformation.output_weight[rows].abs().sum() > 0
-    model.silence("log_scales")
+    model.prune_head("log_scales")
     trainer.optimizer.stop(model.deformation.output_weight, rows)
     trainer.optimizer.stop(model.deformation.output_bias, rows)
     train(trainer)
     assert model.heads == ["means", "quaternions", "opacity_logits", "sh"]
     assert not model.deformation.output_weight[rows].any() and not model.deformation.output_bias[rows].any()
     assert model.deformation.output_weight[:3].abs().sum() > 0
-    assert model.stored_settings(trainer.progressing(1.0))["silent_heads"] == ("log_scales",)
+    assert model.stored_settings(trainer.schedule_state(1.0))["silent_heads"] == ("log_scales",)
 
 
 def hold(reduction: Callable[..., object], trainer: Trainer, *about: object) -> None:
@@ -205,7 +205,7 @@ def test_what_images_miss_is_not_taken(halfway: Make, monkeypatch: pytest.Monkey
     count, found = trainer.count, measured(trainer)
     far = {**found.state, "means": found.state["means"] + 5.0}
     hold(passes.rest, trainer, replace(found.motion, score=torch.zeros(count)), far)
-    assert trainer.model.canonical.moving > 0.9 * count  # those that nobody sees may go
+    assert trainer.model.canonical.num_dynamic > 0.9 * count  # those that nobody sees may go
     monkeypatch.setattr(passes, "ALLOWED_PRUNING_LOSS", -100.0)
     hold(passes.prune, trainer, replace(found, contribution=torch.arange(count, 0, -1).float()))
     assert trainer.count == count
@@ -216,7 +216,7 @@ def test_what_moves_far_is_not_even_proposed(halfway: Make) -> None:
     assert trainer.compression
     found = measured(trainer)
     hold(passes.rest, trainer, replace(found.motion, score=torch.full((trainer.count,), 50.0)), found.state)
-    assert trainer.compression.reductions == [] and trainer.model.canonical.moving == trainer.count
+    assert trainer.compression.reductions == [] and trainer.model.canonical.num_dynamic == trainer.count
 
 
 @pytest.mark.parametrize("forced", [False, True])
@@ -231,7 +231,7 @@ def test_those_rest_first_that_images_miss_least(halfway: Make, monkeypatch: pyt
     places = trainer.model.canonical.means.detach().clone()
     kept = places[energy.argsort()[-int(0.1 * count) :].sort().values]
     hold(passes.rest, trainer, Motion(score, energy, energy, energy), state)
-    moving = trainer.model.canonical.moving
+    moving = trainer.model.canonical.num_dynamic
     assert moving == int(0.1 * count)
     torch.testing.assert_close(trainer.model.canonical.means.detach()[:moving], kept)
 
@@ -241,10 +241,10 @@ def test_a_share_of_those_that_move_may_be_forced(halfway: Make, monkeypatch: py
     assert trainer.compression
     found = measured(trainer)
     hold(passes.rest, trainer, replace(found.motion, score=found.motion.score + 50.0), found.state)
-    assert trainer.model.canonical.moving == int(0.1 * trainer.count)
+    assert trainer.model.canonical.num_dynamic == int(0.1 * trainer.count)
     monkeypatch.setattr(passes, "_WAKES_ABOVE", 0.0)
     passes.unfreeze_high_error(trainer.compression, trainer, torch.Generator().manual_seed(0))
-    assert trainer.model.canonical.moving == int(0.1 * trainer.count)
+    assert trainer.model.canonical.num_dynamic == int(0.1 * trainer.count)
 
 
 def test_heads_that_nobody_misses_are_silenced(
@@ -252,8 +252,8 @@ def test_heads_that_nobody_misses_are_silenced(
 ) -> None:
     trainer = halfway()
     assert trainer.compression
-    trainer.model.silence("sh")  # as if nothing had been learned there
-    trainer.model._silent.clear()
+    trainer.model.prune_head("sh")  # as if nothing had been learned there
+    trainer.model._pruned_heads.clear()
     hold(passes.silence_heads, trainer)
     assert "sh" not in trainer.model.heads and "means" in trainer.model.heads
     assert [each.what for each in trainer.compression.reductions][-1].startswith("head ")
@@ -281,7 +281,7 @@ def test_motion_that_was_measured_outlives_a_resume(
     """And is forgotten where the training goes on for more steps, in which Gaussians come and go."""
     growing = {"densify_until": 1.0, "densify_threshold": 0.0}
     trainer = train(halfway(**growing), until=100)
-    assert trainer.compression and trainer.compression.motion and trainer.model.canonical.moving == trainer.count
+    assert trainer.compression and trainer.compression.motion and trainer.model.canonical.num_dynamic == trainer.count
     save_checkpoint(tmp_path / "c", trainer)
     resumed = make_trainer(steps, capacity="auto", **growing)
     load_checkpoint(tmp_path / "c", resumed)
@@ -292,7 +292,7 @@ def test_motion_that_was_measured_outlives_a_resume(
     train(resumed)
     rests = [each.progress for each in resumed.compression.reductions if each.what == "put to rest"]
     assert rests == [1.0] and resumed.compression.motion
-    assert len(resumed.compression.motion.score) == resumed.model.canonical.moving < resumed.count
+    assert len(resumed.compression.motion.score) == resumed.model.canonical.num_dynamic < resumed.count
     assert steps > 120 or bits(resumed) == bits(train(trainer))
 
 
@@ -304,7 +304,7 @@ def test_memory_that_ends_late_leaves_what_was_measured_of_those_that_stay(
     count, before = trainer.count, trainer.compression.motion
     Recovery(trainer).rollback(trainer, MemoryError())
     after = trainer.compression.motion
-    assert after and trainer.count < count and len(after.score) == trainer.model.canonical.moving
+    assert after and trainer.count < count and len(after.score) == trainer.model.canonical.num_dynamic
     assert set(after.rest_energy.tolist()) < set(before.rest_energy.tolist())
     save_checkpoint(tmp_path / "c", trainer)
     resumed = make_trainer(120, capacity="auto", max_gaussians=trainer.recipe.max_gaussians)

@@ -63,17 +63,17 @@ def test_it_costs_what_is_said_and_no_more_than_allowed(
     before = scene_of(finished)
     found, reductions = freeze_attributes(finished.compression, finished, before)
     playable, whole = ScenePlayer(found), ScenePlayer(before)
-    assert (playable.count, playable.moving) == (whole.count, whole.moving)
+    assert (playable.count, playable.num_dynamic) == (whole.count, whole.num_dynamic)
     lost = 0.0
     for reduction in reductions:
         assert reduction.loss is not None
         assert reduction.loss <= {"only fade": fading, "keep their shape": shape}[reduction.what]
-        assert 0 <= reduction.after < reduction.before <= whole.moving
+        assert 0 <= reduction.after < reduction.before <= whole.num_dynamic
         assert "Gaussians" in reduction_line(vars(reduction))
         lost += reduction.loss
     assert reductions and psnr(finished, before) - psnr(finished, found) == pytest.approx(lost, abs=0.02)
     if fading > 1:
-        assert len(found.arrays["embeddings"]) == 0 and len(found.arrays["fades"]) == whole.moving
+        assert len(found.arrays["embeddings"]) == 0 and len(found.arrays["fades"]) == whole.num_dynamic
         assert playable.changing == ("base",)
     if fading < 0:
         assert found.header.model["reshaped"] == 0 and {"scales", "quaternions"}.isdisjoint(playable.changing)
@@ -148,7 +148,7 @@ def test_a_training_writes_them_and_says_so(filmed: Path, tmp_path: Path, lively
         assert "fades" in scene.arrays and "reshaped" in scene.header.model
         whats = [each["what"] for each in done.capacity["reductions"]]
         assert whats[-4:-1] == ["only fade", "keep their shape", "packed"] and whats[-1] == "unseen left out"
-        assert done.capacity["dynamic"] == ScenePlayer(scene).moving == scene.header.capacity["dynamic"]
+        assert done.capacity["dynamic"] == ScenePlayer(scene).num_dynamic == scene.header.capacity["dynamic"]
         packed = next(each for each in done.capacity["reductions"] if each["what"] == "packed")
         assert abs(packed["loss"]) < 0.05  # what others cost is not counted again
         rebuilt = open_capture(filmed).with_cameras(scene.header.cameras)

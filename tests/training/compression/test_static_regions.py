@@ -153,5 +153,5 @@ def test_a_still_scene_has_no_network_and_plays(
     finished = list(run_training(task))[-1]
     assert finished.capacity["dynamic"] == 0 and finished.capacity["heads"] == []
     scene = ScenePlayer.load(tmp_path / "x.frog")
-    assert scene.moving == 0 and scene.header.model == {}
+    assert scene.num_dynamic == 0 and scene.header.model == {}
     np.testing.assert_array_equal(scene.at(0.2).means, scene.at(0.9).means)

@@ -75,9 +75,9 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Iterator[Machine]:
         with machine.uncounted():  # the CUDA rasterizer waits once, whatever is drawn
             return rasterize(*arguments, **keywords, implementation="reference")
 
-    def deform(self: Frog, time: float, progressing: Any = FINISHED, sh_count: int | None = None) -> Any:
-        temporal = self.temporal_embedding(time, progressing)
-        return self.deform_plainly(temporal, progressing, sh_count or self.canonical.sh.shape[1])
+    def deform(self: Frog, time: float, schedule_state: Any = FINISHED, sh_count: int | None = None) -> Any:
+        temporal = self.temporal_embedding(time, schedule_state)
+        return self.deform_reference(temporal, schedule_state, sh_count or self.canonical.sh.shape[1])
 
     for module in (trainer_module, interface_module):
         monkeypatch.setattr(module, "rasterize", slowly)

@@ -20,7 +20,7 @@ def rest_of(trainer: Trainer, who: torch.Tensor) -> dict[str, torch.Tensor]:
     """A state that tells every Gaussian apart, for freeze_motion."""
     canonical = trainer.model.canonical
     names = ("means", "quaternions", "log_scales", "opacity_logits", "sh")
-    return {name: getattr(canonical, name).detach()[: canonical.moving] + 0.01 for name in names}
+    return {name: getattr(canonical, name).detach()[: canonical.num_dynamic] + 0.01 for name in names}
 
 
 def test_rest_is_the_same_at_all_times_and_moves_no_one_else(make_trainer: Make) -> None:
@@ -30,7 +30,7 @@ def test_rest_is_the_same_at_all_times_and_moves_no_one_else(make_trainer: Make)
     memory = trainer.optimizer.adam.state[trainer.model.canonical.means]["exp_avg"].clone()
     freeze_motion(trainer, who, state)
     canonical = trainer.model.canonical
-    assert (trainer.count, canonical.moving) == (count, count - 4)
+    assert (trainer.count, canonical.num_dynamic) == (count, count - 4)
     others = torch.tensor([i for i in range(count) if i not in who.tolist()])
     for time in (0.3, 0.9):
         after = trainer.gaussians_at(time, 1.0)[0]
@@ -41,7 +41,7 @@ def test_rest_is_the_same_at_all_times_and_moves_no_one_else(make_trainer: Make)
     torch.testing.assert_close(after.opacities[: count - 4], before.opacities[others])
     now = trainer.optimizer.adam.state[canonical.means]["exp_avg"]
     torch.testing.assert_close(now, memory[torch.cat([others, who])])
-    assert trainer.neighbourhood is None or int(trainer.neighbourhood.neighbours.max()) < canonical.moving
+    assert trainer.neighbourhood is None or int(trainer.neighbourhood.neighbours.max()) < canonical.num_dynamic
     train(trainer)
     assert torch.isfinite(trainer.model.canonical.means).all()
 
@@ -50,13 +50,13 @@ def test_waking_gives_an_embedding_and_keeps_the_state(make_trainer: Make) -> No
     trainer = train(make_trainer(60), until=20)
     everyone = torch.arange(trainer.count)
     freeze_motion(trainer, everyone, rest_of(trainer, everyone))
-    assert trainer.model.canonical.moving == 0
+    assert trainer.model.canonical.num_dynamic == 0
     assert trainer.gaussians_at(0.5, 1.0)[1] == {}
     trainer.step()
     still = trainer.gaussians_at(0.0, 1.0)[0].means.clone()
     wake(trainer, torch.tensor([7, 100]))
     canonical = trainer.model.canonical
-    assert canonical.moving == 2 and canonical.embeddings.shape == (2, 32)
+    assert canonical.num_dynamic == 2 and canonical.embeddings.shape == (2, 32)
     torch.testing.assert_close(canonical.means[:2], still[[7, 100]])
     train(trainer)
     assert canonical.embeddings.abs().sum() > 0  # the optimiser knows them
@@ -66,18 +66,18 @@ def test_neighbours_come_together_and_everything_follows(make_trainer: Make) -> 
     trainer = train(make_trainer(100), until=50)
     freeze_motion(trainer, torch.arange(20, 90), rest_of(trainer, torch.arange(20, 90)))
     canonical, adam = trainer.model.canonical, trainer.optimizer.adam
-    shuffled = torch.randperm(canonical.moving, generator=torch.Generator().manual_seed(1))
-    still = torch.arange(canonical.moving, trainer.count)
+    shuffled = torch.randperm(canonical.num_dynamic, generator=torch.Generator().manual_seed(1))
+    still = torch.arange(canonical.num_dynamic, trainer.count)
     arrange(trainer, torch.cat([shuffled, still]), shuffled)
     assert trainer.neighbourhood is not None
     trainer.density.peak_weight = torch.arange(float(trainer.count))
-    before, moving, neighbourhood = canonical.means.detach().clone(), canonical.moving, trainer.neighbourhood
+    before, moving, neighbourhood = canonical.means.detach().clone(), canonical.num_dynamic, trainer.neighbourhood
     memory, embeddings = adam.state[canonical.embeddings]["exp_avg"].clone(), canonical.embeddings.detach().clone()
     drawn = trainer.gaussians_at(0.3, 1.0)[0]
 
     sort_by_morton_code(trainer)
     who = trainer.density.peak_weight.long()
-    assert canonical.moving == moving and sorted(who.tolist()) == list(range(trainer.count))
+    assert canonical.num_dynamic == moving and sorted(who.tolist()) == list(range(trainer.count))
     assert (who[:moving] < moving).all() and (who[moving:] >= moving).all()
     assert steps_between(canonical.means[:moving].detach().numpy()) < 0.5 * steps_between(before[:moving].numpy())
     torch.testing.assert_close(canonical.means.detach(), before[who])
@@ -93,6 +93,6 @@ def test_neighbours_come_together_and_everything_follows(make_trainer: Make) -> 
 @pytest.mark.parametrize("capacity", ["fixed", "auto"])
 def test_a_training_leaves_neighbours_together(make_trainer: Make, capacity: str) -> None:
     canonical = train(make_trainer(100, capacity=capacity)).model.canonical
-    means = canonical.means.detach()[: canonical.moving].numpy()
+    means = canonical.means.detach()[: canonical.num_dynamic].numpy()
     order = torch.randperm(len(means), generator=torch.Generator().manual_seed(1)).numpy()
     assert steps_between(means) < 0.7 * steps_between(means[order])

@@ -101,7 +101,7 @@ def test_what_does_not_fit_is_refused() -> None:
     """Native code only sees addresses."""
     image, truth = images(20, 33)
     drawn, gradient, cells = image, torch.empty(20, 33, 3), torch.empty(2, 3)
-    binding.compare(drawn, truth, 1.0, gradient, cells)
+    binding.l1_loss(drawn, truth, 1.0, gradient, cells)
     for arguments in (
         (drawn, truth.astype(np.float32), 1.0, gradient, cells),
         (drawn, truth[:, ::2], 1.0, torch.empty(20, 17, 3), torch.empty(2, 2)),
@@ -111,4 +111,4 @@ def test_what_does_not_fit_is_refused() -> None:
         (drawn, truth, 1.0, gradient, cells, torch.empty(20, 33)),
     ):
         with pytest.raises(ValueError, match="expected"):
-            binding.compare(*arguments)
+            binding.l1_loss(*arguments)

@@ -127,7 +127,7 @@ def test_a_short_training_passes_through_every_schedule(
         return call
 
     trainer = make_trainer(120, sh_degree=3, deformed_sh=4, densify_threshold=1e-5)
-    for module, name in ((losses, "similarity"), (smoothness, "add_embedding_smoothness")):
+    for module, name in ((losses, "native_ssim"), (smoothness, "add_embedding_smoothness")):
         monkeypatch.setattr(module, name, counted(name, getattr(module, name)))
     anchors, density_round, draw = canonical_sampling.new_anchors, DensificationStrategy.round, trainer.model.draw
 
@@ -141,9 +141,9 @@ def test_a_short_training_passes_through_every_schedule(
         return rounds[-1]
 
     def watch_draw(time: float, *view: Any) -> Any:
-        progressing = view[3]
-        fine.append(progressing.fine_rows)
-        opacity.append(progressing.opacity)
+        schedule_state = view[3]
+        fine.append(schedule_state.fine_rows)
+        opacity.append(schedule_state.opacity)
         drawn = draw(time, *view)
         degrees.add(drawn.gaussians.sh_degree)
         return drawn
@@ -163,7 +163,7 @@ def test_a_short_training_passes_through_every_schedule(
     assert calls["anchors"] > 0
     assert trainer.count > start
     bursts = sum(r.dssim_from <= i / 120 and i % r.dssim_period < r.dssim_burst for i in range(120))
-    assert calls["similarity"] == bursts > 0
+    assert calls["native_ssim"] == bursts > 0
     assert calls["add_embedding_smoothness"] > 15  # every fourth step
     assert trainer.neighbourhood is not None and int(trainer.neighbourhood.neighbours.max()) < trainer.count
 
@@ -211,7 +211,7 @@ def test_what_the_recipe_switches_off_does_not_happen(
         raise AssertionError("switched off")
 
     switched_off = (
-        (losses, "similarity"),
+        (losses, "native_ssim"),
         (canonical_sampling, "worst_points"),
         (smoothness, "add_embedding_smoothness"),
     )
@@ -244,7 +244,7 @@ def test_few_seeds_are_enough(capture: Capture, store: FrameStore, lively: Any, 
 def test_a_loss_that_is_not_a_number_stops_the_training(
     make_trainer: Callable[..., Trainer], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(losses, "similarity", lambda *_: float("nan"))
+    monkeypatch.setattr(losses, "native_ssim", lambda *_: float("nan"))
     trainer = make_trainer(20, dssim_from=0.0)
     with pytest.raises(FrogError, match="unstable at step 0"):
         trainer.step()

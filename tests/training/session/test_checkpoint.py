@@ -145,7 +145,7 @@ VALUES: list[tuple[str, Any]] = [
 @pytest.fixture(scope="module")
 def trained(make_trainer: Make) -> Trainer:
     trainer = train(make_trainer(40, capacity="auto"), until=37)
-    moving = trainer.model.canonical.moving
+    moving = trainer.model.canonical.num_dynamic
     assert trainer.compression
     trainer.compression.motion = Motion(*torch.rand(4, moving))  # as where nobody rests before the end
     return trainer

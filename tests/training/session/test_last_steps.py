@@ -104,7 +104,7 @@ def test_what_a_failed_round_did_is_undone(task: TrainingJob, monkeypatch: pytes
         trainer.optimizer.keep_units(trainer.model, torch.arange(width // 2))
 
     def fails(_rounds: Any, trainer: Trainer, _judge: Any) -> None:
-        trainer.model.silence("means")
+        trainer.model.prune_head("means")
         raise RuntimeError("too late")
 
     monkeypatch.setattr(schedule, "rest", lambda *_: None)

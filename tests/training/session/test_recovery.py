@@ -36,13 +36,13 @@ def task(
 
 def failing(monkeypatch: pytest.MonkeyPatch, when: Callable[[int], bool]) -> None:
     """The similarity of the D-SSIM bursts, after half of the training, is NaN at the calls that ``when`` names."""
-    real, calls = losses.similarity, [0]
+    real, calls = losses.native_ssim, [0]
 
     def sometimes(*arguments: torch.Tensor) -> float:
         calls[0] += 1
         return real(*arguments) * (float("nan") if when(calls[0]) else 1.0)
 
-    monkeypatch.setattr(losses, "similarity", sometimes)
+    monkeypatch.setattr(losses, "native_ssim", sometimes)
 
 
 def test_one_bad_step_costs_no_training(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:

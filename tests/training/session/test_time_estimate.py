@@ -52,7 +52,7 @@ def test_more_work_takes_longer() -> None:
     ("name", "steps", "pixels", "seconds"), [("standard", 10_000, 384 * 288, 380), ("draft", 4_000, 384 * 288, 122)]
 )
 def test_the_model_says_what_was_measured(name: str, steps: int, pixels: int, seconds: float) -> None:
-    """On two quiet cores with AVX2: docs/design.md, "Measured"."""
+    """On two quiet cores with AVX2: docs/experiments/rasterizer.md, "Measured"."""
     assert Workload(recipe(name), steps, pixels).seconds == pytest.approx(seconds, rel=0.15)
 
 

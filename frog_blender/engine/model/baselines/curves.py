@@ -29,8 +29,8 @@ class CurveSettings:
 
     A unit is what the recipe's ``embedding_rate`` is multiplied by, so they stand for rates. The original's, for
     captures of 50 moments: motion 5.6e-4 times the scene's extent (positions' 1.6e-4 times 3.5), rotation and centre
-    1e-4, log-width 3e-2. The defaults are to each other as those within a factor of four (docs/rivals.md tells how they
-    were found): an ``embedding_rate`` of 8.4e-3 gives the original's rate of motion.
+    1e-4, log-width 3e-2. The defaults are to each other as those within a factor of four (how they were found:
+    docs/experiments/baselines.md): an ``embedding_rate`` of 8.4e-3 gives the original's rate of motion.
 
     Attributes:
         motion_units: world units of b_1, b_2 and b_3.
@@ -69,7 +69,7 @@ class Curves(SceneModel):
                 canonical.embeddings[:, 13] = offsets.to(canonical.embeddings.device)
 
     def deform(
-        self, time: float, progressing: ScheduleState = FINISHED, sh_count: int | None = None
+        self, time: float, schedule_state: ScheduleState = FINISHED, sh_count: int | None = None
     ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
         """See SceneModel."""
         c, s = self.canonical, self.settings
@@ -90,5 +90,5 @@ class Curves(SceneModel):
         )
         return gaussians, {"means": motion, "quaternions": turn}
 
-    def stored_settings(self, progressing: ScheduleState) -> dict[str, Any]:
+    def stored_settings(self, schedule_state: ScheduleState) -> dict[str, Any]:
         return asdict(self.settings)

@@ -132,7 +132,7 @@ class D3dgs(SceneModel):
         self.deformation = D3dgsNetwork(settings, canonical.means, unit)
 
     def deform(
-        self, time: float, progressing: ScheduleState = FINISHED, sh_count: int | None = None
+        self, time: float, schedule_state: ScheduleState = FINISHED, sh_count: int | None = None
     ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
         """See SceneModel."""
         output = through_visible_rows(self.deformation, self.canonical.means.detach(), time)
@@ -143,5 +143,5 @@ class D3dgs(SceneModel):
     def rate_groups(self) -> dict[str, list[nn.Parameter]]:
         return {"network": list(self.deformation.parameters())}
 
-    def stored_settings(self, progressing: ScheduleState) -> dict[str, Any]:
+    def stored_settings(self, schedule_state: ScheduleState) -> dict[str, Any]:
         return asdict(self.settings)

@@ -179,7 +179,7 @@ class HexPlane(SceneModel):
         self.deformation = HexPlaneField(settings, canonical.means)
 
     def deform(
-        self, time: float, progressing: ScheduleState = FINISHED, sh_count: int | None = None
+        self, time: float, schedule_state: ScheduleState = FINISHED, sh_count: int | None = None
     ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
         """See SceneModel."""
         output = through_visible_rows(self.deformation, self.canonical.means, time)
@@ -206,5 +206,5 @@ class HexPlane(SceneModel):
             total = total + weights.stillness * (over_time - 1).abs().mean()
         return total
 
-    def stored_settings(self, progressing: ScheduleState) -> dict[str, Any]:
+    def stored_settings(self, schedule_state: ScheduleState) -> dict[str, Any]:
         return asdict(self.settings)

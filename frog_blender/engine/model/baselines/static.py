@@ -17,7 +17,7 @@ class Static(SceneModel):
         self.canonical: CanonicalField = canonical
 
     def deform(
-        self, time: float, progressing: ScheduleState = FINISHED, sh_count: int | None = None
+        self, time: float, schedule_state: ScheduleState = FINISHED, sh_count: int | None = None
     ) -> tuple[GaussianArrays, dict[str, torch.Tensor]]:
         """See SceneModel; nothing changes."""
         return self.canonical.gaussians(sh_count), {}

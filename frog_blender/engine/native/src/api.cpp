@@ -18,8 +18,8 @@ const Kernels *choose_kernels() {
   const char *wanted = std::getenv("FROG_INSTRUCTION_SET");  // "baseline" or "avx2": for tests and measurements
   const bool any = !wanted || !*wanted;
   __builtin_cpu_init();
-  if ((any || !std::strcmp(wanted, "avx512")) && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
-      __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512bw"))
+  if ((any || !std::strcmp(wanted, "avx512")) && __builtin_cpu_supports("avx512f") &&
+      __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512bw"))
     return kernels_avx512();
   if ((any || std::strcmp(wanted, "baseline")) && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"))
     return kernels_avx2();
@@ -66,10 +66,10 @@ void each_band(FrogFrame &frame, Use use) {
 void draw(FrogFrame &frame, const FrogGaussians &gaussians, const FrogImage &image) {
   const int count = gaussians.count;
   frame.view.splats = frame.splats.resize(count);
-  std::atomic<int32_t> at_fault{0};
+  std::atomic<int32_t> num_invalid{0};
   frog::parallel_for(count, 1024,
-                     [&](int begin, int end) { at_fault += kernels().project(frame.view, gaussians, begin, end); });
-  if (image.at_fault) *image.at_fault = at_fault;
+                     [&](int begin, int end) { num_invalid += kernels().project(frame.view, gaussians, begin, end); });
+  if (image.num_invalid) *image.num_invalid = num_invalid;
   frog::bin_splats(frame);
   if (image.max_weights) begin_weights(frame);
   if (image.radii)
@@ -96,8 +96,9 @@ bool is_drawable(int32_t width, int32_t height) {
 }
 
 bool lies_within(const FrogCamera &camera, const int32_t region[4]) {
-  return is_drawable(region[2], region[3]) && camera.width <= MOST_SIDE && camera.height <= MOST_SIDE && region[0] >= 0 &&
-         region[1] >= 0 && region[0] <= camera.width - region[2] && region[1] <= camera.height - region[3];
+  return is_drawable(region[2], region[3]) && camera.width <= MOST_SIDE && camera.height <= MOST_SIDE &&
+         region[0] >= 0 && region[1] >= 0 && region[0] <= camera.width - region[2] &&
+         region[1] <= camera.height - region[3];
 }
 
 constexpr int32_t BAD_SIZE = 2;  // what functions return then, besides 0 and 1
@@ -117,7 +118,7 @@ int32_t attempt(Work work) {
 
 extern "C" {
 
-int32_t frog_abi_version(void) { return 14; }
+int32_t frog_abi_version(void) { return 15; }
 const char *frog_instruction_set(void) { return kernels().name; }
 void frog_set_thread_count(int32_t count) { frog::set_thread_count(count); }
 int32_t frog_thread_count(void) { return frog::thread_count(); }
@@ -147,7 +148,7 @@ FrogFrame *frog_draw(const FrogGaussians *gaussians, const FrogCamera *camera, c
 
 int32_t frog_backward(FrogFrame *frame, const FrogGaussians *gaussians, const FrogImageGradient *gradient,
                       const FrogGradients *result) {
-  return attempt([&] { frog::go_backward(kernels(), *frame, *gaussians, *gradient, *result); });
+  return attempt([&] { frog::backward(kernels(), *frame, *gaussians, *gradient, *result); });
 }
 
 int64_t frog_count_instances(const FrogFrame *frame) { return static_cast<int64_t>(frame->row_instances.back()); }
@@ -193,13 +194,13 @@ int32_t frog_adam(const FrogAdam *parameters, int32_t count) {
   });
 }
 
-int32_t frog_compare(const FrogComparison *comparison, float *absolute) {
+int32_t frog_l1_loss(const FrogL1Loss *comparison, float *absolute) {
   if (!is_drawable(comparison->width, comparison->height)) return BAD_SIZE;
   return attempt([&] {
-    const FrogComparison &c = *comparison;
+    const FrogL1Loss &c = *comparison;
     std::vector<double> sums((c.height + FROG_CELL - 1) / FROG_CELL);
     frog::parallel_for(static_cast<int>(sums.size()), 1, [&](int begin, int end) {
-      for (int row = begin; row < end; ++row) sums[row] = kernels().compare(c, row);
+      for (int row = begin; row < end; ++row) sums[row] = kernels().l1_loss(c, row);
     });
     double total = 0;
     for (double each : sums) total += each;
@@ -215,18 +216,18 @@ int32_t frog_mesh_depth(const float *vertices, int32_t vertex_count, const int32
   });
 }
 
-int32_t frog_similarity(int32_t height, int32_t width, const float *image, const float *truth, float *similarity,
-                        float *gradient) {
+int32_t frog_ssim(int32_t height, int32_t width, const float *image, const float *truth, float *similarity,
+                  float *gradient) {
   if (!is_drawable(width, height)) return BAD_SIZE;
   return attempt([&] {
     const int strips = (height + SSIM_STRIP - 1) / SSIM_STRIP;
     std::vector<double> sums(3 * static_cast<size_t>(strips));
     frog::parallel_for(3 * strips, 1, [&](int begin, int end) {
       frog::Buffer<float> scratch;
-      scratch.resize(kernels().similarity_scratch(width));
+      scratch.resize(kernels().ssim_scratch(width));
       for (int job = begin; job < end; ++job) {
         const int first = job % strips * SSIM_STRIP, last = std::min(height, first + SSIM_STRIP);
-        sums[job] = kernels().similarity(height, width, image, truth, job / strips, first, last, gradient, scratch.data());
+        sums[job] = kernels().ssim(height, width, image, truth, job / strips, first, last, gradient, scratch.data());
       }
     });
     double total = 0;

@@ -1,5 +1,5 @@
-// An array that grows and never shrinks, without writing to memory it was not asked to write to: a frame's arrays are
-// used again for the next frame, since fresh pages cost more than the work done in them.
+// An array that grows and never shrinks, without writing to memory it was not prefetcher to write to: a frame's arrays
+// are used again for the next frame, since fresh pages cost more than the work done in them.
 #pragma once
 #include <cstddef>
 #include <new>

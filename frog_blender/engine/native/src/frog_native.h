@@ -15,13 +15,13 @@ extern "C" {
 
 // Images have the size (H, W) of the options' region.
 typedef struct {
-  float *rgb;            // (H, W, 3)
-  float *alpha;          // (H, W)
-  int32_t *median_index; // (H, W) Gaussian that takes transmittance through one half, -1 where none (or null)
-  float *mean_depth;     // (H, W) planar depth weighted by blending weight, NaN where nothing was hit (or null)
-  float *max_weights;    // (N,) largest blending weight over the pixels (or null)
-  float *radii;          // (N,) half the larger side of the splat's bounding box in pixels, 0 if not drawn (or null)
-  int32_t *at_fault;     // (1,) Gaussians dropped because a number in them is not finite or out of range (or null)
+  float *rgb;             // (H, W, 3)
+  float *alpha;           // (H, W)
+  int32_t *median_index;  // (H, W) Gaussian that takes transmittance through one half, -1 where none (or null)
+  float *mean_depth;      // (H, W) planar depth weighted by blending weight, NaN where nothing was hit (or null)
+  float *max_weights;     // (N,) largest blending weight over the pixels (or null)
+  float *radii;           // (N,) half the larger side of the splat's bounding box in pixels, 0 if not drawn (or null)
+  int32_t *num_invalid;   // (1,) Gaussians dropped because a number in them is not finite or out of range (or null)
 } FrogImage;
 
 typedef struct {
@@ -30,53 +30,56 @@ typedef struct {
   int64_t slot_limit;  // (Gaussian, tile) pairs whose gradients may be in memory at a time, 36 bytes each
 } FrogImageGradient;
 
-enum { PLAYED_GROUP = 16 };
+enum { GROUP_SIZE = 16 };
 
 enum { FROG_OPACITY_OFF = 0, FROG_OPACITY_PAPER = 1, FROG_OPACITY_UNIT = 2 };
 
 // The canonical field and the deformation network at one moment. Arrays are laid out as torch's parameters are.
 typedef struct {
-  int32_t count;                              // N
-  int32_t moving;                             // the first so many are deformed, the others are as they are at all times
+  int32_t count;        // N
+  int32_t num_dynamic;  // the first so many are deformed, the others are as they are at all times
   int32_t embedding_size, hidden_width;
-  int32_t head_width;                         // of each head's hidden layer; 0: all outputs read the first layer
-  int32_t networks;                           // 1 or 2 of this shape, whose outputs add up
-  int32_t sh_count, sh_active, sh_deformed;   // coefficients there are, that come out, and that the network changes
+  int32_t head_width;                        // of each head's hidden layer; 0: all outputs read the first layer
+  int32_t networks;                          // 1 or 2 of this shape, whose outputs add up
+  int32_t sh_count, sh_active, sh_deformed;  // coefficients there are, that come out, and that the network changes
   int32_t opacity_form;
-  int32_t unit_quaternions;                   // in the forward pass: they come out normalised
-  int32_t kept_products;                      // what `groups` has in place of embeddings
+  int32_t unit_quaternions;         // in the forward pass: they come out normalised
+  int32_t precomputed_first_layer;  // what `groups` has in place of embeddings
   int32_t temporal_size;
-  int32_t reshaped;                           // with `groups`: the first so many turn and grow, the others keep their shape
-  float opacity_sharpness, opacity_share;     // see model/opacity.py
-  float motion_unit;                          // world units that an output of one moves a Gaussian by
-  const float *means, *log_scales, *quaternions, *opacity_logits, *sh;  // (N, 3), (N, 3), (N, 4), (N,), (N, sh_count, 3)
-  const float *embeddings;                    // (moving, embedding_size)
-  const float *shared;                        // (networks * hidden_width,) the first layer's temporal part and bias
-  const float *embedding_weight;              // (networks * hidden_width, embedding_size)
-  const float *head_weight, *head_bias;       // (networks * heads * head_width, hidden_width), as many, or null
-  const float *output_weight, *output_bias;   // (outputs, networks * (head_width or hidden_width)), (outputs,)
-  // Or null; then the forward pass reads nothing else of a Gaussian, of which all move, and tells no changes; quaternions and
-  // scales of groups that keep their shape are left as they are in the output. Without heads:
-  // (N / PLAYED_GROUP rounded up, rows, PLAYED_GROUP), whose rows are means, opacity_logits, sh_deformed coefficients,
-  // log_scales, quaternions and embeddings, or with kept_products the embeddings times embedding_weight.
+  int32_t num_shape_dynamic;  // with `groups`: the first so many turn and grow, the others keep their shape
+  float opacity_sharpness, opacity_share;  // see model/opacity.py
+  float motion_unit;                       // world units that an output of one moves a Gaussian by
+  const float *means, *log_scales, *quaternions, *opacity_logits,
+      *sh;                                   // (N, 3), (N, 3), (N, 4), (N,), (N, sh_count, 3)
+  const float *embeddings;                   // (num_dynamic, embedding_size)
+  const float *shared;                       // (networks * hidden_width,) the first layer's temporal part and bias
+  const float *embedding_weight;             // (networks * hidden_width, embedding_size)
+  const float *head_weight, *head_bias;      // (networks * heads * head_width, hidden_width), as many, or null
+  const float *output_weight, *output_bias;  // (outputs, networks * (head_width or hidden_width)), (outputs,)
+  // Or null; then the forward pass reads nothing else of a Gaussian, of which all move, and tells no changes;
+  // quaternions and scales of groups that keep their shape are left as they are in the output. Without heads: (N /
+  // GROUP_SIZE rounded up, rows, GROUP_SIZE), whose rows are means, opacity_logits, sh_deformed coefficients,
+  // log_scales, quaternions and embeddings, or with precomputed_first_layer the embeddings times embedding_weight.
   const float *groups;
-  // (groups,) or null, with `groups` only. Those with a zero here cannot be seen: they come out as their canonical attributes
-  // say, but for an opacity of zero.
+  // (groups,) or null, with `groups` only. Those with a zero here cannot be seen: they come out as their canonical
+  // attributes say, but for an opacity of zero.
   const uint8_t *active;
-  // With `groups`, weights are turned, and the outputs in the order of the rows there: what is multiplied with a number lies
-  // together, in rows of the next multiple of PLAYED_GROUP: embedding_weight (embedding_size, units), output_weight (units,
-  // outputs), shared and output_bias one row. And the first layer may be that of a moment: with its temporal embedding
-  // (networks, temporal_size), temporal_weight (temporal_size, units) times it is added to `shared`, and modulation_weight
-  // (embedding_size, units, or null) times what it has more than one to embedding_weight.
+  // With `groups`, weights are turned, and the outputs in the order of the rows there: what is multiplied with a number
+  // lies together, in rows of the next multiple of GROUP_SIZE: embedding_weight (embedding_size, units), output_weight
+  // (units, outputs), shared and output_bias one row. And the first layer may be that of a moment: with its temporal
+  // embedding (networks, temporal_size), temporal_weight (temporal_size, units) times it is added to `shared`, and
+  // modulation_weight (embedding_size, units, or null) times what it has more than one to embedding_weight.
   const float *temporal, *temporal_weight, *modulation_weight;
 } FrogDeformation;
 
-// Deformed, activated Gaussians, or the gradients by them. Where sh_active is more than sh_count, the forward pass leaves
-// the coefficients beyond sh_count as they are in the output.
+// Deformed, activated Gaussians, or the gradients by them. Where sh_active is more than sh_count, the forward pass
+// leaves the coefficients beyond sh_count as they are in the output.
 typedef struct {
   float *means, *quaternions, *scales, *opacities, *sh;  // sh is (N, sh_active, 3)
-  float *changes;  // (moving, outputs) what the network added: means, log_scales, quaternions, opacity logit, sh (or null)
-  float *stirred;  // (groups,) zero where the output holds a group as one that cannot be seen; read and written (or null)
+  float *changes;  // (num_dynamic, outputs) what the network added: means, log_scales, quaternions, opacity logit, sh
+                   // (or null)
+  float *was_visible;  // (groups,) zero where the output holds a group as one that cannot be seen; read and written (or
+                       // null)
 } FrogDeformed;
 
 typedef struct {  // shapes as in FrogDeformation
@@ -84,14 +87,14 @@ typedef struct {  // shapes as in FrogDeformation
   float *head_weight, *head_bias, *output_weight, *output_bias;
 } FrogDeformationGradients;
 
-// A parameter of `size` numbers and what Adam remembers of it. The step is rate * first / (sqrt(second) * second_scale +
-// epsilon): the corrections for memories that began at zero are in `rate` and `second_scale`.
+// A parameter of `size` numbers and what Adam remembers of it. The step is rate * first / (sqrt(second) * second_scale
+// + epsilon): the corrections for memories that began at zero are in `rate` and `second_scale`.
 typedef struct {
   float *values;
   const float *gradients;
-  float *first, *second;              // running means of the gradient and of its square
+  float *first, *second;  // running means of the gradient and of its square
   int64_t size;
-  float first_share, second_share;    // of a new gradient in them
+  float first_share, second_share;  // of a new gradient in them
   float rate, second_scale, epsilon;
 } FrogAdam;
 
@@ -104,10 +107,10 @@ typedef struct {
   const uint8_t *truth;  // (H, W, 3), its rows `truth_row` bytes apart
   int64_t truth_row;
   float weight;
-  float *gradient;       // (H, W, 3) `weight` times that of the mean absolute difference by the drawing
-  float *cells;          // (rows, columns) mean squared difference in each cell, of which the image's border cuts the last
-  float *truth_floats;   // (H, W, 3) the truth in [0, 1] (or null)
-} FrogComparison;
+  float *gradient;  // (H, W, 3) `weight` times that of the mean absolute difference by the drawing
+  float *cells;     // (rows, columns) mean squared difference in each cell, of which the image's border cuts the last
+  float *truth_floats;  // (H, W, 3) the truth in [0, 1] (or null)
+} FrogL1Loss;
 
 typedef struct FrogFrame FrogFrame;
 
@@ -123,7 +126,8 @@ FROG_EXPORT int32_t frog_thread_count(void);
 // frog_free.
 FROG_EXPORT FrogFrame *frog_draw(const FrogGaussians *, const FrogCamera *, const FrogOptions *, FrogImage *,
                                  int32_t differentiable);
-// Gradients of the image that a differentiable `frame` drew, with the same Gaussians. Returns 0, or 1 when memory ran out.
+// Gradients of the image that a differentiable `frame` drew, with the same Gaussians. Returns 0, or 1 when memory ran
+// out.
 FROG_EXPORT int32_t frog_backward(FrogFrame *, const FrogGaussians *, const FrogImageGradient *, const FrogGradients *);
 // (Gaussian, tile) pairs of a frame.
 FROG_EXPORT int64_t frog_count_instances(const FrogFrame *);
@@ -131,26 +135,27 @@ FROG_EXPORT int64_t frog_count_instances(const FrogFrame *);
 FROG_EXPORT int32_t frog_count_work(FrogFrame *, int64_t work[3]);
 FROG_EXPORT void frog_free(FrogFrame *);
 
-// Planar depth of a mesh: vertices (V, 3) in world units, triangles (T, 3) of indices. Fills `depth` (region height, width)
-// with that of the nearest triangle along each pixel's central ray, infinity where there is none; what names a missing or
-// non-finite vertex is left out, what is nearer than the near plane is cut off. Returns 0, or 1 when memory ran out.
+// Planar depth of a mesh: vertices (V, 3) in world units, triangles (T, 3) of indices. Fills `depth` (region height,
+// width) with that of the nearest triangle along each pixel's central ray, infinity where there is none; what names a
+// missing or non-finite vertex is left out, what is nearer than the near plane is cut off. Returns 0, or 1 when memory
+// ran out.
 FROG_EXPORT int32_t frog_mesh_depth(const float *vertices, int32_t vertex_count, const int32_t *triangles,
-                                    int32_t triangle_count, const FrogCamera *, const int32_t region[4], float near_plane,
-                                    float *depth);
+                                    int32_t triangle_count, const FrogCamera *, const int32_t region[4],
+                                    float near_plane, float *depth);
 
 // Mean structural similarity of two (H, W, 3) images in [0, 1] (window of 11 pixels, sigma 1.5, zero outside), and its
 // gradient (H, W, 3) by the first. Returns 0, or 1 when memory ran out.
-FROG_EXPORT int32_t frog_similarity(int32_t height, int32_t width, const float *image, const float *truth, float *similarity,
-                                    float *gradient);
+FROG_EXPORT int32_t frog_ssim(int32_t height, int32_t width, const float *image, const float *truth, float *similarity,
+                              float *gradient);
 
 // Both return 0, or 1 when memory ran out. The backward pass needs nothing kept.
 FROG_EXPORT int32_t frog_deform(const FrogDeformation *, const FrogDeformed *);
 FROG_EXPORT int32_t frog_deform_backward(const FrogDeformation *, const FrogDeformed *gradients,
                                          const FrogDeformationGradients *);
 
-// Fills the gradient, cells and floats of a comparison, and the mean absolute difference. Returns 0, or 1 when memory ran
-// out.
-FROG_EXPORT int32_t frog_compare(const FrogComparison *, float *absolute);
+// Fills the gradient, cells and floats of a comparison, and the mean absolute difference. Returns 0, or 1 when memory
+// ran out.
+FROG_EXPORT int32_t frog_l1_loss(const FrogL1Loss *, float *absolute);
 
 // One step of Adam for each of `count` parameters. Returns 0, or 1 when memory ran out, before anything was changed.
 FROG_EXPORT int32_t frog_adam(const FrogAdam *parameters, int32_t count);

@@ -32,7 +32,7 @@ struct FrameView {
 struct SlotView {
   float *gradients;
   const uint32_t *moved;  // (N,), null for a whole frame: nothing to look up
-  int32_t width;              // SPLAT_GRADIENTS, or BY_BLUE + 1 where absolute gradients are not wanted
+  int32_t width;          // SPLAT_GRADIENTS, or BY_BLUE + 1 where absolute gradients are not wanted
 };
 
 constexpr int SSIM_STRIP = 32;  // rows of a strip
@@ -44,19 +44,19 @@ struct Kernels {
   int64_t (*count_blended)(const FrameView &, const Tile &);
   void (*blend_backward)(const FrameView &, const SlotView &, const Tile &, const FrogImageGradient &);
   // `sums` are (N, SPLAT_GRADIENTS); `pose` is (12,) or null, and is added to.
-  void (*project_backward)(const FrameView &, const FrogGaussians &, const float *sums, const FrogGradients &, float *pose,
-                           int begin, int end);
+  void (*project_backward)(const FrameView &, const FrogGaussians &, const float *sums, const FrogGradients &,
+                           float *pose, int begin, int end);
   // `scratch` has a block's layers; `partial` takes the weight gradients of a chunk, added to what is there.
   void (*deform)(const DeformationPlan &, const FrogDeformed &, int begin, int end, float *scratch);
-  void (*play)(const DeformationPlan &, const FrogDeformed &, int begin, int end, float *scratch);
-  void (*deform_backward)(const DeformationPlan &, const FrogDeformed &gradients, const FrogDeformationGradients &, int begin,
-                          int end, float *scratch, float *partial);
-  // Structural similarity summed over the rows of a strip of one channel; `scratch` has similarity_scratch(width) floats.
-  long long (*similarity_scratch)(int width);
-  double (*similarity)(int height, int width, const float *image, const float *truth, int channel, int begin, int end,
-                       float *gradient, float *scratch);
+  void (*playback)(const DeformationPlan &, const FrogDeformed &, int begin, int end, float *scratch);
+  void (*deform_backward)(const DeformationPlan &, const FrogDeformed &gradients, const FrogDeformationGradients &,
+                          int begin, int end, float *scratch, float *partial);
+  // Structural similarity summed over the rows of a strip of one channel; `scratch` has ssim_scratch(width) floats.
+  long long (*ssim_scratch)(int width);
+  double (*ssim)(int height, int width, const float *image, const float *truth, int channel, int begin, int end,
+                 float *gradient, float *scratch);
   void (*adam)(const FrogAdam &, long long begin, long long end);
-  double (*compare)(const FrogComparison &, int row);  // returns the sum of the absolute differences in a row of cells
+  double (*l1_loss)(const FrogL1Loss &, int row);  // returns the sum of the absolute differences in a row of cells
 };
 
 const Kernels *kernels_baseline();

@@ -26,6 +26,7 @@ namespace FROG_ISA {
 #include "optimizer/adam.inl"
 #include "losses/l1_loss.inl"
 
-const Kernels kernels = {FROG_ISA_NAME, project, blend, count_blended, blend_backward, project_backward,
-                         deform, play, deform_backward, similarity_scratch, similarity, adam, compare};
+const Kernels kernels = {FROG_ISA_NAME, project,  blend,           count_blended, blend_backward, project_backward,
+                         deform,        playback, deform_backward, ssim_scratch,  ssim,           adam,
+                         l1_loss};
 }  // namespace FROG_ISA

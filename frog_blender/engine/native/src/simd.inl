@@ -8,16 +8,25 @@ typedef uint32_t Bits __attribute__((vector_size(FROG_VECTOR_BYTES)));
 
 static inline Floats all(float value) { return value - Floats{}; }
 static inline Ints all_ints(int32_t value) { return value - Ints{}; }
-static inline Floats load(const float *from) { Floats v; __builtin_memcpy(&v, from, sizeof v); return v; }
+static inline Floats load(const float *from) {
+  Floats v;
+  __builtin_memcpy(&v, from, sizeof v);
+  return v;
+}
 static inline void store(float *to, Floats v) { __builtin_memcpy(to, &v, sizeof v); }
-static inline Ints load(const int32_t *from) { Ints v; __builtin_memcpy(&v, from, sizeof v); return v; }
+static inline Ints load(const int32_t *from) {
+  Ints v;
+  __builtin_memcpy(&v, from, sizeof v);
+  return v;
+}
 static inline void store(int32_t *to, Ints v) { __builtin_memcpy(to, &v, sizeof v); }
 
 // 2^f on [-1/2, 1/2], minimax of degree 5: relative error below 2.5e-7 with its rounding.
 static inline Floats exp2_fraction(Floats f) {
   // In pairs (Estrin's scheme): what waits for it, waits for three operations instead of five.
   const Floats square = f * f, low = 6.931469440460205e-1f * f + 1.0000001192092896f;
-  const Floats middle = 5.550713092088699e-2f * f + 2.4022120237350464e-1f, high = 1.3276472454890609e-3f * f + 9.675540961325169e-3f;
+  const Floats middle = 5.550713092088699e-2f * f + 2.4022120237350464e-1f,
+               high = 1.3276472454890609e-3f * f + 9.675540961325169e-3f;
   return (high * square + middle) * square + low;
 }
 
@@ -27,7 +36,9 @@ typedef __mmask16 Mask;
 static inline Mask at_least(Floats a, Floats b) { return _mm512_cmp_ps_mask(a, b, _CMP_GE_OQ); }
 static inline Mask at_least(Mask mask, Floats a, Floats b) { return _mm512_mask_cmp_ps_mask(mask, a, b, _CMP_GE_OQ); }
 static inline Mask above(Ints a, int32_t b) { return _mm512_cmpgt_epi32_mask((__m512i)a, _mm512_set1_epi32(b)); }
-static inline Mask above(Mask mask, Ints a, int32_t b) { return _mm512_mask_cmpgt_epi32_mask(mask, (__m512i)a, _mm512_set1_epi32(b)); }
+static inline Mask above(Mask mask, Ints a, int32_t b) {
+  return _mm512_mask_cmpgt_epi32_mask(mask, (__m512i)a, _mm512_set1_epi32(b));
+}
 static inline Mask and_not(Mask mask, Mask other) { return _kandn_mask16(other, mask); }
 static inline bool any(Mask mask) { return mask != 0; }
 static inline uint32_t bits(Mask mask) { return mask; }
@@ -55,11 +66,15 @@ static inline float sum(Floats v) { return _mm512_reduce_add_ps(v); }
 static inline void sums_of_8(const Floats *v, float *out) {
   __m512 quads[2];
   for (int i = 0; i < 2; ++i) {
-    const __m512 a = _mm512_add_ps(_mm512_unpacklo_ps(v[4 * i], v[4 * i + 1]), _mm512_unpackhi_ps(v[4 * i], v[4 * i + 1]));
-    const __m512 b = _mm512_add_ps(_mm512_unpacklo_ps(v[4 * i + 2], v[4 * i + 3]), _mm512_unpackhi_ps(v[4 * i + 2], v[4 * i + 3]));
-    quads[i] = _mm512_add_ps((__m512)_mm512_unpacklo_pd((__m512d)a, (__m512d)b), (__m512)_mm512_unpackhi_pd((__m512d)a, (__m512d)b));
+    const __m512 a =
+        _mm512_add_ps(_mm512_unpacklo_ps(v[4 * i], v[4 * i + 1]), _mm512_unpackhi_ps(v[4 * i], v[4 * i + 1]));
+    const __m512 b =
+        _mm512_add_ps(_mm512_unpacklo_ps(v[4 * i + 2], v[4 * i + 3]), _mm512_unpackhi_ps(v[4 * i + 2], v[4 * i + 3]));
+    quads[i] = _mm512_add_ps((__m512)_mm512_unpacklo_pd((__m512d)a, (__m512d)b),
+                             (__m512)_mm512_unpackhi_pd((__m512d)a, (__m512d)b));
   }
-  const __m512 e = _mm512_add_ps(_mm512_shuffle_f32x4(quads[0], quads[1], 0x88), _mm512_shuffle_f32x4(quads[0], quads[1], 0xdd));
+  const __m512 e =
+      _mm512_add_ps(_mm512_shuffle_f32x4(quads[0], quads[1], 0x88), _mm512_shuffle_f32x4(quads[0], quads[1], 0xdd));
   const __m512 f = _mm512_add_ps(_mm512_shuffle_f32x4(e, e, 0x08), _mm512_shuffle_f32x4(e, e, 0x0d));
   _mm256_storeu_ps(out, _mm512_castps512_ps256(f));
 }

@@ -48,10 +48,10 @@ def bin_splats(
     splats: torch.Tensor,
     depths: torch.Tensor,
     tile_counts: torch.Tensor,
-    at_fault: torch.Tensor,
+    num_invalid: torch.Tensor,
     size: tuple[int, int],
 ) -> tuple[Bins, int]:
-    """Lists every tile's splats, and fetches ``at_fault`` with their number: the device is waited for once.
+    """Lists every tile's splats, and fetches ``num_invalid`` with their number: the device is waited for once.
 
     Args:
         launcher: of the tensors' device.
@@ -69,7 +69,7 @@ def bin_splats(
     tiles = columns * rows
     order = torch.sort(depths, stable=True).indices
     ends = tile_counts[order].cumsum(0, dtype=torch.int64)
-    numbers = torch.cat([at_fault, ends[-1:]]).tolist()
+    numbers = torch.cat([num_invalid, ends[-1:]]).tolist()
     pairs = numbers[1] if count else 0
     _refuse_too_many(pairs, launcher.memory, size)
     short = tiles <= _MOST_SHORT_TILES

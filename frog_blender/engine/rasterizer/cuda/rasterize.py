@@ -50,7 +50,7 @@ class _Outputs:
     mean_depth: torch.Tensor | None
     max_weights: torch.Tensor | None
     screen_absolute: torch.Tensor | None
-    at_fault: int = 0
+    num_invalid: int = 0
 
 
 class _Rasterize(torch.autograd.Function):
@@ -73,14 +73,16 @@ class _Rasterize(torch.autograd.Function):
         splats = _floats(device, count, structs.SPLAT_FLOATS)
         depths = _floats(device, count)
         tile_counts = torch.empty(count, device=device, dtype=torch.int32)
-        at_fault = torch.zeros(1, device=device, dtype=torch.int64)
+        num_invalid = torch.zeros(1, device=device, dtype=torch.int64)
         launcher.launch(
             kernel("project", SH_COUNT=sh.shape[1]),
             blocks_for(count),
             *(structs.gaussians_struct(GaussianArrays(*attributes)), view.camera, view.options, pose),
-            *(splats, depths, tile_counts, outputs.radii, at_fault),
+            *(splats, depths, tile_counts, outputs.radii, num_invalid),
         )
-        bins, outputs.at_fault = bin_splats(launcher, splats, depths, tile_counts, at_fault, (view.width, view.height))
+        bins, outputs.num_invalid = bin_splats(
+            launcher, splats, depths, tile_counts, num_invalid, (view.width, view.height)
+        )
         size = (view.height, view.width)
         rgb, alpha = _floats(device, *size, 3), _floats(device, *size)
         constants = {
@@ -187,7 +189,11 @@ def rasterize(
     attributes = [getattr(gaussians, name) for name in structs.ATTRIBUTES]
     rgb, alpha = _Rasterize.apply(*attributes, screen, rows, view, outputs)
     image = Image(rgb, alpha, outputs.radii, screen, outputs.screen_absolute)
-    image.mean_depth, image.max_weights, image.at_fault = outputs.mean_depth, outputs.max_weights, outputs.at_fault
+    image.mean_depth, image.max_weights, image.num_invalid = (
+        outputs.mean_depth,
+        outputs.max_weights,
+        outputs.num_invalid,
+    )
     if outputs.median_index is not None:
         matrix = torch.tensor(camera.world_to_camera[:3], device=device, dtype=torch.float32) if rows is None else rows
         image.median_depth, image.median_z = _median_depths(outputs.median_index, means.detach(), matrix.detach())

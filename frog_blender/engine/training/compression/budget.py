@@ -27,7 +27,8 @@ def with_budget(recipe: Recipe, count: int, method: str) -> Recipe:
     """A recipe whose scenes have ``count`` Gaussians at most.
 
     With automatic capacity a training grows as it would without a budget, to twice as many at most, and leaves out what
-    adds least when it settles (``reductions.prune``). That is better than never having had them (docs/parsimony.md).
+    adds least when it settles (``reductions.prune``). That is better than never having had them
+    (docs/experiments/compression.md).
     """
     if method_named(method).adapt(recipe).capacity != "auto":
         return replace(recipe, max_gaussians=count)
@@ -86,7 +87,7 @@ def _leave_out(
     while number > 0:
         measured = rounds.measure(trainer, rounds.sample_views(generator, NUM_BUDGET_VIEWS), generator)
         keep = mask_excluding(measured.energy.argsort()[:number], trainer.count).nonzero().squeeze(1)
-        arrange(trainer, keep, keep[keep < trainer.model.canonical.moving])
+        arrange(trainer, keep, keep[keep < trainer.model.canonical.num_dynamic])
         number = too_many()
     loss = psnr - rounds.judge(trainer).now
     rounds.reductions.append(CompressionStep("pruned", trainer.progress, before, trainer.count, loss, bytes=saved()))

@@ -11,13 +11,13 @@ import numpy as np
 import torch
 
 from ...playback.deformation import DeformationPlayer
-from ...playback.player import ScenePlayer, rows_of
-from ...playback.visibility import lifetimes, of_groups, share_deformed, together
+from ...playback.player import ScenePlayer, row_ranges
+from ...playback.visibility import mean_deformed_share, pack_group_bits, sort_by_visibility, visible_intervals
 from ...rasterizer import GaussianArrays
-from ...scene.header import RESHAPED
-from ...scene.morton_order import neighbours_together
+from ...scene.header import SHAPE_DYNAMIC
+from ...scene.morton_order import morton_order_by_range
 from ...scene.quantization import unpack
-from ...scene.scene_file import LIFETIMES, OPACITY_TRACKS, SceneFile, packed_arrays
+from ...scene.scene_file import OPACITY_TRACKS, VISIBILITY, SceneFile, packed_arrays
 from .schedule import CompressionSchedule, CompressionStep
 
 if TYPE_CHECKING:
@@ -32,15 +32,20 @@ def arranged(scene: SceneFile, finished: bool = True) -> SceneFile:
     deformed, those that live at the same times, where that spares playback some of them, which the array ``lifetimes``
     then says (see inference.lifetimes)."""
     deformed, fading = len(scene.arrays.get("embeddings", ())), len(scene.arrays.get(OPACITY_TRACKS, ()))
-    reshaped = scene.header.model.get(RESHAPED, deformed)
-    near = in_order(scene, neighbours_together(scene.arrays["means"], reshaped, deformed, deformed + fading))
+    num_shape_dynamic = scene.header.model.get(SHAPE_DYNAMIC, deformed)
+    near = in_order(scene, morton_order_by_range(scene.arrays["means"], num_shape_dynamic, deformed, deformed + fading))
     if not finished or not has_transients(near):
         return near
     lives = _lives(near)
-    order = np.concatenate([together(lives[:, :reshaped]), reshaped + together(lives[:, reshaped:])])
+    order = np.concatenate(
+        [
+            sort_by_visibility(lives[:, :num_shape_dynamic]),
+            num_shape_dynamic + sort_by_visibility(lives[:, num_shape_dynamic:]),
+        ]
+    )
     found = in_order(near, np.concatenate([order, np.arange(deformed, len(near.arrays["means"]))]))
     lives = lives[:, order] | _lives(as_packed(found))  # whose opacities are others, by a little
-    return SceneFile(scene.header, found.arrays | {LIFETIMES: of_groups(lives)})
+    return SceneFile(scene.header, found.arrays | {VISIBILITY: pack_group_bits(lives)})
 
 
 def in_groups(scene: SceneFile) -> bool:
@@ -54,7 +59,7 @@ def has_transients(scene: SceneFile) -> bool:
     if not in_groups(scene) or scene.header.frame_count < 2:
         return False
     lives = _lives(scene)
-    return share_deformed(of_groups(lives[:, together(lives)]), lives.shape[1]) <= _WORTH_IT
+    return mean_deformed_share(pack_group_bits(lives[:, sort_by_visibility(lives)]), lives.shape[1]) <= _WORTH_IT
 
 
 def as_packed(scene: SceneFile) -> SceneFile:
@@ -73,14 +78,14 @@ def compactions(
     """
     packed = as_packed(scene)
     playable = ScenePlayer(packed)
-    always = ScenePlayer(SceneFile(packed.header, {k: v for k, v in packed.arrays.items() if k != LIFETIMES}))
+    always = ScenePlayer(SceneFile(packed.header, {k: v for k, v in packed.arrays.items() if k != VISIBILITY}))
     plain, psnr = sum(array.nbytes for array in scene.arrays.values()), _psnr(rounds, trainer, always)
     loss = rounds.judge(trainer).now - lost - psnr
     packing = CompressionStep("packed", 1.0, plain, size, loss, bytes=plain - size)
-    if LIFETIMES not in packed.arrays:
+    if VISIBILITY not in packed.arrays:
         return packing, None
     count = len(packed.arrays["embeddings"])
-    deformed = round(count * share_deformed(packed.arrays[LIFETIMES], count))
+    deformed = round(count * mean_deformed_share(packed.arrays[VISIBILITY], count))
     loss, saved = psnr - _psnr(rounds, trainer, playable), milliseconds_between(always, playable)
     return packing, CompressionStep("unseen left out", 1.0, count, deformed, loss, saved)
 
@@ -88,12 +93,12 @@ def compactions(
 def _lives(scene: SceneFile) -> np.ndarray:
     """(frames - 1, M) of those that are deformed, see inference.lifetimes."""
     field = DeformationPlayer(scene.arrays, scene.header.model)
-    return lifetimes(lambda moment: field.at(moment).opacities[: field.deformed], scene.header.frame_count)
+    return visible_intervals(lambda moment: field.at(moment).opacities[: field.deformed], scene.header.frame_count)
 
 
 def in_order(scene: SceneFile, order: np.ndarray) -> SceneFile:
     """Its Gaussians in ``order``, in which each kind of them (see inference.scene.rows_of) stays in its place."""
-    rows = rows_of(scene.arrays)
+    rows = row_ranges(scene.arrays)
     arrays = {n: array[order[rows[n]] - rows[n].start] if n in rows else array for n, array in scene.arrays.items()}
     return SceneFile(scene.header, arrays)
 

@@ -64,7 +64,7 @@ def narrow(
     The papers' networks, whose heads have layers of their own, and dual ones stay as they are.
     """
     model = trainer.model
-    if not isinstance(model, Frog) or not model.canonical.moving or not model.deformation.can_narrow:
+    if not isinstance(model, Frog) or not model.canonical.num_dynamic or not model.deformation.can_narrow:
         return
     if model.settings.hidden_width <= LEAST:
         return
@@ -105,12 +105,12 @@ def visible_moments(
 
     In double precision: single rounds by more than what tells the least units apart.
     """
-    every, capture = max(1, model.canonical.moving // _GAUSSIANS), halved_capture(trainer.capture)
+    every, capture = max(1, model.canonical.num_dynamic // _GAUSSIANS), halved_capture(trainer.capture)
     moments = torch.zeros((), dtype=torch.float64, device=trainer.device)
     for number, look in enumerate(looks):
         some = slice(number % every, None, every)  # others in each look: what one estimates badly, others do not
         with torch.no_grad():
-            temporal = model.temporal_embedding(look.time, trainer.progressing(trainer.progress))
+            temporal = model.temporal_embedding(look.time, trainer.schedule_state(trainer.progress))
             hidden = model.deformation.hidden(temporal, model.canonical.embeddings[some])
         values = torch.cat([hidden, hidden.new_ones(len(hidden), 1)], dim=1).double()
         squares = sensitivities(trainer, model, capture, look, generator)[some].double().square()
@@ -123,9 +123,9 @@ def sensitivities(
 ) -> torch.Tensor:
     """(M, outputs) how much a look's image in ``capture`` changes with each output of the network for each Gaussian
     that moves: estimates (see motion.backward_by_signs). Leaves the model no gradient."""
-    progressing = trainer.progressing(trainer.progress)
-    temporal = model.temporal_embedding(look.time, progressing)
-    gaussians, changes = model.deform_plainly(temporal, progressing, model.canonical.sh.shape[1])
+    schedule_state = trainer.schedule_state(trainer.progress)
+    temporal = model.temporal_embedding(look.time, schedule_state)
+    gaussians, changes = model.deform_reference(temporal, schedule_state, model.canonical.sh.shape[1])
     for change in changes.values():
         change.retain_grad()
     image = rasterize(gaussians, capture.cameras[look.camera], capture.background)

@@ -68,7 +68,7 @@ def prune(
     keep = mask_excluding(order[:number], count)
     rounds.removed = np.concatenate([rounds.removed, canonical.means.detach()[~keep].cpu().numpy()])
     kept = keep.nonzero().squeeze(1)
-    movers = kept[kept < canonical.moving]
+    movers = kept[kept < canonical.num_dynamic]
     with rounds.noted("pruned", trainer, lambda: trainer.count, lambda: trainer.render_image(rounds.judged[0]), loss):
         arrange(trainer, kept, movers)
     judge.accept(loss)
@@ -103,7 +103,7 @@ def silence_heads(rounds: CompressionSchedule, trainer: Trainer, judge: Validati
     is not computed; elsewhere the outputs of all heads are one matrix product of whole vectors.
     """
     model = trainer.model
-    if not isinstance(model, Frog) or not model.canonical.moving:
+    if not isinstance(model, Frog) or not model.canonical.num_dynamic:
         return
     glance = rounds.judge(trainer, _GLANCE)
     for name in model.heads:
@@ -121,7 +121,7 @@ def silence_heads(rounds: CompressionSchedule, trainer: Trainer, judge: Validati
         if loss > ALLOWED_HEAD_LOSS:
             continue
         before = len(model.heads)
-        model.silence(name)
+        model.prune_head(name)
         for parameter in (model.deformation.output_weight, model.deformation.output_bias):
             trainer.optimizer.stop(parameter, rows)
         rounds.note(f"head {name}", trainer, before, len(model.heads), loss)
@@ -139,7 +139,7 @@ def rest(
     """Puts Gaussians to rest, in their mean ``state`` (see motion.Measured), whose motion images miss least: for
     ``allowed`` dB at most, and none whose motion anybody would see but for what ``dynamic_share`` forces."""
     canonical = trainer.model.canonical
-    if not canonical.moving:
+    if not canonical.num_dynamic:
         return
     may = motion.score < (ALL_REST_BELOW if float(motion.score.max()) < ALL_REST_BELOW else RESTS_BELOW)
     candidates = int(may.sum())
@@ -151,12 +151,12 @@ def rest(
 
     number, loss = largest_count_within(at_rest, judge.expected(motion.rest_energy[order[:candidates]]), allowed)
     share = trainer.recipe.dynamic_share
-    forced = canonical.moving - int(share * trainer.count) if share else 0
+    forced = canonical.num_dynamic - int(share * trainer.count) if share else 0
     if forced > number:
         number, loss = forced, at_rest(forced)
     if not number:
         return
-    with rounds.noted("put to rest", trainer, lambda: canonical.moving, lambda: gaussians_at(trainer, 0.5), loss):
+    with rounds.noted("put to rest", trainer, lambda: canonical.num_dynamic, lambda: gaussians_at(trainer, 0.5), loss):
         freeze_motion(trainer, order[:number].sort().values, state)
     judge.accept(loss)
 
@@ -166,7 +166,7 @@ def freeze_static_regions(rounds: CompressionSchedule, trainer: Trainer, generat
     change least, none that anybody would see, as many as cost no more than a small part of the images' error now. Few
     are not worth the change of a training that is still finding its motion."""
     canonical = trainer.model.canonical
-    changes = measure_temporal_variance(trainer.capture, trainer.store) if canonical.moving else None
+    changes = measure_temporal_variance(trainer.capture, trainer.store) if canonical.num_dynamic else None
     if not changes or changes.still(_LEAST_CHANGE) < _MOSTLY_STILL:
         return
     looks = [look for look in rounds.sample_views(generator) if look.camera in changes.variance]
@@ -176,17 +176,17 @@ def freeze_static_regions(rounds: CompressionSchedule, trainer: Trainer, generat
     cameras = [trainer.capture.cameras[look.camera] for look in looks]
     allowed = _UNCHANGED * 10 ** (-judge.now / 10) * sum(camera.width * camera.height for camera in cameras)
     found = change(lambda moment: gaussians_at(trainer, moment), trainer.capture, looks, changes)
-    pixels, lost = (values[: canonical.moving] for values in found)
+    pixels, lost = (values[: canonical.num_dynamic] for values in found)
     each = torch.where(pixels >= 1, lost / pixels, torch.inf)
     order = each.argsort()
     number = int(((lost[order].cumsum(0) <= allowed) & (each[order] < _LEAST_CHANGE**2)).sum())
-    if number < max(1, _WORTH_IT * canonical.moving):
+    if number < max(1, _WORTH_IT * canonical.num_dynamic):
         return
     state = mean_dynamic_state(trainer, looks)
     loss = _loss_at_rest(trainer, judge, order[:number], state)
     if loss > ALLOWED_LOSS:
         return
-    with rounds.noted("put to rest", trainer, lambda: canonical.moving, lambda: gaussians_at(trainer, 0.5), loss):
+    with rounds.noted("put to rest", trainer, lambda: canonical.num_dynamic, lambda: gaussians_at(trainer, 0.5), loss):
         freeze_motion(trainer, order[:number].sort().values, state)
 
 
@@ -195,7 +195,7 @@ def _loss_at_rest(
 ) -> float:
     """dB that it costs when Gaussians that move, ``who``, are as in ``state`` (of all that move)."""
     canonical = trainer.model.canonical
-    moves = mask_excluding(who, canonical.moving)
+    moves = mask_excluding(who, canonical.num_dynamic)
     drawn = {
         **state,
         "scales": state["log_scales"].exp(),
@@ -213,7 +213,7 @@ def _loss_at_rest(
 def unfreeze_high_error(rounds: CompressionSchedule, trainer: Trainer, generator: torch.Generator) -> None:
     """Lets those move again around which the error changes with time; half the pixels a side show that."""
     canonical = trainer.model.canonical
-    moving = canonical.moving
+    moving = canonical.num_dynamic
     shots = _moments_of_cameras(trainer, rounds.looked_at, generator)
     if moving == trainer.count or not shots:
         return
@@ -235,7 +235,7 @@ def unfreeze_high_error(rounds: CompressionSchedule, trainer: Trainer, generator
     who = who[found[who] > _WAKES_ABOVE * brightness]
     if not len(who):
         return
-    with rounds.noted("woken", trainer, lambda: canonical.moving, lambda: gaussians_at(trainer, 0.5)):
+    with rounds.noted("woken", trainer, lambda: canonical.num_dynamic, lambda: gaussians_at(trainer, 0.5)):
         wake(trainer, moving + who.sort().values)
 
 

@@ -31,7 +31,7 @@ def draw_report_image(trainer: Trainer, shot_index: int) -> np.ndarray:
     gaussians = gaussians_at(trainer, frame_to_time(shot.frame, capture.frame_count))
     brightness = (gaussians.sh[:, 0].mean(1) * SH_DC + 0.5).clamp(0, 1)
     tints = torch.tensor(AT_REST, device=brightness.device).repeat(trainer.count, 1)
-    tints[: canonical.moving] = torch.tensor(MOVING, device=brightness.device)
+    tints[: canonical.num_dynamic] = torch.tensor(MOVING, device=brightness.device)
     colors = tints * (0.25 + 0.75 * brightness[:, None])
     everything = _with_removed(trainer, gaussians, colors)
     image = rasterize(everything, capture.cameras[shot.camera], (0.0, 0.0, 0.0))

@@ -44,7 +44,7 @@ PRUNE_AT = 0.8
 MILESTONES = {0.1: "rest", 0.3: "wake", 0.6: "wake", PRUNE_AT: "prune", 1.0: "finish"}
 """What happens at which fraction of the training. What lies where images do not change rests early, if it is much,
 and costs no step any more; then the rest of what hardly moves does so at the fourth. Elsewhere motion is learned to the
-end: what was put to rest before it, however little it moved, cost others 0.1 dB (docs/parsimony.md)."""
+end: what was put to rest before it, however little it moved, cost others 0.1 dB (docs/experiments/compression.md)."""
 WITHHELD = (0.75, PRUNE_AT)
 """Fractions of the training between which the withheld images are not learned from: long enough that they lose what
 test images lose when Gaussians are left out, and no longer, since what is at rest then cannot learn them any more. By
@@ -187,7 +187,7 @@ class CompressionSchedule:
                 unfreeze_high_error(self, trainer, generator)
             case "prune":
                 self._leave_out(trainer, generator)
-            case "finish" if trainer.model.canonical.moving:
+            case "finish" if trainer.model.canonical.num_dynamic:
                 self._finish(trainer, generator)
 
     def _leave_out(self, trainer: Trainer, generator: torch.Generator) -> None:
@@ -210,7 +210,7 @@ class CompressionSchedule:
     @staticmethod
     def _rests_before_the_end(trainer: Trainer) -> bool:
         """Where some rest already; and where a share is forced, for which steps have to make up."""
-        return trainer.model.canonical.moving < trainer.count or trainer.recipe.dynamic_share > 0
+        return trainer.model.canonical.num_dynamic < trainer.count or trainer.recipe.dynamic_share > 0
 
     def sample_views(self, generator: torch.Generator, count: int = _LOOKS) -> list[SampledView]:
         """At the images that are learned from."""
@@ -218,7 +218,7 @@ class CompressionSchedule:
 
     def measure(self, trainer: Trainer, looks: list[SampledView], generator: torch.Generator) -> Sensitivity:
         """Of the Gaussians as they stand."""
-        moving = trainer.model.canonical.moving
+        moving = trainer.model.canonical.num_dynamic
         return measure(lambda moment: gaussians_at(trainer, moment), moving, trainer.capture, looks, generator)
 
     def judge(
@@ -258,7 +258,7 @@ class CompressionSchedule:
 
 def heads_of(model: SceneModel) -> list[str]:
     """Names of what a model's network changes; none where nothing moves."""
-    return model.heads if isinstance(model, Frog) and model.canonical.moving else []
+    return model.heads if isinstance(model, Frog) and model.canonical.num_dynamic else []
 
 
 def _bytes_of(trainer: Trainer) -> int:

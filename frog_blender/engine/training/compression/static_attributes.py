@@ -2,7 +2,7 @@
 
 Most Gaussians that are deformed keep their shape (they move, fade and take on colours), and where things move fast many
 only fade: they are there for some moments, and hardly stir while they are. What need not change stands still in its
-mean over the moments at which the Gaussian is seen (docs/parsimony.md).
+mean over the moments at which the Gaussian is seen (docs/experiments/compression.md).
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 
-from ...field.opacity_tracks import as_tracks
+from ...field.opacity_tracks import quantize_opacities
 from ...playback.player import ScenePlayer
 from ...rasterizer import GaussianArrays
-from ...scene.header import RESHAPED
+from ...scene.header import SHAPE_DYNAMIC
 from ...scene.quantization import pack
 from ...scene.scene_file import OPACITY_TRACKS, SceneFile
 from ..optimize.gaussian_order import mask_excluding
@@ -85,7 +85,7 @@ def _keep_shapes(
     if len(who) < max(1, _SHAPE_WORTH_IT * count):
         return scene, []
     chosen = who.cpu().numpy()
-    header = replace(scene.header, model=scene.header.model | {RESHAPED: count - len(chosen)})
+    header = replace(scene.header, model=scene.header.model | {SHAPE_DYNAMIC: count - len(chosen)})
     found = _last_of_movers(SceneFile(header, _in_state(scene, chosen, state, SHAPE)), chosen)
     faster = milliseconds_between(playable, ScenePlayer(found))
     return found, [CompressionStep("keep their shape", 1.0, count, count - len(who), loss, faster)]
@@ -130,7 +130,7 @@ def _moments(playable: ScenePlayer, most: int) -> list[int]:
 
 def _seen_state(playable: ScenePlayer) -> dict[str, np.ndarray]:
     """How those that move look (GaussianArrays, by name), in the mean over frames weighed by squared opacity."""
-    count, total = playable.moving, 0.0
+    count, total = playable.num_dynamic, 0.0
     sums: dict[str, np.ndarray | float] = dict.fromkeys(STATE, 0.0)
     for frame in _moments(playable, _MOMENTS):
         gaussians = playable.at_frame(frame)
@@ -149,7 +149,9 @@ def _as_wide(weight: np.ndarray, values: np.ndarray) -> np.ndarray:
 def _tracks(playable: ScenePlayer) -> np.ndarray:
     """(M, frames) of those that move, see model.fading."""
     frames = range(playable.header.frame_count)
-    return np.stack([as_tracks(playable.at_frame(frame).opacities[: playable.moving]) for frame in frames], axis=1)
+    return np.stack(
+        [quantize_opacities(playable.at_frame(frame).opacities[: playable.num_dynamic]) for frame in frames], axis=1
+    )
 
 
 def _in_state(

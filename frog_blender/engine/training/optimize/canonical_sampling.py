@@ -136,7 +136,7 @@ def inject_anchors(trainer: Trainer, progress: float, shot_index: int) -> None:
     truth = image_on(trainer.device, pixels)
     points, colors = worst_points(drawn.image, truth, camera, num_new, recipe.sampling_depth, trainer.generator)
     if recipe.sampling == "inverse":
-        moved = drawn.gaussians.means[: canonical.moving]
+        moved = drawn.gaussians.means[: canonical.num_dynamic]
         points, embeddings = undeformed(points, moved, changes["means"], canonical.embeddings)
     else:
         calmest = canonical.embeddings[int(total_deformation(changes).argmin())]

@@ -110,7 +110,7 @@ class DensificationStrategy:
 
         # In order of their indices: first those that move, as their copies will. A parent at rest has copies at rest.
         values = {name: getattr(canonical, name).detach()[chosen] for name in ATTRIBUTES if name != "embeddings"}
-        values["embeddings"] = canonical.embeddings.detach()[chosen[chosen < canonical.moving]]
+        values["embeddings"] = canonical.embeddings.detach()[chosen[chosen < canonical.num_dynamic]]
         large = values["log_scales"].exp().amax(1) > recipe.split_scale * self._scene_scale
         # Split: two samples of the old Gaussian, 1.6 times smaller, in its place. Clone: the same one twice.
         shrink = torch.where(large, torch.tensor(1.6, device=large.device).log(), 0.0)[:, None]

@@ -10,7 +10,7 @@ import torch
 
 from ...model.frog import total_deformation
 from ...rasterizer import GaussianArrays
-from ...scene.morton_order import neighbours_together
+from ...scene.morton_order import morton_order_by_range
 from ..compression.sensitivity import SampledView, mean_state
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ def gaussians_at(trainer: Trainer, moment: float) -> GaussianArrays:
 def mean_dynamic_state(trainer: Trainer, looks: Sequence[SampledView]) -> dict[str, torch.Tensor]:
     """How those that move look on average over the looks, see motion.Measured.state."""
     state = mean_state(lambda moment: gaussians_at(trainer, moment), looks)
-    return {name: values[: trainer.model.canonical.moving] for name, values in state.items()}
+    return {name: values[: trainer.model.canonical.num_dynamic] for name, values in state.items()}
 
 
 def mask_excluding(who: torch.Tensor, count: int) -> torch.Tensor:
@@ -50,11 +50,11 @@ def arrange(
 
 
 def sort_by_morton_code(trainer: Trainer) -> None:
-    """Steps are faster then, those on rectangles most: what they draw lies together (docs/design.md)."""
+    """Steps are faster then: what a crop draws lies together in memory (docs/experiments/rasterizer.md)."""
     canonical = trainer.model.canonical
-    order = neighbours_together(canonical.means.detach().cpu().numpy(), canonical.moving)
+    order = morton_order_by_range(canonical.means.detach().cpu().numpy(), canonical.num_dynamic)
     who = torch.from_numpy(order).to(trainer.device)
-    movers = who[: canonical.moving]
+    movers = who[: canonical.num_dynamic]
     trainer.optimizer.arrange(who, movers, {})
     trainer.density.arrange(who)
     if trainer.neighbourhood is not None:
@@ -70,8 +70,8 @@ def freeze_motion(trainer: Trainer, who: torch.Tensor, state: dict[str, torch.Te
             count = min(parameter.shape[1], values.shape[1])
             parameter, values = parameter[:, :count], values[:, :count]
         parameter[who] = values[who]
-    movers = mask_excluding(who, canonical.moving).nonzero().squeeze(1)
-    still = torch.arange(canonical.moving, trainer.count, device=who.device)
+    movers = mask_excluding(who, canonical.num_dynamic).nonzero().squeeze(1)
+    still = torch.arange(canonical.num_dynamic, trainer.count, device=who.device)
     arrange(trainer, torch.cat([movers, who, still]), movers)
 
 
@@ -80,12 +80,12 @@ def wake(trainer: Trainer, who: torch.Tensor) -> None:
     """Lets Gaussians at rest ``who`` (indices, ascending) move, as the calmest of those that move does at first."""
     canonical = trainer.model.canonical
     embedding = canonical.embeddings.new_zeros(1, canonical.embeddings.shape[1])
-    if canonical.moving:
+    if canonical.num_dynamic:
         changes = trainer.gaussians_at(0.5, trainer.progress)[1]
         embedding = canonical.embeddings.detach()[int(total_deformation(changes).argmin())][None]
     everyone = torch.arange(trainer.count, device=who.device)
     still = mask_excluding(who, trainer.count)
-    still[: canonical.moving] = False
-    order = torch.cat([everyone[: canonical.moving], who, everyone[still]])
-    movers = torch.arange(canonical.moving + len(who), device=who.device)
+    still[: canonical.num_dynamic] = False
+    order = torch.cat([everyone[: canonical.num_dynamic], who, everyone[still]])
+    movers = torch.arange(canonical.num_dynamic + len(who), device=who.device)
     arrange(trainer, order, movers, {"embeddings": embedding.expand(len(who), -1)})

@@ -9,7 +9,8 @@ import numpy as np
 import torch
 from torch.nn import functional
 
-from ...native.binding import CELL, compare, similarity
+from ...native.binding import CELL, l1_loss
+from ...native.binding import ssim as native_ssim
 from .device import image_on
 
 _WINDOW, _SIGMA = 11, 1.5
@@ -48,10 +49,10 @@ def photometric_loss(
     image = image.detach().contiguous()
     gradient, cells = torch.empty_like(image), image.new_empty([-(-length // CELL) for length in pixels.shape[:2]])
     truth = torch.empty_like(image) if dssim_weight else None
-    loss = error = compare(image, pixels, weight, gradient, cells, truth)
+    loss = error = l1_loss(image, pixels, weight, gradient, cells, truth)
     if dssim_weight:
         slope = torch.empty_like(image)
-        loss += dssim_weight * (1 - similarity(image, truth, slope)) / 2
+        loss += dssim_weight * (1 - native_ssim(image, truth, slope)) / 2
         gradient.sub_(slope, alpha=weight * dssim_weight / 2)
     return PhotometricLoss(
         torch.tensor(weight * loss, device="cpu"), torch.tensor(error, device="cpu"), cells, gradient

@@ -80,7 +80,7 @@ class SceneOptimizer:
         Returns:
             (kept + n,) for every place the old index of who is there, or the old count + the index of a new one.
         """
-        count, moving = len(self._canonical), self._canonical.moving
+        count, moving = len(self._canonical), self._canonical.num_dynamic
         arrivals = torch.arange(len(new["means"]), device=keep.device) + count
         m, places = len(new["embeddings"]), torch.full((count,), -1, device=keep.device)
         places[keep] = keep

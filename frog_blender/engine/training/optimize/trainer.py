@@ -63,7 +63,7 @@ class Trainer:
     picks the same images and regions anywhere.
 
     Attributes:
-        model: ``model.deform(time, progressing)`` gives Gaussians and changes.
+        model: ``model.deform(time, schedule_state)`` gives Gaussians and changes.
         step_count, seconds: so far; seconds leave out evaluation, saving, and what the process was stopped for.
         progress: 0 to 1.
         before_round: called before a round of compression, which may fail (see Recovery.without_round).
@@ -250,7 +250,7 @@ class Trainer:
         if progress < self.recipe.warm_up:
             gaussians = self.model.canonical.gaussians(sh_count)
             return pixels, RenderResult(rasterize(gaussians, camera, background, options, pose=pose), gaussians, {})
-        time_, schedules = frame_to_time(shot.frame, self.capture.frame_count), self.progressing(progress)
+        time_, schedules = frame_to_time(shot.frame, self.capture.frame_count), self.schedule_state(progress)
         return pixels, self.model.draw(time_, camera, background, options, schedules, sh_count, pose)
 
     def _learned_pose(self, camera: int, progress: float) -> torch.Tensor | None:
@@ -265,7 +265,7 @@ class Trainer:
         camera = self.capture.cameras[index]
         return halved(camera) if is_halved(camera, progress, self.recipe.half_size_until) else camera
 
-    def progressing(self, progress: float) -> ScheduleState:
+    def schedule_state(self, progress: float) -> ScheduleState:
         """The schedules inside the model at ``progress``."""
         r = self.recipe
         return ScheduleState(ramp(progress, 0.0, r.fine_rows_until), ramp(progress, *r.opacity_ramp))
@@ -279,7 +279,7 @@ class Trainer:
         """Gaussians and changes at a time, with the schedules as they stand at ``progress``."""
         sh_count = self.sh_count_at(progress)
         if progress >= self.recipe.warm_up:
-            return self.model.deform(time_, self.progressing(progress), sh_count)
+            return self.model.deform(time_, self.schedule_state(progress), sh_count)
         return self.model.canonical.gaussians(sh_count), {}
 
     def _rounds(self, before: float, now: float, shot: int) -> None:
@@ -308,7 +308,7 @@ class Trainer:
 
     def find_neighbours(self) -> None:
         """Draws the embedding smoothness's sample anew, among the Gaussians that move."""
-        means = self.model.canonical.means.detach()[: self.model.canonical.moving]
+        means = self.model.canonical.means.detach()[: self.model.canonical.num_dynamic]
         self.neighbourhood = NeighbourGraph.drawn(means, self.recipe, self.generator)
 
     @torch.no_grad()

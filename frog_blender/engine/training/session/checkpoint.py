@@ -145,7 +145,7 @@ def _neighbourhood(tensors: dict[str, torch.Tensor], trainer: Trainer) -> Neighb
     if not neighbours.numel():
         raise ValueError("nobody's neighbours")
     who = torch.cat([anchors, neighbours.flatten()])
-    if not bool(((who >= 0) & (who < trainer.model.canonical.moving)).all()):
+    if not bool(((who >= 0) & (who < trainer.model.canonical.num_dynamic)).all()):
         raise ValueError("neighbours that are none")
     return NeighbourGraph(*(part.to(trainer.device) for part in (anchors, neighbours, weights)))
 
@@ -154,7 +154,7 @@ def _motion(tensors: dict[str, torch.Tensor], trainer: Trainer) -> Motion | None
     """What was measured of those that move, if anything; ValueError for another number of Gaussians."""
     if "motion.score" not in tensors:
         return None
-    moving = trainer.model.canonical.moving
+    moving = trainer.model.canonical.num_dynamic
     return Motion(*(fitting(name, tensors[f"motion.{name}"], (moving,)).to(trainer.device) for name in _MOTION))
 
 
@@ -251,6 +251,6 @@ def restore(trainer: Trainer, state: State) -> None:
     trainer.check()
     if isinstance(trainer.model, Frog):  # last: silencing writes zeros
         for name in values["heads"]:
-            trainer.model.give_back(name)
+            trainer.model.restore_head(name)
         for name in set(heads_of(trainer.model)) - set(values["heads"]):
-            trainer.model.silence(name)
+            trainer.model.prune_head(name)

@@ -13,7 +13,7 @@ import torch
 from ...errors import FrogError, reason
 from ...io.atomic_files import write_atomically
 from ...model.canonical import ATTRIBUTES
-from ...playback.player import CANONICAL, ScenePlayer, rows_of
+from ...playback.player import CANONICAL, ScenePlayer, row_ranges
 from ...scene.header import SceneHeader
 from ...scene.scene_file import SceneFile, scene_bytes, settings_json
 from ..compression.budget import fit_within, keep_within
@@ -45,7 +45,7 @@ def check_budget(job: TrainingJob, trainer: Trainer, scale: float) -> str | None
     if not job.max_bytes:
         return None
     scene, draw = _scene(job, trainer, scale, {}), np.random.default_rng(0)
-    rows = rows_of(scene.arrays)
+    rows = row_ranges(scene.arrays)
     one = {name: array[:1] if name in rows else array for name, array in scene.arrays.items()}
     least = _size(SceneFile(scene.header, one))
     if least > job.max_bytes:
@@ -151,7 +151,7 @@ def _with(scene: SceneFile, **fields: Any) -> SceneFile:
 def bytes_at_most(job: TrainingJob, trainer: Trainer, scale: float) -> int:
     """Of the scene's file, whatever the training still adds."""
     scene = _scene(job, trainer, scale, {})
-    rows = rows_of(scene.arrays)
+    rows = row_ranges(scene.arrays)
     count = max(trainer.count, trainer.recipe.growth_limit_at(1.0))
     each = sum(array.nbytes / max(len(array), 1) for name, array in scene.arrays.items() if name in rows)
     rest = sum(array.nbytes for name, array in scene.arrays.items() if name not in rows)
@@ -168,7 +168,7 @@ def drop_broken(trainer: Trainer) -> None:
         finite[: len(values)] &= rows.all(1)
     if bool(finite.any()) and not bool(finite.all()):
         kept = finite.nonzero().squeeze(1)
-        movers = kept[kept < canonical.moving] if canonical.embeddings.shape[1] else kept
+        movers = kept[kept < canonical.num_dynamic] if canonical.embeddings.shape[1] else kept
         arrange(trainer, kept, movers)
 
 
@@ -179,11 +179,11 @@ def _scene(
     shots: list[list[int]] = [[] for _ in capture.cameras]
     for shot in capture.shots:
         shots[shot.camera].append(shot.frame)
-    moves = not trainer.compression or trainer.model.canonical.moving > 0
+    moves = not trainer.compression or trainer.model.canonical.num_dynamic > 0
     header = SceneHeader(
         method=trainer.method,
         recipe=settings_json(trainer.recipe),
-        model=trainer.model.stored_settings(trainer.progressing(trainer.progress)) if moves else {},
+        model=trainer.model.stored_settings(trainer.schedule_state(trainer.progress)) if moves else {},
         cameras=capture.cameras,
         camera_shots=tuple(tuple(frames) for frames in shots),
         test_cameras=tuple(sorted(capture.test_cameras)),
@@ -209,7 +209,7 @@ def _arrays(trainer: Trainer) -> dict[str, np.ndarray]:
     for name, value in trainer.model.state_dict().items():
         name = name.removeprefix("canonical.").replace("deformation.", "network.")
         arrays[name] = value.detach().cpu().numpy()
-    if trainer.compression and not trainer.model.canonical.moving:  # then there is nothing for a network to do
+    if trainer.compression and not trainer.model.canonical.num_dynamic:  # then there is nothing for a network to do
         arrays = {name: array for name, array in arrays.items() if name in CANONICAL}
     elif not arrays["embeddings"].size:
         del arrays["embeddings"]
@@ -220,7 +220,7 @@ def _capacity(trainer: Trainer, reductions: list[CompressionStep]) -> dict[str, 
     canonical = trainer.model.canonical
     return {
         "gaussians": trainer.count,
-        "dynamic": canonical.moving,
+        "dynamic": canonical.num_dynamic,
         "heads": heads_of(trainer.model),
         "sh_degree": int(canonical.sh.shape[1] ** 0.5) - 1,
         "reductions": [asdict(reduction) for reduction in reductions],

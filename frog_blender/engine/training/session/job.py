@@ -19,7 +19,7 @@ from ...capture.readers import open_capture
 from ...capture.seed_store import stored_seeds
 from ...capture.seeds import Seeds
 from ...errors import FrogError
-from ...io.atomic_files import remove_unfinished, try_name
+from ...io.atomic_files import check_writable, remove_partial_files
 from ...memory import gc_frozen
 from ..methods import method_named
 from ..optimize.device import choose_device
@@ -134,7 +134,7 @@ def _run(job: TrainingJob, control: CancelToken) -> Iterator[Event]:
     if not (job.overwrite or job.resume):
         check_unused(job.output)
     for path in (job.output, checkpoint_path(job.output)):
-        remove_unfinished(path)
+        remove_partial_files(path)
     if job.resume:  # what does not fit is said before minutes of decoding
         job, said = restore_job(job)
         if said:
@@ -191,7 +191,7 @@ def _check_output(output: Path) -> None:
     except OSError as error:
         raise FrogError(f"{output.parent}: the folder could not be made ({error.strerror}).") from error
     for path in (output, checkpoint_path(output)):
-        try_name(path)
+        check_writable(path)
 
 
 class _Stopped(Exception):

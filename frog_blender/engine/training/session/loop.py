@@ -185,7 +185,7 @@ def _progress_event(trainer: Trainer, work: Workload) -> events.Progress:
         trainer.seconds * (1 - done) / done,
         trainer.loss,
         trainer.count,
-        trainer.model.canonical.moving,
+        trainer.model.canonical.num_dynamic,
     )
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ...errors import FrogError
 from ...io.atomic_files import LONGEST_NAME, beginning
-from ...io.paths import leads_elsewhere
+from ...io.paths import is_network_path
 from ...io.tensor_files import read_tensors
 
 
@@ -81,7 +81,7 @@ def is_of_another(output: Path, capture: Path) -> bool:
 def _is_another(found: str, here: Path) -> bool:
     """What a file says is looked for only where that calls no other computer."""
     there = Path(found)
-    return there != here and (there.name != here.name or leads_elsewhere(found) or os.path.exists(there))
+    return there != here and (there.name != here.name or is_network_path(found) or os.path.exists(there))
 
 
 def trained_from(path: Path) -> str:

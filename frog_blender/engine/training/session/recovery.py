@@ -82,7 +82,7 @@ class Recovery:
         if trainer.count > limit:
             canonical = trainer.model.canonical
             kept = canonical.opacity_logits.detach().topk(limit).indices.sort().values
-            arrange(trainer, kept, kept[kept < canonical.moving])
+            arrange(trainer, kept, kept[kept < canonical.num_dynamic])
         gc.collect()
         if trainer.device.type == "cuda":
             torch.cuda.empty_cache()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...capture.readers import detect
 from ...errors import FrogError, found_instead
-from ...io.paths import leads_elsewhere
+from ...io.paths import is_network_path
 from ..methods import METHODS
 from ..recipe import stored_recipe
 from ..setting import Choice, Kind, Number, OrNone, check
@@ -77,7 +77,7 @@ def _check_capture(path: Path, before: dict[str, Any], capture: Path) -> None:
         return
     try:
         # What a file says makes no computer call others: a capture there counts as one that was moved.
-        if leads_elsewhere(stored) or Path(stored).resolve() == Path(capture).resolve():
+        if is_network_path(stored) or Path(stored).resolve() == Path(capture).resolve():
             return
         detect(Path(stored))
     except (FrogError, OSError, ValueError):

@@ -41,7 +41,7 @@ _FADING = 0.6  # what a training counts beside the one after it
 _OTHER_RECIPE = 0.2  # what one of another recipe counts
 _SHORT = 15.0  # modelled seconds below which a training says little of how long others take
 
-# Seconds of a step, from the quiet measurements in docs/design.md, on two cores with AVX2 at 3.2 GHz: fixed, for a
+# Seconds of a step on two quiet cores with AVX2 at 3.2 GHz (docs/experiments/rasterizer.md): fixed, for a
 # thousand Gaussians, for a thousand of them and a thousand weights of the network, and for a million pixels drawn.
 _FIXED, _GAUSSIANS, _WEIGHTS, _PIXELS = 6e-3, 0.53e-3, 0.054e-3, 190e-3
 _WITH_AVX512 = 0.5  # of that, on two cores at 4.1 GHz
@@ -79,7 +79,7 @@ class Workload:
 
     @property
     def seconds(self) -> float:
-        """On the computer that the model was measured on, see docs/design.md."""
+        """On the computer that the model was measured on, see docs/experiments/rasterizer.md."""
         return float(self._cost[-1])
 
     def share_done(self, progress: float) -> float:

@@ -25,10 +25,14 @@
 // One copy for the block that is running, in a section of its own so that it can be wiped between blocks.
 #define __shared__ static __attribute__((section("frog_shared")))
 
-struct float4 { float x, y, z, w; };
+struct float4 {
+  float x, y, z, w;
+};
 static inline float4 make_float4(float x, float y, float z, float w) { return {x, y, z, w}; }
 
-struct Index { unsigned x, y, z; };
+struct Index {
+  unsigned x, y, z;
+};
 static Index threadIdx, blockIdx, blockDim, gridDim;
 
 namespace emulator {
@@ -161,7 +165,9 @@ struct Launch {
   void **arguments;
 
   template <size_t... I>
-  void call(std::index_sequence<I...>) { kernel(*static_cast<std::remove_reference_t<Arguments> *>(arguments[I])...); }
+  void call(std::index_sequence<I...>) {
+    kernel(*static_cast<std::remove_reference_t<Arguments> *>(arguments[I])...);
+  }
 
   static Launch *now;
 

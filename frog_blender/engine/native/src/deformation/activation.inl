@@ -3,9 +3,15 @@
 // stored over it is written again when its turn comes, and the last one of a block goes number by number.
 
 typedef float Quad __attribute__((vector_size(16)));
-static inline Quad load_4(const float *from) { Quad v; __builtin_memcpy(&v, from, sizeof v); return v; }
+static inline Quad load_4(const float *from) {
+  Quad v;
+  __builtin_memcpy(&v, from, sizeof v);
+  return v;
+}
 static inline void store_4(float *to, Quad v) { __builtin_memcpy(to, &v, sizeof v); }
-static inline Quad load_3(const float *from, bool last) { return last ? Quad{from[0], from[1], from[2]} : load_4(from); }
+static inline Quad load_3(const float *from, bool last) {
+  return last ? Quad{from[0], from[1], from[2]} : load_4(from);
+}
 static inline void store_3(float *to, Quad v, bool last) {
   if (!last) return store_4(to, v);
   for (int k = 0; k < 3; ++k) to[k] = v[k];
@@ -62,7 +68,7 @@ static void activate(const FrogDeformation &field, const DeformationLayout &l, f
   exponentials(scales, 3 * rows);
   exponentials(opacities, rows);
   if (!reduces(field)) return;
-  if (begin < field.moving)
+  if (begin < field.num_dynamic)
     exponentials(reductions, rows);
   else  // at rest: the factor is one in every form
     for (int r = 0; r < rows; ++r) reductions[r] = 0;
@@ -78,8 +84,8 @@ static void finish_opacities(const FrogDeformation &field, const DeformationLayo
   }
 }
 
-static void finish_quaternions(const FrogDeformation &field, const DeformationLayout &l, float *scratch, float *quaternions,
-                               int begin, int rows) {
+static void finish_quaternions(const FrogDeformation &field, const DeformationLayout &l, float *scratch,
+                               float *quaternions, int begin, int rows) {
   const float *from = field.quaternions + 4ll * begin, *y = scratch + l.result + OUT_QUATERNIONS;
   float *lengths = scratch + l.lengths;
   for (int r = 0; r < rows; ++r, y += l.outputs) {
@@ -96,8 +102,8 @@ static void finish_quaternions(const FrogDeformation &field, const DeformationLa
 }
 
 // The deformed attributes of a block, from its outputs and exponentials.
-static void finish(const DeformationPlan &plan, const DeformationLayout &l, float *scratch, const FrogDeformed &out, int begin,
-                   int rows) {
+static void finish(const DeformationPlan &plan, const DeformationLayout &l, float *scratch, const FrogDeformed &out,
+                   int begin, int rows) {
   const FrogDeformation &field = *plan.field;
   const float *means = field.means + 3ll * begin, *y = scratch + l.result;
   float *means_out = out.means + 3ll * begin;
@@ -118,7 +124,7 @@ static void finish(const DeformationPlan &plan, const DeformationLayout &l, floa
     add(sh_out, sh, y, deformed);
     copy(sh_out + deformed, sh + deformed, there - deformed);
   }
-  if (!out.changes || begin >= field.moving) return;
+  if (!out.changes || begin >= field.num_dynamic) return;
   y = scratch + l.result;
   float *changes = out.changes + static_cast<long long>(plan.outputs) * begin;
   for (int r = 0; r < rows; ++r, changes += plan.outputs, y += l.outputs) {
@@ -127,9 +133,10 @@ static void finish(const DeformationPlan &plan, const DeformationLayout &l, floa
   }
 }
 
-// Gradients of a block's opacities, in place: those of its logits come to `lengths`, of the network's outputs to `reductions`.
-static void opacities_backward(const FrogDeformation &field, const DeformationLayout &l, float *scratch, const float *by_opacities,
-                               int rows) {
+// Gradients of a block's opacities, in place: those of its logits come to `lengths`, of the network's outputs to
+// `reductions`.
+static void opacities_backward(const FrogDeformation &field, const DeformationLayout &l, float *scratch,
+                               const float *by_opacities, int rows) {
   float *by = scratch + l.lengths, *reductions = scratch + l.reductions;
   copy(by, by_opacities, rows);
   for (int r = 0; r < rows; r += LANES) {
@@ -142,8 +149,8 @@ static void opacities_backward(const FrogDeformation &field, const DeformationLa
 }
 
 // Gradients through the activations of a block: of its canonical attributes, and of the network's outputs.
-static void activations_backward(const DeformationPlan &plan, const DeformationLayout &l, float *scratch, const FrogDeformed &by,
-                                 const FrogDeformationGradients &out, int begin, int rows) {
+static void activations_backward(const DeformationPlan &plan, const DeformationLayout &l, float *scratch,
+                                 const FrogDeformed &by, const FrogDeformationGradients &out, int begin, int rows) {
   const FrogDeformation &field = *plan.field;
   const int active = 3 * field.sh_active, stored = 3 * field.sh_count, deformed = 3 * field.sh_deformed;
   const int both = deformed < active ? deformed : active;

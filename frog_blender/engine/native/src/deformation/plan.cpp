@@ -20,7 +20,8 @@ struct Panels {
   int inner;
 
   // Elements (r, c) from from[r * by_row + c * by_column].
-  void put(const float *from, int rows, int columns, long long by_row, long long by_column, int first_row, int first_column) const {
+  void put(const float *from, int rows, int columns, long long by_row, long long by_column, int first_row,
+           int first_column) const {
     for (int r = 0; r < rows; ++r)
       for (int c = 0; c < columns; ++c) {
         const int row = first_row + r, column = first_column + c;
@@ -54,7 +55,9 @@ void plan_groups(Packed &packed) {
   const long long row = padded(plan.hidden);
   packed.memory.emplace_back(field.shared, field.shared + row);
   float *shared = packed.memory.back().data();
-  plan.shared = shared, plan.output_rows = field.output_weight, plan.output_bias = field.output_bias;
+  plan.shared = shared;
+  plan.output_rows = field.output_weight;
+  plan.output_bias = field.output_bias;
   plan.embedding_rows = field.embedding_weight;
   float *weights = nullptr;
   if (field.modulation_weight) {
@@ -72,9 +75,9 @@ void plan_groups(Packed &packed) {
   }
 }
 
-// The output layer's parts: one for each head that has a layer of its own, else one for everything. A silenced head's outputs
-// are its bias whatever its layer says, so nobody reads that one; a backward pass asks all of them, since outputs that are
-// zero at the start learn.
+// The output layer's parts: one for each head that has a layer of its own, else one for everything. A silenced head's
+// outputs are its bias whatever its layer says, so nobody reads that one; a backward pass asks all of them, since
+// outputs that are zero at the start learn.
 struct Heads {
   int count, read = 0;
   int sizes[5];
@@ -82,7 +85,9 @@ struct Heads {
 
   Heads(const FrogDeformation &field, bool backward) : sizes{3, 3, 4, 1, 3 * field.sh_deformed} {
     if (!field.head_width) {
-      count = read = 1, sizes[0] = 11 + sizes[4], place[0] = 0;
+      count = read = 1;
+      sizes[0] = 11 + sizes[4];
+      place[0] = 0;
       return;
     }
     count = field.sh_deformed ? 5 : 4;
@@ -126,7 +131,8 @@ void plan_heads(Packed &packed, const Heads &heads, bool backward) {
   for (int n = 0; n < plan.networks; ++n) {
     const Panels forward = panels(packed.memory, plan.hidden, plan.heads);
     const Panels back = backward ? panels(packed.memory, plan.heads, plan.hidden) : Panels{nullptr, 0};
-    plan.head_forward[n] = forward.data, plan.head_backward[n] = back.data;
+    plan.head_forward[n] = forward.data;
+    plan.head_backward[n] = back.data;
     for (int head = 0; head < heads.count; ++head) {
       const int first = heads.place[head] * width;
       if (first < 0) continue;

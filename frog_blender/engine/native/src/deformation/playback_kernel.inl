@@ -1,28 +1,31 @@
-// Playback of a network without heads: PLAYED_GROUP Gaussians lie in the lanes, with all that is read of them in one piece.
-// No exponential or root is computed for one Gaussian alone.
+// Playback of a network without heads: GROUP_SIZE Gaussians lie in the lanes, with all that is read of them in one
+// piece. No exponential or root is computed for one Gaussian alone.
 
-// Groups that are multiplied at once: a weight that is fetched then serves two vectors, where there are registers for the sums.
-constexpr int PLAYED_TOGETHER = LANES == 16 ? 2 : 1;
-static_assert(PLAYED_TOGETHER <= PLAYED_MOST, "scratch memory has room for so many");
+// Groups that are multiplied at once: a weight that is fetched then serves two vectors, where there are registers for
+// the sums.
+constexpr int PLAYBACK_TOGETHER = LANES == 16 ? 2 : 1;
+static_assert(PLAYBACK_TOGETHER <= PLAYBACK_MOST, "scratch memory has allocate for so many");
 
 // Rows of a group, canonical and deformed: means, opacity, colours and, last, what groups that keep their shape lack.
-enum { PLAYED_MEANS = 0, PLAYED_OPACITY = 3, PLAYED_SH = 4 };
+enum { PLAYBACK_MEANS = 0, PLAYBACK_OPACITY = 3, PLAYBACK_SH = 4 };
 struct ShapeRows {
   int scales, quaternion;
-  explicit ShapeRows(const FrogDeformation &field) : scales(PLAYED_SH + 3 * field.sh_deformed), quaternion(scales + 3) {}
+  explicit ShapeRows(const FrogDeformation &field)
+      : scales(PLAYBACK_SH + 3 * field.sh_deformed), quaternion(scales + 3) {}
 };
 
 // A vector's outputs, in place: the deformed, activated attributes.
 static inline void activate_shapes(const FrogDeformation &field, const float *canonical, float *outputs) {
   const ShapeRows rows(field);
-  const auto from = [&](int row) { return load(canonical + row * PLAYED_GROUP); };
-  const auto change = [&](int row) { return load(outputs + row * PLAYED_GROUP); };
-  const auto put = [&](int row, Floats value) { store(outputs + row * PLAYED_GROUP, value); };
+  const auto from = [&](int row) { return load(canonical + row * GROUP_SIZE); };
+  const auto change = [&](int row) { return load(outputs + row * GROUP_SIZE); };
+  const auto put = [&](int row, Floats value) { store(outputs + row * GROUP_SIZE, value); };
   for (int k = rows.scales; k < rows.scales + 3; ++k) put(k, exponential(from(k) + change(k)));
   Floats squares{};
   for (int k = rows.quaternion; k < rows.quaternion + 4; ++k) {
     const Floats q = from(k) + change(k);
-    put(k, q), squares += q * q;
+    put(k, q);
+    squares += q * q;
   }
   if (!field.unit_quaternions) return;
   float lengths[LANES];
@@ -32,14 +35,14 @@ static inline void activate_shapes(const FrogDeformation &field, const float *ca
   for (int k = rows.quaternion; k < rows.quaternion + 4; ++k) put(k, change(k) * scale);
 }
 static inline void activate_others(const FrogDeformation &field, const float *canonical, float *outputs) {
-  const auto from = [&](int row) { return load(canonical + row * PLAYED_GROUP); };
-  const auto change = [&](int row) { return load(outputs + row * PLAYED_GROUP); };
-  const auto put = [&](int row, Floats value) { store(outputs + row * PLAYED_GROUP, value); };
-  for (int k = PLAYED_MEANS; k < PLAYED_OPACITY; ++k) put(k, from(k) + field.motion_unit * change(k));
-  const Floats changed = change(PLAYED_OPACITY), e = exponential(-(from(PLAYED_OPACITY) + changed));
+  const auto from = [&](int row) { return load(canonical + row * GROUP_SIZE); };
+  const auto change = [&](int row) { return load(outputs + row * GROUP_SIZE); };
+  const auto put = [&](int row, Floats value) { store(outputs + row * GROUP_SIZE, value); };
+  for (int k = PLAYBACK_MEANS; k < PLAYBACK_OPACITY; ++k) put(k, from(k) + field.motion_unit * change(k));
+  const Floats changed = change(PLAYBACK_OPACITY), e = exponential(-(from(PLAYBACK_OPACITY) + changed));
   const Floats factor = reduces(field) ? reduction(field, exponential(-field.opacity_sharpness * changed)) : all(1.0f);
-  put(PLAYED_OPACITY, factor / (1.0f + e));
-  for (int k = PLAYED_SH; k < PLAYED_SH + 3 * field.sh_deformed; ++k) put(k, from(k) + change(k));
+  put(PLAYBACK_OPACITY, factor / (1.0f + e));
+  for (int k = PLAYBACK_SH; k < PLAYBACK_SH + 3 * field.sh_deformed; ++k) put(k, from(k) + change(k));
 }
 
 // The first `count` numbers, 1 to 4.
@@ -49,37 +52,41 @@ static inline void put_some(float *to, Quad v, int count) {
   if (count != 2) to[count - 1] = v[count - 1];
 }
 
-// An attribute of a group's first `count` Gaussians, (width, PLAYED_GROUP), to rows of `width` numbers that are `row` apart: from
-// registers, since reading what was just written in smaller pieces waits until it has reached the cache. Reads up to three
-// columns beyond `width`.
+// An attribute of a group's first `count` Gaussians, (width, GROUP_SIZE), to rows of `width` numbers that are `row`
+// apart: from registers, since reading what was just written in smaller pieces waits until it has reached the cache.
+// Reads up to three columns beyond `width`.
 static inline void give(const float *columns, int width, float *to, long long row, int count) {
   for (int o = 0; o < width; o += 4)
     for (int g = 0; g < count; g += 4) {
-      const float *from = columns + o * PLAYED_GROUP + g;
+      const float *from = columns + o * GROUP_SIZE + g;
       Quad rows[4];
-      for (int k = 0; k < 4; ++k) rows[k] = load_4(from + k * PLAYED_GROUP);
+      for (int k = 0; k < 4; ++k) rows[k] = load_4(from + k * GROUP_SIZE);
 #if defined(__SSE__)
       _MM_TRANSPOSE4_PS(rows[0], rows[1], rows[2], rows[3]);
 #else
       for (int i = 0; i < 4; ++i)
         for (int j = 0; j < i; ++j) {
           const float swapped = rows[i][j];
-          rows[i][j] = rows[j][i], rows[j][i] = swapped;
+          rows[i][j] = rows[j][i];
+          rows[j][i] = swapped;
         }
 #endif
-      for (int i = 0; i < 4 && g + i < count; ++i) put_some(to + (g + i) * row + o, rows[i], width - o < 4 ? width - o : 4);
+      for (int i = 0; i < 4 && g + i < count; ++i)
+        put_some(to + (g + i) * row + o, rows[i], width - o < 4 ? width - o : 4);
     }
 }
 
 // The first `count` outputs of groups from what is read of them alone.
 template <int GROUPS>
-static void group_network(const DeformationPlan &plan, int count, const float *const *own, Ahead &ahead, float *const *hidden,
-                          float *const *outputs) {
-  if (plan.field->kept_products)
+static void group_network(const DeformationPlan &plan, int count, const float *const *own, Prefetcher &prefetcher,
+                          float *const *hidden, float *const *outputs) {
+  if (plan.field->precomputed_first_layer)
     for (int g = 0; g < GROUPS; ++g) kept_layer(plan.hidden, own[g], plan.shared, hidden[g]);
   else
-    group_layer<GROUPS, true>(plan.hidden, plan.embedding, own, plan.embedding_rows, padded(plan.hidden), plan.shared, hidden, ahead);
-  group_layer<GROUPS, false>(count, plan.hidden, hidden, plan.output_rows, padded(plan.outputs), plan.output_bias, outputs, ahead);
+    group_layer<GROUPS, true>(plan.hidden, plan.embedding, own, plan.embedding_rows, padded(plan.hidden), plan.shared,
+                              hidden, prefetcher);
+  group_layer<GROUPS, false>(count, plan.hidden, hidden, plan.output_rows, padded(plan.outputs), plan.output_bias,
+                             outputs, prefetcher);
 }
 
 static inline void put_zeros(float *values, int count) {
@@ -88,41 +95,44 @@ static inline void put_zeros(float *values, int count) {
 
 // How many of a group's Gaussians, from `start` on, turn and grow: none, some of them or the whole group.
 static inline int reshaped_from(const FrogDeformation &field, long long start) {
-  const long long left = field.reshaped - start;
-  return left <= 0 ? 0 : left < PLAYED_GROUP ? static_cast<int>(left) : static_cast<int>(PLAYED_GROUP);
+  const long long left = field.num_shape_dynamic - start;
+  return left <= 0 ? 0 : left < GROUP_SIZE ? static_cast<int>(left) : static_cast<int>(GROUP_SIZE);
 }
 
-// Shapes of a group's `count` Gaussians from `start` on, of which the first `reshaped` change as `outputs` say, in place.
-static void finish_shapes(const DeformationPlan &plan, const float *canonical, float *outputs, int reshaped, const FrogDeformed &out,
-                          long long start, int count) {
+// Shapes of a group's `count` Gaussians from `start` on, of which the first `num_shape_dynamic` change as `outputs`
+// say, in place.
+static void finish_shapes(const DeformationPlan &plan, const float *canonical, float *outputs, int num_shape_dynamic,
+                          const FrogDeformed &out, long long start, int count) {
   const ShapeRows rows(*plan.field);
-  for (int k = rows.scales; k < rows.scales + PLAYED_SHAPE; ++k)
-    put_zeros(outputs + k * PLAYED_GROUP + reshaped, PLAYED_GROUP - reshaped);
-  for (int v = 0; v < PLAYED_GROUP; v += LANES) activate_shapes(*plan.field, canonical + v, outputs + v);
-  give(outputs + rows.scales * PLAYED_GROUP, 3, out.scales + 3 * start, 3, count);
-  give(outputs + rows.quaternion * PLAYED_GROUP, 4, out.quaternions + 4 * start, 4, count);
+  for (int k = rows.scales; k < rows.scales + PLAYBACK_SHAPE; ++k)
+    put_zeros(outputs + k * GROUP_SIZE + num_shape_dynamic, GROUP_SIZE - num_shape_dynamic);
+  for (int v = 0; v < GROUP_SIZE; v += LANES) activate_shapes(*plan.field, canonical + v, outputs + v);
+  give(outputs + rows.scales * GROUP_SIZE, 3, out.scales + 3 * start, 3, count);
+  give(outputs + rows.quaternion * GROUP_SIZE, 4, out.quaternions + 4 * start, 4, count);
 }
 
-// What else there is of them, (rows, PLAYED_GROUP).
-static void give_others(const FrogDeformation &field, const float *rows, const FrogDeformed &out, long long start, int count) {
-  give(rows + PLAYED_MEANS * PLAYED_GROUP, 3, out.means + 3 * start, 3, count);
+// What else there is of them, (rows, GROUP_SIZE).
+static void give_others(const FrogDeformation &field, const float *rows, const FrogDeformed &out, long long start,
+                        int count) {
+  give(rows + PLAYBACK_MEANS * GROUP_SIZE, 3, out.means + 3 * start, 3, count);
   const int active = 3 * field.sh_active, colors = 3 * field.sh_deformed < active ? 3 * field.sh_deformed : active;
-  give(rows + PLAYED_SH * PLAYED_GROUP, colors, out.sh + active * start, active, count);
+  give(rows + PLAYBACK_SH * GROUP_SIZE, colors, out.sh + active * start, active, count);
 }
 
 // The group's deformed Gaussians; `outputs` are overwritten.
-static void finish_group(const DeformationPlan &plan, const float *canonical, float *outputs, const FrogDeformed &out, long long start,
-                         int count) {
+static void finish_group(const DeformationPlan &plan, const float *canonical, float *outputs, const FrogDeformed &out,
+                         long long start, int count) {
   const FrogDeformation &field = *plan.field;
-  if (const int reshaped = reshaped_from(field, start)) finish_shapes(plan, canonical, outputs, reshaped, out, start, count);
-  for (int v = 0; v < PLAYED_GROUP; v += LANES) activate_others(field, canonical + v, outputs + v);
+  if (const int num_shape_dynamic = reshaped_from(field, start))
+    finish_shapes(plan, canonical, outputs, num_shape_dynamic, out, start, count);
+  for (int v = 0; v < GROUP_SIZE; v += LANES) activate_others(field, canonical + v, outputs + v);
   give_others(field, outputs, out, start, count);
-  copy(out.opacities + start, outputs + PLAYED_OPACITY * PLAYED_GROUP, count);
+  copy(out.opacities + start, outputs + PLAYBACK_OPACITY * GROUP_SIZE, count);
 }
 
 // The same of a group that cannot be seen: as canonically, but transparent.
-static void finish_unseen(const DeformationPlan &plan, const float *canonical, float *outputs, const FrogDeformed &out, long long start,
-                          int count) {
+static void finish_unseen(const DeformationPlan &plan, const float *canonical, float *outputs, const FrogDeformed &out,
+                          long long start, int count) {
   if (reshaped_from(*plan.field, start)) finish_shapes(plan, canonical, outputs, 0, out, start, count);
   give_others(*plan.field, canonical, out, start, count);
   put_zeros(out.opacities + start, count);
@@ -133,51 +143,56 @@ class WaitingGroups {
   const DeformationPlan &plan_;
   const FrogDeformed &out_;
   const int end_, row_;
-  const float *own_[PLAYED_TOGETHER];
-  float *hidden_[PLAYED_TOGETHER], *outputs_[PLAYED_TOGETHER];
-  long long starts_[PLAYED_TOGETHER];
+  const float *own_[PLAYBACK_TOGETHER];
+  float *hidden_[PLAYBACK_TOGETHER], *outputs_[PLAYBACK_TOGETHER];
+  long long starts_[PLAYBACK_TOGETHER];
   int count_ = 0, wanted_ = 0;  // groups, and outputs of each
 
-  // Memory of as many groups that come next, seen or not: what is read of them and, where there are products enough to ask
-  // meanwhile, written.
-  Ahead memory_of_next() const {
-    const long long start = starts_[count_ - 1] + PLAYED_GROUP;
-    const int gaussians = count_ * PLAYED_GROUP;
-    Ahead ahead;
-    ahead.add(group_from(start), static_cast<long long>(gaussians) * row_);
-    if (!plan_.field->kept_products)
-      add_deformed(ahead, out_, start, gaussians, plan_.field->sh_deformed ? 3 * plan_.field->sh_active : 0);
-    return ahead;
+  // Memory of as many groups that come next, seen or not: what is read of them and, where there are products enough to
+  // ask meanwhile, written.
+  Prefetcher memory_of_next() const {
+    const long long start = starts_[count_ - 1] + GROUP_SIZE;
+    const int gaussians = count_ * GROUP_SIZE;
+    Prefetcher prefetcher;
+    prefetcher.add(group_from(start), static_cast<long long>(gaussians) * row_);
+    if (!plan_.field->precomputed_first_layer)
+      prefetch_deformed(prefetcher, out_, start, gaussians, plan_.field->sh_deformed ? 3 * plan_.field->sh_active : 0);
+    return prefetcher;
   }
 
  public:
-  WaitingGroups(const DeformationPlan &plan, const DeformationLayout &l, const FrogDeformed &out, int end, float *scratch)
-      : plan_(plan), out_(out), end_(end), row_(plan.outputs + (plan.field->kept_products ? plan.hidden : plan.embedding)) {
-    for (int g = 0; g < PLAYED_TOGETHER; ++g) {
-      hidden_[g] = scratch + l.first + g * PLAYED_GROUP * plan.hidden;
-      outputs_[g] = scratch + l.columns + g * PLAYED_GROUP * l.outputs;
+  WaitingGroups(const DeformationPlan &plan, const DeformationLayout &l, const FrogDeformed &out, int end,
+                float *scratch)
+      : plan_(plan),
+        out_(out),
+        end_(end),
+        row_(plan.outputs + (plan.field->precomputed_first_layer ? plan.hidden : plan.embedding)) {
+    for (int g = 0; g < PLAYBACK_TOGETHER; ++g) {
+      hidden_[g] = scratch + l.first + g * GROUP_SIZE * plan.hidden;
+      outputs_[g] = scratch + l.columns + g * GROUP_SIZE * l.outputs;
     }
   }
   // Where the group's numbers lie.
   const float *group_from(long long start) const { return plan_.field->groups + start * row_; }
   int gaussians_from(long long start) const {
     const long long left = end_ - start;
-    return left < PLAYED_GROUP ? static_cast<int>(left) : static_cast<int>(PLAYED_GROUP);
+    return left < GROUP_SIZE ? static_cast<int>(left) : static_cast<int>(GROUP_SIZE);
   }
   void add(long long start) {
-    const int wanted = plan_.outputs - (reshaped_from(*plan_.field, start) ? 0 : PLAYED_SHAPE);
+    const int wanted = plan_.outputs - (reshaped_from(*plan_.field, start) ? 0 : PLAYBACK_SHAPE);
     if (wanted != wanted_) finish();
     wanted_ = wanted;
-    own_[count_] = group_from(start) + plan_.outputs * PLAYED_GROUP, starts_[count_] = start;
-    if (++count_ == PLAYED_TOGETHER) finish();
+    own_[count_] = group_from(start) + plan_.outputs * GROUP_SIZE;
+    starts_[count_] = start;
+    if (++count_ == PLAYBACK_TOGETHER) finish();
   }
   void finish() {
     if (count_ == 0) return;
-    Ahead ahead = memory_of_next();
-    if (count_ == PLAYED_TOGETHER)
-      group_network<PLAYED_TOGETHER>(plan_, wanted_, own_, ahead, hidden_, outputs_);
+    Prefetcher prefetcher = memory_of_next();
+    if (count_ == PLAYBACK_TOGETHER)
+      group_network<PLAYBACK_TOGETHER>(plan_, wanted_, own_, prefetcher, hidden_, outputs_);
     else
-      group_network<1>(plan_, wanted_, own_, ahead, hidden_, outputs_);
+      group_network<1>(plan_, wanted_, own_, prefetcher, hidden_, outputs_);
     for (int g = 0; g < count_; ++g) {
       const long long start = starts_[g];
       finish_group(plan_, group_from(start), outputs_[g], out_, start, gaussians_from(start));
@@ -186,15 +201,15 @@ class WaitingGroups {
   }
 };
 
-static void play(const DeformationPlan &plan, const FrogDeformed &out, int begin, int end, float *scratch) {
+static void playback(const DeformationPlan &plan, const FrogDeformed &out, int begin, int end, float *scratch) {
   const FrogDeformation &field = *plan.field;
   const DeformationLayout l = layout_of(plan);
   WaitingGroups waiting(plan, l, out, end, scratch);
-  for (long long start = begin; start < end; start += PLAYED_GROUP) {
-    const long long group = start / PLAYED_GROUP;
+  for (long long start = begin; start < end; start += GROUP_SIZE) {
+    const long long group = start / GROUP_SIZE;
     const bool seen = !field.active || field.active[group];
-    if (!seen && out.stirred && out.stirred[group] == 0) continue;
-    if (out.stirred) out.stirred[group] = seen;
+    if (!seen && out.was_visible && out.was_visible[group] == 0) continue;
+    if (out.was_visible) out.was_visible[group] = seen;
     if (seen)
       waiting.add(start);
     else

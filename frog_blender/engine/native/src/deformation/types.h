@@ -2,14 +2,15 @@
 #pragma once
 #include "frog_native.h"
 
-constexpr int DEFORM_BLOCK = 96;   // Gaussians that go through the network together
-constexpr int DEFORM_CHUNK = 960;  // Gaussians whose weight gradients are added up together
-constexpr int PLAYED_CHUNK = 192;  // Gaussians whose groups playback puts together
-constexpr int PLAYED_MOST = 2;     // groups of Gaussians that playback multiplies at once, at most
-constexpr int PLAYED_SHAPE = 7;    // outputs of groups that the others lack, which keep their shape: scales and quaternion
-constexpr int DEFORM_PAD = 16;     // columns of a panel of the packed matrices: whole vectors of any instruction set
-static_assert(PLAYED_CHUNK % PLAYED_GROUP == 0, "a chunk is whole groups");
-static_assert(DEFORM_PAD == PLAYED_GROUP, "playback's weights come in rows padded to groups");
+constexpr int DEFORM_BLOCK = 96;     // Gaussians that go through the network together
+constexpr int DEFORM_CHUNK = 960;    // Gaussians whose weight gradients are added up together
+constexpr int PLAYBACK_CHUNK = 192;  // Gaussians whose groups playback puts together
+constexpr int PLAYBACK_MOST = 2;     // groups of Gaussians that playback multiplies at once, at most
+constexpr int PLAYBACK_SHAPE =
+    7;                          // outputs of groups that the others lack, which keep their shape: scales and quaternion
+constexpr int DEFORM_PAD = 16;  // columns of a panel of the packed matrices: whole vectors of any instruction set
+static_assert(PLAYBACK_CHUNK % GROUP_SIZE == 0, "a chunk is whole groups");
+static_assert(DEFORM_PAD == GROUP_SIZE, "playback's weights come in rows padded to groups");
 constexpr int MAX_BRANCHES = 10;
 
 static inline long long padded(long long length) { return (length + DEFORM_PAD - 1) / DEFORM_PAD * DEFORM_PAD; }
@@ -28,15 +29,15 @@ struct DeformationPlan {
   const FrogDeformation *field;
   // hidden and heads, the width of the layers of all heads that are read, are of a network.
   int networks, embedding, hidden, heads, outputs;
-  const float *shared;                    // (networks, padded(hidden))
-  const float *embedding_forward;         // (embedding, networks * padded(hidden)) packed
-  const float *embedding_backward;        // (networks * padded(hidden), embedding) packed
-  const float *head_bias;                 // (networks, padded(heads))
-  const float *head_forward[2];           // (hidden, heads) packed
-  const float *head_backward[2];          // (heads, hidden) packed
-  const float *output_bias;               // (padded(outputs) + DEFORM_PAD,)
-  const float *embedding_rows;            // (embedding, padded(hidden)), for playback in groups of embeddings only
-  const float *output_rows;               // (hidden, padded(outputs)), for playback in groups only, in whose order they are
+  const float *shared;              // (networks, padded(hidden))
+  const float *embedding_forward;   // (embedding, networks * padded(hidden)) packed
+  const float *embedding_backward;  // (networks * padded(hidden), embedding) packed
+  const float *head_bias;           // (networks, padded(heads))
+  const float *head_forward[2];     // (hidden, heads) packed
+  const float *head_backward[2];    // (heads, hidden) packed
+  const float *output_bias;         // (padded(outputs) + DEFORM_PAD,)
+  const float *embedding_rows;      // (embedding, padded(hidden)), for playback in groups of embeddings only
+  const float *output_rows;         // (hidden, padded(outputs)), for playback in groups only, in whose order they are
   int branch_count;
   Branch branches[MAX_BRANCHES];
 };
@@ -53,27 +54,49 @@ struct DeformationLayout {
 
 static inline DeformationLayout layout_of(const DeformationPlan &plan) {
   DeformationLayout l;
-  l.embedding = padded(plan.embedding), l.hidden = padded(plan.hidden);
+  l.embedding = padded(plan.embedding);
+  l.hidden = padded(plan.hidden);
   // A head's padding may reach over the last one's end, and a branch's over the last output.
   l.heads = plan.heads ? padded(plan.heads) + DEFORM_PAD : 0;
   l.outputs = padded(plan.outputs) + (plan.branch_count > 1 ? DEFORM_PAD : 0);
-  l.first_row = plan.networks * l.hidden, l.second_row = plan.networks * l.heads;
+  l.first_row = plan.networks * l.hidden;
+  l.second_row = plan.networks * l.heads;
   l.weight_output_row = plan.networks * padded(plan.branches[0].inputs);
   long long at = 0;
-  auto room = [&](long long length) { const long long here = at; at += length * DEFORM_BLOCK; return here; };
-  l.input = room(l.embedding), l.first = room(l.first_row), l.second = room(l.second_row), l.result = room(l.outputs);
-  l.columns = at, at += PLAYED_MOST * PLAYED_GROUP * l.outputs;
-  l.scales = room(3), at += DEFORM_PAD;  // stored in fours
-  l.opacities = room(1), l.reductions = room(1), l.lengths = room(1);
+  auto allocate = [&](long long length) {
+    const long long here = at;
+    at += length * DEFORM_BLOCK;
+    return here;
+  };
+  l.input = allocate(l.embedding);
+  l.first = allocate(l.first_row);
+  l.second = allocate(l.second_row);
+  l.result = allocate(l.outputs);
+  l.columns = at;
+  at += PLAYBACK_MOST * GROUP_SIZE * l.outputs;
+  l.scales = allocate(3);
+  at += DEFORM_PAD;  // stored in fours
+  l.opacities = allocate(1);
+  l.reductions = allocate(1);
+  l.lengths = allocate(1);
   l.forward = at;
-  l.by_first = room(l.first_row), l.by_second = room(l.second_row), l.by_result = room(l.outputs);
-  l.by_input = room(l.embedding);
+  l.by_first = allocate(l.first_row);
+  l.by_second = allocate(l.second_row);
+  l.by_result = allocate(l.outputs);
+  l.by_input = allocate(l.embedding);
   l.scratch = at;
   at = 0;
-  auto part = [&](long long length) { const long long here = at; at += length; return here; };
-  l.weight_embedding = part(l.first_row * l.embedding), l.weight_shared = part(l.first_row);
-  l.weight_head = part(plan.networks * plan.heads * l.hidden), l.bias_head = part(l.second_row);
-  l.weight_output = part(plan.outputs * l.weight_output_row), l.bias_output = part(l.outputs);
+  auto part = [&](long long length) {
+    const long long here = at;
+    at += length;
+    return here;
+  };
+  l.weight_embedding = part(l.first_row * l.embedding);
+  l.weight_shared = part(l.first_row);
+  l.weight_head = part(plan.networks * plan.heads * l.hidden);
+  l.bias_head = part(l.second_row);
+  l.weight_output = part(plan.outputs * l.weight_output_row);
+  l.bias_output = part(l.outputs);
   l.partial = padded(at);
   return l;
 }

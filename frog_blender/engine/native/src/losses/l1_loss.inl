@@ -28,17 +28,19 @@ static inline void compare_numbers(const PixelRow &row, int at, int count, float
 }
 
 // Returns the sum of the absolute differences of a row of cells.
-static double compare(const FrogComparison &c, int row) {
-  const int numbers = 3 * c.width, top = row * FROG_CELL, bottom = top + FROG_CELL < c.height ? top + FROG_CELL : c.height;
+static double l1_loss(const FrogL1Loss &c, int row) {
+  const int numbers = 3 * c.width, top = row * FROG_CELL,
+            bottom = top + FROG_CELL < c.height ? top + FROG_CELL : c.height;
   const float share = c.weight / (static_cast<float>(numbers) * c.height);
   double absolute = 0;
-  for (int begin = 0, cell = row * ((c.width + FROG_CELL - 1) / FROG_CELL); begin < numbers; begin += 3 * FROG_CELL, ++cell) {
+  for (int begin = 0, cell = row * ((c.width + FROG_CELL - 1) / FROG_CELL); begin < numbers;
+       begin += 3 * FROG_CELL, ++cell) {
     const int end = begin + 3 * FROG_CELL < numbers ? begin + 3 * FROG_CELL : numbers;
     DifferenceSums sums;
     for (int line = top; line < bottom; ++line) {
       const long long first = static_cast<long long>(line) * numbers;
       const PixelRow pixels = {c.image + first, c.truth + line * c.truth_row, c.gradient + first,
-                                   c.truth_floats ? c.truth_floats + first : nullptr};
+                               c.truth_floats ? c.truth_floats + first : nullptr};
       int at = begin;
       for (; at + LANES <= end; at += LANES) compare_numbers(pixels, at, LANES, share, sums);
       if (at < end) compare_numbers(pixels, at, end - at, share, sums);

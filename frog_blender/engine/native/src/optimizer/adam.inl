@@ -6,6 +6,7 @@ static void adam(const FrogAdam &p, long long begin, long long end) {
     const float first = p.first[i] + p.first_share * (gradient - p.first[i]);
     const float second = p.second[i] + p.second_share * (gradient * gradient - p.second[i]);
     p.values[i] -= p.rate * first / (sqrtf(second) * p.second_scale + p.epsilon);
-    p.first[i] = first, p.second[i] = second;
+    p.first[i] = first;
+    p.second[i] = second;
   }
 }

@@ -9,12 +9,12 @@
 
 namespace frog {
 
-class PulledRows {
+class ActiveRows {
  public:
-  PulledRows(const FrogDeformation &field, const FrogDeformed &by);
+  ActiveRows(const FrogDeformation &field, const FrogDeformed &by);
   int count() const { return count_; }
 
-  // The same field, gradients and places for results, of the pulled Gaussians alone.
+  // The same field, gradients and places for results, of the active Gaussians alone.
   FrogDeformation field() const { return field_; }
   FrogDeformed by() const { return by_; }
   FrogDeformationGradients results(const FrogDeformationGradients &all);
@@ -26,14 +26,14 @@ class PulledRows {
  private:
   void list();  // one after the other: where it would not be worth it they are only counted
   const float *gathered(const float *from, int length);
-  const float *gathered(const float *from, int length, int rows);  // the first so many of the pulled
-  float *room(int length);
+  const float *gathered(const float *from, int length, int rows);  // the first so many of the active
+  float *allocate(int length);
 
-  int moving_, count_ = 0;  // those that move of all, and the pulled
+  int num_dynamic_, count_ = 0;  // those that move of all, and the active
   FrogDeformation field_;
   FrogDeformed by_;
   FrogDeformationGradients results_{};
-  std::vector<int> rows_, places_;  // of the pulled among all, and of all among the pulled (-1: none)
+  std::vector<int> rows_, positions_;  // of the active among all, and of all among the active (-1: none)
   std::vector<std::unique_ptr<Buffer<float>>> memory_;
 };
 

@@ -1,6 +1,6 @@
-// The backward pass over a whole frame. Each (Gaussian, tile) pair writes to a slot of its own and slots are summed in a
-// fixed order, so the result does not depend on the threads. Frames of very many pairs are taken in bands of tile rows,
-// so that the slots never need more than the caller allows.
+// The backward pass over a whole frame. Each (Gaussian, tile) pair writes to a slot of its own and slots are summed in
+// a fixed order, so the result does not depend on the threads. Frames of very many pairs are taken in bands of tile
+// rows, so that the slots never need more than the caller allows.
 #include <algorithm>
 
 #include "raster/backward.h"
@@ -28,8 +28,8 @@ size_t place_slots(FrogFrame &frame, int first, int last, uint32_t *count, uint3
 
 }  // namespace
 
-void go_backward(const Kernels &kernels, FrogFrame &frame, const FrogGaussians &gaussians, const FrogImageGradient &gradient,
-                 const FrogGradients &result) {
+void backward(const Kernels &kernels, FrogFrame &frame, const FrogGaussians &gaussians,
+              const FrogImageGradient &gradient, const FrogGradients &result) {
   const FrameView &view = frame.view;
   const int count = view.count, width = result.screen_absolute ? SPLAT_GRADIENTS : BY_BLUE + 1;
   float *sums = frame.sums.resize(static_cast<size_t>(count) * SPLAT_GRADIENTS);

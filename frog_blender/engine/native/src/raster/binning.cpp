@@ -17,7 +17,7 @@ namespace {
 constexpr size_t BLOCK = 8192;        // splats that are sorted at a time, each block with a histogram
 constexpr size_t ONE_THREAD = 32768;  // so few are sorted sooner than shared
 constexpr size_t ROW_BLOCK = 1024;    // splats whose rows are listed at a time
-constexpr size_t AHEAD = 12;          // places that are fetched before their turn, where one after the other is anywhere
+constexpr size_t AHEAD = 12;  // places that are fetched before their turn, where one after the other is anywhere
 
 // Pieces of `count` splats.
 struct Blocks {
@@ -32,8 +32,9 @@ struct Blocks {
   }
 };
 
-// Turns counts [block][bucket] into where each block writes each bucket's first element; returns the buckets' beginnings.
-std::vector<size_t> places(uint32_t *counts, int blocks, int buckets) {
+// Turns counts [block][bucket] into where each block writes each bucket's first element; returns the buckets'
+// beginnings.
+std::vector<size_t> offsets(uint32_t *counts, int blocks, int buckets) {
   std::vector<size_t> begin(buckets + 1, 0);
   size_t total = 0;
   for (int bucket = 0; bucket < buckets; ++bucket) {
@@ -61,7 +62,7 @@ size_t sort_by_depth(FrogFrame &frame) {
     counts[block] = 0;
     for (size_t i = begin; i < end; ++i) counts[block] += frame.splats[i].radius > 0;
   });
-  const size_t drawn = places(counts, all.number(), 1).back();
+  const size_t drawn = offsets(counts, all.number(), 1).back();
   const Blocks blocks{drawn, drawn <= ONE_THREAD ? ONE_THREAD : BLOCK};
   Keyed *from = frame.order.resize(drawn), *to = frame.spare_order.resize(drawn);
   all.each([&](int block, size_t begin, size_t end) {
@@ -78,7 +79,7 @@ size_t sort_by_depth(FrogFrame &frame) {
       std::fill_n(mine, BUCKETS, 0);
       for (size_t i = begin; i < end; ++i) ++mine[(from[i].key >> shift) & (BUCKETS - 1)];
     });
-    places(counts, blocks.number(), BUCKETS);
+    offsets(counts, blocks.number(), BUCKETS);
     blocks.each([&](int block, size_t begin, size_t end) {
       uint32_t *mine = counts + static_cast<size_t>(block) * BUCKETS;
       for (size_t i = begin; i < end; ++i) to[mine[(from[i].key >> shift) & (BUCKETS - 1)]++] = from[i];
@@ -105,7 +106,7 @@ void list_rows(FrogFrame &frame, size_t drawn) {
       for (int row = splat.first_row; row <= splat.last_row; ++row) ++mine[row];
     }
   });
-  frame.row_begin = places(counts, blocks.number(), rows);
+  frame.row_begin = offsets(counts, blocks.number(), rows);
   RowEntry *entries = frame.entries.resize(frame.row_begin.back());
   blocks.each([&](int block, size_t begin, size_t end) {
     uint32_t *mine = counts + static_cast<size_t>(block) * rows;

@@ -3,7 +3,9 @@
 // A pixel is finished by the Gaussian that would take its transmittance below TRANSMITTANCE_MIN (that one is left out).
 // A finished pixel keeps its transmittance with a minus sign, which fails every later test by itself.
 
-static inline bool inside(const TileSize &size, int pixel) { return pixel % TILE < size.columns && pixel / TILE < size.rows; }
+static inline bool inside(const TileSize &size, int pixel) {
+  return pixel % TILE < size.columns && pixel / TILE < size.rows;
+}
 
 // Pixels outside the image start finished. `limit` may be null.
 static inline void open_tile(const FrameView &view, const Tile &tile, float *transmittance, float *limit) {
@@ -24,7 +26,8 @@ struct Contribution {
 template <bool LIMIT>
 static inline void contribution_of(Floats power, Floats t, float depth, const float *limit, Contribution &c) {
   const Mask touched = at_least(power, all(LOG2_ALPHA_MIN));
-  // t (1 - alpha) to its last digit, for the way back divides by 1 - alpha: t - t alpha has lost digits where alpha is near 1.
+  // t (1 - alpha) to its last digit, for the way back divides by 1 - alpha: t - t alpha has lost digits where alpha is
+  // near 1.
   const Floats alpha = smaller(exp2(power), all(ALPHA_MAX)), behind = without(t, alpha);
   c.blended = at_least(touched, behind, all(TRANSMITTANCE_MIN));
   if (LIMIT) c.blended = at_least(c.blended, load(limit), all(depth));
@@ -37,23 +40,25 @@ static inline bool still_open(const float *transmittance, uint32_t *rows) {
 }
 
 // Bits of what a pass does besides colour.
-enum { WITH_DEPTH = 1, WITH_WEIGHTS = 2, WITH_LIMIT = 4, WITH_WAY_BACK = 8, ONLY_COUNT = 16 };
+enum { WITH_DEPTH = 1, WITH_WEIGHTS = 2, WITH_LIMIT = 4, WITH_BACKWARD = 8, ONLY_COUNT = 16 };
 
 // Returns the number of blended pairs where it only counts.
 template <int WITH>
 static int64_t blend_tile(const FrameView &view, const Tile &tile, const FrogImage &image) {
   constexpr bool DEPTH = WITH & WITH_DEPTH, WEIGHTS = WITH & WITH_WEIGHTS, LIMIT = WITH & WITH_LIMIT;
-  constexpr bool WAY_BACK = WITH & WITH_WAY_BACK, COUNT = WITH & ONLY_COUNT;
+  constexpr bool BACKWARD = WITH & WITH_BACKWARD, COUNT = WITH & ONLY_COUNT;
   struct alignas(64) {  // together: one address for all of a vector's numbers
     float transmittance[TILE_PIXELS], red[TILE_PIXELS] = {}, green[TILE_PIXELS] = {}, blue[TILE_PIXELS] = {};
-    alignas(64) int32_t reached[WAY_BACK ? TILE_PIXELS : 1] = {};
+    alignas(64) int32_t reached[BACKWARD ? TILE_PIXELS : 1] = {};
     alignas(64) float limit[LIMIT ? TILE_PIXELS : 1];
     alignas(64) float depth[DEPTH ? TILE_PIXELS : 1] = {};
-    alignas(64) float covered[DEPTH ? TILE_PIXELS : 1] = {};  // 1 - transmittance, which has few digits where that is faint
+    alignas(
+        64) float covered[DEPTH ? TILE_PIXELS : 1] = {};  // 1 - transmittance, which has few digits where that is faint
     alignas(64) int32_t median[DEPTH ? TILE_PIXELS : 1];
   } p;
   open_tile(view, tile, p.transmittance, LIMIT ? p.limit : nullptr);
-  if (DEPTH) for (int i = 0; i < TILE_PIXELS; ++i) p.median[i] = -1;
+  if (DEPTH)
+    for (int i = 0; i < TILE_PIXELS; ++i) p.median[i] = -1;
   const TileSize size = size_of(view, tile);
   uint32_t open[COLUMNS];
   still_open(p.transmittance, open);
@@ -81,7 +86,7 @@ static int64_t blend_tile(const FrameView &view, const Tile &tile, const FrogIma
           blended_pairs += count(c.blended);
           continue;
         }
-        if (WAY_BACK) store(c.blended, p.reached + at, turn);
+        if (BACKWARD) store(c.blended, p.reached + at, turn);
         store(p.red + at, load(p.red + at) + c.weight * splat.red);
         store(p.green + at, load(p.green + at) + c.weight * splat.green);
         store(p.blue + at, load(p.blue + at) + c.weight * splat.blue);
@@ -89,7 +94,8 @@ static int64_t blend_tile(const FrameView &view, const Tile &tile, const FrogIma
           store(p.depth + at, load(p.depth + at) + c.weight * splat.depth);
           store(p.covered + at, load(p.covered + at) + c.weight);
           const Mask crossing = and_not(c.blended, at_least(c.next, all(0.50000006f)));  // the first float above 1/2
-          store(p.median + at, choose(at_least(crossing, t, all(0.50000006f)), static_cast<int32_t>(index), load(p.median + at)));
+          store(p.median + at,
+                choose(at_least(crossing, t, all(0.50000006f)), static_cast<int32_t>(index), load(p.median + at)));
         }
         if (WEIGHTS) heaviest = larger(c.weight, heaviest);
       }
@@ -108,7 +114,7 @@ static int64_t blend_tile(const FrameView &view, const Tile &tile, const FrogIma
       rgb[1] = p.green[i] + left * view.options.background[1];
       rgb[2] = p.blue[i] + left * view.options.background[2];
       image.alpha[to + i] = 1 - left;
-      if (WAY_BACK) view.transmittance[to + i] = left, view.reached[to + i] = p.reached[i];
+      if (BACKWARD) view.transmittance[to + i] = left, view.reached[to + i] = p.reached[i];
       if (DEPTH) {
         image.median_index[to + i] = p.median[i];
         image.mean_depth[to + i] = left < 1 ? p.depth[i] / p.covered[i] : __builtin_nanf("");
@@ -120,13 +126,15 @@ static int64_t blend_tile(const FrameView &view, const Tile &tile, const FrogIma
 
 static void blend(const FrameView &view, const Tile &tile, const FrogImage &image) {
   constexpr int64_t (*passes[16])(const FrameView &, const Tile &, const FrogImage &) = {
-      blend_tile<0>, blend_tile<1>, blend_tile<2>,  blend_tile<3>,  blend_tile<4>,  blend_tile<5>,  blend_tile<6>,  blend_tile<7>,
-      blend_tile<8>, blend_tile<9>, blend_tile<10>, blend_tile<11>, blend_tile<12>, blend_tile<13>, blend_tile<14>, blend_tile<15>};
+      blend_tile<0>,  blend_tile<1>,  blend_tile<2>,  blend_tile<3>, blend_tile<4>,  blend_tile<5>,
+      blend_tile<6>,  blend_tile<7>,  blend_tile<8>,  blend_tile<9>, blend_tile<10>, blend_tile<11>,
+      blend_tile<12>, blend_tile<13>, blend_tile<14>, blend_tile<15>};
   passes[(image.median_index ? WITH_DEPTH : 0) | (view.slot_weights ? WITH_WEIGHTS : 0) |
-         (view.options.depth_limit ? WITH_LIMIT : 0) | (view.reached ? WITH_WAY_BACK : 0)](view, tile, image);
+         (view.options.depth_limit ? WITH_LIMIT : 0) | (view.reached ? WITH_BACKWARD : 0)](view, tile, image);
 }
 
 static int64_t count_blended(const FrameView &view, const Tile &tile) {
   const FrogImage none = {};
-  return view.options.depth_limit ? blend_tile<ONLY_COUNT | WITH_LIMIT>(view, tile, none) : blend_tile<ONLY_COUNT>(view, tile, none);
+  return view.options.depth_limit ? blend_tile<ONLY_COUNT | WITH_LIMIT>(view, tile, none)
+                                  : blend_tile<ONLY_COUNT>(view, tile, none);
 }

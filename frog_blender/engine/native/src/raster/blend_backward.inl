@@ -1,10 +1,11 @@
 // Gradients of one tile, by the way back: the same splats, from the last to the first.
 //
 // Image C = sum w_i c_i + T_end background, alpha A = 1 - T_end. With g = dL/dC and h = dL/dA, the part of the loss
-// that lies behind Gaussian i is rest_i = sum_{j > i} w_j g.c_j + T_end (g.background - h); on the way back it begins with
-// its last term and gains w_i g.c_i at each step, and T_i = T_{i+1} / (1 - alpha_i). Then dL/dalpha_i = T_i g.c_i - rest_i /
-// (1 - alpha_i), and dL/dlog(alpha_i) = w_i g.c_i - rest_i alpha_i / (1 - alpha_i). On the way out rest would begin as the
-// whole image's, and behind opaque Gaussians what is left of it would be its rounding (docs/rasterizer.md).
+// that lies behind Gaussian i is rest_i = sum_{j > i} w_j g.c_j + T_end (g.background - h); on the way back it begins
+// with its last term and gains w_i g.c_i at each step, and T_i = T_{i+1} / (1 - alpha_i). Then dL/dalpha_i = T_i g.c_i
+// - rest_i / (1 - alpha_i), and dL/dlog(alpha_i) = w_i g.c_i - rest_i alpha_i / (1 - alpha_i). On the way out rest
+// would begin as the whole image's, and behind opaque Gaussians what is left of it would be its rounding
+// (docs/experiments/rasterizer.md).
 
 static inline float *slot_of(const SlotView &slots, const Instance &instance) {
   // The sum wraps on purpose, see place_slots.
@@ -21,7 +22,8 @@ struct alignas(64) BackwardPixels {
 };
 
 // Returns how many of the tile's instances have a pixel that went through them.
-static inline uint32_t open_backward(const FrameView &view, const Tile &tile, const FrogImageGradient &gradient, BackwardPixels &p) {
+static inline uint32_t open_backward(const FrameView &view, const Tile &tile, const FrogImageGradient &gradient,
+                                     BackwardPixels &p) {
   const TileSize size = size_of(view, tile);
   const float *background = view.options.background;
   int32_t furthest = 0;
@@ -29,7 +31,9 @@ static inline uint32_t open_backward(const FrameView &view, const Tile &tile, co
   for (int row = 0; row < size.rows; ++row) {
     long long at = image_index(view, tile, row * TILE);
     for (int i = row * TILE; i < row * TILE + size.columns; ++i, ++at) {
-      p.red[i] = gradient.rgb[3 * at], p.green[i] = gradient.rgb[3 * at + 1], p.blue[i] = gradient.rgb[3 * at + 2];
+      p.red[i] = gradient.rgb[3 * at];
+      p.green[i] = gradient.rgb[3 * at + 1];
+      p.blue[i] = gradient.rgb[3 * at + 2];
       const float by_left = p.red[i] * background[0] + p.green[i] * background[1] + p.blue[i] * background[2];
       p.transmittance[i] = view.transmittance[at];
       p.rest[i] = (by_left - (gradient.alpha ? gradient.alpha[at] : 0)) * p.transmittance[i];
@@ -50,12 +54,13 @@ static inline void gone_through(const int32_t *reached, int32_t k, uint32_t *row
 // nearest to the splat's axis u = 0: counted from anywhere else, a slanting needle's sums would cancel.
 // OPAQUE: whether the splat reaches the clamp of alpha at all, which few do.
 template <bool ABSOLUTE, bool OPAQUE>
-static inline void sum_columns(const Splat &splat, const Footprint &f, int32_t k, const uint32_t *open, BackwardPixels &p,
-                               Floats *sums) {
+static inline void sum_columns(const Splat &splat, const Footprint &f, int32_t k, const uint32_t *open,
+                               BackwardPixels &p, Floats *sums) {
   const float over_lean = -1 / splat.lean;
   for (size_t c = 0; c < COLUMNS; ++c) {
     const Floats along = columns_of(f, c) * splat.along, start = along + f.shift[0];
-    const Floats nearest = larger(smaller(start * over_lean, all(TILE - 1)), Floats{});  // a row; finite whatever lean is
+    const Floats nearest =
+        larger(smaller(start * over_lean, all(TILE - 1)), Floats{});  // a row; finite whatever lean is
     const Floats u0 = start + splat.lean * nearest, v0 = f.v[0] + splat.across * nearest;
     Floats by_1 = {}, by_d = {}, by_dd = {};
     for (uint32_t rows = f.rows[c] & open[c]; rows; rows &= rows - 1) {
@@ -99,7 +104,8 @@ static inline void sum_columns(const Splat &splat, const Footprint &f, int32_t k
 }
 
 template <bool ABSOLUTE>
-static void blend_tile_backward(const FrameView &view, const SlotView &slots, const Tile &tile, const FrogImageGradient &gradient) {
+static void blend_tile_backward(const FrameView &view, const SlotView &slots, const Tile &tile,
+                                const FrogImageGradient &gradient) {
   constexpr float ROUNDING = 1e-6f;  // of exp2: what the forward pass clamped is clamped here
   constexpr int WIDTH = ABSOLUTE ? SPLAT_GRADIENTS : BY_BLUE + 1;  // slots.width
   BackwardPixels pixels;
@@ -121,14 +127,19 @@ static void blend_tile_backward(const FrameView &view, const SlotView &slots, co
     const Splat &splat = view.splats[instance.splat];
     const Footprint &f = footprints.at(n, n - 1);
     Floats sums[SPLAT_GRADIENTS] = {};
-    if (splat.log2_opacity > LOG2_ALPHA_MAX - ROUNDING) sum_columns<ABSOLUTE, true>(splat, f, k, open, pixels, sums);
-    else sum_columns<ABSOLUTE, false>(splat, f, k, open, pixels, sums);
+    if (splat.log2_opacity > LOG2_ALPHA_MAX - ROUNDING)
+      sum_columns<ABSOLUTE, true>(splat, f, k, open, pixels, sums);
+    else
+      sum_columns<ABSOLUTE, false>(splat, f, k, open, pixels, sums);
     sums_of_8(sums, out);
     for (int i = 8; i < WIDTH; ++i) out[i] = sum(sums[i]);
   }
 }
 
-static void blend_backward(const FrameView &view, const SlotView &slots, const Tile &tile, const FrogImageGradient &gradient) {
-  if (slots.width == SPLAT_GRADIENTS) blend_tile_backward<true>(view, slots, tile, gradient);
-  else blend_tile_backward<false>(view, slots, tile, gradient);
+static void blend_backward(const FrameView &view, const SlotView &slots, const Tile &tile,
+                           const FrogImageGradient &gradient) {
+  if (slots.width == SPLAT_GRADIENTS)
+    blend_tile_backward<true>(view, slots, tile, gradient);
+  else
+    blend_tile_backward<false>(view, slots, tile, gradient);
 }

@@ -6,8 +6,8 @@
 namespace frog {
 namespace {
 
-constexpr size_t SPARE_FRAMES = 2;             // training and scrubbing at once
-constexpr size_t SPARE_BYTES = 512ull << 20;   // a larger frame's memory goes back to the system
+constexpr size_t SPARE_FRAMES = 2;            // training and scrubbing at once
+constexpr size_t SPARE_BYTES = 512ull << 20;  // a larger frame's memory goes back to the system
 std::mutex spare_mutex;
 
 using Frames = std::vector<std::unique_ptr<FrogFrame>>;

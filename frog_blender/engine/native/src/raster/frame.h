@@ -41,9 +41,10 @@ struct FrogFrame {
   frog::Buffer<float> slot_weights, slot_gradients, sums, poses;
 
   size_t bytes() const {
-    return splats.bytes() + instances.bytes() + entries.bytes() + slot_count.bytes() + order.bytes() + spare_order.bytes() +
-           histogram.bytes() + slot_base.bytes() + slots_moved.bytes() + slots_seen.bytes() + slot_weights.bytes() + slot_gradients.bytes() +
-           sums.bytes() + poses.bytes() + transmittance.bytes() + reached.bytes();
+    return splats.bytes() + instances.bytes() + entries.bytes() + slot_count.bytes() + order.bytes() +
+           spare_order.bytes() + histogram.bytes() + slot_base.bytes() + slots_moved.bytes() + slots_seen.bytes() +
+           slot_weights.bytes() + slot_gradients.bytes() + sums.bytes() + poses.bytes() + transmittance.bytes() +
+           reached.bytes();
   }
 };
 
@@ -52,8 +53,8 @@ namespace frog {
 // Sorts the splats by depth and counts the instances of every tile.
 void bin_splats(FrogFrame &frame);
 
-// Lists the instances of the tiles of some rows from `first` on, in place of those listed before: `most` of them, or one
-// row's. Returns the row after the last. Call after bin_splats.
+// Lists the instances of the tiles of some rows from `first` on, in place of those listed before: `most` of them, or
+// one row's. Returns the row after the last. Call after bin_splats.
 int list_tiles(FrogFrame &frame, int first, uint64_t most);
 
 // A frame with the memory of one that was given back, and the way back. `recycle` frees what is too large to keep.

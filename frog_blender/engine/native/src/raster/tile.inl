@@ -5,7 +5,8 @@ constexpr int TILE_PIXELS = TILE * TILE;
 
 constexpr int COLUMNS = TILE / LANES;  // of vectors
 
-static const float ramp[TILE] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};  // of rows, or columns of pixels
+static const float ramp[TILE] = {0, 1, 2,  3,  4,  5,  6,  7,
+                                 8, 9, 10, 11, 12, 13, 14, 15};  // of rows, or columns of pixels
 
 static inline size_t lowest(uint32_t rows) { return static_cast<uint32_t>(__builtin_ctz(rows)); }
 
@@ -37,8 +38,8 @@ static inline void make_footprint(const Splat &splat, const Tile &tile, Footprin
   }
 }
 
-// The footprints of a tile's splats, one after the other. Each is found while the pixels of the one before are worked on,
-// so that which rows come next is known long before their turn.
+// The footprints of a tile's splats, one after the other. Each is found while the pixels of the one before are worked
+// on, so that which rows come next is known long before their turn.
 struct Footprints {
   const FrameView &view;
   const Tile &tile;
@@ -58,7 +59,8 @@ static inline Floats columns_of(const Footprint &f, int vector) {  // dx
   return load(ramp + vector * LANES) + f.left;
 }
 
-// Rows of each column of vectors in which a pixel passes `test`, which takes a vector's place; false when there is none.
+// Rows of each column of vectors in which a pixel passes `test`, which takes a vector's place; false when there is
+// none.
 template <class Test>
 static inline bool rows_where(Test test, uint32_t *rows) {
   uint32_t anywhere = 0;
@@ -70,7 +72,7 @@ static inline bool rows_where(Test test, uint32_t *rows) {
   return anywhere;
 }
 
-// How often it is asked which of a tile's pixels still take part, in splats.
+// How often it is prefetcher which of a tile's pixels still take part, in splats.
 constexpr uint32_t CHECK_EVERY = 16;
 
 struct TileSize {

@@ -3,8 +3,8 @@
 
 // Shared by both directions: everything the backward pass needs is cheaper to compute again than to store.
 struct Projection {
-  double local[3];                // camera space; in float a Gaussian close to a camera far from the origin has few digits
-  float u, v;                     // local x / z and y / z, clamped for the linearisation
+  double local[3];  // camera space; in float a Gaussian close to a camera far from the origin has few digits
+  float u, v;       // local x / z and y / z, clamped for the linearisation
   bool u_clamped, v_clamped;
   float quaternion[4], norm;      // unit, and the original length
   float rotation[3][3];           // of the Gaussian
@@ -20,8 +20,8 @@ FROG_FUNCTION bool finite(float value) { return fabsf(value) < 1e30f; }
 
 // Whether the splat misses the region however the Gaussian is turned: as a ball of its largest scale and full opacity.
 // Most Gaussians end here when a region is drawn, before the dear part of the projection.
-FROG_FUNCTION bool far_outside(const Projection &p, const FrogCamera &camera, const FrogOptions &options, float u, float v,
-                               const float *scales) {
+FROG_FUNCTION bool far_outside(const Projection &p, const FrogCamera &camera, const FrogOptions &options, float u,
+                               float v, const float *scales) {
   float square = 0, row_x = 0, row_y = 0;
   for (int k = 0; k < 3; ++k) {
     const float scale = scales[k] * scales[k];
@@ -30,7 +30,8 @@ FROG_FUNCTION bool far_outside(const Projection &p, const FrogCamera &camera, co
     row_y += p.jw[1][k] * p.jw[1][k];
   }
   const float x = camera.fx * u + camera.cx - options.region[0], y = camera.fy * v + camera.cy - options.region[1];
-  const float over_x = x < 0 ? x : x - options.region[2], over_y = y < 0 ? y : y - options.region[3];  // outside: how far
+  const float over_x = x < 0 ? x : x - options.region[2],
+              over_y = y < 0 ? y : y - options.region[3];  // outside: how far
   constexpr float REACH = 2.02f / LOG2E * -LOG2_ALPHA_MIN;
   return ((x < 0 || over_x > 0) && over_x * over_x > REACH * (square * row_x + options.low_pass)) ||
          ((y < 0 || over_y > 0) && over_y * over_y > REACH * (square * row_y + options.low_pass));
@@ -38,14 +39,15 @@ FROG_FUNCTION bool far_outside(const Projection &p, const FrogCamera &camera, co
 
 FROG_FUNCTION SplatState project_gaussian(const FrogGaussians &g, const FrogCamera &camera, const FrogOptions &options,
                                           int i, Projection &p) {
-  const float *m = g.means + 3ll * i, *q = g.quaternions + 4ll * i, *s = g.scales + 3ll * i, *w = camera.world_to_camera;
+  const float *m = g.means + 3ll * i, *q = g.quaternions + 4ll * i, *s = g.scales + 3ll * i,
+              *w = camera.world_to_camera;
   const float square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
   for (int r = 0; r < 3; ++r)
     p.local[r] = double(w[4 * r]) * m[0] + double(w[4 * r + 1]) * m[1] + double(w[4 * r + 2]) * m[2] + w[4 * r + 3];
   const float z = static_cast<float>(p.local[2]);
   if (!(square > 1e-24f && square < 1e24f && finite(p.local[0]) && finite(p.local[1]) && finite(z) &&
         fabsf(s[0]) < 1e12f && fabsf(s[1]) < 1e12f && fabsf(s[2]) < 1e12f && finite(g.opacities[i])))
-    return SPLAT_AT_FAULT;
+    return SPLAT_INVALID;
   if (!(z >= options.near_plane && g.opacities[i] > ALPHA_MIN)) return SPLAT_UNSEEN;
 
   // The linearisation is clamped a little outside the image, whose centre need not be the principal point.
@@ -72,14 +74,16 @@ FROG_FUNCTION SplatState project_gaussian(const FrogGaussians &g, const FrogCame
   const float *a = p.axes[0], *b = p.axes[1], low = options.low_pass;
   const float aa = a[0] * a[0] + a[1] * a[1] + a[2] * a[2], bb = b[0] * b[0] + b[1] * b[1] + b[2] * b[2];
   float *cross = p.cross;
-  cross[0] = a[1] * b[2] - a[2] * b[1], cross[1] = a[2] * b[0] - a[0] * b[2], cross[2] = a[0] * b[1] - a[1] * b[0];
+  cross[0] = a[1] * b[2] - a[2] * b[1];
+  cross[1] = a[2] * b[0] - a[0] * b[2];
+  cross[2] = a[0] * b[1] - a[1] * b[0];
   p.xx = aa + low;
   p.xy = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
   p.yy = bb + low;
   // |a|^2 |b|^2 - (a.b)^2 = |a x b|^2: no cancellation for needles.
   p.thin_determinant = cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2];
   p.determinant = p.thin_determinant + low * (aa + bb) + low * low;
-  return p.determinant > 1e-12f && p.determinant < 1e30f ? SPLAT_DRAWN : SPLAT_AT_FAULT;  // NaN fails both
+  return p.determinant > 1e-12f && p.determinant < 1e30f ? SPLAT_DRAWN : SPLAT_INVALID;  // NaN fails both
 }
 
 // What the low-pass took from the splat's peak is taken from its opacity (mip-splatting, gsplat's antialiased mode).
@@ -127,16 +131,17 @@ FROG_FUNCTION SplatState make_splat(const FrogGaussians &g, const FrogCamera &ca
   const float reach = splat.log2_opacity - LOG2_ALPHA_MIN;  // what power may lose until alpha is ALPHA_MIN
   splat.extent_x = sqrtf(2 / LOG2E * reach * p.xx);
   splat.extent_y = sqrtf(2 / LOG2E * reach * p.yy);
-  if (!(finite(splat.x) && finite(splat.y) && finite(splat.extent_x) && finite(splat.extent_y))) return SPLAT_AT_FAULT;
+  if (!(finite(splat.x) && finite(splat.y) && finite(splat.extent_x) && finite(splat.extent_y))) return SPLAT_INVALID;
   const float top = splat.y - splat.extent_y, bottom = splat.y + splat.extent_y;
   const float width = static_cast<float>(options.region[2]), height = static_cast<float>(options.region[3]);
-  if (bottom < 0.5f || top > height - 0.5f || splat.x + splat.extent_x < 0.5f || splat.x - splat.extent_x > width - 0.5f)
+  if (bottom < 0.5f || top > height - 0.5f || splat.x + splat.extent_x < 0.5f ||
+      splat.x - splat.extent_x > width - 0.5f)
     return SPLAT_UNSEEN;
 
   float direction[3], basis[16], colour[3];
   view_direction(g, camera, i, direction);
   colour_of(g, direction, i, basis, colour);
-  if (!(finite(colour[0]) && finite(colour[1]) && finite(colour[2]))) return SPLAT_AT_FAULT;
+  if (!(finite(colour[0]) && finite(colour[1]) && finite(colour[2]))) return SPLAT_INVALID;
   splat.red = colour[0] > 0 ? colour[0] : 0;
   splat.green = colour[1] > 0 ? colour[1] : 0;
   splat.blue = colour[2] > 0 ? colour[2] : 0;
@@ -160,7 +165,8 @@ FROG_FUNCTION void tile_span(const Splat &splat, int row, int width, int &first,
   const float top = row * TILE + 0.5f - splat.y, bottom = top + TILE - 1;
   const float low = top > -splat.extent_y ? top : -splat.extent_y;
   const float high = bottom < splat.extent_y ? bottom : splat.extent_y;
-  first = 0, last = -1;
+  first = 0;
+  last = -1;
   if (low > high) return;
   const float reach = splat.log2_opacity - LOG2_ALPHA_MIN;
   const float right_dy = clamped(splat.widest, low, high), left_dy = clamped(-splat.widest, low, high);

@@ -52,20 +52,27 @@ FROG_FUNCTION void splat_backward(const FrogGaussians &g, const FrogCamera &came
   // Covariance = axes axes^T + low-pass; axes = J W R S_k, one column for each of the Gaussian's own axes.
   const float *a = p.axes[0], *b = p.axes[1], low = options.low_pass;
   const bool compensated = options.compensate && compensation > COMPENSATION_MIN;
-  const float thin = compensated ? sums[SUM_1] / p.thin_determinant : 0, whole = compensated ? sums[SUM_1] / p.determinant : 0;
+  const float thin = compensated ? sums[SUM_1] / p.thin_determinant : 0,
+              whole = compensated ? sums[SUM_1] / p.determinant : 0;
   float by_jwr[2][3], by_jw[2][3], by_rotation[3][3];
   for (int k = 0; k < 3; ++k) {
     // The column without its scale in u and v. u = along / yy (x yy - xy y), written out so that the long axis's own
     // product with itself, which cancels, never appears.
     const float x = p.jwr[0][k], y = p.jwr[1][k];
     const int j = (k + 1) % 3, l = (k + 2) % 3;
-    const float u = along / p.yy * (low * x + b[j] * (x * b[j] - a[j] * y) + b[l] * (x * b[l] - a[l] * y)), v = across * y;
-    const float by_u = S * S * (sums[SUM_UU] * u + sums[SUM_UV] * v), by_v = S * S * (sums[SUM_UV] * u + sums[SUM_VV] * v);
-    float by_axis_x = along * by_u * s[k], by_axis_y = (lean * by_u + across * by_v) * s[k], by_scale = (u * by_u + v * by_v) * s[k];
+    const float u = along / p.yy * (low * x + b[j] * (x * b[j] - a[j] * y) + b[l] * (x * b[l] - a[l] * y)),
+                v = across * y;
+    const float by_u = S * S * (sums[SUM_UU] * u + sums[SUM_UV] * v),
+                by_v = S * S * (sums[SUM_UV] * u + sums[SUM_VV] * v);
+    float by_axis_x = along * by_u * s[k], by_axis_y = (lean * by_u + across * by_v) * s[k],
+          by_scale = (u * by_u + v * by_v) * s[k];
     if (compensated) {  // log compensation = (log |a x b|^2 - log determinant) / 2
       const float across_b = b[j] * p.cross[l] - b[l] * p.cross[j], across_a = a[l] * p.cross[j] - a[j] * p.cross[l];
-      const float x_more = (thin - whole) * across_b - whole * low * a[k], y_more = (thin - whole) * across_a - whole * low * b[k];
-      by_axis_x += x_more, by_axis_y += y_more, by_scale += x_more * x + y_more * y;
+      const float x_more = (thin - whole) * across_b - whole * low * a[k],
+                  y_more = (thin - whole) * across_a - whole * low * b[k];
+      by_axis_x += x_more;
+      by_axis_y += y_more;
+      by_scale += x_more * x + y_more * y;
     }
     out.scales[3ll * i + k] = by_scale;
     by_jwr[0][k] = by_axis_x * s[k];
@@ -73,7 +80,8 @@ FROG_FUNCTION void splat_backward(const FrogGaussians &g, const FrogCamera &came
   }
   for (int r = 0; r < 3; ++r) {
     for (int row = 0; row < 2; ++row)
-      by_jw[row][r] = by_jwr[row][0] * p.rotation[r][0] + by_jwr[row][1] * p.rotation[r][1] + by_jwr[row][2] * p.rotation[r][2];
+      by_jw[row][r] =
+          by_jwr[row][0] * p.rotation[r][0] + by_jwr[row][1] * p.rotation[r][1] + by_jwr[row][2] * p.rotation[r][2];
     for (int k = 0; k < 3; ++k) by_rotation[r][k] = p.jw[0][r] * by_jwr[0][k] + p.jw[1][r] * by_jwr[1][k];
   }
   rotation_gradient(p.quaternion, p.norm, by_rotation, out.quaternions + 4ll * i);

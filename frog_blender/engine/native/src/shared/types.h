@@ -8,10 +8,10 @@
 #define FROG_FUNCTION static inline
 #endif
 
-constexpr int TILE = 16;                    // pixels a side
-constexpr float ALPHA_MIN = 1.0f / 255;     // fainter contributions are skipped
-constexpr float ALPHA_MAX = 0.999f;         // keeps 1 - alpha away from zero
-constexpr float TRANSMITTANCE_MIN = 1e-4f;  // a pixel that would fall below is finished
+constexpr int TILE = 16;                               // pixels a side
+constexpr float ALPHA_MIN = 1.0f / 255;                // fainter contributions are skipped
+constexpr float ALPHA_MAX = 0.999f;                    // keeps 1 - alpha away from zero
+constexpr float TRANSMITTANCE_MIN = 1e-4f;             // a pixel that would fall below is finished
 constexpr float LOG2_ALPHA_MIN = -7.994353436858858f;  // log2(ALPHA_MIN)
 constexpr float LOG2_ALPHA_MAX = -1.4434168696687186e-3f;
 constexpr float LOG2E = 1.4426950408889634f;
@@ -36,11 +36,12 @@ typedef struct {
 
 typedef struct {
   float background[3];
-  float low_pass;      // variance in pixels^2 added to each splat's screen covariance
-  float near_plane;    // planar depth below which a Gaussian is culled, world units
-  int compensate;      // scale opacities by sqrt(det without / det with the low-pass)
-  int region[4];       // left, top, width, height: the part of the camera's image that is drawn, pixels
-  const float *depth_limit;  // (height, width) of the region: Gaussians of larger planar depth are hidden there (or null)
+  float low_pass;    // variance in pixels^2 added to each splat's screen covariance
+  float near_plane;  // planar depth below which a Gaussian is culled, world units
+  int compensate;    // scale opacities by sqrt(det without / det with the low-pass)
+  int region[4];     // left, top, width, height: the part of the camera's image that is drawn, pixels
+  const float
+      *depth_limit;  // (height, width) of the region: Gaussians of larger planar depth are hidden there (or null)
 } FrogOptions;
 
 typedef struct {
@@ -58,21 +59,28 @@ struct alignas(64) Splat {
   float along, lean, across;
   float log2_opacity;
   float red, green, blue;
-  float depth;               // planar, world units
-  float extent_x, extent_y;  // half sides of the box outside which alpha < ALPHA_MIN
-  float radius;              // the larger of the two
-  float widest;              // dy at which the ellipse reaches its largest dx
+  float depth;                // planar, world units
+  float extent_x, extent_y;   // half sides of the box outside which alpha < ALPHA_MIN
+  float radius;               // the larger of the two
+  float widest;               // dy at which the ellipse reaches its largest dx
   short first_row, last_row;  // tile rows, inclusive
 };
 
 // What a splat's pixels send back, summed: moments of g = dL/d(log alpha) in u and v, which are of the order of one
 // whatever the splat's shape, and dL/d(red, green, blue).
 enum SplatGradient {
-  SUM_U, SUM_V, SUM_UU, SUM_UV, SUM_VV,  // of g u, g v, g u^2, g u v, g v^2
-  SUM_1,                                 // of g
-  BY_RED, BY_GREEN, BY_BLUE,
-  ABSOLUTE_X, ABSOLUTE_Y,                // of |dL/dx|, |dL/dy| pixel by pixel; only where they are wanted
+  SUM_U,
+  SUM_V,
+  SUM_UU,
+  SUM_UV,
+  SUM_VV,  // of g u, g v, g u^2, g u v, g v^2
+  SUM_1,   // of g
+  BY_RED,
+  BY_GREEN,
+  BY_BLUE,
+  ABSOLUTE_X,
+  ABSOLUTE_Y,  // of |dL/dx|, |dL/dy| pixel by pixel; only where they are wanted
   SPLAT_GRADIENTS
 };
 
-enum SplatState { SPLAT_DRAWN, SPLAT_UNSEEN, SPLAT_AT_FAULT };
+enum SplatState { SPLAT_DRAWN, SPLAT_UNSEEN, SPLAT_INVALID };

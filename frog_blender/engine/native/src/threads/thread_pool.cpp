@@ -136,7 +136,9 @@ class Pool {
       if (!joined(state)) continue;
       job_->run();
       if ((--state_ & (OPEN | INSIDE)) != 0) continue;
-      { std::lock_guard<std::mutex> lock(mutex_); }  // not between the caller's look and its sleep
+      {
+        std::lock_guard<std::mutex> lock(mutex_);
+      }  // not between the caller's look and its sleep
       done_.notify_one();
     }
   }
@@ -150,7 +152,9 @@ class Pool {
   }
 
   void wake_all() {
-    { std::lock_guard<std::mutex> lock(mutex_); }
+    {
+      std::lock_guard<std::mutex> lock(mutex_);
+    }
     wake_.notify_all();
   }
 
@@ -162,7 +166,7 @@ class Pool {
   std::atomic<bool> stop_{false};
 };
 
-// Asked once: on Linux the answer is read from a file, which takes as long as some hundred Gaussians.
+// Prefetch once: on Linux the answer is read from a file, which takes as long as some hundred Gaussians.
 int cores() {
   static const int count = static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
   return count;

@@ -5,7 +5,7 @@
 namespace frog {
 int thread_count();
 void set_thread_count(int count);  // 0: one for each core
-// Calls work(begin, end) over [0, count) in pieces of `grain`, on all threads and the caller's. Blocks until done; throws std::bad_alloc
-// when any piece did.
+// Calls work(begin, end) over [0, count) in pieces of `grain`, on all threads and the caller's. Blocks until done;
+// throws std::bad_alloc when any piece did.
 void parallel_for(int count, int grain, const std::function<void(int, int)> &work);
 }  // namespace frog

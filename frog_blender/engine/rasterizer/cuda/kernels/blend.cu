@@ -7,7 +7,8 @@ static_assert(BATCH % WARP == 0, "a ballot tests 32 splats");
 
 extern "C" __global__ void __launch_bounds__(THREADS)
     blend(const Splat *splats, const int *tile_splats, const int *ranges, FrogOptions options, int columns, float *rgb,
-          float *alpha, float *final_transmittance, int *reached, int *median_index, float *mean_depth, float *max_weights) {
+          float *alpha, float *final_transmittance, int *reached, int *median_index, float *mean_depth,
+          float *max_weights) {
   __shared__ Staged staged[BATCH];
   const int width = options.region[2];
   const Pixel pixel = pixel_of(columns, width, options.region[3]);

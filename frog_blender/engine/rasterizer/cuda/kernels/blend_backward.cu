@@ -29,8 +29,11 @@ extern "C" __global__ void __launch_bounds__(THREADS)
   float transmittance = 1, g_red = 0, g_green = 0, g_blue = 0, rest = 0;
   int last = 0;
   if (pixel.inside) {
-    g_red = by_rgb[3 * at], g_green = by_rgb[3 * at + 1], g_blue = by_rgb[3 * at + 2];
-    transmittance = final_transmittance[at], last = reached[at];
+    g_red = by_rgb[3 * at];
+    g_green = by_rgb[3 * at + 1];
+    g_blue = by_rgb[3 * at + 2];
+    transmittance = final_transmittance[at];
+    last = reached[at];
     rest = g_red * options.background[0] + g_green * options.background[1] + g_blue * options.background[2];
     rest = (rest - by_alpha[at]) * transmittance;
   }
@@ -74,12 +77,17 @@ extern "C" __global__ void __launch_bounds__(THREADS)
           transmittance *= inverse;
           const float weight = transmittance * t.alpha;
           const float own = weight * (g_red * splat.red + g_green * splat.green + g_blue * splat.blue);
-          v[BY_RED] = weight * g_red, v[BY_GREEN] = weight * g_green, v[BY_BLUE] = weight * g_blue;
+          v[BY_RED] = weight * g_red;
+          v[BY_GREEN] = weight * g_green;
+          v[BY_BLUE] = weight * g_blue;
           if (!t.clamped) {  // by the logarithm of alpha
             const float by_log = fmaf(-rest, t.alpha * inverse, own);
             v[SUM_1] = by_log;
-            v[SUM_U] = by_log * t.u, v[SUM_V] = by_log * t.v;
-            v[SUM_UU] = v[SUM_U] * t.u, v[SUM_UV] = v[SUM_U] * t.v, v[SUM_VV] = v[SUM_V] * t.v;
+            v[SUM_U] = by_log * t.u;
+            v[SUM_V] = by_log * t.v;
+            v[SUM_UU] = v[SUM_U] * t.u;
+            v[SUM_UV] = v[SUM_U] * t.v;
+            v[SUM_VV] = v[SUM_V] * t.v;
             if constexpr (ABSOLUTE) {
               v[ABSOLUTE_X] = fabsf(2 / LOG2E * splat.along * v[SUM_U]);
               v[ABSOLUTE_Y] = fabsf(2 / LOG2E * (splat.lean * v[SUM_U] + splat.across * v[SUM_V]));

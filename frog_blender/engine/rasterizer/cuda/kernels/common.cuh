@@ -14,9 +14,9 @@ static __device__ __forceinline__ int warp_index() { return threadIdx.x / WARP; 
 
 // A warp owns 8 x 4 pixels of its tile, so that a small splat concerns few warps.
 struct Pixel {
-  int x, y;        // of the region
-  int left, top;   // first pixel of the warp
-  bool inside;     // of the region
+  int x, y;       // of the region
+  int left, top;  // first pixel of the warp
+  bool inside;    // of the region
 };
 
 static __device__ __forceinline__ Pixel pixel_of(int columns, int width, int height) {
@@ -37,7 +37,7 @@ struct alignas(16) Staged {
   float across, log2_opacity, red, green;
   float blue, depth, extent_x, extent_y;
   float radius, widest, rows;
-  int index;       // of the Gaussian; its place held the rows' padding
+  int index;  // of the Gaussian; its place held the rows' padding
   float4 padding;
 };
 constexpr int QUARTERS = sizeof(Splat) / sizeof(float4);

@@ -6,7 +6,7 @@
 
 extern "C" __global__ void __launch_bounds__(THREADS)
     project(FrogGaussians g, FrogCamera camera, FrogOptions options, const float *pose, Splat *splats, float *depths,
-            int *tile_counts, float *radii, unsigned long long *at_fault) {
+            int *tile_counts, float *radii, unsigned long long *num_invalid) {
   const long long at = static_cast<long long>(blockIdx.x) * THREADS + threadIdx.x;
   if (at >= g.count) return;
   const int i = static_cast<int>(at);
@@ -22,8 +22,8 @@ extern "C" __global__ void __launch_bounds__(THREADS)
       tiles += last - first + 1;
     }
     splats[i] = splat;
-  } else if (state == SPLAT_AT_FAULT) {
-    atomicAdd(at_fault, 1ull);
+  } else if (state == SPLAT_INVALID) {
+    atomicAdd(num_invalid, 1ull);
   }
   depths[i] = tiles ? splat.depth : 3.0e38f;  // what is not drawn sorts last
   tile_counts[i] = tiles;

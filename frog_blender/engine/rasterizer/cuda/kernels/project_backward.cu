@@ -10,9 +10,9 @@ constexpr int POSE_VALUES = 12;
 
 // `values` numbers a slot; `pose_sums` (blocks, 12) where POSE.
 extern "C" __global__ void __launch_bounds__(THREADS)
-    project_backward(FrogGaussians g, FrogCamera camera, FrogOptions options, const float *pose,
-                     const int *tile_counts, const long long *first_slots, const float *slot_gradients, int values,
-                     FrogGradients out, float *pose_sums) {
+    project_backward(FrogGaussians g, FrogCamera camera, FrogOptions options, const float *pose, const int *tile_counts,
+                     const long long *first_slots, const float *slot_gradients, int values, FrogGradients out,
+                     float *pose_sums) {
   const long long at = static_cast<long long>(blockIdx.x) * THREADS + threadIdx.x;
   const int i = static_cast<int>(at);
   const int slots = at < g.count ? tile_counts[i] : 0;
@@ -50,8 +50,10 @@ extern "C" __global__ void __launch_bounds__(THREADS)
   float by_pose[POSE_VALUES];
 #pragma unroll
   for (int k = 0; k < POSE_VALUES; ++k) by_pose[k] = 0;
-  if (slots) splat_backward(g, camera, options, i, sums, out, POSE ? by_pose : nullptr);
-  else if (at < g.count) no_gradient(g, out, i);
+  if (slots)
+    splat_backward(g, camera, options, i, sums, out, POSE ? by_pose : nullptr);
+  else if (at < g.count)
+    no_gradient(g, out, i);
   if (!POSE) return;
 
   __shared__ float warps[WARPS][POSE_VALUES];

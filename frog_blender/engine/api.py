@@ -1,0 +1,229 @@
+"""The public Python API: five functions and the types that they return. Import it as ``frog_blender.engine``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .capture.camera import Camera
+from .capture.capture import Capture
+from .capture.frames import FrameStore
+from .capture.readers import open_capture as read_capture
+from .evaluation.as_trained import as_trained
+from .evaluation.evaluate import Figures
+from .evaluation.evaluate import evaluate as evaluate_images
+from .playback.player import ScenePlayer
+from .playback.render import Drawing, draw
+
+if TYPE_CHECKING:
+    from .training.recipe import Recipe
+    from .training.session.events import Event
+
+PathArgument = str | PathLike[str]
+
+
+@dataclass(frozen=True)
+class TrainResult:
+    """What a training left.
+
+    Attributes:
+        path: the ``.frog`` file; None when it was cancelled before its first step.
+        finished: False when it was cancelled. What was learned is in the file, and ``train(..., resume=True)`` goes on.
+        steps: training steps done.
+        seconds: of training, without decoding and saving; 0 when it was cancelled.
+        num_gaussians: in the file; 0 when it was cancelled.
+        psnr: dB on held-out images, or on training images where none are held out. None where it was not measured.
+    """
+
+    path: Path | None
+    finished: bool
+    steps: int
+    seconds: float = 0.0
+    num_gaussians: int = 0
+    psnr: float | None = None
+
+
+@dataclass(frozen=True)
+class CameraMetrics:
+    """Figures of some images.
+
+    Attributes:
+        psnr: dB, mean over the images.
+        ssim: mean over the images, with the window of 3DGS.
+        psnr_moving: dB over the pixels that change over time; None where nothing does, or the camera moves.
+        images: how many there were.
+    """
+
+    psnr: float
+    ssim: float
+    psnr_moving: float | None
+    images: int
+
+
+@dataclass(frozen=True)
+class Metrics(CameraMetrics):
+    """Figures of all images together.
+
+    Attributes:
+        split: "held-out" or "training".
+        cameras: the same by camera.
+    """
+
+    split: str
+    cameras: Mapping[str, CameraMetrics]
+
+
+def open_capture(path: PathArgument, *, pixel_offsets: Mapping[str, tuple[float, float]] | None = None) -> Capture:
+    """Opens a folder of videos or images with cameras. Nothing is decoded yet.
+
+    Args:
+        path: the folder; docs/captures.md lists the layouts.
+        pixel_offsets: by camera, the pixel (x, y) of its calibrated image at which a cropped video's corner lies.
+
+    Raises:
+        FrogError: if the folder is no capture, or a value in it cannot be used.
+    """
+    return read_capture(Path(path), pixel_offsets=dict(pixel_offsets) if pixel_offsets else None)
+
+
+def train(
+    capture: Capture | PathArgument,
+    output: PathArgument,
+    *,
+    recipe: str | Recipe = "standard",
+    method: str = "frog",
+    capacity: str | None = None,
+    steps: int | None = None,
+    seconds: float | None = None,
+    seed: int = 0,
+    scale: float | None = None,
+    holdout_frames: int | None = None,
+    device: str = "auto",
+    max_bytes: int | None = None,
+    lossless: bool = False,
+    overwrite: bool = False,
+    resume: bool = False,
+    on_event: Callable[[Event], object] | None = None,
+    cancelled: Callable[[], bool] = lambda: False,
+) -> TrainResult:
+    """Trains a scene from a capture and writes it as a ``.frog`` file. Imports torch.
+
+    Args:
+        capture: opened, or its folder.
+        output: the ``.frog`` to write. Its checkpoint lies beside it.
+        recipe: "draft", "standard", "paper", "hypernerf", "technicolor", or one of your own.
+        method: "frog" or a baseline: "ed3dgs", "static", "d3dgs", "hexplane", "curves".
+        capacity: "auto" keeps no more than the scene needs, "fixed" keeps everything; None leaves it to the recipe.
+        steps, seconds: limits; the recipe's own number of steps where neither is given.
+        seed: of everything random.
+        scale: image size factor; None shrinks to at most 1,600 pixels a side.
+        holdout_frames: hold out every n-th frame; None keeps what the capture's format says.
+        device: "cpu", "cuda" (experimental) or "auto".
+        max_bytes: of the file, at most; only with automatic capacity.
+        lossless: write every number as it is, instead of quantized where that does not show.
+        overwrite: replace a scene or a checkpoint that is there; otherwise that is an error.
+        resume: go on from the checkpoint beside ``output``.
+        on_event: called with every event of ``engine.training.session.events``, in this thread.
+        cancelled: asked between steps; True ends the training and keeps what was learned.
+
+    Raises:
+        FrogError: in one sentence, for what the caller can mend.
+    """
+    from .training.recipe import recipe as recipe_named
+    from .training.session import events
+    from .training.session.job import TrainingJob, run_training
+
+    opened = capture if isinstance(capture, Capture) else None
+    job = TrainingJob(
+        opened.path if opened is not None else Path(capture),  # type: ignore[arg-type]
+        Path(output),
+        method=method,
+        recipe=recipe_named(recipe, capacity=capacity) if isinstance(recipe, str) else recipe,
+        steps=steps,
+        seconds=seconds,
+        seed=seed,
+        scale=scale,
+        holdout_frames=holdout_frames,
+        overwrite=overwrite,
+        resume=resume,
+        device=device,
+        lossless=lossless,
+        max_bytes=max_bytes,
+        opened=opened,
+    )
+    result = TrainResult(None, False, 0)
+    for event in run_training(job, cancelled):
+        if on_event is not None:
+            on_event(event)
+        if isinstance(event, events.Finished):
+            result = TrainResult(Path(event.path), True, event.steps, event.seconds, event.gaussians, event.psnr)
+        elif isinstance(event, events.Cancelled):
+            result = TrainResult(Path(event.path) if event.path else None, False, event.step)
+    return result
+
+
+def load_scene(path: PathArgument) -> ScenePlayer:
+    """Reads a ``.frog`` file, to be played: ``scene.at(time)`` gives the Gaussians at a time in [0, 1]. No torch.
+
+    Raises:
+        FrogError: if the file cannot be read, or is none.
+    """
+    return ScenePlayer.load(Path(path))
+
+
+def render(
+    scene: ScenePlayer, camera: Camera, time: float = 0.0, *, background: tuple[float, float, float] | None = None
+) -> Drawing:
+    """What a camera sees of a scene at a time. No torch.
+
+    Args:
+        camera: one of ``scene.header.cameras``, or any other ``Camera`` in OpenCV's axes.
+        time: in [0, 1] over the capture.
+        background: display-referred sRGB in [0, 1]; None for the one that the scene was trained with.
+
+    Returns:
+        ``.rgb`` (H, W, 3) float32 display-referred sRGB, ``.alpha`` (H, W), and depths in world units.
+    """
+    return draw(scene.at(time), camera, scene.header.background if background is None else background)
+
+
+def evaluate(
+    scene: ScenePlayer,
+    capture: Capture | PathArgument,
+    *,
+    split: str = "auto",
+    mask: PathArgument | None = None,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> Metrics:
+    """Compares a scene with the images of the capture that it was trained on. No torch.
+
+    Args:
+        capture: opened at its own size, or its folder.
+        split: "held-out", "training", or "auto" for held-out images if there are any.
+        mask: an image (white counts) or an ``.npz`` with a mask by camera, for ``psnr_moving``; None finds the pixels
+            that change over time.
+        on_progress: called with the number of images that are done, and of all.
+
+    Raises:
+        FrogError: when it is another capture, or has no image of that split.
+    """
+    if not isinstance(capture, Capture):
+        capture = open_capture(capture, pixel_offsets=scene.header.pixel_offsets)
+    seen = as_trained(scene.header, capture)
+    figures = evaluate_images(
+        scene,
+        seen,
+        FrameStore.open(seen),
+        split=split,
+        mask_file=Path(mask) if mask is not None else None,
+        progress=on_progress,
+    )
+    cameras = {name: CameraMetrics(**_metrics(values)) for name, values in figures["cameras"].items()}
+    return Metrics(**_metrics(figures), split=figures["split"], cameras=cameras)
+
+
+def _metrics(figures: Figures) -> dict[str, Any]:
+    return {**{name: figures[name] for name in ("psnr", "ssim", "psnr_moving")}, "images": figures["frames"]}

@@ -1,0 +1,90 @@
+"""What the panel's settings ask for, as plain values that a worker thread can train from."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ..engine.errors import FrogError, found_instead
+from ..engine.training.session.cancel_token import CancelToken
+from ..engine.training.session.output_paths import checkpoint_path, is_of_another, unused_output
+from ..torch_install import folders
+
+
+class TrainingRequest:
+    """What to train, in plain values.
+
+    Args:
+        recipe, capacity: names; None leaves the capacity to the recipe.
+        job: fields of the engine's ``TrainingJob`` that are not to have their defaults. They are not repeated here,
+            and the class itself is not named: its module imports torch.
+    """
+
+    def __init__(
+        self, capture: Path, output: Path, recipe: str = "standard", capacity: str | None = None, **job: Any
+    ) -> None:
+        self.capture, self.output, self.recipe, self.capacity, self.job = capture, output, recipe, capacity, job
+
+    def events(self, control: CancelToken) -> Iterator[Any]:
+        """Run the training; called on the worker, because this is what imports torch."""
+        folders.hold()
+        from ..engine.training.recipe import recipe
+        from ..engine.training.session.job import TrainingJob, run_training
+        from ..engine.training.session.time_estimate import remembering
+
+        settings = recipe(self.recipe, capacity=self.capacity)
+        job = TrainingJob(self.capture, self.output, recipe=settings, **self.job)
+        return remembering(run_training(job, control), job)
+
+
+def request_of(settings: Any, resume: bool = False) -> TrainingRequest:
+    """What the panel's settings ask for; FrogError if something is missing.
+
+    Unless it is resumed, a training writes what is not there yet: the output gets a number where a scene lies.
+    """
+    if not settings.capture_folder:
+        raise FrogError("No capture is chosen: name the folder with the videos and cameras to train from.")
+    capture = Path(bpy.path.abspath(settings.capture_folder))
+    if not os.path.isdir(capture):  # false, not an error, where nobody may look
+        raise FrogError(f"{capture}: found no such folder, expected a capture to train from.")
+    if not settings.output_path:
+        raise FrogError("No output is chosen: name the .frog file to write.")
+    output = output_of(settings)
+    if resume and is_of_another(output, capture):
+        raise found_instead(checkpoint_path(output), "a training of another capture", f"one of {capture}")
+    return TrainingRequest(
+        capture,
+        output if resume else unused_output(output),
+        settings.recipe,
+        settings.capacity,
+        steps=settings.steps or None,
+        scale=settings.image_scale or None,
+        holdout_frames=None if settings.holdout_frames < 0 else settings.holdout_frames,
+        device=settings.device,
+        preview_camera=settings.preview_camera or None,
+        resume=resume,
+        overwrite=False,
+    )
+
+
+def output_of(settings: Any) -> Path:
+    """The .frog file that the panel's settings name."""
+    output = Path(bpy.path.abspath(settings.output_path))
+    if not output.name:
+        raise found_instead(output, "a folder", "the name of a .frog file to write")
+    return output if output.suffix == ".frog" else output.with_name(output.name + ".frog")
+
+
+def can_resume(settings: Any) -> bool:
+    """True when a training of that output left something to go on from, and not another capture's."""
+    try:
+        output = output_of(settings)
+    except FrogError:
+        return False
+    if not checkpoint_path(output).is_file():
+        return False
+    return not is_of_another(output, Path(bpy.path.abspath(settings.capture_folder)))

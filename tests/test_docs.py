@@ -1,0 +1,86 @@
+"""The pages under docs/: what they link to and quote is there, and they stay short."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from frog_blender.cli.main import main
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+DOCS = REPOSITORY / "docs"
+PAGES = [REPOSITORY / "README.md", *sorted(DOCS.glob("*.md"))]
+EXPERIMENTS = sorted((DOCS / "experiments").glob("*.md"))
+
+
+def text_of(page: Path) -> str:
+    return page.read_text(encoding="utf-8")
+
+
+def words(text: str) -> int:
+    """Rules of tables and list marks are none."""
+    return sum(1 for word in text.split() if re.search(r"\w", word))
+
+
+def anchors(page: Path) -> set[str]:
+    """Of a page's headings, as GitHub makes them."""
+    headings = re.findall(r"^#+ (.+)$", text_of(page), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", [*PAGES, *EXPERIMENTS], ids=lambda page: page.name)
+def test_links_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\((?!http)([^)]+)\)", text_of(page)):
+        name, _, anchor = target.partition("#")
+        file = page.parent / name if name else page
+        assert file.exists(), target
+        assert not anchor or anchor in anchors(file), target
+
+
+def test_every_page_is_in_the_index() -> None:
+    index = text_of(DOCS / "index.md")
+    for page in [*PAGES[1:], *EXPERIMENTS]:
+        assert page.name == "index.md" or f"({page.relative_to(DOCS)})" in index.replace("\\", "/"), page.name
+
+
+def test_pages_that_the_code_names_are_there() -> None:
+    sources = [
+        path for path in (REPOSITORY / "frog_blender").rglob("*.*") if path.suffix in (".py", ".inl", ".cpp", ".h")
+    ]
+    named = {name for path in sources for name in re.findall(r"docs/[\w/-]+\.md", text_of(path))}
+    assert named and [name for name in sorted(named) if not (REPOSITORY / name).is_file()] == []
+
+
+def test_every_image_is_shown() -> None:
+    shown = "".join(text_of(page) for page in [*PAGES, *EXPERIMENTS])
+    assert [image.name for image in DOCS.glob("images/**/*.*") if f"{image.name})" not in shown] == []
+
+
+def test_pages_are_short() -> None:
+    assert sum(words(text_of(page)) for page in PAGES) <= 10_000
+    assert words(text_of(DOCS / "concepts.md")) <= 1_500
+
+
+def test_what_troubleshooting_quotes_is_said() -> None:
+    sources = "".join(text_of(path) for path in sorted((REPOSITORY / "frog_blender").rglob("*.py")))
+    said = re.sub(r'"\s+f?"', "", sources)  # a literal in several pieces
+    quotes = re.findall(r'"([^"]+)"', text_of(DOCS / "troubleshooting.md"))
+    pieces = [piece.strip() for quote in quotes for piece in quote.split("...") if piece.strip()]
+    assert pieces and [piece for piece in pieces if piece not in said] == []
+
+
+def options_of(command: str, capsys: pytest.CaptureFixture[str]) -> set[str]:
+    with pytest.raises(SystemExit):
+        main([command, "--help"])
+    return set(re.findall(r"--[a-z][a-z-]+", capsys.readouterr().out)) - {"--help"}
+
+
+def test_options_of_commands(capsys: pytest.CaptureFixture[str]) -> None:
+    page = text_of(DOCS / "cli.md")
+    sections = dict(re.findall(r"^## frog ([a-z]+)$(.+?)(?=^## )", page, re.M | re.S))
+    assert sections.keys() >= {"train", "info", "eval", "chart", "stability"}
+    for command, body in sections.items():
+        assert set(re.findall(r"--[a-z][a-z-]+", body)) <= options_of(command, capsys), command
+    assert options_of("train", capsys) <= set(re.findall(r"--[a-z][a-z-]+", sections["train"]))
