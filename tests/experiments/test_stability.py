@@ -61,7 +61,7 @@ def test_captures_that_are_missing_are_named(filmed: Path) -> None:
         {"clean": filmed, "long": filmed, "dim": filmed, "appearing": filmed}, list(CONDITIONS)
     )
     assert sentences == [
-        "Left out without --still (a film in which nothing moves (examples/make_still.py)): nothing moves."
+        "Left out without --still (a scene in which nothing moves (examples/make_still.py)): nothing moves."
     ]
 
 

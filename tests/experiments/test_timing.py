@@ -91,9 +91,7 @@ def test_the_timing_pass(filmed: Path, tmp_path: Path, quick_seeds: None) -> Non
     assert records[0]["training_path"]["gaussians"] == records[0]["playback"]["gaussians"]
 
 
-def test_a_method_that_fails_does_not_stop_the_others(
-    filmed: Path, tmp_path: Path, quick_seeds: None
-) -> None:
+def test_a_method_that_fails_does_not_stop_the_others(filmed: Path, tmp_path: Path, quick_seeds: None) -> None:
     runs = chart_grid({"tiny": filmed}, CommonSettings(steps=2), SeedCounts(main=1), methods=["frog", "static"])
     environment = RunEnvironment(tmp_path)
     damaged = environment.scene(runs[0])
@@ -104,9 +102,7 @@ def test_a_method_that_fails_does_not_stop_the_others(
     assert [record["kind"] for record in records] == ["failed", "timing"]
 
 
-def test_a_capture_that_fails_does_not_stop_the_others(
-    filmed: Path, tmp_path: Path, quick_seeds: None
-) -> None:
+def test_a_capture_that_fails_does_not_stop_the_others(filmed: Path, tmp_path: Path, quick_seeds: None) -> None:
     captures = {"tiny": filmed, "gone": tmp_path / "gone"}
     runs = chart_grid(captures, CommonSettings(steps=2), SeedCounts(main=1), methods=["static"])
     records = time_grid(runs, RunEnvironment(tmp_path), 8)

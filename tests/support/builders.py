@@ -161,7 +161,7 @@ def run_python(code: str, *arguments: object, **environment: str) -> subprocess.
     return subprocess.run(
         [sys.executable, "-c", code, *map(str, arguments)],
         cwd=REPOSITORY,
-        env={**os.environ, "PYTHONPATH": f"{REPOSITORY}{os.pathsep}{REPOSITORY / "tests"}", **environment},
+        env={**os.environ, "PYTHONPATH": f"{REPOSITORY}{os.pathsep}{REPOSITORY / 'tests'}", **environment},
         capture_output=True,
         text=True,
         timeout=300,
