@@ -1,4 +1,4 @@
-"""``frog chart`` from its arguments to its files, on the small filmed scene."""
+"""``frog chart`` from its arguments to its files, on the small recorded scene."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The stability suite: its grid, what it makes of results, its page, and the command on the small filmed scene."""
+"""The stability suite: its grid, its summary, its report, and the command on the small recorded scene."""
 
 from __future__ import annotations
 

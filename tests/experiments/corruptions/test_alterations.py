@@ -1,4 +1,4 @@
-"""Images as they go wrong: always the same way, and never those that judge unless the whole scene is different."""
+"""Corrupted images: deterministic, and never held-out ones unless the whole scene is different."""
 
 from __future__ import annotations
 

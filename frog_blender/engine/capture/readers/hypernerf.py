@@ -12,7 +12,6 @@ centre and scale are not applied.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -145,7 +144,7 @@ def _image_folder(path: Path, names: list[str], warnings: list[str]) -> Path:
 def _frames(path: Path, names: list[str]) -> dict[str, int]:
     """The frame of each image, counted from 0 in the largest step that divides all differences."""
     metadata = read_json(path / _METADATA)
-    entries: list[dict[str, Any]] = []
+    entries: list[dict[str, object]] = []
     for name in names:
         entry = metadata.get(name)
         if not isinstance(entry, dict):

@@ -11,7 +11,6 @@ import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -46,8 +45,8 @@ class _Entry:
     """
 
     file: Path
-    top: dict[str, Any]
-    own: dict[str, Any]
+    top: dict[str, object]
+    own: dict[str, object]
     image: Path
     place: int
 
@@ -208,7 +207,7 @@ def _camera(name: str, entry: _Entry, real: tuple[int, int]) -> tuple[Camera, Di
     return camera, distortion(coefficients)
 
 
-def _focal(file: Path, top: dict[str, Any], own: dict[str, Any], axis: str, pixels: int) -> float | None:
+def _focal(file: Path, top: dict[str, object], own: dict[str, object], axis: str, pixels: int) -> float | None:
     """Focal length in pixels along x or y: the image's own before the list's, fl before the angle."""
     for source in (own, top):
         if source.get(f"fl_{axis}") is not None:
