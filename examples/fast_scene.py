@@ -1,6 +1,7 @@
 """An empty hall, for make_fast.py: fast things with texture before plain surroundings, and one that appears.
 
-A shuttle flies across the view, a striped hammer swings on its rod, and halfway through the video a spring doll appears.
+A shuttle flies across the view, a striped hammer swings on its rod, and halfway through the video a spring doll
+appears.
 """
 
 from __future__ import annotations
