@@ -80,7 +80,7 @@ def test_the_timing_pass(filmed: Path, tmp_path: Path, quick_seeds: None) -> Non
     told: list[tuple[int, int]] = []
     records = time_grid(runs, environment, 16, lambda done, total: told.append((done, total)))
     assert [record["kind"] for record in records] == ["timing"] * 3, records
-    assert records == [{**record} for record in records] and len(read(environment.results)) == 3
+    assert [record["key"] for record in read(environment.results)] == [record["key"] for record in records]
     assert [record["scene_played"] for record in records] == ["finished", "short training", "short training"]
     assert told == [(0, 3), (1, 3), (2, 3), (3, 3)]
     for record in records:
