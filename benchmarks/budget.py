@@ -22,7 +22,8 @@ from frog_blender.engine.playback.player import select_gaussians
 from frog_blender.engine.scene.scene_file import read_scene, write_scene
 from frog_blender.engine.training.compression.budget import with_budget
 from frog_blender.engine.training.recipe import recipe
-from frog_blender.engine.training.session.job import TrainingJob, run_training
+from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.run import run_training
 
 
 def train(options: argparse.Namespace, capture: Path, output: Path, budget: int | None = None) -> Path:

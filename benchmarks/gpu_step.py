@@ -201,8 +201,8 @@ def runs(capture: Capture, store: Any, seeds: Seeds, steps: int, device: str, na
             try:
                 trainer_module.rasterize = RASTERIZERS[name]
                 changed = replace(settings, region_share=share)
-                trainer = Trainer(capture, store, seeds, changed, "frog", Limits(10**6), 0, device)  # type: ignore[arg-type]
-                trainer.find_neighbours()
+                trainer = Trainer(capture, store, seeds, changed, "frog", Limits(10**6), seed=0, device=device)  # type: ignore[arg-type]
+                trainer.smoothness.resample()
                 image = trainer.render_image(0)
                 if compared is not None:
                     record["mean_difference"] = float(np.abs(image - compared).mean())

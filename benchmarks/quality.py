@@ -22,7 +22,8 @@ from frog_blender.engine.evaluation.evaluate_file import evaluate_file
 from frog_blender.engine.native import binding
 from frog_blender.engine.training.recipe import recipe
 from frog_blender.engine.training.session.events import Event, Finished, Started
-from frog_blender.engine.training.session.job import TrainingJob, run_training
+from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.run import run_training
 
 FIGURES = (
     "psnr",

@@ -22,7 +22,7 @@ from frog_blender.engine.evaluation.masks import moving_mask
 from frog_blender.engine.evaluation.metrics import psnr_of
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
 from frog_blender.engine.training.recipe import Recipe, recipe
-from frog_blender.engine.training.session.job import prepare_capture
+from frog_blender.engine.training.session.run import prepare_capture
 
 
 def trained_alone(capture: Capture, frame: int, recipe: Recipe, steps: int, seed: int) -> Trainer:
@@ -30,7 +30,7 @@ def trained_alone(capture: Capture, frame: int, recipe: Recipe, steps: int, seed
     alone = capture.segment(frame, 1)
     store = FrameStore.open(alone)
     seeds = find_seeds(alone, store, count_limit=recipe.seed_gaussians, seed=seed)
-    trainer = Trainer(alone, store, seeds, recipe, "static", Limits(steps), seed)
+    trainer = Trainer(alone, store, seeds, recipe, "static", Limits(steps), seed=seed)
     while not trainer.finished:
         trainer.step()
     return trainer

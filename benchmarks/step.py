@@ -25,9 +25,10 @@ from frog_blender.engine.capture.seeds import find_seeds
 from frog_blender.engine.memory import gc_frozen
 from frog_blender.engine.model import fused
 from frog_blender.engine.native import binding
-from frog_blender.engine.training.optimize.trainer import Limits, Trainer
+from frog_blender.engine.training.build import build_trainer
+from frog_blender.engine.training.optimize.trainer import Limits
 from frog_blender.engine.training.recipe import recipe
-from frog_blender.engine.training.session.job import prepare_capture
+from frog_blender.engine.training.session.run import prepare_capture
 
 WARM_UP = 10  # steps that are left out of the first tenth
 PARTS = ("rasterizer_forward", "rasterizer_backward", "network_forward", "network_backward", "optimizer", "rounds")
@@ -71,7 +72,7 @@ def main() -> None:
     store = FrameStore.open(capture)
     settings = recipe(options.recipe)
     seeds = find_seeds(capture, store, count_limit=settings.seed_gaussians)
-    trainer = Trainer(capture, store, seeds, settings, "frog", Limits(options.steps), 0)
+    trainer = build_trainer(capture, store, seeds, settings, "frog", Limits(options.steps), seed=0)
     spent: Counter[str] = Counter()
     watch(spent, binding.Frame, "__init__", "rasterizer_forward")
     watch(spent, binding.Frame, "backward", "rasterizer_backward")

@@ -1,8 +1,10 @@
-"""The rooms of the package, and who may enter which."""
+"""What every file of the package keeps to. Who may import whom is import-linter's contract in pyproject.toml."""
 
 from __future__ import annotations
 
 import ast
+import re
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -43,69 +45,30 @@ def imports(path: Path, *, also_inside_functions: bool = True) -> Iterator[str]:
             yield from (f"{module}.{alias.name}" for alias in node.names)
 
 
-def room_of(module: str) -> str | None:
-    """``training`` for ``frog_blender.engine.training.session.job``; None for what is no room of the engine."""
-    parts = module.split(".")
-    if parts[:2] != ["frog_blender", "engine"] or len(parts) < 3:
-        return None
-    return parts[2] if (ENGINE / parts[2]).is_dir() else None
-
-
 def name_of(path: Path) -> str:
     return str(path.relative_to(PACKAGE))
 
 
-MAY_IMPORT = {
-    "capture": set(),
-    "conditions": {"capture"},
-    "rasterizer": {"capture"},
-    "model": {"capture", "rasterizer"},
-    "inference": {"capture", "rasterizer", "model"},
-    "evaluation": {"capture", "rasterizer", "model", "inference"},
-    "training": {"capture", "rasterizer", "model", "inference", "evaluation"},
-    "comparison": {"capture", "conditions", "rasterizer", "model", "inference", "evaluation", "training"},
-}
+def test_the_contract_has_no_exceptions() -> None:
+    """``make lint`` holds every room to the layers of ``pyproject.toml``."""
+    settings = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
+    assert len(settings["contracts"]) >= 6 and "exclude_type_checking_imports" not in settings
+    assert not [contract["name"] for contract in settings["contracts"] if "ignore_imports" in contract]
 
 
-def test_every_room_is_known() -> None:
-    rooms = {path.name for path in ENGINE.iterdir() if path.is_dir() and (path / "__init__.py").exists()}
-    assert rooms == set(MAY_IMPORT)
-
-
-@pytest.mark.parametrize("path", ENGINE_FILES, ids=name_of)
-def test_data_flows_one_way(path: Path) -> None:
-    found = list(imports(path))
-    forbidden = [name for name in found if name.split(".")[0] in ("bpy", "mathutils", "gpu", "bpy_extras")]
-    assert not forbidden, "the engine knows nothing of Blender"
-    room = room_of(".".join(path.relative_to(REPOSITORY).with_suffix("").parts))
-    for name in found:
-        if name.startswith("frog_blender."):
-            assert name.startswith("frog_blender.engine"), f"{name} lies above the engine"
-        if room is not None and (other := room_of(name)) is not None:
-            assert other == room or other in MAY_IMPORT[room], f"{room} must not import {other}"
-
-
-PLAYBACK = [ENGINE / "files.py", ENGINE / "errors.py", *sorted((ENGINE / "inference").glob("*.py"))]
-
-
-@pytest.mark.parametrize("path", [*PLAYBACK, *sorted((ENGINE / "evaluation").glob("*.py"))], ids=name_of)
-def test_playback_never_names_torch(path: Path) -> None:
-    assert not [name for name in imports(path) if name.split(".")[0] == "torch"]
-
-
-@pytest.mark.parametrize("path", sorted((ENGINE / "capture").rglob("*.py")), ids=name_of)
-def test_opening_a_capture_never_names_torch(path: Path) -> None:
-    assert not [name for name in imports(path) if name.split(".")[0] == "torch"]
+def test_every_room_of_the_engine_is_in_a_layer() -> None:
+    contracts = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
+    (layers,) = (each["layers"] for each in contracts["contracts"] if each.get("containers") == ["frog_blender.engine"])
+    known = {name for layer in layers for name in re.split(r"[\s:|]+", layer)}
+    rooms = {path.stem for path in ENGINE.iterdir() if not path.name.startswith("_") and path.suffix in ("", ".py")}
+    assert rooms <= known
 
 
 @pytest.mark.parametrize("path", FILES, ids=name_of)
 def test_nothing_heavy_is_imported_at_the_top_outside_training(path: Path) -> None:
     """Registering the add-on must not wait for what only some users have."""
-    room = room_of(".".join(path.relative_to(REPOSITORY).with_suffix("").parts))
-    if room in ("training", "model") or path.parent.name in ("rasterizer", "cuda"):
-        allowed = {"torch"}
-    else:
-        allowed = set()
+    with_torch = any(path.is_relative_to(ENGINE / room) for room in ("training", "model", "rasterizer"))
+    allowed = {"torch"} if with_torch else set()
     heavy = {"torch", "pycolmap", "matplotlib", "imageio_ffmpeg", "scipy"} - allowed
     top = {name.split(".")[0] for name in imports(path, also_inside_functions=False)}
     assert not top & heavy
@@ -158,6 +121,33 @@ def test_files_are_short_and_say_what_they_are_for(path: Path) -> None:
 
 def test_kernels_are_short_too() -> None:
     kinds = (".cpp", ".h", ".inl", ".cu", ".cuh")
-    sources = [path for path in (ENGINE / "rasterizer").rglob("*") if path.suffix in kinds]
+    sources = [path for room in ("native", "rasterizer") for path in (ENGINE / room).rglob("*") if path.suffix in kinds]
     assert len(sources) > 20
     assert all(len(path.read_text().splitlines()) <= 250 for path in sources)
+
+
+def functions(path: Path) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            yield node
+
+
+@pytest.mark.parametrize("path", FILES, ids=name_of)
+def test_functions_take_few_parameters_by_position(path: Path) -> None:
+    for function in functions(path):
+        names = [each.arg for each in (*function.args.posonlyargs, *function.args.args)]
+        assert len([name for name in names if name not in ("self", "cls")]) <= 6, function.name
+
+
+OPTIMIZE = ENGINE / "training" / "optimize"
+
+
+@pytest.mark.parametrize("path", [path for path in FILES if not path.is_relative_to(OPTIMIZE)], ids=name_of)
+def test_nobody_else_asks_for_the_whole_trainer(path: Path) -> None:
+    for function in functions(path):
+        annotations = [each.annotation for each in ast.walk(function.args) if isinstance(each, ast.arg)]
+        texts = [ast.unparse(each) for each in (*annotations, function.returns) if each is not None]
+        assert not [text for text in texts if re.search(r"\bTrainer\b", text)], function.name
+
+
+MUTABLE = (ast.List, ast.Dict, ast.Set, ast.ListComp, ast.DictComp, ast.SetComp)

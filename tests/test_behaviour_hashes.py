@@ -10,8 +10,9 @@ from types import ModuleType
 import cv2
 import numpy as np
 import pytest
-from frog_blender.engine.files import write_scene
 from helpers import REPOSITORY, scene_file
+
+from frog_blender.engine.scene.scene_file import write_scene
 
 
 @pytest.fixture

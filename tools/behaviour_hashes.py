@@ -12,7 +12,8 @@ package is imported (but for ``frog_blender`` itself, which Blender registers), 
 
 The same bits are expected on one machine with one set of libraries. Some things are not recorded, since two runs of
 the same code differ in them or since words are no behaviour: seconds, memory, file sizes (which depend on how many
-digits a number of seconds has), paths, versions, what is printed, and the image of the capacity report.
+digits a number of seconds has), paths, versions, what is printed, and the image of the capacity report. Trainings
+that a signal stops are not among the runs, since where they stop is chance.
 """
 
 from __future__ import annotations
@@ -230,12 +231,13 @@ class Run:
 
     Attributes:
         name: unique; the beginning of its hashes' names.
-        capture: one of CAPTURES.
+        capture: one of CAPTURES; "" where nothing is trained.
         arguments: of ``frog train``.
         then: of a second ``frog train --resume``, where there is one.
         quick: part of ``--quick``.
         plays: rendered, exported and evaluated as well.
         blender: played in Blender as well.
+        scene: a file that is played instead of a training's.
     """
 
     name: str
@@ -245,9 +247,10 @@ class Run:
     quick: bool = False
     plays: bool = False
     blender: bool = False
+    scene: Path | None = None
 
 
-def _run(name: str, capture: str, arguments: str, then: str = "", **options: bool) -> Run:
+def _run(name: str, capture: str, arguments: str, then: str = "", **options: Any) -> Run:
     return Run(name, capture, tuple(arguments.split()), tuple(then.split()), **options)
 
 
@@ -315,6 +318,12 @@ def _isolate(folder: Path) -> None:
     _CONTEXT.set_forkserver_preload(["cv2", "torch", "torch.fx.experimental.symbolic_shapes"])
 
 
+def _file_runs() -> list[Run]:
+    """Scenes of the tests: no training as short as these finds Gaussians that only fade, or come and go."""
+    files = sorted((ROOT / "tests" / "fixtures" / "old_formats").glob("version_*.frog"))
+    return [Run(f"file-{path.stem}", "", quick=True, plays=True, blender=True, scene=path) for path in files]
+
+
 @dataclass(frozen=True)
 class Recorder:
     """Runs commands below ``folder`` and hashes what they leave there."""
@@ -354,9 +363,22 @@ class Recorder:
 
     def record(self, run: Run) -> Hashes:
         """All hashes of a run; its names begin with the run's."""
-        folder, capture = self.folder / run.name, self.folder / "captures" / run.capture
+        folder = self.folder / run.name
         folder.mkdir()
         scene = folder / "scene.frog"
+        found: Hashes = {}
+        if run.scene:
+            shutil.copyfile(run.scene, scene)
+            found |= self._played(scene, folder)
+        else:
+            found |= self._trained(run, scene, self.folder / "captures" / run.capture)
+        if run.blender and self.blender:
+            self._play_in_blender(scene, folder / "blender")
+            found |= _named("blender", hash_folder(folder / "blender"))
+        shutil.rmtree(folder)
+        return _named(run.name, found)
+
+    def _trained(self, run: Run, scene: Path, capture: Path) -> Hashes:
         found: Hashes = {}
         self.frog("train", capture, "--out", scene, "--device", "cpu", *run.arguments)
         if run.then:
@@ -364,23 +386,21 @@ class Recorder:
             self.frog("train", capture, "--out", scene, "--device", "cpu", "--resume", *run.then)
         found |= self._files(scene)
         if run.plays:
-            found |= self._played(scene, capture, folder)
-        if run.blender and self.blender:
-            self._play_in_blender(scene, folder / "blender")
-            found |= _named("blender", hash_folder(folder / "blender"))
-        shutil.rmtree(folder)
-        return _named(run.name, found)
+            found |= self._evaluated(scene, capture) | self._played(scene, scene.parent)
+        return found
 
     def _files(self, scene: Path) -> Hashes:
         found = _named("scene", hash_tensors(scene))
         checkpoint = scene.with_name(f"{scene.name}.checkpoint")
         return found | (_named("checkpoint", hash_tensors(checkpoint)) if checkpoint.exists() else {})
 
-    def _played(self, scene: Path, capture: Path, folder: Path) -> Hashes:
-        found = _named("info", self.info(scene))
-        found |= _named("eval", hash_values(self._values("eval", scene, capture)))
+    def _evaluated(self, scene: Path, capture: Path) -> Hashes:
         seen = self._values("eval", scene, capture, "--split", "training")
-        found |= _named("eval-training", hash_values(seen))
+        found = _named("eval", hash_values(self._values("eval", scene, capture)))
+        return found | _named("eval-training", hash_values(seen))
+
+    def _played(self, scene: Path, folder: Path) -> Hashes:
+        found = _named("info", self.info(scene))
         camera = json.loads(_header(scene)[0]["frog"])["cameras"][-1]["name"]
         self.frog("render", scene, "--camera", camera, "--frames", "0:4", "--out", folder / "render")
         self.frog("export", scene, "--frames", "1:4", "--out", folder / "export")
@@ -475,16 +495,17 @@ def hash_folder(folder: Path) -> Hashes:
 # Blender -------------------------------------------------------------------------------------------------------------
 
 
-def play_in_blender(scene_file: Path, folder: Path) -> None:
+def play_in_blender(options: argparse.Namespace) -> int:
     """Imports a scene into the bpy module and writes what frames show, a bake and a rendered image into ``folder``."""
     import bpy
 
     import frog_blender
 
+    folder: Path = options.folder
     folder.mkdir(parents=True)
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     frog_blender.register()
-    bpy.ops.import_scene.frog(filepath=str(scene_file), show_clips=False)
+    bpy.ops.import_scene.frog(filepath=str(options.scene), show_clips=False)
     scene, carrier = bpy.context.scene, bpy.context.view_layer.objects.active
     for frame in (1, 3, 6):
         scene.frame_set(frame)
@@ -505,6 +526,7 @@ def play_in_blender(scene_file: Path, folder: Path) -> None:
     scene.render.filepath = str(folder / "image.png")
     bpy.ops.render.render(write_still=True)
     frog_blender.unregister()
+    return 0
 
 
 def _attributes(data: Any) -> dict[str, np.ndarray]:
@@ -527,14 +549,18 @@ def _attributes(data: Any) -> dict[str, np.ndarray]:
 
 def record(options: argparse.Namespace) -> int:
     began = time.monotonic()
-    runs = [run for run in RUNS if run.quick or not options.quick]
+    package = find_spec("frog_blender")
+    if package is None or package.origin is None:
+        raise SystemExit("frog_blender is not installed for this Python.")
+    print(f"Recording {Path(package.origin).parent}", flush=True)
+    runs = [run for run in (*RUNS, *_file_runs()) if run.quick or not options.quick]
     runs = [run for run in runs if any(fnmatch.fnmatch(run.name, pattern) for pattern in options.only)]
     hashes: Hashes = {}
     with tempfile.TemporaryDirectory(prefix="behaviour_") as parent:
         _isolate(Path(parent))
         blender = find_spec("bpy") is not None if options.blender is None else options.blender
         recorder = Recorder(Path(parent).resolve(), blender)
-        for name in sorted({run.capture for run in runs}):
+        for name in sorted({run.capture for run in runs if run.capture}):
             folder = recorder.folder / "captures" / name
             folder.mkdir(parents=True)
             CAPTURES[name](folder)
@@ -583,11 +609,9 @@ def compare(options: argparse.Namespace) -> int:
     lines = list(differences(old, new, options.ignore))
     for line in lines:
         print(line)
-    runs = sorted({line.split("/")[0] for line in lines})
-    print(
-        f"{len(lines):,} of {len(old.keys() | new.keys()):,} hashes differ"
-        + (f", in {', '.join(runs)}." if runs else ".")
-    )
+    touched = sorted({line.split("/")[0] for line in lines})
+    where = f", in {', '.join(touched)}" if touched else ""
+    print(f"{len(lines):,} of {len(old.keys() | new.keys()):,} hashes differ{where}.")
     return 1 if lines else 0
 
 
@@ -610,7 +634,7 @@ def main(arguments: list[str] | None = None) -> int:
     playing = commands.add_parser("blender", help="play one scene in the bpy module (used by record)")
     playing.add_argument("scene", type=Path)
     playing.add_argument("folder", type=Path)
-    playing.set_defaults(run=lambda options: play_in_blender(options.scene, options.folder) or 0)
+    playing.set_defaults(run=play_in_blender)
     options = parser.parse_args(arguments)
     status: int = options.run(options)
     return status

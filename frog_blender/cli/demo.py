@@ -39,7 +39,8 @@ def run_demo(capture: DemoCapture, out: Path, recipe_name: str, seconds: float |
     """
     from ..engine.training.recipe import recipe
     from ..engine.training.session.checkpoint import checkpoint_path
-    from ..engine.training.session.job import TrainingJob, run_training
+    from ..engine.training.session.job import TrainingJob
+    from ..engine.training.session.run import run_training
     from .progress import show
     from .stopping import stopping
     from .streams import printing_may_fail

@@ -88,7 +88,7 @@ def _train(options: argparse.Namespace) -> int:
     if not (options.overwrite or options.resume):
         check_unused(options.out, _WAYS)  # before torch is loaded
     with printing_may_fail(), stopping() as asked:  # what was learned is saved
-        from ..engine.training.session.job import run_training
+        from ..engine.training.session.run import run_training
         from ..engine.training.session.time_estimate import remembering
         from .progress import show
 

@@ -134,7 +134,8 @@ def train(
     """
     from .training.recipe import recipe as recipe_named
     from .training.session import events
-    from .training.session.job import TrainingJob, run_training
+    from .training.session.job import TrainingJob
+    from .training.session.run import run_training
 
     opened = capture if isinstance(capture, Capture) else None
     job = TrainingJob(

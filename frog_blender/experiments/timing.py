@@ -167,13 +167,13 @@ def time_steps(trainer: Trainer) -> StepTimes:
     times = StepTimes()
     with gc_frozen():  # as in a training
         while not trainer.finished:
-            count, neighbourhood = trainer.count, trainer.neighbourhood
+            count, graph = trainer.count, trainer.smoothness.graph
             before = trainer.seconds
             trainer.step()
             seconds = trainer.seconds - before
             if trainer.step_count <= WARM_UP:
                 continue
-            changed = trainer.count != count or trainer.neighbourhood is not neighbourhood
+            changed = trainer.count != count or trainer.smoothness.graph is not graph
             (times.reindexing if changed else times.plain).append(seconds)
     trainer.check()
     return times

@@ -12,11 +12,15 @@ from ..engine.capture.frames import FrameStore
 from ..engine.capture.seed_store import stored_seeds
 from ..engine.errors import FrogError
 from ..engine.playback.player import ScenePlayer
+from ..engine.training.build import build_trainer
 from ..engine.training.optimize.device import choose_device
+from ..engine.training.optimize.running_loss import TrainingDiverged
 from ..engine.training.optimize.trainer import Limits, Trainer
 from ..engine.training.session.checkpoint import checkpoint_path, load_checkpoint
-from ..engine.training.session.export import save_scene
-from ..engine.training.session.job import TrainingJob, prepare_capture
+from ..engine.training.session.export import export_scene
+from ..engine.training.session.job import TrainingJob
+from ..engine.training.session.run import prepare_capture
+from ..engine.training.session.session import Session
 from .grid import Run
 from .results import Record, append
 from .runs import RunEnvironment, identity, made_on
@@ -63,7 +67,7 @@ def time_grid(
             if run.scene not in prepared:
                 prepared = {run.scene: _prepare(run, environment)}  # one at a time: frames take much memory
             record = _time(run, environment, steps, prepared[run.scene])
-        except FrogError as error:
+        except (FrogError, TrainingDiverged) as error:
             record = {"kind": "failed", **identity(run), "error": str(error).replace(run.capture, run.scene)}
         append(environment.results, record)
         records.append(record)
@@ -83,9 +87,8 @@ class _Prepared:
 
     def trainer(self, run: Run, steps: int) -> Trainer:
         limits = Limits(steps)
-        return Trainer(
-            self.capture, self.store, self.seeds, run.plain_recipe(), run.method, limits, run.seed, self.device
-        )
+        sources = (self.capture, self.store, self.seeds)
+        return build_trainer(*sources, run.plain_recipe(), run.method, limits, seed=run.seed, device=self.device)
 
 
 def _prepare(run: Run, environment: RunEnvironment) -> _Prepared:
@@ -103,7 +106,8 @@ def _time(run: Run, environment: RunEnvironment, steps: int, prepared: _Prepared
     planned = run.steps or recipe.steps_for(capture.frame_count)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "short.frog"
-        save_scene(TrainingJob(Path(run.capture), path, method=run.method, recipe=recipe), short, prepared.scale, {})
+        job = TrainingJob(Path(run.capture), path, method=run.method, recipe=recipe)
+        export_scene(Session(job, short, prepared.scale), path)
         finished, timed = environment.scene(run), short
         if finished.is_file() and checkpoint_path(finished).is_file():
             timed = prepared.trainer(run, planned)

@@ -33,7 +33,8 @@ class TrainingRequest:
         """Run the training; called on the worker, because this is what imports torch."""
         folders.hold()
         from ..engine.training.recipe import recipe
-        from ..engine.training.session.job import TrainingJob, run_training
+        from ..engine.training.session.job import TrainingJob
+        from ..engine.training.session.run import run_training
         from ..engine.training.session.time_estimate import remembering
 
         settings = recipe(self.recipe, capacity=self.capacity)

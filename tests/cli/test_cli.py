@@ -132,7 +132,7 @@ def test_train_says_how_it_went_and_resumes(run: Run, filmed: Path, tmp_path: Pa
     status, out, _ = run(*options, "--steps", "9", "--method", "static", "--resume")
     assert status == 0 and "9 steps" in out
     status, out, err = run(*options, "--steps", "12", "--resume")  # another method: the one that it began with stays
-    assert status == 0 and "12 steps" in out and "goes on as it began: method static, recipe draft" in out + err
+    assert status == 0 and "12 steps" in out and "original settings: method static, recipe draft" in out + err
     assert read_scene(tmp_path / "y.frog").header.method == "static"
 
 
@@ -141,7 +141,7 @@ def test_a_resume_says_which_options_it_leaves_aside(run: Run, filmed: Path, tmp
     began = ("--recipe", "draft", "--seed", "5", "--max-gaussians", "310", "--pixel-offset", "cam01=1,0")
     assert run(*options, *began, "--steps", "4")[0] == 0
     status, _, err = run(*options, *began, "--steps", "5", "--resume", "--device", "cpu", "--save-every", "9")
-    assert status == 0 and "left aside" not in err and "as it began" not in err
+    assert status == 0 and "ignored" not in err and "original settings" not in err
     other = {
         "--seed": ["0"],  # which it would be by itself
         "--scale": ["0.5"],
@@ -153,9 +153,9 @@ def test_a_resume_says_which_options_it_leaves_aside(run: Run, filmed: Path, tmp
     }
     asked = [word for option, values in other.items() for word in (option, *values)]
     status, _, err = run(*options, "--recipe", "draft", *asked, "--steps", "6", "--resume")
-    (said,) = [line for line in err.splitlines() if "left aside" in line]
-    assert status == 0 and "The training goes on as it began: method frog, recipe draft, capacity auto; left" in said
-    assert set(said.split("left aside: ")[1].rstrip(".").split(", ")) == set(other)
+    (said,) = [line for line in err.splitlines() if "ignored" in line]
+    assert status == 0 and "Resuming with the original settings: method frog, recipe draft, capacity auto; ign" in said
+    assert set(said.split("ignored: ")[1].rstrip(".").split(", ")) == set(other)
     header = read_scene(tmp_path / "y.frog").header
     assert (header.scale, header.test_frames, header.steps) == (1.0, (), 6)
 

@@ -8,7 +8,8 @@ import pytest
 
 from frog_blender.engine.evaluation.evaluate_file import evaluate_file
 from frog_blender.engine.training.recipe import recipe
-from frog_blender.engine.training.session.job import TrainingJob, run_training
+from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.run import run_training
 
 ROOM = Path(__file__).resolve().parents[2] / "examples" / "captures" / "room"
 SECONDS = 150.0

@@ -19,7 +19,7 @@ from frog_blender.engine.playback.canonical import canonical_gaussians
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.simd_layout import GROUP_SIZE
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene, write_scene
-from frog_blender.engine.training.compression.finalize import arranged, as_packed
+from frog_blender.engine.training.compression.finalize import as_packed, reorder_for_playback
 
 SHAPE = FieldShape(0, 4, 1, "unit", 10.0, 1.0, 0.5)
 
@@ -42,7 +42,7 @@ def test_tracks_of_another_kind_are_refused(tracks: np.ndarray) -> None:
         ScenePlayer(SceneFile(scene.header, scene.arrays | {"fades": tracks}))
 
 
-@pytest.mark.parametrize(("reshaped", "tracks"), [(-1, 40), (121, 40), ("many", 40), (50, 181)])
+@pytest.mark.parametrize(("num_shape_dynamic", "tracks"), [(-1, 40), (121, 40), ("many", 40), (50, 181)])
 def test_counts_that_cannot_be_are_refused(num_shape_dynamic: object, tracks: int) -> None:
     scene = spared()
     header = replace(scene.header, model=scene.header.model | {"reshaped": num_shape_dynamic})
@@ -75,7 +75,7 @@ def test_groups_that_keep_their_shape(count: int, share: float, kept: bool) -> N
         assert np.isnan(found[name][mixed:]).all(), name
 
 
-@pytest.mark.parametrize("reshaped", [0, 50, 120])
+@pytest.mark.parametrize("num_shape_dynamic", [0, 50, 120])
 @pytest.mark.parametrize("model", [{}, {"deformed_sh": 0}, {"deformed_sh": 4}, {"fusion": "dual"}], ids=str)
 def test_only_what_changes_differs_from_rest(model: dict, num_shape_dynamic: int) -> None:
     scene = spared(num_shape_dynamic=num_shape_dynamic, **model)
@@ -112,7 +112,7 @@ def test_parts_of_a_scene_keep_their_kinds() -> None:
 @pytest.mark.parametrize("compact", [False, True])
 def test_files_keep_them(tmp_path: Path, compact: bool) -> None:
     """In the order of a file, with lifetimes beside them; torch plays the same."""
-    scene = arranged(spared(fleeting=True))
+    scene = reorder_for_playback(spared(fleeting=True))
     assert "lifetimes" in scene.arrays
     write_scene(tmp_path / "a.frog", scene, compact=compact)
     back, expected = read_scene(tmp_path / "a.frog"), as_packed(scene) if compact else scene
@@ -133,7 +133,7 @@ def test_files_keep_them(tmp_path: Path, compact: bool) -> None:
 def test_the_order_of_a_file_keeps_kinds_apart() -> None:
     """Whoever is where: the same Gaussians of each kind, at the same time."""
     scene = spared(fleeting=True)
-    found = arranged(scene)
+    found = reorder_for_playback(scene)
     for first, last in ((0, 50), (50, 120), (120, 160), (160, 200)):
         before, after = (sorted(map(tuple, each.arrays["means"][first:last])) for each in (scene, found))
         assert before == after

@@ -25,7 +25,7 @@ from support.killed_trainings import forked
 from frog_blender.cli.main import main as frog
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.training.optimize.trainer import Trainer
-from frog_blender.engine.training.session import job as job_module
+from frog_blender.engine.training.session import run as training_run
 
 STEPS = 100_000
 _LONGEST = 1.0  # seconds after the first step
@@ -145,7 +145,7 @@ def fill(path: Path) -> None:
 
 def main() -> None:
     folder, how, moments, seed = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3]), int(sys.argv[4])
-    job_module.stored_seeds = lambda *_, **__: film.seeds()
+    training_run.stored_seeds = lambda *_, **__: film.seeds()
     chance = random.Random(seed)
     if how == "full":
         answer = by_full_disk(folder, moments, chance)

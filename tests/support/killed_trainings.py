@@ -27,10 +27,10 @@ from frog_blender.engine.io.tensor_files import read_tensors
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
 from frog_blender.engine.training.recipe import recipe
-from frog_blender.engine.training.session import job as job_module
 from frog_blender.engine.training.session.checkpoint import checkpoint_path, load_checkpoint, save_checkpoint
 from frog_blender.engine.training.session.events import Progress
-from frog_blender.engine.training.session.job import TrainingJob, run_training
+from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.run import run_training
 
 RATES = {"steps_per_moment": 0, "max_gaussians": 400, "capacity": "auto"}
 
@@ -91,14 +91,20 @@ def arrays(path: Path) -> dict[str, bytes]:
 def during_training(folder: Path, kills: int, seed: int, steps: int) -> dict[str, int]:
     """Kills trainings and goes on until each has ended as an undisturbed one."""
     chance = random.Random(seed)
-    task = TrainingJob(folder / "capture", folder / "whole.frog", recipe=recipe("draft", steps=steps, **RATES), seed=2)
+    task = TrainingJob(
+        folder / "capture",
+        folder / "whole.frog",
+        recipe=recipe("draft", steps=steps, **RATES),
+        seed=2,
+        seeds=film.seeds(),
+    )
     assert os.waitpid(forked(lambda: train(task)), 0)[1] == 0, "the undisturbed training failed"
     wanted = arrays(task.output)
     done = rounds = resumed = 0
     while done < kills:
         rounds += 1
         output = folder / f"killed{rounds}.frog"
-        disturbed = TrainingJob(task.capture, output, recipe=task.recipe, seed=2, save_seconds=0.05)
+        disturbed = replace(task, output=output, save_seconds=0.05)
         while True:
             resumed += checkpoint_path(output).is_file()
             if done >= kills:
@@ -124,9 +130,8 @@ def during_saving(folder: Path, kills: int, seed: int) -> dict[str, int]:
 
     def trainer() -> Trainer:
         capture = open_capture(folder / "capture")
-        return Trainer(
-            capture, FrameStore.open(capture), film.seeds(3000), recipe("draft", **RATES), "frog", Limits(9), 0
-        )
+        settings = recipe("draft", **RATES)
+        return Trainer(capture, FrameStore.open(capture), film.seeds(3000), settings, "frog", Limits(9), seed=0)
 
     def save_on_and_on(begun: int) -> None:
         one = trainer()
@@ -153,7 +158,6 @@ def during_saving(folder: Path, kills: int, seed: int) -> dict[str, int]:
 
 def main() -> None:
     folder, kills, seed, steps = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4])
-    job_module.stored_seeds = lambda *_, **__: film.seeds()
     answer = {
         "training": during_training(folder, kills, seed, steps),
         "saving": during_saving(folder, kills // 4, seed),

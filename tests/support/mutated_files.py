@@ -283,7 +283,6 @@ class Checkpoints(Kind):
         from frog_blender.engine.training.recipe import recipe
         from frog_blender.engine.training.session.checkpoint import checkpoint_path, save_checkpoint
         from frog_blender.engine.training.session.job import TrainingJob
-        from frog_blender.engine.training.session.loop import _settings
 
         torch.set_num_threads(1)
         self._cache = folder / "cache"
@@ -296,18 +295,19 @@ class Checkpoints(Kind):
             trainer = self._trainer(job)
             for _ in range(done):
                 trainer.step()
-            save_checkpoint(self.path, trainer, _settings(job))
+            save_checkpoint(self.path, trainer, job.stored_settings())
             self.whole.append(self.path.read_bytes())
 
     def _trainer(self, job):  # type: ignore[no-untyped-def]
-        from frog_blender.engine.training.optimize.trainer import Limits, Trainer
-        from frog_blender.engine.training.session.job import prepare_capture
+        from frog_blender.engine.training.build import build_trainer
+        from frog_blender.engine.training.optimize.trainer import Limits
+        from frog_blender.engine.training.session.run import prepare_capture
 
         capture, _ = prepare_capture(job.capture, job.scale, job.holdout_frames, job.pixel_offsets)
         store = FrameStore.open(capture, cache_folder=self._cache)
         most = min(job.recipe.seed_gaussians, job.recipe.max_gaussians)
         limits = Limits(job.steps or (None if job.seconds else job.recipe.steps_for(capture.frame_count)), job.seconds)
-        return Trainer(capture, store, seeds(min(300, most)), job.recipe, job.method, limits, job.seed, "cpu")
+        return build_trainer(capture, store, seeds(min(300, most)), job.recipe, job.method, limits, seed=job.seed)
 
     def use(self) -> bool:
         from frog_blender.engine.training.session.checkpoint import load_checkpoint

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from frog_blender.engine.model.canonical import CanonicalField
 from frog_blender.engine.model.interface import SceneModel
+from frog_blender.engine.training.compression.context import CompressionContext
+from frog_blender.engine.training.compression.schedule import compression_of
 from frog_blender.engine.training.optimize.trainer import Trainer
 
 
@@ -20,3 +22,10 @@ def train(trainer: Trainer, until: int | None = None) -> Trainer:
     while not trainer.finished and trainer.step_count != until:
         trainer.step()
     return trainer
+
+
+def compression(trainer: Trainer) -> CompressionContext:
+    """Of a training with automatic capacity."""
+    found = compression_of(trainer)
+    assert found is not None
+    return found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,11 @@ from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.seeds import Seeds
-from frog_blender.engine.training.compression import schedule
+from frog_blender.engine.training.build import build_trainer
+from frog_blender.engine.training.compression.settings import CompressionSettings
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
 from frog_blender.engine.training.recipe import Recipe, recipe
-from frog_blender.engine.training.session import job
+from frog_blender.engine.training.session import run as training_run
 
 # Rates at which six hundred steps are enough to follow the ball (four hundred are not, with most seeds).
 LIVELY = {"steps_per_moment": 0, "network_rate": 1e-3, "embedding_rate": 3e-2, "mean_rate": 2e-4, "max_gaussians": 600}
@@ -48,7 +50,7 @@ def seeds_at_no_cost(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def seeds(*_: object, count_limit: int, **__: object) -> Seeds:
         return film.seeds(min(300, count_limit))
 
-    monkeypatch.setattr(job, "stored_seeds", seeds)
+    monkeypatch.setattr(training_run, "stored_seeds", seeds)
 
 
 @pytest.fixture(scope="session")
@@ -68,25 +70,34 @@ def lively() -> Callable[..., Recipe]:
 
 @pytest.fixture(scope="session")
 def make_trainer(capture: Capture, store: FrameStore, lively: Callable[..., Recipe]) -> Callable[..., Trainer]:
-    """``make(steps, method="frog", seed=0, watched=None, **recipe changes)``."""
+    """``make(steps, method="frog", seed=0, watched=None, compression=None, **recipe changes)``."""
 
-    def make(steps: int, method: str = "frog", seed: int = 0, watched: Any = None, **changes: Any) -> Trainer:
-        limits = Limits(steps)
-        return Trainer(capture, watched or store, film.seeds(), lively(steps, **changes), method, limits, seed)
+    def make(
+        steps: int,
+        method: str = "frog",
+        *,
+        seed: int = 0,
+        watched: Any = None,
+        compression: CompressionSettings | None = None,
+        **changes: Any,
+    ) -> Trainer:
+        settings, frames = lively(steps, **changes), watched or store
+        options = {"seed": seed, "compression": compression or CompressionSettings()}
+        return build_trainer(capture, frames, film.seeds(), settings, method, Limits(steps), **options)
 
     return make
 
 
 @pytest.fixture(scope="session")
 def halfway(make_trainer: Callable[..., Trainer]) -> Callable[..., Trainer]:
-    """``halfway(**recipe changes)``: 90 of 120 steps with automatic capacity, just before it settles; all move."""
+    """``halfway(compression=None, **recipe changes)``: 90 of 120 steps with automatic capacity, before Gaussians are
+    pruned; all are dynamic."""
 
-    def make(**changes: Any) -> Trainer:
-        trainer = make_trainer(120, capacity="auto", **changes)
-        with pytest.MonkeyPatch.context() as patched:
-            patched.setattr(schedule, "freeze_static_regions", lambda *_: None)
-            while trainer.step_count < 90:
-                trainer.step()
+    def make(compression: CompressionSettings | None = None, **changes: Any) -> Trainer:
+        settings = replace(compression or CompressionSettings(), min_static_area=1.1)
+        trainer = make_trainer(120, capacity="auto", compression=settings, **changes)
+        while trainer.step_count < 90:
+            trainer.step()
         return trainer
 
     return make

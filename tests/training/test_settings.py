@@ -13,6 +13,7 @@ import pytest
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.scene.scene_file import settings_json
 from frog_blender.engine.training.methods import METHODS, method_named
+from frog_blender.engine.training.optimize.running_loss import TrainingDiverged
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.recipe import RECIPES, Recipe, recipe, stored_recipe
 from frog_blender.engine.training.setting import Choice, Fractions, Name, Number, check_all, kinds_of
@@ -115,7 +116,7 @@ def train_with(make_trainer: Callable[..., Trainer], names: list[str]) -> None:
                 for _ in range(6):
                     if not trainer.finished:
                         trainer.step()
-            except FrogError as error:
+            except (FrogError, TrainingDiverged) as error:
                 assert "\n" not in str(error)
 
 

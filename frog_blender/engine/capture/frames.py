@@ -33,8 +33,8 @@ _ABANDONED_AFTER = 3600.0  # seconds without a write after which a partial store
 _SPARE_BYTES = 256 << 20  # left free on the disk
 
 
-class DecodingCancelled(FrogError):
-    """The caller's ``cancelled`` answered True while frames were being decoded."""
+class DecodingCancelled(Exception):
+    """The caller's ``cancelled`` answered True during decoding. No FrogError: nothing is wrong with the input."""
 
 
 class FrameStore:

@@ -2,7 +2,52 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from typing import Any
+
+
+class StepKind(StrEnum):
+    """What a compression step does; the values are the names on disk."""
+
+    PRUNE = "pruned"
+    FREEZE = "put to rest"
+    UNFREEZE = "woken"
+    SH_DEGREE = "SH degree"
+    NETWORK_WIDTH = "network width"
+    HEAD_MEANS = "head means"
+    HEAD_LOG_SCALES = "head log_scales"
+    HEAD_QUATERNIONS = "head quaternions"
+    HEAD_OPACITIES = "head opacity_logits"
+    HEAD_SH = "head sh"
+    ONLY_FADE = "only fade"
+    KEEP_SHAPE = "keep their shape"
+    VISIBILITY = "unseen left out"
+    PACK = "packed"
+
+    @property
+    def unit(self) -> str:
+        """What the numbers before and after count; empty for a degree."""
+        return _UNITS.get(self, "heads" if self in _HEADS else "")
+
+
+_UNITS = {
+    StepKind.PRUNE: "Gaussians",
+    StepKind.FREEZE: "moving Gaussians",
+    StepKind.UNFREEZE: "moving Gaussians",
+    StepKind.NETWORK_WIDTH: "hidden units",
+    StepKind.PACK: "bytes",
+    StepKind.ONLY_FADE: "deformed Gaussians",
+    StepKind.KEEP_SHAPE: "Gaussians that turn and grow",
+    StepKind.VISIBILITY: "Gaussians deformed a frame",
+}
+_HEADS = (
+    StepKind.HEAD_MEANS,
+    StepKind.HEAD_LOG_SCALES,
+    StepKind.HEAD_QUATERNIONS,
+    StepKind.HEAD_OPACITIES,
+    StepKind.HEAD_SH,
+)
+_KNOWN = {kind.value: kind for kind in StepKind}
 
 
 def summary(capacity: dict[str, Any]) -> str:
@@ -22,7 +67,7 @@ def lines(capacity: dict[str, Any]) -> list[str]:
 def reduction_line(reduction: dict[str, Any]) -> str:
     """``at 85 %, put to rest: 20,704 -> 5,927 moving Gaussians; saves 1.9 MB, 1.2 ms a frame; costs 0.005 dB``."""
     what = reduction["what"]
-    unit = "heads" if what.startswith("head ") else _UNITS.get(what, "")
+    unit = _KNOWN[what].unit if what in _KNOWN else ""  # a newer version's kind
     counts = f"{reduction['before']:,} -> {reduction['after']:,} {unit}"
     parts = [f"at {100 * reduction['progress']:.0f} %, {what}: {counts}"]
     saved = []
@@ -35,15 +80,3 @@ def reduction_line(reduction: dict[str, Any]) -> str:
     if reduction.get("loss") is not None:
         parts.append(f"costs {max(0.0, reduction['loss']):.3f} dB")
     return "; ".join(part.rstrip() for part in parts)
-
-
-_UNITS = {
-    "pruned": "Gaussians",
-    "put to rest": "moving Gaussians",
-    "woken": "moving Gaussians",
-    "network width": "hidden units",
-    "packed": "bytes",
-    "only fade": "deformed Gaussians",
-    "keep their shape": "Gaussians that turn and grow",
-    "unseen left out": "Gaussians deformed a frame",
-}

@@ -7,15 +7,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from support.training_steps import compression
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.training.compression.budget import fit_within, with_budget
-from frog_blender.engine.training.compression.schedule import CompressionSchedule
+from frog_blender.engine.training.compression.settings import CompressionSettings
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.recipe import recipe
 from frog_blender.engine.training.session.events import Cancelled, Finished, Started, WarningEvent
-from frog_blender.engine.training.session.job import TrainingJob, run_training
+from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.run import run_training
 
 pytestmark = pytest.mark.usefixtures("seeds_at_no_cost")
 Make = Callable[..., Trainer]
@@ -48,7 +50,8 @@ def test_a_training_may_grow_beyond_what_it_keeps(make_trainer: Make) -> None:
         trainer.step()
         most = max(most, trainer.count)
     assert most > 300 and 200 < trainer.count <= 250
-    assert any(each.what == "pruned" and each.before > 250 >= each.after for each in trainer.compression.reductions)
+    pruned = [each for each in compression(trainer).record.log if each.what == "pruned"]
+    assert any(each.before > 250 >= each.after for each in pruned)
 
 
 def test_a_cancelled_training_keeps_no_more_either(filmed: Path, tmp_path: Path, lively: Callable) -> None:
@@ -93,18 +96,17 @@ def test_a_budget_of_bytes_holds_exactly(filmed: Path, tmp_path: Path, lively: C
 def test_a_budget_that_one_gaussian_meets_is_met(make_trainer: Make) -> None:
     """The first guess of what each takes may be far off: all bytes but a few are common to all of them."""
     trainer = make_trainer(10, capacity="auto")
-    fit_within(trainer.compression, trainer, lambda: 90_000 + trainer.count, 90_001)
+    fit_within(compression(trainer), lambda: 90_000 + trainer.count, 90_001)
     assert trainer.count == 1
     with pytest.raises(FrogError, match="a single Gaussian takes 90001"):
-        fit_within(trainer.compression, trainer, lambda: 90_000 + trainer.count, 90_000)
+        fit_within(compression(trainer), lambda: 90_000 + trainer.count, 90_000)
 
 
-def test_a_budget_that_was_too_small_can_be_raised(
-    filmed: Path, tmp_path: Path, lively: Callable, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_budget_that_was_too_small_can_be_raised(filmed: Path, tmp_path: Path, lively: Callable) -> None:
     """A doubtful one is named before the training, which is not lost when it proves too small."""
-    monkeypatch.setattr(CompressionSchedule, "_round", lambda *_: None)  # the whole network stays
-    task = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(30, capacity="auto"))
+    nothing = {"max_width_loss": -100.0, "max_head_loss": -100.0, "max_final_freeze_loss": -100.0}  # all of it stays
+    settings = CompressionSettings(**nothing, max_prune_loss=-100.0, max_freeze_loss=-100.0)
+    task = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(30, capacity="auto"), compression=settings)
     with pytest.raises(FrogError, match="expected at least") as refused:
         list(run_training(replace(task, max_bytes=100)))
     least = int(str(refused.value).split()[-1].rstrip("."))

@@ -17,10 +17,10 @@ from frog_blender.engine.playback.render import draw
 from frog_blender.engine.playback.visibility import mean_deformed_share
 from frog_blender.engine.scene.compression_report import reduction_line
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene, write_scene
-from frog_blender.engine.training.compression import finalize
-from frog_blender.engine.training.compression.finalize import arranged, as_packed
-from frog_blender.engine.training.session import export
-from frog_blender.engine.training.session.job import TrainingJob, run_training
+from frog_blender.engine.training.compression.finalize import as_packed, reorder_for_playback
+from frog_blender.engine.training.compression.settings import CompressionSettings
+from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.run import run_training
 
 pytestmark = pytest.mark.usefixtures("seeds_at_no_cost")
 
@@ -33,7 +33,7 @@ QUARTERS = [k / 24 for k in range(25)]
 @pytest.mark.parametrize("model", [{}, {"moving": 201}, {"deformed_sh": 4, "moving": 290}, {"deformed_sh": 0}], ids=str)
 def test_images_are_the_same(model: dict, packed: bool) -> None:
     plain = flickering(**model)
-    scene = as_packed(arranged(plain)) if packed else arranged(plain)
+    scene = as_packed(reorder_for_playback(plain)) if packed else reorder_for_playback(plain)
     assert mean_deformed_share(scene.arrays["lifetimes"], len(scene.arrays["embeddings"])) < 0.85
     playable, always, camera = ScenePlayer(scene), ScenePlayer(without_lifetimes(scene)), odd_camera()
     moments = {time: (playable.at(time), always.at(time)) for time in QUARTERS}
@@ -47,16 +47,16 @@ def test_images_are_the_same(model: dict, packed: bool) -> None:
 def test_the_order_is_nobodys_matter(frames: int) -> None:
     plain = flickering()
     plain = SceneFile(replace(plain.header, frame_count=frames), plain.arrays)
-    scene, camera = arranged(plain), odd_camera()
+    scene, camera = reorder_for_playback(plain), odd_camera()
     found = ScenePlayer(scene).at(0.25), ScenePlayer(plain).at(0.25)
     np.testing.assert_allclose(*(draw(each, camera).rgb for each in found), atol=1e-5)
     assert len(scene.arrays.get("lifetimes", [0])) == frames - 1
-    unfinished = arranged(plain, finished=False)
+    unfinished = reorder_for_playback(plain, finished=False)
     assert "lifetimes" not in unfinished.arrays and len(unfinished.arrays["means"]) == 300
 
 
 def test_moments_in_any_order_have_the_same_bits() -> None:
-    scene = arranged(flickering(moving=201))
+    scene = reorder_for_playback(flickering(moving=201))
     random = np.random.default_rng(0)
     playable = ScenePlayer(scene)
     for time in random.choice(TIMES, 40):
@@ -67,8 +67,8 @@ def test_moments_in_any_order_have_the_same_bits() -> None:
 
 
 def test_threads_see_what_one_alone_sees() -> None:
-    scene = ScenePlayer(arranged(flickering()))
-    expected = {time: ScenePlayer(arranged(flickering())).at(time).means for time in TIMES}
+    scene = ScenePlayer(reorder_for_playback(flickering()))
+    expected = {time: ScenePlayer(reorder_for_playback(flickering())).at(time).means for time in TIMES}
     wrong: list[float] = []
 
     def play(seed: int) -> None:
@@ -83,7 +83,7 @@ def test_threads_see_what_one_alone_sees() -> None:
 
 
 def test_a_part_of_a_scene_shows_the_same() -> None:
-    scene, camera = arranged(flickering(moving=201)), odd_camera()
+    scene, camera = reorder_for_playback(flickering(moving=201)), odd_camera()
     kept = np.delete(np.arange(300), [3, 90, 91, 230])
     part, whole = ScenePlayer(scene).subset(kept), ScenePlayer(without_lifetimes(scene)).only(kept)
     left_out = [sum(int((each.at(time).opacities == 0).sum()) for time in QUARTERS) for each in (part, whole)]
@@ -100,21 +100,23 @@ def test_axes_that_nobody_can_see_cost_others_nothing() -> None:
     shrunk = plain.arrays["log_scales"].copy()
     shrunk[::7, 1] = -25.0
     thin = SceneFile(plain.header, plain.arrays | {"log_scales": shrunk})
-    scenes = [arranged(each, finished=False) for each in (plain, thin)]
+    scenes = [reorder_for_playback(each, finished=False) for each in (plain, thin)]
     wrong = [np.abs(as_packed(each).arrays["log_scales"] - each.arrays["log_scales"]).max() for each in scenes]
     assert 0 < wrong[1] <= 1.01 * wrong[0]
 
 
 def test_where_most_can_be_seen_there_are_none() -> None:
-    assert "lifetimes" not in arranged(scene_file(300, opacity_reduction="off")).arrays
+    assert "lifetimes" not in reorder_for_playback(scene_file(300, opacity_reduction="off")).arrays
     single = flickering()
-    assert "lifetimes" not in arranged(SceneFile(replace(single.header, frame_count=1), single.arrays)).arrays
-    assert "lifetimes" not in arranged(flickering(head_width=8)).arrays
+    assert (
+        "lifetimes" not in reorder_for_playback(SceneFile(replace(single.header, frame_count=1), single.arrays)).arrays
+    )
+    assert "lifetimes" not in reorder_for_playback(flickering(head_width=8)).arrays
 
 
 @pytest.mark.parametrize("compact", [False, True])
 def test_files_keep_them(tmp_path: Path, compact: bool) -> None:
-    scene = arranged(flickering())
+    scene = reorder_for_playback(flickering())
     write_scene(tmp_path / "a.frog", scene, compact=compact)
     back = read_scene(tmp_path / "a.frog")
     expected = as_packed(scene) if compact else scene
@@ -126,11 +128,9 @@ def test_files_keep_them(tmp_path: Path, compact: bool) -> None:
 
 
 @pytest.mark.parametrize("worth", [0.0, 2.0])
-def test_a_training_says_what_its_lifetimes_save(
-    filmed: Path, tmp_path: Path, lively: Callable, monkeypatch: pytest.MonkeyPatch, worth: float
-) -> None:
-    monkeypatch.setattr(finalize, "_WORTH_IT", worth)
-    task = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(60, capacity="auto"))
+def test_a_training_says_what_its_lifetimes_save(filmed: Path, tmp_path: Path, lively: Callable, worth: float) -> None:
+    settings = CompressionSettings(max_visible=worth)
+    task = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(60, capacity="auto"), compression=settings)
     finished = list(run_training(task))[-1]
     scene = read_scene(task.output)
     assert ("lifetimes" in scene.arrays) == (worth > 1)
@@ -145,11 +145,10 @@ def test_a_training_says_what_its_lifetimes_save(
 
 
 def test_where_packing_shows_files_stay_plain_and_keep_lifetimes(
-    filmed: Path, tmp_path: Path, lively: Callable, monkeypatch: pytest.MonkeyPatch
+    filmed: Path, tmp_path: Path, lively: Callable
 ) -> None:
-    monkeypatch.setattr(finalize, "_WORTH_IT", 2.0)
-    monkeypatch.setattr(export, "_PACKING_LOSS", -100.0)
-    task = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(60, capacity="auto"))
+    settings = CompressionSettings(max_visible=2.0, max_packing_loss=-100.0)
+    task = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(60, capacity="auto"), compression=settings)
     finished = list(run_training(task))[-1]
     whats = [each["what"] for each in finished.capacity["reductions"]]
     assert "packed" not in whats and whats[-1] == "unseen left out"

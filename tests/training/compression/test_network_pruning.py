@@ -8,25 +8,27 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from support.training_steps import train
+from support.training_steps import compression, train
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.rasterizer import rasterize
-from frog_blender.engine.training.compression import network_pruning
 from frog_blender.engine.training.compression.network_pruning import (
-    narrow,
-    sensitivities,
+    output_sensitivities,
+    prune_hidden_units,
     visible_moments,
     without_units,
 )
-from frog_blender.engine.training.compression.sensitivity import SampledView, sample_views
+from frog_blender.engine.training.compression.sensitivity import SampledView
+from frog_blender.engine.training.compression.settings import CompressionSettings
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session.checkpoint import load_checkpoint, save_checkpoint, state_of
-from frog_blender.engine.training.session.export import save_scene
+from frog_blender.engine.training.session.export import export_scene
 from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.session import Session
 
 Make = Callable[..., Trainer]
+ANY_LOSS = CompressionSettings(max_width_loss=100.0)
 
 
 def moments_of(values: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
@@ -91,8 +93,8 @@ def test_what_an_image_changes_with_an_output(halfway: Make) -> None:
     """Summed over the Gaussians it is what it changes with the outputs' bias, opacity reduction and all."""
     trainer = halfway()
     model, look, camera = trainer.model, SampledView(2, 0.4), trainer.capture.cameras[2]
-    found = sensitivities(trainer, model, trainer.capture, look, torch.Generator().manual_seed(5)).sum(0)
-    gaussians, _ = trainer.gaussians_at(look.time, trainer.progress)
+    found = output_sensitivities(trainer, model, trainer.capture, look, torch.Generator().manual_seed(5)).sum(0)
+    gaussians, _ = trainer.deform(look.time, trainer.progress)
     image = rasterize(gaussians, camera, trainer.capture.background)
     signs = 2.0 * torch.randint(2, image.rgb.shape, generator=torch.Generator().manual_seed(5)) - 1
     image.rgb.backward(signs)
@@ -111,27 +113,23 @@ def test_a_layer_keeps_sixteen_units() -> None:
 def test_what_no_image_shows_has_no_moments(halfway: Make) -> None:
     trainer = halfway()
     looks = [SampledView(0, 0.25), SampledView(3, 0.75)]
-    found = visible_moments(trainer, trainer.model, looks, torch.Generator().manual_seed(0))
+    found = visible_moments(trainer, trainer.model, looks, 1, torch.Generator().manual_seed(0))
     assert found.shape == (14, 65, 65) and (found.diagonal(dim1=1, dim2=2)[:, -1] > 0).all()
     assert all(parameter.grad is None for parameter in trainer.model.parameters())
     trainer.model.canonical.opacity_logits.data -= 100.0  # nothing is drawn
-    found = visible_moments(trainer, trainer.model, looks, torch.Generator().manual_seed(0))
+    found = visible_moments(trainer, trainer.model, looks, 1, torch.Generator().manual_seed(0))
     assert not found.any()
 
 
 def narrowed(trainer: Trainer) -> Trainer:
-    assert trainer.compression
-    generator = torch.Generator().manual_seed(0)
-    looks = sample_views(trainer.capture, trainer.compression.looked_at, 8, generator)
-    narrow(trainer.compression, trainer, trainer.compression.judge(trainer), looks, generator)
+    generator, context = torch.Generator().manual_seed(0), compression(trainer)
+    views, evaluator = context.sample_views(generator, 8), context.evaluator()
+    context.compress(evaluator, prune_hidden_units(context, evaluator, views, generator))
     return trainer
 
 
-def test_a_narrower_network_trains_saves_and_plays(
-    halfway: Make, monkeypatch: pytest.MonkeyPatch, filmed: Path, tmp_path: Path
-) -> None:
-    monkeypatch.setattr(network_pruning, "ALLOWED_WIDTH_LOSS", 100.0)
-    trainer = halfway()
+def test_a_narrower_network_trains_saves_and_plays(halfway: Make, filmed: Path, tmp_path: Path) -> None:
+    trainer = halfway(ANY_LOSS)
     silent = trainer.model.output_rows("quaternions")
     trainer.model.prune_head("quaternions")
     trainer.optimizer.stop(trainer.model.deformation.output_weight, silent)
@@ -143,26 +141,24 @@ def test_a_narrower_network_trains_saves_and_plays(
     assert field.modulation_weight.shape == field.embedding_weight.shape == (16, 32)
     units = [int((rows == row).all(1).nonzero()) for row in field.embedding_weight]
     assert torch.equal(trainer.optimizer.adam.state[field.output_weight]["exp_avg"], memory[:, units])
-    assert trainer.compression
-    last = trainer.compression.reductions[-1]
+    last = compression(trainer).record.log[-1]
     assert (last.what, last.before, last.after) == ("network width", 64, 16) and last.bytes > 0
     before = field.bias.detach().clone()
     train(trainer)
     assert (field.bias != before).any() and not field.output_weight[silent].any()
-    save_scene(TrainingJob(filmed, tmp_path / "a.frog", lossless=True), trainer, 1.0, {})
+    session = Session(TrainingJob(filmed, tmp_path / "a.frog", lossless=True), trainer)
+    export_scene(session, session.output)
     played = ScenePlayer.load(tmp_path / "a.frog")
     assert played.header.model["hidden_width"] == 16
-    expected = trainer.gaussians_at(0.4, 1.0)[0].means.detach().numpy()
+    expected = trainer.deform(0.4, 1.0)[0].means.detach().numpy()
     np.testing.assert_allclose(played.at(0.4).means, expected, atol=1e-5)
 
 
-def test_a_network_that_is_needed_stays_as_it_is(halfway: Make, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(network_pruning, "ALLOWED_WIDTH_LOSS", -100.0)
-    trainer = halfway()
+def test_a_network_that_is_needed_stays_as_it_is(halfway: Make) -> None:
+    trainer = halfway(CompressionSettings(max_width_loss=-100.0))
     weight = trainer.model.deformation.output_weight.detach().clone()
     narrowed(trainer)
-    assert trainer.compression
-    assert trainer.model.settings.hidden_width == 64 and trainer.compression.reductions == []
+    assert trainer.model.settings.hidden_width == 64 and compression(trainer).record.log == []
     assert torch.equal(trainer.model.deformation.output_weight, weight)
 
 
@@ -170,19 +166,14 @@ def test_a_network_that_is_needed_stays_as_it_is(halfway: Make, monkeypatch: pyt
 def test_networks_of_more_layers_stay_as_they_are(halfway: Make, changes: dict) -> None:
     trainer = halfway(**changes)
     width = trainer.model.settings.hidden_width
-    assert trainer.compression and "network width" not in [
-        each.what for each in narrowed(trainer).compression.reductions
-    ]
+    assert "network width" not in [each.what for each in compression(narrowed(trainer)).record.log]
     assert trainer.model.settings.hidden_width == width
 
 
-def test_a_narrow_training_is_resumed(
-    make_trainer: Make, halfway: Make, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setattr(network_pruning, "ALLOWED_WIDTH_LOSS", 100.0)
-    trainer = narrowed(halfway())
+def test_a_narrow_training_is_resumed(make_trainer: Make, halfway: Make, tmp_path: Path) -> None:
+    trainer = narrowed(halfway(ANY_LOSS))
     save_checkpoint(tmp_path / "c", trainer)
-    other = make_trainer(120, capacity="auto")
+    other = make_trainer(120, capacity="auto", compression=ANY_LOSS)
     load_checkpoint(tmp_path / "c", other)
     assert other.model.settings.hidden_width == 16
     while not trainer.finished:
@@ -192,11 +183,8 @@ def test_a_narrow_training_is_resumed(
         assert (array == state_of(other)[0][name]).all(), name
 
 
-def test_a_checkpoint_that_does_not_fit_leaves_the_width(
-    make_trainer: Make, halfway: Make, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setattr(network_pruning, "ALLOWED_WIDTH_LOSS", 100.0)
-    trainer = narrowed(halfway())
+def test_a_checkpoint_that_does_not_fit_leaves_the_width(make_trainer: Make, halfway: Make, tmp_path: Path) -> None:
+    trainer = narrowed(halfway(ANY_LOSS))
     trainer.model.temporal_table.data = trainer.model.temporal_table.data[:3]
     save_checkpoint(tmp_path / "c", trainer)
     other = make_trainer(120, capacity="auto")

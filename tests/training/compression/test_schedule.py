@@ -1,9 +1,9 @@
-"""The rounds of ``capacity="auto"``: what they take away, who judges them, and that a training goes on afterwards."""
+"""The milestones of ``capacity="auto"``: what passes take, what decides, and that a training goes on afterwards."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,17 +11,21 @@ import numpy as np
 import pytest
 import torch
 from support import synthetic_capture as film
-from support.training_steps import train
+from support.training_steps import compression, train
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.engine.training.compression import context as context_module
 from frog_blender.engine.training.compression import passes, schedule
-from frog_blender.engine.training.compression.sensitivity import Motion, Sensitivity, mean_state
-from frog_blender.engine.training.optimize.gaussian_order import arrange, freeze_motion, gaussians_at
-from frog_blender.engine.training.optimize.trainer import Trainer
+from frog_blender.engine.training.compression.context import CompressionContext, Proposal
+from frog_blender.engine.training.compression.sensitivity import Motion, Sensitivity
+from frog_blender.engine.training.compression.settings import DEFAULT, CompressionSettings
+from frog_blender.engine.training.optimize import gaussian_order
+from frog_blender.engine.training.optimize.trainer import Played, Trainer
 from frog_blender.engine.training.session.checkpoint import load_checkpoint, save_checkpoint
-from frog_blender.engine.training.session.job import TrainingJob, run_training
+from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.recovery import Recovery
+from frog_blender.engine.training.session.run import run_training
 
 pytestmark = pytest.mark.usefixtures("seeds_at_no_cost")
 Make = Callable[..., Trainer]
@@ -29,36 +33,34 @@ Make = Callable[..., Trainer]
 
 def test_rounds_make_the_scene_smaller_and_training_goes_on(make_trainer: Make) -> None:
     fixed, auto = train(make_trainer(400)), train(make_trainer(400, capacity="auto"))
-    assert auto.compression
-    whats = [reduction.what for reduction in auto.compression.reductions]
+    log = compression(auto).record.log
+    whats = [step.what for step in log]
     assert "pruned" in whats and "put to rest" in whats
     assert auto.count < fixed.count and 0 < auto.model.canonical.num_dynamic < auto.count / 2
     assert fixed.model.canonical.num_dynamic == fixed.count
     assert auto.evaluate(6)[0] > fixed.evaluate(6)[0] - 1.0
-    worst = max(passes.ALLOWED_LOSS, passes.ALLOWED_PRUNING_LOSS)
-    assert all((reduction.loss or 0.0) <= worst for reduction in auto.compression.reductions)
+    assert all((step.loss or 0.0) <= max(DEFAULT.max_freeze_loss, DEFAULT.max_prune_loss) for step in log)
 
 
 @pytest.mark.parametrize(("some_rest", "share", "at"), [(False, 0.0, 1.0), (True, 0.0, 0.8), (False, 0.2, 0.8)])
 def test_motion_is_learned_to_the_end_unless_some_rest_already(
     make_trainer: Make, monkeypatch: pytest.MonkeyPatch, some_rest: bool, share: float, at: float
 ) -> None:
-    def freeze_static_regions(
-        rounds: schedule.CompressionSchedule, trainer: Trainer, generator: torch.Generator
-    ) -> None:
+    def freeze_static_regions(context: CompressionContext, evaluator: object, generator: torch.Generator) -> list:
         if some_rest:
-            state = mean_state(lambda moment: gaussians_at(trainer, moment), rounds.sample_views(generator))
-            freeze_motion(trainer, torch.arange(5), state)
+            state = context.mean_dynamic_state(context.sample_views(generator))
+            gaussian_order.freeze_motion(context.training.gaussians, torch.arange(5), state)
+        return []
 
     monkeypatch.setattr(schedule, "freeze_static_regions", freeze_static_regions)
     trainer = make_trainer(100, capacity="auto", dynamic_share=share)
     train(trainer, until=79)
     assert (trainer.model.canonical.num_dynamic < trainer.count) == some_rest  # copies of those at rest are at rest
     train(trainer)
-    assert trainer.compression
-    rests = [each for each in trainer.compression.reductions if each.what == "put to rest"]
-    assert [each.progress for each in rests] == [at] and rests[0].after < rests[0].before
-    assert all(each.progress == 1.0 for each in trainer.compression.reductions if each.what.startswith(("head", "net")))
+    log = compression(trainer).record.log
+    frozen = [each for each in log if each.what == "put to rest"]
+    assert [each.progress for each in frozen] == [at] and frozen[0].after < frozen[0].before
+    assert all(each.progress == 1.0 for each in log if each.what.startswith(("head", "net")))
 
 
 class Exact:
@@ -72,15 +74,14 @@ class Exact:
         return film.image(self._capture.cameras[shot.camera], shot.frame)
 
 
-def test_what_lies_where_images_hardly_change_rests_early(
-    make_trainer: Make, capture: Capture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for bound in ("_WORTH_IT", "_MOSTLY_STILL"):  # of a wall of broad Gaussians few are clear of the ball
-        monkeypatch.setattr(passes, bound, 0.0)
-    trainer = make_trainer(100, watched=Exact(capture), capacity="auto")
+FEW = CompressionSettings(min_frozen=0.0, min_static_area=0.0)
+"""Of a wall of broad Gaussians few are clear of the ball."""
+
+
+def test_what_lies_where_images_hardly_change_rests_early(make_trainer: Make, capture: Capture) -> None:
+    trainer = make_trainer(100, watched=Exact(capture), compression=FEW, capacity="auto")
     train(trainer, until=10)
-    assert trainer.compression
-    (found,) = trainer.compression.reductions
+    (found,) = compression(trainer).record.log
     moving = trainer.model.canonical.num_dynamic
     assert found.what == "put to rest" and found.before == trainer.count and found.after == moving
     assert 3 < trainer.count - moving < trainer.count / 10
@@ -91,42 +92,37 @@ def test_what_lies_where_images_hardly_change_rests_early(
 
 
 @pytest.mark.parametrize(
-    ("what", "value"),
+    "change",
     [
-        ("ALLOWED_LOSS", -100.0),
-        ("_UNCHANGED", -1.0),
-        ("_LEAST_CHANGE", 0.0),
-        ("_WORTH_IT", 0.1),
-        ("_MOSTLY_STILL", 1.1),
+        {"max_freeze_loss": -100.0},
+        {"static_error": -1.0},
+        {"static_deviation": 0.0},
+        {"min_frozen": 0.1},
+        {"min_static_area": 1.1},
     ],
+    ids=str,
 )
 def test_what_the_images_would_miss_does_not_rest_early_and_neither_do_few(
-    make_trainer: Make, capture: Capture, monkeypatch: pytest.MonkeyPatch, what: str, value: float
+    make_trainer: Make, capture: Capture, change: dict
 ) -> None:
-    for bound in ("_WORTH_IT", "_MOSTLY_STILL"):
-        monkeypatch.setattr(passes, bound, 0.0)
-    monkeypatch.setattr(passes, what, value)
-    trainer = make_trainer(100, watched=Exact(capture), capacity="auto")
+    trainer = make_trainer(100, watched=Exact(capture), compression=replace(FEW, **change), capacity="auto")
     train(trainer, until=20)
-    assert trainer.compression and trainer.compression.reductions == []
+    assert compression(trainer).record.log == []
     assert trainer.model.canonical.num_dynamic == trainer.count
 
 
-def test_many_rest_early_as_they_are(make_trainer: Make, capture: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
-    for what, value in (("ALLOWED_LOSS", 100.0), ("_UNCHANGED", 1e9), ("_LEAST_CHANGE", 0.2)):  # of the display range
-        monkeypatch.setattr(passes, what, value)
-    trainer = make_trainer(100, watched=Exact(capture), capacity="auto")
+def test_many_rest_early_as_they_are(make_trainer: Make, capture: Capture) -> None:
+    settings = CompressionSettings(max_freeze_loss=100.0, static_error=1e9, static_deviation=0.2)
+    trainer = make_trainer(100, watched=Exact(capture), compression=settings, capacity="auto")
     train(trainer, until=10)
-    assert trainer.compression
-    (found,) = trainer.compression.reductions
+    (found,) = compression(trainer).record.log
     assert found.what == "put to rest" and found.after < 0.75 * found.before
 
 
 def test_a_scene_that_was_frozen_too_early_wakes(make_trainer: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(schedule, "is_static_capture", lambda *_: True)
     trainer = train(make_trainer(300, capacity="auto"))
-    assert trainer.compression
-    first, *_ = [each for each in trainer.compression.reductions if each.what == "woken"]
+    first, *_ = [each for each in compression(trainer).record.log if each.what == "woken"]
     assert first.before == 0 and 0 < first.after < trainer.count
 
 
@@ -134,14 +130,12 @@ def test_looking_leaves_no_gradient_behind(make_trainer: Make) -> None:
     """A model at rest hands out its own parameters."""
     trainer = make_trainer(60, capacity="auto")
     train(trainer, until=17)
-    assert trainer.compression
     for _ in range(2):
         motion = measured(trainer)
         assert (motion.contribution > 0).any()
-        passes.unfreeze_high_error(trainer.compression, trainer, torch.Generator().manual_seed(0))
+        unfreeze(compression(trainer))
         assert all(parameter.grad is None for parameter in trainer.model.parameters())
-        everyone = torch.arange(trainer.model.canonical.num_dynamic)
-        arrange(trainer, everyone, everyone[:0])
+        trainer.gaussians.reindex(torch.arange(trainer.model.canonical.num_dynamic), 0)
 
 
 def test_a_silenced_head_stays_silent(make_trainer: Make) -> None:
@@ -158,159 +152,180 @@ def test_a_silenced_head_stays_silent(make_trainer: Make) -> None:
     assert model.heads == ["means", "quaternions", "opacity_logits", "sh"]
     assert not model.deformation.output_weight[rows].any() and not model.deformation.output_bias[rows].any()
     assert model.deformation.output_weight[:3].abs().sum() > 0
-    assert model.stored_settings(trainer.schedule_state(1.0))["silent_heads"] == ("log_scales",)
+    assert model.stored_settings(trainer.schedule_state())["silent_heads"] == ("log_scales",)
 
 
-def hold(reduction: Callable[..., object], trainer: Trainer, *about: object) -> None:
-    """One reduction of a round."""
-    assert trainer.compression
-    reduction(trainer.compression, trainer, trainer.compression.judge(trainer), *about)
+def hold(pass_: Callable[..., Iterable[Proposal]], context: CompressionContext, *about: object) -> None:
+    """One pass of a milestone."""
+    evaluator = context.evaluator()
+    context.compress(evaluator, pass_(context, evaluator, *about))
 
 
-def test_colours_are_cut_where_nobody_misses_them(make_trainer: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+def unfreeze(context: CompressionContext) -> None:
+    context.compress(context.evaluator(), passes.unfreeze_high_error(context, torch.Generator().manual_seed(0)))
+
+
+def changed(context: CompressionContext, **settings: float) -> CompressionContext:
+    return replace(context, settings=replace(context.settings, **settings))
+
+
+def test_colours_are_cut_where_nobody_misses_them(make_trainer: Make) -> None:
     trainer = make_trainer(40, sh_degree=2, capacity="auto")
     train(trainer, until=15)
-    assert trainer.compression
+    context = compression(trainer)
     trainer.model.canonical.sh.data[:, 4:] = 0
-    hold(passes.reduce_sh_degree, trainer)
+    hold(passes.reduce_sh_degree, context)
     assert trainer.model.canonical.sh.shape[1] == 4
-    monkeypatch.setattr(passes, "ALLOWED_COLOR_LOSS", -100.0)
-    hold(passes.reduce_sh_degree, trainer)
+    hold(passes.reduce_sh_degree, changed(context, max_sh_loss=-100.0))
     assert trainer.model.canonical.sh.shape[1] == 4
-    assert [each.what for each in trainer.compression.reductions].count("SH degree") == 1
+    assert [each.what for each in context.record.log].count("SH degree") == 1
     train(trainer)
 
 
 def test_degrees_that_nobody_misses_go_one_after_the_other(make_trainer: Make) -> None:
     trainer = make_trainer(40, sh_degree=3, capacity="auto", sh_growth=(0.0, 0.0, 0.0))
     train(trainer, until=15)
-    assert trainer.compression and trainer.model.canonical.sh.shape[1] == 16
+    assert trainer.model.canonical.sh.shape[1] == 16
     trainer.model.canonical.sh.data[:, 4:] = 0
-    hold(passes.reduce_sh_degree, trainer)
-    cuts = [each for each in trainer.compression.reductions if each.what == "SH degree"]
+    hold(passes.reduce_sh_degree, compression(trainer))
+    cuts = [each for each in compression(trainer).record.log if each.what == "SH degree"]
     assert [(each.before, each.after) for each in cuts] == [(3, 2), (2, 1)]
     assert [each.loss for each in cuts] == pytest.approx([0.0, 0.0], abs=1e-5)
 
 
 def measured(trainer: Trainer) -> Sensitivity:
-    assert trainer.compression
     generator = torch.Generator().manual_seed(0)
-    return trainer.compression.measure(trainer, trainer.compression.sample_views(generator), generator)
+    return compression(trainer).measure(compression(trainer).sample_views(generator), generator)
 
 
-def test_what_images_miss_is_not_taken(halfway: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+def freeze(context: CompressionContext, motion: Motion, state: dict[str, torch.Tensor]) -> None:
+    context.record.motion, context.record.mean_state = motion, state
+    hold(passes.freeze_motion, context, context.settings.max_freeze_loss)
+
+
+def test_what_images_miss_is_not_taken(halfway: Make) -> None:
     """However little it seems to add or to move."""
     trainer = halfway()
-    assert trainer.compression
+    context = compression(trainer)
     count, found = trainer.count, measured(trainer)
     far = {**found.state, "means": found.state["means"] + 5.0}
-    hold(passes.rest, trainer, replace(found.motion, score=torch.zeros(count)), far)
+    freeze(context, replace(found.motion, score=torch.zeros(count)), far)
     assert trainer.model.canonical.num_dynamic > 0.9 * count  # those that nobody sees may go
-    monkeypatch.setattr(passes, "ALLOWED_PRUNING_LOSS", -100.0)
-    hold(passes.prune, trainer, replace(found, contribution=torch.arange(count, 0, -1).float()))
+    reversed_ = replace(found, contribution=torch.arange(count, 0, -1).float())
+    hold(passes.prune, changed(context, max_prune_loss=-100.0), reversed_)
     assert trainer.count == count
 
 
 def test_what_moves_far_is_not_even_proposed(halfway: Make) -> None:
     trainer = halfway()
-    assert trainer.compression
     found = measured(trainer)
-    hold(passes.rest, trainer, replace(found.motion, score=torch.full((trainer.count,), 50.0)), found.state)
-    assert trainer.compression.reductions == [] and trainer.model.canonical.num_dynamic == trainer.count
+    freeze(compression(trainer), replace(found.motion, score=torch.full((trainer.count,), 50.0)), found.state)
+    assert compression(trainer).record.log == [] and trainer.model.canonical.num_dynamic == trainer.count
 
 
 @pytest.mark.parametrize("forced", [False, True])
 def test_those_rest_first_that_images_miss_least(halfway: Make, monkeypatch: pytest.MonkeyPatch, forced: bool) -> None:
     trainer = halfway(dynamic_share=0.1 if forced else 0.0)
-    assert trainer.compression
     state, count = measured(trainer).state, trainer.count
     most = math.ceil(0.9 * count)
-    monkeypatch.setattr(passes, "largest_count_within", lambda loss, expected, allowed: (most, loss(most)))
+    monkeypatch.setattr(context_module, "largest_count_within", lambda loss, expected, allowed: (most, loss(most)))
     energy = torch.randperm(count, generator=torch.Generator().manual_seed(1)).float()
     score = torch.full((count,), 50.0 if forced else 3.0)
     places = trainer.model.canonical.means.detach().clone()
     kept = places[energy.argsort()[-int(0.1 * count) :].sort().values]
-    hold(passes.rest, trainer, Motion(score, energy, energy, energy), state)
+    freeze(compression(trainer), Motion(score, energy, energy, energy), state)
     moving = trainer.model.canonical.num_dynamic
     assert moving == int(0.1 * count)
     torch.testing.assert_close(trainer.model.canonical.means.detach()[:moving], kept)
 
 
-def test_a_share_of_those_that_move_may_be_forced(halfway: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_share_of_those_that_move_may_be_forced(halfway: Make) -> None:
     trainer = halfway(dynamic_share=0.1)
-    assert trainer.compression
     found = measured(trainer)
-    hold(passes.rest, trainer, replace(found.motion, score=found.motion.score + 50.0), found.state)
+    freeze(compression(trainer), replace(found.motion, score=found.motion.score + 50.0), found.state)
     assert trainer.model.canonical.num_dynamic == int(0.1 * trainer.count)
-    monkeypatch.setattr(passes, "_WAKES_ABOVE", 0.0)
-    passes.unfreeze_high_error(trainer.compression, trainer, torch.Generator().manual_seed(0))
+    unfreeze(changed(compression(trainer), unfreeze_error=0.0))
     assert trainer.model.canonical.num_dynamic == int(0.1 * trainer.count)
 
 
-def test_heads_that_nobody_misses_are_silenced(
-    make_trainer: Make, halfway: Make, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_heads_that_nobody_misses_are_silenced(make_trainer: Make, halfway: Make, tmp_path: Path) -> None:
     trainer = halfway()
-    assert trainer.compression
     trainer.model.prune_head("sh")  # as if nothing had been learned there
-    trainer.model._pruned_heads.clear()
-    hold(passes.silence_heads, trainer)
+    trainer.model.restore_head("sh")
+    hold(passes.prune_heads, compression(trainer))
     assert "sh" not in trainer.model.heads and "means" in trainer.model.heads
-    assert [each.what for each in trainer.compression.reductions][-1].startswith("head ")
+    assert compression(trainer).record.log[-1].what.startswith("head ")
     save_checkpoint(tmp_path / "c", trainer)
     other = make_trainer(120, capacity="auto")
     load_checkpoint(tmp_path / "c", other)
-    assert other.model.heads == trainer.model.heads and other.compression
-    assert other.compression.reductions == trainer.compression.reductions
+    assert other.model.heads == trainer.model.heads
+    assert compression(other).record.log == compression(trainer).record.log
 
 
 def test_nothing_is_added_after_the_scene_has_settled(make_trainer: Make) -> None:
     trainer = make_trainer(100, capacity="auto", densify_until=1.0, sampling_until=1.0, densify_threshold=0.0)
     train(trainer, until=85)
     count = trainer.count
-    assert trainer.compression and "pruned" in [each.what for each in trainer.compression.reductions]
+    assert "pruned" in [each.what for each in compression(trainer).record.log]
     assert count < trainer.recipe.growth_limit_at(0.85)
     train(trainer)
     assert trainer.count == count
 
 
-@pytest.mark.parametrize("steps", [120, 240])
+GROWING = {"densify_until": 1.0, "densify_threshold": 0.0}
+
+
+def resumed(make_trainer: Make, trainer: Trainer, path: Path, steps: int) -> Trainer:
+    """Another training of so many steps that goes on where ``trainer`` is, after its motion was measured."""
+    assert compression(trainer).record.motion and trainer.model.canonical.num_dynamic == trainer.count
+    save_checkpoint(path, trainer)
+    other = make_trainer(steps, capacity="auto", **GROWING)
+    load_checkpoint(path, other)
+    assert compression(other).record.motion
+    return other
+
+
+def frozen_at_the_end(trainer: Trainer) -> bool:
+    """Whether motion was frozen once, at the end, by a measurement of the Gaussians that are left."""
+    record = compression(trainer).record
+    progress = [each.progress for each in record.log if each.what == "put to rest"]
+    left = record.motion is not None and len(record.motion.score)
+    return progress == [1.0] and left == trainer.model.canonical.num_dynamic < trainer.count
+
+
 def test_motion_that_was_measured_outlives_a_resume(
-    make_trainer: Make, halfway: Make, bits: Callable, tmp_path: Path, steps: int
+    make_trainer: Make, halfway: Make, bits: Callable, tmp_path: Path
 ) -> None:
-    """And is forgotten where the training goes on for more steps, in which Gaussians come and go."""
-    growing = {"densify_until": 1.0, "densify_threshold": 0.0}
-    trainer = train(halfway(**growing), until=100)
-    assert trainer.compression and trainer.compression.motion and trainer.model.canonical.num_dynamic == trainer.count
-    save_checkpoint(tmp_path / "c", trainer)
-    resumed = make_trainer(steps, capacity="auto", **growing)
-    load_checkpoint(tmp_path / "c", resumed)
-    assert resumed.compression and resumed.compression.motion
-    if steps > 120:
-        resumed.step()
-        assert resumed.compression.motion is None
-    train(resumed)
-    rests = [each.progress for each in resumed.compression.reductions if each.what == "put to rest"]
-    assert rests == [1.0] and resumed.compression.motion
-    assert len(resumed.compression.motion.score) == resumed.model.canonical.num_dynamic < resumed.count
-    assert steps > 120 or bits(resumed) == bits(train(trainer))
+    trainer = train(halfway(**GROWING), until=100)
+    other = train(resumed(make_trainer, trainer, tmp_path / "c", 120))
+    assert frozen_at_the_end(other) and bits(other) == bits(train(trainer))
+
+
+def test_motion_is_forgotten_where_a_training_goes_on_for_more_steps(
+    make_trainer: Make, halfway: Make, tmp_path: Path
+) -> None:
+    """In them Gaussians come and go."""
+    other = resumed(make_trainer, train(halfway(**GROWING), until=100), tmp_path / "c", 240)
+    other.step()
+    assert compression(other).record.motion is None
+    assert frozen_at_the_end(train(other))
 
 
 def test_memory_that_ends_late_leaves_what_was_measured_of_those_that_stay(
     make_trainer: Make, halfway: Make, tmp_path: Path
 ) -> None:
     trainer = train(halfway(), until=100)
-    assert trainer.compression and trainer.compression.motion
-    count, before = trainer.count, trainer.compression.motion
+    record = compression(trainer).record
+    count, before = trainer.count, record.motion
     Recovery(trainer).rollback(trainer, MemoryError())
-    after = trainer.compression.motion
-    assert after and trainer.count < count and len(after.score) == trainer.model.canonical.num_dynamic
+    after = record.motion
+    assert before and after and trainer.count < count and len(after.score) == trainer.model.canonical.num_dynamic
     assert set(after.rest_energy.tolist()) < set(before.rest_energy.tolist())
     save_checkpoint(tmp_path / "c", trainer)
-    resumed = make_trainer(120, capacity="auto", max_gaussians=trainer.recipe.max_gaussians)
-    load_checkpoint(tmp_path / "c", resumed)
-    train(resumed)
-    assert resumed.compression and [each.what for each in resumed.compression.reductions].count("put to rest") == 1
+    other = make_trainer(120, capacity="auto", max_gaussians=trainer.recipe.max_gaussians)
+    load_checkpoint(tmp_path / "c", other)
+    train(other)
+    assert [each.what for each in compression(other).record.log].count("put to rest") == 1
 
 
 def test_rounds_that_a_resume_would_jump_over_are_held(make_trainer: Make, tmp_path: Path) -> None:
@@ -320,7 +335,7 @@ def test_rounds_that_a_resume_would_jump_over_are_held(make_trainer: Make, tmp_p
     shorter = make_trainer(130, capacity="auto")
     load_checkpoint(tmp_path / "c", shorter)
     train(shorter)
-    assert shorter.compression and "put to rest" in [each.what for each in shorter.compression.reductions]
+    assert "put to rest" in [each.what for each in compression(shorter).record.log]
 
 
 def test_broken_gaussians_do_not_cost_the_scene(
@@ -328,12 +343,12 @@ def test_broken_gaussians_do_not_cost_the_scene(
 ) -> None:
     evaluate, counts = Trainer.evaluate, []
 
-    def breaking(trainer: Trainer, limit: int) -> tuple[float, str]:
+    def breaking(trainer: Trainer, limit: int, *played: Played) -> tuple[float, str]:
         if trainer.finished:
             trainer.model.canonical.log_scales.data[7, 1] = float("nan")
             trainer.model.canonical.means.data[-1, 0] = float("inf")
             counts.append(trainer.count)
-        return evaluate(trainer, limit)
+        return evaluate(trainer, limit, *played)
 
     monkeypatch.setattr(Trainer, "evaluate", breaking)
     finished = list(run_training(TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(40, capacity="auto"))))[-1]

@@ -17,9 +17,9 @@ from frog_blender.engine.training.compression.sensitivity import (
     PIXELS_OF_A_CHANGE,
     SampledView,
     Sensitivity,
-    _seen_from,
     measure,
     sample_views,
+    view_gradients,
 )
 from frog_blender.engine.training.compression.temporal_residual import temporal_error_std
 
@@ -92,7 +92,7 @@ def test_every_kind_of_change_is_seen(capture: Capture, kind: str) -> None:
 def test_the_contribution_is_what_leaving_out_changes(capture: Capture) -> None:
     camera, generator, count = capture.cameras[1], torch.Generator().manual_seed(0), 300
     gaussians = true_gaussians(2)
-    slopes = [_seen_from(gaussians, camera, (0.1, 0.2, 0.3), generator)[1]["opacities"] for _ in range(count)]
+    slopes = [view_gradients(gaussians, camera, (0.1, 0.2, 0.3), generator)[1]["opacities"] for _ in range(count)]
     squares = (torch.stack(slopes) * gaussians.opacities).square()
     whole = rasterize(gaussians, camera, (0.1, 0.2, 0.3)).rgb
     for index in (3, 40, 77, STATIC, STATIC + 5):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 from support.builders import scene_file
-from support.training_steps import train
+from support.training_steps import compression, train
 
 from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
@@ -19,12 +19,16 @@ from frog_blender.engine.gaussians import GaussianArrays
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.compression_report import reduction_line
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene
-from frog_blender.engine.training.compression import finalize, static_attributes
+from frog_blender.engine.training.compression import static_attributes
+from frog_blender.engine.training.compression.context import CompressionContext
 from frog_blender.engine.training.compression.finalize import played_by
-from frog_blender.engine.training.compression.static_attributes import freeze_attributes
+from frog_blender.engine.training.compression.settings import CompressionSettings
+from frog_blender.engine.training.compression.static_attributes import freeze_attributes, seen_state
 from frog_blender.engine.training.optimize.trainer import Trainer
-from frog_blender.engine.training.session.export import _scene
-from frog_blender.engine.training.session.job import TrainingJob, run_training
+from frog_blender.engine.training.session.export import build_scene
+from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.run import run_training
+from frog_blender.engine.training.session.session import Session
 
 Make = Callable[..., Trainer]
 STEPS = 400  # after which the ball moves
@@ -38,30 +42,27 @@ def finished(make_trainer: Make) -> Trainer:
 
 def scene_of(trainer: Trainer) -> SceneFile:
     job = TrainingJob(trainer.capture.path, Path("x.frog"), recipe=trainer.recipe)
-    return _scene(job, trainer, 1.0, {})
+    return build_scene(Session(replace(job, lossless=True), trainer), {}).scene
 
 
 def psnr(trainer: Trainer, scene: SceneFile) -> float:
-    assert trainer.compression
-    return trainer.compression.judge(trainer, played=played_by(ScenePlayer(scene), trainer.device)).now
+    return compression(trainer).evaluator(played=played_by(ScenePlayer(scene), trainer.device)).now
 
 
-def allow(monkeypatch: pytest.MonkeyPatch, fading: float, shape: float, live: float = 2.0) -> None:
-    monkeypatch.setattr(static_attributes, "ALLOWED_FADING_LOSS", fading)
-    monkeypatch.setattr(static_attributes, "ALLOWED_SHAPE_LOSS", shape)
-    monkeypatch.setattr(static_attributes, "_FADING_WORTH_IT", 0.0)
-    monkeypatch.setattr(static_attributes, "_SHAPE_WORTH_IT", 0.0)
-    monkeypatch.setattr(finalize, "_WORTH_IT", live)  # 2: all scenes come and go
+def allowing(fading: float, shape: float, **settings: float) -> CompressionSettings:
+    """However few it is for, and in scenes of which nothing comes and goes."""
+    always = {"min_fading": 0.0, "min_rigid": 0.0, "max_visible": 2.0}
+    return CompressionSettings(max_fade_loss=fading, max_shape_loss=shape, **{**always, **settings})
+
+
+def context_of(trainer: Trainer, settings: CompressionSettings) -> CompressionContext:
+    return replace(compression(trainer), settings=settings)
 
 
 @pytest.mark.parametrize(("fading", "shape"), [(0.05, 0.05), (1e9, 0.05), (-1.0, 1e9)])
-def test_it_costs_what_is_said_and_no_more_than_allowed(
-    finished: Trainer, monkeypatch: pytest.MonkeyPatch, fading: float, shape: float
-) -> None:
-    allow(monkeypatch, fading, shape)
-    assert finished.compression
+def test_it_costs_what_is_said_and_no_more_than_allowed(finished: Trainer, fading: float, shape: float) -> None:
     before = scene_of(finished)
-    found, reductions = freeze_attributes(finished.compression, finished, before)
+    found, reductions = freeze_attributes(context_of(finished, allowing(fading, shape)), before)
     playable, whole = ScenePlayer(found), ScenePlayer(before)
     assert (playable.count, playable.num_dynamic) == (whole.count, whole.num_dynamic)
     lost = 0.0
@@ -81,14 +82,12 @@ def test_it_costs_what_is_said_and_no_more_than_allowed(
 
 def test_who_must_change_most_goes_on_changing(finished: Trainer, monkeypatch: pytest.MonkeyPatch) -> None:
     """Energies decide: with others' energies it would cost more."""
-    allow(monkeypatch, 0.05, 0.0)
-    assert finished.compression and finished.compression.motion
-    motion, before = finished.compression.motion, scene_of(finished)
-    _, (right, *_) = freeze_attributes(finished.compression, finished, before)
-    monkeypatch.setattr(
-        finished.compression, "motion", replace(motion, fade_energy=1 / motion.fade_energy.clamp(1e-12))
-    )
-    _, wrong = freeze_attributes(finished.compression, finished, before)
+    context, before = context_of(finished, allowing(0.05, 0.0)), scene_of(finished)
+    motion = context.record.motion
+    assert motion
+    _, (right, *_) = freeze_attributes(context, before)
+    monkeypatch.setattr(context.record, "motion", replace(motion, fade_energy=1 / motion.fade_energy.clamp(1e-12)))
+    _, wrong = freeze_attributes(context, before)
     faded = [each.before - each.after for each in wrong if each.what == "only fade"]
     assert right.what == "only fade" and right.before - right.after > max([*faded, 0])
 
@@ -97,22 +96,20 @@ def test_who_must_change_most_goes_on_changing(finished: Trainer, monkeypatch: p
 def test_where_it_is_not_worth_it_the_scene_stays(
     finished: Trainer, monkeypatch: pytest.MonkeyPatch, what: str
 ) -> None:
-    allow(monkeypatch, 0.5, -1.0)
-    assert finished.compression
-    before = scene_of(finished)
+    settings, before = {}, scene_of(finished)
     if what == "nothing known":
-        monkeypatch.setattr(finished.compression, "motion", None)
+        monkeypatch.setattr(compression(finished).record, "motion", None)
     elif what == "heads":
         before = SceneFile(replace(before.header, model=before.header.model | {"head_width": 8}), before.arrays)
     elif what == "long":
-        monkeypatch.setattr(static_attributes, "_LONGEST", 5)
+        settings = {"max_track_frames": 5}
     elif what == "never gone":
-        monkeypatch.setattr(finalize, "_WORTH_IT", -1.0)
+        settings = {"max_visible": -1.0}
     elif what == "few":
-        monkeypatch.setattr(static_attributes, "_FADING_WORTH_IT", 1.1)
+        settings = {"min_fading": 1.1}
     else:
         monkeypatch.setattr(static_attributes, "pack", lambda name, array: Bytes(len(array) + 2 * (name == "fades")))
-    assert freeze_attributes(finished.compression, finished, before) == (before, [])
+    assert freeze_attributes(context_of(finished, allowing(0.5, -1.0, **settings)), before) == (before, [])
 
 
 class Bytes:
@@ -134,29 +131,28 @@ class Passing:
 
 
 def test_the_state_is_that_at_which_they_are_seen() -> None:
-    state = static_attributes._seen_state(Passing())
+    state = seen_state(Passing(), 32)
     np.testing.assert_allclose(state["means"], [[1.0] * 3, [3.0] * 3], atol=1e-5)
     np.testing.assert_allclose(state["scales"], ScenePlayer(scene_file(2)).at(0.0).scales, rtol=1e-5)
 
 
 def test_a_training_writes_them_and_says_so(filmed: Path, tmp_path: Path, lively: Callable) -> None:
-    with pytest.MonkeyPatch.context() as patch:
-        allow(patch, 0.05, 0.05)
-        task = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(STEPS, capacity="auto"))
-        done = list(run_training(task))[-1]
-        scene = read_scene(task.output)
-        assert "fades" in scene.arrays and "reshaped" in scene.header.model
-        whats = [each["what"] for each in done.capacity["reductions"]]
-        assert whats[-4:-1] == ["only fade", "keep their shape", "packed"] and whats[-1] == "unseen left out"
-        assert done.capacity["dynamic"] == ScenePlayer(scene).num_dynamic == scene.header.capacity["dynamic"]
-        packed = next(each for each in done.capacity["reductions"] if each["what"] == "packed")
-        assert abs(packed["loss"]) < 0.05  # what others cost is not counted again
-        rebuilt = open_capture(filmed).with_cameras(scene.header.cameras)
-        found = evaluate(ScenePlayer(scene), rebuilt, FrameStore.open(rebuilt))["psnr"]
-        assert done.psnr == scene.header.metrics["psnr"] == pytest.approx(found, abs=0.05)
-        plain = replace(task, output=tmp_path / "y.frog", max_bytes=10**6)
-        list(run_training(plain))
-        assert "fades" not in read_scene(plain.output).arrays
+    settings, recipe = allowing(0.05, 0.05), lively(STEPS, capacity="auto")
+    task = TrainingJob(filmed, tmp_path / "x.frog", recipe=recipe, compression=settings)
+    done = list(run_training(task))[-1]
+    scene = read_scene(task.output)
+    assert "fades" in scene.arrays and "reshaped" in scene.header.model
+    whats = [each["what"] for each in done.capacity["reductions"]]
+    assert whats[-4:-1] == ["only fade", "keep their shape", "packed"] and whats[-1] == "unseen left out"
+    assert done.capacity["dynamic"] == ScenePlayer(scene).num_dynamic == scene.header.capacity["dynamic"]
+    packed = next(each for each in done.capacity["reductions"] if each["what"] == "packed")
+    assert abs(packed["loss"]) < 0.05  # what others cost is not counted again
+    rebuilt = open_capture(filmed).with_cameras(scene.header.cameras)
+    found = evaluate(ScenePlayer(scene), rebuilt, FrameStore.open(rebuilt))["psnr"]
+    assert done.psnr == scene.header.metrics["psnr"] == pytest.approx(found, abs=0.05)
+    plain = replace(task, output=tmp_path / "y.frog", max_bytes=10**6)
+    list(run_training(plain))
+    assert "fades" not in read_scene(plain.output).arrays
 
 
 def test_the_same_scene_from_a_checkpoint(finished: Trainer, make_trainer: Make, tmp_path: Path) -> None:
@@ -165,11 +161,10 @@ def test_the_same_scene_from_a_checkpoint(finished: Trainer, make_trainer: Make,
     save_checkpoint(tmp_path / "c", finished)
     other = make_trainer(STEPS, capacity="auto")
     load_checkpoint(tmp_path / "c", other)
-    with pytest.MonkeyPatch.context() as patch:
-        allow(patch, 0.05, 0.05)
-        assert finished.compression and other.compression
-        mine, again = (freeze_attributes(each.compression, each, scene_of(each))[0] for each in (finished, other))
+    contexts = [context_of(each, allowing(0.05, 0.05)) for each in (finished, other)]
+    mine, again = (freeze_attributes(each, scene_of(each.training))[0] for each in contexts)
     assert mine.header.model == again.header.model
     for name, array in mine.arrays.items():
         assert np.array_equal(array, again.arrays[name]), name
-    assert isinstance(other.compression.motion.fade_energy, torch.Tensor)
+    motion = compression(other).record.motion
+    assert motion and isinstance(motion.fade_energy, torch.Tensor)

@@ -15,7 +15,8 @@ from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.training.compression.static_regions import is_static_capture, measure_temporal_variance
 from frog_blender.engine.training.optimize.trainer import Trainer
-from frog_blender.engine.training.session.job import TrainingJob, run_training
+from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.run import run_training
 
 pytestmark = pytest.mark.usefixtures("seeds_at_no_cost")
 Make = Callable[..., Trainer]
@@ -107,7 +108,7 @@ def test_changes_are_found_where_they_are(
     """Of a cell's brightness, and of a texture finer than a cell, whose mean stays what it is."""
     changes = measure_temporal_variance(capture, Painted(capture, change, noise))
     assert changes is not None and sorted(changes.variance) == [1, 2, 3]  # not the held-out camera's
-    assert 0.9 < changes.still(2 / 255) < 1
+    assert 0.9 < changes.static_share(2 / 255) < 1
     for camera, variance in changes.variance.items():
         assert np.unravel_index(variance.argmax(), variance.shape) == (1, 2)
         others = variance.copy()
@@ -126,7 +127,7 @@ def test_what_all_of_an_image_does_is_a_change(capture: Capture) -> None:
 
     changes = measure_temporal_variance(capture, Painted(capture, fade))
     assert changes is not None
-    assert changes.still(2 / 255) == 0
+    assert changes.static_share(2 / 255) == 0
     true = np.var(6.0 * np.arange(film.FRAMES) / 255)
     for variance in changes.variance.values():
         assert variance.min() > 0.8 * true and variance.max() < 1.1 * true

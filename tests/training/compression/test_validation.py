@@ -10,7 +10,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from support import synthetic_capture as film
-from support.training_steps import train
+from support.training_steps import compression, train
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.training.compression.validation import largest_count_within, validation_shots
@@ -42,7 +42,7 @@ def test_withheld_images_are_not_drawn(capture: Capture) -> None:
         picker.withhold(withheld)
         assert withheld and not set(withheld) & {picker.pick(generator) for _ in range(400)}
         other = next(i for i, s in enumerate(capture.shots) if not capture.is_test(s) and i not in withheld)
-        assert not set(withheld) & {picker.pick_same_moment(other, generator) for _ in range(50)}
+        assert not set(withheld) & {picker.pick_same_frame(other, generator) for _ in range(50)}
         picker.withhold(())
         assert set(withheld) < {picker.pick(generator) for _ in range(400)}
 
@@ -50,7 +50,7 @@ def test_withheld_images_are_not_drawn(capture: Capture) -> None:
 def test_no_test_image_is_ever_looked_at(make_trainer: Make, watched: Callable, capture: Capture) -> None:
     store = watched()
     trainer = train(make_trainer(60, capacity="auto", watched=store))
-    assert trainer.compression and trainer.compression.reductions
+    assert compression(trainer).record.log
     assert store.read and not any(capture.is_test(capture.shots[index]) for index in store.read)
 
 
@@ -85,5 +85,5 @@ def test_withholding_may_begin_within_a_burst(capture: Capture) -> None:
     shots = tuple(shot for shot in film.longer(capture, 40).shots if shot.camera == 1)
     picker, generator = ViewSampler(replace(capture, shots=shots, frame_count=40)), torch.Generator().manual_seed(0)
     picker.withhold((5,))
-    assert {picker.pick_same_moment(5, generator) for _ in range(30)}.isdisjoint({5})
-    assert picker.pick_same_moment(6, generator) == 6
+    assert {picker.pick_same_frame(5, generator) for _ in range(30)}.isdisjoint({5})
+    assert picker.pick_same_frame(6, generator) == 6

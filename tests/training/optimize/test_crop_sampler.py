@@ -32,7 +32,7 @@ def picker_of(size: tuple[int, int], share: float = 1.0, region_size: float = 0.
     """For one camera, whose whole image has been seen with the same error everywhere."""
     picker = CropSampler([plain_camera(*size)], share, region_size)
     picker.observe(0, (0, 0, *size), torch.ones(picker.errors[0].shape))
-    picker.settle()
+    picker.synchronize()
     return picker
 
 
@@ -121,7 +121,7 @@ def test_only_cells_that_were_seen_are_updated() -> None:
     cells = torch.zeros(3, 4)  # rows 2 to 4 and columns 2 to 5, the last of each cut
     cells[0, 1] = 4.0
     picker.observe(0, (32, 32, 58, 38), cells)
-    picker.settle()
+    picker.synchronize()
     expected[2:, 2:] = 0.7
     expected[2, 3] = 0.7 + 0.3 * 4
     np.testing.assert_allclose(picker.errors[0], expected, rtol=1e-6)
@@ -138,9 +138,10 @@ class Stubborn(CropSampler):
         return REGION
 
 
-def regional(trainer: Trainer, least: int, monkeypatch: pytest.MonkeyPatch) -> Trainer:
-    """With rectangles that may be smaller than the images of the tests."""
-    monkeypatch.setattr("frog_blender.engine.training.optimize.crop_sampler._LEAST", least)
+def cropping(trainer: Trainer) -> Trainer:
+    """With crops that may be smaller than the images of the tests."""
+    recipe = trainer.recipe
+    trainer.crops = CropSampler(trainer.capture.cameras, recipe.region_share, recipe.region_size, least=16)
     return trainer
 
 
@@ -153,7 +154,7 @@ def test_training_on_rectangles_learns(make_trainer: Make, monkeypatch: pytest.M
         return regions[-1]
 
     monkeypatch.setattr(CropSampler, "pick", watched)
-    trainer = regional(make_trainer(300, region_share=0.8, region_size=0.4), 16, monkeypatch)
+    trainer = cropping(make_trainer(300, region_share=0.8, region_size=0.4))
     before = trainer.evaluate(6)[0]
     train(trainer)
     assert trainer.evaluate(6)[0] > before + 5
@@ -162,25 +163,33 @@ def test_training_on_rectangles_learns(make_trainer: Make, monkeypatch: pytest.M
     assert all(region[2] <= 32 and region[3] <= 32 for region in rectangles) and len(set(rectangles)) > 3
 
 
+CROPPED = {"region_share": 0.7, "region_size": 0.4, "dssim_period": 25, "dssim_burst": 6}
+
+
+def resumed(make_trainer: Make, path: Path, stop: int) -> Trainer:
+    """A training of sixty steps that goes on from its checkpoint after ``stop``."""
+    save_checkpoint(path, train(cropping(make_trainer(60, seed=3, **CROPPED)), until=stop))
+    other = cropping(make_trainer(60, seed=99, **CROPPED))
+    load_checkpoint(path, other)
+    return other
+
+
 @pytest.mark.parametrize("stop", [2, 33])  # before and after every image was seen whole
 def test_resumed_bits_are_those_of_an_undisturbed_training(
-    make_trainer: Make, bits: Bits, tmp_path: Path, stop: int, monkeypatch: pytest.MonkeyPatch
+    make_trainer: Make, bits: Bits, tmp_path: Path, stop: int
 ) -> None:
-    changes = {"region_share": 0.7, "region_size": 0.4, "dssim_period": 25, "dssim_burst": 6}
-    undisturbed = train(regional(make_trainer(60, seed=3, **changes), 16, monkeypatch))
-    save_checkpoint(tmp_path / "c", train(make_trainer(60, seed=3, **changes), until=stop))
-    resumed = make_trainer(60, seed=99, **changes)
-    load_checkpoint(tmp_path / "c", resumed)
-    train(resumed)
-    assert bits(resumed) == bits(undisturbed)
-    for found, expected in zip(resumed.regions.errors, undisturbed.regions.errors, strict=True):
+    undisturbed = train(cropping(make_trainer(60, seed=3, **CROPPED)))
+    other = train(resumed(make_trainer, tmp_path / "c", stop))
+    assert bits(other) == bits(undisturbed)
+    for found, expected in zip(other.crops.errors, undisturbed.crops.errors, strict=True):
         np.testing.assert_array_equal(found, expected)
-    # The memory of the errors is part of it: without it the same seed goes elsewhere.
-    forgetful = make_trainer(60, seed=99, **changes)
-    load_checkpoint(tmp_path / "c", forgetful)
-    for errors in forgetful.regions.errors:
+
+
+def test_without_the_errors_the_same_seed_goes_elsewhere(make_trainer: Make, bits: Bits, tmp_path: Path) -> None:
+    forgetful = resumed(make_trainer, tmp_path / "c", 33)
+    for errors in forgetful.crops.errors:
         errors.fill(np.inf)
-    assert stop == 2 or bits(train(forgetful)) != bits(undisturbed)
+    assert bits(train(forgetful)) != bits(train(cropping(make_trainer(60, seed=3, **CROPPED))))
 
 
 def one_step(trainer: Trainer, masked: bool) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
@@ -203,7 +212,7 @@ def one_step(trainer: Trainer, masked: bool) -> tuple[dict[str, torch.Tensor], t
         if masked:
             patch.setattr(trainer_module, "photometric_loss", flattering)
         else:
-            trainer.regions = Stubborn(trainer.capture.cameras, 1.0, 0.4)
+            trainer.crops = Stubborn(trainer.capture.cameras, 1.0, 0.4)
         trainer.step()
     return gradients, gradients.pop("pulls")
 

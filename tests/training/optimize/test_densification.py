@@ -13,7 +13,7 @@ from support.training_steps import OnlyGaussians
 from frog_blender.engine.model.canonical import ATTRIBUTES, CanonicalField, new_gaussians
 from frog_blender.engine.rasterizer import rasterize
 from frog_blender.engine.training.optimize.densification import DensificationStrategy
-from frog_blender.engine.training.optimize.optimizer import SceneOptimizer
+from frog_blender.engine.training.optimize.gaussian_state import GaussianState
 from frog_blender.engine.training.recipe import RECIPES
 
 COUNT = 10
@@ -30,8 +30,9 @@ class Scene:
         spacings = torch.tensor([SMALL] * 5 + [LARGE] * 5)
         values = new_gaussians(points, torch.rand(COUNT, 3, generator=generator), spacings, 4, 3, opacity=0.5)
         self.canonical = CanonicalField(values)
-        self.optimizer = SceneOptimizer(OnlyGaussians(self.canonical), recipe, 1.0)
-        self.density = DensificationStrategy(recipe, 1.0, COUNT)
+        self.gaussians = GaussianState(OnlyGaussians(self.canonical), recipe, 1.0)
+        self.optimizer = self.gaussians.optimizer
+        self.density = DensificationStrategy(self.gaussians, recipe, 1.0)
         for name in ATTRIBUTES:
             parameter = getattr(self.canonical, name)
             rows = torch.arange(1.0, COUNT + 1).reshape(-1, *[1] * (parameter.dim() - 1))
@@ -43,7 +44,7 @@ class Scene:
         for index, pull in pulled.items():
             self.density.gradient_sum[index], self.density.seen[index] = 2 * pull, 2
         limit = self.density.recipe.growth_limit_at(0.5)
-        return self.density.round(self.canonical, self.optimizer, limit, torch.Generator().manual_seed(1))
+        return self.density.round(self.gaussians, limit, torch.Generator().manual_seed(1))
 
     def memory(self) -> dict[str, list[float]]:
         """The first moment's first number of each row: 0.1 times what its gradient was."""
@@ -219,7 +220,7 @@ def test_observation_counts_only_what_is_seen_in_half_image_widths() -> None:
     camera = plain_camera(48, 32)
     points = torch.tensor([[0.0, 0, 2], [0.2, 0.1, 2], [50.0, 0, 2], [0, 0, -2]])
     canonical = CanonicalField(new_gaussians(points, torch.rand(4, 3), torch.full((4,), 0.1), 1, 0))
-    density = DensificationStrategy(RECIPE, 1.0, 4)
+    density = DensificationStrategy(GaussianState(OnlyGaussians(canonical), RECIPE, 1.0), RECIPE, 1.0)
     image = rasterize(canonical.gaussians(), camera, BACKGROUND)
     gaussians = canonical.gaussians()
     density.observe(image, gaussians.opacities, camera)  # before a backward pass: nothing to see

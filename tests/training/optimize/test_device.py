@@ -28,17 +28,19 @@ from frog_blender.engine.rasterizer import rasterize
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.compression import passes, report_image, schedule, sensitivity, validation
 from frog_blender.engine.training.optimize import device as device_module
-from frog_blender.engine.training.optimize import exposure_compensation, nearest_neighbours
+from frog_blender.engine.training.optimize import nearest_neighbours
 from frog_blender.engine.training.optimize import optimizer as optimizer_module
 from frog_blender.engine.training.optimize import trainer as trainer_module
-from frog_blender.engine.training.optimize.densification import COLLECTED
 from frog_blender.engine.training.optimize.device import EXPERIMENTAL, choose_device, image_on
+from frog_blender.engine.training.optimize.exposure_compensation import ExposureCompensation
 from frog_blender.engine.training.optimize.losses import PhotometricLoss, photometric_loss_reference
-from frog_blender.engine.training.optimize.running_loss import RunningLoss
+from frog_blender.engine.training.optimize.running_loss import RunningLoss, TrainingDiverged
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
-from frog_blender.engine.training.session import events, job
+from frog_blender.engine.training.session import events
+from frog_blender.engine.training.session import run as training_run
 from frog_blender.engine.training.session.checkpoint import checkpoint_path, load_checkpoint, save_checkpoint
-from frog_blender.engine.training.session.job import TrainingJob, run_training
+from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.run import run_training
 
 if str(Path(__file__).parent) not in sys.path:
     sys.path.insert(0, str(Path(__file__).parent))
@@ -84,7 +86,7 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Iterator[Machine]:
     monkeypatch.setattr(trainer_module, "photometric_loss", photometric_loss_on_any_device)
     monkeypatch.setattr(Frog, "deform", deform)
     monkeypatch.setattr(Frog, "draw", SceneModel.draw)
-    monkeypatch.setattr(nearest_neighbours, "_by_tree", nearest_neighbours._by_distances)
+    monkeypatch.setattr(nearest_neighbours, "by_tree", nearest_neighbours.by_distances)
     adam = import_module("torch.optim.adam")  # its list of devices that have fused kernels
     monkeypatch.setattr(adam, "_device_dtype_check_for_fused", lambda *_, **__: None)
     monkeypatch.setattr(optimizer_module, "adam_on", lambda device, groups: Adam(groups, eps=1e-15, fused=True))
@@ -96,7 +98,7 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Iterator[Machine]:
 def make(capture: Capture, store: FrameStore, lively: Any) -> Make:
     def make(device: torch.device, method: str = "frog", seed: int = 3, **changes: Any) -> Trainer:
         recipe = lively(STEPS, **{**BUSY, **changes})
-        return Trainer(capture, store, film.seeds(80), recipe, method, Limits(STEPS), seed, device)
+        return Trainer(capture, store, film.seeds(80), recipe, method, Limits(STEPS), seed=seed, device=device)
 
     return make
 
@@ -104,16 +106,13 @@ def make(capture: Capture, store: FrameStore, lively: Any) -> Make:
 def state(trainer: Trainer) -> dict[str, torch.Tensor]:
     """Everything that grows with the Gaussians, where it lies."""
     tensors = {**trainer.model.state_dict(), **trainer.optimizer.state_arrays()}
-    for name in COLLECTED:
-        tensors[f"density.{name}"] = getattr(trainer.density, name)
-    if trainer.neighbourhood is not None:
-        tensors |= {f"neighbourhood.{name}": value for name, value in vars(trainer.neighbourhood).items()}
-    return tensors
+    tensors |= trainer.density.state()[0]
+    return tensors | trainer.smoothness.state()[0]
 
 
 def numbers(trainer: Trainer) -> dict[str, bytes]:
-    trainer.settle()
-    host = {f"regions.{camera}": torch.from_numpy(errors) for camera, errors in enumerate(trainer.regions.errors)}
+    trainer.synchronize()
+    host = trainer.crops.state()[0]
     host["random"] = trainer.generator.get_state()
     return {name: value.detach().cpu().numpy().tobytes() for name, value in {**state(trainer), **host}.items()}
 
@@ -129,7 +128,7 @@ def test_it_learns_elsewhere_what_it_learns_here(machine: Machine, make: Make, m
     assert there.loss == pytest.approx(here.loss, rel=1e-5)
     assert there.evaluate(2) == here.evaluate(2)
     assert type(there.render_image(0)) is np.ndarray and there.render_image(0).dtype == np.float32
-    assert there.neighbourhood is not None or method == "static"
+    assert there.smoothness.graph is not None or method == "static"
     assert not machine.homeless
 
 
@@ -180,18 +179,19 @@ def test_exposures_are_learned_through_elsewhere_as_here(machine: Machine, make:
     for device in (CPU, ELSEWHERE):
         trainer = make(device)
         cameras = [camera.with_exposure((1.2, 1.0, 0.8)) for camera in trainer.capture.cameras]
-        trainer.see_through(trainer.capture.with_cameras(cameras))
+        trainer.rig.capture = trainer.capture.with_cameras(cameras)
         train(trainer)
         assert trainer.exposures is not None and bool((trainer.exposures.sums.cpu() > 0).any())
         losses.append(trainer.loss)
     assert losses[1] == pytest.approx(losses[0], rel=1e-5)
 
 
-def test_a_step_waits_for_nothing(machine: Machine, make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_step_waits_for_nothing(machine: Machine, make: Make) -> None:
     """Two small copies come back by themselves; the loss is looked at every twenty steps."""
-    monkeypatch.setattr(exposure_compensation, "_EVERY", 1.0)  # without a round
-    trainer = train(make(ELSEWHERE, densify_from=2.0, sampling="off", dssim_from=0.0, warm_up=0.0), until=2)
-    trainer.find_neighbours()
+    trainer = make(ELSEWHERE, densify_from=2.0, sampling="off", dssim_from=0.0, warm_up=0.0)
+    trainer.exposures = ExposureCompensation(trainer.rig, trainer.recipe, ELSEWHERE, every=1.0)  # never updated
+    train(trainer, until=2)
+    trainer.smoothness.resample()
     machine.waits.clear()
     machine.fetches = 0
     for _ in range(17):
@@ -220,8 +220,8 @@ def test_resuming_on_another_device(machine: Machine, make: Make, tmp_path: Path
 def test_a_job_elsewhere_writes_a_scene_and_goes_on(
     machine: Machine, filmed: Path, tmp_path: Path, own_cache: Path, lively: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(job, "stored_seeds", lambda capture, store, **_: film.seeds(80))
-    monkeypatch.setattr(job, "choose_device", lambda name: (ELSEWHERE if name == "cuda" else CPU, ""))
+    monkeypatch.setattr(training_run, "stored_seeds", lambda capture, store, **_: film.seeds(80))
+    monkeypatch.setattr(training_run, "choose_device", lambda name: (ELSEWHERE if name == "cuda" else CPU, ""))
     task = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(12), steps=6, device="cuda")
     stream = list(run_training(task))
     assert next(event for event in stream if isinstance(event, events.Started)).device == ELSEWHERE.type
@@ -239,9 +239,9 @@ def test_a_loss_that_is_not_a_number_is_seen_late_but_not_missed(machine: Machin
     losses.add(torch.tensor(float("nan"), device=ELSEWHERE), 1)
     for step in range(2, 19):
         losses.add(torch.tensor(0.5, device=ELSEWHERE), step)
-    with pytest.raises(FrogError, match="unstable at step 19"):
+    with pytest.raises(TrainingDiverged, match="unstable at step 19"):
         losses.add(torch.tensor(0.5, device=ELSEWHERE), 19)
-    with pytest.raises(FrogError, match="unstable at step 7"):
+    with pytest.raises(TrainingDiverged, match="unstable at step 7"):
         losses.check(7)
 
 
@@ -259,7 +259,7 @@ def test_a_running_loss_is_the_same_on_both_devices_and_goes_on() -> None:
     here.resume(float("nan"))
     here.add(torch.tensor(0.25), 0)
     assert here.mean == 0.25
-    with pytest.raises(FrogError, match="unstable at step 1 "):
+    with pytest.raises(TrainingDiverged, match="unstable at step 1 "):
         here.add(torch.tensor(float("inf")), 1)
 
 
@@ -277,7 +277,7 @@ def test_images_arrive_as_they_are(machine: Machine) -> None:
 def gpu(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(torch.cuda, "current_device", lambda: 0)
-    monkeypatch.setattr(device_module, "_draw_one_gaussian", lambda device: None)
+    monkeypatch.setattr(device_module, "try_rasterizer", lambda device: None)
 
 
 def test_automatic_takes_the_gpu_where_there_is_one(gpu: None, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -293,7 +293,7 @@ def test_a_gpu_that_cannot_be_used_is_left_aside_with_a_word(gpu: None, monkeypa
         def refuse(device: torch.device, error: Exception = error) -> None:
             raise error
 
-        monkeypatch.setattr(device_module, "_draw_one_gaussian", refuse)
+        monkeypatch.setattr(device_module, "try_rasterizer", refuse)
         device, left_aside = choose_device("auto")
         assert device == CPU and left_aside.endswith(".") and "\n" not in left_aside
         assert str(error).split("\n")[0].rstrip(".") in left_aside
@@ -303,11 +303,11 @@ def test_a_gpu_that_cannot_be_used_is_left_aside_with_a_word(gpu: None, monkeypa
 
 
 def test_the_trial_drawing_is_right_and_would_notice() -> None:
-    device_module._draw_one_gaussian(CPU)
+    device_module.try_rasterizer(CPU)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(device_module, "rasterize", darker)
         with pytest.raises(FrogError, match=r"expected 0\.3"):
-            device_module._draw_one_gaussian(CPU)
+            device_module.try_rasterizer(CPU)
 
 
 def darker(*arguments: Any) -> Any:
@@ -336,7 +336,7 @@ def test_the_command_line_passes_the_device_on(tmp_path: Path, monkeypatch: pyte
         yield events.Started("frog", 1, 1, 1, 1, "cuda")
         yield events.Finished("x", 1, 1.0, 20.0, 1)
 
-    monkeypatch.setattr(job, "run_training", remember)
+    monkeypatch.setattr(training_run, "run_training", remember)
     for options in ([], ["--device", "cpu"], ["--device", "cuda"]):
         assert main(["train", "nowhere", "--out", str(tmp_path / "x.frog"), *options]) == 0
     assert seen == ["auto", "cpu", "cuda"]
@@ -347,10 +347,10 @@ def test_the_command_line_passes_the_device_on(tmp_path: Path, monkeypatch: pyte
 def test_torchs_threads_sleep_while_they_wait_and_nobody_inherits_that() -> None:
     """OpenMP says itself with which settings it began."""
     code = "import os, frog_blender.engine.training.{}; print(os.environ.get('OMP_WAIT_POLICY'))"
-    for module in ("job", "trainer", "checkpoint", "device", "methods"):
+    for module in ("session.job", "optimize.trainer", "session.checkpoint", "optimize.device", "methods"):
         done = run_python(code.format(module), OMP_DISPLAY_ENV="TRUE")
         assert done.stdout == "None\n", done.stderr
         if "OMP_WAIT_POLICY" in done.stderr:  # not every library says it
             assert "OMP_WAIT_POLICY = 'PASSIVE'" in done.stderr
-    done = run_python(code.format("job"), OMP_WAIT_POLICY="ACTIVE")
+    done = run_python(code.format("session.job"), OMP_WAIT_POLICY="ACTIVE")
     assert done.stdout == "ACTIVE\n", "what somebody chose stays"

@@ -80,7 +80,6 @@ def test_a_resume_has_the_same_exposures(make_trainer: Callable[..., Trainer], e
     train(one, until=40)
     train(other, until=40)
     assert found_by(one) == found_by(other)
-    assert one.poses is not None and one.poses.capture is one.capture
 
 
 def test_drawings_and_their_gradients_are_multiplied(capture: Capture) -> None:

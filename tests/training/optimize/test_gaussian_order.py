@@ -9,7 +9,7 @@ import torch
 from support.builders import steps_between
 from support.training_steps import train
 
-from frog_blender.engine.training.optimize.gaussian_order import arrange, freeze_motion, sort_by_morton_code, wake
+from frog_blender.engine.training.optimize.gaussian_order import freeze_motion, sort_by_morton_code, unfreeze_motion
 from frog_blender.engine.training.optimize.trainer import Trainer
 
 pytestmark = pytest.mark.usefixtures("seeds_at_no_cost")
@@ -26,22 +26,22 @@ def rest_of(trainer: Trainer, who: torch.Tensor) -> dict[str, torch.Tensor]:
 def test_rest_is_the_same_at_all_times_and_moves_no_one_else(make_trainer: Make) -> None:
     trainer = train(make_trainer(100), until=50)
     count, who = trainer.count, torch.tensor([3, 10, 11, 200])
-    before, state = trainer.gaussians_at(0.3, 1.0)[0], rest_of(trainer, who)
+    before, state = trainer.deform(0.3, 1.0)[0], rest_of(trainer, who)
     memory = trainer.optimizer.adam.state[trainer.model.canonical.means]["exp_avg"].clone()
-    freeze_motion(trainer, who, state)
+    freeze_motion(trainer.gaussians, who, state)
     canonical = trainer.model.canonical
     assert (trainer.count, canonical.num_dynamic) == (count, count - 4)
     others = torch.tensor([i for i in range(count) if i not in who.tolist()])
     for time in (0.3, 0.9):
-        after = trainer.gaussians_at(time, 1.0)[0]
+        after = trainer.deform(time, 1.0)[0]
         torch.testing.assert_close(after.means[count - 4 :], state["means"][who])
         torch.testing.assert_close(after.scales[count - 4 :], state["log_scales"][who].exp())
-    after = trainer.gaussians_at(0.3, 1.0)[0]
+    after = trainer.deform(0.3, 1.0)[0]
     torch.testing.assert_close(after.means[: count - 4], before.means[others])
     torch.testing.assert_close(after.opacities[: count - 4], before.opacities[others])
     now = trainer.optimizer.adam.state[canonical.means]["exp_avg"]
     torch.testing.assert_close(now, memory[torch.cat([others, who])])
-    assert trainer.neighbourhood is None or int(trainer.neighbourhood.neighbours.max()) < canonical.num_dynamic
+    assert trainer.smoothness.graph is None or int(trainer.smoothness.graph.neighbours.max()) < canonical.num_dynamic
     train(trainer)
     assert torch.isfinite(trainer.model.canonical.means).all()
 
@@ -49,12 +49,12 @@ def test_rest_is_the_same_at_all_times_and_moves_no_one_else(make_trainer: Make)
 def test_waking_gives_an_embedding_and_keeps_the_state(make_trainer: Make) -> None:
     trainer = train(make_trainer(60), until=20)
     everyone = torch.arange(trainer.count)
-    freeze_motion(trainer, everyone, rest_of(trainer, everyone))
+    freeze_motion(trainer.gaussians, everyone, rest_of(trainer, everyone))
     assert trainer.model.canonical.num_dynamic == 0
-    assert trainer.gaussians_at(0.5, 1.0)[1] == {}
+    assert trainer.deform(0.5, 1.0)[1] == {}
     trainer.step()
-    still = trainer.gaussians_at(0.0, 1.0)[0].means.clone()
-    wake(trainer, torch.tensor([7, 100]))
+    still = trainer.deform(0.0, 1.0)[0].means.clone()
+    unfreeze_motion(trainer.gaussians, torch.tensor([7, 100]), torch.zeros(32))
     canonical = trainer.model.canonical
     assert canonical.num_dynamic == 2 and canonical.embeddings.shape == (2, 32)
     torch.testing.assert_close(canonical.means[:2], still[[7, 100]])
@@ -64,18 +64,18 @@ def test_waking_gives_an_embedding_and_keeps_the_state(make_trainer: Make) -> No
 
 def test_neighbours_come_together_and_everything_follows(make_trainer: Make) -> None:
     trainer = train(make_trainer(100), until=50)
-    freeze_motion(trainer, torch.arange(20, 90), rest_of(trainer, torch.arange(20, 90)))
+    freeze_motion(trainer.gaussians, torch.arange(20, 90), rest_of(trainer, torch.arange(20, 90)))
     canonical, adam = trainer.model.canonical, trainer.optimizer.adam
     shuffled = torch.randperm(canonical.num_dynamic, generator=torch.Generator().manual_seed(1))
     still = torch.arange(canonical.num_dynamic, trainer.count)
-    arrange(trainer, torch.cat([shuffled, still]), shuffled)
-    assert trainer.neighbourhood is not None
+    trainer.gaussians.reindex(torch.cat([shuffled, still]), len(shuffled))
+    assert trainer.smoothness.graph is not None
     trainer.density.peak_weight = torch.arange(float(trainer.count))
-    before, moving, neighbourhood = canonical.means.detach().clone(), canonical.num_dynamic, trainer.neighbourhood
+    before, moving, neighbourhood = canonical.means.detach().clone(), canonical.num_dynamic, trainer.smoothness.graph
     memory, embeddings = adam.state[canonical.embeddings]["exp_avg"].clone(), canonical.embeddings.detach().clone()
-    drawn = trainer.gaussians_at(0.3, 1.0)[0]
+    drawn = trainer.deform(0.3, 1.0)[0]
 
-    sort_by_morton_code(trainer)
+    sort_by_morton_code(trainer.gaussians)
     who = trainer.density.peak_weight.long()
     assert canonical.num_dynamic == moving and sorted(who.tolist()) == list(range(trainer.count))
     assert (who[:moving] < moving).all() and (who[moving:] >= moving).all()
@@ -83,11 +83,11 @@ def test_neighbours_come_together_and_everything_follows(make_trainer: Make) -> 
     torch.testing.assert_close(canonical.means.detach(), before[who])
     torch.testing.assert_close(canonical.embeddings.detach(), embeddings[who[:moving]])
     torch.testing.assert_close(adam.state[canonical.embeddings]["exp_avg"], memory[who[:moving]])
-    for name, values in vars(trainer.gaussians_at(0.3, 1.0)[0]).items():
+    for name, values in vars(trainer.deform(0.3, 1.0)[0]).items():
         torch.testing.assert_close(values, getattr(drawn, name)[who], rtol=1e-5, atol=1e-6)
-    torch.testing.assert_close(who[trainer.neighbourhood.anchors], neighbourhood.anchors)
-    torch.testing.assert_close(who[trainer.neighbourhood.neighbours], neighbourhood.neighbours)
-    torch.testing.assert_close(trainer.neighbourhood.weights, neighbourhood.weights)
+    torch.testing.assert_close(who[trainer.smoothness.graph.anchors], neighbourhood.anchors)
+    torch.testing.assert_close(who[trainer.smoothness.graph.neighbours], neighbourhood.neighbours)
+    torch.testing.assert_close(trainer.smoothness.graph.weights, neighbourhood.weights)
 
 
 @pytest.mark.parametrize("capacity", ["fixed", "auto"])

@@ -8,8 +8,7 @@ import pytest
 import torch
 from support.builders import run_python
 
-from frog_blender.engine.training.optimize import nearest_neighbours
-from frog_blender.engine.training.optimize.nearest_neighbours import nearest, spacings
+from frog_blender.engine.training.optimize.nearest_neighbours import by_distances, nearest, spacings
 
 
 @pytest.mark.parametrize(("unit", "offset"), [(1.0, 0.0), (1.0, 500.0), (1000.0, 0.0), (1e-3, 0.0)])
@@ -22,15 +21,14 @@ def test_neighbours_and_spacings_are_exact(unit: float, offset: float) -> None:
     assert torch.allclose(spacings(points), torch.full((len(points),), 0.25 * unit), rtol=1e-3)
 
 
-def test_the_gpus_search_finds_what_the_tree_finds(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_gpus_search_finds_what_the_tree_finds() -> None:
     points, among = torch.rand(23, 3), torch.rand(400, 3)
     distances, indices = nearest(points, among, 5, skip_self=False)
     expected = torch.cdist(points.double(), among.double()).topk(5, largest=False)
     assert torch.equal(indices, expected.indices)
     assert torch.allclose(distances.double(), expected.values, rtol=1e-5)
     for elements in (1, 400 * 7, 400 * 23):  # pieces that do not divide the points, too
-        monkeypatch.setattr(nearest_neighbours, "_GPU_PIECE", elements)
-        squares, others = nearest_neighbours._by_distances(points, among, 5)
+        squares, others = by_distances(points, among, 5, piece_size=elements)
         assert torch.equal(others, indices)
         assert torch.allclose(squares.sqrt(), distances, rtol=1e-5)
 

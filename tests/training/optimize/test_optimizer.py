@@ -7,7 +7,7 @@ import torch
 from support.training_steps import OnlyGaussians
 
 from frog_blender.engine.model.canonical import ATTRIBUTES, CanonicalField, new_gaussians
-from frog_blender.engine.training.optimize.optimizer import SceneOptimizer
+from frog_blender.engine.training.optimize.gaussian_state import GaussianState
 from frog_blender.engine.training.recipe import RECIPES
 
 COUNT, MOVING = 12, 8
@@ -20,19 +20,19 @@ def values_of(count: int, first: float) -> dict[str, torch.Tensor]:
     return {name: rows.view(-1, *[1] * (value.dim() - 1)).expand_as(value).clone() for name, value in values.items()}
 
 
-def scene() -> SceneOptimizer:
+def scene() -> GaussianState:
     """Twelve Gaussians, of which eight move, whose Adam remembers of each which one it is."""
     values = values_of(COUNT, 1.0)
     canonical = CanonicalField(values | {"embeddings": values["embeddings"][:MOVING]})
-    optimizer = SceneOptimizer(OnlyGaussians(canonical), RECIPES["draft"], 1.0)
+    gaussians = GaussianState(OnlyGaussians(canonical), RECIPES["draft"], 1.0)
     for name in ATTRIBUTES:
-        parameter = getattr(optimizer._canonical, name)
+        parameter = getattr(canonical, name)
         parameter.grad = parameter.detach().clone()
-    optimizer.step()
-    for group in optimizer.adam.param_groups:
+    gaussians.optimizer.step()
+    for group in gaussians.optimizer.adam.param_groups:
         for parameter in group["params"]:
             parameter.data[...] = torch.arange(1.0, len(parameter) + 1).view(-1, *[1] * (parameter.dim() - 1))
-    return optimizer
+    return gaussians
 
 
 def told(array: torch.Tensor) -> list[float]:
@@ -58,12 +58,12 @@ def told(array: torch.Tensor) -> list[float]:
 def test_newcomers_take_the_places_that_become_free(
     leaving: list[int], movers: int, resting: int, expected: list[int]
 ) -> None:
-    optimizer = scene()
-    canonical = optimizer._canonical
+    gaussians = scene()
+    canonical, optimizer = gaussians.canonical, gaussians.optimizer
     keep = torch.tensor([i for i in range(COUNT) if i not in leaving], dtype=torch.int64)
     new = values_of(movers + resting, 101.0)
-    who = optimizer.replace_gaussians(keep, new | {"embeddings": new["embeddings"][:movers]})
-    assert [i + 1 if i < COUNT else i - COUNT + 101 for i in who.tolist()] == expected
+    indices = gaussians.replace(keep, new | {"embeddings": new["embeddings"][:movers]})
+    assert [i + 1 if i < COUNT else i - COUNT + 101 for i in indices.tolist()] == expected
     moving = MOVING - sum(i < MOVING for i in leaving) + movers
     for name in ATTRIBUTES:
         parameter = getattr(canonical, name)
@@ -80,9 +80,9 @@ def test_newcomers_take_the_places_that_become_free(
 
 
 def test_where_few_change_nothing_else_is_copied() -> None:
-    optimizer = scene()
-    before = [getattr(optimizer._canonical, name) for name in ATTRIBUTES]
+    gaussians = scene()
+    before = [getattr(gaussians.canonical, name) for name in ATTRIBUTES]
     new = values_of(1, 101.0)
-    optimizer.replace_gaussians(torch.arange(1, COUNT), new)
-    assert all(getattr(optimizer._canonical, name) is old for name, old in zip(ATTRIBUTES, before, strict=True))
-    assert told(optimizer._canonical.sh)[:2] == [101.0, 2.0]
+    gaussians.replace(torch.arange(1, COUNT), new)
+    assert all(getattr(gaussians.canonical, name) is old for name, old in zip(ATTRIBUTES, before, strict=True))
+    assert told(gaussians.canonical.sh)[:2] == [101.0, 2.0]

@@ -18,12 +18,15 @@ from frog_blender.engine.evaluation.evaluate_file import open_training_capture
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.rasterizer import GaussianArrays, rasterize
 from frog_blender.engine.scene.scene_file import read_scene
+from frog_blender.engine.training.optimize import pose_refinement
+from frog_blender.engine.training.optimize.camera_rig import CameraRig
 from frog_blender.engine.training.optimize.pose_refinement import PoseRefinement
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.recipe import Recipe, recipe
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.checkpoint import restore, state_of
-from frog_blender.engine.training.session.job import TrainingJob, run_training
+from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.run import run_training
 
 POINTS = np.array(
     [[0, 0, 1], [2, 1.5, 1], [-2, 1.5, 1], [2, -1.5, 1], [-2, -1.5, 1.0], [0, 0, -0.5]]
@@ -49,7 +52,8 @@ def test_a_camera_finds_back_to_where_it_was(capture: Capture) -> None:
     true = capture.cameras[index]
     wrong = true.moved(np.radians([0.5, -0.4, 0.8]), np.array([0.02, -0.03, 0.05]))
     cameras = [wrong if camera is true else camera for camera in capture.cameras]
-    poses = PoseRefinement(capture.with_cameras(cameras), Recipe(pose_reach=0.1, pose_from=0.0), np.zeros(3), 4.0)
+    rig = CameraRig(capture.with_cameras(cameras))
+    poses = PoseRefinement(rig, Recipe(pose_reach=0.1, pose_from=0.0), np.zeros(3), 4.0)
     arrays = film.gaussians_at(0)  # the wall's rows are equally deep, and would change places at the first turn
     arrays.means[:, 2] += np.random.default_rng(0).normal(0, 0.3, len(arrays.means))
     scene = GaussianArrays(*[torch.from_numpy(np.float32(value)) for value in vars(arrays).values()])
@@ -57,15 +61,15 @@ def test_a_camera_finds_back_to_where_it_was(capture: Capture) -> None:
     before = pixels_off(wrong, true)
     steps = 200
     for step in range(steps):
-        camera = poses.capture.cameras[index]
+        camera = rig.capture.cameras[index]
         pose = torch.from_numpy(camera.world_to_camera[:3]).float().requires_grad_()
         (rasterize(scene, camera, (0.0, 0.0, 0.0), pose=pose).rgb - truth).abs().mean().backward()
         assert pose.grad is not None
         poses.observe(index, pose.grad, step / steps)
-    poses.settle()
-    after = pixels_off(poses.capture.cameras[index], true)
+    poses.synchronize()
+    after = pixels_off(rig.capture.cameras[index], true)
     assert before > 0.8 and after < 0.05 * before
-    rotation = poses.capture.cameras[index].rotation
+    rotation = rig.capture.cameras[index].rotation
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-9)
 
 
@@ -77,7 +81,7 @@ def test_who_is_refined(capture: Capture) -> None:
     one_a_moment = [shot for shot in capture.shots if shot.camera == shot.frame % len(capture.cameras)][:3]
     moving = replace(capture, shots=tuple(one_a_moment))
     assert moving.is_moving and not PoseRefinement.wanted(moving, Recipe())
-    poses = PoseRefinement(capture, Recipe(), np.zeros(3), 4.0)
+    poses = PoseRefinement(CameraRig(capture), Recipe(), np.zeros(3), 4.0)
     names = [camera.name for camera in capture.cameras]
     assert [poses.learns(names.index(name), 1.0) for name in film.CAMERAS] == [False, True, True, True]
     assert not poses.learns(names.index("cam01"), 0.0)
@@ -138,14 +142,14 @@ def test_a_finished_training_that_is_extended_goes_on_downhill(
     restore(longer, state_of(done))
     poses = longer.poses
     assert longer.progress == 0.5 and poses is not None and (poses.moved[:, 1] <= 0.5).all()
-    uphill, largest, bare = [], [], PoseRefinement._without_common
+    uphill, largest, bare = [], [], pose_refinement.without_common
 
-    def watched(self: PoseRefinement, changes: np.ndarray) -> np.ndarray:
-        uphill.append((changes * self.moments[0, self._learned]).max())
+    def watched(changes: np.ndarray, centers: np.ndarray) -> np.ndarray:
+        uphill.append((changes * poses.moments[0, longer.capture.train_cameras]).max())
         largest.append(np.abs(changes[:, :3]).max())
-        return bare(self, changes)
+        return bare(changes, centers)
 
-    monkeypatch.setattr(PoseRefinement, "_without_common", watched)
+    monkeypatch.setattr(pose_refinement, "without_common", watched)
     train(longer)
     assert len(uphill) > 5 and max(uphill) <= 0 and max(largest) > 1e-5
 

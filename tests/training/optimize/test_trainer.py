@@ -15,9 +15,9 @@ from support.training_steps import train
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.frames import FrameStore
-from frog_blender.engine.errors import FrogError
 from frog_blender.engine.training.optimize import canonical_sampling, losses, smoothness
 from frog_blender.engine.training.optimize.densification import DensificationStrategy
+from frog_blender.engine.training.optimize.running_loss import TrainingDiverged
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
 
 STEPS = 600
@@ -83,7 +83,7 @@ def test_no_held_out_image_is_ever_read(
 ) -> None:
     watching = watched()
     capture = capture.with_holdout(holdout)
-    trainer = Trainer(capture, watching, film.seeds(), lively(150), "frog", Limits(150), 0)
+    trainer = Trainer(capture, watching, film.seeds(), lively(150), "frog", Limits(150), seed=0)
     train(trainer)
     held_out = {i for i, shot in enumerate(capture.shots) if capture.is_test(shot)}
     assert len(held_out) == (6 if not holdout else 6 + 2 * 3)
@@ -109,7 +109,7 @@ def test_evaluation_looks_at_held_out_images_and_changes_nothing(
 
 def test_evaluation_without_anything_withheld(capture: Capture, store: FrameStore, lively: Any) -> None:
     everything = replace(capture, test_cameras=frozenset())
-    trainer = Trainer(everything, store, film.seeds(), lively(5), "frog", Limits(5), 0)
+    trainer = Trainer(everything, store, film.seeds(), lively(5), "frog", Limits(5), seed=0)
     assert trainer.evaluate(3)[1] == "training"
 
 
@@ -165,7 +165,7 @@ def test_a_short_training_passes_through_every_schedule(
     bursts = sum(r.dssim_from <= i / 120 and i % r.dssim_period < r.dssim_burst for i in range(120))
     assert calls["native_ssim"] == bursts > 0
     assert calls["add_embedding_smoothness"] > 15  # every fourth step
-    assert trainer.neighbourhood is not None and int(trainer.neighbourhood.neighbours.max()) < trainer.count
+    assert trainer.smoothness.graph is not None and int(trainer.smoothness.graph.neighbours.max()) < trainer.count
 
 
 def test_at_the_limit_anchors_take_the_places_of_those_least_needed(make_trainer: Callable[..., Trainer]) -> None:
@@ -173,15 +173,15 @@ def test_at_the_limit_anchors_take_the_places_of_those_least_needed(make_trainer
     train(trainer, until=20)
     count = trainer.count
     means = trainer.model.canonical.means
-    canonical_sampling.inject_anchors(trainer, 0.5, 0)  # all were needed of late
+    trainer.inject_anchors(0.5, 0)  # all were needed of late
     assert trainer.model.canonical.means is means
     trainer.density.peak_weight[[2, 5]] = 0.01
     before = means.detach().clone()
-    trainer.find_neighbours()
-    pairs = trainer.neighbourhood
-    canonical_sampling.inject_anchors(trainer, 0.5, 0)
+    trainer.smoothness.resample()
+    pairs = trainer.smoothness.graph
+    trainer.inject_anchors(0.5, 0)
     assert trainer.count == count
-    sample = trainer.neighbourhood
+    sample = trainer.smoothness.graph
     assert {2, 5} <= set(pairs.neighbours[pairs.weights > 0].tolist())
     assert not {2, 5} & {*sample.anchors.tolist(), *sample.neighbours[sample.weights > 0].tolist()}
     kept = [i for i in range(count) if i not in (2, 5)]
@@ -229,14 +229,14 @@ def test_the_limit_of_gaussians_holds(make_trainer: Callable[..., Trainer]) -> N
 
 
 def test_seconds_limit_a_training(capture: Capture, store: FrameStore, lively: Any) -> None:
-    trainer = Trainer(capture, store, film.seeds(), lively(10**6), "frog", Limits(seconds=0.3), 0)
+    trainer = Trainer(capture, store, film.seeds(), lively(10**6), "frog", Limits(seconds=0.3), seed=0)
     train(trainer)
     assert trainer.finished and 0.3 <= trainer.seconds < 5 and 1 < trainer.step_count < 10**5
 
 
 @pytest.mark.parametrize("count", [1, 2, 5])
 def test_few_seeds_are_enough(capture: Capture, store: FrameStore, lively: Any, count: int) -> None:
-    trainer = Trainer(capture, store, film.seeds(count), lively(60), "frog", Limits(60), 0)
+    trainer = Trainer(capture, store, film.seeds(count), lively(60), "frog", Limits(60), seed=0)
     train(trainer)
     assert np.isfinite(trainer.loss) and trainer.count >= 1
 
@@ -246,5 +246,5 @@ def test_a_loss_that_is_not_a_number_stops_the_training(
 ) -> None:
     monkeypatch.setattr(losses, "native_ssim", lambda *_: float("nan"))
     trainer = make_trainer(20, dssim_from=0.0)
-    with pytest.raises(FrogError, match="unstable at step 0"):
+    with pytest.raises(TrainingDiverged, match="unstable at step 0"):
         trainer.step()

@@ -17,18 +17,19 @@ from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.io.tensor_files import read_tensors
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.optimize.trainer import Trainer
-from frog_blender.engine.training.session import events, loop, preview
+from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.cancel_token import CancelToken
 from frog_blender.engine.training.session.checkpoint import checkpoint_path, checkpoint_settings
-from frog_blender.engine.training.session.job import TrainingJob, run_training
-from frog_blender.engine.training.session.preview import watched_shot
+from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.preview import preview_shot
+from frog_blender.engine.training.session.run import run_training
 
 STEPS, PAUSED_AT = 40, 15
 
 
 @pytest.fixture
-def task(filmed: Path, tmp_path: Path, lively: Callable, seeds_at_no_cost: None) -> TrainingJob:
-    return TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(STEPS), seed=2, device="cpu")
+def task(filmed: Path, tmp_path: Path, lively: Callable, own_cache: Path) -> TrainingJob:
+    return TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(STEPS), seed=2, seeds=film.seeds(), device="cpu")
 
 
 @pytest.fixture
@@ -185,7 +186,6 @@ def test_previews_come_at_once_and_every_tenth(task: TrainingJob) -> None:
 def test_previews_are_small_and_show_the_camera_that_was_chosen(
     task: TrainingJob, taken: Callable[..., list[int]], capture: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(preview, "LARGEST_SIDE", 24)
     control = CancelToken()
     drawn: list[int] = []
     image = Trainer.render_image
@@ -201,7 +201,7 @@ def test_previews_are_small_and_show_the_camera_that_was_chosen(
         control.preview_camera = "cam03"
 
     taken(PAUSED_AT, choose)
-    said = list(run_training(replace(task, preview_camera="cam02"), control))
+    said = list(run_training(replace(task, preview_camera="cam02", preview_size=24), control))
     assert {event.image.shape for event in previews_of(said)} == {(18, 24, 3)}
     names = [capture.cameras[capture.shots[shot].camera].name for shot in drawn]
     assert names == sorted(names) and set(names) == {"cam02", "cam03"}
@@ -216,9 +216,8 @@ def test_a_preview_of_no_camera_is_said_once(task: TrainingJob) -> None:
 
 
 def test_what_previews_show_by_default(capture: Capture) -> None:
-    shot = watched_shot(capture)
+    shot = preview_shot(capture)
     assert shot is not None and capture.cameras[capture.shots[shot].camera].name == film.HELD_OUT
-    chosen = watched_shot(capture, "cam02")
+    chosen = preview_shot(capture, "cam02")
     assert chosen is not None and capture.shots[chosen].frame == film.FRAMES // 2
-    assert watched_shot(capture, "none") is None
-    assert loop.watched_shot is watched_shot  # the image of what moves shows the same
+    assert preview_shot(capture, "none") is None

@@ -12,7 +12,7 @@ import pytest
 import torch
 from fuzzing import mutating
 from support.builders import scene_file
-from support.training_steps import train
+from support.training_steps import compression, train
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.scene.scene_file import write_scene
@@ -146,8 +146,7 @@ VALUES: list[tuple[str, Any]] = [
 def trained(make_trainer: Make) -> Trainer:
     trainer = train(make_trainer(40, capacity="auto"), until=37)
     moving = trainer.model.canonical.num_dynamic
-    assert trainer.compression
-    trainer.compression.motion = Motion(*torch.rand(4, moving))  # as where nobody rests before the end
+    compression(trainer).record.motion = Motion(*torch.rand(4, moving))  # as where nobody rests before the end
     return trainer
 
 

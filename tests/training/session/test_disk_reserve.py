@@ -12,17 +12,17 @@ from typing import Any
 
 import pytest
 
-from frog_blender.engine.training.session.disk_reserve import Reserve
+from frog_blender.engine.training.session.disk_reserve import DiskReserve
 
 SIZE = 3 << 20
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="room is set aside on Linux")
 def test_room_is_kept_and_given_back_once(tmp_path: Path) -> None:
-    reserve = Reserve(tmp_path / "x.frog", SIZE)
-    assert reserve._file is not None and 512 * os.fstat(reserve._file.fileno()).st_blocks >= SIZE
+    reserve = DiskReserve(tmp_path / "x.frog", SIZE)
+    assert reserve.size >= SIZE
     assert not list(tmp_path.iterdir())
-    assert reserve.give_back() and not reserve.give_back()
+    assert reserve.release() and not reserve.release() and not reserve.size
 
 
 def unable(*_: Any) -> int:
@@ -38,4 +38,4 @@ def test_nothing_is_written_where_room_cannot_be_set_aside(
     monkeypatch.setattr(sys, "platform", system)
     monkeypatch.setattr(ctypes, "CDLL", lambda *_, **__: SimpleNamespace(fallocate=unable))
     monkeypatch.delattr(os, "posix_fallocate", raising=False)
-    assert not Reserve(tmp_path / "x.frog", SIZE).give_back()
+    assert not DiskReserve(tmp_path / "x.frog", SIZE).release()

@@ -21,21 +21,20 @@ from frog_blender.engine.errors import FrogError
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.optimize.trainer import Trainer
-from frog_blender.engine.training.session import checkpoint, events, fallback_save, job
-from frog_blender.engine.training.session.job import TrainingJob, run_training
+from frog_blender.engine.training.session import checkpoint, events, fallback_save
+from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.output_paths import checkpoint_path
 from frog_blender.engine.training.session.recovery import Recovery
+from frog_blender.engine.training.session.run import run_training
 
 STEPS = 60
 IN_A_SMALL_DISK = Path(__file__).parents[2] / "support" / "small_disk.py"
 
 
 @pytest.fixture
-def task(
-    filmed: Path, tmp_path: Path, lively: Callable, own_cache: Path, monkeypatch: pytest.MonkeyPatch
-) -> TrainingJob:
-    monkeypatch.setattr(job, "stored_seeds", lambda capture, store, **_: film.seeds())
-    return TrainingJob(filmed, tmp_path / "out" / "x.frog", recipe=lively(STEPS), seed=2, device="cpu")
+def task(filmed: Path, tmp_path: Path, lively: Callable, own_cache: Path) -> TrainingJob:
+    output = tmp_path / "out" / "x.frog"
+    return TrainingJob(filmed, output, recipe=lively(STEPS), seed=2, seeds=film.seeds(), device="cpu")
 
 
 def warnings(stream: list) -> list[str]:
@@ -63,7 +62,7 @@ def test_a_disk_that_takes_nothing_more(filmed: Path, tmp_path: Path, fault: str
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr
     why = "No space left on device" if fault == "full" else "Read-only file system"
-    assert f"({why}); nothing was changed. Training goes on without this checkpoint." in done.stdout
+    assert f"({why}); nothing was changed. Training continues without this checkpoint." in done.stdout
     place = tmp_path / "cache" / "rescued" / "x.frog"
     assert f"The scene was saved as {place} instead." in done.stdout
     assert done.stdout.rstrip().endswith(f"Finished {place}")
@@ -84,7 +83,7 @@ def test_frames_make_room_where_none_could_be_kept(
             raise FrogError(f"{path}: full.") from refusals.pop()
         write(path, content)
 
-    monkeypatch.setattr(fallback_save.Reserve, "give_back", lambda _: False)
+    monkeypatch.setattr(fallback_save.DiskReserve, "release", lambda _: False)
     monkeypatch.setattr(fallback_save, "write_atomically", full_once)
     stream = []
     for event in run_training(task, lambda: bool(asked)):
@@ -92,7 +91,7 @@ def test_frames_make_room_where_none_could_be_kept(
         if cancels and isinstance(event, events.Progress) and event.step > 0:
             asked.append(True)
     assert isinstance(stream[-1], events.Cancelled if cancels else events.Finished)
-    assert "MB of decoded frames were deleted to make room." in warnings(stream)[-1] and task.output.is_file()
+    assert "MB of decoded frames were deleted to free space." in warnings(stream)[-1] and task.output.is_file()
 
 
 def test_a_folder_that_is_taken_away_is_made_again(task: TrainingJob) -> None:
@@ -163,7 +162,7 @@ def test_memory_that_ends_costs_gaussians_not_the_training(
     task = replace(task, recipe=replace(task.recipe, capacity=capacity))
     stream = list(run_training(task))
     (warning,) = warnings(stream)
-    assert "The memory did not suffice for" in warning and "with at most" in warning
+    assert "Out of memory at" in warning and "with at most" in warning
     end = stream[-1]
     assert isinstance(end, events.Finished) and end.steps == STEPS and 0 < end.gaussians <= 330
 
@@ -185,7 +184,7 @@ def test_a_training_with_fewer_gaussians_resumes(task: TrainingJob, monkeypatch:
 
 def test_memory_that_stays_short_ends_in_a_sentence(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
     short_of_memory(monkeypatch, 0, MemoryError("no more"))
-    with pytest.raises(FrogError, match=r"memory stays too short.*smaller scale"):
+    with pytest.raises(FrogError, match=r"Not enough memory.*smaller scale"):
         list(run_training(task))
 
 
@@ -206,7 +205,7 @@ def test_memory_that_ends_between_steps_costs_gaussians_too(
 
     monkeypatch.setattr(owner, where, limited)
     stream = list(run_training(task))
-    assert any("goes on from step" in warning for warning in warnings(stream))
+    assert any("Continuing from step" in warning for warning in warnings(stream))
     assert isinstance(stream[-1], events.Finished) and stream[-1].steps == STEPS and stream[-1].gaussians <= 330
     steps = [event.step for event in stream if isinstance(event, events.Evaluated)]
     assert steps == sorted(set(steps)), "no evaluation is told twice"
@@ -219,7 +218,7 @@ def test_a_checkpoint_without_memory_costs_nothing_else(task: TrainingJob, monke
     monkeypatch.setattr(checkpoint, "serialize", none_left)
     stream = list(run_training(task))
     (warning,) = warnings(stream)
-    assert warning.endswith("out of memory); nothing was changed. Training goes on without this checkpoint.")
+    assert warning.endswith("out of memory); nothing was changed. Training continues without this checkpoint.")
     assert isinstance(stream[-1], events.Finished) and ScenePlayer.load(task.output).header.steps == STEPS
 
 

@@ -28,23 +28,21 @@ from frog_blender.engine.scene import header as scene_header
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.optimize import trainer
 from frog_blender.engine.training.optimize.trainer import Trainer
-from frog_blender.engine.training.session import events, fallback_save, job, loop
+from frog_blender.engine.training.session import events, fallback_save, loop
+from frog_blender.engine.training.session import run as training_run
 from frog_blender.engine.training.session.checkpoint import checkpoint_path
-from frog_blender.engine.training.session.job import TrainingJob, run_training
+from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.run import run_training
+from frog_blender.engine.training.session.session import Session
 
 STEPS = 60
 
 
-@pytest.fixture(autouse=True)
-def quick(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Seeds at no cost, and an event for every step."""
-    monkeypatch.setattr(job, "stored_seeds", lambda capture, store, **_: film.seeds())
-    monkeypatch.setattr(loop, "_EVENT_SECONDS", 0.0)
-
-
 @pytest.fixture
-def task(filmed: Path, tmp_path: Path, lively: Callable) -> TrainingJob:
-    return TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(STEPS), seed=2, device="cpu")
+def task(filmed: Path, tmp_path: Path, lively: Callable, own_cache: Path) -> TrainingJob:
+    """With an event for every step."""
+    settings = {"recipe": lively(STEPS), "seed": 2, "seeds": film.seeds(), "device": "cpu", "event_seconds": 0.0}
+    return TrainingJob(filmed, tmp_path / "x.frog", **settings)
 
 
 def names(stream: list[Any]) -> list[str]:
@@ -80,11 +78,11 @@ def test_what_a_training_held_is_free_when_it_ends(task: TrainingJob, monkeypatc
     trained: list[weakref.ref[Trainer]] = []
     train = loop.train
 
-    def watched(job: TrainingJob, trainer: Trainer, *others: Any) -> Any:
-        trained.append(weakref.ref(trainer))
-        return train(job, trainer, *others)
+    def watched(session: Session) -> Any:
+        trained.append(weakref.ref(session.trainer))
+        return train(session)
 
-    monkeypatch.setattr(job, "train", watched)
+    monkeypatch.setattr(training_run, "train", watched)
     gc.collect()
     gc.disable()
     try:
@@ -220,9 +218,8 @@ def test_cancelling_while_frames_are_decoded(
 
 
 def test_decoding_and_seeding_report(task: TrainingJob, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.undo()
     monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
-    small = replace(task, recipe=replace(task.recipe, seed_gaussians=200, steps=3, densify_until=0.0))
+    small = replace(task, seeds=None, recipe=replace(task.recipe, seed_gaussians=200, steps=3, densify_until=0.0))
     stream = list(run_training(small))
     stages = [event for event in stream if isinstance(event, events.Stage)]
     assert {"Decoding frames", "Finding seed points"} == {stage.name for stage in stages}
@@ -274,9 +271,9 @@ def test_a_resume_keeps_method_and_recipe_whatever_is_asked(
     began = replace(task, method=method, recipe=lively(STEPS, capacity="auto", sh_growth=(0.2, 0.4)))
     with monkeypatch.context() as patch:
         list(run_training(began, stopping_after(STEPS // 2, patch)))
-    stream = list(run_training(TrainingJob(task.capture, task.output, resume=True, device="cpu")))
+    stream = list(run_training(TrainingJob(task.capture, task.output, resume=True, seeds=task.seeds, device="cpu")))
     (said,) = [event.message for event in stream if isinstance(event, events.WarningEvent)]
-    assert said == f"The training goes on as it began: method {method}, recipe draft, capacity auto."
+    assert said == f"Resuming with the original settings: method {method}, recipe draft, capacity auto."
     kept = read_scene(task.output)
     assert kept.header.steps == STEPS and kept.header.method == method
     whole = replace(began, output=task.output.with_name("whole.frog"))

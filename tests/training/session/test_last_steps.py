@@ -15,12 +15,16 @@ import torch
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.compression import schedule
-from frog_blender.engine.training.compression.passes import silence_heads
+from frog_blender.engine.training.compression.context import CompressionContext, CompressionStep, Proposal
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session import events, export, loop
-from frog_blender.engine.training.session.job import TrainingJob, run_training
+from frog_blender.engine.training.session.export import BuiltScene, Metrics
+from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.run import run_training
+from frog_blender.engine.training.session.session import Session
 
 STEPS = 40
+MORE_THAN_ONCE = ("evaluate", "freeze_motion", "mean_dynamic_state", "to_json")
 ERRORS = [
     RuntimeError("torch does not like this"),
     np.linalg.LinAlgError("singular matrix"),
@@ -28,12 +32,16 @@ ERRORS = [
     MemoryError(),
 ]
 AT_THE_END = [
-    *((schedule, name) for name in ("mean_dynamic_state", "rest", "narrow", "silence_heads")),
-    *((export, name) for name in ("freeze_attributes", "arranged", "compactions", "_capacity")),
-    *((loop, name) for name in ("fit_budget", "capacity_image")),
+    *((schedule, name) for name in ("freeze_motion", "prune_hidden_units", "prune_heads")),
+    (CompressionContext, "mean_dynamic_state"),
+    *((export, name) for name in ("freeze_attributes", "reorder_for_playback", "playback_steps")),
+    (CompressionStep, "to_json"),
+    *((loop, name) for name in ("fit_budget", "draw_report_image")),
     (Trainer, "evaluate"),
 ]
-ON_THE_WAY = [(schedule, name) for name in ("freeze_static_regions", "wake_some", "prune", "reduce_sh_degree")]
+ON_THE_WAY = [
+    (schedule, name) for name in ("freeze_static_regions", "unfreeze_high_error", "prune", "reduce_sh_degree")
+]
 
 
 def name_of(value: Any) -> str | None:
@@ -52,8 +60,10 @@ def broken(monkeypatch: pytest.MonkeyPatch, what: tuple[Any, str], error: Except
     real = getattr(owner, name)
 
     def fails(*arguments: Any, **options: Any) -> Any:
-        trainer = next((each for each in arguments if isinstance(each, Trainer)), None)
-        if name in ("evaluate", "rest", "_capacity") and trainer is not None and not trainer.finished:
+        first = arguments[0]
+        training = first.training if isinstance(first, CompressionContext) else first
+        ended = training.progress == 1 if isinstance(training, Trainer) else getattr(first, "progress", 1.0) == 1
+        if name in MORE_THAN_ONCE and not ended:
             return real(*arguments, **options)
         raise error
 
@@ -74,7 +84,7 @@ def check(task: TrainingJob, monkeypatch: pytest.MonkeyPatch, what: tuple[Any, s
     said = [event.message for event in stream if isinstance(event, events.WarningEvent)]
     assert isinstance(stream[-1], events.Finished) and plays(task).header.steps == STEPS
     assert all(message.endswith(".") and "\n" not in message for message in said)
-    assert len(said) == (2 if what[1] == "wake_some" else 1)  # which there are two rounds of
+    assert len(said) == (2 if what[1] == "unfreeze_high_error" else 1)  # at two milestones
 
 
 @pytest.mark.parametrize(("number", "what"), list(enumerate([*AT_THE_END, *ON_THE_WAY])), ids=name_of)
@@ -94,22 +104,24 @@ def test_whatever_fails_at_the_end_costs_no_scene(
 
 
 def test_what_a_failed_round_did_is_undone(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The last thing that it does fails, after a head was silenced and the network narrowed."""
+    """The last thing that it does fails, after a head was pruned and hidden units were."""
     before: dict[str, Any] = {}
 
-    def worse(rounds: Any, trainer: Trainer, judge: Any, *_: Any) -> None:
-        before.update({name: value.clone() for name, value in trainer.model.state_dict().items()})
-        before["heads"] = trainer.model.heads
-        width = trainer.model.settings.hidden_width
-        trainer.optimizer.keep_units(trainer.model, torch.arange(width // 2))
+    def worse(context: CompressionContext, *_: Any) -> list[Proposal]:
+        gaussians = context.training.gaussians
+        before.update({name: value.clone() for name, value in gaussians.model.state_dict().items()})
+        before["heads"] = gaussians.model.heads
+        width = gaussians.model.settings.hidden_width
+        gaussians.optimizer.keep_units(gaussians.model, torch.arange(width // 2))
+        return []
 
-    def fails(_rounds: Any, trainer: Trainer, _judge: Any) -> None:
-        trainer.model.prune_head("means")
+    def fails(context: CompressionContext, *_: Any) -> list[Proposal]:
+        context.training.gaussians.model.prune_head("means")
         raise RuntimeError("too late")
 
-    monkeypatch.setattr(schedule, "rest", lambda *_: None)
-    monkeypatch.setattr(schedule, "narrow", worse)
-    monkeypatch.setattr(schedule, "silence_heads", fails)
+    monkeypatch.setattr(schedule, "freeze_motion", lambda *_: [])
+    monkeypatch.setattr(schedule, "prune_hidden_units", worse)
+    monkeypatch.setattr(schedule, "prune_heads", fails)
     list(run_training(replace(task, lossless=True)))
     scene = read_scene(task.output)
     assert "means" in before["heads"] and "means" not in scene.header.model["silent_heads"]
@@ -118,7 +130,6 @@ def test_what_a_failed_round_did_is_undone(task: TrainingJob, monkeypatch: pytes
         if isinstance(value, torch.Tensor):
             name = name.removeprefix("canonical.").replace("deformation.", "network.")
             np.testing.assert_array_equal(scene.arrays[name], value.numpy())
-    assert silence_heads is not schedule.silence_heads
 
 
 def test_a_training_goes_on_after_a_round_that_failed(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -126,7 +137,7 @@ def test_a_training_goes_on_after_a_round_that_failed(task: TrainingJob, monkeyp
     stream = list(run_training(task))
     assert isinstance(stream[-1], events.Finished)
     (said,) = [event.message for event in stream if isinstance(event, events.WarningEvent)]
-    assert said == "Leaving out what the scene does not need failed (no): nothing was left out at 80 %."
+    assert said == "Compression at 80 % failed (no). Continuing without it."
     assert [event.step for event in stream if isinstance(event, events.Evaluated)][-1] == STEPS
 
 
@@ -148,13 +159,13 @@ def test_figures_that_no_header_holds_cost_no_scene(
 
 def test_a_second_saving_does_not_see_the_first(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
     """Building a scene changes neither the figures nor the reductions that it was given."""
-    trainers: list[Trainer] = []
+    sessions: list[Session] = []
     real = loop.build_scene
     metrics = {"psnr": 12.5, "split": "held-out"}
 
-    def twice(job: TrainingJob, trainer: Trainer, scale: float, given: dict[str, Any]) -> Any:
-        trainers.append(trainer)
-        one, other = real(job, trainer, scale, metrics), real(job, trainer, scale, metrics)
+    def twice(session: Session, given: Metrics) -> BuiltScene:
+        sessions.append(session)
+        one, other = real(session, metrics), real(session, metrics)
         assert one.scene.header.capacity["reductions"] == [
             {**each, "milliseconds": mine["milliseconds"]}
             for each, mine in zip(
@@ -165,4 +176,4 @@ def test_a_second_saving_does_not_see_the_first(task: TrainingJob, monkeypatch: 
 
     monkeypatch.setattr(loop, "build_scene", twice)
     list(run_training(task))
-    assert trainers and metrics == {"psnr": 12.5, "split": "held-out"}
+    assert sessions and metrics == {"psnr": 12.5, "split": "held-out"}

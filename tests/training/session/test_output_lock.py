@@ -14,14 +14,15 @@ import pytest
 from support.builders import REPOSITORY
 
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.training.session.job import TrainingJob, run_training
-from frog_blender.engine.training.session.output_lock import claimed
+from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.output_lock import lock_output
+from frog_blender.engine.training.session.run import run_training
 
 HOLD = """
 import sys
 from pathlib import Path
-from frog_blender.engine.training.session.output_lock import claimed
-with claimed(Path(sys.argv[1])):
+from frog_blender.engine.training.session.output_lock import lock_output
+with lock_output(Path(sys.argv[1])):
     print("claimed", flush=True)
     sys.stdin.read()
 """
@@ -55,14 +56,16 @@ def output(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_a_second_process_is_refused_until_the_first_ends(output: Path) -> None:
     with another_training(output) as process:
         with (
-            pytest.raises(FrogError, match=rf"x\.frog: another training \(process {process.pid}\) writes it") as caught,
-            claimed(output),
+            pytest.raises(
+                FrogError, match=rf"x\.frog: another training \(process {process.pid}\) writes this file"
+            ) as caught,
+            lock_output(output),
         ):
             pass
         assert "\n" not in str(caught.value)
-        with claimed(output.with_name("y.frog")):
+        with lock_output(output.with_name("y.frog")):
             pass
-    with claimed(output):
+    with lock_output(output):
         pass
     assert not list(output.parent.iterdir()) and not list((output.parents[1] / "cache").iterdir())
 
@@ -72,21 +75,21 @@ def test_a_killed_process_blocks_nobody(output: Path) -> None:
     with another_training(output) as process:
         process.kill()
         process.wait()
-        with claimed(output), pytest.raises(FrogError), claimed(output):
+        with lock_output(output), pytest.raises(FrogError), lock_output(output):
             pass
     assert not list((output.parents[1] / "cache").iterdir())
 
 
 def test_one_place_under_two_names_is_one(output: Path) -> None:
     (output.parents[1] / "link").symlink_to(output.parent)
-    with claimed(output):
+    with lock_output(output):
         for other in (output.parents[1] / "link" / "x.frog", output.parent / ".." / "out" / "x.frog"):
-            with pytest.raises(FrogError), claimed(other):
+            with pytest.raises(FrogError), lock_output(other):
                 pass
         here = os.getcwd()
         os.chdir(output.parent)
         try:
-            with pytest.raises(FrogError), claimed(Path("x.frog")):
+            with pytest.raises(FrogError), lock_output(Path("x.frog")):
                 pass
         finally:
             os.chdir(here)
@@ -95,7 +98,7 @@ def test_one_place_under_two_names_is_one(output: Path) -> None:
 def test_where_no_locks_are_kept_one_trains_all_the_same(output: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (output.parent / "file").write_text("")
     monkeypatch.setenv("FROG_CACHE", str(output.parent / "file"))
-    with claimed(output):
+    with lock_output(output):
         pass
 
 
@@ -112,8 +115,8 @@ def test_an_output_is_free_again_when_nobody_listens_any_more(
 ) -> None:
     stream = run_training(TrainingJob(filmed, output, device="cpu"))
     next(stream)
-    with pytest.raises(FrogError), claimed(output):
+    with pytest.raises(FrogError), lock_output(output):
         pass
     stream.close()
-    with claimed(output):
+    with lock_output(output):
         pass

@@ -16,7 +16,7 @@ from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.atomic_files import LONGEST_NAME, write_atomically
 from frog_blender.engine.training.session import events
-from frog_blender.engine.training.session.job import TrainingJob, run_training
+from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.output_paths import (
     check_unused,
     checkpoint_path,
@@ -25,6 +25,7 @@ from frog_blender.engine.training.session.output_paths import (
     trained_from,
     unused_output,
 )
+from frog_blender.engine.training.session.run import run_training
 
 
 def checkpoint(output: Path, capture: Path) -> None:

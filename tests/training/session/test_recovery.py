@@ -1,4 +1,4 @@
-"""A training that meets numbers that are none goes back, takes smaller steps, and ends well; or says that it cannot."""
+"""A training that diverges is rolled back, takes smaller steps, and ends well; or says that it cannot."""
 
 from __future__ import annotations
 
@@ -18,10 +18,12 @@ from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.optimize import losses
 from frog_blender.engine.training.optimize.running_loss import TrainingDiverged
 from frog_blender.engine.training.optimize.trainer import Trainer
-from frog_blender.engine.training.session import events, job
+from frog_blender.engine.training.session import events
+from frog_blender.engine.training.session import run as training_run
 from frog_blender.engine.training.session.checkpoint import checkpoint_path, load_checkpoint, save_checkpoint
-from frog_blender.engine.training.session.job import TrainingJob, run_training
+from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.recovery import Recovery
+from frog_blender.engine.training.session.run import run_training
 
 Make = Callable[..., Trainer]
 
@@ -30,7 +32,7 @@ Make = Callable[..., Trainer]
 def task(
     filmed: Path, tmp_path: Path, lively: Callable, own_cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> TrainingJob:
-    monkeypatch.setattr(job, "stored_seeds", lambda capture, store, **_: film.seeds())
+    monkeypatch.setattr(training_run, "stored_seeds", lambda capture, store, **_: film.seeds())
     return TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(60, dssim_from=0.5), seed=2, device="cpu")
 
 
@@ -49,7 +51,7 @@ def test_one_bad_step_costs_no_training(task: TrainingJob, monkeypatch: pytest.M
     failing(monkeypatch, lambda call: call == 3)
     stream = list(run_training(task))
     (warning,) = [event.message for event in stream if isinstance(event, events.WarningEvent)]
-    assert "unstable at step 52" in warning and "goes on from step 48 with steps of half the size" in warning
+    assert "unstable at step 52" in warning and "Continuing from step 48 with steps of half the size" in warning
     assert isinstance(stream[-1], events.Finished) and stream[-1].steps == 60
     assert all(np.isfinite(array).all() for array in read_scene(task.output).arrays.values())
 
@@ -93,7 +95,7 @@ def test_a_model_that_is_not_finite_is_not_remembered(make_trainer: Make) -> Non
     recovery = Recovery(trainer)
     trainer.model.canonical.embeddings.data[3, 1] = float("nan")
     with pytest.raises(TrainingDiverged, match="embeddings is not finite"):
-        recovery.remember(trainer)
+        recovery.snapshot(trainer)
     recovery.rollback(trainer, TrainingDiverged("x"))
     assert torch.isfinite(trainer.model.canonical.embeddings).all()
 
@@ -123,7 +125,7 @@ def test_no_checkpoint_holds_numbers_that_are_none(task: TrainingJob, monkeypatc
         if checkpoint_path(task.output).is_file():
             seen.append(finite(checkpoint_path(task.output)))
         if isinstance(event, events.WarningEvent):
-            assert "means is not finite" in event.message and "goes on from step 7" in event.message
+            assert "means is not finite" in event.message and "Continuing from step 7 " in event.message
     assert isinstance(event, events.Finished) and event.steps == 60
     assert len(seen) > 60 and all(seen)
 
@@ -162,9 +164,9 @@ def test_what_a_bad_image_said_of_its_regions_is_forgotten(make_trainer: Make) -
     trainer = make_trainer(60)
     train(trainer, until=12)
     recovery = Recovery(trainer)
-    camera, shape = trainer.capture.cameras[1], trainer.regions.errors[1].shape
-    trainer.regions.observe(1, (0, 0, camera.width, camera.height), torch.full(shape, torch.nan))
+    camera, shape = trainer.capture.cameras[1], trainer.crops.errors[1].shape
+    trainer.crops.observe(1, (0, 0, camera.width, camera.height), torch.full(shape, torch.nan))
     recovery.rollback(trainer, TrainingDiverged("x"))
-    trainer.settle()
-    assert all(not np.isnan(errors).any() for errors in trainer.regions.errors)
-    np.testing.assert_array_equal(trainer.regions.errors[1], recovery.state[0]["regions.1"])
+    trainer.synchronize()
+    assert all(not np.isnan(errors).any() for errors in trainer.crops.errors)
+    np.testing.assert_array_equal(trainer.crops.errors[1], recovery.last_state[0]["regions.1"])

@@ -11,25 +11,26 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from support import synthetic_capture as film
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.tensor_files import read_tensors
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.session import events, resume
 from frog_blender.engine.training.session.checkpoint import checkpoint_path, write_checkpoint
-from frog_blender.engine.training.session.job import TrainingJob, run_training
-from frog_blender.engine.training.session.loop import KEPT
+from frog_blender.engine.training.session.job import KEPT, TrainingJob
 from frog_blender.engine.training.session.output_paths import is_of_another
 from frog_blender.engine.training.session.resume import restore_job
-
-pytestmark = pytest.mark.usefixtures("seeds_at_no_cost")
+from frog_blender.engine.training.session.run import run_training
 
 
 @pytest.fixture
-def task(filmed: Path, tmp_path: Path, lively: Callable) -> TrainingJob:
+def task(filmed: Path, tmp_path: Path, lively: Callable, own_cache: Path) -> TrainingJob:
     """Six steps are done, and it goes on to nine."""
     shutil.copytree(filmed, tmp_path / "capture")
-    began = TrainingJob(tmp_path / "capture", tmp_path / "x.frog", recipe=lively(6), seed=2, device="cpu")
+    began = TrainingJob(
+        tmp_path / "capture", tmp_path / "x.frog", recipe=lively(6), seed=2, seeds=film.seeds(), device="cpu"
+    )
     list(run_training(began))
     return replace(began, resume=True, steps=9)
 
@@ -66,10 +67,10 @@ def test_a_capture_that_moved_goes_on(task: TrainingJob, tmp_path: Path, left: b
     assert not said(replace(task, capture=tmp_path / "moved"))
 
 
-def test_only_what_somebody_chose_is_said_to_be_left_aside(task: TrainingJob) -> None:
+def test_only_settings_that_the_user_chose_are_said_to_be_ignored(task: TrainingJob) -> None:
     other = replace(task, seed=3, holdout_frames=3, scale=0.5, lossless=True)
     assert not said(other)
-    told = "The training goes on as it began: method frog, recipe draft, capacity fixed; left aside: seed, exact."
+    told = "Resuming with the original settings: method frog, recipe draft, capacity fixed; ignored: seed, exact."
     assert said(replace(other, chosen={"seed": "seed", "lossless": "exact", "method": "method"}, steps=12)) == [told]
 
 
@@ -97,7 +98,7 @@ HOSTILE: dict[str, list[Any]] = {
 
 
 def test_what_a_checkpoint_says_of_its_job_is_looked_at(task: TrainingJob) -> None:
-    assert set(HOSTILE) == set(resume._KINDS) == set(KEPT)
+    assert set(HOSTILE) == set(KEPT)
     restore_job(task)
     before = json.loads(read_tensors(checkpoint_path(task.output), "")[1]["frog-checkpoint"])["settings"]
     for name, values in HOSTILE.items():

@@ -16,7 +16,8 @@ from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.training.recipe import recipe
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session import time_estimate as module
-from frog_blender.engine.training.session.job import TrainingJob, run_training
+from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.run import run_training
 from frog_blender.engine.training.session.time_estimate import (
     Sensitivity,
     Workload,

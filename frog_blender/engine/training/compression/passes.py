@@ -1,255 +1,256 @@
-"""What a round can do to a model: leave Gaussians out, cut colours, put to rest, wake, silence heads.
+"""Compression passes: prune, reduce the SH degree, freeze, unfreeze, prune heads.
 
-What takes away is proposed to the round's judge first (but for what budgets force), does what is allowed,
-and notes what that saved.
+A pass yields proposals. ``CompressionContext.compress`` applies each only as far as the validation loss stays within
+its tolerance, or as a budget requires, and logs what it saved. A pass goes on from what was taken.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 
 from ...model.frog import Frog
 from ...rasterizer import GaussianArrays
+from ...scene.compression_report import StepKind
+from ..optimize import gaussian_order
 from ..optimize.device import image_on
-from ..optimize.gaussian_order import arrange, freeze_motion, gaussians_at, mask_excluding, mean_dynamic_state, wake
+from ..optimize.gaussian_order import calmest_embedding, mask_excluding
 from ..optimize.half_resolution import halved_capture, sized
-from .sensitivity import Motion, Sensitivity
+from ..optimize.stateful import Tensors
+from .context import Change, CompressionContext, Proposal
+from .sensitivity import Sensitivity
 from .static_regions import measure_temporal_variance
-from .temporal_residual import change, temporal_error_std
-from .validation import ValidationEvaluator, largest_count_within
-
-if TYPE_CHECKING:
-    from ..optimize.trainer import Trainer
-    from .schedule import CompressionSchedule
-
-ALLOWED_LOSS, ALLOWED_LOSS_AT_END = 0.05, 0.02
-"""dB that putting Gaussians to rest may cost on the withheld images, where steps make it up and where none does."""
-ALLOWED_PRUNING_LOSS, ALLOWED_COLOR_LOSS, ALLOWED_HEAD_LOSS = 0.03, 0.03, 0.01
-RESTS_BELOW, ALL_REST_BELOW = 4.0, 2.0
-"""Score (see motion.Motion) below which a Gaussian may rest; and below which every one may, if none is above."""
-_UNCHANGED, _LEAST_CHANGE = 0.002, 2 / 255  # of the images' squared error; standard deviation that may be seen
-_WORTH_IT = 0.25  # of those that move: where fewer may rest early, that saves no time, and dim lost 0.24 dB by it
-_MOSTLY_STILL = 0.5  # of the images: Gaussians are fewer where nothing moves, so with less it cannot be worth it
-_GLANCE, _CLEARLY = 2, 5.0  # images that tell at once what costs clearly more than is allowed: so many times
-_MOST_PRUNED = 0.6  # of the Gaussians, in a round
-_WAKES_ABOVE = 0.1  # error that changes with time, of the images' mean brightness
-_MOST_WOKEN = 0.1  # of the Gaussians at rest
-_WAKING_CAMERAS, _WAKING_MOMENTS = 3, 8
+from .temporal_residual import static_error, temporal_error_std
+from .validation import ValidationEvaluator
 
 
-def prune(
-    rounds: CompressionSchedule, trainer: Trainer, judge: ValidationEvaluator, measured: Sensitivity
-) -> Sensitivity:
-    """Leaves out Gaussians that images do not need, or that the limit has no room for; returns what was measured of
-    those that stay.
+def prune(context: CompressionContext, evaluator: ValidationEvaluator, measured: Sensitivity) -> Iterator[Proposal]:
+    """Gaussians that images do not need, or that the limit has no room for.
 
-    What no image may miss is judged by the image that would miss it most; where a budget forces, by what all of
-    them together would.
+    What no image may miss is ordered by the image that would miss it most; where a budget forces, by what all of them
+    together would.
     """
-    count, canonical = trainer.count, trainer.model.canonical
-    forced = count - trainer.recipe.kept_at_most
-    order = (measured.energy if forced > 0 and trainer.recipe.kept_gaussians else measured.contribution).argsort()
+    training, gaussians, settings = context.training, context.training.gaussians, context.settings
+    count, recipe = gaussians.count, training.recipe
+    forced = count - recipe.kept_at_most
+    order = (measured.energy if forced > 0 and recipe.kept_gaussians else measured.contribution).argsort()
 
-    def without(number: int) -> float:
+    def loss(number: int) -> float:
         there = mask_excluding(order[:number], count)
-        return judge.loss(lambda gaussians: replace(gaussians, opacities=gaussians.opacities * there))
+        return evaluator.loss(lambda drawn: replace(drawn, opacities=drawn.opacities * there))
 
-    expected = judge.expected(measured.energy[order[: int(_MOST_PRUNED * count)]])
-    number, loss = largest_count_within(without, expected, ALLOWED_PRUNING_LOSS)
-    if forced > number:
-        number, loss = forced, without(forced)
-    if not number:
-        return measured
-    keep = mask_excluding(order[:number], count)
-    rounds.removed = np.concatenate([rounds.removed, canonical.means.detach()[~keep].cpu().numpy()])
-    kept = keep.nonzero().squeeze(1)
-    movers = kept[kept < canonical.num_dynamic]
-    with rounds.noted("pruned", trainer, lambda: trainer.count, lambda: trainer.render_image(rounds.judged[0]), loss):
-        arrange(trainer, kept, movers)
-    judge.accept(loss)
-    state = {name: values[movers] for name, values in measured.state.items()}
-    return Sensitivity(measured.motion.of(movers), measured.contribution[kept], measured.energy[kept], state)
+    def apply(number: int) -> None:
+        keep = mask_excluding(order[:number], count)
+        removed = gaussians.canonical.means.detach()[~keep].cpu().numpy()
+        context.record.removed = np.concatenate([context.record.removed, removed])
+        gaussians.keep(keep.nonzero().squeeze(1))
+
+    yield Proposal(
+        StepKind.PRUNE,
+        apply,
+        lambda: gaussians.count,
+        loss,
+        evaluator.expected(measured.energy[order[: int(settings.max_pruned * count)]]),
+        settings.max_prune_loss,
+        forced,
+        lambda: training.render_image(context.record.judged[0]),
+    )
 
 
-def reduce_sh_degree(rounds: CompressionSchedule, trainer: Trainer, judge: ValidationEvaluator) -> None:
-    """Takes the highest degrees of spherical harmonics away that the withheld images do not miss, all together."""
-    canonical, lost = trainer.model.canonical, 0.0
+def reduce_sh_degree(context: CompressionContext, evaluator: ValidationEvaluator) -> Iterator[Proposal]:
+    """The highest degrees of spherical harmonics, one after the other, within one tolerance for all together."""
+    training, gaussians = context.training, context.training.gaussians
+    allowed = context.settings.max_sh_loss
 
     def degree() -> int:
-        return math.isqrt(canonical.sh.shape[1]) - 1
+        return math.isqrt(gaussians.canonical.sh.shape[1]) - 1
 
-    while (left := degree() ** 2) and left >= trainer.recipe.deformed_sh:
+    while (left := degree() ** 2) and left >= training.recipe.deformed_sh:
 
-        def cut(gaussians: GaussianArrays, left: int = left) -> GaussianArrays:
-            return replace(gaussians, sh=gaussians.sh[:, :left].contiguous())
+        def loss(number: int, left: int = left) -> float:
+            return evaluator.loss(lambda drawn: replace(drawn, sh=drawn.sh[:, :left].contiguous()))
 
-        if lost + (loss := judge.loss(cut)) > ALLOWED_COLOR_LOSS:
-            break
-        with rounds.noted("SH degree", trainer, degree, lambda: trainer.render_image(rounds.judged[0]), loss):
-            trainer.optimizer.reduce_sh_degree(left)
-        judge.accept(loss)
-        lost += loss
+        def apply(number: int, left: int = left) -> None:
+            gaussians.optimizer.reduce_sh_degree(left)
+
+        before = evaluator.now
+        yield Proposal(
+            StepKind.SH_DEGREE,
+            apply,
+            degree,
+            loss,
+            allowed=allowed,
+            work=lambda: training.render_image(context.record.judged[0]),
+        )
+        if degree() ** 2 == left:  # refused
+            return
+        allowed -= before - evaluator.now
 
 
-def silence_heads(rounds: CompressionSchedule, trainer: Trainer, judge: ValidationEvaluator) -> None:
-    """Sets heads of the network to zero, for good, whose output the withheld images do not miss.
-
-    Zeros take no room in a packed file, and where heads have layers of their own (the papers' networks) a silent head's
-    is not computed; elsewhere the outputs of all heads are one matrix product of whole vectors.
-    """
-    model = trainer.model
-    if not isinstance(model, Frog) or not model.canonical.num_dynamic:
+def prune_heads(context: CompressionContext, evaluator: ValidationEvaluator) -> Iterator[Proposal]:
+    """Heads of the network, whose outputs are zero from then on: zeros take no room in a packed file, and where heads
+    have layers of their own (the papers' networks), those of a pruned head are not computed."""
+    gaussians, settings = context.training.gaussians, context.settings
+    model = gaussians.model
+    if not isinstance(model, Frog) or not context.num_dynamic:
         return
-    glance = rounds.judge(trainer, _GLANCE)
+    few = settings.num_quick_views
+    quick = context.evaluator(few)
     for name in model.heads:
         rows = model.output_rows(name)
 
-        def silent(key: str, value: torch.Tensor, rows: slice = rows) -> torch.Tensor:
+        def zeroed(key: str, value: torch.Tensor, rows: slice = rows) -> torch.Tensor:
             if key.startswith("deformation.output"):
                 value = value.clone()
                 value[rows] = 0
             return value
 
-        if glance.now - rounds.psnr_with(trainer, silent, _GLANCE) > _CLEARLY * ALLOWED_HEAD_LOSS:
-            continue
-        loss = judge.now - rounds.psnr_with(trainer, silent)
-        if loss > ALLOWED_HEAD_LOSS:
-            continue
-        before = len(model.heads)
-        model.prune_head(name)
-        for parameter in (model.deformation.output_weight, model.deformation.output_bias):
-            trainer.optimizer.stop(parameter, rows)
-        rounds.note(f"head {name}", trainer, before, len(model.heads), loss)
-        judge.accept(loss)
+        def loss(number: int, zeroed: Change = zeroed) -> float:
+            estimate = quick.now - context.psnr_with(zeroed, few)
+            if estimate > settings.clearly * settings.max_head_loss:
+                return estimate
+            return evaluator.now - context.psnr_with(zeroed)
+
+        def apply(number: int, name: str = name, rows: slice = rows) -> None:
+            model.prune_head(name)
+            for parameter in (model.deformation.output_weight, model.deformation.output_bias):
+                gaussians.optimizer.stop(parameter, rows)
+
+        kind = StepKind(f"head {name}")
+        yield Proposal(kind, apply, lambda: len(model.heads), loss, allowed=settings.max_head_loss)
 
 
-def rest(
-    rounds: CompressionSchedule,
-    trainer: Trainer,
-    judge: ValidationEvaluator,
-    motion: Motion,
-    state: dict[str, torch.Tensor],
-    allowed: float = ALLOWED_LOSS,
-) -> None:
-    """Puts Gaussians to rest, in their mean ``state`` (see motion.Measured), whose motion images miss least: for
-    ``allowed`` dB at most, and none whose motion anybody would see but for what ``dynamic_share`` forces."""
-    canonical = trainer.model.canonical
-    if not canonical.num_dynamic:
+def freeze_motion(context: CompressionContext, evaluator: ValidationEvaluator, allowed: float) -> Iterator[Proposal]:
+    """Dynamic Gaussians whose motion images miss least, in their mean state: for ``allowed`` dB at most, and none whose
+    motion can be seen but for what ``dynamic_share`` forces."""
+    motion, gaussians, settings = context.record.motion, context.training.gaussians, context.settings
+    before = context.num_dynamic
+    if not before or motion is None:
         return
-    may = motion.score < (ALL_REST_BELOW if float(motion.score.max()) < ALL_REST_BELOW else RESTS_BELOW)
-    candidates = int(may.sum())
+    all_may = float(motion.score.max()) < settings.freeze_all_score
+    may = motion.score < (settings.freeze_all_score if all_may else settings.freeze_score)
     by_energy = motion.rest_energy.argsort()
     order = torch.cat([by_energy[may[by_energy]], by_energy[~may[by_energy]]])
+    share = context.training.recipe.dynamic_share
+    yield replace(
+        _freezing(context, evaluator, order, context.record.mean_state),
+        expected=evaluator.expected(motion.rest_energy[order[: int(may.sum())]]),
+        allowed=allowed,
+        forced=before - int(share * gaussians.count) if share else 0,
+    )
 
-    def at_rest(number: int) -> float:
-        return _loss_at_rest(trainer, judge, order[:number], state)
 
-    number, loss = largest_count_within(at_rest, judge.expected(motion.rest_energy[order[:candidates]]), allowed)
-    share = trainer.recipe.dynamic_share
-    forced = canonical.num_dynamic - int(share * trainer.count) if share else 0
-    if forced > number:
-        number, loss = forced, at_rest(forced)
-    if not number:
+def freeze_static_regions(
+    context: CompressionContext, evaluator: ValidationEvaluator, generator: torch.Generator
+) -> Iterator[Proposal]:
+    """Dynamic Gaussians where the images hardly change, while motion is still being learned: those whose pixels change
+    least, none whose change can be seen, as many as add no more than a small part to the images' error. Few are not
+    worth disturbing a training that still finds its motion."""
+    training, settings = context.training, context.settings
+    before = context.num_dynamic
+    variance = measure_temporal_variance(training.capture, training.store) if before else None
+    if not variance or variance.static_share(settings.static_deviation) < settings.min_static_area:
         return
-    with rounds.noted("put to rest", trainer, lambda: canonical.num_dynamic, lambda: gaussians_at(trainer, 0.5), loss):
-        freeze_motion(trainer, order[:number].sort().values, state)
-    judge.accept(loss)
-
-
-def freeze_static_regions(rounds: CompressionSchedule, trainer: Trainer, generator: torch.Generator) -> None:
-    """Puts to rest, while motion is still being learned, what lies where the images hardly change: those whose pixels
-    change least, none that anybody would see, as many as cost no more than a small part of the images' error now. Few
-    are not worth the change of a training that is still finding its motion."""
-    canonical = trainer.model.canonical
-    changes = measure_temporal_variance(trainer.capture, trainer.store) if canonical.num_dynamic else None
-    if not changes or changes.still(_LEAST_CHANGE) < _MOSTLY_STILL:
+    views = [view for view in context.sample_views(generator) if view.camera in variance.variance]
+    if not views:
         return
-    looks = [look for look in rounds.sample_views(generator) if look.camera in changes.variance]
-    if not looks:
-        return
-    judge = rounds.judge(trainer)
-    cameras = [trainer.capture.cameras[look.camera] for look in looks]
-    allowed = _UNCHANGED * 10 ** (-judge.now / 10) * sum(camera.width * camera.height for camera in cameras)
-    found = change(lambda moment: gaussians_at(trainer, moment), trainer.capture, looks, changes)
-    pixels, lost = (values[: canonical.num_dynamic] for values in found)
+    cameras = [training.capture.cameras[view.camera] for view in views]
+    pixel_count = sum(camera.width * camera.height for camera in cameras)
+    allowed = settings.static_error * 10 ** (-evaluator.now / 10) * pixel_count
+    found = static_error(context.gaussians_at, training.capture, views, variance)
+    pixels, lost = (values[:before] for values in found)
     each = torch.where(pixels >= 1, lost / pixels, torch.inf)
     order = each.argsort()
-    number = int(((lost[order].cumsum(0) <= allowed) & (each[order] < _LEAST_CHANGE**2)).sum())
-    if number < max(1, _WORTH_IT * canonical.num_dynamic):
+    number = int(((lost[order].cumsum(0) <= allowed) & (each[order] < settings.static_deviation**2)).sum())
+    if number < max(1, settings.min_frozen * before):
         return
-    state = mean_dynamic_state(trainer, looks)
-    loss = _loss_at_rest(trainer, judge, order[:number], state)
-    if loss > ALLOWED_LOSS:
-        return
-    with rounds.noted("put to rest", trainer, lambda: canonical.num_dynamic, lambda: gaussians_at(trainer, 0.5), loss):
-        freeze_motion(trainer, order[:number].sort().values, state)
+    freezing = _freezing(context, evaluator, order[:number], context.mean_dynamic_state(views))
+    loss, apply = freezing.loss, freezing.apply
+    assert loss is not None
+    yield replace(
+        freezing, apply=lambda _: apply(number), loss=lambda _: loss(number), allowed=settings.max_freeze_loss
+    )
 
 
-def _loss_at_rest(
-    trainer: Trainer, judge: ValidationEvaluator, who: torch.Tensor, state: dict[str, torch.Tensor]
-) -> float:
-    """dB that it costs when Gaussians that move, ``who``, are as in ``state`` (of all that move)."""
-    canonical = trainer.model.canonical
-    moves = mask_excluding(who, canonical.num_dynamic)
+def _freezing(
+    context: CompressionContext, evaluator: ValidationEvaluator, order: torch.Tensor, state: Tensors
+) -> Proposal:
+    """Freezing the first of ``order``, dynamic Gaussians, in ``state`` (of all dynamic ones)."""
+    gaussians = context.training.gaussians
+    before = gaussians.num_dynamic
     drawn = {
         **state,
         "scales": state["log_scales"].exp(),
         "opacities": state["opacity_logits"].sigmoid(),
-        "sh": state["sh"][:, : canonical.sh.shape[1]],
+        "sh": state["sh"][:, : gaussians.canonical.sh.shape[1]],
     }
 
-    def at_rest(name: str, value: torch.Tensor) -> torch.Tensor:
-        of_movers = moves.view(-1, *[1] * (value.dim() - 1))
-        return torch.cat([torch.where(of_movers, value[: len(moves)], drawn[name]), value[len(moves) :]])
+    def loss(number: int) -> float:
+        dynamic = mask_excluding(order[:number], before)
 
-    return judge.loss(lambda gaussians: GaussianArrays(**{k: at_rest(k, v) for k, v in vars(gaussians).items()}))
+        def frozen(name: str, value: torch.Tensor) -> torch.Tensor:
+            mask = dynamic.view(-1, *[1] * (value.dim() - 1))
+            return torch.cat([torch.where(mask, value[:before], drawn[name]), value[before:]])
+
+        return evaluator.loss(lambda all_: GaussianArrays(**{k: frozen(k, v) for k, v in vars(all_).items()}))
+
+    return Proposal(
+        StepKind.FREEZE,
+        lambda number: gaussian_order.freeze_motion(gaussians, order[:number].sort().values, state),
+        lambda: gaussians.num_dynamic,
+        loss,
+        work=lambda: context.gaussians_at(0.5),
+    )
 
 
-def unfreeze_high_error(rounds: CompressionSchedule, trainer: Trainer, generator: torch.Generator) -> None:
-    """Lets those move again around which the error changes with time; half the pixels a side show that."""
-    canonical = trainer.model.canonical
-    moving = canonical.num_dynamic
-    shots = _moments_of_cameras(trainer, rounds.looked_at, generator)
-    if moving == trainer.count or not shots:
+def unfreeze_high_error(context: CompressionContext, generator: torch.Generator) -> Iterator[Proposal]:
+    """Static Gaussians around which the error changes with time, as half the pixels a side show it."""
+    training, gaussians, settings = context.training, context.training.gaussians, context.settings
+    before, share = context.num_dynamic, context.training.recipe.dynamic_share
+    shots = _shots_by_camera(context, generator)
+    if before == gaussians.count or not shots:
         return
-    capture = halved_capture(trainer.capture)
+    capture = halved_capture(training.capture)
 
     def truth_of(index: int) -> torch.Tensor:
         camera = capture.cameras[capture.shots[index].camera]
-        return image_on(trainer.device, sized(trainer.store.image(index), camera))
+        return image_on(gaussians.device, sized(training.store.image(index), camera))
 
-    truths = {index: truth_of(index) for of in shots for index in of}
-    found = temporal_error_std(lambda moment: gaussians_at(trainer, moment), truths.__getitem__, capture, shots)[
-        moving:
-    ]
+    truths = {index: truth_of(index) for of_camera in shots for index in of_camera}
+    error = temporal_error_std(context.gaussians_at, truths.__getitem__, capture, shots)[before:]
     brightness = float(np.mean([float(truth.mean()) for truth in truths.values()]))
-    most = int(_MOST_WOKEN * len(found))
-    if trainer.recipe.dynamic_share:
-        most = min(most, max(0, int(trainer.recipe.dynamic_share * trainer.count) - moving))
-    who = found.topk(most).indices
-    who = who[found[who] > _WAKES_ABOVE * brightness]
-    if not len(who):
-        return
-    with rounds.noted("woken", trainer, lambda: canonical.num_dynamic, lambda: gaussians_at(trainer, 0.5)):
-        wake(trainer, moving + who.sort().values)
+    most = int(settings.max_unfrozen * len(error))
+    if share:
+        most = min(most, max(0, int(share * gaussians.count) - before))
+    indices = error.topk(most).indices
+    indices = indices[error[indices] > settings.unfreeze_error * brightness]
+
+    @torch.no_grad()
+    def apply(number: int) -> None:
+        embedding = calmest_embedding(gaussians, training.deform(0.5)[1])
+        gaussian_order.unfreeze_motion(gaussians, before + indices.sort().values, embedding)
+
+    yield Proposal(
+        StepKind.UNFREEZE,
+        apply,
+        lambda: gaussians.num_dynamic,
+        forced=len(indices),
+        work=lambda: context.gaussians_at(0.5),
+    )
 
 
-def _moments_of_cameras(trainer: Trainer, shots: list[int], generator: torch.Generator) -> list[list[int]]:
-    """Shots of a few cameras, each at several moments; of a moving camera some of all its moments."""
+def _shots_by_camera(context: CompressionContext, generator: torch.Generator) -> list[list[int]]:
+    """Shots of a few cameras, each at several times; of a moving camera some of all its frames."""
+    capture, settings = context.training.capture, context.settings
     by_camera: dict[int, list[int]] = {}
-    for index in shots:
-        camera = 0 if trainer.capture.is_moving else trainer.capture.shots[index].camera
+    for index in context.record.learned:
+        camera = 0 if capture.is_moving else capture.shots[index].camera
         by_camera.setdefault(camera, []).append(index)
-    cameras = sorted(camera for camera, of in by_camera.items() if len(of) > 1)
-    chosen = [
-        cameras[int(k)] for k in torch.randperm(len(cameras), generator=generator, device="cpu")[:_WAKING_CAMERAS]
-    ]
-    return [
-        [by_camera[camera][int(k)] for k in np.linspace(0, len(by_camera[camera]) - 1, _WAKING_MOMENTS)]
-        for camera in chosen
-    ]
+    cameras = sorted(camera for camera, shots in by_camera.items() if len(shots) > 1)
+    order = torch.randperm(len(cameras), generator=generator, device="cpu")[: settings.num_unfreeze_cameras]
+    chosen = [by_camera[cameras[int(k)]] for k in order]
+    return [[shots[int(k)] for k in np.linspace(0, len(shots) - 1, settings.num_unfreeze_times)] for shots in chosen]

@@ -1,8 +1,6 @@
-"""An image of where a scene's capacity went: what rests, what moves, and what was left out."""
+"""An image of where a scene's capacity went: what is static, what is dynamic, and what was pruned."""
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -11,37 +9,33 @@ from ...capture.time import frame_to_time
 from ...model.canonical import SH_DC
 from ...playback.render import to_uint8
 from ...rasterizer import GaussianArrays, rasterize
-from ..optimize.gaussian_order import gaussians_at
-
-if TYPE_CHECKING:
-    from ..optimize.trainer import Trainer
+from .context import CompressionContext
 
 # Apart for the colour-blind as well.
-AT_REST, MOVING, REMOVED = (0.35, 0.60, 0.85), (1.00, 0.60, 0.05), (0.85, 0.10, 0.35)
+STATIC, DYNAMIC, REMOVED = (0.35, 0.60, 0.85), (1.00, 0.60, 0.05), (0.85, 0.10, 0.35)
 
 
 @torch.no_grad()
-def draw_report_image(trainer: Trainer, shot_index: int) -> np.ndarray:
-    """(H, W, 3) uint8 what a shot shows, in blue what rests, in orange what moves, with red dots where Gaussians were.
+def draw_report_image(context: CompressionContext, shot_index: int) -> np.ndarray:
+    """(H, W, 3) uint8 what a shot shows: blue is static, orange dynamic, red dots are pruned Gaussians.
 
     Brightness is the scene's own, so that things can be told.
     """
-    capture, canonical = trainer.capture, trainer.model.canonical
+    capture = context.training.capture
     shot = capture.shots[shot_index]
-    gaussians = gaussians_at(trainer, frame_to_time(shot.frame, capture.frame_count))
+    gaussians = context.gaussians_at(frame_to_time(shot.frame, capture.frame_count))
     brightness = (gaussians.sh[:, 0].mean(1) * SH_DC + 0.5).clamp(0, 1)
-    tints = torch.tensor(AT_REST, device=brightness.device).repeat(trainer.count, 1)
-    tints[: canonical.num_dynamic] = torch.tensor(MOVING, device=brightness.device)
+    tints = torch.tensor(STATIC, device=brightness.device).repeat(len(brightness), 1)
+    tints[: context.num_dynamic] = torch.tensor(DYNAMIC, device=brightness.device)
     colors = tints * (0.25 + 0.75 * brightness[:, None])
-    everything = _with_removed(trainer, gaussians, colors)
+    everything = _with_removed(context.record.removed, gaussians, colors)
     image = rasterize(everything, capture.cameras[shot.camera], (0.0, 0.0, 0.0))
     return to_uint8(image.rgb.cpu().numpy())
 
 
-def _with_removed(trainer: Trainer, gaussians: GaussianArrays, colors: torch.Tensor) -> GaussianArrays:
-    """Those that are there in ``colors``, and small balls for those that are not."""
-    removed = torch.from_numpy(trainer.compression.removed if trainer.compression else np.empty((0, 3), np.float32))
-    removed = removed.to(gaussians.means)
+def _with_removed(places: np.ndarray, gaussians: GaussianArrays, colors: torch.Tensor) -> GaussianArrays:
+    """The Gaussians in ``colors`` (N, 3), and small balls at ``places`` (n, 3)."""
+    removed = torch.from_numpy(places).to(gaussians.means)
     count, size = len(removed), 0.3 * float(gaussians.scales.median())
     upright = torch.tensor([1.0, 0, 0, 0], device=removed.device).repeat(count, 1)
     colors = torch.cat([colors, torch.tensor(REMOVED, device=removed.device).repeat(count, 1)])

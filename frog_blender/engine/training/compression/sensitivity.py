@@ -1,7 +1,7 @@
-"""What of each Gaussian can be seen: its motion, what it adds to images, and how it looks on average.
+"""What of each Gaussian can be seen: its motion, what it adds to images, and how it views on average.
 
-Everything is measured by looking: a sample of training views at jittered times is drawn, so that what no image shows
-counts as nothing, and training's own moments are not over-fitted.
+Everything is measured in a sample of training views at jittered times: what no image shows counts as nothing, and the
+times of training images are not over-fitted.
 """
 
 from __future__ import annotations
@@ -20,46 +20,48 @@ from ...rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
 PIXELS_OF_A_CHANGE = 64.0
 """A change of the whole display range counts as motion by so many pixels: one pixel of motion across an edge of a fifth
 of the range changes about as much as a whole Gaussian by a hundredth of it."""
+MOTION_ARRAYS = ("score", "rest_energy", "fade_energy", "shape_energy")
+"""Attributes of ``Motion``, as checkpoints name them."""
 _ATTRIBUTES = ("means", "quaternions", "scales", "opacities", "sh")
 STATE, SHAPE = ("means", "quaternions", "scales", "sh"), ("quaternions", "scales")
 """Attributes but opacity, and those that a Gaussian's shape is."""
 FAINT = 1e-4
-"""Opacity that counts at least where states are weighed by it: of who is never seen, too, there is one."""
+"""Least opacity where states are weighted by it: Gaussians that are never seen have a state, too."""
 
 
 @dataclass(frozen=True)
 class SampledView:
-    """One view at one moment; times are jittered by up to half a frame."""
+    """A camera, by index, at a time in [0, 1], which is jittered by up to half a frame."""
 
     camera: int
     time: float
 
 
 def sample_views(capture: Capture, shots: Sequence[int], count: int, generator: torch.Generator) -> list[SampledView]:
-    """``count`` looks at ``shots`` (more than there are: some twice), one from each of as many stretches of time with
-    equally many shots: what shows for a few moments only must not be missed. They are in order of time."""
+    """``count`` views near ``shots`` in order of time (some twice where there are fewer shots), one from each of as
+    many intervals with equally many shots: what shows for a few frames only must not be missed."""
     shuffled = [shots[int(k)] for k in torch.randperm(len(shots), generator=generator, device="cpu")]
     in_time = sorted(shuffled, key=lambda index: capture.shots[index].frame)
     choice, jitter = torch.rand(2, count, generator=generator, device="cpu").tolist()
-    looks = []
+    views = []
     for k in range(count):
         shot = capture.shots[in_time[int((k + choice[k]) / count * len(in_time))]]
         frame = min(max(shot.frame + jitter[k] - 0.5, 0.0), capture.frame_count - 1.0)
-        looks.append(SampledView(shot.camera, frame_to_time(frame, capture.frame_count)))
-    return looks
+        views.append(SampledView(shot.camera, frame_to_time(frame, capture.frame_count)))
+    return views
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Of those that move.
+    """Of the dynamic Gaussians.
 
     Attributes:
-        score: (M,) pixels that they move, grow or turn by at most, and PIXELS_OF_A_CHANGE times their change of colour
-            and opacity, each times their blending weight in the look where that is most.
-        rest_energy: (M,) the mean over the looks of the sum of squares over pixels and channels by which an image
+        score: (M,) pixels that they move, grow or rotate by at most, and PIXELS_OF_A_CHANGE times their change of
+            colour and opacity, each times their blending weight in the view where that is most.
+        rest_energy: (M,) the mean over the views of the sum of squares over pixels and channels by which an image
             would change, to first order, if this Gaussian alone were in its mean state.
-        fade_energy, shape_energy: (M,) the same, if it were as in the mean over the moments at which it is seen, all
-            but its opacity, or its SHAPE alone.
+        fade_energy, shape_energy: (M,) the same, if it were as in the mean over the times at which it is seen: all but
+            its opacity, or its SHAPE alone.
     """
 
     score: torch.Tensor
@@ -67,21 +69,21 @@ class Motion:
     fade_energy: torch.Tensor
     shape_energy: torch.Tensor
 
-    def of(self, who: torch.Tensor) -> Motion:
-        """Of the movers ``who`` (indices, or true where they are) alone."""
-        return Motion(self.score[who], self.rest_energy[who], self.fade_energy[who], self.shape_energy[who])
+    def select(self, rows: torch.Tensor) -> Motion:
+        """Of some of the Gaussians (indices, or a mask) alone."""
+        return Motion(*(getattr(self, name)[rows] for name in MOTION_ARRAYS))
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """What looks show of Gaussians.
+    """What views show of Gaussians.
 
     Attributes:
-        motion: of those that move.
-        contribution: (N,) by how much a look's image would change if this Gaussian alone were left out: root of the
-            sum of squares over its pixels and channels, of the display range, in the look where that is most.
-        energy: (N,) the mean of that sum of squares over the looks: what all images together would lose.
-        state: how those that move look on average over the looks, as the canonical field's attributes but embeddings.
+        motion: of the dynamic ones.
+        contribution: (N,) by how much an image would change if this Gaussian alone were removed: root of the sum of
+            squares over its pixels and channels, of the display range, in the view where that is most.
+        energy: (N,) the mean of that sum of squares over the views: what all images together would lose.
+        state: how the dynamic ones look on average over the views, as the canonical field's attributes but embeddings.
     """
 
     motion: Motion
@@ -116,36 +118,36 @@ class _Range:
 
 def measure(
     gaussians_at: Callable[[float], GaussianArrays],
-    moving: int,
+    num_dynamic: int,
     capture: Capture,
-    looks: Sequence[SampledView],
+    views: Sequence[SampledView],
     generator: torch.Generator,
 ) -> Sensitivity:
-    """Draws every look, at least one.
+    """Draws every view, at least one.
 
     Args:
-        gaussians_at: all Gaussians at a time, those that move first.
-        moving: how many they are, M.
+        gaussians_at: all Gaussians at a time, dynamic ones first.
+        num_dynamic: of them, M.
     """
     ranges = {name: _Range() for name in _ATTRIBUTES}
     seen, total = {name: _Range() for name in STATE}, _Range()
     contribution, energy, rest_energy, fade_energy, shape_energy, weight, reach = (_Range() for _ in range(7))
     with torch.no_grad():
-        for look in looks:
-            gaussians = gaussians_at(look.time)
+        for view in views:
+            gaussians = gaussians_at(view.time)
             for name, values in ranges.items():
-                values.add(getattr(gaussians, name)[:moving])
-            opacity = gaussians.opacities[:moving].clamp(min=FAINT).square()
+                values.add(getattr(gaussians, name)[:num_dynamic])
+            opacity = gaussians.opacities[:num_dynamic].clamp(min=FAINT).square()
             total.add(opacity)
             for name, values in seen.items():
-                values.add(_times(opacity, getattr(gaussians, name)[:moving]))
+                values.add(_scale_rows(opacity, getattr(gaussians, name)[:num_dynamic]))
     mean = {name: values.mean for name, values in ranges.items()}
-    mean_seen = {name: _times(1 / total.mean, values.mean) for name, values in seen.items()}
-    for look in looks:
-        camera = capture.cameras[look.camera]
+    mean_seen = {name: _scale_rows(1 / total.mean, values.mean) for name, values in seen.items()}
+    for view in views:
+        camera = capture.cameras[view.camera]
         with torch.no_grad():
-            gaussians = gaussians_at(look.time)
-        image, slopes = _seen_from(gaussians, camera, capture.background, generator)
+            gaussians = gaussians_at(view.time)
+        image, slopes = view_gradients(gaussians, camera, capture.background, generator)
         assert image.max_weights is not None
         change = (slopes["opacities"] * gaussians.opacities).abs()
         contribution.add(change)
@@ -153,20 +155,20 @@ def measure(
         rest_energy.add(_squares(gaussians, slopes, mean))
         fade_energy.add(_squares(gaussians, slopes, mean_seen))
         shape_energy.add(_squares(gaussians, slopes, {name: mean_seen[name] for name in SHAPE}))
-        weight.add(image.max_weights[:moving])
-        reach.add((image.max_weights * _pixels_per_unit(gaussians, image, camera))[:moving])
+        weight.add(image.max_weights[:num_dynamic])
+        reach.add((image.max_weights * _pixels_per_unit(gaussians, image, camera))[:num_dynamic])
     score = _score(ranges, weight.largest, reach.largest)
     motion = Motion(score, rest_energy.mean, fade_energy.mean, shape_energy.mean)
     return Sensitivity(motion, contribution.largest, energy.mean, canonical_state(mean))
 
 
 def mean_state(
-    gaussians_at: Callable[[float], GaussianArrays], looks: Sequence[SampledView]
+    gaussians_at: Callable[[float], GaussianArrays], views: Sequence[SampledView]
 ) -> dict[str, torch.Tensor]:
-    """How Gaussians look on average over the looks, see Measured.state."""
+    """How Gaussians look on average over the views, see ``Sensitivity.state``."""
     ranges = {name: _Range() for name in _ATTRIBUTES}
-    for look in looks:
-        gaussians = gaussians_at(look.time)
+    for view in views:
+        gaussians = gaussians_at(view.time)
         for name, values in ranges.items():
             values.add(getattr(gaussians, name))
     return canonical_state({name: values.mean for name, values in ranges.items()})
@@ -197,23 +199,23 @@ def _score(ranges: dict[str, _Range], weight: torch.Tensor, reach: torch.Tensor)
 def _squares(
     gaussians: GaussianArrays, slopes: dict[str, torch.Tensor], state: dict[str, torch.Tensor]
 ) -> torch.Tensor:
-    """(M,) by how much a look's image changes when those that move are as in ``state``, see ``_seen_from``."""
+    """(M,) by how much a view's image changes when dynamic Gaussians are as in ``state``, see ``view_gradients``."""
     change = torch.zeros((), device=gaussians.means.device)
     for name, values in state.items():
-        ways = (values - getattr(gaussians, name)[: len(values)]) * slopes[name][: len(values)]
-        change = change + (ways.flatten(1).sum(1) if ways.dim() > 1 else ways)
+        product = (values - getattr(gaussians, name)[: len(values)]) * slopes[name][: len(values)]
+        change = change + (product.flatten(1).sum(1) if product.dim() > 1 else product)
     return change.square()
 
 
-def _times(each: torch.Tensor, values: torch.Tensor) -> torch.Tensor:
-    """(M, ...) values times one number (M,) of each."""
-    return values * each.view(-1, *[1] * (values.dim() - 1))
+def _scale_rows(factors: torch.Tensor, values: torch.Tensor) -> torch.Tensor:
+    """(M, ...) values times one factor (M,) for each row."""
+    return values * factors.view(-1, *[1] * (values.dim() - 1))
 
 
-def _seen_from(
+def view_gradients(
     gaussians: GaussianArrays, camera: Camera, background: tuple[float, float, float], generator: torch.Generator
 ) -> tuple[Image, dict[str, torch.Tensor]]:
-    """What a camera sees, and gradients by attribute.
+    """A camera's image, and gradients by attribute.
 
     Such a gradient times a change of one Gaussian's attributes, squared, is in the mean the sum of squares by which the
     image changes (see backward_by_signs): to first order, and exactly for opacities, in each of which it is affine.

@@ -1,4 +1,4 @@
-"""What moves, from images alone: where nothing does, no motion is learned, and little where they hardly change."""
+"""Detects static image regions of static cameras from the temporal variance of 8x8 cells."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from ...capture.frames import FrameStore
 
 _CELL = 8  # pixels a side: a cell's mean is nearly free of noise, and of a film's compression
 _CAMERAS = 4
-_IMAGES = 12, 240  # looked at: of each camera where that shows motion, as it mostly does; else of all together
+_IMAGES = 12, 240  # compared: of each camera where that shows motion, as it mostly does; else of all together
 _LEAST_CHANGE = 3 / 255
-_OF_NOISE = 2.0  # times what the typical cell changes by, where that is noise
-_MEASURED = 16, 240  # images that changes are measured on: of each camera, and of all together, at least
-_SAMPLED = 2  # every second pixel a side tells how much a cell's pixels change
-_QUIET = 0.25  # of the cells have no more noise than all have
+NOISE_FACTOR = 2.0  # times what the typical cell changes by, where that is noise
+_MEASURED = 16, 240  # images that variance is measured on: of each camera, and of all together, at least
+_SAMPLED = 2  # every second pixel a side is enough
+QUIET_QUANTILE = 0.25  # of the cells have no more noise than all have
 
 
 def is_static_capture(capture: Capture, store: FrameStore) -> bool:
@@ -35,17 +35,17 @@ def is_static_capture(capture: Capture, store: FrameStore) -> bool:
 
 @dataclass(frozen=True)
 class TemporalVariance:
-    """How much each standing camera's images change over time.
+    """How much the images of each static camera change over time.
 
     Attributes:
         variance: (rows, columns) float32 by camera, of the display range squared: of cells' means over time, or, where
-            that is more, the mean over a cell of its pixels', less what all of the image has, which is noise. What is
-            coloured alike is found by the first, what is finer than a cell by the second.
+            that is more, the mean over a cell of its pixels', less the noise of the whole image. The first finds
+            uniform surfaces, the second what is finer than a cell.
     """
 
     variance: dict[int, np.ndarray]
 
-    def still(self, deviation: float) -> float:
+    def static_share(self, deviation: float) -> float:
         """The share of all cells that change by less than ``deviation`` (of the display range)."""
         cells = np.concatenate([variance.ravel() for variance in self.variance.values()])
         return float((cells < deviation**2).mean())
@@ -71,7 +71,7 @@ def measure_temporal_variance(capture: Capture, store: FrameStore) -> TemporalVa
 
 
 def _variance(store: FrameStore, shots: list[int]) -> np.ndarray:
-    """(rows, columns) of Changes.variance."""
+    """(rows, columns) of TemporalVariance.variance."""
     images = [store.image(index)[::_SAMPLED, ::_SAMPLED] for index in shots]
     cell = _CELL // _SAMPLED
     total, squares = (np.zeros(images[0].shape, np.int64) for _ in range(2))
@@ -81,7 +81,7 @@ def _variance(store: FrameStore, shots: list[int]) -> np.ndarray:
     of_each = (squares - total**2 / len(shots)) / len(shots)
     of_pixels = _cells(of_each / 255, cell).mean(2)
     of_means = np.var([_cells(image, cell) for image in images], axis=0).mean(2)
-    noise = _OF_NOISE * float(np.quantile(of_pixels, _QUIET))
+    noise = NOISE_FACTOR * float(np.quantile(of_pixels, QUIET_QUANTILE))
     return np.maximum(np.maximum(of_means - noise / cell**2, of_pixels - noise), 0).astype(np.float32)
 
 
@@ -107,7 +107,7 @@ def _changes(store: FrameStore, shots: list[int]) -> bool:
         least, greatest = np.minimum(least, cells), np.maximum(greatest, cells)
     spread = greatest - least
     typical = float(np.median(spread))  # noise, unless most of the image moves
-    return typical > _LEAST_CHANGE or bool(spread.max() > max(_LEAST_CHANGE, _OF_NOISE * typical))
+    return typical > _LEAST_CHANGE or bool(spread.max() > max(_LEAST_CHANGE, NOISE_FACTOR * typical))
 
 
 def _cells(pixels: np.ndarray, cell: int = _CELL) -> np.ndarray:

@@ -23,21 +23,21 @@ def temporal_error_std(
     shots: Sequence[Sequence[int]],
 ) -> torch.Tensor:
     """(N,) how much the error at each Gaussian changes over time: standard deviation of the mean difference (of the
-    display range) of its pixels, weighted by blending weight, over the moments of a camera; what nothing but motion
+    display range) of its pixels, weighted by blending weight, over the times of a camera; what nothing but motion
     explains. 0 where a Gaussian was not seen twice.
 
     Args:
         truth_of: (H, W, 3) image of a shot.
-        shots: some shots of each of some cameras, at several moments.
+        shots: some shots of each of some cameras, at several times.
     """
-    variance = looks = torch.zeros(0, device="cpu")
+    total_variance = views = torch.zeros(0, device="cpu")
     for of_camera in shots:
         count = total = square = torch.zeros(0, device="cpu")
         for index in of_camera:
             shot = capture.shots[index]
             gaussians = gaussians_at(frame_to_time(shot.frame, capture.frame_count))
-            image, colors = _drawn(gaussians, capture.cameras[shot.camera], capture.background)
-            pixels, error = _coloured(image, colors, (truth_of(index) - image.rgb.detach()).mean(2))
+            image, colors = _splat_colors(gaussians, capture.cameras[shot.camera], capture.background)
+            pixels, error = _splat_values(image, colors, (truth_of(index) - image.rgb.detach()).mean(2))
             seen = pixels >= 1.0
             error = torch.where(seen, error / pixels.clamp(min=1.0), 0.0)
             if not len(count):
@@ -45,31 +45,31 @@ def temporal_error_std(
             count, total, square = count + seen, total + error, square + error.square()
         n = count.clamp(min=2)
         of_all = torch.where(count >= 2, (square - total.square() / n).clamp(min=0), 0.0)
-        variance = variance + of_all if len(variance) else of_all
-        looks = looks + (count - 1).clamp(min=0) if len(looks) else (count - 1).clamp(min=0)
-    return (variance / looks.clamp(min=1)).sqrt()
+        total_variance = total_variance + of_all if len(total_variance) else of_all
+        views = views + (count - 1).clamp(min=0) if len(views) else (count - 1).clamp(min=0)
+    return (total_variance / views.clamp(min=1)).sqrt()
 
 
-def change(
+def static_error(
     gaussians_at: Callable[[float], GaussianArrays],
     capture: Capture,
-    looks: Sequence[SampledView],
-    changes: TemporalVariance,
+    views: Sequence[SampledView],
+    variance: TemporalVariance,
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """(N,) pixels that each Gaussian colours, in all looks together, and the sum over them of ``changes``: what the
-    images lose, squared, if it looks at all times as they do in the mean, and more where others pass before it."""
+    """(N,) pixels that each Gaussian colours, in all views together, and the sum over them of ``variance``: the squared
+    error of the images if it is static, and more where others pass before it."""
     pixels = lost = torch.zeros(1, device="cpu")
-    for look in looks:
-        camera = capture.cameras[look.camera]
-        gaussians = gaussians_at(look.time)
+    for view in views:
+        camera = capture.cameras[view.camera]
+        gaussians = gaussians_at(view.time)
         grey = replace(gaussians, sh=torch.zeros_like(gaussians.sh[:, :1]))  # no colour is clamped
-        of_pixels = torch.from_numpy(changes.map_of(look.camera, camera.height, camera.width)).to(grey.means.device)
-        found = _coloured(*_drawn(grey, camera, capture.background), of_pixels)
+        of_pixels = torch.from_numpy(variance.map_of(view.camera, camera.height, camera.width)).to(grey.means.device)
+        found = _splat_values(*_splat_colors(grey, camera, capture.background), of_pixels)
         pixels, lost = pixels.to(found[0]) + found[0], lost.to(found[1]) + found[1]
     return pixels, lost
 
 
-def _drawn(
+def _splat_colors(
     gaussians: GaussianArrays, camera: Camera, background: tuple[float, float, float]
 ) -> tuple[Image, torch.Tensor]:
     """An image, and the colours it was drawn with, which ask for gradients as nothing else does."""
@@ -79,7 +79,7 @@ def _drawn(
     return image, colors
 
 
-def _coloured(image: Image, colors: torch.Tensor, values: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+def _splat_values(image: Image, colors: torch.Tensor, values: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """(N,) pixels that each Gaussian colours, each by its blending weight, and the sum over them of ``values`` (H, W).
 
     A Gaussian's red is in the image's red by its blending weights: the backward pass sums what it is given in their

@@ -1,6 +1,6 @@
-"""Training images that judge what may be taken from a model; nothing is learned from them for a while before that.
+"""Validation: training images that decide what may be taken from a model, and are not learned from for a while before.
 
-Never a test image: those are for people to look at afterwards.
+Never a held-out image: those are for people afterwards.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ _SHARE = 0.06
 _LEAST, _MOST = 4, 8
 _ENOUGH, _AIM, _STEP = 0.75, 0.9, 10.0  # of what may be lost: good enough, tried next; and by how much more at most
 _TINY = 1e-30
-_TOGETHER = 8.0  # times the sum of what each costs, cost all of them: what is similar is wrong in the same places
-_FEW = 20  # training images: with fewer none is spared
+_TOGETHER = 8.0  # times the sum of what each costs, cost all of them: similar errors lie in the same places
+_FEW = 20  # training images: with fewer none is withheld
 
 
 def validation_shots(capture: Capture, seed: int) -> tuple[int, ...]:
-    """Shots of the training's share, spread over the moments, cameras at random; none where there are few."""
+    """Training shots, spread over the frames, cameras at random; none where there are few."""
     training = capture.train_indices
     if len(training) < _FEW:
         return ()
@@ -42,8 +42,8 @@ class ValidationEvaluator:
     """PSNR of Gaussians on some shots, as they stand and as they are proposed.
 
     Args:
-        shots: what to look at.
-        gaussians_of: the Gaussians at a shot's moment, as they stand.
+        shots: to compare with.
+        gaussians_of: the Gaussians at a shot's time, as they stand.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class ValidationEvaluator:
         return np.asarray(10 * np.log10(1 + _TOGETHER * energies.double().cumsum(0).cpu().numpy() / squares))
 
     def accept(self, loss: float) -> None:
-        """The Gaussians have been changed for ``loss`` dB: they stand otherwise now."""
+        """The Gaussians have been changed, for ``loss`` dB."""
         self._now = self.now - loss
         self._gaussians = {}
 

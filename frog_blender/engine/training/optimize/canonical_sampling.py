@@ -1,13 +1,13 @@
 """Canonical field sampling (FRoG, section of that name): new anchors where a training view shows high error.
 
 Pixels of high error are sent along their rays to the median depth, and the points are put into the canonical field as
-they are: low-cost anchors, whose small deformation is learned from the embedding of the Gaussian that moves least.
-The paper's two variants are here too: mean depth, and points taken back by an inverse deformation.
+they are: low-cost anchors, which begin with the embedding of the Gaussian that is deformed least.
+The paper's two variants are here too: mean depth, and points moved back by an inverse deformation.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 import torch
@@ -15,14 +15,13 @@ from torch.nn import functional
 
 from ...capture.camera import Camera
 from ...model.canonical import ATTRIBUTES, new_gaussians
-from ...model.frog import total_deformation
-from ...rasterizer import Image, RasterizeOptions
+from ...model.interface import RenderResult
+from ...rasterizer import Image
+from .densification import DensificationStrategy
 from .device import image_on
-from .gaussian_order import mask_excluding
+from .gaussian_order import calmest_embedding, mask_excluding
+from .gaussian_state import GaussianState
 from .nearest_neighbours import nearest, spacings
-
-if TYPE_CHECKING:
-    from .trainer import Trainer
 
 _WHILE_FEW = 0.01  # anchors of half the limit of Gaussians, a round
 _PATCH = 7  # pixels: single bright pixels are noise
@@ -89,11 +88,11 @@ def worst_points(
 def undeformed(
     points: torch.Tensor, deformed: torch.Tensor, motion: torch.Tensor, embeddings: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Where points (M, 3) of the deformed scene lie in the canonical field if they move as the nearest Gaussian does,
-    and that Gaussian's embeddings (M, E): the paper's inverse deformation, which it shows to be unstable.
+    """Canonical positions of points (M, 3) of the deformed scene that move as the nearest Gaussian does, and that
+    Gaussian's embeddings (M, E): the paper's inverse deformation, which it shows to be unstable.
 
     Args:
-        deformed, motion: (M, 3) means at the moment, and what was added to the canonical ones, of those that move.
+        deformed, motion: (M, 3) means at the time, and what was added to the canonical ones, of the dynamic Gaussians.
         embeddings: (M, E).
     """
     if len(points) == 0:
@@ -118,33 +117,39 @@ def new_anchors(
 
 
 @torch.no_grad()
-def inject_anchors(trainer: Trainer, progress: float, shot_index: int) -> None:
-    """A round: new anchors where the drawing of a shot is wrong, at the end of the Gaussians that move. At the limit
-    they take the places of those that are least needed (see training.density)."""
-    recipe, canonical = trainer.recipe, trainer.model.canonical
-    num_new = recipe.num_new(trainer.count, recipe.sampling_share, _WHILE_FEW)
-    room = max(recipe.growth_limit_at(progress) - trainer.count, 0)
-    replaced = trainer.density.least_needed(num_new - room)
+def inject_anchors(
+    gaussians: GaussianState,
+    density: DensificationStrategy,
+    limit: int,
+    draw: Callable[[], tuple[np.ndarray, RenderResult, Camera]],
+    generator: torch.Generator,
+) -> None:
+    """One round: new anchors where a drawing is wrong, behind the other dynamic Gaussians. At the limit they replace
+    those that are needed least.
+
+    Args:
+        limit: Gaussians at most.
+        draw: a training image (H, W, 3) uint8, its drawing with depth, and the camera.
+    """
+    recipe, canonical = density.recipe, gaussians.canonical
+    num_new = recipe.num_new(gaussians.count, recipe.sampling_share, _WHILE_FEW)
+    room = max(limit - gaussians.count, 0)
+    replaced = density.least_needed(num_new - room)
     num_new = min(num_new, room + len(replaced))
     if not num_new:
         return
-    pixels, drawn = trainer.draw(shot_index, progress, RasterizeOptions(depth=True))
+    pixels, drawn, camera = draw()
     changes = drawn.changes
     if not changes:
         return
-    camera = trainer.camera_at(trainer.capture.shots[shot_index].camera, progress)
-    truth = image_on(trainer.device, pixels)
-    points, colors = worst_points(drawn.image, truth, camera, num_new, recipe.sampling_depth, trainer.generator)
+    truth = image_on(gaussians.device, pixels)
+    points, colors = worst_points(drawn.image, truth, camera, num_new, recipe.sampling_depth, generator)
     if recipe.sampling == "inverse":
-        moved = drawn.gaussians.means[: canonical.num_dynamic]
-        points, embeddings = undeformed(points, moved, changes["means"], canonical.embeddings)
+        deformed = drawn.gaussians.means[: gaussians.num_dynamic]
+        points, embeddings = undeformed(points, deformed, changes["means"], canonical.embeddings)
     else:
-        calmest = canonical.embeddings[int(total_deformation(changes).argmin())]
-        embeddings = calmest.expand(len(points), -1)
+        embeddings = calmest_embedding(gaussians, changes).expand(len(points), -1)
     new = new_anchors(points, colors, embeddings, canonical.means.detach(), canonical.sh.shape[1])
     replaced = replaced[: max(len(points) - room, 0)]  # fewer pixels than asked for may have a depth
-    kept = mask_excluding(replaced, trainer.count).nonzero().squeeze(1)
-    who = trainer.optimizer.replace_gaussians(kept, {name: new[name] for name in ATTRIBUTES})
-    trainer.density.arrange(who)
-    if trainer.neighbourhood is not None and len(replaced):  # new ones alone come behind those that move
-        trainer.neighbourhood = trainer.neighbourhood.arranged(who)
+    kept = mask_excluding(replaced, gaussians.count).nonzero().squeeze(1)
+    gaussians.replace(kept, {name: new[name] for name in ATTRIBUTES})

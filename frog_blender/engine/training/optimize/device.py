@@ -44,7 +44,7 @@ def choose_device(name: str) -> tuple[torch.device, str]:
         return cpu, ""
     try:
         device = torch.device("cuda", torch.cuda.current_device())
-        _draw_one_gaussian(device)
+        try_rasterizer(device)
     except Exception as error:  # of the driver, the compiler, the kernels: whatever it is, the CPU can go on
         reason = (str(error).strip() or type(error).__name__).splitlines()[0].rstrip(".")
         if name == "cuda":
@@ -53,7 +53,7 @@ def choose_device(name: str) -> tuple[torch.device, str]:
     return device, EXPERIMENTAL
 
 
-def _draw_one_gaussian(device: torch.device) -> None:
+def try_rasterizer(device: torch.device) -> None:
     """Compiles and runs the kernels once, forward and backward; FrogError when the image or a gradient is wrong."""
     values = {
         "means": [[0.0, 0.0, 2.0]],

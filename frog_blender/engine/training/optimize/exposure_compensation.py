@@ -12,9 +12,10 @@ import torch
 from ...capture.camera import NEUTRAL, Camera
 from ...capture.capture import Capture
 from ..recipe import Recipe
+from .camera_rig import CameraRig
 from .device import image_on
 from .schedule import Every
-from .state_checks import fitting
+from .stateful import Tensors, Values, expect
 
 _OBSERVED_EVERY = 3  # steps
 _EVERY_PIXEL = 2  # of rows and columns
@@ -31,29 +32,30 @@ class ExposureCompensation:
     """Finds the exposures of a rig's training cameras: factors of red, green and blue by which what they filmed is
     brighter than what was drawn in the same places, gathered over many steps.
 
-    Their geometric mean over the cameras is 1, so that the scene is as bright as the cameras are in the mean; withheld
-    cameras, of which nothing may be learned, have the exposure NEUTRAL. So have all where cameras are alike: drawing
-    has nothing to multiply then. A single moving camera is left alone: its withheld moments have no exposure.
+    Their geometric mean over the cameras is 1, so that the scene is as bright as the cameras are in the mean. Held-out
+    cameras, of which nothing may be learned, have the exposure NEUTRAL, and so have all where cameras are alike. A
+    single moving camera is left alone: its held-out frames have no exposure.
 
     Attributes:
         sums: (C, 2, 3) brightness of images, and of drawings before their camera's exposure; what is old counts less.
 
     Args:
         recipe: ``exposure_from``.
+        every: fraction of the training between updates.
     """
 
-    def __init__(self, capture: Capture, recipe: Recipe, device: torch.device) -> None:
-        self._learned = capture.train_cameras
+    def __init__(self, rig: CameraRig, recipe: Recipe, device: torch.device, every: float = _EVERY) -> None:
+        self._rig, self._learned = rig, rig.capture.train_cameras
         self._from = recipe.exposure_from
-        self._due = Every(self._from + _EVERY, _UNTIL, _EVERY)
-        self.sums = torch.zeros(len(capture.cameras), 2, 3, device=device)
+        self._due = Every(self._from + every, _UNTIL, every)
+        self.sums = torch.zeros(len(rig.capture.cameras), 2, 3, device=device)
 
     @staticmethod
     def wanted(capture: Capture, recipe: Recipe) -> bool:
         """Whether there are cameras to compare."""
         return recipe.exposure_from < _UNTIL and not capture.is_moving and len(capture.train_cameras) > 1
 
-    def listens(self, index: int, step: int, progress: float) -> bool:
+    def observes(self, index: int, step: int, progress: float) -> bool:
         """Whether a step that draws this camera at ``progress`` is to be observed."""
         return step % _OBSERVED_EVERY == 0 and progress >= self._from and index in self._learned
 
@@ -65,32 +67,39 @@ class ExposureCompensation:
         both = torch.stack([(counts * truth).sum((0, 1)), (counts * drawn).sum((0, 1))])
         if camera.exposure != NEUTRAL:
             both[1] /= torch.tensor(camera.exposure, device=both.device)
-        self.sums[index] += both.nan_to_num(0.0, 0.0, 0.0)  # of a loss that is none its own check tells
+        self.sums[index] += both.nan_to_num(0.0, 0.0, 0.0)  # a non-finite loss has its own check
 
-    def found(self, capture: Capture, before: float, now: float) -> Capture | None:
-        """The capture with exposures as what was observed says, where that is due in (before, now]; else None."""
+    def update(self, before: float, now: float) -> None:
+        """Gives the rig's cameras the exposures that were observed, where that is due in (before, now]."""
         if not self._due.due(before, now):
-            return None
+            return
         truth, drawn = self.sums.cpu()[self._learned].double().numpy().transpose(1, 0, 2)
         self.sums *= _REMEMBERED
         if not ((truth > 0) & (drawn > 0)).all():
-            return None  # a camera that was not drawn yet, or all black
+            return  # a camera that was not drawn yet, or all black
         logs = np.log(truth) - np.log(drawn)
         logs -= logs.mean(axis=0)
         alike = np.sqrt((logs**2).mean()) < _NOTICED
         factors = np.exp(np.clip(logs, -np.log(_LARGEST), np.log(_LARGEST)))
-        cameras = list(capture.cameras)
+        cameras = list(self._rig.capture.cameras)
         for index, factor in zip(self._learned, factors, strict=True):
             cameras[index] = cameras[index].with_exposure(NEUTRAL if alike else factor)
-        return capture.with_cameras(cameras)
+        self._rig.capture = self._rig.capture.with_cameras(cameras)
 
-    def resume(self, sums: torch.Tensor, exposures: torch.Tensor, capture: Capture) -> Capture:
-        """Goes on from a checkpoint; the capture with ``exposures`` (C, 3); ValueError for what does not fit."""
-        self.sums = fitting("sums", sums, tuple(self.sums.shape)).to(self.sums.device)
+    def state(self) -> tuple[Tensors, Values]:
+        """See Stateful."""
+        exposures = [camera.exposure for camera in self._rig.capture.cameras]
+        found = torch.tensor(exposures, dtype=torch.float64, device="cpu")
+        return {"exposures": found, "exposures.sums": self.sums}, {}
+
+    def load_state(self, tensors: Tensors, values: Values) -> None:
+        """See Stateful."""
+        capture, sums = self._rig.capture, tensors["exposures.sums"]
+        self.sums = expect("sums", sums, tuple(self.sums.shape)).to(self.sums.device)
         if not bool((torch.isfinite(sums) & (sums >= 0)).all()):
             raise ValueError("brightness that is not finite")
-        found = fitting("exposures", exposures, (len(capture.cameras), 3), torch.float64).numpy()
+        found = expect("exposures", tensors["exposures"], (len(capture.cameras), 3), torch.float64).numpy()
         if not ((found > 0.5 / _LARGEST) & (found < 2 * _LARGEST)).all():
             raise ValueError("exposures that no training finds")
         pairs = zip(capture.cameras, found, strict=True)
-        return capture.with_cameras(camera.with_exposure(exposure) for camera, exposure in pairs)
+        self._rig.capture = capture.with_cameras(camera.with_exposure(exposure) for camera, exposure in pairs)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-_GPU_PIECE = 16_000_000  # distances held at once: what keeps a GPU busy
+GPU_PIECE = 16_000_000  # distances held at once: what keeps a GPU busy
 _LEAF = 10  # points of a leaf of the tree
 
 
@@ -21,12 +21,12 @@ def nearest(
     """
     extra = int(skip_self)
     wanted = min(count + extra, len(among))
-    search = _by_tree if points.device.type == "cpu" and len(points) and wanted else _by_distances
+    search = by_tree if points.device.type == "cpu" and len(points) and wanted else by_distances
     squares, indices = search(points.detach(), among.detach(), wanted)
     return squares[:, extra:].sqrt(), indices[:, extra:].contiguous()
 
 
-def _by_tree(points: torch.Tensor, among: torch.Tensor, wanted: int) -> tuple[torch.Tensor, torch.Tensor]:
+def by_tree(points: torch.Tensor, among: torch.Tensor, wanted: int) -> tuple[torch.Tensor, torch.Tensor]:
     """Squares of distances and indices, both (P, wanted); at 40,000 points 20 to 80 times faster than all distances."""
     import cv2
 
@@ -37,10 +37,12 @@ def _by_tree(points: torch.Tensor, among: torch.Tensor, wanted: int) -> tuple[to
     return torch.from_numpy(squares), torch.from_numpy(indices).long().clamp_(0, len(among) - 1)
 
 
-def _by_distances(points: torch.Tensor, among: torch.Tensor, wanted: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """What ``_by_tree`` finds, on any device."""
+def by_distances(
+    points: torch.Tensor, among: torch.Tensor, wanted: int, piece_size: int = GPU_PIECE
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """What ``by_tree`` finds, on any device, with ``piece_size`` distances held at once."""
     columns = among.T.contiguous()
-    rows = max(1, min(len(points), _GPU_PIECE // max(1, len(among))))
+    rows = max(1, min(len(points), piece_size // max(1, len(among))))
     squares = points.new_empty(len(points), wanted)
     indices = torch.empty(len(points), wanted, dtype=torch.int64, device=points.device)
     for start in range(0, len(points), rows):

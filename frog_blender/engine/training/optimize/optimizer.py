@@ -1,4 +1,4 @@
-"""Adam over parameters that change their shapes as Gaussians come and go, and units of the network leave."""
+"""Adam over parameters that change their shapes as Gaussians come and go, and hidden units are pruned."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from ...model.frog import Frog
 from ...model.interface import SceneModel
 from ..recipe import Recipe
 from .adam import NativeAdam, adam_on
-from .state_checks import fitting
+from .stateful import Tensors, expect
 
-_MOMENTS = ("exp_avg", "exp_avg_sq")  # what Adam remembers of each number
+_MOMENTS = ("exp_avg", "exp_avg_sq")
 
 
 class SceneOptimizer:
@@ -29,7 +29,7 @@ class SceneOptimizer:
         scene_scale: world units; multiplies the rate of the means.
 
     Attributes:
-        rate_factor: multiplies every rate (see training.recovery).
+        rate_factor: multiplies every rate, see session.recovery.
     """
 
     def __init__(self, model: SceneModel, recipe: Recipe, scene_scale: float) -> None:
@@ -70,35 +70,16 @@ class SceneOptimizer:
             for parameter in group["params"]:
                 parameter.grad = None
 
-    def replace_gaussians(self, keep: torch.Tensor, new: dict[str, torch.Tensor]) -> torch.Tensor:
-        """Keeps the Gaussians named by ``keep`` (indices, ascending) and adds ``new`` (values by attribute), those that
-        move before those at rest: in the places of those that leave, as far as there are any.
+    def reindex(self, indices: torch.Tensor, dynamic: torch.Tensor, new: Tensors) -> None:
+        """Puts the rows of the Gaussians into another order, their moments with them; for ``GaussianState`` alone.
 
         Args:
-            new: (n, ...) of each attribute; ``embeddings`` (m, E) of the first m of them, which move.
-
-        Returns:
-            (kept + n,) for every place the old index of who is there, or the old count + the index of a new one.
-        """
-        count, moving = len(self._canonical), self._canonical.num_dynamic
-        arrivals = torch.arange(len(new["means"]), device=keep.device) + count
-        m, places = len(new["embeddings"]), torch.full((count,), -1, device=keep.device)
-        places[keep] = keep
-        movers = _filled(places[:moving], arrivals[:m])
-        who = torch.cat([movers, _filled(places[moving:], arrivals[m:])])
-        self.arrange(who, torch.where(movers < count, movers, movers - count + moving), new)
-        return who
-
-    def arrange(self, who: torch.Tensor, movers: torch.Tensor, new: dict[str, torch.Tensor]) -> None:
-        """Puts Gaussians into another order, some left out, some new, their Adam memory with them.
-
-        Args:
-            who: (N',) for each place a row of the old ones with the ``new`` ones after them.
-            movers: (M',) the same for the rows of the embeddings: the first M' places are those that move.
+            indices: (N',) for each place a row of the old ones with the ``new`` ones after them.
+            dynamic: (M',) the same for the rows of the embeddings.
             new: (n, ...) by attribute; none where one is missing.
         """
         for name in ATTRIBUTES:
-            self._replace(name, movers if name == "embeddings" else who, new.get(name))
+            self._replace(name, dynamic if name == "embeddings" else indices, new.get(name))
 
     def reduce_sh_degree(self, count: int) -> None:
         """Keeps the first ``count`` SH coefficients."""
@@ -115,14 +96,14 @@ class SceneOptimizer:
             self._exchange(array, getattr(field, name), partial(torch.index_select, dim=UNITS[name], index=units))
 
     def stop(self, parameter: nn.Parameter, rows: slice) -> None:
-        """Lets go of what Adam still carries on with in some rows of a parameter that has no gradient there."""
+        """Zeroes the momentum of some rows of a parameter that has no gradient there."""
         state = self.adam.state.get(parameter)
         if state:
             state["exp_avg"][rows] = 0
 
     def _replace(self, name: str, kept: torch.Tensor, new: torch.Tensor | None) -> None:
-        """An attribute becomes the rows ``kept`` of its own with the ``new`` ones after them, which Adam has never
-        seen. Where few change, they alone are written."""
+        """An attribute becomes the rows ``kept`` of its own with the ``new`` ones after them, whose moments are zero.
+        Where few change, they alone are written."""
         old = getattr(self._canonical, name)
         fresh = old.detach()[:0] if new is None else new
         unseen = torch.zeros_like(fresh)
@@ -140,7 +121,7 @@ class SceneOptimizer:
     def _exchange(
         self, old: nn.Parameter, new: nn.Parameter, rearranged: Callable[[torch.Tensor], torch.Tensor]
     ) -> None:
-        """Goes on with ``new`` in place of a parameter, whose memory is ``rearranged`` for it."""
+        """Goes on with ``new`` in place of a parameter, whose moments are ``rearranged`` for it."""
         for group in self.adam.param_groups:
             group["params"] = [new if parameter is old else parameter for parameter in group["params"]]
         state = self.adam.state.pop(old, None)
@@ -148,8 +129,8 @@ class SceneOptimizer:
             moments = {key: rearranged(state[key]) for key in _MOMENTS}
             self.adam.state[new] = {"step": state["step"], **moments}
 
-    def state_arrays(self) -> dict[str, torch.Tensor]:
-        """Adam's memory by name, for a checkpoint."""
+    def state_arrays(self) -> Tensors:
+        """Adam's moments and step counts by name, for a checkpoint."""
         arrays = {}
         for group in self.adam.param_groups:
             for number, parameter in enumerate(group["params"]):
@@ -159,7 +140,7 @@ class SceneOptimizer:
                     arrays[f"adam.{group['name']}.{number}.{key}"] = value
         return arrays
 
-    def resume(self, arrays: dict[str, torch.Tensor], rate_factor: float) -> None:
+    def resume(self, arrays: Tensors, rate_factor: float) -> None:
         """Goes on with what ``state_arrays`` gave; ValueError or KeyError for what does not fit the parameters."""
         if not 0 < rate_factor <= 1:
             raise ValueError(f"rates times {rate_factor}")
@@ -168,23 +149,15 @@ class SceneOptimizer:
             for number, parameter in enumerate(group["params"]):
                 prefix = f"adam.{group['name']}.{number}."
                 if any(name.startswith(prefix) for name in arrays):
-                    self.adam.state[parameter] = self._memory(arrays, prefix, parameter)
+                    self.adam.state[parameter] = self._moments(arrays, prefix, parameter)
 
-    def _memory(self, arrays: dict[str, torch.Tensor], prefix: str, parameter: nn.Parameter) -> dict[str, Any]:
+    def _moments(self, arrays: Tensors, prefix: str, parameter: nn.Parameter) -> dict[str, Any]:
         device = parameter.device
-        moments = {name: fitting(prefix + name, arrays[prefix + name], parameter.shape).to(device) for name in _MOMENTS}
-        step = fitting(f"{prefix}step", arrays[f"{prefix}step"], ())
+        moments = {name: expect(prefix + name, arrays[prefix + name], parameter.shape).to(device) for name in _MOMENTS}
+        step = expect(f"{prefix}step", arrays[f"{prefix}step"], ())
         if not (step >= 0 and float(step).is_integer()):
             raise ValueError(f"{prefix}step is {float(step)}")
         return {"step": int(step) if isinstance(self.adam, NativeAdam) else step.to(device), **moments}
-
-
-def _filled(places: torch.Tensor, arrivals: torch.Tensor) -> torch.Tensor:
-    """Who stands where when ``arrivals`` take the free ``places`` (-1); behind those who stay where they are more than
-    that, and without what is free where they are fewer."""
-    free = (places < 0).nonzero().squeeze(1)[: len(arrivals)]
-    places = places.index_copy(0, free, arrivals[: len(free)])
-    return torch.cat([places[places >= 0], arrivals[len(free) :]])
 
 
 def _rows(old: torch.Tensor, new: torch.Tensor, which: torch.Tensor) -> torch.Tensor:

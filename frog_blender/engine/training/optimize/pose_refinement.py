@@ -1,4 +1,4 @@
-"""Camera poses that are learned with the scene: calibrations are never exact, and a pixel of error blurs everything."""
+"""Camera poses that are learned with the scene: a pixel of calibration error blurs everything."""
 
 from __future__ import annotations
 
@@ -8,39 +8,40 @@ import torch
 from ...capture.camera import Camera, rotation_about
 from ...capture.capture import Capture
 from ..recipe import Recipe
+from .camera_rig import CameraRig
 from .device import OnItsWay
-from .state_checks import fitting
+from .stateful import Tensors, Values, expect
 
 _MOMENTUM, _MEMORY, _TINY = 0.9, 0.99, 1e-15  # Adam's; a camera is drawn in one step of many, so a short memory
 _MOST, _ROUNDED = 1e15, 0.01  # of any number in a checkpoint, and of a rotation's own rounding
+_ARRAYS = ("moments", "moved", "gathered")
 
 
 class PoseRefinement:
-    """Turns and moves the training cameras of a rig, a little at every step that draws one.
+    """Rotates and moves the training cameras of a rig, a little at every step that draws one.
 
     The world moves before a camera rather than the camera in the world: by a turn about the scene's centre and a
     shift. What all cameras have in common is taken out again: the whole rig neither turns, moves nor grows, so
-    that the scene stays where the cameras that judge, which are never moved, see it. A single moving camera stays as it
-    was measured too, since its withheld moments have no pose but that.
+    that the scene stays where the held-out cameras, which are never moved, see it. A single moving camera is left as it
+    was measured, since its held-out frames have no other pose.
 
-    Gradients are gathered over as many steps as there are such cameras, then all move at once: a step of its own for
-    each took as long as a fortieth of a training's step.
+    Gradients are gathered over as many steps as there are such cameras, then all move at once.
 
     Attributes:
-        capture: the capture with its cameras as they stand now.
-        moments: (2, C, 6) Adam's memory of the gradients by camera: three of turning, three of moving.
+        moments: (2, C, 6) Adam's moments of the gradients by camera: three of rotation, three of translation.
         moved: (C, 2) times that each camera was moved, and the training's progress at the last of them.
         gathered: (C, 13) sum of the gradients (3, 4) since then by row, and of how many steps.
 
     Args:
-        capture: as it was opened.
+        rig: whose capture is as it was opened.
         recipe: ``pose_reach`` and ``pose_from``.
         center: (3,) of the scene, world units.
         distance: from which cameras see it, world units.
     """
 
-    def __init__(self, capture: Capture, recipe: Recipe, center: np.ndarray, distance: float) -> None:
-        self.capture, self._recipe = capture, recipe
+    def __init__(self, rig: CameraRig, recipe: Recipe, center: np.ndarray, distance: float) -> None:
+        capture = rig.capture
+        self._rig, self._recipe = rig, recipe
         self._center, self._distance = center.astype(np.float64), distance
         self._learned = np.array(capture.train_cameras)
         count = len(capture.cameras)
@@ -58,12 +59,12 @@ class PoseRefinement:
         return progress > self._recipe.pose_from and camera in self._learned
 
     def observe(self, index: int, gradient: torch.Tensor, progress: float) -> None:
-        """Remembers a step's gradient (3, 4) by a camera's pose; ``settle`` takes it in, before the next step."""
-        self.settle()
+        """Remembers a step's gradient (3, 4) by a camera's pose; ``synchronize`` adds it, before the next step."""
+        self.synchronize()
         self._arriving = index, OnItsWay(gradient), progress
 
-    def settle(self) -> None:
-        """Takes in the last step's gradient, if it was not, and moves the cameras when enough have been gathered."""
+    def synchronize(self) -> None:
+        """Adds the last step's gradient, if it was not, and moves the cameras when enough have been gathered."""
         if self._arriving is None:
             return
         index, gradient, progress = self._arriving
@@ -80,7 +81,7 @@ class PoseRefinement:
         self.gathered[:] = 0.0
         if not np.isfinite(means).all():
             return  # the loss's own check says so
-        cameras = [self.capture.cameras[index] for index in drawn]
+        cameras = [self._rig.capture.cameras[index] for index in drawn]
         slopes = np.array([self._slope(*pair) for pair in zip(cameras, means.reshape(-1, 3, 4), strict=True)])
         self.moved[drawn, 0] += 1
         last = self.moved[drawn, 1]
@@ -94,16 +95,8 @@ class PoseRefinement:
         lengths = self._recipe.pose_reach * widths * 2 * (1 - progress) * since
         changes = np.zeros_like(self.moments[0])
         changes[drawn] = -lengths * directions * np.repeat([1.0, self._distance], 3)
-        self._move(self._without_common(changes[self._learned]))
-
-    def _without_common(self, changes: np.ndarray) -> np.ndarray:
-        """(L, 6) changes of the learned cameras without what all of them do together."""
-        own = changes - changes.mean(axis=0)
-        centers = np.array([self.capture.cameras[index].center for index in self._learned])
-        centers -= centers.mean(axis=0)
-        growth = (own[:, 3:] * centers).sum() / max((centers**2).sum(), _TINY)  # all nearer to the middle, or away
-        own[:, 3:] -= growth * centers
-        return own
+        centers = np.array([self._rig.capture.cameras[index].center for index in self._learned])
+        self._move(without_common(changes[self._learned], centers))
 
     def _slope(self, camera: Camera, gradient: np.ndarray) -> np.ndarray:
         """(6,) of the loss by the world's turn about the centre and its shift in distances, as this camera sees it."""
@@ -114,33 +107,49 @@ class PoseRefinement:
 
     def _move(self, changes: np.ndarray) -> None:
         """Moves the world before the learned cameras: (L, 6) radians about the centre, and world units."""
-        cameras = list(self.capture.cameras)
+        cameras = list(self._rig.capture.cameras)
         for index, change in zip(self._learned, changes, strict=True):
             pose = cameras[index].world_to_camera[:3]
             center = pose[:, :3] @ self._center + pose[:, 3]  # which stays in its place but for the shift
             rotation = pose[:, :3] @ rotation_about(change[:3])
             shift = center + rotation @ (change[3:] - self._center)
             cameras[index] = cameras[index].with_pose(np.column_stack([rotation, shift]))
-        self.capture = self.capture.with_cameras(cameras)
+        self._rig.capture = self._rig.capture.with_cameras(cameras)
 
-    def resume(self, poses: torch.Tensor, moments: torch.Tensor, moved: torch.Tensor, gathered: torch.Tensor) -> None:
-        """Goes on from poses (C, 4, 4) and the rest; ValueError for arrays that do not fit."""
-        count = len(self.capture.cameras)
-        self.moments = fitting("moments", moments, (2, count, 6), torch.float64).numpy()
-        self.moved = fitting("moved", moved, (count, 2), torch.float64).numpy()
-        self.gathered, self._arriving = fitting("gathered", gathered, (count, 13), torch.float64).numpy(), None
-        found = fitting("poses", poses, (count, 4, 4), torch.float64).numpy()
+    def state(self) -> tuple[Tensors, Values]:
+        """See Stateful."""
+        poses = np.stack([camera.world_to_camera for camera in self._rig.capture.cameras])
+        arrays = {f"poses.{name}": torch.from_numpy(getattr(self, name)) for name in _ARRAYS}
+        return {"poses": torch.from_numpy(poses), **arrays}, {}
+
+    def load_state(self, tensors: Tensors, values: Values) -> None:
+        """See Stateful."""
+        for name in _ARRAYS:
+            shape = getattr(self, name).shape
+            setattr(self, name, expect(name, tensors[f"poses.{name}"], shape, torch.float64).numpy())
+        self._arriving = None
+        count = len(self._rig.capture.cameras)
+        found = expect("poses", tensors["poses"], (count, 4, 4), torch.float64).numpy()
         _check_poses(found)
         if not all((np.abs(array) < _MOST).all() for array in (self.moments, self.gathered, self.moved)):
-            raise ValueError("a memory of poses that no training has")
+            raise ValueError("moments of poses that no training has")
         if (self.moments[1] < 0).any() or (self.moved < 0).any() or (self.gathered[:, 12] < 0).any():
             raise ValueError("squares or counts below zero")
-        pairs = zip(self.capture.cameras, found, strict=True)
-        self.capture = self.capture.with_cameras(camera.with_pose(pose) for camera, pose in pairs)
+        pairs = zip(self._rig.capture.cameras, found, strict=True)
+        self._rig.capture = self._rig.capture.with_cameras(camera.with_pose(pose) for camera, pose in pairs)
 
     def begin_at(self, progress: float) -> None:
-        """Another limit makes the training's progress jump: no camera's step spans what lies before."""
+        """After a jump of the training's progress to ``progress``: no camera's step spans what lies before."""
         self.moved[:, 1] = max(progress, self._recipe.pose_from)
+
+
+def without_common(changes: np.ndarray, centers: np.ndarray) -> np.ndarray:
+    """(L, 6) changes of cameras with ``centers`` (L, 3) without what all of them do together."""
+    own = changes - changes.mean(axis=0)
+    centers = centers - centers.mean(axis=0)
+    growth = (own[:, 3:] * centers).sum() / max((centers**2).sum(), _TINY)  # all nearer to the middle, or away
+    own[:, 3:] -= growth * centers
+    return own
 
 
 def _check_poses(found: np.ndarray) -> None:

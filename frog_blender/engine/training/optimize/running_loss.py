@@ -1,4 +1,4 @@
-"""The loss as people see it, a running mean, and the alarm when it is no longer a number."""
+"""The loss as people see it, a running mean, and the check that it is finite."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from ...errors import FrogError
 
 
 class TrainingDiverged(FrogError):
-    """A training has come to numbers that are none; see training.recovery."""
+    """The loss or a parameter is not finite; see session.recovery."""
 
 
 _SHARE = 0.02  # of a new value in the mean
-_PATIENCE = 20  # steps between two looks at a loss on a GPU
+_PATIENCE = 20  # steps between two checks of a loss on a GPU
 
 
 class RunningLoss:
-    """On the CPU every loss is looked at, before it reaches the optimiser.
+    """On the CPU every loss is checked, before it reaches the optimiser.
 
-    On a GPU a look waits for everything that was queued, and the GPU idles until the next step is queued; so the mean
-    stays there and is looked at now and then. Nothing is missed: a mean that took in a NaN or an infinity never
-    becomes a finite number again. What is saved or shown is looked at before (``check``, ``mean``).
+    On a GPU a check waits for everything that was queued, and the GPU idles until the next step is queued; so the mean
+    stays there and is checked now and then. Nothing is missed: a mean that is not finite never becomes finite again.
+    What is saved or shown is checked before (``check``, ``mean``).
     """
 
     def __init__(self) -> None:
@@ -40,7 +40,7 @@ class RunningLoss:
         self._mean, self._empty, self._unseen = mean, math.isnan(mean), 0
 
     def add(self, loss: torch.Tensor, step: int) -> None:
-        """Takes in the loss of step number ``step``; TrainingDiverged when it is seen not to be a number."""
+        """Adds the loss of step number ``step``; TrainingDiverged when it is found not to be finite."""
         if loss.device.type == "cpu":
             value: float | torch.Tensor = loss.item()
             if not math.isfinite(value):
@@ -54,7 +54,7 @@ class RunningLoss:
             self.check(step)
 
     def check(self, step: int) -> None:
-        """TrainingDiverged when a loss that was not looked at yet was not a number."""
+        """TrainingDiverged when a loss that was not checked yet is not finite."""
         if self._unseen and not math.isfinite(self.mean):
             raise _unstable(step)
         self._unseen = 0

@@ -1,4 +1,4 @@
-"""Where in the training one is, and which image comes next."""
+"""What is due when, and which image comes next."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from dataclasses import dataclass
 import torch
 
 from ...capture.capture import Capture
-from .state_checks import fitting
+from .stateful import Tensors, Values, expect
 
-_ROUNDING = 1e-9  # of a fraction of the training that is computed: no training has as many steps
+_ROUNDING = 1e-9  # of a computed fraction of the training: no training has as many steps
 
 
 @dataclass(frozen=True)
 class Every:
-    """Rounds at fractions start, start + interval, ... up to the end."""
+    """Rounds at the fractions start, start + interval, ... up to the end."""
 
     start: float
     until: float
@@ -28,7 +28,7 @@ class Every:
         return now <= self.until + _ROUNDING and rounds >= 0 and rounds > self._begun(before)
 
     def _begun(self, progress: float) -> int:
-        """Rounds whose time has come, less one."""
+        """Rounds that have begun, less one."""
         return math.floor((progress - self.start + _ROUNDING) / self.interval)
 
 
@@ -36,7 +36,7 @@ def ramp(progress: float, start: float, end: float) -> float:
     """0 before ``start``, 1 after ``end``, linear between."""
     if progress >= end:
         return 1.0
-    return max(0.0, (progress - start) / (end - start)) if end > start else 1.0
+    return max(0.0, (progress - start) / (end - start)) if end > start else 0.0
 
 
 _UNSEEN = 100.0  # no image in [0, 1] can lose as much
@@ -44,16 +44,16 @@ _MOST = 1e12  # of what a checkpoint may say
 
 
 class ViewSampler:
-    """Draws training images; never one that is withheld.
+    """Draws training images; never one that is withheld for validation.
 
     Args:
-        choice: "even": each as often as every other. "loss": every second draw picks its moment in proportion to the
-            moment's loss, summed over the cameras' last looks (E-D3DGS, its loss-based frame sampling); what nobody
-            has looked at yet comes first.
+        choice: "even": each as often as every other. "loss": every second draw picks its frame in proportion to the
+            frame's last loss, summed over the cameras (E-D3DGS, its loss-based frame sampling); frames that were not
+            drawn yet come first.
 
     Attributes:
         draws: so far.
-        losses: (cameras, frames) mean absolute error at the last look, ``_UNSEEN`` before the first.
+        losses: (cameras, frames) mean absolute error when drawn last, ``_UNSEEN`` before the first time.
     """
 
     def __init__(self, capture: Capture, choice: str = "even") -> None:
@@ -71,15 +71,20 @@ class ViewSampler:
         for i in self._shots:
             self._by_frame.setdefault(shots[i].frame, []).append(i)
 
-    def resume(self, losses: torch.Tensor, draws: int) -> None:
-        """Goes on from a checkpoint; ValueError for what does not fit."""
-        self.losses = fitting("losses", losses, tuple(self.losses.shape))
+    def state(self) -> tuple[Tensors, Values]:
+        """See Stateful."""
+        return {"losses": self.losses}, {"draws": self.draws}
+
+    def load_state(self, tensors: Tensors, values: Values) -> None:
+        """See Stateful."""
+        losses, draws = tensors["losses"], int(values["draws"])
+        self.losses = expect("losses", losses, tuple(self.losses.shape))
         if not bool(((losses >= 0) & (losses < _MOST)).all()) or not 0 <= draws < _MOST:
             raise ValueError("losses or draws that no training has")
         self.draws = draws
 
     def withhold(self, shots: Sequence[int]) -> None:
-        """From now on leaves these training shots alone, and no others."""
+        """From now on draws none of these training shots, and all others."""
         if shots != self._withheld:
             self._withheld = shots
             self._gather()
@@ -99,13 +104,13 @@ class ViewSampler:
         return there[int(torch.randint(len(there), (1,), generator=generator))]
 
     def observe(self, shot: int, error: torch.Tensor) -> None:
-        """Takes in the mean absolute difference () of a drawn image from the truth."""
+        """Adds the mean absolute error () of a drawn image."""
         if self._by_loss:
             drawn = self._capture.shots[shot]
             self.losses[drawn.camera, drawn.frame] = error.cpu()
 
-    def pick_same_moment(self, shot: int, generator: torch.Generator) -> int:
-        """Another camera at the moment of ``shot`` (the same image when there is only one); any image when all of
-        that moment are withheld."""
+    def pick_same_frame(self, shot: int, generator: torch.Generator) -> int:
+        """Another camera at the frame of ``shot`` (the same image when there is only one); any image when all of that
+        frame are withheld."""
         there = self._by_frame.get(self._capture.shots[shot].frame, self._shots)
         return there[int(torch.randint(len(there), (1,), generator=generator))]

@@ -1,4 +1,4 @@
-"""The embedding smoothness (FRoG, section on optimisation): neighbours that move have embeddings alike."""
+"""The embedding smoothness (FRoG, section on optimisation): dynamic neighbours have similar embeddings."""
 
 from __future__ import annotations
 
@@ -7,15 +7,18 @@ from dataclasses import dataclass
 import torch
 
 from ..recipe import Recipe
+from .gaussian_state import GaussianState, Reindexing
 from .nearest_neighbours import nearest
+from .stateful import Tensors, Values, expect
 
 SMOOTHED_EVERY = 4  # steps between two that regularise, each for as many; their dozens of small operations cost time
-_BATCH = 64  # anchors that such a step looks at
+_BATCH = 64  # anchors of such a step
+_PARTS = ("anchors", "neighbours", "weights")
 
 
 @dataclass(frozen=True)
 class NeighbourGraph:
-    """A sample of the Gaussians that move: anchors (A,), neighbours (A, k), weights (A, k)."""
+    """A sample of the dynamic Gaussians: anchors (A,), neighbours (A, k), weights (A, k)."""
 
     anchors: torch.Tensor
     neighbours: torch.Tensor
@@ -23,24 +26,25 @@ class NeighbourGraph:
 
     @classmethod
     @torch.no_grad()
-    def drawn(cls, means: torch.Tensor, recipe: Recipe, generator: torch.Generator) -> NeighbourGraph | None:
-        """A new sample among ``means`` (M, 3); None where nobody has a neighbour."""
+    def sample(cls, means: torch.Tensor, recipe: Recipe, generator: torch.Generator) -> NeighbourGraph | None:
+        """A new sample among ``means`` (M, 3); None where none has a neighbour."""
         if len(means) < 2:
             return None
         chosen = torch.randperm(len(means), generator=generator)[: recipe.smoothness_sample].to(means.device)
         distances, neighbours = nearest(means[chosen], means, recipe.smoothness_neighbours, skip_self=True)
         return cls(chosen, neighbours, neighbour_weights(distances, recipe.smoothness_falloff))
 
-    def arranged(self, who: torch.Tensor) -> NeighbourGraph | None:
-        """The same sample where others have come and some have gone, who are nobody's neighbours any more; None without
-        anchors.
+    def reindexed(self, indices: torch.Tensor) -> NeighbourGraph | None:
+        """The same sample without the Gaussians that were removed; None without anchors.
 
         Args:
-            who: (M',) for each place an old index, or a larger one for who is new.
+            indices: (M',) for each place an old index, or a larger one for a new Gaussian.
         """
-        last = int(max(who.max(), self.neighbours.max(), self.anchors.max()))
-        places = torch.full((last + 1,), -1, device=who.device)
-        places[who] = torch.arange(len(who), device=who.device)
+        if not len(indices):
+            return None
+        last = int(max(indices.max(), self.neighbours.max(), self.anchors.max()))
+        places = torch.full((last + 1,), -1, device=indices.device)
+        places[indices] = torch.arange(len(indices), device=indices.device)
         left = places[self.anchors] >= 0
         neighbours = places[self.neighbours[left]]
         weights = torch.where(neighbours >= 0, self.weights[left], 0.0)
@@ -54,6 +58,63 @@ class NeighbourGraph:
         part = slice(start, start + _BATCH)
         sample = self.anchors[part], self.neighbours[part], self.weights[part]
         add_embedding_smoothness(embeddings, *sample, SMOOTHED_EVERY * weight)
+
+
+class EmbeddingSmoothness:
+    """The regularization of one training.
+
+    Args:
+        gaussians: to follow.
+        recipe: sample size, falloff and weight.
+        generator: that samples are drawn with.
+
+    Attributes:
+        graph: the sample; None before the first one is drawn, and where none has a neighbour.
+    """
+
+    def __init__(self, gaussians: GaussianState, recipe: Recipe, generator: torch.Generator) -> None:
+        self._recipe, self._generator, self._canonical = recipe, generator, gaussians.canonical
+        self.graph: NeighbourGraph | None = None
+        gaussians.register(self)
+
+    def resample(self) -> None:
+        """Draws the sample anew."""
+        means = self._canonical.means.detach()[: self._canonical.num_dynamic]
+        self.graph = NeighbourGraph.sample(means, self._recipe, self._generator)
+
+    def reindex(self, change: Reindexing) -> None:
+        """See RowFollower."""
+        if self.graph is None:
+            return
+        if change.resample:
+            self.resample()
+        else:
+            self.graph = self.graph.reindexed(change.dynamic)
+
+    def add_gradient(self, step: int) -> None:
+        """Regularises the embeddings for SMOOTHED_EVERY steps at once."""
+        if self.graph is not None and self._recipe.smoothness_weight:
+            self.graph.add_gradient(self._canonical.embeddings, step, self._recipe.smoothness_weight)
+
+    def state(self) -> tuple[Tensors, Values]:
+        """See Stateful."""
+        return {f"neighbourhood.{name}": getattr(self.graph, name) for name in _PARTS if self.graph}, {}
+
+    def load_state(self, tensors: Tensors, values: Values) -> None:
+        """See Stateful."""
+        self.graph = None
+        if "neighbourhood.anchors" not in tensors:
+            return
+        anchors, neighbours, weights = (tensors[f"neighbourhood.{name}"] for name in _PARTS)
+        expect("anchors", anchors, (len(anchors),), torch.int64)
+        expect("neighbours", neighbours, (len(anchors), *neighbours.shape[1:2]), torch.int64)
+        expect("weights", weights, tuple(neighbours.shape))
+        if not neighbours.numel():
+            raise ValueError("no neighbours")
+        indices = torch.cat([anchors, neighbours.flatten()])
+        if not bool(((indices >= 0) & (indices < self._canonical.num_dynamic)).all()):
+            raise ValueError("neighbours that are no dynamic Gaussians")
+        self.graph = NeighbourGraph(*(part.to(self._canonical.means.device) for part in (anchors, neighbours, weights)))
 
 
 @torch.no_grad()

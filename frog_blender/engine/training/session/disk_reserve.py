@@ -1,22 +1,23 @@
-"""Room on the disk for the scene, kept from the first step on: what fills the disk meanwhile cannot take it."""
+"""Disk space reserved for the scene from the first step on, so that whatever fills the disk meanwhile leaves it."""
 
 from __future__ import annotations
 
 import ctypes
 import errno
+import os
 import shutil
 import sys
 import tempfile
 from pathlib import Path
 from typing import BinaryIO
 
-_MOST = 0.25  # of what is free: a disk that is short already is not filled by this
+_MAX_SHARE = 0.25  # of the free space: a nearly full disk is not filled by this
 
 
-class Reserve:
-    """A file without a name beside ``output``, as large as its scene may become; it vanishes with the process.
+class DiskReserve:
+    """An unnamed file beside ``output``, as large as its scene may become; it vanishes with the process.
 
-    There is none where only writing it would fill it: outside Linux, and on many disks in a network.
+    Nothing is reserved where that would mean writing every byte: outside Linux, and on many network disks.
 
     Args:
         output: the scene.
@@ -26,14 +27,19 @@ class Reserve:
     def __init__(self, output: Path, size: int) -> None:
         self._file: BinaryIO | None = None
         try:
-            size = min(size, int(_MOST * shutil.disk_usage(output.parent).free))
+            size = min(size, int(_MAX_SHARE * shutil.disk_usage(output.parent).free))
             self._file = tempfile.TemporaryFile(dir=output.parent, buffering=0)  # noqa: SIM115
             _allocate(self._file, size)
-        except OSError:  # a disk on which nothing can be kept may have room in the end all the same
-            self.give_back()
+        except OSError:  # a disk on which nothing can be reserved may have space at the end all the same
+            self.release()
 
-    def give_back(self) -> bool:
-        """Frees the room; False where there is none any more."""
+    @property
+    def size(self) -> int:
+        """Bytes of the disk that are reserved."""
+        return 512 * os.fstat(self._file.fileno()).st_blocks if self._file else 0
+
+    def release(self) -> bool:
+        """Frees the space; False where none is reserved any more."""
         if self._file is None:
             return False
         self._file.close()
@@ -44,13 +50,13 @@ class Reserve:
 def _allocate(file: BinaryIO, size: int) -> None:
     """Gives the file blocks of its own, which a hole would not have; OSError where the system cannot at once.
 
-    Not os.posix_fallocate: the C library then writes into every block, which takes minutes on a disk in a network.
+    Not os.posix_fallocate: where the file system cannot, the C library writes into every block, for minutes.
     """
     if size <= 0:
         return
     if sys.platform != "linux":
-        raise OSError(errno.ENOTSUP, "no room can be set aside at once")
+        raise OSError(errno.ENOTSUP, "no space can be reserved at once")
     allocate = ctypes.CDLL(None, use_errno=True).fallocate
     allocate.argtypes = [ctypes.c_int, ctypes.c_int, ctypes.c_int64, ctypes.c_int64]
     if allocate(file.fileno(), 0, 0, size):
-        raise OSError(ctypes.get_errno(), "no room can be set aside at once")
+        raise OSError(ctypes.get_errno(), "no space can be reserved at once")

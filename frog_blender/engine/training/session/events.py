@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class Evaluated:
 @dataclass(frozen=True)
 class Preview:
     step: int
-    image: np.ndarray
+    image: NDArray[np.uint8]
     """(H, W, 3) uint8."""
 
 
@@ -73,7 +74,7 @@ class CompressionPreview:
     """An image of what moves, what rests and what was left out, beside the scene."""
 
     path: str
-    image: np.ndarray
+    image: NDArray[np.uint8]
     """(H, W, 3) uint8."""
 
 

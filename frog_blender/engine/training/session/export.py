@@ -1,14 +1,19 @@
-"""A training's scene as a file: the arrays that playback needs, packed where that shows nowhere, and the report."""
+"""A training's scene as a file: the arrays that playback needs, quantized where that is not visible, and a report."""
 
 from __future__ import annotations
 
+from .. import passive_threads  # noqa: F401
+
+# isort: split
 import math
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from ...errors import FrogError, reason
 from ...io.atomic_files import write_atomically
@@ -17,173 +22,211 @@ from ...playback.player import CANONICAL, ScenePlayer, row_ranges
 from ...scene.header import SceneHeader
 from ...scene.scene_file import SceneFile, scene_bytes, settings_json
 from ..compression.budget import fit_within, keep_within
-from ..compression.finalize import arranged, compactions, played_by
-from ..compression.schedule import CompressionSchedule, CompressionStep, heads_of
+from ..compression.context import CompressionContext, CompressionStep
+from ..compression.finalize import playback_steps, played_by, reorder_for_playback
+from ..compression.schedule import compression_of
 from ..compression.static_attributes import freeze_attributes
-from ..optimize.gaussian_order import arrange
+from ..optimize.gaussian_state import GaussianState, heads_of
+from .session import Session
 
-EVALUATED = 30  # images, at most, that a finished scene's PSNR is of
-_REPORT_BYTES = 4000  # what is left out when a budget is measured: report, figures, times
-_PACKING_LOSS = 0.05  # dB above which a file is not packed
+EVALUATED_SHOTS = 30
+"""Images, at most, that a finished scene's PSNR is the mean of."""
 
-if TYPE_CHECKING:
-    from ..optimize.trainer import Trainer
-    from .job import TrainingJob
+Metrics = Mapping[str, float | str]
+"""What was measured of a scene: ``psnr`` (dB) and ``split`` ("held-out" or "training")."""
 
-
-def check_readable(job: TrainingJob, trainer: Trainer, scale: float) -> None:
-    """FrogError, before a training begins, for a capture whose scene could be written but not opened again."""
-    try:
-        SceneHeader.from_json(_scene(job, trainer, scale, {}).header.to_json())
-    except ValueError as error:
-        raise FrogError(f"{job.capture}: no scene of this capture could be opened: found {error}.") from error
-
-
-def check_budget(job: TrainingJob, trainer: Trainer, scale: float) -> str | None:
-    """What is to be said, before a training begins, of a budget of bytes that may hold nothing; FrogError for one that
-    not even a single Gaussian with an empty network meets."""
-    if not job.max_bytes:
-        return None
-    scene, draw = _scene(job, trainer, scale, {}), np.random.default_rng(0)
-    rows = row_ranges(scene.arrays)
-    one = {name: array[:1] if name in rows else array for name, array in scene.arrays.items()}
-    least = _size(SceneFile(scene.header, one))
-    if least > job.max_bytes:
-        raise FrogError(f"The budget of {job.max_bytes} bytes is too small: expected at least {least}.")
-    # What is learned takes more than the zeros of before; how much of the network is needed shows late.
-    learned = {name: draw.standard_normal(array.shape, np.float32) for name, array in one.items()}
-    usual = _size(SceneFile(scene.header, learned))
-    if usual <= job.max_bytes:
-        return None
-    return f"The budget of {job.max_bytes} bytes may be too small: the whole network takes {usual}."
-
-
-def fit_budget(job: TrainingJob, trainer: Trainer, scale: float) -> None:
-    """Leaves Gaussians out until the scene is within its limit and budgets; call it before the last evaluation.
-
-    That of bytes holds for a finished training, since before its end much is not yet what it will be.
-    """
-    if trainer.compression:
-        keep_within(trainer.compression, trainer, trainer.recipe.kept_at_most)
-    if job.max_bytes and trainer.compression and trainer.finished:
-        fit_within(
-            trainer.compression, trainer, lambda: _size(arranged(_scene(job, trainer, scale, {}))), job.max_bytes
-        )
-
-
-def _size(scene: SceneFile) -> int:
-    """Bytes of a packed file, at most; the same for the same training on any day."""
-    header = replace(scene.header, train_seconds=0.0, capacity={})
-    return len(scene_bytes(SceneFile(header, scene.arrays), compact=True)) + _REPORT_BYTES
+_REPORT_BYTES = 4000  # for what is left out when a budget is measured: report, metrics, times
 
 
 @dataclass(frozen=True)
-class Built:
+class ExportReport:
+    """What was written.
+
+    Attributes:
+        path: of the ``.frog``.
+        size: its bytes.
+        psnr: dB of the scene as it is played; None where it could not be measured.
+        split: the images that were looked at: "held-out" or "training"; empty where none were.
+        compression: what the header says of the compression; empty without.
+        warning: a sentence where something optional failed and was left out; else empty.
+    """
+
+    path: Path
+    size: int
+    psnr: float | None
+    split: str
+    compression: dict[str, Any]
+    warning: str
+
+
+@dataclass(frozen=True)
+class BuiltScene:
     """A scene as it will lie on disk.
 
     Attributes:
         scene, content: what it holds, and the bytes of its file.
-        said: a sentence where something optional failed and was left aside; else empty.
+        warning: a sentence where something optional failed and was left out; else empty.
     """
 
     scene: SceneFile
     content: bytes
-    said: str = ""
+    warning: str = ""
+
+    def report(self, path: Path) -> ExportReport:
+        """What is to be said of it once it lies at ``path``."""
+        header = self.scene.header
+        psnr, split = header.metrics.get("psnr"), header.metrics.get("split", "")
+        return ExportReport(path, len(self.content), psnr, split, header.capacity, self.warning)
 
 
-def save_scene(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[str, Any]) -> SceneFile:
-    """Writes the ``.frog`` as training stands; see ``build_scene``."""
-    built = build_scene(job, trainer, scale, metrics)
-    write_atomically(job.output, built.content)
-    return built.scene
+def export_scene(session: Session, path: Path, metrics: Metrics | None = None) -> ExportReport:
+    """Writes the scene to ``path`` as training stands, and says what it holds; see ``build_scene``.
 
-
-def build_scene(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[str, Any]) -> Built:
-    """The scene as training stands: packed with ``capacity="auto"``, unless it is to be lossless or packing shows.
-
-    Whatever fails on the way to a smaller file, every number is kept as it is instead.
+    Raises:
+        FrogError: the disk does not accept it; nothing was changed there.
     """
-    metrics = {name: value for name, value in metrics.items() if not isinstance(value, float) or math.isfinite(value)}
-    if trainer.compression is None or job.lossless:
-        return _as_it_is(job, trainer, scale, metrics)
+    built = build_scene(session, metrics or {})
+    write_atomically(path, built.content)
+    return built.report(path)
+
+
+def build_scene(session: Session, metrics: Metrics) -> BuiltScene:
+    """The scene as training stands: quantized with ``capacity="auto"``, unless it is to be lossless or that is visible.
+
+    Whatever fails on the way to a smaller file, every number is written as it is instead. Metrics that are not finite
+    are left out, since no header can hold them.
+    """
+    finite = {name: value for name, value in metrics.items() if not isinstance(value, float) or math.isfinite(value)}
+    compression = compression_of(session.trainer)
+    if compression is None or session.job.lossless:
+        return _plain(session, finite)
     try:
-        return _compact(job, trainer, trainer.compression, scale, metrics)
+        return _compact(session, compression, finite)
     except Exception as error:
-        built = _as_it_is(job, trainer, scale, metrics)
-        return replace(built, said=f"The scene could not be packed ({reason(error)}): every number is kept as it is.")
+        warning = f"The scene could not be packed ({reason(error)}): every number is written as it is."
+        return replace(_plain(session, finite), warning=warning)
 
 
-def _as_it_is(job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[str, Any]) -> Built:
+def check_readable(session: Session) -> None:
+    """FrogError, before a training begins, for a capture whose scene could be written but not opened again."""
     try:
-        scene = _scene(job, trainer, scale, metrics)
-        return Built(scene, scene_bytes(scene))
-    except Exception as error:  # figures that no header holds, a report that cannot be made
-        scene = _scene(job, trainer, scale, {}, report=False)
-        return Built(scene, scene_bytes(scene), f"The scene's file has no report ({reason(error)}).")
+        SceneHeader.from_json(_scene(session).header.to_json())
+    except ValueError as error:
+        raise FrogError(f"{session.job.capture}: no scene of this capture could be opened: found {error}.") from error
 
 
-def _compact(
-    job: TrainingJob, trainer: Trainer, rounds: CompressionSchedule, scale: float, metrics: dict[str, Any]
-) -> Built:
-    scene, found = _scene(job, trainer, scale, metrics), list[CompressionStep]()
-    if trainer.finished and not job.max_bytes:  # which was met by the scene as it is
-        scene, found = freeze_attributes(rounds, trainer, scene)
-    scene = arranged(scene, trainer.finished)
-    if found and "psnr" in metrics:  # of what is written
-        psnr, _ = trainer.evaluate(EVALUATED, played_by(ScenePlayer(scene), trainer.device))
-        scene = _with(scene, metrics={**metrics, "psnr": psnr})
-    content = scene_bytes(scene, compact=True)
-    if not trainer.finished:
-        return Built(scene, content)
-    lost = sum(reduction.loss or 0.0 for reduction in found)
-    packed, unseen = compactions(rounds, trainer, scene, len(content), lost)
-    compact = packed.loss is None or packed.loss <= _PACKING_LOSS or bool(job.max_bytes)
-    found += [each for each in (packed if compact else None, unseen) if each]
-    scene = _with(scene, capacity=_capacity(trainer, [*rounds.reductions, *found]))
-    return Built(scene, scene_bytes(scene, compact=compact))
+def check_budget(session: Session) -> str | None:
+    """Checks a budget of bytes before a training begins.
 
+    Returns:
+        A warning where the budget may hold nothing.
 
-def _with(scene: SceneFile, **fields: Any) -> SceneFile:
-    """The scene with other fields in its header."""
-    return replace(scene, header=replace(scene.header, **fields))
-
-
-def bytes_at_most(job: TrainingJob, trainer: Trainer, scale: float) -> int:
-    """Of the scene's file, whatever the training still adds."""
-    scene = _scene(job, trainer, scale, {})
+    Raises:
+        FrogError: not even a single Gaussian with an empty network fits.
+    """
+    budget = session.job.max_bytes
+    if not budget:
+        return None
+    scene, draw = _scene(session), np.random.default_rng(0)
     rows = row_ranges(scene.arrays)
-    count = max(trainer.count, trainer.recipe.growth_limit_at(1.0))
+    one = {name: array[:1] if name in rows else array for name, array in scene.arrays.items()}
+    least = _packed_size(SceneFile(scene.header, one))
+    if least > budget:
+        raise FrogError(f"The budget of {budget} bytes is too small: expected at least {least}.")
+    # Learned values take more bytes than initial zeros; how much of the network is needed shows late.
+    learned = {name: draw.standard_normal(array.shape, np.float32) for name, array in one.items()}
+    usual = _packed_size(SceneFile(scene.header, learned))
+    if usual <= budget:
+        return None
+    return f"The budget of {budget} bytes may be too small: the whole network takes {usual}."
+
+
+def fit_budget(session: Session) -> None:
+    """Prunes Gaussians until the scene is within its limit and budgets; call it before the last evaluation.
+
+    The budget of bytes holds for a finished training, since much changes at its end.
+    """
+    trainer, budget = session.trainer, session.job.max_bytes
+    compression = compression_of(trainer)
+    if not compression:
+        return
+    keep_within(compression, trainer.recipe.kept_at_most)
+    if budget and trainer.finished:
+        fit_within(compression, lambda: _packed_size(reorder_for_playback(_scene(session))), budget)
+
+
+def size_limit(session: Session) -> int:
+    """Bytes of the scene's file, at most, whatever the training still adds."""
+    scene = _scene(session)
+    rows = row_ranges(scene.arrays)
+    count = max(session.trainer.count, session.recipe.growth_limit_at(1.0))
     each = sum(array.nbytes / max(len(array), 1) for name, array in scene.arrays.items() if name in rows)
     rest = sum(array.nbytes for name, array in scene.arrays.items() if name not in rows)
     return int(count * each) + rest + len(scene.header.to_json()) + _REPORT_BYTES
 
 
-def drop_broken(trainer: Trainer) -> None:
-    """Leaves out Gaussians with a number that is none: nothing draws them, and no file should hold them."""
-    canonical = trainer.model.canonical
-    finite = torch.ones(trainer.count, dtype=torch.bool, device=trainer.device)
+def remove_non_finite(gaussians: GaussianState) -> None:
+    """Removes Gaussians with non-finite parameters, unless there are no others."""
+    canonical = gaussians.canonical
+    finite = torch.ones(len(canonical.means), dtype=torch.bool, device=canonical.means.device)
     for name in ATTRIBUTES:
         values = getattr(canonical, name).detach()
         rows = torch.isfinite(values).reshape(len(values), math.prod(values.shape[1:]))
         finite[: len(values)] &= rows.all(1)
     if bool(finite.any()) and not bool(finite.all()):
-        kept = finite.nonzero().squeeze(1)
-        movers = kept[kept < canonical.num_dynamic] if canonical.embeddings.shape[1] else kept
-        arrange(trainer, kept, movers)
+        gaussians.keep(finite.nonzero().squeeze(1))
 
 
-def _scene(
-    job: TrainingJob, trainer: Trainer, scale: float, metrics: dict[str, Any], *, report: bool = True
-) -> SceneFile:
-    capture = trainer.capture
+def _packed_size(scene: SceneFile) -> int:
+    """Bytes of a packed file, at most; the same for the same training on any day."""
+    header = replace(scene.header, train_seconds=0.0, capacity={})
+    return len(scene_bytes(SceneFile(header, scene.arrays), compact=True)) + _REPORT_BYTES
+
+
+def _plain(session: Session, metrics: Metrics) -> BuiltScene:
+    try:
+        scene = _scene(session, metrics)
+        return BuiltScene(scene, scene_bytes(scene))
+    except Exception as error:  # metrics that no header can hold, a report that cannot be made
+        scene = _scene(session, report=False)
+        return BuiltScene(scene, scene_bytes(scene), f"The scene's file has no report ({reason(error)}).")
+
+
+def _compact(session: Session, compression: CompressionContext, metrics: Metrics) -> BuiltScene:
+    trainer, budget = session.trainer, session.job.max_bytes
+    scene, steps = _scene(session, metrics), list[CompressionStep]()
+    if trainer.finished and not budget:  # which the scene fits as it is
+        scene, steps = freeze_attributes(compression, scene)
+    scene = reorder_for_playback(scene, trainer.finished, compression.settings.max_visible)
+    if steps and "psnr" in metrics:  # measured again, of what is written
+        psnr, _ = trainer.evaluate(EVALUATED_SHOTS, played_by(ScenePlayer(scene), trainer.device))
+        scene = _with_header(scene, metrics={**metrics, "psnr": psnr})
+    content = scene_bytes(scene, compact=True)
+    if not trainer.finished:
+        return BuiltScene(scene, content)
+    lost = sum(step.loss or 0.0 for step in steps)
+    packing, transients = playback_steps(compression, scene, len(content), lost)
+    compact = packing.loss is None or packing.loss <= compression.settings.max_packing_loss or bool(budget)
+    steps += [step for step in (packing if compact else None, transients) if step]
+    scene = _with_header(scene, capacity=compression_report(session, [*compression.record.log, *steps]))
+    return BuiltScene(scene, scene_bytes(scene, compact=compact))
+
+
+def _with_header(scene: SceneFile, **fields: Any) -> SceneFile:
+    """The scene with other fields in a header of its own."""
+    return replace(scene, header=replace(scene.header, **fields))
+
+
+def _scene(session: Session, metrics: Metrics | None = None, *, report: bool = True) -> SceneFile:
+    job, trainer, capture = session.job, session.trainer, session.capture
     shots: list[list[int]] = [[] for _ in capture.cameras]
     for shot in capture.shots:
         shots[shot.camera].append(shot.frame)
-    moves = not trainer.compression or trainer.model.canonical.num_dynamic > 0
+    compression, is_dynamic = compression_of(trainer), trainer.gaussians.num_dynamic > 0
     header = SceneHeader(
         method=trainer.method,
         recipe=settings_json(trainer.recipe),
-        model=trainer.model.stored_settings(trainer.schedule_state(trainer.progress)) if moves else {},
+        model=trainer.model.stored_settings(trainer.schedule_state()) if is_dynamic else {},
         cameras=capture.cameras,
         camera_shots=tuple(tuple(frames) for frames in shots),
         test_cameras=tuple(sorted(capture.test_cameras)),
@@ -193,35 +236,37 @@ def _scene(
         background=capture.background,
         capture_path=str(Path(job.capture).resolve()),
         capture_format=capture.format,
-        scale=scale,
+        scale=session.scale,
         pixel_offsets=dict(job.pixel_offsets or {}),
-        metrics=metrics,
+        metrics=dict(metrics or {}),
         steps=trainer.step_count,
         train_seconds=trainer.seconds,
-        capacity=_capacity(trainer, trainer.compression.reductions) if trainer.compression and report else {},
+        capacity=compression_report(session, compression.record.log) if compression and report else {},
     )
-    return SceneFile(header, _arrays(trainer))
+    return SceneFile(header, _arrays(session))
 
 
-def _arrays(trainer: Trainer) -> dict[str, np.ndarray]:
+def _arrays(session: Session) -> dict[str, NDArray[np.generic]]:
     """What the file holds, by its names."""
-    arrays = {}
+    trainer, arrays = session.trainer, {}
     for name, value in trainer.model.state_dict().items():
         name = name.removeprefix("canonical.").replace("deformation.", "network.")
         arrays[name] = value.detach().cpu().numpy()
-    if trainer.compression and not trainer.model.canonical.num_dynamic:  # then there is nothing for a network to do
+    if not trainer.gaussians.num_dynamic:  # the network has nothing to deform
         arrays = {name: array for name, array in arrays.items() if name in CANONICAL}
     elif not arrays["embeddings"].size:
         del arrays["embeddings"]
     return arrays
 
 
-def _capacity(trainer: Trainer, reductions: list[CompressionStep]) -> dict[str, Any]:
+def compression_report(session: Session, steps: list[CompressionStep]) -> dict[str, Any]:
+    """What the header's ``capacity`` holds (``Any``: JSON of several types)."""
+    trainer = session.trainer
     canonical = trainer.model.canonical
     return {
         "gaussians": trainer.count,
-        "dynamic": canonical.num_dynamic,
+        "dynamic": trainer.gaussians.num_dynamic,
         "heads": heads_of(trainer.model),
         "sh_degree": int(canonical.sh.shape[1] ** 0.5) - 1,
-        "reductions": [asdict(reduction) for reduction in reductions],
+        "reductions": [step.to_json() for step in steps],
     }

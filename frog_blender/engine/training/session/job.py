@@ -1,44 +1,21 @@
-"""A training from folder to file, as a stream of events that command line and Blender share."""
+"""What to train: the settings of one training, and those that a resumed training takes over from its checkpoint."""
 
 from __future__ import annotations
 
-from .. import passive_threads  # noqa: F401
-
-# isort: split
-import os
-import queue
-import threading
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from ...capture.capture import Capture
-from ...capture.frames import FrameStore
-from ...capture.readers import open_capture
-from ...capture.seed_store import stored_seeds
 from ...capture.seeds import Seeds
-from ...errors import FrogError
-from ...io.atomic_files import check_writable, remove_partial_files
-from ...memory import gc_frozen
-from ..methods import method_named
-from ..optimize.device import choose_device
-from ..optimize.initialization import doubt_of_scale
-from ..optimize.trainer import Limits, Trainer
+from ...scene.header import METHODS
+from ...scene.scene_file import settings_json
+from ..compression.settings import DEFAULT, CompressionSettings
 from ..recipe import Recipe, recipe
-from . import events
-from .cancel_token import CancelToken
-from .checkpoint import checkpoint_path, load_checkpoint
-from .events import Event
-from .export import check_budget, check_readable
-from .loop import train
-from .output_lock import claimed
-from .output_paths import check_unused
-from .resume import restore_job
-from .time_estimate import pixels_of, usual_scale
+from ..setting import Choice, Kind, Number, OrNone
 
-Result = TypeVar("Result")
-_PATIENCE = 10.0  # seconds, for work before training that nobody waits for any more
+_MAX_CAMERAS, _MAX_OFFSET = 10_000, 1e6
 
 
 @dataclass(frozen=True)
@@ -51,24 +28,28 @@ class TrainingJob:
         method: one of ``methods.METHODS``.
         recipe: the settings.
         steps, seconds: limits; the recipe's steps when neither is given.
-        seed: of everything random.
+        seed: of all random numbers.
         scale: image size factor; None shrinks to at most 1600 pixels a side.
-        holdout_frames: withhold every n-th moment; None keeps what the format says.
+        holdout_frames: hold out every n-th frame; None keeps what the format says.
         overwrite: replace a scene, or a checkpoint, that lies at ``output``; otherwise that is refused.
-        resume: go on from the checkpoint beside ``output``, with the method, recipe and other settings that it began
-            with; only ``steps``, ``seconds`` and ``max_bytes`` can be set anew.
-        chosen: of the settings those that somebody chose, and how they call them (``--seed``): a resume says which of
-            them it leaves aside.
+        resume: continue from the checkpoint beside ``output``, with the method, recipe and other settings that it
+            began with; only ``steps``, ``seconds`` and ``max_bytes`` can be set anew.
+        chosen: the settings that the user chose, by field, and what the user calls them (``--seed``): a resume names
+            those that it ignores.
         pixel_offsets: see ``open_capture``.
-        lossless: write every number as it is, instead of packed where that shows nowhere.
-        max_bytes: of the file, at most; only with the recipe's capacity "auto".
+        lossless: write every number as it is; otherwise numbers are quantized where that is not visible.
+        max_bytes: upper limit of the file's size; only with the recipe's capacity "auto".
         device: "auto", "cpu" or "cuda", see ``choose_device``; a resume may choose another.
         opened: the capture itself, where it is not what ``open_capture`` makes of the folder (a segment, a protocol's
             own split).
-        evaluated_shots: images that each evaluation on the way looks at, at most.
-        save_seconds: between checkpoints; what a killed training loses at most.
-        preview_camera: whose view the previews show, see ``preview.watched_shot``.
-        preview_seconds: between previews, at most; every tenth of the training has one besides.
+        seeds: the seed points, where they are known; None finds them in the images.
+        event_seconds: between progress events, at least.
+        evaluated_shots: images that each evaluation during the training looks at, at most.
+        save_seconds: between checkpoints: the most that a killed training loses.
+        preview_camera: whose view the previews show, see ``preview.preview_shot``.
+        preview_size: pixels of a preview's longer side, at most: rendering 512 takes less than a step.
+        preview_seconds: between previews, at most; there is one at every tenth of the training besides.
+        compression: thresholds, with the recipe's capacity "auto".
     """
 
     capture: Path
@@ -88,149 +69,46 @@ class TrainingJob:
     lossless: bool = False
     max_bytes: int | None = None
     opened: Capture | None = None
+    seeds: Seeds | None = None
+    event_seconds: float = 0.5
     evaluated_shots: int = 6
     save_seconds: float = 180.0
     preview_camera: str | None = None
+    preview_size: int = 512
     preview_seconds: float = 10.0
+    compression: CompressionSettings = DEFAULT
+
+    def stored_settings(self) -> dict[str, Any]:
+        """What the checkpoint keeps of this job: the fields in ``KEPT``, the recipe, and whose training it is."""
+        settings = {name: getattr(self, name) for name in KEPT}
+        return {**settings, "recipe": settings_json(self.recipe), "capture": str(Path(self.capture).resolve())}
 
 
-def prepare_capture(
-    path: Path,
-    scale: float | None,
-    holdout_frames: int | None,
-    pixel_offsets: dict[str, tuple[float, float]] | None,
-    opened: Capture | None = None,
-) -> tuple[Capture, float]:
-    """The capture as it will be trained on or evaluated, and the scale that was used.
+@dataclass(frozen=True)
+class _Offsets:
+    """Pixels (x, y) by camera, as ``open_capture`` takes them."""
 
-    Args:
-        opened: the capture itself, instead of what the folder holds.
-    """
-    capture = opened if opened is not None else open_capture(Path(path), pixel_offsets=pixel_offsets)
-    if scale is None:
-        scale = usual_scale(capture.cameras)
-    if scale != 1.0:
-        capture = capture.scaled(scale)
-    if holdout_frames is not None:
-        capture = capture.with_holdout(holdout_frames)
-    return capture, scale
+    expected = "two numbers of pixels for each camera"
 
-
-def run_training(job: TrainingJob, cancelled: Callable[[], bool] = lambda: False) -> Iterator[Event]:
-    """Trains, yielding events; the last is Finished or Cancelled. FrogError for what the user can mend.
-
-    Cancelling keeps what was learned: a scene that plays and a checkpoint that resumes.
-
-    Args:
-        cancelled: asked between steps; a ``CancelToken`` can pause as well.
-    """
-    _check_output(job.output)
-    with claimed(job.output):
-        yield from _run(job, CancelToken.of(cancelled))
-
-
-def _run(job: TrainingJob, control: CancelToken) -> Iterator[Event]:
-    """``run_training`` once nobody else writes the output."""
-    if not (job.overwrite or job.resume):
-        check_unused(job.output)
-    for path in (job.output, checkpoint_path(job.output)):
-        remove_partial_files(path)
-    if job.resume:  # what does not fit is said before minutes of decoding
-        job, said = restore_job(job)
-        if said:
-            yield events.WarningEvent(said)
-    adapted = method_named(job.method).adapt(job.recipe)
-    if job.max_bytes and (adapted.capacity != "auto" or job.lossless):
-        raise FrogError("A budget of bytes needs FRoG with automatic capacity, and a file that may be packed.")
-    capture, scale = prepare_capture(job.capture, job.scale, job.holdout_frames, job.pixel_offsets, job.opened)
-    device, said_of_it = choose_device(job.device)
-    for warning in (*capture.warnings, *([said_of_it] if said_of_it else [])):
-        yield events.WarningEvent(warning)
-    if control():
-        yield events.Cancelled(0, None)
-        return
-    store = yield from _in_background(
-        "Decoding frames", lambda report: FrameStore.open(capture, progress=report, cancelled=control), control
-    )
-    seeds = None
-    if store is not None:
-        seeds = yield from _in_background(
-            "Finding seed points", lambda report: _seeds(job, capture, store, report), control
+    def accepts(self, value: object) -> bool:
+        pixels = Number(-_MAX_OFFSET, _MAX_OFFSET)
+        return (
+            isinstance(value, dict)
+            and len(value) <= _MAX_CAMERAS
+            and all(isinstance(pair, list) and len(pair) == 2 for pair in value.values())
+            and all(pixels.accepts(each) for pair in value.values() for each in pair)
         )
-    if store is None or seeds is None:
-        yield events.Cancelled(0, None)
-        return
-    limits = Limits(job.steps or (None if job.seconds else job.recipe.steps_for(capture.frame_count)), job.seconds)
-    trainer = Trainer(capture, store, seeds, job.recipe, job.method, limits, job.seed, device)
-    if job.resume:
-        load_checkpoint(checkpoint_path(job.output), trainer)
-    check_readable(job, trainer, scale)
-    for doubt in (doubt_of_scale(trainer.scene_scale), check_budget(job, trainer, scale)):
-        if doubt:
-            yield events.WarningEvent(doubt)
-    counts = (len(capture.cameras), capture.frame_count, trainer.count)
-    pixels = round(pixels_of(capture.cameras))
-    yield events.Started(job.method, limits.steps, *counts, device.type, pixels)
-    with gc_frozen():
-        yield from train(job, trainer, scale, control)
 
 
-def _seeds(job: TrainingJob, capture: Capture, store: FrameStore, report: Callable[[int, int], None]) -> Seeds:
-    limit = min(job.recipe.seed_gaussians, job.recipe.max_gaussians)
-    return stored_seeds(capture, store, count_limit=limit, seed=job.seed, share=job.recipe.seed_share, progress=report)
-
-
-def _check_output(output: Path) -> None:
-    """FrogError where no file can lie: said now, and not when hours of training are to be saved."""
-    if os.path.isdir(output):  # asks of names of any length
-        raise FrogError(f"{output}: found a folder, expected the name of a .frog file to write.")
-    if output.suffix != ".frog":
-        raise FrogError(f"{output}: found the ending {output.suffix!r}, expected a file that ends in .frog.")
-    try:
-        output.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FrogError(f"{output.parent}: the folder could not be made ({error.strerror}).") from error
-    for path in (output, checkpoint_path(output)):
-        check_writable(path)
-
-
-class _Stopped(Exception):
-    """Ends work before training at its next report."""
-
-
-def _in_background(
-    name: str, work: Callable[[Callable[[int, int], None]], Result], cancelled: Callable[[], bool]
-) -> Generator[Event, None, Result | None]:
-    """Runs ``work(report)`` in a thread, yields its reports as Stage events, returns its result (None if cancelled)."""
-    reports: queue.Queue[tuple[int, int]] = queue.Queue()
-    outcome: dict[str, Any] = {}
-    abandoned = threading.Event()
-
-    def report(done: int, total: int) -> None:
-        if abandoned.is_set() or cancelled():
-            raise _Stopped
-        reports.put((done, total))
-
-    def run() -> None:
-        try:
-            outcome["result"] = work(report)
-        except BaseException as error:
-            outcome["error"] = error
-
-    thread = threading.Thread(target=run, name=f"frog: {name}", daemon=True)
-    thread.start()
-    try:
-        while thread.is_alive() or not reports.empty():
-            try:
-                done, total = reports.get(timeout=0.1)
-            except queue.Empty:
-                continue
-            while not reports.empty():  # only the newest matters
-                done, total = reports.get_nowait()
-            yield events.Stage(name, done, total)
-    finally:  # of whoever does not listen to the end, nothing half-made is to be left
-        abandoned.set()
-        thread.join(_PATIENCE)
-    if "error" in outcome and not cancelled():
-        raise outcome["error"]
-    return None if cancelled() else outcome.get("result")
+KEPT: dict[str, Kind] = {
+    "method": Choice(tuple(METHODS)),
+    "seed": Number(0, 2**32 - 1, whole=True),
+    "scale": OrNone(Number(1e-4, 16)),
+    "holdout_frames": OrNone(Number(0, 10**6, whole=True)),
+    "pixel_offsets": OrNone(_Offsets()),
+    "lossless": Choice((True, False)),
+    "max_bytes": OrNone(Number(1, 2**50, whole=True)),
+    "steps": OrNone(Number(1, 10**12, whole=True)),
+    "seconds": OrNone(Number(1e-9, 1e12)),
+}
+"""Fields of a job that a resume takes over besides its recipe, and what a checkpoint may say of each."""

@@ -1,180 +1,174 @@
-"""The steps of a training, with what is said, saved and mended on the way."""
+"""The steps of a training, with the events, checkpoints and recoveries on the way, and the scene at the end."""
 
 from __future__ import annotations
 
+from .. import passive_threads  # noqa: F401
+
+# isort: split
 import time
 from collections.abc import Generator, Iterator
-from dataclasses import asdict
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from ...errors import FrogError, reason
 from ...io.atomic_files import write_atomically
 from ...scene.compression_report import reduction_line
-from ...scene.scene_file import SceneFile, settings_json
+from ..compression.context import CompressionContext
 from ..compression.report_image import draw_report_image
-from ..compression.schedule import CompressionFailed
+from ..compression.schedule import CompressionFailed, compression_of
 from ..optimize.running_loss import TrainingDiverged
-from ..optimize.trainer import Trainer
 from . import events
-from .cancel_token import CancelToken
 from .checkpoint import restore
 from .events import Event
-from .export import EVALUATED, build_scene, bytes_at_most, drop_broken, fit_budget
-from .fallback_save import Checkpoints, Room, save_with_fallback
+from .export import (
+    EVALUATED_SHOTS,
+    ExportReport,
+    Metrics,
+    build_scene,
+    fit_budget,
+    remove_non_finite,
+    size_limit,
+)
+from .fallback_save import Checkpoints, SpareSpace, save_with_fallback
 from .output_paths import beside
-from .preview import Previews, watched_shot
+from .preview import Previews, preview_shot
 from .recovery import Recovery
+from .session import Session
 from .time_estimate import Workload
 
-if TYPE_CHECKING:
-    from .job import TrainingJob
-
-_EVENT_SECONDS = 0.5  # between progress events
 _EVALUATIONS = 10  # over a training
-KEPT: dict[str, Any] = {
-    "method": str,
-    "seed": int,
-    "scale": int | float | None,
-    "holdout_frames": int | None,
-    "pixel_offsets": dict | None,
-    "lossless": bool,
-    "max_bytes": int | None,
-    "steps": int | None,
-    "seconds": int | float | None,
-}
-"""Fields of a job that a resume takes over besides its recipe, and what they are."""
 
 
-def train(job: TrainingJob, trainer: Trainer, scale: float, control: CancelToken) -> Iterator[Event]:
-    """Trains from where ``trainer`` stands to its end, or until ``control`` says so, and saves; see
-    ``job.run_training``."""
+def train(session: Session) -> Iterator[Event]:
+    """Trains from where the session stands to its end, or until it is cancelled, and saves; see
+    ``run.run_training``."""
+    trainer, output = session.trainer, session.output
     began = trainer.step_count
-    checkpoints, room = Checkpoints(job, began), Room(job.output, bytes_at_most(job, trainer, scale), trainer.store)
-    recovery = Recovery(trainer, _settings(job))
-    trainer.before_round = lambda: recovery.remember(trainer)
+    checkpoints = Checkpoints(session.checkpoint, began)
+    space = SpareSpace(output, size_limit(session), trainer.store)
+    recovery = Recovery(trainer, session.job.stored_settings())
+    trainer.hooks.append(recovery)
     try:
         while True:
             try:
-                yield from _steps(job, trainer, recovery, checkpoints, control)
+                yield from _steps(session, recovery, checkpoints)
                 if trainer.step_count == began and not trainer.finished:  # there is nothing new to write
-                    yield events.Cancelled(began, str(job.output) if job.output.is_file() and job.resume else None)
+                    yield events.Cancelled(began, str(output) if output.is_file() and session.job.resume else None)
                     return
-                place, scene = yield from _scene(job, trainer, scale, recovery, room)
+                report = yield from _export(session, recovery, space)
                 break
             except CompressionFailed as failed:
-                said = recovery.without_round(trainer, failed)
+                message = recovery.without_milestone(trainer, failed)
             except (TrainingDiverged, RuntimeError, MemoryError) as error:
-                said = recovery.rollback(trainer, error)
-            yield events.WarningEvent(said)
-        yield from checkpoints.save_late(recovery.state, None if trainer.finished else room)
-    except Exception:
-        checkpoints.keep(recovery.state, room)
+                message = recovery.rollback(trainer, error)
+            yield events.WarningEvent(message)
+        yield from checkpoints.save_late(recovery.last_state, None if trainer.finished else space)
+    except Exception as error:
+        checkpoints.write_emergency(recovery.last_state, space)
+        if isinstance(error, TrainingDiverged):  # after every rollback: what the user can mend
+            raise FrogError(error) from error
         raise
     finally:
-        room.give_back()
-        trainer.before_round = lambda: None  # the other one would hold on to the trainer, its frames and their lock
-    yield events.Saved(str(place))
+        space.release()
+        trainer.hooks.remove(recovery)
+    path = str(report.path)
+    yield events.Saved(path)
     if not trainer.finished:
-        yield events.Cancelled(trainer.step_count, str(place))
+        yield events.Cancelled(trainer.step_count, path)
         return
-    if trainer.compression:
-        yield from _capacity_image(place, trainer, watched_shot(trainer.capture) or 0)
-    psnr = scene.header.metrics.get("psnr")
-    yield events.Finished(str(place), trainer.step_count, trainer.seconds, psnr, trainer.count, scene.header.capacity)
+    if compression := compression_of(trainer):
+        yield from _report_image(compression, report, preview_shot(session.capture) or 0)
+    yield events.Finished(path, trainer.step_count, trainer.seconds, report.psnr, trainer.count, report.compression)
 
 
-def _steps(
-    job: TrainingJob, trainer: Trainer, recovery: Recovery, checkpoints: Checkpoints, control: CancelToken
-) -> Iterator[Event]:
-    """Trains to the end or until it is to end; then the checkpoint is as new as the training."""
+def _steps(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> Iterator[Event]:
+    """Trains to the end or until it is cancelled; then the checkpoint is as new as the training."""
+    job, trainer, cancel = session.job, session.trainer, session.cancel
     last_event = last_save = time.monotonic()
     evaluated = int(trainer.progress * _EVALUATIONS)
-    previews, work = Previews(job, control), Workload.of(trainer.capture, trainer.recipe, trainer.limits.steps)
-    while not trainer.finished and not control.ended:
-        paused = control.paused  # asked once: a pause that comes later holds the next step
-        # Before a pause, which may last for days, what was learned goes to disk.
+    previews, work = Previews(session), Workload.of(trainer.capture, trainer.recipe, trainer.limits.steps)
+    while not trainer.finished and not cancel.ended:
+        paused = cancel.paused  # asked once: a pause that comes later holds the next step
+        # A pause may last for days: before it, what was learned goes to disk.
         if trainer.step_count != checkpoints.step and (paused or time.monotonic() - last_save >= job.save_seconds):
-            yield _progress_event(trainer, work)
-            yield from _save(trainer, recovery, checkpoints)
+            yield _progress_event(session, work)
+            yield from _save(session, recovery, checkpoints)
             last_event = last_save = time.monotonic()
-        if paused and control():
+        if paused and cancel():
             break
         trainer.step()
-        yield from _reductions(trainer)
+        yield from _compression_events(session)
         now = time.monotonic()
-        if now - last_event >= _EVENT_SECONDS or trainer.finished:
+        if now - last_event >= job.event_seconds or trainer.finished:
             last_event = now
-            yield _progress_event(trainer, work)
+            yield _progress_event(session, work)
         a_tenth = int(trainer.progress * _EVALUATIONS) > evaluated and not trainer.finished
         if a_tenth:
             evaluated = int(trainer.progress * _EVALUATIONS)
-            recovery.remember(trainer)
+            recovery.snapshot(trainer)
             psnr, split = trainer.evaluate(job.evaluated_shots)
             yield events.Evaluated(trainer.step_count, psnr, split, trainer.seconds)
         if a_tenth or (previews.due and not trainer.finished):
-            yield from previews.draw(trainer)
-    if trainer.step_count == checkpoints.step:  # it knows all; before the first step there is nothing to know
-        recovery.remember(trainer)
+            yield from previews.render()
+    if trainer.step_count == checkpoints.step:  # the checkpoint is up to date, or there was no step yet
+        recovery.snapshot(trainer)
     else:
-        yield from _save(trainer, recovery, checkpoints)
+        yield from _save(session, recovery, checkpoints)
 
 
-def _save(trainer: Trainer, recovery: Recovery, checkpoints: Checkpoints) -> Iterator[Event]:
-    """Only what is good to go back to is written."""
-    recovery.remember(trainer)
-    yield from checkpoints.save(recovery.state)
+def _save(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> Iterator[Event]:
+    """Writes a checkpoint; ``snapshot`` first refuses a state that is not finite."""
+    recovery.snapshot(session.trainer)
+    yield from checkpoints.save(recovery.last_state)
 
 
-def _scene(
-    job: TrainingJob, trainer: Trainer, scale: float, recovery: Recovery, room: Room
-) -> Generator[Event, None, tuple[Path, SceneFile]]:
-    """Writes the scene; where it is, and what it holds. Nothing that may be left out can cost it."""
+def _export(session: Session, recovery: Recovery, space: SpareSpace) -> Generator[Event, None, ExportReport]:
+    """Writes the scene. Whatever optional part fails is left out with a warning."""
+    trainer, job = session.trainer, session.job
     try:
-        fit_budget(job, trainer, scale)
-    except FrogError:  # a budget that cannot be kept: the checkpoint is there for a larger one
+        fit_budget(session)
+    except (FrogError, TrainingDiverged):  # a budget that cannot be met: the checkpoint resumes with a larger one
         raise
     except Exception as error:
-        restore(trainer, recovery.state)
-        yield events.WarningEvent(f"The budget could not be kept ({reason(error)}): all Gaussians were saved.")
+        restore(trainer, recovery.last_state)
+        yield events.WarningEvent(f"The budget could not be met ({reason(error)}): all Gaussians were saved.")
     if job.max_bytes and not trainer.finished:
         yield events.WarningEvent("The budget of bytes holds for a finished training; this one was cancelled.")
-    metrics: dict[str, Any] = {}
+    metrics: Metrics = {}
     try:
-        psnr, split = trainer.evaluate(EVALUATED)
+        psnr, split = trainer.evaluate(EVALUATED_SHOTS)
         metrics = {"psnr": psnr, "split": split}
         yield events.Evaluated(trainer.step_count, psnr, split, trainer.seconds)
     except Exception as error:
-        yield events.WarningEvent(f"How good the scene is could not be measured ({reason(error)}).")
-    drop_broken(trainer)
-    built = build_scene(job, trainer, scale, metrics)
-    if built.said:
-        yield events.WarningEvent(built.said)
-    place = yield from save_with_fallback(job.output, built.content, room)
-    return place, built.scene
+        yield events.WarningEvent(f"The scene's quality could not be measured ({reason(error)}).")
+    remove_non_finite(session.trainer.gaussians)
+    built = build_scene(session, metrics)
+    if built.warning:
+        yield events.WarningEvent(built.warning)
+    return built.report((yield from save_with_fallback(session.output, built.content, space)))
 
 
-def _capacity_image(scene: Path, trainer: Trainer, shot: int) -> Iterator[Event]:
-    """Beside the scene, for people; what cannot be drawn or written costs nothing else."""
+def _report_image(compression: CompressionContext, report: ExportReport, shot: int) -> Iterator[Event]:
+    """An image of the compression beside the scene; a failure costs only the image."""
     import cv2
 
-    path = beside(scene.with_suffix(""), ".capacity.png")
+    path = beside(report.path.with_suffix(""), ".capacity.png")
     try:
-        image = draw_report_image(trainer, shot)
+        image = draw_report_image(compression, shot)
         write_atomically(path, cv2.imencode(".png", image[:, :, ::-1])[1].tobytes())
     except Exception as error:
-        yield events.WarningEvent(f"There is no image of what moves and what rests ({reason(error)}).")
+        yield events.WarningEvent(f"The image of static and dynamic Gaussians could not be made ({reason(error)}).")
         return
     yield events.CompressionPreview(str(path), image)
 
 
-def _reductions(trainer: Trainer) -> Iterator[Event]:
-    """What the last step's round did, if it was one."""
-    for reduction in trainer.compression.news() if trainer.compression else ():
-        yield events.Reduced(trainer.step_count, reduction_line(asdict(reduction)))
+def _compression_events(session: Session) -> Iterator[Event]:
+    """What the last step's compression did, if any was due."""
+    compression = compression_of(session.trainer)
+    for step in compression.record.new_steps() if compression else ():
+        yield events.Reduced(session.trainer.step_count, reduction_line(step.to_json()))
 
 
-def _progress_event(trainer: Trainer, work: Workload) -> events.Progress:
+def _progress_event(session: Session, work: Workload) -> events.Progress:
+    trainer = session.trainer
     share = max(trainer.progress, 1e-9)
     # Late steps are dearer than early ones, unless the training is limited by time itself.
     done = share if trainer.limits.seconds else work.share_done(share)
@@ -185,11 +179,5 @@ def _progress_event(trainer: Trainer, work: Workload) -> events.Progress:
         trainer.seconds * (1 - done) / done,
         trainer.loss,
         trainer.count,
-        trainer.model.canonical.num_dynamic,
+        trainer.gaussians.num_dynamic,
     )
-
-
-def _settings(job: TrainingJob) -> dict[str, Any]:
-    """What a resume takes over from this job, and whose it is."""
-    settings = {name: getattr(job, name) for name in KEPT}
-    return {**settings, "recipe": settings_json(job.recipe), "capture": str(Path(job.capture).resolve())}

@@ -1,7 +1,7 @@
-"""One training at a time writes a scene: a second one is told who does, in this process or another.
+"""Locks a scene's path, so that one training at a time writes it, in this process or another.
 
-The operating system holds the lock and lets go of it when the process ends, however it ends. Its file lies in the
-user's cache folder, so that beside the scene nothing is left.
+The operating system holds the lock and releases it when the process ends, however it ends. The lock file lies in the
+user's cache folder, so that nothing is left beside the scene.
 """
 
 from __future__ import annotations
@@ -21,30 +21,30 @@ try:
 except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
-_BEHIND = 1 << 30  # the byte that Windows locks; nobody could read the others if they were locked
+_LOCKED_BYTE = 1 << 30  # on Windows, where locked bytes cannot be read: it lies behind the content
 
 
 @contextmanager
-def claimed(output: Path) -> Iterator[None]:
-    """Inside the block ``output`` is this training's.
-
-    A computer that keeps no locks is no reason not to train.
+def lock_output(output: Path) -> Iterator[None]:
+    """Holds the lock of ``output`` inside the block. Where the system has no locks, nothing is locked.
 
     Raises:
-        FrogError: another training writes it.
+        FrogError: another training holds it.
     """
     path = _lock_path(output)
     try:
-        file = _own(path)
+        file = _acquire(path)
     except BlockingIOError as error:
-        raise FrogError(f"{output}: another training{error} writes it: wait for it, or choose another name.") from None
+        raise FrogError(
+            f"{output}: another training{error} writes this file: wait for it, or choose another name."
+        ) from None
     except OSError:
         yield
         return
     try:
         yield
     finally:
-        if os.name == "posix":  # while it is locked: later it may be another training's
+        if os.name == "posix":  # before it is released, after which it may be another training's
             _remove(path)
         file.close()
         if os.name != "posix":  # where no open file can be removed
@@ -57,14 +57,14 @@ def _lock_path(output: Path) -> Path:
     return default_cache_folder() / f"{name}.lock"
 
 
-def _own(path: Path) -> BinaryIO:
-    """The file at ``path``, locked; BlockingIOError, which says by whom, where somebody else has locked it."""
+def _acquire(path: Path) -> BinaryIO:
+    """The file at ``path``, locked; BlockingIOError, which names the owner, where another process has locked it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     while True:
         file = path.open("a+b")
         try:
-            if not _locked(file):
-                raise BlockingIOError(_who(file))
+            if not _try_lock(file):
+                raise BlockingIOError(_owner(file))
             if path.exists() and os.path.samestat(path.stat(), os.fstat(file.fileno())):
                 file.truncate(0)
                 file.write(str(os.getpid()).encode())
@@ -73,7 +73,7 @@ def _own(path: Path) -> BinaryIO:
         except BaseException:
             file.close()
             raise
-        file.close()  # who had it before has removed it meanwhile
+        file.close()  # its former owner has removed it meanwhile
 
 
 def _remove(path: Path) -> None:
@@ -81,15 +81,15 @@ def _remove(path: Path) -> None:
         path.unlink()
 
 
-def _locked(file: BinaryIO) -> bool:
-    """False when somebody else holds the lock of the file."""
+def _try_lock(file: BinaryIO) -> bool:
+    """Locks the file; False when another process holds its lock."""
     try:
         if fcntl is not None:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         else:
             import msvcrt
 
-            file.seek(_BEHIND)
+            file.seek(_LOCKED_BYTE)
             msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
     except (BlockingIOError, PermissionError):
         return False
@@ -98,7 +98,8 @@ def _locked(file: BinaryIO) -> bool:
     return True
 
 
-def _who(file: BinaryIO) -> str:
+def _owner(file: BinaryIO) -> str:
+    """The process that holds the lock, in brackets; empty where the file does not say."""
     with suppress(OSError, ValueError):
         file.seek(0)
         return f" (process {int(file.read(20))})"

@@ -1,5 +1,4 @@
-"""A training that comes to numbers that are none, or to the end of the memory, goes back to where all was well: on with
-smaller steps, or with fewer Gaussians."""
+"""Rollback of a training that diverges, with smaller steps, or that runs out of memory, with fewer Gaussians."""
 
 from __future__ import annotations
 
@@ -10,88 +9,87 @@ import torch
 
 from ...errors import FrogError, reason
 from ..compression.schedule import CompressionFailed
-from ..optimize.gaussian_order import arrange
+from ..optimize.hooks import Hook, Training
 from ..optimize.running_loss import TrainingDiverged
-from ..optimize.trainer import Trainer
 from .checkpoint import State, restore, state_of
 
 _ATTEMPTS = 3
 _SLOWER = 0.5
-_KEPT_GAUSSIANS = 0.75  # of those there were when the memory ended
+_KEPT_GAUSSIANS = 0.75  # of those there were when memory ran out
 
 
-class Recovery:
-    """The last good state of a training, in memory.
+class Recovery(Hook):
+    """The last good state of a training, in memory. As a hook it takes a snapshot before each milestone.
 
     Attributes:
-        state: as ``restore`` takes it.
+        last_state: as ``restore`` takes it.
 
     Args:
-        trainer: at its first step, or resumed.
+        training: at its first step, or resumed.
         settings: of the job, see ``state_of``.
     """
 
-    def __init__(self, trainer: Trainer, settings: dict[str, Any] | None = None) -> None:
+    def __init__(self, training: Training, settings: dict[str, Any] | None = None) -> None:
         self._left, self._settings = _ATTEMPTS, settings
-        self.remember(trainer)
+        self.snapshot(training)
 
-    def remember(self, trainer: Trainer) -> None:
+    def snapshot(self, training: Training) -> None:
         """Call it now and then, and before a state is written. Raises TrainingDiverged for a non-finite state."""
-        trainer.check()
-        self.state: State = state_of(trainer, self._settings)
+        training.check()
+        self.last_state: State = state_of(training, self._settings)
 
-    def rollback(self, trainer: Trainer, error: Exception) -> str:
-        """Restores the remembered state, mends what went wrong and says so.
+    def before_milestone(self, training: Training) -> None:
+        """See Hook."""
+        self.snapshot(training)
 
-        Raises ``error`` where nothing can be mended, and after several times; a FrogError where the memory stays short.
+    def rollback(self, training: Training, error: Exception) -> str:
+        """Restores the snapshot, lowers the step size or the limit of Gaussians, and says so.
+
+        Raises ``error`` where neither helps, and after several times; a FrogError where memory stays short.
         """
         short = is_out_of_memory(error)
         if not (short or isinstance(error, TrainingDiverged)):
             raise error
         if not self._left:
-            raise FrogError("The memory stays too short for this training: try a smaller scale.") if short else error
+            raise FrogError("Not enough memory for this training: try a smaller scale.") if short else error
         self._left -= 1
-        count = trainer.count
+        count = training.gaussians.count
         error.__traceback__ = None  # it holds on to what the step had allocated
-        restore(trainer, self.state)
-        return self._with_fewer(trainer, count) if short else self._with_smaller_steps(trainer, error)
+        restore(training, self.last_state)
+        return self._with_fewer(training, count) if short else self._with_smaller_steps(training, error)
 
-    def without_round(self, trainer: Trainer, failed: CompressionFailed) -> str:
-        """Restores what was remembered before a round that failed (``remember`` is its trainer's ``before_round``) and
-        says so. Where the memory ended in the middle of a training, see ``rollback``: its steps will need as much."""
+    def without_milestone(self, training: Training, failed: CompressionFailed) -> str:
+        """Restores the snapshot from before a milestone that failed, and says so. Where memory ran out in the middle of
+        a training, see ``rollback``: its steps will need as much."""
         error = failed.error
-        if is_out_of_memory(error) and not trainer.finished:
-            return self.rollback(trainer, error)
+        if is_out_of_memory(error) and training.progress < 1:
+            return self.rollback(training, error)
         error.__traceback__ = failed.__traceback__ = None
-        restore(trainer, self.state)
+        restore(training, self.last_state)
         gc.collect()
-        return (
-            f"Leaving out what the scene does not need failed ({reason(error)}): "
-            f"nothing was left out at {100 * trainer.progress:.0f} %."
-        )
+        return f"Compression at {100 * training.progress:.0f} % failed ({reason(error)}). Continuing without it."
 
-    def _with_smaller_steps(self, trainer: Trainer, error: Exception) -> str:
-        trainer.optimizer.rate_factor *= _SLOWER
-        self.state[1]["rate_factor"] = trainer.optimizer.rate_factor
-        return f"{error} It goes on from step {trainer.step_count} with steps of half the size."
+    def _with_smaller_steps(self, training: Training, error: Exception) -> str:
+        training.gaussians.optimizer.rate_factor *= _SLOWER
+        self.last_state[1]["rate_factor"] = training.gaussians.optimizer.rate_factor
+        return f"{error} Continuing from step {training.step_count:,} with steps of half the size."
 
-    def _with_fewer(self, trainer: Trainer, count: int) -> str:
-        """The most opaque Gaussians stay, and no more than these may come: the memory ended at ``count``."""
+    def _with_fewer(self, training: Training, count: int) -> str:
+        """After running out of memory with ``count`` Gaussians: keeps the most opaque ones and lowers the limit."""
         limit = max(1, int(_KEPT_GAUSSIANS * count))
-        trainer.limit_gaussians(limit)
-        if trainer.count > limit:
-            canonical = trainer.model.canonical
-            kept = canonical.opacity_logits.detach().topk(limit).indices.sort().values
-            arrange(trainer, kept, kept[kept < canonical.num_dynamic])
+        training.limit_gaussians(limit)
+        gaussians = training.gaussians
+        if gaussians.count > limit:
+            gaussians.keep(gaussians.canonical.opacity_logits.detach().topk(limit).indices.sort().values)
         gc.collect()
-        if trainer.device.type == "cuda":
+        if gaussians.device.type == "cuda":
             torch.cuda.empty_cache()
         if self._settings is not None:
             self._settings["recipe"]["max_gaussians"] = limit
-        self.state = state_of(trainer, self._settings)
+        self.last_state = state_of(training, self._settings)
         return (
-            f"The memory did not suffice for {count:,} Gaussians. "
-            f"It goes on from step {trainer.step_count} with at most {limit:,}."
+            f"Out of memory at {count:,} Gaussians. "
+            f"Continuing from step {training.step_count:,} with at most {limit:,}."
         )
 
 

@@ -15,7 +15,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -28,9 +28,7 @@ from ...native import binding
 from ..recipe import Recipe
 from . import events
 from .events import Event
-
-if TYPE_CHECKING:
-    from .job import TrainingJob
+from .job import TrainingJob
 
 LARGEST_SIDE = 1600  # pixels, to which images are shrunk unless told otherwise
 MODEL = 1  # raise it when the model of a step's cost changes: what was remembered no longer fits then

@@ -1,0 +1,266 @@
+"""What compression passes share: the training, the validation images, the views that they measure on, and the log."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+import torch
+
+from ...capture.capture import Capture
+from ...capture.time import frame_to_time
+from ...rasterizer import GaussianArrays
+from ...scene.compression_report import StepKind, reduction_line
+from ..optimize.gaussian_state import Reindexing
+from ..optimize.hooks import Training, gaussians_at
+from ..optimize.stateful import Tensors, Values, expect
+from .sensitivity import MOTION_ARRAYS, Motion, SampledView, Sensitivity, mean_state, measure, sample_views
+from .settings import DEFAULT, CompressionSettings
+from .validation import ValidationEvaluator, largest_count_within, validation_shots
+
+Change = Callable[[str, torch.Tensor], torch.Tensor]
+"""What stands in place of a model's tensor, by its name."""
+
+
+@dataclass(frozen=True)
+class CompressionStep:
+    """What one pass did.
+
+    Attributes:
+        what: the kind of step.
+        progress: of the training, 0 to 1.
+        before, after: of what ``what.unit`` says.
+        loss: dB that it cost on the validation images before training went on; None where nothing was measured.
+        milliseconds: that it saves a frame: of drawing, or of deformation.
+        bytes: that it saves, of numbers as training has them.
+    """
+
+    what: StepKind
+    progress: float
+    before: int
+    after: int
+    loss: float | None = None
+    milliseconds: float = 0.0
+    bytes: int = 0
+
+    @classmethod
+    def from_json(cls, values: dict[str, Any]) -> CompressionStep:
+        """What ``to_json`` gave; TypeError or ValueError for other values. Any: JSON's values."""
+        reduction_line(values)  # said to people at the end
+        return cls(**{**values, "what": StepKind(values["what"])})
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values. Any: JSON's values."""
+        return {**asdict(self), "what": self.what.value}
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """Something that can be taken from a model, in an order in which it is missed least first.
+
+    Attributes:
+        kind: for the log.
+        apply: takes the first so many.
+        count: of what ``kind.unit`` says, as the model stands.
+        loss: dB that taking the first so many costs; None for what is not judged.
+        expected: (candidates,) about that loss for the first one, the first two and so on, ascending.
+        allowed: dB.
+        forced: so many are taken whatever they cost.
+        work: what becomes faster by it.
+    """
+
+    kind: StepKind
+    apply: Callable[[int], None]
+    count: Callable[[], int]
+    loss: Callable[[int], float] | None = None
+    expected: np.ndarray = field(default_factory=lambda: np.zeros(1))
+    allowed: float = 0.0
+    forced: int = 0
+    work: Callable[[], object] | None = None
+
+
+class CompressionRecord:
+    """What compression remembers of one training.
+
+    Args:
+        capture: what is trained on.
+        seed: the training's; a resumed training finds the same images and views.
+        settings: how many images stand in for validation images.
+
+    Attributes:
+        seed: the same.
+        withheld: validation shots, which are not learned from for a while.
+        judged, learned: shots that proposals are judged on, and that views are sampled from.
+        log: steps so far.
+        removed: (n, 3) canonical means of the Gaussians that were pruned.
+        motion: of the dynamic Gaussians, as measured when pruning: what moves least then does so at the end, too. None
+            where it was not measured.
+        mean_state: how the dynamic Gaussians look on average (see ``Sensitivity.state``), during a milestone.
+    """
+
+    def __init__(self, capture: Capture, seed: int, settings: CompressionSettings) -> None:
+        self._capture, self._settings = capture, settings
+        self._seed_with(seed)
+        self.log: list[CompressionStep] = []
+        self._told = 0
+        self.removed = np.empty((0, 3), np.float32)
+        self.motion: Motion | None = None
+        self.mean_state: Tensors = {}
+
+    def _seed_with(self, seed: int) -> None:
+        self.seed = seed
+        self.withheld = validation_shots(self._capture, seed)
+        training = self._capture.train_indices
+        step = max(1, len(training) // self._settings.num_training_views)
+        self.judged = self.withheld or tuple(training[::step])
+        self.learned = [i for i in training if i not in self.withheld]
+
+    def generator(self, number: int) -> torch.Generator:
+        """A milestone's own, so that a resumed training draws what an undisturbed one does."""
+        return torch.Generator("cpu").manual_seed(1000 * self.seed + number)
+
+    def new_steps(self) -> list[CompressionStep]:
+        """The steps since this was called last."""
+        new, self._told = self.log[self._told :], len(self.log)
+        return new
+
+    def reindex(self, change: Reindexing) -> None:
+        """See RowFollower. What was measured is void where static Gaussians become dynamic."""
+        known = bool((change.dynamic < change.num_dynamic).all())
+        self.motion = self.motion.select(change.dynamic) if self.motion and known else None
+        self.mean_state = {name: values[change.dynamic] for name, values in self.mean_state.items()} if known else {}
+
+    def state(self) -> tuple[Tensors, Values]:
+        """See Stateful."""
+        tensors = {"removed": torch.from_numpy(self.removed)}
+        if self.motion:
+            tensors |= {f"motion.{name}": getattr(self.motion, name) for name in MOTION_ARRAYS}
+        return tensors, {"parsimony": {"seed": self.seed, "reductions": [step.to_json() for step in self.log]}}
+
+    def load_state(self, tensors: Tensors, values: Values, num_dynamic: int, device: torch.device) -> None:
+        """See Stateful; of a scene with so many dynamic Gaussians."""
+        stored, removed = values["parsimony"], tensors["removed"]
+        log = [CompressionStep.from_json(each) for each in stored["reductions"]]
+        expect("removed", removed, (len(removed), 3))
+        torch.Generator("cpu").manual_seed(1000 * stored["seed"])  # as every milestone will
+        self._seed_with(stored["seed"])
+        self.removed, self.motion = removed.numpy(), None
+        if "motion.score" in tensors:
+            arrays = [expect(name, tensors[f"motion.{name}"], (num_dynamic,)) for name in MOTION_ARRAYS]
+            self.motion = Motion(*(array.to(device) for array in arrays))
+        self.log, self._told = log, len(log)
+
+
+@dataclass(frozen=True)
+class CompressionContext:
+    """What a pass needs: it measures by sampled views, is judged by validation images, and is logged.
+
+    Attributes:
+        training: as it stands.
+        record: what is remembered.
+        settings: thresholds.
+    """
+
+    training: Training
+    record: CompressionRecord
+    settings: CompressionSettings = DEFAULT
+
+    @property
+    def num_dynamic(self) -> int:
+        """Dynamic Gaussians."""
+        return self.training.gaussians.num_dynamic
+
+    def gaussians_at(self, time: float) -> GaussianArrays:
+        """All Gaussians at a time in [0, 1]."""
+        return gaussians_at(self.training, time)
+
+    def sample_views(self, generator: torch.Generator, count: int | None = None) -> list[SampledView]:
+        """Views near the images that are learned from."""
+        count = self.settings.num_sensitivity_views if count is None else count
+        return sample_views(self.training.capture, self.record.learned, count, generator)
+
+    def measure(self, views: Sequence[SampledView], generator: torch.Generator) -> Sensitivity:
+        """Of the Gaussians as they stand."""
+        return measure(self.gaussians_at, self.num_dynamic, self.training.capture, views, generator)
+
+    def mean_dynamic_state(self, views: Sequence[SampledView]) -> Tensors:
+        """How the dynamic Gaussians look on average over the views, see ``Sensitivity.state``."""
+        return {name: values[: self.num_dynamic] for name, values in mean_state(self.gaussians_at, views).items()}
+
+    def evaluator(
+        self, most: int | None = None, played: Callable[[float], GaussianArrays] | None = None
+    ) -> ValidationEvaluator:
+        """Of the Gaussians as they stand, or as they are ``played`` at a time; on ``most`` images at most."""
+        capture = self.training.capture
+
+        def gaussians_of(shot: int) -> GaussianArrays:
+            return (played or self.gaussians_at)(frame_to_time(capture.shots[shot].frame, capture.frame_count))
+
+        return ValidationEvaluator(capture, self.training.store, self.record.judged[:most], gaussians_of)
+
+    def psnr_with(self, change: Change, most: int | None = None) -> float:
+        """On the validation images, ``most`` of them at most, with ``change(name, value)`` in place of the model's
+        tensors."""
+        model = self.training.gaussians.model
+        kept = {name: value.clone() for name, value in model.state_dict().items()}
+        model.load_state_dict({name: change(name, value) for name, value in kept.items()})
+        changed = self.evaluator(most).now
+        model.load_state_dict(kept)
+        return changed
+
+    def compress(self, evaluator: ValidationEvaluator, proposals: Iterable[Proposal]) -> None:
+        """Takes as much of each proposal as the validation images allow, or as is forced, and logs it."""
+        for proposal in proposals:
+            number, loss = 0, None
+            if proposal.loss:
+                number, loss = largest_count_within(proposal.loss, proposal.expected, proposal.allowed)
+            if proposal.forced > number:
+                number, loss = proposal.forced, proposal.loss(proposal.forced) if proposal.loss else None
+            if not number:
+                continue
+            with self._logged(proposal, loss):
+                proposal.apply(number)
+            if loss is not None:
+                evaluator.accept(loss)
+
+    @contextmanager
+    def _logged(self, proposal: Proposal, loss: float | None) -> Iterator[None]:
+        """Logs what is done inside, and how much faster ``proposal.work`` becomes."""
+        before, size, seconds = proposal.count(), self._size(), _median_seconds(proposal.work)
+        yield
+        milliseconds, saved = 1e3 * (seconds - _median_seconds(proposal.work)), size - self._size()
+        self.add_step(proposal.kind, before, proposal.count(), loss, milliseconds=milliseconds, saved=saved)
+
+    def add_step(
+        self,
+        kind: StepKind,
+        before: int,
+        after: int,
+        loss: float | None = None,
+        *,
+        milliseconds: float = 0.0,
+        saved: int = 0,
+    ) -> None:
+        """Adds a step to the log; ``saved`` bytes."""
+        step = CompressionStep(kind, self.training.progress, before, after, loss, milliseconds, saved)
+        self.record.log.append(step)
+
+    def _size(self) -> int:
+        return sum(parameter.nbytes for parameter in self.training.gaussians.model.parameters())
+
+
+def _median_seconds(work: Callable[[], object] | None, times: int = 3) -> float:
+    if work is None:
+        return 0.0
+    seconds = []
+    for _ in range(times):
+        started = time.perf_counter()
+        work()
+        if torch.cuda.is_available():
+            torch.cuda.synchronize()
+        seconds.append(time.perf_counter() - started)
+    return float(np.median(seconds))

@@ -1,0 +1,34 @@
+"""What a part of a training gives to a checkpoint and takes back from one.
+
+What comes back is checked before it is taken over: native code only sees addresses.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import torch
+
+Tensors = dict[str, torch.Tensor]
+"""Arrays by their names in a checkpoint."""
+Values = dict[str, Any]  # Any: JSON's values
+"""Plain values by their names in a checkpoint."""
+
+
+class Stateful(Protocol):
+    """A part of a training that a checkpoint holds. The names of what it gives are its own alone."""
+
+    def state(self) -> tuple[Tensors, Values]:
+        """What ``load_state`` needs; nothing of it is a copy."""
+        ...
+
+    def load_state(self, tensors: Tensors, values: Values) -> None:
+        """Takes its own out of all that a checkpoint holds, on the CPU. Any exception for what does not fit."""
+        ...
+
+
+def expect(name: str, found: torch.Tensor, shape: tuple[int, ...], dtype: torch.dtype = torch.float32) -> torch.Tensor:
+    """``found`` itself; ValueError unless it has this shape and type."""
+    if found.shape != shape or found.dtype != dtype:
+        raise ValueError(f"{name} is {found.dtype} of {tuple(found.shape)} instead of {dtype} of {tuple(shape)}")
+    return found

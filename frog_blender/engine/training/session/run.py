@@ -1,0 +1,153 @@
+"""A training from the capture's folder to the scene's file, as a stream of events for any front end."""
+
+from __future__ import annotations
+
+from .. import passive_threads  # noqa: F401
+
+# isort: split
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from ...capture.capture import Capture
+from ...capture.frames import FrameStore
+from ...capture.readers import open_capture
+from ...capture.seed_store import stored_seeds
+from ...capture.seeds import Seeds
+from ...errors import FrogError
+from ...io.atomic_files import check_writable, remove_partial_files
+from ...memory import gc_frozen
+from ..build import build_trainer
+from ..methods import method_named
+from ..optimize.device import choose_device
+from ..optimize.initialization import doubt_of_scale
+from ..optimize.trainer import Limits
+from . import events
+from .background_work import in_background
+from .cancel_token import CancelToken
+from .checkpoint import load_checkpoint
+from .events import Event
+from .export import check_budget, check_readable
+from .job import TrainingJob
+from .loop import train
+from .output_lock import lock_output
+from .output_paths import check_unused, checkpoint_path
+from .resume import restore_job
+from .session import Session
+from .time_estimate import pixels_of, usual_scale
+
+
+def prepare_capture(
+    path: Path,
+    scale: float | None,
+    holdout_frames: int | None,
+    pixel_offsets: dict[str, tuple[float, float]] | None,
+    opened: Capture | None = None,
+) -> tuple[Capture, float]:
+    """The capture as it will be trained on or evaluated, and the scale that was used.
+
+    Args:
+        opened: the capture itself, instead of what the folder holds.
+    """
+    capture = opened if opened is not None else open_capture(Path(path), pixel_offsets=pixel_offsets)
+    if scale is None:
+        scale = usual_scale(capture.cameras)
+    if scale != 1.0:
+        capture = capture.scaled(scale)
+    if holdout_frames is not None:
+        capture = capture.with_holdout(holdout_frames)
+    return capture, scale
+
+
+def run_training(job: TrainingJob, cancelled: Callable[[], bool] = lambda: False) -> Iterator[Event]:
+    """Trains, yielding events; the last is Finished or Cancelled.
+
+    Cancelling keeps what was learned: a scene that plays and a checkpoint to resume from.
+
+    Args:
+        cancelled: asked between steps; a ``CancelToken`` can pause as well.
+
+    Raises:
+        FrogError: for what the user can mend.
+    """
+    _check_output(job.output)
+    with lock_output(job.output):
+        yield from _run(job, CancelToken.of(cancelled))
+
+
+def _run(job: TrainingJob, cancel: CancelToken) -> Iterator[Event]:
+    """``run_training`` while the output is locked."""
+    if not (job.overwrite or job.resume):
+        check_unused(job.output)
+    for path in (job.output, checkpoint_path(job.output)):
+        remove_partial_files(path)
+    if job.resume:  # a checkpoint that does not fit is refused before minutes of decoding
+        job, message = restore_job(job)
+        if message:
+            yield events.WarningEvent(message)
+    adapted = method_named(job.method).adapt(job.recipe)
+    if job.max_bytes and (adapted.capacity != "auto" or job.lossless):
+        raise FrogError("A budget of bytes needs FRoG with automatic capacity, and a file that may be packed.")
+    capture, scale = prepare_capture(job.capture, job.scale, job.holdout_frames, job.pixel_offsets, job.opened)
+    device, fallback = choose_device(job.device)
+    for warning in (*capture.warnings, *([fallback] if fallback else [])):
+        yield events.WarningEvent(warning)
+    if cancel():
+        yield events.Cancelled(0, None)
+        return
+    store = yield from in_background(
+        "Decoding frames", lambda report: FrameStore.open(capture, progress=report, cancelled=cancel), cancel
+    )
+    seeds = None
+    if store is not None:
+        seeds = yield from in_background(
+            "Finding seed points", lambda report: _seeds(job, capture, store, report), cancel
+        )
+    if store is None or seeds is None:
+        yield events.Cancelled(0, None)
+        return
+    limits = Limits(job.steps or (None if job.seconds else job.recipe.steps_for(capture.frame_count)), job.seconds)
+    trainer = build_trainer(
+        capture,
+        store,
+        seeds,
+        job.recipe,
+        job.method,
+        limits,
+        seed=job.seed,
+        device=device,
+        compression=job.compression,
+    )
+    if job.resume:
+        load_checkpoint(checkpoint_path(job.output), trainer)
+    session = Session(job, trainer, scale, cancel)
+    check_readable(session)
+    for doubt in (doubt_of_scale(trainer.scene_scale), check_budget(session)):
+        if doubt:
+            yield events.WarningEvent(doubt)
+    counts = (len(capture.cameras), capture.frame_count, trainer.count)
+    pixels = round(pixels_of(capture.cameras))
+    yield events.Started(job.method, limits.steps, *counts, device.type, pixels)
+    with gc_frozen():
+        yield from train(session)
+
+
+def _seeds(job: TrainingJob, capture: Capture, store: FrameStore, report: Callable[[int, int], None]) -> Seeds:
+    if job.seeds is not None:
+        return job.seeds
+    limit = min(job.recipe.seed_gaussians, job.recipe.max_gaussians)
+    return stored_seeds(capture, store, count_limit=limit, seed=job.seed, share=job.recipe.seed_share, progress=report)
+
+
+def _check_output(output: Path) -> None:
+    """FrogError where no file can lie: now, rather than when hours of training are to be saved."""
+    if os.path.isdir(output):  # takes names of any length
+        raise FrogError(f"{output}: found a folder, expected the name of a .frog file to write.")
+    if output.suffix != ".frog":
+        raise FrogError(f"{output}: found the ending {output.suffix!r}, expected a file that ends in .frog.")
+    try:
+        output.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FrogError(f"{output.parent}: the folder could not be made ({error.strerror}).") from error
+    for path in (output, checkpoint_path(output)):
+        check_writable(path)
