@@ -6,9 +6,9 @@ One JSON line for each network (the recipes' shared hidden layer of 64, with mod
 heads of 128; one network as in FRoG, two as in E-D3DGS), number of Gaussians and path: seconds (median and best), and
 what they cannot be less than: the arithmetic at the machine's measured peak, and the bytes that must be moved at its
 measured bandwidth (which binds only what is larger than the caches). The paths of a network take turns, so that they
-find little of their own in the caches, and so do one network and two after a few moments each, so that what else the
+find little of their own in the caches, and so do one network and two after a few times each, so that what else the
 machine does meets all of them alike. With ``--cold`` none of them finds anything in the caches, as in a training, whose
-steps touch as much, and in a film of which every frame is drawn: each core writes 64 MB before. With ``--apart`` each
+steps touch as much, and in a video whose every frame is drawn: each core writes 64 MB before. With ``--apart`` each
 path is timed for itself, one call after the other, and finds what fits into the caches there.
 """
 
@@ -35,7 +35,7 @@ from frog_blender.engine.model.frog import FINISHED, Frog, FrogSettings
 from frog_blender.engine.model.fused import FieldPass, field_arrays, forward_field
 from frog_blender.engine.native import binding
 from frog_blender.engine.playback.deformation import DeformationPlayer
-from frog_blender.experiments.timing import moments
+from frog_blender.experiments.timing import spread_times
 
 NETWORKS: dict[str, dict[str, Any]] = {
     "shared 64": {"hidden_width": 64, "head_width": 0, "deformed_sh": 1},
@@ -46,7 +46,7 @@ FUSIONS = {1: "product", 2: "dual"}
 OUTPUTS = ("means", "quaternions", "scales", "opacities", "sh")
 EMBEDDING, SH_COUNT = 32, 4
 _DISPLACING = 1 << 24  # floats, 64 MB
-_ROUND, _WARM_UP = 5, 2  # moments
+_ROUND, _WARM_UP = 5, 2  # times
 _LONGEST = 20.0  # seconds that one network and number of Gaussians may take beyond a round
 Way = tuple[str, int]
 """A path, and of how many networks."""
@@ -78,21 +78,21 @@ def paths_of(model: Frog, plain: bool) -> dict[str, Callable[[float], object]]:
     like = vars(model.deform(0.5, FINISHED, SH_COUNT)[0])
     by_outputs = {name: torch.ones_like(like[name]) for name in OUTPUTS}  # in a step the rasterizer's
 
-    def forward(moment: float) -> tuple[dict[str, torch.Tensor], FieldPass]:
-        arrays = field_arrays(model.canonical, model.deformation, model.temporal_embedding(moment))
+    def forward(time: float) -> tuple[dict[str, torch.Tensor], FieldPass]:
+        arrays = field_arrays(model.canonical, model.deformation, model.temporal_embedding(time))
         return arrays, forward_field(shape, arrays)[0]
 
-    def both_ways(moment: float) -> dict[str, torch.Tensor]:
-        arrays, field = forward(moment)
+    def both_ways(time: float) -> dict[str, torch.Tensor]:
+        arrays, field = forward(time)
         gradients = field.backward(by_outputs)
         arrays["temporal"].backward(gradients.pop("temporal"))
         return gradients
 
-    def deform_reference(moment: float) -> Any:
-        return model.deform_reference(model.temporal_embedding(moment), FINISHED, SH_COUNT)[0]
+    def deform_reference(time: float) -> Any:
+        return model.deform_reference(model.temporal_embedding(time), FINISHED, SH_COUNT)[0]
 
-    def plainly_both_ways(moment: float) -> None:
-        outputs = vars(deform_reference(moment))
+    def plainly_both_ways(time: float) -> None:
+        outputs = vars(deform_reference(time))
         torch.autograd.backward([outputs[name] for name in OUTPUTS], list(by_outputs.values()))
         model.zero_grad(set_to_none=True)
 
@@ -139,12 +139,12 @@ def timed(
     """Seconds of each path at each of the times but the first few, which warm up; ``displacing`` (threads, N) takes the
     caches of as many cores before each."""
     seconds: dict[Way, list[float]] = {way: [] for way in paths}
-    for moment in times:
+    for frame_time in times:
         for way, run in paths.items():
             if displacing is not None:
                 displace(displacing)
             started = time.perf_counter()
-            result = run(moment)
+            result = run(frame_time)
             seconds[way].append(time.perf_counter() - started)
             del result
     return {way: taken[_WARM_UP:] for way, taken in seconds.items()}
@@ -153,11 +153,11 @@ def timed(
 def in_rounds(
     groups: list[dict[Way, Callable[[float], object]]], repeats: int, displacing: np.ndarray | None = None
 ) -> dict[Way, list[float]]:
-    """The same at ``repeats`` moments, no moment twice, a few of each group of paths in turn; fewer where that takes
+    """The same at ``repeats`` times, none twice, a few of each group of paths in turn; fewer where that takes
     long."""
     seconds: dict[Way, list[float]] = {way: [] for group in groups for way in group}
     began = time.perf_counter()
-    times = iter(moments(repeats + _WARM_UP * math.ceil(repeats / _ROUND)))
+    times = iter(spread_times(repeats + _WARM_UP * math.ceil(repeats / _ROUND)))
     while some := list(itertools.islice(times, _WARM_UP + _ROUND)):
         for group in groups:
             for way, taken in timed(group, some, displacing).items():

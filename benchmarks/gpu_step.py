@@ -55,7 +55,7 @@ class Images:
 
 
 def generated(name: str, device: str) -> tuple[Capture, Any, Seeds]:
-    """A benchmark scene whose shell swings to and fro, as CAMERAS cameras see it at FRAMES moments."""
+    """A benchmark scene whose shell swings to and fro, as CAMERAS cameras see it at FRAMES frames."""
     scene = raster_scenes.generate(raster_scenes.RECIPES[name])
     g = scene.gaussians
     tensors = [torch.tensor(array, device=device) for array in (g.means, g.quaternions, g.scales, g.opacities, g.sh)]

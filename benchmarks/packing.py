@@ -99,7 +99,7 @@ def compared(path: Path, truth: np.ndarray) -> dict[str, float]:
 
 
 def images(path: Path) -> np.ndarray:
-    """(P, 3) uint8: the pixels that three of the cameras see at three moments."""
+    """(P, 3) uint8: the pixels that three of the cameras see at three frames."""
     scene = ScenePlayer.load(path)
     cameras, frames = scene.header.cameras, scene.header.frame_count
     views = [(cameras[i * (len(cameras) - 1) // 2], i * (frames - 1) / 2) for i in range(3)]

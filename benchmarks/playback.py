@@ -2,7 +2,7 @@
 
     python benchmarks/playback.py FIXED.frog AUTO.frog... [--threads 2] [--repeats 200]
 
-One JSON object a scene: Gaussians, how many move, the network's units, the median milliseconds of a moment that is not
+One JSON object a scene: Gaussians, how many move, the network's units, the median milliseconds of a time that is not
 remembered, and how many times as long the first scene takes. Scenes take turns, so that what else the machine does
 meets all of them alike.
 """
@@ -33,9 +33,9 @@ def main() -> None:
     seconds: list[list[float]] = [[] for _ in scenes]
     for turn in range(-5, options.repeats):  # five to warm up
         for scene, taken in zip(scenes, seconds, strict=True):
-            moment = (0.6180339887498949 * (turn + 5)) % 1.0  # never one of those that a scene remembers
+            frame_time = (0.6180339887498949 * (turn + 5)) % 1.0  # never one of those that a scene remembers
             began = time.perf_counter()
-            scene.at(moment)
+            scene.at(frame_time)
             if turn >= 0:
                 taken.append(time.perf_counter() - began)
     medians = [1e3 * statistics.median(taken) for taken in seconds]

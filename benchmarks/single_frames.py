@@ -1,9 +1,9 @@
-"""What single moments trained alone reach in the moving pixels: roughly what the images of one moment allow.
+"""What single frames trained alone reach in the moving pixels: roughly what the images of one frame allow.
 
     python benchmarks/single_frames.py CAPTURE [--frames 4] [--steps 4000] [--recipe standard] [--scale S]
 
-Each chosen moment is trained as a static scene of its own (3DGS on that moment's training views) and scored on its
-held-out image, inside the mask of what moves over the whole capture. Prints one JSON line a moment and the mean error
+Each chosen frame is trained as a static scene of its own (3DGS on that frame's training views) and scored on its
+held-out image, inside the mask of what moves over the whole capture. Prints one JSON line a frame and the mean error
 of all in decibels, which is how ``psnr_moving`` averages a whole scene.
 """
 
@@ -26,7 +26,7 @@ from frog_blender.engine.training.session.run import prepare_capture
 
 
 def trained_alone(capture: Capture, frame: int, recipe: Recipe, steps: int, seed: int) -> Trainer:
-    """A static scene of one moment."""
+    """A static scene of one frame."""
     alone = capture.segment(frame, 1)
     store = FrameStore.open(alone)
     seeds = find_seeds(alone, store, count_limit=recipe.seed_gaussians, seed=seed)
@@ -39,7 +39,7 @@ def trained_alone(capture: Capture, frame: int, recipe: Recipe, steps: int, seed
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("capture", type=Path)
-    parser.add_argument("--frames", type=int, default=4, help="moments, evenly spread")
+    parser.add_argument("--frames", type=int, default=4, help="frames, evenly spread")
     parser.add_argument("--steps", type=int, default=4000)
     parser.add_argument("--recipe", default="standard")
     parser.add_argument("--scale", type=float)

@@ -42,7 +42,7 @@ class Rig:
         return np.array(self.target) + self.distance * backwards, right, np.cross(backwards, right), backwards
 
     def add_cameras(self) -> list[bpy.types.Object]:
-        """The cameras in bpy, in the order of their films."""
+        """The cameras in bpy, in the order of their videos."""
         cameras = []
         for index in range(len(self)):
             center, right, up, backwards = self.axes(index)

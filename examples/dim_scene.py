@@ -26,7 +26,7 @@ def lamp_place(phase: float) -> np.ndarray:
 
 
 def spoke(phase: float, number: int) -> np.ndarray:
-    """One of the wheel's three bars across; the wheel makes half a turn in the film."""
+    """One of the wheel's three bars across; the wheel makes half a turn in the video."""
     angle = np.pi * phase + np.pi * number / 3
     reach = WHEEL_RADIUS * np.array([np.cos(angle), 0.0, np.sin(angle)])
     return shapes.bar(WHEEL - reach, WHEEL + reach, 0.035)

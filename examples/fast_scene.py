@@ -1,7 +1,7 @@
 """An empty hall, for make_fast.py: fast things with texture before plain surroundings, and one that appears.
 
-A shuttle flies across the view, a striped hammer swings on its rod, and halfway through the film a spring doll is there
-that was not in the film before.
+A shuttle flies across the view, a striped hammer swings on its rod, and halfway through the video a spring doll
+appears.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from shapes import TURN
 
 HALF_WIDTH, BACK, FRONT, HEIGHT = 5.0, 2.2, -5.5, 4.5
 FRAMES = 30
-APPEARS = 15  # the first moment that shows the doll
-SHUTTLE_STEP = 0.36  # metres a moment
+APPEARS = 15  # the first frame that shows the doll
+SHUTTLE_STEP = 0.36  # metres a frame
 PIVOT = np.array([1.25, 0.55, 2.95])
 DOLL = np.array([-0.95, -0.15, 0.0])
 
 
 def shuttle(phase: float, rows: int = 48, columns: int = 32) -> np.ndarray:
     """A long body that flies from left to right on a shallow arc and rolls a little, tail first in its rows."""
-    moment = FRAMES * phase
-    x = SHUTTLE_STEP * (moment - 12.5)
+    frame = FRAMES * phase
+    x = SHUTTLE_STEP * (frame - 12.5)
     center = np.array([x, -0.35, 1.30 + 0.22 * np.cos(0.5 * x)])
     direction = np.array([1.0, 0.0, -0.11 * np.sin(0.5 * x)])
-    side = np.array([0.0, np.cos(0.08 * moment), np.sin(0.08 * moment)])
+    side = np.array([0.0, np.cos(0.08 * frame), np.sin(0.08 * frame)])
     s = np.linspace(0, 1, rows)
     radii = 0.19 * np.sqrt(np.clip(1 - np.abs(2 * s - 1) ** 2.6, 0, 1))
     angle = TURN * np.arange(columns) / columns
@@ -37,7 +37,7 @@ def shuttle(phase: float, rows: int = 48, columns: int = 32) -> np.ndarray:
 
 
 def hammer_direction(phase: float) -> np.ndarray:
-    """From the pivot to the hammer's head (3,): three swings in the film."""
+    """From the pivot to the hammer's head (3,): three swings in the video."""
     swing = 0.52 * np.sin(3 * TURN * phase)
     return np.array([np.sin(swing), 0.0, -np.cos(swing)])
 

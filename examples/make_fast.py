@@ -1,14 +1,14 @@
-"""Renders the capture `fast`: 12 synchronised films of fast things in a plain hall, one of which appears halfway.
+"""Renders the capture `fast`: 12 synchronised videos of fast things in a plain hall, one of which appears halfway.
 
     python examples/make_fast.py OUT [--samples 8] [--threads 0] [--preview] [--keep-pictures]
 
-What it needs and how it works stands in capture_films.py; the scene is in fast_scene.py.
+What it needs and how it works stands in capture_videos.py; the scene is in fast_scene.py.
 """
 
 from __future__ import annotations
 
-from capture_films import make
 from capture_rig import Rig
+from capture_videos import make
 from fast_scene import Hall
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
-"""Renders a long capture, 7 films of 300 moments: the room of `room`, its frog, banner and ball each at its own pace.
+"""Renders a long capture, 7 videos of 300 frames: the room of `room`, its frog, banner and ball each at its own pace.
 
     python examples/make_long.py OUT [--samples 4] [--threads 0] [--preview] [--keep-pictures]
 
-What it needs and how it works stands in capture_films.py. `frog stability --long OUT` takes shorter and faster films
+What it needs and how it works stands in capture_videos.py. `frog stability --long OUT` takes shorter and faster videos
 out of it.
 """
 
@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from capture_films import make
 from capture_rig import DIRECTIONS, Rig
+from capture_videos import make
 from room_scene import Room
 
 _PACES = {"banner": 0.87, "ball": 1.21}  # loops of each while the frog does one: nothing is seen twice

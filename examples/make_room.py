@@ -1,15 +1,15 @@
-"""Renders the demo capture `room`: 12 synchronised films of an inflatable frog, a banner and a ball in a room.
+"""Renders the demo capture `room`: 12 synchronised videos of an inflatable frog, a banner and a ball in a room.
 
     python examples/make_room.py OUT [--samples 16] [--preview] [--keep-pictures]
 
-What it needs and how it works stands in capture_films.py; the cameras are in capture_rig.py, the scene in
+What it needs and how it works stands in capture_videos.py; the cameras are in capture_rig.py, the scene in
 room_scene.py, what moves in room_motion.py, the textures in textures.py.
 """
 
 from __future__ import annotations
 
-from capture_films import make
 from capture_rig import Rig
+from capture_videos import make
 from room_scene import Room
 
 if __name__ == "__main__":

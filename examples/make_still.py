@@ -1,24 +1,24 @@
-"""Renders a capture in which nothing moves: the room of `room` at one moment, seen for as long, with a camera's noise.
+"""Renders a capture in which nothing moves: the room of `room` at one time, with a camera's noise.
 
     python examples/make_still.py OUT [--samples 16] [--keep-pictures]
 
-What it needs and how it works stands in capture_films.py. What a training makes of it shows whether it models more than
-there is.
+What it needs and how it works stands in capture_videos.py. What a training makes of it shows whether it models motion
+that is not there.
 """
 
 from __future__ import annotations
 
-from capture_films import make
 from capture_rig import Rig
+from capture_videos import make
 from room_scene import Room
 
-_MOMENT = 0.4  # of the room's film
+_TIME = 0.4  # of the room's video
 _NOISE = 1.5  # standard deviation, of 255
 
 
 class StillRoom(Room):
     def pose(self, time: float) -> None:
-        super().pose(_MOMENT)
+        super().pose(_TIME)
 
 
 if __name__ == "__main__":

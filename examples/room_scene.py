@@ -1,4 +1,4 @@
-"""Builds the room of make_room.py in bpy: still furniture once, moving surfaces anew for every moment."""
+"""Builds the room of make_room.py in bpy: static furniture once, moving surfaces anew for every frame."""
 
 from __future__ import annotations
 

@@ -134,7 +134,7 @@ class Scene:
         return item
 
     def pose(self, phase: float) -> None:
-        """Move every moving surface to the phase (0 .. 1) of the film."""
+        """Move every moving surface to the phase (0 .. 1) of the video."""
         for item, shape in self.moving:
             item.data.vertices.foreach_set("co", shape(phase).astype(np.float32).ravel())
             item.data.update()

@@ -1,4 +1,4 @@
-"""What all tests share: one torch thread, frame stores away from the user's cache, and a small filmed scene."""
+"""What all tests share: one torch thread, a cache folder of their own, and a small recorded scene."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def one_torch_thread() -> None:
 
 @pytest.fixture(scope="session")
 def filmed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A capture folder: see ``filmed.write_capture``. Its decoded frames lie in a cache folder beside it."""
+    """A capture folder: see ``synthetic_capture.write_capture``. Its decoded frames lie in a cache folder beside it."""
     from support.synthetic_capture import write_capture
 
     return write_capture(tmp_path_factory.mktemp("filmed") / "capture")
@@ -77,3 +77,13 @@ def own_cache(cache_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """``FROG_CACHE`` set, for code that opens frame stores itself."""
     monkeypatch.setenv("FROG_CACHE", str(cache_folder))
     return cache_folder
+
+
+@pytest.fixture
+def quick_seeds(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every training starts from ``synthetic_capture.seeds`` instead of searching for seed points."""
+    from support import synthetic_capture
+
+    from frog_blender.engine.capture import seed_store
+
+    monkeypatch.setattr(seed_store, "find_seeds", lambda *_, **__: synthetic_capture.seeds())

@@ -132,7 +132,7 @@ def _grid(options: argparse.Namespace) -> list[Run]:
 
 
 def _protocol_captures(options: argparse.Namespace) -> tuple[dict[str, Path], str]:
-    """A folder for each scene of a protocol, and the recipe."""
+    """The folder of each scene of a protocol, and the recipe."""
     from ..experiments.protocols import captures, protocol_named
 
     if len(options.captures) != 1:

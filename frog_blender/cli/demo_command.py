@@ -1,4 +1,4 @@
-"""``frog demo``: the main job on a capture that is shipped."""
+"""``frog demo``: the whole workflow on a demo capture."""
 
 from __future__ import annotations
 
@@ -21,7 +21,9 @@ def add_demo_parser(commands: Any) -> None:
 
 
 def _demo(options: argparse.Namespace) -> int:
-    from .demo import run_demo
+    from .demo import check_packages, run_demo
+    from .demo_captures import demo_capture
 
-    run_demo(options.capture, options.out, options.recipe, options.seconds)
+    check_packages()
+    run_demo(demo_capture(options.capture), options.out, options.recipe, options.seconds)
     return 0

@@ -1,4 +1,4 @@
-"""What only some commands import, and how to get it."""
+"""Packages that only some commands need, and how to install them."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ EXTRAS = {
     "flip_evaluator": ("chart",),
     "bpy": ("blender",),
 }
-"""The extras of ``pyproject.toml`` that bring a module, the smallest first."""
+"""The extras of ``pyproject.toml`` that install a module, the smallest first."""
 
 
 def unusable(error: ImportError) -> str:
-    """One sentence about a package that could not be imported: what to install, or why what is there does not load."""
+    """One sentence about a package that could not be imported: what to install, or why it does not load."""
     if not is_missing(error):
         return f"{not_loaded(error)}."
     module = str(error.name).split(".")[0]

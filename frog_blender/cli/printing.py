@@ -1,4 +1,4 @@
-"""What the commands print: nothing that a file says commands the terminal."""
+"""Output of the commands, without control characters: text from files must not control the terminal."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from ..engine.errors import printable
 
 
 def say(text: object) -> None:
-    """A line of a command's result."""
+    """Prints a line of a command's result."""
     print(printable(text))
 
 
 def complain(text: object) -> None:
-    """A line about what went wrong, which is no result."""
+    """Prints a line about an error to standard error."""
     print(f"frog: {printable(text)}", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""Ctrl-C, and whatever else asks a process to end: commands that take long stop well, all others leave nothing behind.
+"""Ctrl-C and other requests to end: long commands save their state, all others remove what is half-written.
 
 A closed terminal, a lost connection (SIGHUP), ``kill``, a scheduler or a system that shuts down (SIGTERM), and a
 closed console window of Windows (SIGBREAK and its events) count as the first Ctrl-C.
@@ -24,9 +24,9 @@ Handler = Callable[[int, FrameType | None], Any]
 
 @contextmanager
 def stopping() -> Iterator[Callable[[], bool]]:
-    """Yields a question that the first request to end answers with yes; a second Ctrl-C leaves at once.
+    """Yields a function that returns True after the first request to end; a second Ctrl-C raises KeyboardInterrupt.
 
-    No other request does: a terminal that is closed sends SIGHUP twice, and a scheduler may repeat SIGTERM.
+    Other repeated requests do nothing: a closed terminal sends SIGHUP twice, and a scheduler may repeat SIGTERM.
     """
     asked = False
 
@@ -46,7 +46,7 @@ def stopping() -> Iterator[Callable[[], bool]]:
 
 @contextmanager
 def leaving_cleanly() -> Iterator[None]:
-    """Inside the block a request to end is a KeyboardInterrupt, so that what is half-written is removed."""
+    """Inside the block a request to end raises KeyboardInterrupt, so that what is half-written is removed."""
 
     def leave(*_: object) -> None:
         raise KeyboardInterrupt
@@ -57,7 +57,7 @@ def leaving_cleanly() -> Iterator[None]:
 
 @contextmanager
 def _all_handled(handler: Handler) -> Iterator[None]:
-    """Requests other than Ctrl-C; a SIGHUP that is ignored stays so, for that is what ``nohup`` does."""
+    """Handles requests other than Ctrl-C; an ignored SIGHUP stays ignored, as ``nohup`` sets it."""
     with ExitStack() as stack:
         for number in _OTHERS:
             if signal.getsignal(number) != signal.SIG_IGN:
@@ -67,7 +67,7 @@ def _all_handled(handler: Handler) -> Iterator[None]:
 
 @contextmanager
 def _handled(number: int, handler: Handler) -> Iterator[None]:
-    """``handler`` for a signal inside the block; nothing outside the main thread, where Python allows none."""
+    """Handles a signal inside the block; does nothing outside the main thread, where Python allows no handlers."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -1,4 +1,4 @@
-"""What a command prints is worth less than what it does: a terminal that is gone or a full disk ends no training."""
+"""Output that may fail: a closed terminal or a full disk must not end a training."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from typing import Any, TextIO
 
 @contextmanager
 def printing_may_fail() -> Iterator[None]:
-    """Inside the block what cannot be printed is lost, and nothing else.
+    """Inside the block output that cannot be printed is dropped without an error.
 
-    The terminal was closed, nobody reads the pipe any more, or a log lies on the disk that is full.
+    The terminal may be closed, the pipe's reader gone, or the disk of a log full.
     """
     before = sys.stdout, sys.stderr
-    sys.stdout, sys.stderr = _Forgiving(sys.stdout), _Forgiving(sys.stderr)
+    sys.stdout, sys.stderr = _LossyStream(sys.stdout), _LossyStream(sys.stderr)
     try:
         yield
     finally:
         sys.stdout, sys.stderr = before
         for stream in before:
-            _let_go(stream)
+            _drop_buffer(stream)
 
 
-class _Forgiving:
-    """A text stream whose writes cannot fail; everything else is the stream's own."""
+class _LossyStream:
+    """Wraps a text stream so that writing to it never raises."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
@@ -40,12 +40,12 @@ class _Forgiving:
         with suppress(OSError, ValueError):
             self._stream.flush()
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> Any:  # as the stream's own attributes
         return getattr(self._stream, name)
 
 
-def _let_go(stream: TextIO) -> None:
-    """What a stream still holds back would fail once more when Python ends, and make that an error."""
+def _drop_buffer(stream: TextIO) -> None:
+    """Flushes a stream; drops what cannot be written, which would else raise again when Python exits."""
     try:
         stream.flush()
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""The charts of a comparison: accuracy against speed, accuracy against training time, what each ablation changes."""
+"""The charts: accuracy against speed, accuracy against training time, the effect of each ablation, capacity."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .grid import AUTO_LABEL
 from .labels import place_labels
 from .summary import Row, Section, differences
 
-# Okabe and Ito's palette, which people of every colour vision tell apart; each method has a marker of its own besides.
+# Okabe and Ito's palette, which is distinguishable with any colour vision; each method also has its own marker.
 STYLES = {
     "frog": ("#D55E00", "o"),
     "ed3dgs": ("#0072B2", "s"),
@@ -35,7 +35,7 @@ _LARGEST_SVG = 300_000  # bytes
 
 
 def write_charts(sections: Sequence[Section], folder: Path) -> list[Path]:
-    """Every chart that the results have figures for, as PNG, and as SVG where that is small; their paths."""
+    """Writes every chart that the results suffice for, as PNG, and as SVG if that is small; returns their paths."""
     written: list[Path] = []
     for section in sections:
         for name, make in _CHARTS.items():
@@ -46,10 +46,10 @@ def write_charts(sections: Sequence[Section], folder: Path) -> list[Path]:
 
 
 def speed_chart(section: Section) -> Any:
-    """FPS against PSNR, storage as the discs' area, and the Pareto front; None without a row that has both.
+    """FPS against PSNR, storage as the discs' area, and the Pareto front; None if no row has both.
 
-    A method that lies far below all others (a static scene, mostly) stands at the lower edge with its PSNR in its name,
-    so that the others can be told apart.
+    A method far below all others (mostly the static scene) is drawn at the lower edge with its PSNR in its label, so
+    that the others can be distinguished.
     """
     rows = [row for row in section.rows.get("methods", ()) if row.fps and row.median("psnr") is not None]
     if not rows:
@@ -95,7 +95,7 @@ def speed_chart(section: Section) -> Any:
 
 
 def _far_below(values: Sequence[float]) -> int | None:
-    """Which value lies so far under all others that they would become one line beside it; None if none does."""
+    """Index of a value so far below all others that they could not be distinguished; None if there is none."""
     if len(values) < 3:
         return None
     lowest, second, *_, highest = sorted(values)
@@ -104,7 +104,7 @@ def _far_below(values: Sequence[float]) -> int | None:
 
 
 def pareto_front(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    """The points that no other one beats in both coordinates, from left to right."""
+    """The points that no other point exceeds in both coordinates, from left to right."""
     front: list[tuple[float, float]] = []
     for point in sorted(set(points), reverse=True):
         if not front or point[1] > front[-1][1]:
@@ -113,8 +113,10 @@ def pareto_front(points: Sequence[tuple[float, float]]) -> list[tuple[float, flo
 
 
 def training_chart(section: Section) -> Any:
-    """PSNR against seconds of training: a thin line for each seed, a thick one for their median. Where a dedicated
-    pass was made its seconds count. None without a curve."""
+    """PSNR against seconds of training: a thin line for each seed, a thick one for their median; None without a curve.
+
+    If there was a timing pass, curves are scaled to its seconds.
+    """
     rows = [row for row in section.rows.get("methods", ()) if any(r.get("curve") for r in row.records.values())]
     if not rows:
         return None
@@ -137,7 +139,7 @@ def training_chart(section: Section) -> Any:
 
 
 def _seconds_and_psnr(row: Row, record: dict[str, Any]) -> tuple[list[float], list[float]]:
-    """A run's curve; its seconds stretched to those of the dedicated pass, if there is one."""
+    """A run's curve, with its seconds scaled to those of the timing pass, if there is one."""
     factor = 1.0
     if row.timing is not None and row.timing["training"]["seconds"] and record["train_seconds"]:
         factor = row.timing["training"]["seconds"] / record["train_seconds"]
@@ -145,8 +147,10 @@ def _seconds_and_psnr(row: Row, record: dict[str, Any]) -> tuple[list[float], li
 
 
 def ablation_chart(section: Section) -> Any:
-    """What each choice changes against FRoG: bars for the mean difference by seed, whiskers for its range, in all and
-    in the moving pixels. None without an ablation."""
+    """The difference of each ablation to FRoG, in all and in moving pixels; None without an ablation.
+
+    Bars are mean differences over seeds, whiskers their range.
+    """
     frog = section.of_method("frog")
     rows = [row for group in _GROUP_COLORS for row in section.rows.get(group, ()) if differences(row, frog, "psnr")]
     if frog is None or not rows:
@@ -178,8 +182,10 @@ def ablation_chart(section: Section) -> Any:
 
 
 def capacity_chart(section: Section) -> Any:
-    """PSNR against bytes: fewer Gaussians, fewer that move, and where the automatic choice stands, over the seeds that
-    all of them have. None without a sweep; what came out as the automatic choice is not shown twice."""
+    """PSNR against bytes for fewer Gaussians, fewer dynamic ones, and automatic capacity; None without a sweep.
+
+    Medians are over the seeds that all rows have. Rows equal to the automatic choice are not shown twice.
+    """
     rows, of_methods = (
         [row for row in section.rows.get(group, ()) if row.median("psnr") and row.median("packed_bytes")]
         for group in ("capacity", "methods")
@@ -245,7 +251,7 @@ def _figure(title: str) -> tuple[Any, Any]:
 
 
 def _styles(rows: Sequence[Row]) -> list[tuple[str, str]]:
-    """Colour and marker of each row: the method's own for its first row, free ones for others."""
+    """Colour and marker of each row: the method's own for its first row, spare ones for others."""
     used: set[str] = set()
     spare = iter(_OTHERS * len(rows))
     styles = []
@@ -256,7 +262,7 @@ def _styles(rows: Sequence[Row]) -> list[tuple[str, str]]:
 
 
 def _plain_ticks(axes: Any) -> None:
-    """Ticks at 1, 2, 5, 10, 20 ... written as such."""
+    """Ticks at 1, 2, 5, 10, 20 ..., as plain numbers."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
@@ -265,7 +271,7 @@ def _plain_ticks(axes: Any) -> None:
 
 
 def save_figure(figure: Any, stem: Path) -> list[Path]:
-    """Writes a figure as PNG, and as SVG where that is small; the same bytes for the same figure."""
+    """Writes a figure as PNG, and as SVG if that is small; the same bytes for the same figure."""
     import matplotlib
 
     written = [stem.with_name(stem.name + ".png")]

@@ -1,7 +1,8 @@
-"""The stability suite's page: a heat map of what each condition costs each method, and the table behind it."""
+"""The stability suite's report: a heat map of what each condition costs each method, and the table behind it."""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,10 @@ _WORST = 8.0  # dB at which the colours end
 
 
 def write_stability(folder: Path) -> list[Path]:
-    """Writes ``stability.md`` and the heat map for what stands in ``folder``; their paths.
+    """Writes ``stability.md`` and the heat map of the results in ``folder``; returns their paths.
 
     Raises:
-        FrogError: where there is no finished run yet.
+        FrogError: if there is no finished run yet.
     """
     found = outcome(read(folder / "runs.jsonl"))
     images = save_figure(heat_map(found), folder / "stability")
@@ -28,8 +29,11 @@ def write_stability(folder: Path) -> list[Path]:
 
 
 def heat_map(found: Outcome) -> Any:
-    """Rows are conditions, columns methods. Colours: dB lost to the same method's clean case; where there is none, the
-    cell has its PSNR and no colour. Each has its deviation over seeds; ``!`` counts failed runs."""
+    """A matplotlib figure: rows are conditions, columns are methods.
+
+    Colours are the dB lost against the same method's reference condition. A cell without one has its PSNR and no
+    colour. Each cell has its standard deviation over seeds, and after ``!`` the number of failed runs.
+    """
     import numpy as np
     from matplotlib.figure import Figure
 
@@ -44,7 +48,7 @@ def heat_map(found: Outcome) -> Any:
         for x, label in enumerate(labels):
             cell, loss = found.cell(row.name, label), losses[y, x]
             dark = abs(loss) > 0.6 * _WORST
-            axes.text(x, y, _words(cell, loss), ha="center", va="center", fontsize=7.5, color="w" if dark else "k")
+            axes.text(x, y, _cell_text(cell, loss), ha="center", va="center", fontsize=7.5, color="w" if dark else "k")
     axes.set_xticks(range(len(labels)), labels)
     axes.xaxis.tick_top()
     axes.set_yticks(range(len(rows)), [row.name for row in rows])
@@ -56,11 +60,11 @@ def heat_map(found: Outcome) -> Any:
     return figure
 
 
-def _words(cell: Cell, loss: float) -> str:
-    """Such as ``-1.32 ±0.10 !1``, the last being failed runs."""
+def _cell_text(cell: Cell, loss: float) -> str:
+    """Such as ``-1.32 ±0.10 !1``, where the last is the number of failed runs."""
     if cell.median is None:
         words = "-"
-    elif loss == loss:  # a number
+    elif not math.isnan(loss):
         words = f"{loss:+.2f}"
     else:
         words = f"{cell.median:.2f} dB"
@@ -69,7 +73,7 @@ def _words(cell: Cell, loss: float) -> str:
 
 
 def stability_table(found: Outcome) -> str:
-    """Median PSNR with its deviation and number of seeds, what FRoG is ahead by, and every failure in words."""
+    """Median PSNR with its deviation and number of seeds, FRoG's lead, and every failure in words, as Markdown."""
     frog, base, static = (method_named(name).title for name in ("frog", "ed3dgs", "static"))
     head = ["condition", *found.labels, f"{frog} - {base}", f"{frog} - {static}"]
     lines = ["| " + " | ".join(head) + " |", "|---|" + "---:|" * (len(head) - 1)]

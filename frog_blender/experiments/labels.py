@@ -1,4 +1,4 @@
-"""Names beside the points of a chart, placed so that none covers another one, a point, or the edge."""
+"""Labels of a chart's points, placed so that none covers another label, a point or the edge."""
 
 from __future__ import annotations
 
@@ -8,15 +8,14 @@ from typing import Any
 
 _GAP = 4.0  # pixels between boxes
 _DIRECTIONS = 16
-_STEP = 8.0  # pixels by which a name moves away when there is no room
+_STEP = 8.0  # pixels by which a label moves away from its point
 _RINGS = 60
 
 
 def place_labels(
     axes: Any, points: Sequence[tuple[float, float]], names: Sequence[str], radii: Sequence[float]
 ) -> None:
-    """Writes each name as near its point as there is room, the most crowded points first; a line leads to a name that
-    had to go far.
+    """Writes each label as near its point as possible, the most crowded points first; a line leads to distant labels.
 
     Args:
         axes: matplotlib axes whose limits are final.
@@ -34,7 +33,7 @@ def place_labels(
     for index in sorted(range(len(names)), key=lambda i: (-crowd[i], i)):
         text = axes.text(*points[index], names[index], fontsize=9, ha="center", va="center", zorder=5)
         extent = text.get_window_extent(renderer)
-        place = _free_place(centers[index], radii[index], extent.width, extent.height, taken, frame)
+        place = _free_place(centers[index], radii[index], (extent.width, extent.height), taken, frame)
         x, y = place
         text.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.8})  # above the front's line
         text.set_position(axes.transData.inverted().transform(place))
@@ -46,7 +45,7 @@ def place_labels(
 
 
 def _renderer(figure: Any) -> Any:
-    """Of pixels, with everything laid out."""
+    """A renderer of the figure, with everything laid out."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     canvas = figure.canvas if isinstance(figure.canvas, FigureCanvasAgg) else FigureCanvasAgg(figure)
@@ -57,12 +56,19 @@ def _renderer(figure: Any) -> Any:
 def _free_place(
     center: tuple[float, float],
     radius: float,
-    width: float,
-    height: float,
+    size: tuple[float, float],
     taken: Sequence[tuple[float, ...]],
     frame: tuple[float, ...],
 ) -> tuple[float, float]:
-    """The middle of a box of that size: right of the point, then around it, then further and further out."""
+    """The centre of a free box: right of the point, then around it, then further out; the point itself if none is free.
+
+    Args:
+        center, radius: of the point's marker, pixels.
+        size: (width, height) of the box, pixels.
+        taken: boxes (left, bottom, right, top) to avoid.
+        frame: the box to stay in.
+    """
+    width, height = size
     for ring in range(_RINGS):
         for turn in range(_DIRECTIONS):
             angle = 2 * math.pi * turn / _DIRECTIONS
@@ -83,7 +89,7 @@ def _gap(a: Sequence[float], b: Sequence[float]) -> float:
 
 
 def overlapping(figure: Any) -> list[tuple[str, str]]:
-    """Pairs of written texts of a figure that cover each other."""
+    """Pairs of visible texts of a figure that overlap."""
     from matplotlib.text import Text
 
     renderer = _renderer(figure)
@@ -101,7 +107,7 @@ def overlapping(figure: Any) -> list[tuple[str, str]]:
 
 
 def _labels_outside(axes: Any) -> list[Any]:
-    """Texts of ticks beyond the limits: they exist, but nobody draws them."""
+    """Labels of ticks beyond the limits, which exist but are not drawn."""
     labels = []
     for axis in (axes.xaxis, axes.yaxis):
         low, high = sorted(axis.get_view_interval())

@@ -1,4 +1,4 @@
-"""What a result was made on: the machine, the versions, and how many threads may work."""
+"""What a result was made on: the machine, the versions, and the number of threads."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""The papers' protocols as data: which scenes, which frames and cameras of them, at which size, and the papers' tables.
+"""The papers' protocols as data: scenes, their frames and cameras, image sizes, and the papers' tables.
 
-They are FRoG's (arXiv 2603.20857, datasets and tables), which are E-D3DGS' (JeongminB/E-D3DGS, README and script).
-``protocols`` opens somebody's data folder by them.
+They are FRoG's (arXiv 2603.20857, datasets and tables), which follow E-D3DGS (JeongminB/E-D3DGS, README and script).
+``protocols`` opens a dataset's folder by them.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Scene:
-    """A scene of a data set.
+    """A scene of a dataset.
 
     Attributes:
         folders: names that its folder may have; letter case, punctuation and a leading "vrig" do not count.
@@ -53,7 +53,7 @@ class Protocol:
         recipe: the recipe that follows the paper's settings.
         scenes: in the order of tables.
         image_width: pixels that images are reduced to.
-        held_out: what judges, in words.
+        held_out: what is held out, in words.
         cost_scenes: captures on which storage, time and FPS are measured; all where empty.
         table: the paper's main table; ``ablations`` its others; ``elsewhere`` other papers' figures.
     """
@@ -117,7 +117,7 @@ HYPERNERF = Protocol(
         Scene(("vrig-chicken",), (Part("chicken"),)),
     ),
     image_width=536,  # rgb/2x
-    held_out="the rig's other camera at every moment (val_ids)",
+    held_out="the rig's other camera at every frame (val_ids)",
     table=published.HYPERNERF,
     ablations={"sampling": published.HYPERNERF_SAMPLING},
 )

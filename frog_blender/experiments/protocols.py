@@ -1,6 +1,6 @@
-"""A folder of a paper's data set as the paper evaluates on it, and averages as the paper takes them.
+"""Captures of a paper's dataset as the paper evaluates on them, and averages as the paper takes them.
 
-What the protocols say stands in ``protocol_scenes``.
+``protocol_scenes`` has the protocols as data.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ COSTS = frozenset({"bytes", "gaussians", "train_seconds", "fps", "deform_ms", "r
 
 
 def protocol_named(name: str) -> Protocol:
-    """FrogError for a name that does not exist."""
+    """The protocol of that name; FrogError if there is none."""
     if name not in PROTOCOLS:
         raise FrogError(f"There is no protocol {name!r}; there are {', '.join(PROTOCOLS)}.")
     return PROTOCOLS[name]
@@ -46,9 +46,9 @@ def protocol_named(name: str) -> Protocol:
 def captures(
     protocol: Protocol | str, directory: Path, names: Collection[str] | None = None
 ) -> list[tuple[str, Capture]]:
-    """The protocol's captures by name, opened, at their size and with their split, in the order of its tables.
+    """The protocol's captures by name, with its image size and held-out images, in the order of its tables.
 
-    They have the size at which the paper evaluates: train on them with an image scale of 1.
+    They have the size at which the paper evaluates. Train on them with an image scale of 1.
 
     Args:
         directory: the folder that holds the scenes, up to three levels deep.
@@ -73,7 +73,7 @@ def captures(
 
 
 def find_scenes(protocol: Protocol, directory: Path, scenes: Collection[Scene]) -> list[Path]:
-    """The folders of some scenes, the highest of those that fit; FrogError naming those that are not there."""
+    """The folders of some scenes, the topmost of those that match; FrogError that names the missing ones."""
     if not directory.is_dir():
         raise FrogError(f"{directory}: there is no such folder, expected the scenes of {protocol.title}.")
     known: dict[str, list[Path]] = {}
@@ -119,7 +119,7 @@ def averages(protocol: Protocol, figures: Mapping[str, Mapping[str, float | None
 
 
 def published_table(protocol: Protocol) -> str:
-    """The paper's tables as Markdown, to stand beside ours."""
+    """The paper's tables as Markdown, to be shown beside ours."""
     over = ", ".join(protocol.parts)
     parts = [f"FRoG's paper on {protocol.title}, the mean of {over}; held out: {protocol.held_out}."]
     if protocol.cost_scenes:
@@ -146,7 +146,7 @@ def _open(scene: Scene, parts: list[Part], folder: Path) -> Iterator[tuple[Part,
 
 
 def _segment(capture: Capture, part: Part) -> Capture:
-    """A part's frames; one or two that the end of the video lacks are told, more are an error."""
+    """A part's frames; a warning if the last one or two are missing, FrogError if more are."""
     assert part.count is not None
     there = min(part.count, capture.frame_count - part.first)
     if there < part.count - _LOST_AT_THE_END or there < 1:
@@ -182,7 +182,7 @@ def _folders(directory: Path, depth: int = _DEPTH) -> Iterator[Path]:
 
 
 def _plain(name: str) -> str:
-    """A folder's name without what differs from download to download."""
+    """A folder's name without case, punctuation and "vrig", which differ between downloads."""
     return re.sub(r"[\W_]+", "", name.lower()).removeprefix("vrig")
 
 

@@ -1,7 +1,7 @@
-"""What the papers printed: figures as data, to stand beside ours. They were measured on the papers' machines.
+"""The papers' own figures, to be shown beside ours. They were measured on the papers' machines.
 
-The tables of FRoG (arXiv 2603.20857), and what other papers report under their own protocols. Sizes are in megabytes
-(10^6 bytes where the papers do not say), training times in minutes.
+They are the tables of FRoG (arXiv 2603.20857), and what other papers report under their own protocols. Sizes are in
+megabytes (10^6 bytes where the papers do not say), training times in minutes.
 """
 
 from __future__ import annotations
@@ -158,7 +158,7 @@ TECHNICOLOR_ELSEWHERE = (
 
 
 def markdown(rows: Iterable[Published]) -> str:
-    """A table of the papers' shape."""
+    """A table in the papers' layout."""
     lines = ["| | PSNR | SSIM | LPIPS | storage, MB | training | FPS | |", "|---|" + "---:|" * 6 + "---|"]
     for row in rows:
         minutes = row.train_minutes

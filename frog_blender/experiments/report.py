@@ -1,4 +1,4 @@
-"""From the results on disk to the page of tables and the charts beside it."""
+"""The report of a chart's results: a page of tables, and the charts beside it."""
 
 from __future__ import annotations
 
@@ -13,10 +13,13 @@ from .tables import markdown
 
 
 def write_report(folder: Path, published: str = "") -> list[Path]:
-    """Writes ``tables.md`` and the charts for what stands in ``folder``; their paths.
+    """Writes ``tables.md`` and the charts of the results in ``folder``; returns their paths.
+
+    Args:
+        published: a table of a paper's own figures, shown beside ours.
 
     Raises:
-        FrogError: where there is no finished run yet.
+        FrogError: if there is no finished run yet.
     """
     records = read(folder / "runs.jsonl")
     found = sections(records)

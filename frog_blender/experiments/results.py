@@ -1,4 +1,4 @@
-"""The results of a comparison on disk: one JSON line a run, only ever appended to."""
+"""Results on disk: a file of JSON lines, one a run, that is only appended to."""
 
 from __future__ import annotations
 
@@ -18,8 +18,10 @@ Record = dict[str, Any]
 
 
 def append(path: Path, record: Record) -> None:
-    """Adds a line in one write and waits until the disk has it. A line that a killed process left half-written is
-    ended first, so that it spoils nothing but itself."""
+    """Appends a line in one write and flushes it to disk.
+
+    A line that a killed process left half-written is ended first, so that it does not spoil the new one.
+    """
     line = json.dumps(finite(record), allow_nan=False, ensure_ascii=False) + "\n"
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -40,8 +42,13 @@ def append(path: Path, record: Record) -> None:
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Holds a lock file for this process, however that ends; FrogError where another one holds it. Where the system has
-    no such locks nothing is held."""
+    """Holds a lock file inside the block; the system releases it when the process ends.
+
+    Without such locks (Windows) nothing is held.
+
+    Raises:
+        FrogError: if another process holds it.
+    """
     try:
         import fcntl
     except ModuleNotFoundError:
@@ -100,7 +107,7 @@ def timings(records: Iterable[Record], same: Sequence[str]) -> dict[tuple[Any, .
 
 
 def finite(value: Any) -> Any:
-    """The value with None for numbers that JSON does not know."""
+    """The value with None for non-finite numbers, which JSON does not have."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, dict):

@@ -19,7 +19,7 @@ import numpy as np
 from ..engine.capture.frames import FrameStore
 from ..engine.errors import FrogError
 from ..engine.evaluation.evaluate import evaluate
-from ..engine.evaluation.metrics import psnr_of
+from ..engine.evaluation.metrics import Image, psnr_of
 from ..engine.evaluation.perceptual import perceptual_metrics
 from ..engine.io.atomic_files import write_atomically
 from ..engine.playback.player import ScenePlayer
@@ -29,7 +29,7 @@ from ..engine.training.session import events
 from ..engine.training.session.checkpoint import checkpoint_path
 from ..engine.training.session.job import TrainingJob
 from ..engine.training.session.run import prepare_capture, run_training
-from .corruptions.alterations import brightened
+from .corruptions.alterations import brightened_values
 from .corruptions.catalogue import condition_named
 from .grid import Run
 from .machine import describe_machine, describe_versions, limited_threads
@@ -72,7 +72,8 @@ class Stopped(Exception):
 
 def settings_of(run: Run) -> dict[str, Any]:
     """The recipe as the method trains it, as JSON has it."""
-    return json.loads(json.dumps(settings_json(run.settings())))
+    settings: dict[str, Any] = json.loads(json.dumps(settings_json(run.settings())))
+    return settings
 
 
 def is_done(run: Run, records: Iterable[Record]) -> bool:
@@ -107,7 +108,7 @@ def frog_seconds(run: Run, records: Iterable[Record], environment: RunEnvironmen
         raise FrogError(
             f"{run.scene}: there is no finished run of FRoG under the same conditions, expected one for its seconds."
         )
-    return statistics.median(seconds)
+    return float(statistics.median(seconds))
 
 
 def identity(run: Run) -> Record:
@@ -309,6 +310,6 @@ def _measure(job: TrainingJob, light: float) -> Record:
     return {**figures, **sizes, "missing": missing}
 
 
-def _bright_psnr(gain: float, image: np.ndarray, truth: np.ndarray) -> float:
-    error = brightened(image.astype(np.float64), gain) - brightened(truth.astype(np.float64), gain)
+def _bright_psnr(gain: float, image: Image, truth: Image) -> float:
+    error = brightened_values(image.astype(np.float64), gain) - brightened_values(truth.astype(np.float64), gain)
     return psnr_of(float((error**2).mean()))

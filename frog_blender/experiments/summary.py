@@ -1,4 +1,4 @@
-"""Results put together for tables and charts: sections of a scene, rows of a method, values by seed."""
+"""Results grouped for tables and charts: sections by scene, rows by method, values by seed."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Row:
     Attributes:
         label, method, group: see ``grid.Run``.
         records: finished runs by seed.
-        timing: from a dedicated pass, None without one.
+        timing: from the timing pass; None without one.
     """
 
     label: str
@@ -44,36 +44,36 @@ class Row:
         return statistics.median(values) if values else None
 
     def of_seeds(self, seeds: set[int]) -> Row:
-        """The same with some of its runs alone."""
+        """The row with the runs of these seeds only."""
         return replace(self, records={seed: record for seed, record in self.records.items() if seed in seeds})
 
     @property
     def fps(self) -> float | None:
-        """Frames a second of the inference engine, deformation and rasterization."""
+        """Frames a second of playback, deformation and rasterization; None if it was not timed."""
         return self.timing["playback"]["fps"] if self.timing else None
 
     @property
     def training_seconds(self) -> float | None:
-        """Of the dedicated pass where there is one; of the runs themselves otherwise, and for those at equal time."""
+        """From the timing pass if there is one; from the runs themselves otherwise, and for runs at equal time."""
         if self.timing and self.group != "time":
-            return self.timing["training"]["seconds"]
+            return float(self.timing["training"]["seconds"])
         return self.median("train_seconds")
 
     @property
     def is_dedicated(self) -> bool:
-        """The training seconds were taken while nothing else of the comparison ran."""
+        """Whether the training seconds were measured while no other run worked."""
         timed = self.timing is not None and self.group != "time"
         return timed or all(record["dedicated"] for record in self.records.values())
 
     def why_missing(self, name: str) -> str:
-        """Why a figure is not there, "" where nobody said."""
+        """Why a figure is missing; "" if unknown."""
         reasons = {record.get("missing", {}).get(name, "") for record in self.records.values()}
         return ", ".join(sorted(reasons - {""}))
 
 
 @dataclass
 class Section:
-    """What is compared with each other: runs on one scene with the same recipe, steps and image size.
+    """Runs that are compared with each other: on one scene, with the same recipe, steps and image size.
 
     Attributes:
         scene: the capture's name.
@@ -101,7 +101,7 @@ class Section:
         if self.scale is not None:
             parts.append(f"scale {self.scale:g}")
         if self.holdout_frames is not None:
-            parts.append(f"every {self.holdout_frames} moments held out")
+            parts.append(f"one frame in {self.holdout_frames} held out")
         return f"{self.scene} ({', '.join(parts)})"
 
     @cached_property
@@ -124,7 +124,7 @@ _IDENTITY = ("scene", "recipe_name", "planned_steps", "scale", "holdout_frames",
 
 
 def sections(records: Iterable[Record]) -> list[Section]:
-    """All finished runs, put together; of two runs with the same row and seed the later counts."""
+    """All finished runs, grouped. Of two runs with the same row and seed the later one counts."""
     records = list(records)
     times = timings(records, (*_IDENTITY, "label"))
     found: dict[tuple[object, ...], Section] = {}

@@ -1,4 +1,4 @@
-"""The tables of a comparison as Markdown, of the paper's shape."""
+"""The tables of a chart as Markdown, in the layout of the paper's."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ _ABLATION_TITLES = {
 
 
 def markdown(records: Iterable[Record], published: str = "") -> str:
-    """Everything that the results say, as one page.
+    """All tables of the results, as one page.
 
     Args:
-        published: a table of a paper's own figures, to stand beside ours.
+        published: a table of a paper's own figures, shown beside ours.
     """
     records = list(records)
     found = sections(records)
@@ -67,7 +67,7 @@ def _machine(record: Record) -> str:
 
 
 def cell(row: Row, name: str) -> str:
-    """Median and spread of a figure, or why there is none."""
+    """Median and range of a figure, or why it is missing."""
     values = row.values(name)
     if not values:
         return row.why_missing(name) or _NONE
@@ -188,7 +188,7 @@ def _means(protocol: str, figures: dict[str, dict[str, float | None]]) -> dict[s
 
 
 def _paired(found: list[Section]) -> str:
-    """FRoG against its base, seed by seed."""
+    """FRoG against its baseline, seed by seed."""
     lines: list[list[str]] = []
     means: dict[str, list[float]] = {name: [] for name in FIGURES}
     for section in found:
@@ -205,13 +205,13 @@ def _paired(found: list[Section]) -> str:
     if len(lines) > 1:
         mean = [f"{statistics.mean(m):+.{_DIGITS[name]}f}" if (m := means[name]) else _NONE for name in FIGURES]
         lines.append(["mean of the scenes", *mean, ""])
-    return "## FRoG less E-D3DGS, by seed\n\nMean (smallest to largest) of the differences.\n\n" + table(
+    return "## FRoG minus E-D3DGS, by seed\n\nMean (smallest to largest) of the differences.\n\n" + table(
         ["", *TITLES.values(), "pairs"], lines
     )
 
 
 def _times(found: list[Section]) -> str:
-    """The dedicated pass in milliseconds."""
+    """The times of the timing pass in milliseconds."""
     lines = []
     for section in found:
         for row in (row for group in ("methods", "fusion") for row in section.rows.get(group, ())):

@@ -155,7 +155,8 @@ class StepTimes:
     def training_seconds(self, steps: int) -> float:
         """Duration of a training of ``steps`` steps; the number of reindexing steps does not depend on it."""
         found = self.summary()
-        return (steps * found["step_ms"] + found["rounds"] * found["round_ms"]) / 1e3
+        seconds: float = (steps * found["step_ms"] + found["rounds"] * found["round_ms"]) / 1e3
+        return seconds
 
 
 def time_steps(trainer: Trainer) -> StepTimes:

@@ -59,16 +59,16 @@ def test_a_pixel_offset_for_nobody_is_refused(n3dv: Path) -> None:
         open_capture(n3dv, pixel_offsets={"cam02": (8, 0)})
 
 
-def test_only_images_at_different_moments_are_one_moving_camera(n3dv: Path) -> None:
+def test_only_images_at_different_frames_are_one_moving_camera(n3dv: Path) -> None:
     capture = open_capture(n3dv)
-    one_moment = tuple(shot for shot in capture.shots if shot.frame == 0)
-    along_a_path = tuple(replace(shot, frame=shot.camera) for shot in one_moment)
-    assert not replace(capture, shots=one_moment, frame_count=1).is_moving
+    one_frame = tuple(shot for shot in capture.shots if shot.frame == 0)
+    along_a_path = tuple(replace(shot, frame=shot.camera) for shot in one_frame)
+    assert not replace(capture, shots=one_frame, frame_count=1).is_moving
     assert replace(capture, shots=along_a_path).is_moving
 
 
 def test_of_a_rig_of_two_moving_cameras_one_trains_and_one_judges(n3dv: Path) -> None:
-    """Withheld images may share a moment with training ones; two training images may not."""
+    """Held-out images may share a frame with training ones; two training images may not."""
     capture = open_capture(n3dv)
     frames = {"cam00": 0, "cam01": 0, "cam03": 1}
     shots = tuple(Shot(i, frames[camera.name], Path("x"), 0) for i, camera in enumerate(capture.cameras))

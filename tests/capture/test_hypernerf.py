@@ -78,7 +78,7 @@ class Rig:
     """A "vrig" folder: two cameras, of which left and right train by turns."""
 
     path: Path
-    moments: int = 6
+    frames: int = 6
     camera: dict[str, Any] = field(default_factory=camera_json)
     scales: tuple[int, ...] = (2,)
 
@@ -86,13 +86,13 @@ class Rig:
         ids, metadata = [], {}
         train, held_out = [], []
         (self.path / "camera").mkdir(parents=True, exist_ok=True)
-        for moment in range(self.moments):
+        for frame in range(self.frames):
             for side in ("left", "right"):
-                name = f"{moment + 1:06d}_{side}"
+                name = f"{frame + 1:06d}_{side}"
                 ids.append(name)
-                (train if (side == "left") == (moment % 2 == 0) else held_out).append(name)
-                metadata[name] = {"warp_id": moment, "appearance_id": moment, "camera_id": int(side == "right")}
-                position = [0.3 * moment + 0.1 * (side == "right"), 0.1, -1.0]
+                (train if (side == "left") == (frame % 2 == 0) else held_out).append(name)
+                metadata[name] = {"warp_id": frame, "appearance_id": frame, "camera_id": int(side == "right")}
+                position = [0.3 * frame + 0.1 * (side == "right"), 0.1, -1.0]
                 camera = {**self.camera, "position": position}
                 self.put(f"camera/{name}.json", camera)
                 for scale in self.scales:
@@ -133,7 +133,7 @@ def test_of_a_rig_one_camera_trains_and_the_other_judges_by_turns(rig: Rig) -> N
     assert sides == {"left": [0, 2, 4], "right": [1, 3, 5]}
     test = {(capture.cameras[shot.camera].name, shot.frame) for shot in capture.test_shots}
     assert test == {(f"{f + 1:06d}_{'right' if f % 2 == 0 else 'left'}", f) for f in range(6)}
-    assert capture.is_moving  # no two training images show one moment
+    assert capture.is_moving  # no two training images share a frame
     assert capture.near_far == (0.8, 16.0)  # scene.json's, in world units
     assert not capture.warnings
 
@@ -153,7 +153,7 @@ def test_a_world_point_lies_where_its_camera_says_once_the_lens_is_removed(
     tmp_path: Path, changes: dict[str, Any]
 ) -> None:
     camera = {key: value for key, value in camera_json(**changes).items() if value is not None}
-    capture = open_capture(Rig(tmp_path, moments=2, camera=camera).write())
+    capture = open_capture(Rig(tmp_path, frames=2, camera=camera).write())
     images = list(decode_shots(capture, range(len(capture.shots))))
     for shot, image in zip(capture.shots, images, strict=True):
         assert image.shape == (HEIGHT // 2, WIDTH // 2, 3)
@@ -190,16 +190,16 @@ def test_intrinsics_follow_the_stored_images(rig: Rig) -> None:
 
 
 def test_without_2x_the_largest_images_that_fit_are_taken(tmp_path: Path) -> None:
-    capture = open_capture(Rig(tmp_path, moments=2, scales=(1, 4, 8)).write())
+    capture = open_capture(Rig(tmp_path, frames=2, scales=(1, 4, 8)).write())
     assert (capture.cameras[0].width, capture.cameras[0].height) == (192, 128)
     assert any("rgb/2x, those of rgb/1x" in warning for warning in capture.warnings)
 
 
 def test_a_single_camera_without_a_split_is_split_as_the_papers_do(rig: Rig) -> None:
-    ids = [f"{moment + 1:06d}_left" for moment in range(6)] + [f"{moment + 1:06d}_right" for moment in range(6)]
+    ids = [f"{frame + 1:06d}_{side}" for side in ("left", "right") for frame in range(6)]
     rig.put("dataset.json", {"ids": ids, "train_ids": ids, "val_ids": []})
     capture = open_capture(rig.path)
-    assert [capture.cameras[s.camera].name for s in capture.train_shots] == [ids[0], ids[8], ids[4]]  # by moment
+    assert [capture.cameras[s.camera].name for s in capture.train_shots] == [ids[0], ids[8], ids[4]]  # by frame
     assert capture.test_cameras == {ids[2], ids[6], ids[10]}
     assert "of every four images" in capture.warnings[0]
 
@@ -210,10 +210,10 @@ def test_an_image_in_both_lists_is_never_trained_on(rig: Rig) -> None:
     capture = open_capture(rig.path)
     assert data["val_ids"][0] in capture.test_cameras
     assert len(capture.train_shots) == len(capture.test_shots) == 6
-    assert "1 of the train_ids are in val_ids too" in capture.warnings[0]
+    assert "1 of the train_ids are also in val_ids" in capture.warnings[0]
 
 
-def test_time_id_comes_before_warp_id_and_even_steps_are_moments(rig: Rig) -> None:
+def test_time_id_comes_before_warp_id_and_even_steps_are_frames(rig: Rig) -> None:
     data = json.loads((rig.path / "metadata.json").read_text())
     rig.put("metadata.json", {name: {**entry, "time_id": 10 + 4 * entry["warp_id"]} for name, entry in data.items()})
     assert [shot.frame for shot in open_capture(rig.path).shots] == [f for f in range(6) for _ in range(2)]
@@ -261,7 +261,7 @@ def test_points_become_seeds_with_the_images_colours(rig: Rig, tmp_path: Path) -
         ("camera/000001_left.json", {"radial_distortion": [0.0, 0.0]}, r"shape \(2,\) as radial_distortion"),
         ("camera/000001_left.json", {"principal_point": [float("nan"), 1]}, "not finite"),
         ("dataset.json", {"train_ids": ["../a"]}, "image name '../a' in train_ids"),
-        ("dataset.json", {"val_ids": "all"}, "val_ids that is no list"),
+        ("dataset.json", {"val_ids": "all"}, "val_ids that is not a list"),
         ("dataset.json", {"train_ids": []}, "no image to train on"),
         (
             "dataset.json",

@@ -106,7 +106,7 @@ def test_a_video_that_ends_early_tells_how_much_is_left(tmp_path: Path) -> None:
         open_capture(folder)
 
 
-def test_videos_of_different_lengths_share_their_first_moments(tmp_path: Path) -> None:
+def test_videos_of_different_lengths_share_their_first_frames(tmp_path: Path) -> None:
     folder = write_n3dv(tmp_path)
     write_video(folder / "cam01.mp4", 3)
     capture = open_capture(folder)

@@ -9,7 +9,7 @@ import pytest
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Capture, Shot
-from frog_blender.engine.capture.seeding import moving
+from frog_blender.engine.capture.seeding.moving import NUM_BACKGROUND_FRAMES, NUM_FRAMES
 from frog_blender.engine.capture.seeding.views import scene_depth, spread
 from frog_blender.engine.capture.seeding.volume import fill_volume
 from frog_blender.engine.capture.seeds import Seeds, _merge, find_seeds
@@ -122,7 +122,7 @@ def test_when_few_are_measured_the_rest_is_guessed() -> None:
     assert not (none.points[:, None] == whole.points[None]).all(2).any()
 
 
-def test_seeds_of_a_moving_camera_never_read_withheld_frames() -> None:
+def test_seeds_of_a_moving_camera_never_read_held_out_frames() -> None:
     positions = [(0.12 * step - 0.8, 0.1 * np.sin(step)) for step in range(14)]
     capture, images = make_scene(positions, 1, moving=True)
     capture = capture.with_holdout(4)
@@ -133,7 +133,7 @@ def test_seeds_of_a_moving_camera_never_read_withheld_frames() -> None:
 
 
 def test_a_moving_rig_that_trains_with_both_its_cameras_gets_seeds() -> None:
-    """Every image has its own camera, and two share each moment; no camera stands still for a median image."""
+    """Every image has its own camera, and two share each frame; no camera is static and has a median image."""
     positions = [(0.12 * (step // 2) - 0.4 + 0.3 * (step % 2), 0.1 * np.sin(step)) for step in range(8)]
     capture, images = make_scene(positions, 1, moving=True)
     capture = replace(capture, shots=tuple(replace(shot, frame=shot.camera // 2) for shot in capture.shots))
@@ -141,7 +141,7 @@ def test_a_moving_rig_that_trains_with_both_its_cameras_gets_seeds() -> None:
     assert not capture.is_moving
     store = Store(capture, images)
     check_on_planes(find_seeds(capture, store, count_limit=1500))
-    points, _ = fill_volume(capture, store, 1.0, 8.0, 100, np.random.default_rng(0))
+    points, _ = fill_volume(capture, store, 1.0, 8.0, count=100, random=np.random.default_rng(0))
     assert len(points) == 100
 
 
@@ -193,12 +193,12 @@ def test_cameras_too_far_apart_get_points_in_their_common_volume_and_more_where_
 
 
 def test_a_camera_with_few_images_costs_no_seeds() -> None:
-    """It has none at the moments whose median is what stands still."""
+    """It has none at the frames whose median is the static background."""
     capture, images = wide_scene(moving_ball=True)
-    moments = list(range(24))
-    (rare, *_) = sorted(set(spread(moments, moving._MOMENTS)) - set(spread(moments, moving._BACKGROUND_MOMENTS)))
-    shots = [Shot(c, f, Path("x"), f) for f in moments for c in range(4) if c < 3 or f == rare]
-    few = replace(capture, shots=tuple(shots), frame_count=len(moments))
+    frames = list(range(24))
+    (rare, *_) = sorted(set(spread(frames, NUM_FRAMES)) - set(spread(frames, NUM_BACKGROUND_FRAMES)))
+    shots = [Shot(c, f, Path("x"), f) for f in frames for c in range(4) if c < 3 or f == rare]
+    few = replace(capture, shots=tuple(shots), frame_count=len(frames))
     shown = [images[4 * (shot.frame % 5) + shot.camera] for shot in few.shots]
     assert len(find_seeds(few, Store(few, shown), count_limit=500).points) == 500
 

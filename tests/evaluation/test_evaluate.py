@@ -38,7 +38,7 @@ def store(capture: Capture, cache_folder: Path) -> FrameStore:
 
 
 def frozen_scene(test_cameras: tuple[str, ...] = ("cam00",), test_frames: tuple[int, ...] = ()) -> ScenePlayer:
-    """The true Gaussians of the middle moment at every time: right there, wrong elsewhere."""
+    """The true Gaussians of the middle frame at every time: right there, wrong elsewhere."""
     true = film.gaussians_at(MIDDLE)
     arrays = {
         "means": true.means,
@@ -99,8 +99,8 @@ def test_splits(capture: Capture, store: FrameStore) -> None:
     assert list(report["cameras"]) == ["cam01", "cam02", "cam03"] and report["frames"] == 18
     means = [report["cameras"][name]["psnr"] for name in report["cameras"]]
     assert report["psnr"] == pytest.approx(np.mean(means))
-    moments = evaluate(frozen_scene((), (1, 4)), capture, store)
-    assert moments["frames"] == 8 and moments["split"] == "held-out" and len(moments["cameras"]) == 4
+    every_third = evaluate(frozen_scene((), (1, 4)), capture, store)
+    assert every_third["frames"] == 8 and every_third["split"] == "held-out" and len(every_third["cameras"]) == 4
     everything = evaluate(frozen_scene(()), capture, store)
     assert everything["frames"] == 24 and everything["split"] == "training"
     with pytest.raises(FrogError, match="no held-out image"):

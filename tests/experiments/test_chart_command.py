@@ -1,4 +1,4 @@
-"""``frog chart`` from its arguments to its files, on the small filmed scene."""
+"""``frog chart`` from its arguments to its files, on the small recorded scene."""
 
 from __future__ import annotations
 
@@ -13,19 +13,14 @@ from support import synthetic_capture as film
 from frog_blender.cli.main import main
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.training.session import run as training_run
-from frog_blender.experiments import execute, protocols, timing, timing_pass
+from frog_blender.experiments import protocols
 from frog_blender.experiments.results import read
 
 Chart = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture
-def chart(own_cache: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Chart:
-    for module in (training_run, timing_pass):
-        monkeypatch.setattr(module, "stored_seeds", lambda *_, **__: film.seeds())
-    monkeypatch.setattr(timing, "MOMENTS", 3)
-
+def chart(quick_seeds: None, capsys: pytest.CaptureFixture[str]) -> Chart:
     def call(*arguments: object) -> tuple[int, str, str]:
         capsys.readouterr()
         status = main(["chart", *map(str, arguments)])
@@ -82,21 +77,13 @@ def test_a_plan_runs_nothing(chart: Chart, filmed: Path, tmp_path: Path) -> None
     assert "7 runs, 7 to do" in text
 
 
-def test_a_failed_run_is_told_and_the_rest_is_drawn(
-    chart: Chart, filmed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    perform = execute.perform
-
-    def sometimes(run, *arguments):  # type: ignore[no-untyped-def]
-        if run.method == "static":
-            raise MemoryError("as large as a house")
-        return perform(run, *arguments)
-
-    monkeypatch.setattr(execute, "perform", sometimes)
+def test_a_failed_run_is_reported_and_the_rest_is_drawn(chart: Chart, filmed: Path, tmp_path: Path) -> None:
     out = tmp_path / "o"
-    status, text, err = chart(filmed, "--out", out, "--methods", "frog,static", "--steps", 2, "--seeds", 1)
-    assert status == 1 and "1 runs failed" in err and "as large as a house" in err
-    assert "as large as a house" in (out / "tables.md").read_text()
+    options = ("--methods", "static", "--steps", 2, "--seeds", 1)
+    status, text, err = chart(filmed, tmp_path / "gone", "--out", out, *options)
+    assert status == 1 and "1 run failed" in err and "gone: there is no such folder" in err
+    tables = (out / "tables.md").read_text()
+    assert "gone: there is no such folder" in tables and "| 3DGS (static) |" in tables
     assert str(out / "tables.md") in text
     status, text, _ = chart(filmed, "--out", out, "--only-report")
     assert status == 0 and "to do" not in text

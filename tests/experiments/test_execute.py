@@ -16,7 +16,6 @@ from support import synthetic_capture as film
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.scene.scene_file import read_scene
-from frog_blender.engine.training.session import run as training_run
 from frog_blender.experiments import runs, worker
 from frog_blender.experiments.execute import GridCallbacks, Progress, run_grid, seconds_left
 from frog_blender.experiments.grid import CommonSettings, Run, SeedCounts, chart_grid
@@ -154,12 +153,7 @@ def test_time_left_looks_at_the_most_similar_runs() -> None:
     assert seconds_left([], {wanted[0]: 0.25}, done, 1) == 75
 
 
-# With the real training, on the small filmed scene.
-
-
-@pytest.fixture
-def quick_seeds(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(training_run, "stored_seeds", lambda *_, **__: film.seeds())
+# With the real training, on the small recorded scene.
 
 
 def filmed_run(filmed: Path, **changes: Any) -> Run:
@@ -228,7 +222,7 @@ def test_an_opened_capture_is_trained_on(filmed: Path, tmp_path: Path, quick_see
     record = perform(run, RunEnvironment(tmp_path))
     assert record["split"] == "held-out" and record["frames"] == film.FRAMES
     cameras, clean = read_scene(RunEnvironment(tmp_path).scene(run)).header.cameras, open_capture(filmed).cameras
-    assert (cameras[0].world_to_camera == clean[0].world_to_camera).all(), "the camera that judges stays"
+    assert (cameras[0].world_to_camera == clean[0].world_to_camera).all(), "the held-out camera stays"
     assert (cameras[1].world_to_camera != clean[1].world_to_camera).any()
 
 

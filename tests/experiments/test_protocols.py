@@ -1,4 +1,4 @@
-"""The papers' protocols on folders that look like the data sets, tiny."""
+"""The papers' protocols on folders that look like the datasets, tiny."""
 
 from __future__ import annotations
 
@@ -131,7 +131,7 @@ def test_names_that_do_not_exist_are_refused(tmp_path: Path) -> None:
 
 
 def hypernerf_scene(folder: Path) -> None:
-    """Two moments of a rig, images of 67 x 120 at 2x."""
+    """Two frames of a rig, images of 67 x 120 at 2x."""
     (folder / "rgb" / "2x").mkdir(parents=True)
     (folder / "camera").mkdir()
     ids = ["1_left", "1_right", "2_left", "2_right"]

@@ -1,4 +1,4 @@
-"""The stability suite: its grid, what it makes of results, its page, and the command on the small filmed scene."""
+"""The stability suite: its grid, its summary, its report, and the command on the small recorded scene."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from support import synthetic_capture as film
 
 from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.training.session import run as training_run
 from frog_blender.experiments.corruptions.catalogue import CONDITIONS
 from frog_blender.experiments.grid import AUTO_LABEL, Run
 from frog_blender.experiments.heat_map import heat_map, stability_table, write_stability
@@ -62,7 +61,7 @@ def test_captures_that_are_missing_are_named(filmed: Path) -> None:
         {"clean": filmed, "long": filmed, "dim": filmed, "appearing": filmed}, list(CONDITIONS)
     )
     assert sentences == [
-        "Left out without --still (a film in which nothing moves (examples/make_still.py)): nothing moves."
+        "Left out without --still (a scene in which nothing moves (examples/make_still.py)): nothing moves."
     ]
 
 
@@ -100,11 +99,7 @@ def test_no_results_is_a_sentence(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def stability(
-    own_cache: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Callable[..., tuple[int, str, str]]:
-    monkeypatch.setattr(training_run, "stored_seeds", lambda *_, **__: film.seeds())
-
+def stability(quick_seeds: None, capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
     def call(*arguments: object) -> tuple[int, str, str]:
         capsys.readouterr()
         status = main(["stability", *map(str, arguments)])

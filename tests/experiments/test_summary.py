@@ -70,7 +70,7 @@ def test_the_page() -> None:
     assert rows["FRoG"][5] == "not installed" and rows["FRoG"][8:10] == ["68 s", "52.0"]
     averages = {line[0]: line for line in lines_of(text, "## Average over the scenes (draft)")}
     assert averages["FRoG"][1] == "29.15" and averages["FRoG"][-1] == "2"
-    paired = lines_of(text, "## FRoG less E-D3DGS, by seed")
+    paired = lines_of(text, "## FRoG minus E-D3DGS, by seed")
     assert [line[1] for line in paired[2:]] == ["-0.05 (-0.05 to -0.05)"] * 2 + ["-0.05"]
     assert lines_of(text, "### Canonical sampling")[-1][0] == "sampling: off"
     assert "-0.12 (-0.14 to -0.10)" in text, "an ablation's difference and its range"

@@ -1,4 +1,4 @@
-"""Invented results of a comparison, as ``frog chart`` would have written them."""
+"""Invented results, as ``frog chart`` would have written them."""
 
 from __future__ import annotations
 

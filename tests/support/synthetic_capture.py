@@ -1,4 +1,4 @@
-"""A small filmed scene, written by the tests: moving Gaussians, drawn by the project's own rasterizer."""
+"""A small recorded scene, written by the tests: moving Gaussians, drawn by the project's own rasterizer."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def rig() -> list[Camera]:
 
 
 def gaussians_at(frame: int) -> GaussianArrays:
-    """A speckled wall that stands still, and a bright ball that crosses it."""
+    """A static speckled wall, and a bright ball that crosses it."""
     random = np.random.default_rng(11)
     across, down = np.meshgrid(np.linspace(-2.4, 2.4, 13), np.linspace(-1.8, 1.8, 10))
     wall = np.stack([across, down, 1.0 + 0.2 * np.sin(2 * across)], -1).reshape(-1, 3)
@@ -54,7 +54,7 @@ def image(camera: Camera, frame: int) -> np.ndarray:
 
 
 def seeds(count: int = 300) -> Seeds:
-    """Points near the true ones of the middle moment, roughly coloured: what ``find_seeds`` would find, at no cost."""
+    """Points near the true ones of the middle frame, roughly coloured: what ``find_seeds`` would find, at no cost."""
     random = np.random.default_rng(12)
     true = gaussians_at(FRAMES // 2)
     chosen = random.integers(len(true), size=count)
@@ -81,7 +81,7 @@ def write_capture(folder: Path) -> Path:
 
 
 def longer(capture: Capture, frames: int) -> Capture:
-    """The same cameras over more moments."""
+    """The same cameras over more frames."""
     shots = tuple(
         replace(capture.shots[0], camera=camera, frame=frame)
         for camera in range(len(capture.cameras))

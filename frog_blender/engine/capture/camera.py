@@ -9,25 +9,25 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from ..errors import brief, printable
 from ..io.plain_values import UnfitValue, entries, number, numbers, text, whole
+from .arrays import Float64s
 
 NEUTRAL = (1.0, 1.0, 1.0)
-"""The exposure of a camera whose images are as bright as the scene is."""
+"""The exposure of a camera whose images are as bright as the scene."""
 MAX_SIDE = 65_536
 """Pixels of an image's width or height: the native code counts tiles in 16 bits, and a side's pixels exactly."""
 MAX_PIXELS = 2**26
 """Pixels of a camera's whole image: 8192 x 8192, twice what an 8K video has."""
-_FARTHEST = 1e12  # world units, pixels
-_MOST_EXPOSURE = 1e6
-_LONGEST_NAME = 1024
-_NOTHING = dict.fromkeys(("name", "width", "height", "intrinsics", "world_to_camera"))  # of a camera
-_ZERO, _ONE = 1e-6, 2e-5  # how far a zero and the one of K may be from it: calibrations are computed
-_ROUNDED = 0.05  # how far a rotation times its transpose may be from one
+_MAX_COORDINATE = 1e12  # world units, pixels
+_MAX_EXPOSURE = 1e6
+_MAX_NAME = 1024  # characters
+_MISSING = dict.fromkeys(("name", "width", "height", "intrinsics", "world_to_camera"))
+_ZERO, _ONE = 1e-6, 2e-5  # tolerances of the zeros and the one in a calibrated K
+_ORTHONORMAL = 0.05  # tolerance of a rotation times its transpose
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,15 +39,15 @@ class Camera:
         width, height: pixels.
         intrinsics: (3, 3) float64 matrix K, pixels.
         world_to_camera: (4, 4) float64, rigid; ``x_camera = world_to_camera @ x_world``, world units.
-        exposure: positive factors by which what it sees is brighter in its images: red, green and blue,
-            display-referred (see training.exposures).
+        exposure: positive factors for red, green and blue by which its images are brighter than the scene,
+            display-referred (see training.optimize.exposure_compensation).
     """
 
     name: str
     width: int
     height: int
-    intrinsics: np.ndarray
-    world_to_camera: np.ndarray
+    intrinsics: Float64s
+    world_to_camera: Float64s
     exposure: tuple[float, float, float] = NEUTRAL
 
     def __post_init__(self) -> None:
@@ -57,26 +57,28 @@ class Camera:
         object.__setattr__(self, "world_to_camera", np.asarray(self.world_to_camera, dtype=np.float64).reshape(4, 4))
 
     @property
-    def rotation(self) -> np.ndarray:
+    def rotation(self) -> Float64s:
         """(3, 3) world-to-camera rotation."""
         return self.world_to_camera[:3, :3]
 
     @property
-    def center(self) -> np.ndarray:
+    def center(self) -> Float64s:
         """(3,) camera centre in world units."""
-        return -self.rotation.T @ self.world_to_camera[:3, 3]
+        center: Float64s = -self.rotation.T @ self.world_to_camera[:3, 3]
+        return center
 
     @property
-    def forward(self) -> np.ndarray:
+    def forward(self) -> Float64s:
         """(3,) unit viewing direction in the world."""
-        return self.rotation[2]
+        forward: Float64s = self.rotation[2]
+        return forward
 
     def resized(self, width: int, height: int) -> Camera:
         """The same view sampled with another number of pixels (the intrinsics scale with them)."""
         scale = np.diag([width / self.width, height / self.height, 1.0])
         return replace(self, width=width, height=height, intrinsics=scale @ self.intrinsics)
 
-    def with_pose(self, world_to_camera: np.ndarray) -> Camera:
+    def with_pose(self, world_to_camera: Float64s) -> Camera:
         """The same camera elsewhere; ``world_to_camera`` is (3, 4) or (4, 4)."""
         return replace(self, world_to_camera=np.vstack([world_to_camera[:3], [[0.0, 0.0, 0.0, 1.0]]]))
 
@@ -87,7 +89,7 @@ class Camera:
             raise ValueError(f"an exposure of {red:g}, {green:g}, {blue:g}")
         return replace(self, exposure=(red, green, blue))
 
-    def moved(self, turn: np.ndarray, shift: np.ndarray) -> Camera:
+    def moved(self, turn: Float64s, shift: Float64s) -> Camera:
         """The camera turned about its centre, then shifted, both along its own axes.
 
         Args:
@@ -103,7 +105,7 @@ class Camera:
         shift = np.array([[1.0, 0.0, -left], [0.0, 1.0, -top], [0.0, 0.0, 1.0]])
         return replace(self, width=width, height=height, intrinsics=shift @ self.intrinsics)
 
-    def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def project(self, points: Float64s) -> tuple[Float64s, Float64s]:
         """Pixel positions (N, 2) and planar depths (N,) of world points (N, 3); depth <= 0 lies behind."""
         local = points @ self.rotation.T + self.world_to_camera[:3, 3]
         depth = local[:, 2]
@@ -111,17 +113,19 @@ class Camera:
         pixels = local @ self.intrinsics.T
         return pixels[:, :2] / safe[:, None], depth
 
-    def ray_directions(self, pixels: np.ndarray) -> np.ndarray:
+    def ray_directions(self, pixels: Float64s) -> Float64s:
         """(N, 3) unit world directions through pixel positions (N, 2)."""
         homogeneous = np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1)
         directions = homogeneous @ np.linalg.inv(self.intrinsics).T @ self.rotation
-        return directions / np.linalg.norm(directions, axis=1, keepdims=True)
+        unit: Float64s = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+        return unit
 
-    def unproject(self, pixels: np.ndarray, distances: np.ndarray) -> np.ndarray:
+    def unproject(self, pixels: Float64s, distances: Float64s) -> Float64s:
         """(N, 3) world points at Euclidean distances (N,) from the centre, through pixel positions (N, 2)."""
-        return self.center + self.ray_directions(pixels) * distances[:, None]
+        points: Float64s = self.center + self.ray_directions(pixels) * distances[:, None]
+        return points
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """A plain dictionary for headers; ``from_json`` reads it back."""
         plain = {
             "name": self.name,
@@ -133,10 +137,10 @@ class Camera:
         return plain if self.exposure == NEUTRAL else plain | {"exposure": list(self.exposure)}
 
     @classmethod
-    def from_json(cls, data: Any) -> Camera:
-        """What ``to_json`` gave; UnfitValue for anything that no camera can be."""
-        data = _NOTHING | entries(data, "a camera")
-        name = text(data["name"], "a camera's name", _LONGEST_NAME)
+    def from_json(cls, data: object) -> Camera:
+        """The camera of ``to_json``; UnfitValue for data that is not a valid camera."""
+        data = _MISSING | entries(data, "a camera")
+        name = text(data["name"], "a camera's name", _MAX_NAME)
         width, height = (whole(data[side], f"the {side} of camera {name}", 1, MAX_SIDE) for side in ("width", "height"))
         if width * height > MAX_PIXELS:
             raise UnfitValue(f"camera {name} of {width} x {height} pixels", f"at most {MAX_PIXELS:,} in all")
@@ -150,8 +154,8 @@ class Camera:
         )
 
 
-def exact_pinhole(matrix: np.ndarray) -> np.ndarray | None:
-    """(3, 3) K with the zeros and the one of a pinhole exactly, of one that has them up to rounding; else None."""
+def exact_pinhole(matrix: Float64s) -> Float64s | None:
+    """(3, 3) K with its zeros and its one exact, if they are so up to rounding; else None."""
     _, (lean, _, _), (left, right, one) = matrix.tolist()  # plain numbers: a moving camera has thousands
     if not lean and [left, right, one] == [0, 0, 1]:
         return matrix
@@ -162,43 +166,45 @@ def exact_pinhole(matrix: np.ndarray) -> np.ndarray | None:
     return exact
 
 
-def _exposure(value: Any, what: str) -> tuple[float, float, float]:
-    red, green, blue = numbers(value, what, (3,), _MOST_EXPOSURE).tolist()
+def _exposure(value: object, what: str) -> tuple[float, float, float]:
+    red, green, blue = numbers(value, what, (3,), _MAX_EXPOSURE).tolist()
     if min(red, green, blue) <= 0:
         raise UnfitValue(f"{what} = {brief(value)}", "three positive numbers")
     return red, green, blue
 
 
-def _lens(value: Any, what: str) -> np.ndarray:
-    """(3, 3) of a header; UnfitValue unless it is a pinhole's."""
-    matrix = numbers(value, what, (3, 3), _FARTHEST)
-    number(min(matrix.diagonal().tolist()[:2]), f"a focal length in {what}", 1e-6, _FARTHEST)
+def _lens(value: object, what: str) -> Float64s:
+    """(3, 3) matrix K from a header; UnfitValue unless it is that of a pinhole camera."""
+    matrix = numbers(value, what, (3, 3), _MAX_COORDINATE)
+    number(min(matrix.diagonal().tolist()[:2]), f"a focal length in {what}", 1e-6, _MAX_COORDINATE)
     exact = exact_pinhole(matrix)
     if exact is None:
         raise UnfitValue(f"{what} with the rows {matrix.tolist()}", "zeros below the focal lengths, and 0, 0, 1")
     return exact
 
 
-def _pose(value: Any, what: str) -> np.ndarray:
-    """(4, 4) of a header; UnfitValue unless it turns and shifts, and no more."""
-    matrix = numbers(value, what, (4, 4), _FARTHEST)
+def _pose(value: object, what: str) -> Float64s:
+    """(4, 4) pose from a header; UnfitValue unless it is rigid."""
+    matrix = numbers(value, what, (4, 4), _MAX_COORDINATE)
     *rows, last = matrix.tolist()
     (a, b, c), (d, e, f), (g, h, i) = (row[:3] for row in rows)  # plain numbers: a moving camera has thousands
     lengths = a * a + b * b + c * c, d * d + e * e + f * f, g * g + h * h + i * i
     leans = a * d + b * e + c * f, a * g + b * h + c * i, d * g + e * h + f * i
-    turned_over = a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g) < 0
-    if turned_over or max(*(abs(length - 1) for length in lengths), *map(abs, leans)) > _ROUNDED:
+    mirrors = a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g) < 0
+    if mirrors or max(*(abs(length - 1) for length in lengths), *map(abs, leans)) > _ORTHONORMAL:
         raise UnfitValue(f"{what} that mirrors, scales or shears ({[row[:3] for row in rows]})", "a rotation")
     if last != [0, 0, 0, 1]:
         raise UnfitValue(f"{what} with the last row {last}", "0, 0, 0, 1")
     return matrix
 
 
-def rotation_about(vector: np.ndarray) -> np.ndarray:
-    """(3, 3) the rotation about ``vector`` (3,) by its length in radians (Rodrigues)."""
+def rotation_about(vector: Float64s) -> Float64s:
+    """(3, 3) rotation about ``vector`` (3,) by its length in radians (Rodrigues)."""
     x, y, z = vector.tolist()  # plain numbers: a training asks at every step
     angle = math.sqrt(x * x + y * y + z * z)
     if angle < 1e-12:
         return np.eye(3)
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + math.sin(angle) / angle * cross + (1 - math.cos(angle)) / angle**2 * (cross @ cross)
+    sine, cosine = math.sin(angle), math.cos(angle)
+    rotation: Float64s = np.eye(3) + sine / angle * cross + (1 - cosine) / angle**2 * (cross @ cross)
+    return rotation

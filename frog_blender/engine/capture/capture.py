@@ -1,6 +1,6 @@
-"""What was filmed: cameras, and which image shows which camera at which moment.
+"""A recorded scene: its cameras, and which image is of which camera and frame.
 
-A capture only names its images; ``frames.FrameStore`` decodes them.
+A capture only refers to its images; ``frames.FrameStore`` decodes them.
 """
 
 from __future__ import annotations
@@ -16,13 +16,14 @@ from typing import Protocol
 import numpy as np
 
 from ..errors import FrogError
+from .arrays import Float64s, ImageArray
 from .camera import Camera
 from .camera_motion import cameras_move
 
 MAX_FRAMES = 1_000_000
-"""Moments of a capture: nine hours at 30 a second. What claims more is mistaken."""
+"""Frames of a capture: nine hours at 30 a second."""
 MAX_IMAGES = 4_000_000
-"""Of a capture: each that is listed takes a few hundred bytes."""
+"""Images of a capture: each takes a few hundred bytes of memory before it is decoded."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +35,7 @@ class Distortion:
         skew: K[0, 1] of the stored images over their focal length in x; removed too, so that cameras have none.
     """
 
-    coefficients: np.ndarray
+    coefficients: Float64s
     skew: float = 0.0
 
     def __post_init__(self) -> None:
@@ -43,11 +44,11 @@ class Distortion:
 
 @dataclass(frozen=True)
 class Shot:
-    """One image: a camera at a moment.
+    """One image: a camera at a frame.
 
     Attributes:
         camera: index into ``Capture.cameras``.
-        frame: the moment, 0 .. ``Capture.frame_count`` - 1.
+        frame: 0 .. ``Capture.frame_count`` - 1.
         path: the video or image file.
         index: frame within the video, 0 for an image.
     """
@@ -59,11 +60,11 @@ class Shot:
 
 
 class Alteration(Protocol):
-    """Changes decoded images; conditions.alterations tests with them how much a method bears.
+    """A deterministic change of decoded images, such as noise in robustness tests.
 
     Attributes:
-        key: names everything that decides what comes out.
-        tests_too: images that judge are changed as well.
+        key: identifies everything that decides the result.
+        tests_too: held-out images are changed as well.
     """
 
     @property
@@ -72,14 +73,14 @@ class Alteration(Protocol):
     @property
     def tests_too(self) -> bool: ...
 
-    def apply(self, image: np.ndarray, camera: str, frame: int) -> np.ndarray:
-        """The image (H, W, 3) uint8 that the camera of this name took at that moment, changed."""
+    def apply(self, image: ImageArray, camera: str, frame: int) -> ImageArray:
+        """The changed image (H, W, 3) uint8 of the camera of this name at a frame."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Capture:
-    """A filmed scene, opened but not decoded.
+    """A recorded scene, opened but not decoded.
 
     Attributes:
         path: the capture's folder.
@@ -87,16 +88,16 @@ class Capture:
         cameras: undistorted pinhole cameras at the size of the stored frames.
         distortions: one for each camera, None where the lens needs no correction.
         shots: ordered by frame, then camera.
-        frame_count: number of moments.
+        frame_count: number of frames, at which each camera has at most one image.
         frames_per_second: of the videos; 30 where the format does not say.
         crops: for each camera the pixel (dx, dy) of its calibrated image at which the video's corner lies.
         test_cameras: names of cameras that are held out.
-        test_frames: moments withheld in every camera.
+        test_frames: frames that are held out in every camera.
         near_far: distances in world units between which the scene lies, where the format gives them.
         background: colour in [0, 1] under transparent images.
         points: (N, 3) float64 points on surfaces that came with the capture, world units; None for most.
         warnings: one sentence each.
-        alteration: what is done to the images once they are decoded.
+        alteration: applied to the images after decoding; None for none.
     """
 
     path: Path
@@ -111,7 +112,7 @@ class Capture:
     test_frames: frozenset[int] = frozenset()
     near_far: tuple[float, float] | None = None
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    points: np.ndarray | None = None
+    points: Float64s | None = None
     warnings: tuple[str, ...] = ()
     alteration: Alteration | None = None
 
@@ -122,9 +123,9 @@ class Capture:
 
     @property
     def is_moving(self) -> bool:
-        """True for one moving camera: every camera has one shot, and no two that may be trained on share a frame.
+        """True for one moving camera: every camera has one image, and no two training images share a frame.
 
-        A held-out image may share it: of a rig of two cameras one is trained on and the other judges.
+        A held-out image may share it: of a rig of two cameras one is for training and the other is held out.
         """
         images = Counter(shot.camera for shot in self.shots)
         return cameras_move(images.values(), [shot.frame for shot in self.train_shots])
@@ -140,35 +141,35 @@ class Capture:
         return {(shot.camera, shot.frame): index for index, shot in enumerate(self.shots)}
 
     def shot_index(self, camera: int, frame: int) -> int | None:
-        """Index into ``shots`` of a camera at a moment, None where that image does not exist."""
+        """Index into ``shots`` of a camera's image at a frame; None if there is none."""
         return self._shot_indices.get((camera, frame))
 
     def is_test(self, shot: Shot) -> bool:
-        """True for an image that must not be trained on."""
+        """True for a held-out image."""
         return shot.frame in self.test_frames or self.cameras[shot.camera].name in self.test_cameras
 
     @property
     def train_shots(self) -> tuple[Shot, ...]:
-        """The images that training may see."""
+        """The training images."""
         return tuple(shot for shot in self.shots if not self.is_test(shot))
 
     @property
     def train_cameras(self) -> list[int]:
-        """The cameras that took them, ascending; none that judges is among them."""
+        """Indices of the cameras that have training images, ascending."""
         return sorted({shot.camera for shot in self.train_shots})
 
     @property
     def train_indices(self) -> list[int]:
-        """Where the images that training may see stand among ``shots``."""
+        """Indices of the training images in ``shots``."""
         return [index for index, shot in enumerate(self.shots) if not self.is_test(shot)]
 
     @property
     def test_shots(self) -> tuple[Shot, ...]:
-        """The images that only evaluation may see."""
+        """The held-out images."""
         return tuple(shot for shot in self.shots if self.is_test(shot))
 
     def with_holdout(self, every: int) -> Capture:
-        """The capture with frames ``f % every == every // 2`` withheld in all cameras; 0 withholds none.
+        """The capture with frames ``f % every == every // 2`` held out in all cameras; 0 holds none out.
 
         Raises:
             FrogError: if nothing would be left to train on.
@@ -198,7 +199,7 @@ class Capture:
 
     def with_cameras(self, cameras: Iterable[Camera]) -> Capture:
         """The same images, said to be taken by these cameras: one for each of the capture's, in its order."""
-        other = copy(self)  # with what it knows of its shots: a training may ask for one at every step
+        other = copy(self)  # keeps the cached indices: pose refinement calls this at every step
         object.__setattr__(other, "cameras", tuple(cameras))
         return other
 
@@ -227,7 +228,7 @@ class Capture:
         return replace(self, cameras=tuple(cameras), crops=tuple(crops))
 
     def without_cameras(self, names: Collection[str]) -> Capture:
-        """The capture as if these cameras had not filmed.
+        """The capture without these cameras.
 
         Raises:
             FrogError: for a name that is no camera, or if no camera would be left.
@@ -241,10 +242,10 @@ class Capture:
         return self._with_shots(shot for shot in self.shots if self.cameras[shot.camera].name not in names)
 
     def segment(self, first: int, count: int) -> Capture:
-        """The moments ``first`` .. ``first + count - 1`` as a capture of their own, its frames counted from 0.
+        """The frames ``first`` .. ``first + count - 1`` as a capture of their own, whose frames count from 0.
 
         Raises:
-            FrogError: if the capture does not have these moments.
+            FrogError: if the capture does not have these frames.
         """
         if first < 0 or count < 1 or first + count > self.frame_count:
             raise FrogError(

@@ -1,4 +1,4 @@
-"""From files to the frames that a capture promises: decoded, freed of lens distortion, resized."""
+"""From files to a capture's images: decoded, undistorted and resized to their cameras."""
 
 from __future__ import annotations
 
@@ -6,16 +6,18 @@ from collections.abc import Iterator, Sequence
 from itertools import groupby, repeat
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import FrogError
+from .arrays import ImageArray
 from .camera import Camera
 from .capture import Capture, Distortion
 from .video import VIDEO_SUFFIXES, decode, load_opencv, read_image
 
-Maps = tuple[np.ndarray, np.ndarray]
+Maps = tuple[NDArray[np.int16], NDArray[np.uint16]]
 
 
-def decode_shots(capture: Capture, order: Sequence[int]) -> Iterator[np.ndarray]:
+def decode_shots(capture: Capture, order: Sequence[int]) -> Iterator[ImageArray]:
     """The frames of the shots in ``order``, each (H, W, 3) uint8 RGB, contiguous, at its camera's size.
 
     Shots of one video must follow each other in ascending frames; one file is open at a time.
@@ -27,9 +29,9 @@ def decode_shots(capture: Capture, order: Sequence[int]) -> Iterator[np.ndarray]
         shots = [capture.shots[index] for index in group]
         camera, distortion = capture.cameras[camera_index], capture.distortions[camera_index]
         if path.suffix.lower() in VIDEO_SUFFIXES:
-            images: Iterator[np.ndarray] = decode(path, [shot.index for shot in shots])
+            images: Iterator[ImageArray] = decode(path, [shot.index for shot in shots])
         else:
-            # One image may stand for several moments: a damaged one is replaced by that of the frame before.
+            # One image may serve several frames: a damaged one is replaced by that of the frame before.
             images = repeat(read_image(path, capture.background), len(shots))
         maps: Maps | None = None
         map_shape: tuple[int, ...] = ()
@@ -42,7 +44,7 @@ def decode_shots(capture: Capture, order: Sequence[int]) -> Iterator[np.ndarray]
 
 
 def undistortion_maps(camera: Camera, distortion: Distortion, width: int, height: int) -> Maps:
-    """For each pixel of the straightened image, where it lies in the stored one (fixed-point, for ``cv2.remap``).
+    """For each pixel of the undistorted image its position in the stored one (fixed-point, for ``cv2.remap``).
 
     Both images are ``width`` x ``height`` pixels and share the camera's K at that size.
     """
@@ -71,7 +73,7 @@ def _check_proportions(camera: Camera, shape: tuple[int, ...], path: str) -> Non
         )
 
 
-def _finish(image: np.ndarray, camera: Camera, maps: Maps | None) -> np.ndarray:
+def _finish(image: ImageArray, camera: Camera, maps: Maps | None) -> ImageArray:
     cv2 = load_opencv()
     if maps is not None:
         image = cv2.remap(image, maps[0], maps[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

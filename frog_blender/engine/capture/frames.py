@@ -1,8 +1,7 @@
 """Decoded frames on disk, so that a capture larger than memory can be trained on.
 
-Each video is decoded once, freed of lens distortion, resized to its camera and written as raw bytes into one file,
-which is then memory mapped. The folder's name is a hash of everything that decides the bytes; it appears under that
-name only when it is whole.
+Each video is decoded once, undistorted, resized to its camera and written as raw bytes into one file, which is then
+memory mapped. The folder's name is a hash of everything that decides the bytes. It gets that name only when complete.
 """
 
 from __future__ import annotations
@@ -20,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import FrogError, found_instead
+from .arrays import ImageArray
 from .camera import MAX_PIXELS, MAX_SIDE
 from .capture import Capture, Distortion, Shot
 from .decoding import decode_shots
@@ -44,7 +44,7 @@ class FrameStore:
         """Map a whole store; use ``open``, which makes it where it is missing."""
         self.folder = folder
         self._offsets, self._shapes, total = _layout(capture)
-        self._pixels: np.ndarray = np.memmap(folder / _PIXELS, dtype=np.uint8, mode="r", shape=(total,))
+        self._pixels: ImageArray = np.memmap(folder / _PIXELS, dtype=np.uint8, mode="r", shape=(total,))
         self._map = weakref.ref(self._pixels._mmap)  # type: ignore[attr-defined]
         self._in_use = open_shared(folder / _INDEX)
 
@@ -83,7 +83,7 @@ class FrameStore:
                 raise FrogError(f"{cache}: the decoded frames cannot be written here ({reason}).") from error
         return cls(capture, folder)
 
-    def image(self, shot_index: int) -> np.ndarray:
+    def image(self, shot_index: int) -> ImageArray:
         """(H, W, 3) uint8 sRGB view of the memory map; ``shot_index`` counts in ``capture.shots``."""
         height, width = self._shapes[shot_index]
         offset = self._offsets[shot_index]
@@ -93,17 +93,17 @@ class FrameStore:
         return len(self._offsets)
 
     def give_up(self) -> int:
-        """Deletes the frames from the disk to make room there; they can be decoded again, this store is of no more use.
+        """Deletes the frames from disk to free space. They can be decoded again; this store cannot be used any more.
 
         Returns:
-            The bytes that were freed; 0, and nothing is deleted, where another training reads the same frames, or
-            somebody here holds an image: the disk has no room before that goes.
+            The bytes that were freed. 0, and nothing is deleted, if another process reads the same frames, or an image
+            of this store is still referenced.
         """
         if not lock_exclusively(self._in_use):
             return 0
         size, self._pixels, self._in_use = self._pixels.size, np.empty(0, np.uint8), None
         mapped = self._map()
-        if mapped is not None:  # never closed by force: who reads an image then ends the process
+        if mapped is not None:  # still referenced: closing it by force would crash the process
             self._pixels, self._in_use = np.frombuffer(mapped, np.uint8), open_shared(self.folder / _INDEX)
             return 0
         shutil.rmtree(self.folder, ignore_errors=True)
@@ -111,7 +111,7 @@ class FrameStore:
 
 
 def _check_sizes(capture: Capture) -> None:
-    """FrogError for images of which no scene could be written."""
+    """FrogError for images larger than a scene file allows."""
     for camera in capture.cameras:
         if max(camera.width, camera.height) > MAX_SIDE or camera.width * camera.height > MAX_PIXELS:
             found = f"images of {camera.width} x {camera.height} pixels of {camera.name}"
@@ -155,7 +155,7 @@ def decoding_order(capture: Capture) -> list[int]:
 
 
 def _facts(path: Path) -> list[int]:
-    """Size and time of change: what tells a file from what it was. OSError where it cannot be read."""
+    """Size and modification time, which tell whether a file has changed. OSError if it cannot be read."""
     facts = path.stat()
     return [facts.st_size, facts.st_mtime_ns]
 
@@ -218,9 +218,9 @@ def _is_whole(folder: Path, capture: Capture) -> bool:
 
 
 def _remove_stale(cache: Path, capture: Capture) -> None:
-    """Remove what killed runs left, and stores of this capture made from files that have changed since.
+    """Remove what killed runs left, and stores of this capture whose source files have changed since.
 
-    Stores of some of its cameras, or of its images altered, stay beside that of the whole.
+    Stores of some of its cameras, or of altered images, stay.
     """
     for entry in cache.iterdir():
         try:
@@ -237,7 +237,7 @@ def _remove_stale(cache: Path, capture: Capture) -> None:
 
 
 def _changed(sources: object) -> bool:
-    """Whether a file that a store was made from is not what it was. Older indices held no files."""
+    """Whether a source file of a store has changed. Indices of older versions list no files."""
     if not isinstance(sources, dict):
         return True
     try:
@@ -246,7 +246,7 @@ def _changed(sources: object) -> bool:
         return True
 
 
-def _altered(capture: Capture, index: int, image: np.ndarray) -> np.ndarray:
+def _altered(capture: Capture, index: int, image: ImageArray) -> ImageArray:
     """A decoded image as the capture shows it, contiguous."""
     shot, alteration = capture.shots[index], capture.alteration
     if alteration is None or (capture.is_test(shot) and not alteration.tests_too):

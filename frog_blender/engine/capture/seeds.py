@@ -1,4 +1,4 @@
-"""Where the first Gaussians stand: points on the scene's surfaces, found from the training images alone."""
+"""Seed points for the first Gaussians: points on the scene's surfaces, found from the training images alone."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import FrogError
+from .arrays import Bools, Float32s, Float64s, Floats, Ints
 from .capture import Capture
 from .seeding.given import given_points
 from .seeding.matching import triangulate
@@ -18,7 +19,7 @@ from .seeding.volume import fill_volume
 _MATCH_SIDE, _SWEEP_SIDE = 800, 256  # longest side in pixels
 _MATCH_VIEWS = 36
 _SWEEP_REFERENCES = 12
-_ENOUGH = 5000  # measured points with which no guessed ones are needed
+_ENOUGH = 5000  # measured points: with fewer, further ones are drawn in the volume
 _UNTEXTURED_SHARE = 0.3
 
 
@@ -32,12 +33,13 @@ class Seeds:
         origin: how they were found, in words.
     """
 
-    points: np.ndarray
-    colors: np.ndarray
+    points: Float32s
+    colors: Float32s
     origin: str
 
 
-Cloud = tuple[np.ndarray, np.ndarray]
+Cloud = tuple[Float64s, Floats]
+"""World points (N, 3) and their colours (N, 3) in [0, 1]."""
 
 
 def find_seeds(
@@ -57,7 +59,7 @@ def find_seeds(
 
     Args:
         count_limit: at most this many points.
-        share: of ``count_limit``, the measured points at most: as if matching had found so few.
+        share: of ``count_limit``, the maximum number of measured points, as if matching had found no more.
         progress: called with (steps done, steps in all).
 
     Raises:
@@ -80,7 +82,7 @@ def find_seeds(
     matched = np.concatenate([found[0], given[0]]), np.concatenate([found[1], given[1]])
     report(1)
     near, far = _depth_range(capture, matched[0], depth)
-    swept, textured = _sweep(capture, store, train, references, (near, far), lambda done: report(1 + done))
+    swept, textured = _sweep(capture, store, references, (near, far), lambda done: report(1 + done))
     measured = len(matched[0]) + len(swept[0])
     parts = []
     if measured:
@@ -96,7 +98,7 @@ def find_seeds(
     counts = {"matched": len(found[0]), "given": len(given[0]), "swept": len(swept[0])}
     if measured < _ENOUGH:
         wanted = count_limit - sum(len(part[0]) for part in parts)
-        parts.append(fill_volume(capture, store, near, far, wanted, random))
+        parts.append(fill_volume(capture, store, near, far, count=wanted, random=random))
         counts["drawn"] = len(parts[-1][0])
     report(steps)
     points = np.concatenate([part[0] for part in parts])
@@ -114,7 +116,7 @@ def _typical(near_far: tuple[float, float]) -> float:
 
 
 def _references(capture: Capture, train: list[int]) -> list[int]:
-    """Shots whose depth is measured: all cameras at the middle moment, or of moving ones spread frames."""
+    """Shots whose depth is measured: those of the middle frame, or of moving cameras some over all frames."""
     if capture.has_moving_cameras:
         return spread(train, _SWEEP_REFERENCES)
     frames = sorted({capture.shots[index].frame for index in train})
@@ -123,7 +125,7 @@ def _references(capture: Capture, train: list[int]) -> list[int]:
 
 
 def _candidates(capture: Capture, train: list[int], reference: int) -> list[int]:
-    """Training shots that may show the same state of the scene: the same moment, or of moving cameras all."""
+    """Training shots that may show the same state of the scene: of the same frame, or all of moving cameras."""
     if capture.has_moving_cameras:
         return [index for index in train if index != reference]
     frame = capture.shots[reference].frame
@@ -131,7 +133,7 @@ def _candidates(capture: Capture, train: list[int], reference: int) -> list[int]
 
 
 def _match(capture: Capture, store: Images, train: list[int], depth: float) -> Cloud:
-    """Points triangulated from features, at some moments or between near frames."""
+    """Points triangulated from features, at some frames or between near ones."""
     if capture.has_moving_cameras:
         shots = spread(train, _MATCH_VIEWS // 2)
     else:
@@ -152,8 +154,8 @@ def _match(capture: Capture, store: Images, train: list[int], depth: float) -> C
     return triangulate((views[first], views[second]) for first, second in pairs)
 
 
-def _depth_range(capture: Capture, points: np.ndarray, depth: float) -> tuple[float, float]:
-    """Nearest and farthest depth worth looking at: the capture's, else the matched points', else around ``depth``."""
+def _depth_range(capture: Capture, points: Float64s, depth: float) -> tuple[float, float]:
+    """Depth range to search: the capture's, else that of the matched points, else around ``depth``."""
     if capture.near_far is not None:
         return capture.near_far
     if len(points) >= 50:
@@ -167,16 +169,15 @@ def _depth_range(capture: Capture, points: np.ndarray, depth: float) -> tuple[fl
 def _sweep(
     capture: Capture,
     store: Images,
-    train: list[int],
     references: list[int],
     near_far: tuple[float, float],
     report: Callable[[int], None],
-) -> tuple[Cloud, np.ndarray]:
+) -> tuple[Cloud, Bools]:
     """Points of all reference views whose depth a second view confirms, and whether (N,) they lie on structure."""
     views: dict[int, View] = {}
     maps: dict[int, DepthMap] = {}
     around: dict[int, list[int]] = {}
-    depth = _typical(near_far)
+    train, depth = capture.train_indices, _typical(near_far)
     for done, reference in enumerate(references, start=1):
         around[reference] = neighbours(capture, reference, _candidates(capture, train, reference), depth, 4)
         for index in [reference, *around[reference]]:
@@ -201,21 +202,22 @@ def _sweep(
     return (np.concatenate(points), np.concatenate(colors)), np.concatenate(textured)
 
 
-def _choose(textured: np.ndarray, count: int, random: np.random.Generator) -> np.ndarray:
+def _choose(textured: Bools, count: int, random: np.random.Generator) -> Ints:
     """Indices of at most 2 * count points, more of them on structure than on flat walls.
 
     Twice as many as wanted, because views overlap and the merging of duplicates will thin them.
     """
     on_structure, on_flat = random.permutation(np.flatnonzero(textured)), random.permutation(np.flatnonzero(~textured))
     flat = min(len(on_flat), max(int(2 * count * _UNTEXTURED_SHARE), 2 * count - len(on_structure)))
-    return np.concatenate([on_structure[: 2 * count - flat], on_flat[:flat]]).astype(int)
+    chosen: Ints = np.concatenate([on_structure[: 2 * count - flat], on_flat[:flat]]).astype(int)
+    return chosen
 
 
-def _merge(cloud: Cloud, centers: np.ndarray, count_limit: int) -> Cloud:
-    """One point a voxel (the first), voxels growing until no more than ``count_limit`` are filled.
+def _merge(cloud: Cloud, centers: Float64s, count_limit: int) -> Cloud:
+    """The first point of each voxel; voxels grow until no more than ``count_limit`` are filled.
 
-    Voxels double in size with each doubling of the distance to the nearest camera: what is near needs more points.
-    Voxels that reach beyond all points still tell sides and distances apart: then some of those points are taken.
+    Voxels double in size with each doubling of the distance to the nearest camera, because near surfaces need more
+    points. If voxels larger than the scene are still too many, a subset of their points is taken.
     """
     finite = np.isfinite(cloud[0]).all(axis=1)
     points, colors = cloud[0][finite], cloud[1][finite]

@@ -1,4 +1,4 @@
-"""Videos and images through OpenCV, with sentences instead of codec chatter."""
+"""Videos and images through OpenCV, whose errors become FrogErrors and whose log is silenced."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ import numpy as np
 from ..errors import FrogError, found_instead
 from ..io.regular_file import regular_file
 from ..optional_imports import is_missing, not_loaded
+from .arrays import Float32s, ImageArray
 from .camera import MAX_SIDE
 from .image_header import size_in_header
 
@@ -25,7 +26,7 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp")
 _ESTIMATING_SUFFIXES = frozenset({".mkv", ".webm"})
 # Videos of fewer pixels than this are decoded once when opened, to count their frames for certain.
 _COUNT_BY_DECODING = 1e8
-_MOST_DECODED = 2**28  # pixels of an image: the largest cameras have half as many
+_MAX_DECODED = 2**28  # pixels of an image: the largest cameras have half as many
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class VideoFacts:
     frames_per_second: float
 
 
-def load_opencv() -> Any:
+def load_opencv() -> Any:  # cv2 has no types that mypy follows
     """OpenCV with its log turned off.
 
     Raises:
@@ -56,7 +57,7 @@ def load_opencv() -> Any:
     return cv2
 
 
-def _open(path: Path) -> Any:
+def _open(path: Path) -> Any:  # a cv2.VideoCapture
     regular_file(path, "a video")
     if path.stat().st_size == 0:
         raise found_instead(path, "an empty file", "a video")
@@ -74,7 +75,7 @@ def _open(path: Path) -> Any:
 
 
 def truncated(path: Path, decoded: int, expected: int) -> FrogError:
-    """The sentence for a video that ends before its own header says so."""
+    """The error for a video that has fewer frames than its header says."""
     return FrogError(
         f"{path}: {decoded} frames could be decoded, expected {expected}: "
         "the video is cut off or damaged; copy it again or trim it."
@@ -82,7 +83,7 @@ def truncated(path: Path, decoded: int, expected: int) -> FrogError:
 
 
 def _may_miss(frames: int) -> int:
-    """Edit lists and codecs that swallow the last frame make headers lie by so many frames."""
+    """By how many frames headers may be wrong, because of edit lists and codecs that drop the last frame."""
     return max(2, frames // 50)
 
 
@@ -95,7 +96,7 @@ def read_facts(path: Path) -> VideoFacts:
     cv2 = load_opencv()
     video = _open(path)
     try:
-        with _sentences(path, "a complete video"):
+        with _as_frog_error(path, "a complete video"):
             declared, rate = (video.get(key) for key in (cv2.CAP_PROP_FRAME_COUNT, cv2.CAP_PROP_FPS))
             is_read, image = video.read()
             if not is_read:
@@ -116,7 +117,7 @@ def read_facts(path: Path) -> VideoFacts:
     return VideoFacts(width, height, count, float(rate))
 
 
-def decode(path: Path, indices: Iterable[int]) -> Iterator[np.ndarray]:
+def decode(path: Path, indices: Iterable[int]) -> Iterator[ImageArray]:
     """The frames of a video with the given ascending indices, each (H, W, 3) uint8 RGB.
 
     Where a large video, whose frames nobody counted, ends a frame before its header says (or 1 %), the last one stays.
@@ -129,7 +130,7 @@ def decode(path: Path, indices: Iterable[int]) -> Iterator[np.ndarray]:
     video = _open(path)
     try:
         position, last = 0, None
-        with _sentences(path, "a complete video"):
+        with _as_frog_error(path, "a complete video"):
             for index in wanted:
                 while position < index and video.grab():
                     position += 1
@@ -144,45 +145,45 @@ def decode(path: Path, indices: Iterable[int]) -> Iterator[np.ndarray]:
         video.release()
 
 
-def read_image(path: Path, background: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> np.ndarray:
+def read_image(path: Path, background: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> ImageArray:
     """An image file as (H, W, 3) uint8 RGB; transparent pixels lie over ``background``.
 
     Raises:
         FrogError: if the file is missing or no image, or one too large to be decoded.
     """
     cv2 = load_opencv()
-    with _sentences(path, "an image"):
+    with _as_frog_error(path, "an image"):
         image = _decoded(path, cv2.IMREAD_UNCHANGED)
         if image.dtype != np.uint8:
             if not np.issubdtype(image.dtype, np.unsignedinteger):
                 raise found_instead(path, f"an image of {image.dtype} values", "8 or 16 bits a channel")
             image = (image >> (8 * (image.dtype.itemsize - 1))).astype(np.uint8)
         if image.ndim == 2:
-            return cv2.cvtColor(image, cv2.COLOR_GRAY2RGB)
+            return np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2RGB))
         if image.shape[2] == 3:
-            return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
-        rgba = cv2.cvtColor(image, cv2.COLOR_BGRA2RGBA).astype(np.float32)
+            return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
+        rgba: Float32s = cv2.cvtColor(image, cv2.COLOR_BGRA2RGBA).astype(np.float32)
     alpha = rgba[..., 3:] / 255.0
     over = rgba[..., :3] * alpha + np.float32(255.0) * np.asarray(background, np.float32) * (1.0 - alpha)
     return (over + 0.5).astype(np.uint8)
 
 
-def read_gray(path: Path) -> np.ndarray:
+def read_gray(path: Path) -> ImageArray:
     """An image file as (H, W) uint8 brightness; errors as of ``read_image``."""
-    with _sentences(path, "an image"):
+    with _as_frog_error(path, "an image"):
         return _decoded(path, load_opencv().IMREAD_GRAYSCALE)
 
 
 def check_image_size(path: Path, size: tuple[int, int]) -> None:
-    """FrogError for an image of so many pixels, (width, height), that decoding it takes all memory."""
+    """FrogError for an image size (width, height) that would exhaust the memory when decoded."""
     width, height = size
-    if max(size) > MAX_SIDE or width * height > _MOST_DECODED:
+    if max(size) > MAX_SIDE or width * height > _MAX_DECODED:
         found = f"an image of {width} x {height} pixels"
-        raise found_instead(path, found, f"at most {MAX_SIDE:,} a side and {_MOST_DECODED:,} in all")
+        raise found_instead(path, found, f"at most {MAX_SIDE:,} a side and {_MAX_DECODED:,} in all")
 
 
-def _decoded(path: Path, how: int) -> np.ndarray:
-    """An image as OpenCV decodes it, with its own errors for what it cannot."""
+def _decoded(path: Path, how: int) -> ImageArray:
+    """An image as OpenCV decodes it; raises OpenCV's own errors as well."""
     regular_file(path, "an image")
     # Through memory: OpenCV cannot open paths outside the system's code page on Windows.
     try:
@@ -192,15 +193,15 @@ def _decoded(path: Path, how: int) -> np.ndarray:
     if not content:
         raise found_instead(path, "an empty file", "an image")
     check_image_size(path, size_in_header(BytesIO(content)) or (1, 1))
-    image = load_opencv().imdecode(np.frombuffer(content, dtype=np.uint8), how)
+    image: ImageArray | None = load_opencv().imdecode(np.frombuffer(content, dtype=np.uint8), how)
     if image is None:
         raise found_instead(path, "a file that cannot be decoded", "an image")
     return image
 
 
 @contextmanager
-def _sentences(path: Path, expected: str) -> Iterator[None]:
-    """OpenCV's own errors, and a memory that does not suffice, as a FrogError."""
+def _as_frog_error(path: Path, expected: str) -> Iterator[None]:
+    """Turns OpenCV's errors and a MemoryError into a FrogError."""
     try:
         yield
     except (load_opencv().error, MemoryError) as error:
@@ -232,5 +233,5 @@ def with_ending(path: Path) -> Path | None:
 
 
 def composed(name: str) -> str:
-    """A name in the form in which most programs write it; macOS keeps the accents of file names apart."""
+    """A name in Unicode's composed form; macOS decomposes the accents of file names."""
     return unicodedata.normalize("NFC", name)

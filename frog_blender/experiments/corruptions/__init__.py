@@ -1,1 +1,1 @@
-"""Captures as they go wrong: conditions under which methods fail, each a function of a clean capture."""
+"""Corrupted captures: conditions under which methods fail, each a function of a clean capture."""

@@ -1,5 +1,7 @@
-"""Captures with fewer cameras, wrong poses, clocks that disagree, or another pace. Images that judge stay as they
-are."""
+"""Corruptions of cameras: fewer views, wrong poses, wrong synchronisation, faster motion.
+
+Held-out images stay as they are.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +15,10 @@ from ...engine.errors import FrogError
 
 
 def fewer_views(capture: Capture, count: int) -> Capture:
-    """The ``count`` training cameras that lie farthest apart, beginning with the most central one.
+    """The ``count`` training cameras that are farthest apart, starting from the most central one.
 
     Raises:
-        FrogError: for a capture that has not as many.
+        FrogError: if the capture has fewer.
     """
     training = [camera for camera in capture.cameras if camera.name not in capture.test_cameras]
     if len(training) < count:
@@ -31,8 +33,12 @@ def fewer_views(capture: Capture, count: int) -> Capture:
 
 
 def wrong_poses(capture: Capture, degrees: float) -> Capture:
-    """Training cameras turned about a random axis, and moved by as large a part of the rig's size; ``degrees`` is the
-    standard deviation about each axis."""
+    """Training cameras with noise in their poses.
+
+    Args:
+        degrees: standard deviation of the rotation about each axis. That of the translation along each axis is the
+            same angle times the rig's radius.
+    """
     random = np.random.default_rng(7)
     centers = np.array([camera.center for camera in capture.cameras])
     size = float(np.median(np.linalg.norm(centers - centers.mean(axis=0), axis=1)))
@@ -46,17 +52,16 @@ def wrong_poses(capture: Capture, degrees: float) -> Capture:
 
 
 def wrong_clocks(capture: Capture, most: int) -> Capture:
-    """Each training camera shows what happened up to ``most`` moments earlier or later; where its film has no such
-    image there is none."""
+    """Each training camera is out of sync by up to ``most`` frames; frames that its video lacks have no image."""
     random = np.random.default_rng(11)
     late = {
         index: 0 if camera.name in capture.test_cameras else int(random.integers(-most, most + 1))
         for index, camera in enumerate(capture.cameras)
     }
-    films = {(shot.camera, shot.frame): shot for shot in capture.shots}
+    recorded = {(shot.camera, shot.frame): shot for shot in capture.shots}
 
     def shown(shot: Shot) -> Shot | None:
-        source = films.get((shot.camera, shot.frame + late[shot.camera]))
+        source = recorded.get((shot.camera, shot.frame + late[shot.camera]))
         return source and replace(shot, path=source.path, index=source.index)
 
     shots = tuple(found for shot in capture.shots if (found := shown(shot)) is not None)
@@ -64,8 +69,8 @@ def wrong_clocks(capture: Capture, most: int) -> Capture:
 
 
 def faster(capture: Capture, pace: int, count: int) -> Capture:
-    """``count`` moments, of which each is ``pace`` moments of the film after the one before."""
-    film = capture.segment(0, pace * count)
-    shots = tuple(replace(shot, frame=shot.frame // pace) for shot in film.shots if shot.frame % pace == 0)
-    frames = frozenset(frame // pace for frame in film.test_frames if frame % pace == 0)
-    return replace(film, shots=shots, frame_count=count, test_frames=frames)
+    """Every ``pace``-th frame of the capture, ``count`` in all: motion that is ``pace`` times as fast."""
+    recorded = capture.segment(0, pace * count)
+    shots = tuple(replace(shot, frame=shot.frame // pace) for shot in recorded.shots if shot.frame % pace == 0)
+    frames = frozenset(frame // pace for frame in recorded.test_frames if frame % pace == 0)
+    return replace(recorded, shots=shots, frame_count=count, test_frames=frames)

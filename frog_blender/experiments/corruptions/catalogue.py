@@ -1,4 +1,4 @@
-"""Every condition under which methods are tested, by name."""
+"""The conditions of the stability suite, by name."""
 
 from __future__ import annotations
 
@@ -14,31 +14,31 @@ from .alterations import Compression, Exposure, Light, Noise, Occlusion
 from .cameras import faster, fewer_views, wrong_clocks, wrong_poses
 
 BASES = {
-    "clean": "any capture of several cameras at rest",
-    "long": "a film of at least 300 moments (examples/make_long.py)",
+    "clean": "any capture of several static cameras",
+    "long": "a video of at least 300 frames (examples/make_long.py)",
     "dim": "a dark scene with hard moving shadows (examples/make_dim.py)",
     "appearing": "a scene with something that appears (examples/make_fast.py)",
-    "still": "a film in which nothing moves (examples/make_still.py)",
+    "still": "a scene in which nothing moves (examples/make_still.py)",
 }
-"""The captures that conditions are made of."""
+"""The captures that conditions are made from."""
 CLEAN = "clean"
-_MOMENTS = 30
+_NUM_FRAMES = 30
 _LIGHTS = (1.0, 0.25, 0.0625)
 
 
 @dataclass(frozen=True)
 class Condition:
-    """A capture and what went wrong with it.
+    """A capture, and what is wrong with it.
 
     Attributes:
         name: unique, such as ``"views 3"``.
-        kind: what goes wrong; conditions of a kind differ in how much.
+        kind: what is wrong; conditions of a kind differ in severity.
         base: one of ``BASES``.
-        change: makes the capture of the clean one.
-        settings: of the recipe, where it is the training that begins worse.
-        light: of the whole scene; PSNR rises by itself as images darken, so these are compared as if all were as
-            bright.
-        against: the name of the condition that this one is measured against, "" for one that is its own measure.
+        change: makes the capture from its base.
+        settings: of the recipe, for conditions that concern the training instead of the capture.
+        light: of the whole scene, relative to the base. PSNR rises as images darken, so both images are brightened
+            by its inverse before they are compared.
+        against: the name of the condition that this one is compared with; "" for none.
     """
 
     name: str
@@ -92,7 +92,7 @@ def _occluded(share: float) -> Condition:
 
 
 def _pace(pace: int) -> Condition:
-    change: Callable[[Capture], Capture] = lambda capture: faster(capture, pace, _MOMENTS)  # noqa: E731
+    change: Callable[[Capture], Capture] = lambda capture: faster(capture, pace, _NUM_FRAMES)  # noqa: E731
     return Condition(f"speed {pace}x", "speed", "long", change, against="" if pace == 1 else "speed 1x")
 
 
@@ -128,11 +128,11 @@ CONDITIONS = {
         Condition("nothing moves", "nothing moves", "still", against=""),
     )
 }
-"""In the order of the tables, milder ones before harder ones of their kind."""
+"""In the order of the tables; within a kind by severity."""
 
 
 def condition_named(name: str) -> Condition:
-    """A condition; FrogError for one that does not exist."""
+    """The condition of that name; FrogError if there is none."""
     if name not in CONDITIONS:
         raise FrogError(f"There is no condition {name!r}; there are {', '.join(CONDITIONS)}.")
     return CONDITIONS[name]

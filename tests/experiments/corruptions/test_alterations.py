@@ -1,4 +1,4 @@
-"""Images as they go wrong: always the same way, and never those that judge unless the whole scene is different."""
+"""Corrupted images: deterministic, and never held-out ones unless the whole scene is different."""
 
 from __future__ import annotations
 
@@ -10,7 +10,14 @@ import pytest
 
 from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.experiments.corruptions.alterations import Compression, Exposure, Light, Noise, Occlusion, brightened
+from frog_blender.experiments.corruptions.alterations import (
+    Compression,
+    Exposure,
+    Light,
+    Noise,
+    Occlusion,
+    brightened_values,
+)
 
 GREY = np.full((60, 80, 3), 128, np.uint8)
 ALL = [Exposure(0.3), Light(0.25), Noise(8), Compression(30), Occlusion(0.4, 10)]
@@ -67,7 +74,7 @@ def test_someone_stands_before_a_camera_in_the_share_of_its_images() -> None:
 def test_brightening_takes_the_dark_back() -> None:
     dark = Light(0.25).apply(GREY, "cam", 0)
     assert int(dark[0, 0, 0]) < 70
-    assert brightened(dark / 255, 4.0)[0, 0, 0] == pytest.approx(128 / 255, abs=0.01)
+    assert brightened_values(dark / 255, 4.0)[0, 0, 0] == pytest.approx(128 / 255, abs=0.01)
 
 
 @pytest.mark.parametrize(("alteration", "judged"), [(Noise(20), False), (Light(0.25), True)])

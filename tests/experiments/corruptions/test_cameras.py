@@ -52,7 +52,7 @@ def test_clocks_disagree_by_whole_moments(capture: Capture) -> None:
     for shot in wrong.shots:
         late.setdefault(shot.camera, set()).add(shot.index - shot.frame)
     assert all(len(offsets) == 1 and abs(next(iter(offsets))) <= 2 for offsets in late.values())
-    assert late[0] == {0}, "the camera that judges is on time"
+    assert late[0] == {0}, "the held-out camera is in sync"
     assert set.union(*late.values()) != {0}
     counts = {camera: sum(shot.camera == camera for shot in wrong.shots) for camera in late}
     assert all(counts[camera] == capture.frame_count - abs(next(iter(late[camera]))) for camera in late)

@@ -16,6 +16,7 @@ from ..capture import Capture, Distortion
 from ..video import VideoFacts, composed, find_videos, read_facts
 from . import qualisys
 from .checks import numbers, pinhole, read_json, rotation, shared_frame_count, shots_of_videos, size
+from .geometry import distortion
 
 _OPENCV = "cameras_opencv.json"
 _ROUNDING = 1.0  # pixels by which either side of a resized video may be off: encoders want even numbers
@@ -38,7 +39,7 @@ def read(path: Path) -> Capture:
     else:
         calibration = _qualisys_files(path)[0]
         calibrated = qualisys.read_cameras(calibration)
-    calibrated = [(replace(camera, name=composed(camera.name)), distortion) for camera, distortion in calibrated]
+    calibrated = [(replace(camera, name=composed(camera.name)), lens) for camera, lens in calibrated]
     names = [camera.name for camera, _ in calibrated]
     if len(set(names)) != len(names):
         raise found_instead(calibration, f"several cameras named {max(names, key=names.count)}", "one of each name")
@@ -61,7 +62,7 @@ def read(path: Path) -> Capture:
         path=path,
         format="calibrated_videos",
         cameras=tuple(cameras),
-        distortions=tuple(distortion for _, distortion in calibrated),
+        distortions=tuple(lens for _, lens in calibrated),
         shots=shots_of_videos(paths, frame_count),
         frame_count=frame_count,
         frames_per_second=facts[0].frames_per_second,
@@ -126,6 +127,5 @@ def _read_opencv(path: Path) -> list[tuple[Camera, Distortion | None]]:
             raise found_instead(path, f"{count} distortion coefficients for camera {name}", "4, 5, 8, 12 or 14")
         width = size(entry.get("width"), path, f"width of camera {name}")
         height = size(entry.get("height"), path, f"height of camera {name}")
-        distortion = Distortion(coefficients) if np.any(coefficients) else None
-        cameras.append((Camera(name, width, height, intrinsics, world_to_camera), distortion))
+        cameras.append((Camera(name, width, height, intrinsics, world_to_camera), distortion(coefficients)))
     return cameras

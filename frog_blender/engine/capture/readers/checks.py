@@ -1,4 +1,4 @@
-"""Checks that every reader makes on numbers from files, and the sentences they end in."""
+"""Checks of values from files, which all readers share, and their errors."""
 
 from __future__ import annotations
 
@@ -6,27 +6,27 @@ import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ...errors import FrogError, found_instead
 from ...io.regular_file import regular_file
+from ..arrays import Float64s
 from ..camera import MAX_SIDE, exact_pinhole
 from ..capture import MAX_FRAMES, MAX_IMAGES, Capture, Shot
 from ..video import VideoFacts
 
 MAX_COORDINATE = 1e12
-"""World units or pixels: what is larger was not measured, and multiplied it is no number any more."""
-_LONGEST_TEXT = 2**28  # bytes
-_NEAREST = 1e-6  # pixels of a focal length
+"""World units or pixels: larger values were not measured, and their products are not finite."""
+_MAX_TEXT = 2**28  # bytes
+_MIN_FOCAL = 1e-6  # pixels
 
 
-def read_json(path: Path) -> dict[str, Any]:
+def read_json(path: Path) -> dict[str, object]:
     """A JSON object from a file.
 
     Raises:
-        FrogError: if the file is missing, no JSON, or no object.
+        FrogError: if the file is missing, not JSON, or not an object.
     """
     try:
         check_length(path, "a JSON file")
@@ -42,26 +42,29 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def check_length(path: Path, expected: str) -> None:
-    """FrogError for what is no file, or one of more text than any calibration has.
+    """Checks the size of a text file before it is read.
 
     Args:
         expected: what the file should be, such as "a JSON file".
+
+    Raises:
+        FrogError: if it is not a file, or larger than any calibration.
     """
     length = regular_file(path, expected).stat().st_size
-    if length > _LONGEST_TEXT:
-        raise found_instead(path, f"{length:,} bytes", f"at most {_LONGEST_TEXT:,} of text")
+    if length > _MAX_TEXT:
+        raise found_instead(path, f"{length:,} bytes", f"at most {_MAX_TEXT:,} of text")
 
 
-def numbers(value: Any, shape: tuple[int, ...], path: Path, what: str, most: float = MAX_COORDINATE) -> np.ndarray:
+def numbers(value: object, shape: tuple[int, ...], path: Path, what: str, most: float = MAX_COORDINATE) -> Float64s:
     """``value`` as finite float64 numbers of the given shape.
 
     Raises:
-        FrogError: if it is missing, has another shape or holds a value that is not finite, or beyond ``most``.
+        FrogError: if it is missing, has another shape, or holds a value that is not finite or exceeds ``most``.
     """
     try:
         with np.errstate(invalid="ignore"):  # some NaN warn when they are converted
-            array = np.asarray(value, dtype=np.float64)
-    except OverflowError as error:  # a whole number of hundreds of digits
+            array: Float64s = np.asarray(value, dtype=np.float64)
+    except OverflowError as error:  # an integer of hundreds of digits
         raise found_instead(path, f"{what} with a number too large", f"at most {most:g}") from error
     except (TypeError, ValueError) as error:
         raise found_instead(path, f"{what} that is not made of numbers", f"shape {shape}") from error
@@ -75,11 +78,11 @@ def numbers(value: Any, shape: tuple[int, ...], path: Path, what: str, most: flo
     return array
 
 
-def number(value: Any, path: Path, what: str, *, positive: bool = False, most: float = MAX_COORDINATE) -> float:
+def number(value: object, path: Path, what: str, *, positive: bool = False, most: float = MAX_COORDINATE) -> float:
     """``value`` as one finite number.
 
     Raises:
-        FrogError: if it is none, beyond ``most``, or not positive where it must be.
+        FrogError: if it is not a number, exceeds ``most``, or is not positive where it must be.
     """
     result = float(numbers(value, (), path, what, most))
     if positive and result <= 0:
@@ -87,11 +90,11 @@ def number(value: Any, path: Path, what: str, *, positive: bool = False, most: f
     return result
 
 
-def size(value: Any, path: Path, what: str) -> int:
+def size(value: object, path: Path, what: str) -> int:
     """``value`` as an image's width or height in pixels.
 
     Raises:
-        FrogError: if it is no number between 1 and 65536.
+        FrogError: if it is not a number between 1 and 65536.
     """
     result = number(value, path, what)
     if not 1 <= result <= MAX_SIDE:
@@ -99,11 +102,11 @@ def size(value: Any, path: Path, what: str) -> int:
     return round(result)
 
 
-def pinhole(value: Any, path: Path, what: str) -> np.ndarray:
+def pinhole(value: object, path: Path, what: str) -> Float64s:
     """``value`` as the matrix K of a camera, (3, 3), with its zeros and its one exactly.
 
     Raises:
-        FrogError: if it is none; one that was transposed, which is the usual mistake, is called so.
+        FrogError: if it is not such a matrix. The message names the usual mistake, a transposed one.
     """
     matrix = numbers(value, (3, 3), path, what)
     exact = exact_pinhole(matrix)
@@ -112,20 +115,20 @@ def pinhole(value: Any, path: Path, what: str) -> np.ndarray:
         if exact_pinhole(matrix.T) is not None:
             raise found_instead(path, f"{what} that is transposed: its last row is {_row(matrix[2])}", expected)
         raise found_instead(path, f"{what} with the last rows {_row(matrix[1])} and {_row(matrix[2])}", expected)
-    if min(matrix[0, 0], matrix[1, 1]) < _NEAREST:
+    if min(matrix[0, 0], matrix[1, 1]) < _MIN_FOCAL:
         raise found_instead(path, f"a focal length of {min(matrix[0, 0], matrix[1, 1]):g} in {what}", "a positive one")
     return exact
 
 
-def _row(values: np.ndarray) -> str:
+def _row(values: Float64s) -> str:
     return " ".join(f"{value:g}" for value in values)
 
 
-def rigid(value: Any, path: Path, what: str) -> np.ndarray:
-    """``value`` as a (4, 4) matrix of a rotation and a place.
+def rigid(value: object, path: Path, what: str) -> Float64s:
+    """``value`` as a (4, 4) matrix of a rotation and a translation.
 
     Raises:
-        FrogError: if it is none; one that was transposed is called so.
+        FrogError: if its last row is not 0 0 0 1. The message names the usual mistake, a transposed matrix.
     """
     matrix = numbers(value, (4, 4), path, what)
     last = [0.0, 0.0, 0.0, 1.0]
@@ -135,63 +138,55 @@ def rigid(value: Any, path: Path, what: str) -> np.ndarray:
     return matrix
 
 
-def moments(first: int, last: int, path: Path, what: str) -> int:
-    """How many moments lie between the first and the last number that files or lists name.
+def frame_span(first: int, last: int, path: Path, what: str) -> int:
+    """Number of frames from the first to the last frame number that files or lists name.
 
     Raises:
-        FrogError: if no capture is that long.
+        FrogError: if there are more than ``MAX_FRAMES``.
     """
     count = last - first + 1
     if count > MAX_FRAMES:
-        raise found_instead(path, f"{what} from {first} to {last}", f"at most {MAX_FRAMES:,} moments")
+        raise found_instead(path, f"{what} from {first} to {last}", f"at most {MAX_FRAMES:,} frames")
     return count
 
 
 def check_images(path: Path, count: int) -> None:
-    """FrogError for more images than can be listed."""
+    """FrogError for more than ``MAX_IMAGES``."""
     if count > MAX_IMAGES:
         raise FrogError(f"{path}: found {count:,} images, expected at most {MAX_IMAGES:,}.")
 
 
-def rotation(matrix: np.ndarray, path: Path, what: str) -> np.ndarray:
-    """The rotation nearest to a (3, 3) matrix that is one up to rounding.
+def rotation(matrix: Float64s, path: Path, what: str) -> Float64s:
+    """The rotation nearest to a (3, 3) matrix that is a rotation up to rounding.
 
     Raises:
         FrogError: if the matrix mirrors, scales or shears.
     """
     left, _, right = np.linalg.svd(matrix)
-    nearest = left @ right
+    nearest: Float64s = left @ right
     if np.abs(nearest - matrix).max() > 0.02 or np.linalg.det(nearest) < 0:
         raise found_instead(path, f"{what} that mirrors, scales or shears", "a rotation")
     return nearest
 
 
-def pose(world_to_camera_rotation: np.ndarray, center: np.ndarray) -> np.ndarray:
-    """(4, 4) world-to-camera matrix of a rotation (3, 3) and a camera centre (3,)."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = world_to_camera_rotation
-    matrix[:3, 3] = -world_to_camera_rotation @ center
-    return matrix
-
-
 def shared_frame_count(path: Path, videos: Sequence[Path], facts: Sequence[VideoFacts]) -> tuple[int, list[str]]:
-    """How many moments synchronised videos share, and warnings where their lengths or rates differ.
+    """Number of frames that all synchronised videos have, and warnings if their lengths or rates differ.
 
     Raises:
-        FrogError: if they share none.
+        FrogError: if a video has no frame, or there are too many frames or images.
     """
     counts = [fact.frame_count for fact in facts]
     shared = min(counts)
     if shared < 1:
-        raise found_instead(videos[counts.index(shared)], "no frame", "videos that share at least one moment")
-    moments(0, shared - 1, path, "frames")
+        raise found_instead(videos[counts.index(shared)], "no frame", "videos that share at least one frame")
+    frame_span(0, shared - 1, path, "frames")
     check_images(path, shared * len(videos))
     warnings = []
     if shared != max(counts):
         shortest, longest = videos[counts.index(shared)].name, videos[counts.index(max(counts))].name
         warnings.append(
             f"{path}: the videos have different lengths ({shortest} {shared} frames, {longest} {max(counts)}); "
-            f"the first {shared} moments are used."
+            f"the first {shared} frames are used."
         )
     rates = [fact.frames_per_second for fact in facts]
     if max(rates) > 1.02 * min(rates):
@@ -200,21 +195,21 @@ def shared_frame_count(path: Path, videos: Sequence[Path], facts: Sequence[Video
 
 
 def shots_of_videos(videos: Sequence[Path], frame_count: int) -> tuple[Shot, ...]:
-    """Every camera at every moment, camera i filmed by video i."""
+    """The images of all videos, where video i is of camera i."""
     return tuple(Shot(c, f, video, f) for f in range(frame_count) for c, video in enumerate(videos))
 
 
 def checked(capture: Capture) -> Capture:
-    """A capture as a reader made it, if a training can take it: numbers fine one by one may not be so together.
+    """A reader's capture, after checks of derived values: numbers that are valid one by one may not be in combination.
 
     Raises:
-        FrogError: for cameras that see nothing or from nowhere, or too many images.
+        FrogError: for too many images, or a camera whose focal length or position is out of range.
     """
     check_images(capture.path, len(capture.shots))
     for camera in capture.cameras:
         lens, pose = camera.intrinsics, camera.world_to_camera
         far = not (np.abs(lens) <= MAX_COORDINATE).all() or not (np.abs(pose) <= MAX_COORDINATE).all()
-        if far or min(lens[0, 0], lens[1, 1]) < _NEAREST:
+        if far or min(lens[0, 0], lens[1, 1]) < _MIN_FOCAL:
             found = f"a focal length of {lens[0, 0]:g} at {_row(pose[:3, 3])} for camera {camera.name}"
             raise found_instead(capture.path, found, f"positive numbers of at most {MAX_COORDINATE:g}")
     if capture.near_far is not None and not 0 < capture.near_far[0] < capture.near_far[1] <= MAX_COORDINATE:

@@ -2,8 +2,8 @@
 
 Every image has its own camera, in OpenCV's axes: ``orientation`` is the world-to-camera rotation, ``position`` the
 centre; lengths in pixels belong to the 1x images, whose corner is (0, 0). ``dataset.json`` says which images are
-for training and which are withheld. A rig of two cameras ("vrig") has two images a moment: of each one trains and
-the other judges, left and right by turns. (google/nerfies, nerfies/camera.py and its README.)
+for training and which are held out. A rig of two cameras ("vrig") has two images a frame: one is for training and the
+other is held out, left and right in turn. (google/nerfies, nerfies/camera.py and its README.)
 
 Lens distortion and skew are removed when frames are decoded. World units are the files' own: ``scene.json``'s
 centre and scale are not applied.
@@ -12,22 +12,23 @@ centre and scale are not applied.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ...errors import FrogError, found_instead
 from ...io.numpy_files import read_npy
+from ..arrays import Float64s
 from ..camera import Camera
 from ..capture import Capture, Distortion, Shot
 from ..video import read_image, with_ending
-from .checks import MAX_COORDINATE, moments, number, numbers, pose, read_json, rotation, size
+from .checks import MAX_COORDINATE, frame_span, number, numbers, read_json, rotation, size
+from .geometry import distortion, intrinsics, pose, same_proportions
 
 _DATASET, _METADATA, _SCENE, _POINTS = "dataset.json", "metadata.json", "scene.json", "points.npy"
-_USUAL = "2x"  # what HyperNeRF and the papers after it are evaluated at
-_LARGEST_SIDE = 1600  # pixels: what a training takes unless it is told otherwise
-_FEW_POINTS, _MOST_POINTS = 50, 10_000_000
-_LATEST = 2**53  # whole numbers are exact until there
+_USUAL = "2x"  # the size at which HyperNeRF and later papers evaluate
+_LARGEST_SIDE = 1600  # pixels: the default of a training
+_MIN_POINTS, _MAX_POINTS = 50, 10_000_000
+_MAX_TIME = 2**53  # floats are exact integers up to here
 
 
 def matches(path: Path) -> bool:
@@ -39,8 +40,8 @@ def read(path: Path) -> Capture:
     """Open a HyperNeRF or Nerfies folder.
 
     The images of ``rgb/2x`` are taken, as in the papers; without them the largest of at most 1600 pixels a side.
-    Where ``dataset.json`` withholds nothing, the papers' rule holds: of its ids the first of every four trains and the
-    third is withheld.
+    If ``dataset.json`` holds nothing out, the papers' rule applies: of every four ids the first is for training and the
+    third is held out.
 
     Raises:
         FrogError: if a file is missing, no listed image exists, or a value cannot be used.
@@ -52,7 +53,7 @@ def read(path: Path) -> Capture:
     if not train:
         raise found_instead(path / _DATASET, "no image to train on", "train_ids with images in rgb and in camera")
     names = [*train, *held_out]
-    at = _moments(path, names)
+    frames = _frames(path, names)
     cameras: list[Camera] = []
     distortions: list[Distortion | None] = []
     sizes: dict[tuple[int, int], tuple[int, int]] = {}
@@ -69,8 +70,8 @@ def read(path: Path) -> Capture:
         format="hypernerf",
         cameras=tuple(cameras),
         distortions=tuple(distortions),
-        shots=tuple(Shot(i, at[name], images[name], 0) for i, name in enumerate(names)),
-        frame_count=max(at.values()) + 1,
+        shots=tuple(Shot(i, frames[name], images[name], 0) for i, name in enumerate(names)),
+        frame_count=max(frames.values()) + 1,
         test_cameras=frozenset(held_out),
         near_far=_near_far(path, cameras[: len(train)], points),
         points=points,
@@ -79,7 +80,7 @@ def read(path: Path) -> Capture:
 
 
 def _split(path: Path, warnings: list[str]) -> tuple[list[str], list[str]]:
-    """Names of the images to train on and of the withheld ones."""
+    """Names of the images to train on and of those held out."""
     data = read_json(path / _DATASET)
     listed = {key: _names(data.get(key, []), path / _DATASET, key) for key in ("ids", "train_ids", "val_ids")}
     train, held_out = listed["train_ids"], listed["val_ids"]
@@ -88,18 +89,18 @@ def _split(path: Path, warnings: list[str]) -> tuple[list[str], list[str]]:
         train, held_out = ids[0::4], ids[2::4]
         if held_out:
             warnings.append(
-                f"{path / _DATASET}: nothing is withheld by val_ids, so of every four images the first trains, "
-                "the third is withheld and the others are left out."
+                f"{path / _DATASET}: val_ids is empty; of every four images the first is trained on, "
+                "the third is held out and the others are left out."
             )
     if both := set(train) & set(held_out):
-        warnings.append(f"{path / _DATASET}: {len(both)} of the train_ids are in val_ids too and are withheld.")
+        warnings.append(f"{path / _DATASET}: {len(both)} of the train_ids are also in val_ids and are held out.")
     return [name for name in train if name not in both], held_out
 
 
-def _names(value: Any, path: Path, key: str) -> list[str]:
+def _names(value: object, path: Path, key: str) -> list[str]:
     """The list of image names under a key, each once."""
     if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
-        raise found_instead(path, f"{key} that is no list of names", f'"{key}": ["000001", ...]')
+        raise found_instead(path, f"{key} that is not a list of names", f'"{key}": ["000001", ...]')
     for name in value:
         if not name or "\0" in name or "\\" in name or Path(name).name != name:
             raise found_instead(path, f"the image name {name!r} in {key}", "a name without folders")
@@ -140,10 +141,10 @@ def _image_folder(path: Path, names: list[str], warnings: list[str]) -> Path:
     return chosen
 
 
-def _moments(path: Path, names: list[str]) -> dict[str, int]:
-    """The moment of each image, counted from 0 in steps as long as the shortest that all share."""
+def _frames(path: Path, names: list[str]) -> dict[str, int]:
+    """The frame of each image, counted from 0 in the largest step that divides all differences."""
     metadata = read_json(path / _METADATA)
-    entries: list[dict[str, Any]] = []
+    entries: list[dict[str, object]] = []
     for name in names:
         entry = metadata.get(name)
         if not isinstance(entry, dict):
@@ -151,7 +152,7 @@ def _moments(path: Path, names: list[str]) -> dict[str, int]:
         entries.append(entry)
     key = "time_id" if all("time_id" in entry for entry in entries) else "warp_id"
     values = [
-        number(entry.get(key), path / _METADATA, f"{key} of {name}", most=_LATEST)
+        number(entry.get(key), path / _METADATA, f"{key} of {name}", most=_MAX_TIME)
         for name, entry in zip(names, entries, strict=True)
     ]
     whole = np.array(values).round().astype(np.int64)
@@ -159,7 +160,7 @@ def _moments(path: Path, names: list[str]) -> dict[str, int]:
         raise found_instead(path / _METADATA, f"a {key} with a fraction", "whole numbers")
     whole -= whole.min()
     whole //= max(int(np.gcd.reduce(whole)), 1)
-    moments(0, int(whole.max()), path / _METADATA, f"{key}s, counted in their steps,")
+    frame_span(0, int(whole.max()), path / _METADATA, f"{key}s, counted in their steps,")
     return dict(zip(names, whole.tolist(), strict=True))
 
 
@@ -172,7 +173,7 @@ def _camera(name: str, file: Path) -> tuple[Camera, Distortion | None]:
     focal = number(data.get("focal_length"), file, "focal_length", positive=True)
     aspect = number(data.get("pixel_aspect_ratio", 1.0), file, "pixel_aspect_ratio", positive=True)
     center = numbers(data.get("principal_point"), (2,), file, "principal_point")
-    intrinsics = np.array([[focal, 0.0, center[0]], [0.0, focal * aspect, center[1]], [0.0, 0.0, 1.0]])
+    matrix = intrinsics(focal, focal * aspect, center[0], center[1])
     orientation = rotation(numbers(data.get("orientation"), (3, 3), file, "orientation"), file, "an orientation")
     position = numbers(data.get("position"), (3,), file, "position")
     radial = numbers(data.get("radial_distortion", [0.0] * 3), (3,), file, "radial_distortion")
@@ -180,36 +181,36 @@ def _camera(name: str, file: Path) -> tuple[Camera, Distortion | None]:
     tangential = numbers(data.get("tangential_distortion", old_name), (2,), file, "tangential_distortion")
     skew = number(data.get("skew", 0.0), file, "skew") / focal
     coefficients = np.array([*radial[:2], *tangential, radial[2]])
-    camera = Camera(name, width, height, intrinsics, pose(orientation, position))
-    return camera, Distortion(coefficients, skew) if skew or np.any(coefficients) else None
+    return Camera(name, width, height, matrix, pose(orientation, position)), distortion(coefficients, skew)
 
 
 def _image_size(image: Path, full: tuple[int, int], file: Path) -> tuple[int, int]:
     """(width, height) of a stored image, which must have the proportions of its camera."""
     height, width = read_image(image).shape[:2]
-    if abs(width * full[1] / (height * full[0]) - 1) > 0.02:
+    if not same_proportions((width, height), full):
         found = f"image_size {full[0]} x {full[1]} for {image.parent.name} images of {width} x {height}"
         raise found_instead(file, found, "[width, height] of the same proportions")
     return width, height
 
 
-def _points(file: Path) -> np.ndarray | None:
+def _points(file: Path) -> Float64s | None:
     """(N, 3) points in world units, None where the capture has none."""
     if not file.is_file():
         return None
-    points = read_npy(file, "points of shape (N, 3)", 3 * _MOST_POINTS)
+    points = read_npy(file, "points of shape (N, 3)", 3 * _MAX_POINTS)
     if points.ndim != 2 or points.shape[1] != 3:
         raise found_instead(file, f"{points.dtype} of shape {points.shape}", "numbers of shape (N, 3)")
     with np.errstate(invalid="ignore"):  # some NaN warn when they are converted
-        points = points.astype(np.float64)
-    return points[(np.abs(points) <= MAX_COORDINATE).all(axis=1)]  # and no NaN
+        converted: Float64s = points.astype(np.float64)
+    usable: Float64s = converted[(np.abs(converted) <= MAX_COORDINATE).all(axis=1)]  # which leaves out NaN
+    return usable
 
 
-def _near_far(path: Path, cameras: list[Camera], points: np.ndarray | None) -> tuple[float, float] | None:
-    """Where the scene lies: by its points where there are enough, else by ``scene.json``, in world units."""
-    if points is not None and len(points) >= _FEW_POINTS:
+def _near_far(path: Path, cameras: list[Camera], points: Float64s | None) -> tuple[float, float] | None:
+    """Depth range of the scene in world units: of its points if there are enough, else from ``scene.json``."""
+    if points is not None and len(points) >= _MIN_POINTS:
         depths = np.concatenate([camera.project(points)[1] for camera in cameras[:: -(-len(cameras) // 8)]])
-        if (depths > 0).sum() >= _FEW_POINTS:
+        if (depths > 0).sum() >= _MIN_POINTS:
             low, high = np.percentile(depths[depths > 0], [2, 98])
             return 0.7 * float(low), 1.6 * float(high)
     if not (path / _SCENE).is_file():

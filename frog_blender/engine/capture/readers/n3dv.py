@@ -13,13 +13,15 @@ import numpy as np
 
 from ...errors import FrogError, found_instead
 from ...io.numpy_files import read_npy
+from ..arrays import Float64s
 from ..camera import Camera
 from ..capture import Capture, Shot
 from ..video import find_images, find_videos, read_facts, read_image
-from .checks import numbers, pose, rotation, shared_frame_count, shots_of_videos
+from .checks import numbers, rotation, shared_frame_count, shots_of_videos
+from .geometry import intrinsics, pose
 
 _POSES = "poses_bounds.npy"
-_MOST_CAMERAS = 10_000
+_MAX_CAMERAS = 10_000
 
 
 def matches(path: Path) -> bool:
@@ -28,7 +30,7 @@ def matches(path: Path) -> bool:
 
 
 def read(path: Path) -> Capture:
-    """Open an N3DV folder; a folder ``images`` stands in for the videos of a single moment.
+    """Open an N3DV folder; a folder ``images`` stands in for videos of a single frame.
 
     Raises:
         FrogError: if videos and rows do not fit, or a value cannot be used.
@@ -81,12 +83,12 @@ def read(path: Path) -> Capture:
     )
 
 
-def _read_rows(path: Path) -> np.ndarray:
+def _read_rows(path: Path) -> Float64s:
     """(N, 17) float64 rows of ``poses_bounds.npy``, checked."""
-    rows = read_npy(path, "numbers of shape (cameras, 17)", 17 * _MOST_CAMERAS)
-    if rows.ndim != 2 or rows.shape[1] != 17:
-        raise found_instead(path, f"{rows.dtype} of shape {rows.shape}", "numbers of shape (cameras, 17)")
-    rows = np.array([numbers(row, (17,), path, f"row {index}") for index, row in enumerate(rows)]).reshape(-1, 17)
+    stored = read_npy(path, "numbers of shape (cameras, 17)", 17 * _MAX_CAMERAS)
+    if stored.ndim != 2 or stored.shape[1] != 17:
+        raise found_instead(path, f"{stored.dtype} of shape {stored.shape}", "numbers of shape (cameras, 17)")
+    rows = np.array([numbers(row, (17,), path, f"row {index}") for index, row in enumerate(stored)]).reshape(-1, 17)
     bad = np.flatnonzero((rows[:, [4, 9, 14]] <= 0).any(axis=1))
     if bad.size:
         raise found_instead(
@@ -95,12 +97,12 @@ def _read_rows(path: Path) -> np.ndarray:
     return rows
 
 
-def _camera(row: np.ndarray, source: Path, size: tuple[int, int]) -> Camera:
+def _camera(row: Float64s, source: Path, size: tuple[int, int]) -> Camera:
     """The OpenCV camera of one row, at the size of its decoded frames."""
     matrix = row[:15].reshape(3, 5)
     down, right, backwards = matrix[:, 0], matrix[:, 1], matrix[:, 2]
     camera_to_world = rotation(np.stack([right, down, -backwards], axis=1), source, "a pose in poses_bounds.npy")
     (stored_height, stored_width, focal), (width, height) = matrix[:, 4], size
     focal_x, focal_y = focal * width / stored_width, focal * height / stored_height
-    intrinsics = np.array([[focal_x, 0.0, width / 2], [0.0, focal_y, height / 2], [0.0, 0.0, 1.0]])
-    return Camera(source.stem, width, height, intrinsics, pose(camera_to_world.T, matrix[:, 3]))
+    lens = intrinsics(focal_x, focal_y, width / 2, height / 2)
+    return Camera(source.stem, width, height, lens, pose(camera_to_world.T, matrix[:, 3]))

@@ -13,7 +13,8 @@ import numpy as np
 from ...errors import found_instead
 from ..camera import Camera
 from ..capture import Distortion
-from .checks import check_length, number, pose, rotation, size
+from .checks import check_length, number, rotation, size
+from .geometry import distortion, pose
 
 _SUBPIXELS = 64.0  # the file counts pixels in sixty-fourths
 
@@ -22,7 +23,7 @@ def read_cameras(path: Path) -> list[tuple[Camera, Distortion | None]]:
     """The calibrated cameras, in metres and OpenCV's axes, named by their serial.
 
     Raises:
-        FrogError: if the file is no such calibration or a value is missing.
+        FrogError: if the file is not such a calibration, or a value is missing.
     """
     check_length(path, "a Qualisys calibration")
     text = path.read_bytes()
@@ -73,4 +74,4 @@ def _read_camera(element: ElementTree.Element, path: Path) -> tuple[Camera, Dist
     )
     coefficients = np.array([value("intrinsic", key, 0.0) for key in names]) / _SUBPIXELS
     camera = Camera(name, width, height, intrinsics, pose(world_to_camera, center))
-    return camera, Distortion(coefficients) if np.any(coefficients) else None
+    return camera, distortion(coefficients)

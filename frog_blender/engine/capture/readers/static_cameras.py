@@ -1,7 +1,7 @@
-"""Standing cameras among posed images: images that are listed with the same pose and lens are one camera's.
+"""Static cameras among posed images: images that are listed with the same pose and lens are one camera's.
 
-Lists give every image a pose of its own, those of films from several standing cameras too (N3DV as 4D-GS's converter
-writes it). Only of a camera that stands still is it known what changes in its images.
+Lists give every image a pose of its own, even those of videos from several static cameras (N3DV as 4D-GS's converter
+writes it). Only in the images of a static camera is it known what changes.
 """
 
 from __future__ import annotations
@@ -9,22 +9,22 @@ from __future__ import annotations
 import re
 from collections.abc import Hashable, Sequence
 
-_MOMENT = re.compile(r"[\W_]*\d*$")  # the end of what the names of a camera's images have in common
+_FRAME_NUMBER = re.compile(r"[\W_]*\d*$")  # the end of what the names of a camera's images have in common
 
 
-def first_images(views: Sequence[Hashable], moments: Sequence[float]) -> list[int]:
-    """Of each image's camera, its first image: an index.
+def first_images(views: Sequence[Hashable], times: Sequence[float]) -> list[int]:
+    """For each image the index of its camera's first image.
 
-    Where each view was taken at several moments, once at each, a view is one camera; elsewhere every image is one.
+    If every view was taken at several times, once at each, a view is one camera. Else every image is its own camera.
 
     Args:
         views: pose and lens of each image; equal where they are the same.
-        moments: of each image.
+        times: of each image.
     """
     images: dict[Hashable, list[int]] = {}
     for index, view in enumerate(views):
         images.setdefault(view, []).append(index)
-    if any(len(of) < 2 or len({moments[index] for index in of}) < len(of) for of in images.values()):
+    if any(len(of) < 2 or len({times[index] for index in of}) < len(of) for of in images.values()):
         return list(range(len(views)))
     return [images[view][0] for view in views]
 
@@ -49,4 +49,4 @@ def camera_names(first: Sequence[int], names: Sequence[str]) -> list[str]:
 def _common(names: Sequence[str]) -> str:
     first, last = min(names), max(names)  # what these two begin with, all do
     alike = next((index for index, (a, b) in enumerate(zip(first, last, strict=False)) if a != b), len(first))
-    return _MOMENT.sub("", first[:alike])
+    return _FRAME_NUMBER.sub("", first[:alike])

@@ -18,11 +18,13 @@ import numpy as np
 
 from ...errors import FrogError, found_instead
 from ...io.regular_file import regular_file
+from ..arrays import Float64s
 from ..camera import Camera
 from ..capture import Capture, Distortion, Shot
 from ..image_header import PNG_HEADER, png_size
 from ..video import check_image_size
-from .checks import check_length, moments, numbers, pose
+from .checks import check_length, frame_span, numbers
+from .geometry import distortion, intrinsics, pose, same_proportions
 
 _PARAMETERS = "cameras_parameters.txt"
 _IMAGE = re.compile(r"(?P<scene>[^.].*)_undist_(?P<frame>\d{1,9})_(?P<camera>\d{1,4})\.png", re.IGNORECASE)
@@ -41,7 +43,7 @@ def read(path: Path, frames: range | None = None) -> Capture:
     """Open a scene's folder, whose images lie in it or in ``images`` beneath.
 
     An image that is cut off (Birthday's frame 173 of camera 9 is published so) is replaced by that of the same
-    camera's frame before; of the test camera it is left out, where a repeated frame would judge wrongly.
+    camera's frame before; of the test camera it is left out, because a repeated frame would falsify the evaluation.
 
     Args:
         frames: numbers of the frames to take, as in the files' names; by default all from the lowest to the highest.
@@ -53,21 +55,22 @@ def read(path: Path, frames: range | None = None) -> Capture:
     files = _find_images(path, len(rows))
     found = {frame for _, frame in files}
     if frames is None:
-        frames = range(min(found), min(found) + moments(min(found), max(found), path, "images of frames"))
+        frames = range(min(found), min(found) + frame_span(min(found), max(found), path, "images of frames"))
     elif not found.issuperset(frames):
         expected = f"every frame from {frames[0]} to {frames[-1]}"
         raise found_instead(path, f"frames between {min(found)} and {max(found)}", expected)
     files = {key: file for key, file in files.items() if key[1] in frames}
     used = sorted({camera for camera, _ in files})
     place = {camera: index for index, camera in enumerate(used)}
-    cameras, distortions = [], []
+    cameras: list[Camera] = []
+    distortions: list[Distortion | None] = []
     for index in used:
         own = [file for (camera, _), file in sorted(files.items()) if camera == index]
-        # One that is cut off before its size is among those that are replaced or left out.
+        # A file that is cut off before its size is replaced or left out below.
         example = next((file for file in own if file.stat().st_size >= PNG_HEADER), own[0])
-        camera, distortion = _camera(f"cam{index:02d}", rows[index], path / _PARAMETERS)
+        camera, lens_distortion = _camera(f"cam{index:02d}", rows[index], path / _PARAMETERS)
         cameras.append(camera.resized(*_image_size(example)))
-        distortions.append(distortion)
+        distortions.append(lens_distortion)
     warnings = []
     if len(used) < len(rows):
         warnings.append(f"{path}: {_PARAMETERS} has {len(rows)} cameras, and {len(used)} of them have images.")
@@ -76,7 +79,7 @@ def read(path: Path, frames: range | None = None) -> Capture:
     whole = _replace_damaged(files, warnings)
     names = {camera.name for camera in cameras}
     if _TEST_CAMERA not in names:
-        warnings.append(f"{path}: the test view {_TEST_CAMERA} has no images, so no camera is withheld.")
+        warnings.append(f"{path}: the test view {_TEST_CAMERA} has no images, so no camera is held out.")
     return Capture(
         path=path,
         format="technicolor",
@@ -89,7 +92,7 @@ def read(path: Path, frames: range | None = None) -> Capture:
     )
 
 
-def _read_rows(path: Path) -> np.ndarray:
+def _read_rows(path: Path) -> Float64s:
     """(cameras, 12) float64 rows, checked."""
     try:
         check_length(path, "a row for each camera")
@@ -135,7 +138,7 @@ def _find_images(path: Path, cameras: int) -> dict[tuple[int, int], Path]:
     raise found_instead(path, f"{_PARAMETERS} and no image", "images named SCENE_undist_00151_00.png and so on")
 
 
-def _camera(name: str, row: np.ndarray, path: Path) -> tuple[Camera, Distortion | None]:
+def _camera(name: str, row: Float64s, path: Path) -> tuple[Camera, Distortion | None]:
     """The camera of one row at the size it was calibrated at; skew is what remains to be removed."""
     focal, center_x, center_y, aspect, skew = row[:5]
     if min(focal, aspect) <= 0:
@@ -152,9 +155,9 @@ def _camera(name: str, row: np.ndarray, path: Path) -> tuple[Camera, Distortion 
             [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
         ]
     )
-    intrinsics = np.array([[focal, 0.0, center_x], [0.0, focal * aspect, center_y], [0.0, 0.0, 1.0]])
-    camera = Camera(name, *_CALIBRATED, intrinsics, pose(matrix, -matrix.T @ row[9:12]))
-    return camera, Distortion(np.zeros(5), skew / focal) if skew else None
+    lens = intrinsics(focal, focal * aspect, center_x, center_y)
+    camera = Camera(name, *_CALIBRATED, lens, pose(matrix, -matrix.T @ row[9:12]))
+    return camera, distortion(np.zeros(5), skew / focal if skew else 0.0)
 
 
 def _image_size(image: Path) -> tuple[int, int]:
@@ -165,7 +168,7 @@ def _image_size(image: Path) -> tuple[int, int]:
         raise found_instead(image, "a file that is not a PNG", "an image")
     check_image_size(image, size)
     width, height = size
-    if not height or abs(width * _CALIBRATED[1] / (height * _CALIBRATED[0]) - 1) > 0.02:
+    if not height or not same_proportions(size, _CALIBRATED):
         expected = f"the proportions of {_CALIBRATED[0]} x {_CALIBRATED[1]}"
         raise found_instead(image, f"an image of {width} x {height} pixels", expected)
     return width, height

@@ -2,7 +2,7 @@
 
 Each listed image has its own pose: camera-to-world in OpenGL's axes (x right, y up, looking along -z). Intrinsics
 and distortion stand at the top level or with an image, whose own values win. ``time`` is optional: without it the
-images follow one another in the order of the list. Images of one standing camera are found by their equal poses.
+images follow one another in the order of the list. Images of one static camera are found by their equal poses.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,15 +19,16 @@ from ..camera import Camera
 from ..capture import Capture, Distortion, Shot
 from ..image_size import image_size
 from ..video import with_ending
-from .checks import number, pose, read_json, rigid, rotation, size
+from .checks import number, read_json, rigid, rotation, size
+from .geometry import distortion, intrinsics, pose, same_proportions
 from .static_cameras import camera_names, first_images
 
 _SINGLE = "transforms.json"
 _TRAIN = "transforms_train.json"
 _HELD_OUT = ("transforms_val.json", "transforms_test.json")
 _HOLDOUT_EVERY = 8
-_FASTEST = 1e6  # images a second
-_LATEST = 1e30  # of any unit: nanoseconds since 1970 are times too
+_MAX_RATE = 1e6  # images a second
+_MAX_TIME = 1e30  # in any unit, such as nanoseconds since 1970
 _LENS = ("camera_model", "is_fisheye", "w", "h", "fl_x", "fl_y", "camera_angle_x", "camera_angle_y", "cx", "cy")
 _VIEW = ("transform_matrix", *_LENS, "k1", "k2", "k3", "p1", "p2")  # what tells an image's camera from another's
 
@@ -45,8 +45,8 @@ class _Entry:
     """
 
     file: Path
-    top: dict[str, Any]
-    own: dict[str, Any]
+    top: dict[str, object]
+    own: dict[str, object]
     image: Path
     place: int
 
@@ -59,7 +59,7 @@ def matches(path: Path) -> bool:
 def read(path: Path) -> Capture:
     """Open a folder of posed images.
 
-    Every eighth moment of a single moving camera is held out; with separate lists, the test and val images are.
+    Every eighth frame of a single moving camera is held out; with separate lists, the test and val images are.
 
     Raises:
         FrogError: if no listed image exists, a path leads outside the folder, or a value cannot be used.
@@ -76,17 +76,17 @@ def read(path: Path) -> Capture:
     place = {name: index for index, name in enumerate(first)}
     views = [_camera(name, entry, image_size(entry.image)) for name, entry in first.items()]
     shots = [Shot(place[name], order[time], e.image, 0) for name, time, e in zip(names, times, entries, strict=True)]
-    rate = number(entries[0].top.get("fps", 30.0), training, "fps", positive=True, most=_FASTEST)
+    rate = number(entries[0].top.get("fps", 30.0), training, "fps", positive=True, most=_MAX_RATE)
     capture = Capture(
         path=path,
         format="transforms",
         cameras=tuple(camera for camera, _ in views),
-        distortions=tuple(distortion for _, distortion in views),
+        distortions=tuple(lens for _, lens in views),
         shots=tuple(shots),
         frame_count=len(order),
         frames_per_second=rate,
         test_cameras=frozenset(name for name, entry in first.items() if entry.file != training),
-        # Images with splits are rendered over white, as everyone who publishes numbers on them does.
+        # D-NeRF's images are composited over white, as in all published results.
         background=(1.0, 1.0, 1.0) if has_splits else (0.0, 0.0, 0.0),
         warnings=tuple(warnings),
     )
@@ -110,7 +110,7 @@ def images_by_camera(path: Path) -> dict[str, list[Path]]:
 
 
 def _entries(folder: Path) -> tuple[list[_Entry], list[str]]:
-    """Of all lists, those to train on first, and warnings; FrogError where none of these exists."""
+    """The images of all lists, training images first, and warnings; FrogError if no training image exists."""
     files = [folder / _SINGLE]
     if not files[0].is_file():
         files = [folder / _TRAIN, *(folder / name for name in _HELD_OUT if (folder / name).is_file())]
@@ -149,13 +149,13 @@ def _find_images(folder: Path, file: Path) -> tuple[list[_Entry], int]:
 def _times(entries: list[_Entry]) -> list[float]:
     """A time for each image: its own where all have one, else its place in its list."""
     if all(entry.own.get("time") is not None for entry in entries):
-        # Rounded, so that 1/3 written with 6 digits by one list and 16 by another is one moment.
-        return [round(number(entry.own["time"], entry.file, "time", most=_LATEST), 6) for entry in entries]
+        # Rounded, so that 1/3 written with 6 digits by one list and 16 by another is one time.
+        return [round(number(entry.own["time"], entry.file, "time", most=_MAX_TIME), 6) for entry in entries]
     return [float(entry.place) for entry in entries]
 
 
 def _camera_names(folder: Path, entries: list[_Entry], times: list[float]) -> list[str]:
-    """The name of each image's camera; the lists to train on and to judge have cameras of their own."""
+    """The name of each image's camera; training and held-out lists have no camera in common."""
     first: list[int] = []
     for file in dict.fromkeys(entry.file for entry in entries):
         of = [index for index, entry in enumerate(entries) if entry.file == file]
@@ -188,7 +188,7 @@ def _camera(name: str, entry: _Entry, real: tuple[int, int]) -> tuple[Camera, Di
         raise found_instead(file, f"the camera model {model}", "a perspective camera (PINHOLE or OPENCV)")
     width = size(both.get("w", real[0]), file, "w")
     height = size(both.get("h", real[1]), file, "h")
-    if abs(width * real[1] / (height * real[0]) - 1) > 0.02:
+    if not same_proportions((width, height), real):
         found = f"w x h = {width} x {height} for {entry.image.name} of {real[0]} x {real[1]} pixels"
         raise found_instead(file, found, "the same proportions")
     focal_x = _focal(file, top, own, "x", width)
@@ -197,17 +197,17 @@ def _camera(name: str, entry: _Entry, real: tuple[int, int]) -> tuple[Camera, Di
     focal_y = _focal(file, top, own, "y", height)
     center_x = number(both.get("cx", width / 2), file, "cx")
     center_y = number(both.get("cy", height / 2), file, "cy")
-    intrinsics = np.array([[focal_x, 0, center_x], [0, focal_y or focal_x, center_y], [0, 0, 1.0]])
+    lens = intrinsics(focal_x, focal_y or focal_x, center_x, center_y)
     matrix = rigid(own.get("transform_matrix"), file, f"transform_matrix of {name}")
     camera_to_world = rotation(matrix[:3, :3], file, f"the transform_matrix of {name}") @ np.diag([1.0, -1.0, -1.0])
     coefficients = np.array([number(both.get(key, 0.0), file, key) for key in ("k1", "k2", "p1", "p2", "k3")])
-    camera = Camera(name, width, height, intrinsics, pose(camera_to_world.T, matrix[:3, 3]))
+    camera = Camera(name, width, height, lens, pose(camera_to_world.T, matrix[:3, 3]))
     if (width, height) != real:
         camera = camera.resized(*real)
-    return camera, Distortion(coefficients) if np.any(coefficients) else None
+    return camera, distortion(coefficients)
 
 
-def _focal(file: Path, top: dict[str, Any], own: dict[str, Any], axis: str, pixels: int) -> float | None:
+def _focal(file: Path, top: dict[str, object], own: dict[str, object], axis: str, pixels: int) -> float | None:
     """Focal length in pixels along x or y: the image's own before the list's, fl before the angle."""
     for source in (own, top):
         if source.get(f"fl_{axis}") is not None:
@@ -218,5 +218,5 @@ def _focal(file: Path, top: dict[str, Any], own: dict[str, Any], axis: str, pixe
             angle = number(source[f"camera_angle_{axis}"], file, f"camera_angle_{axis}", positive=True)
             if angle >= np.pi:
                 raise found_instead(file, f"camera_angle_{axis} = {angle:g}", "less than pi (radians)")
-            return pixels / (2 * np.tan(angle / 2))
+            return float(pixels / (2 * np.tan(angle / 2)))
     return None

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from ..arrays import Float32s, Float64s
 from ..camera import Camera
 from ..video import load_opencv
 from .views import View
@@ -15,7 +16,7 @@ _RATIO = 0.8  # best to second best descriptor distance
 _EPIPOLAR_PIXELS = 2.0
 _MIN_PARALLAX = np.radians(1.0)
 
-Features = tuple[np.ndarray, np.ndarray]
+Features = tuple[Float64s, Float32s]
 
 
 def describe(view: View) -> Features:
@@ -29,7 +30,7 @@ def describe(view: View) -> Features:
     return positions, np.sqrt(descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-6))
 
 
-def triangulate_pair(first: View, second: View, features: tuple[Features, Features]) -> tuple[np.ndarray, np.ndarray]:
+def triangulate_pair(first: View, second: View, features: tuple[Features, Features]) -> tuple[Float64s, Float32s]:
     """World points (N, 3) matched between two views and their colours (N, 3) in [0, 1]."""
     cv2 = load_opencv()
     (positions_a, descriptors_a), (positions_b, descriptors_b) = features
@@ -66,7 +67,7 @@ def triangulate_pair(first: View, second: View, features: tuple[Features, Featur
     return points[good], first.image[lines, columns]
 
 
-def triangulate(pairs: Iterable[tuple[View, View]]) -> tuple[np.ndarray, np.ndarray]:
+def triangulate(pairs: Iterable[tuple[View, View]]) -> tuple[Float64s, Float32s]:
     """World points (N, 3) and colours (N, 3) in [0, 1] from all pairs of views; features are found once a view."""
     known: dict[int, Features] = {}
     points, colors = [np.zeros((0, 3))], [np.zeros((0, 3), np.float32)]
@@ -80,12 +81,12 @@ def triangulate(pairs: Iterable[tuple[View, View]]) -> tuple[np.ndarray, np.ndar
     return np.concatenate(points), np.concatenate(colors)
 
 
-def _projection(camera: Camera) -> np.ndarray:
+def _projection(camera: Camera) -> Float64s:
     """(3, 4) matrix from the world to homogeneous pixels."""
     return camera.intrinsics @ camera.world_to_camera[:3]
 
 
-def _sampson_errors(first: Camera, second: Camera, pixels_a: np.ndarray, pixels_b: np.ndarray) -> np.ndarray:
+def _sampson_errors(first: Camera, second: Camera, pixels_a: Float64s, pixels_b: Float64s) -> Float64s:
     """(A, B) distance in pixels of every pair of positions from fulfilling the epipolar constraint."""
     relative = second.world_to_camera @ np.linalg.inv(first.world_to_camera)
     x, y, z = relative[:3, 3]
@@ -97,4 +98,5 @@ def _sampson_errors(first: Camera, second: Camera, pixels_a: np.ndarray, pixels_
     lines_b, lines_a = a @ fundamental.T, b @ fundamental
     residual = np.abs(lines_b @ b.T)
     norm = (lines_b[:, :2] ** 2).sum(axis=1)[:, None] + (lines_a[:, :2] ** 2).sum(axis=1)[None]
-    return residual / np.sqrt(np.maximum(norm, 1e-300))
+    errors: Float64s = residual / np.sqrt(np.maximum(norm, 1e-300))
+    return errors

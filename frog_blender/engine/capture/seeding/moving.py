@@ -1,7 +1,7 @@
-"""Seed points on what moves, moment by moment: limbs that swing far cannot be followed from one moment's points.
+"""Seed points on moving objects at several frames: limbs that swing far cannot be tracked from one frame's points.
 
-A point belongs to what moves when it falls into the moving region of every camera that sees it at that moment (the
-visual hull); of those, the half on which the cameras agree better in colour is taken, since it lies on the surface.
+A point is a candidate if it projects into the moving region of every camera that sees it at that frame (the visual
+hull). The half of them on which the cameras agree best in colour is taken, as those lie on the surface.
 """
 
 from __future__ import annotations
@@ -9,15 +9,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ..arrays import Bools, Float32s, Float64s
 from ..capture import Capture
 from ..video import load_opencv
 from .views import Images, View, load_view, sample_view, spread
 
 _LONGEST_SIDE = 320
-_BACKGROUND_MOMENTS = 9
-_MOMENTS = 12
-_CANDIDATES = 40_000  # points looked at for each moment, near those that the coarse search found
+NUM_BACKGROUND_FRAMES = 9
+NUM_FRAMES = 12
+_CANDIDATES = 40_000  # points a frame, near those that the coarse search found
 _CHANGE = 0.1  # of the display range: a larger difference from the median image is motion
 
 
@@ -25,21 +27,22 @@ def moving_points(
     capture: Capture,
     store: Images,
     by_frame: dict[int, list[int]],
-    samples: np.ndarray,
+    samples: Float64s,
+    *,
     count: int,
     random: np.random.Generator,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[Float64s, Float64s]:
     """At most ``count`` world points (N, 3) and their colours (N, 3) in [0, 1].
 
     Args:
-        by_frame: training shots of each frame; the cameras stand still.
-        samples: (S, 3) world points all over the seen volume.
+        by_frame: training shots of each frame; the cameras are static.
+        samples: (S, 3) world points throughout the seen volume.
     """
     medians = _median_images(capture, store, by_frame)
-    frames = spread(sorted(by_frame), _MOMENTS)
+    frames = spread(sorted(by_frame), NUM_FRAMES)
     points, colors = [np.zeros((0, 3))], [np.zeros((0, 3))]
     for frame in frames:
-        # A camera whose images are missing at the background's moments cannot say what moves.
+        # A camera without images at the background's frames has no median to compare with.
         known = [shot for shot in by_frame[frame] if capture.shots[shot].camera in medians]
         views = [load_view(capture, store, shot, _LONGEST_SIDE) for shot in known]
         masks = [_moving_mask(view, medians[capture.shots[view.shot].camera]) for view in views]
@@ -55,37 +58,42 @@ def moving_points(
     return np.concatenate(points), np.concatenate(colors)
 
 
-def _around(points: np.ndarray, count: int, random: np.random.Generator) -> np.ndarray:
+def _around(points: Float64s, count: int, random: np.random.Generator) -> Float64s:
     """(count, 3) points scattered about ``points`` (M, 3) as far as those lie apart."""
     some = points[random.permutation(len(points))[:400]]
     distances = np.linalg.norm(some[:, None] - points[None], axis=2)
     apart = np.median(np.partition(distances, min(4, len(points) - 1), axis=1)[:, min(4, len(points) - 1)])
     chosen = random.integers(len(points), size=count)
-    return points[chosen] + random.normal(size=(count, 3)) * apart
+    scattered: Float64s = points[chosen] + random.normal(size=(count, 3)) * apart
+    return scattered
 
 
-def _median_images(capture: Capture, store: Images, by_frame: dict[int, list[int]]) -> dict[int, np.ndarray]:
-    """For each camera the median (H, W, 3) of its images over some moments: what stands still."""
-    stacks: dict[int, list[np.ndarray]] = {}
-    for frame in spread(sorted(by_frame), _BACKGROUND_MOMENTS):
+def _median_images(capture: Capture, store: Images, by_frame: dict[int, list[int]]) -> dict[int, Float32s]:
+    """For each camera the median (H, W, 3) of its images over some frames: the static background."""
+    stacks: dict[int, list[Float32s]] = {}
+    for frame in spread(sorted(by_frame), NUM_BACKGROUND_FRAMES):
         for shot in by_frame[frame]:
             image = load_view(capture, store, shot, _LONGEST_SIDE).image
             stacks.setdefault(capture.shots[shot].camera, []).append(image)
     return {camera: np.median(np.stack(stack), axis=0) for camera, stack in stacks.items()}
 
 
-def _moving_mask(view: View, median: np.ndarray) -> np.ndarray:
+def _moving_mask(view: View, median: Float32s) -> NDArray[np.uint8]:
+    """(H, W), 1 where the image differs from the median."""
     cv2 = load_opencv()
     difference = np.abs(view.image - median).max(axis=2)
     mask = cv2.medianBlur((difference > _CHANGE).astype(np.uint8), 5)
-    return cv2.dilate(mask, np.ones((5, 5), np.uint8))
+    dilated: NDArray[np.uint8] = cv2.dilate(mask, np.ones((5, 5), np.uint8))
+    return dilated
 
 
 def _in_hull(
-    views: Sequence[View], masks: Sequence[np.ndarray], points: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Whether (N,) all views that see a point, two at least, see motion there; their mean colour (N, 3); and the
-    standard deviation (N,) of their colours."""
+    views: Sequence[View], masks: Sequence[NDArray[np.uint8]], points: Float64s
+) -> tuple[Bools, Float64s, Float64s]:
+    """For each point (N, 3) whether (N,) it is in the moving region of all views that see it, and of at least two.
+
+    Also the mean colour (N, 3) over those views, and the standard deviation (N,) of their colours.
+    """
     seen_by, moving_in = np.zeros(len(points)), np.zeros(len(points))
     color, square = np.zeros((len(points), 3)), np.zeros((len(points), 3))
     for view, mask in zip(views, masks, strict=True):

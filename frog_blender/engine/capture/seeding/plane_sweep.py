@@ -1,7 +1,7 @@
-"""Dense seed points: a depth for each pixel of a reduced view, by sweeping a plane through the scene.
+"""Dense seed points: a depth for each pixel of a reduced view, by a plane sweep (Collins 1996).
 
-For each hypothesis of depth the neighbours are warped onto the reference with the plane's homography; the depth at
-which they agree best wins. Depth maps are then checked against each other.
+For each depth hypothesis the neighbours are warped onto the reference with the plane's homography. The depth at which
+they agree best is taken. Depth maps are then checked against each other.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..arrays import Bools, Float32s, Float64s, Ints
 from ..camera import Camera
 from ..video import load_opencv
 from .views import View
@@ -32,9 +33,9 @@ class DepthMap:
     """
 
     view: View
-    depth: np.ndarray
-    is_unique: np.ndarray
-    is_textured: np.ndarray
+    depth: Float64s
+    is_unique: Bools
+    is_textured: Bools
     step: float
 
 
@@ -58,7 +59,7 @@ def sweep(view: View, others: Sequence[View], near: float, far: float, hypothese
     best_index = volume.argmin(axis=0)
     best_cost = np.take_along_axis(volume, best_index[None], axis=0)[0]
     far_away = np.abs(np.arange(hypotheses)[:, None, None] - best_index[None]) > 3
-    rival = np.where(far_away, volume, np.inf).min(axis=0)
+    second_cost = np.where(far_away, volume, np.inf).min(axis=0)
     index = _refine(volume, best_index)
     depth = 1 / np.interp(index, np.arange(hypotheses), inverse_depths)
     cv2 = load_opencv()
@@ -66,13 +67,13 @@ def sweep(view: View, others: Sequence[View], near: float, far: float, hypothese
     return DepthMap(
         view=view,
         depth=np.where(np.isfinite(best_cost), depth, np.nan),
-        is_unique=best_cost < 0.85 * rival,
+        is_unique=best_cost < 0.85 * second_cost,
         is_textured=structure > 0.02,
         step=float(inverse_depths[1] - inverse_depths[0]),
     )
 
 
-def consistent(depth_map: DepthMap, others: Sequence[DepthMap], needed: int = 1) -> np.ndarray:
+def consistent(depth_map: DepthMap, others: Sequence[DepthMap], needed: int = 1) -> Bools:
     """(H, W) True where at least ``needed`` other depth maps agree, within a hypothesis or so."""
     height, width = depth_map.depth.shape
     points = world_points(depth_map)
@@ -91,16 +92,17 @@ def consistent(depth_map: DepthMap, others: Sequence[DepthMap], needed: int = 1)
     return (votes >= needed).reshape(height, width)
 
 
-def world_points(depth_map: DepthMap) -> np.ndarray:
+def world_points(depth_map: DepthMap) -> Float64s:
     """(H * W, 3) world points of a depth map, row by row; NaN where it has no depth."""
     camera = depth_map.view.camera
     lines, columns = np.mgrid[: camera.height, : camera.width]
     pixels = np.stack([columns.ravel() + 0.5, lines.ravel() + 0.5, np.ones(columns.size)], axis=1)
     local = pixels @ np.linalg.inv(camera.intrinsics).T * depth_map.depth.reshape(-1, 1)
-    return (local - camera.world_to_camera[:3, 3]) @ camera.rotation
+    points: Float64s = (local - camera.world_to_camera[:3, 3]) @ camera.rotation
+    return points
 
 
-def _channels(image: np.ndarray) -> np.ndarray:
+def _channels(image: Float32s) -> Float32s:
     """(H, W, 4) float32: colour, and the length of the brightness gradient (which ignores rotation and exposure)."""
     cv2 = load_opencv()
     gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
@@ -108,17 +110,18 @@ def _channels(image: np.ndarray) -> np.ndarray:
     return np.dstack([image, np.sqrt(across**2 + along**2) / np.float32(16)])
 
 
-def _match_exposure(image: np.ndarray, reference: np.ndarray) -> np.ndarray:
+def _match_exposure(image: Float32s, reference: Float32s) -> Float32s:
     """``image`` with each channel's mean and spread brought to the reference's: cameras differ in exposure."""
     mean, spread = image.mean(axis=(0, 1)), image.std(axis=(0, 1)) + 1e-3
     wanted_mean, wanted_spread = reference.mean(axis=(0, 1)), reference.std(axis=(0, 1)) + 1e-3
     gain = np.clip(wanted_spread / spread, 0.6, 1.6)
     # Pulled halfway only: views of different parts of a scene have different means for good reasons.
     gain, shift = (1 + gain) / 2, 0.5 * (wanted_mean - mean * gain)
-    return ((image - mean) * gain + mean + shift * 0.5).astype(np.float32)
+    matched: Float32s = ((image - mean) * gain + mean + shift * 0.5).astype(np.float32)
+    return matched
 
 
-def _cost(reference: np.ndarray, source: np.ndarray, camera: Camera, other: Camera, inverse_depth: float) -> np.ndarray:
+def _cost(reference: Float32s, source: Float32s, camera: Camera, other: Camera, inverse_depth: float) -> Float32s:
     """(H, W) disagreement of a neighbour with the reference on one plane; infinite where it does not see it."""
     cv2 = load_opencv()
     height, width = reference.shape[:2]
@@ -141,21 +144,22 @@ def _cost(reference: np.ndarray, source: np.ndarray, camera: Camera, other: Came
     cost = color + np.minimum(difference[..., 3], _GRADIENT_LIMIT)
     cost[outside] = _COLOR_LIMIT + _GRADIENT_LIMIT
     # A small window for edges, a large one where a wall has nothing else to hold on to.
-    cost = cv2.boxFilter(cost, -1, (5, 5)) + np.float32(0.5) * cv2.boxFilter(cost, -1, (13, 13))
-    cost[outside] = np.inf
-    return cost
+    smoothed: Float32s = cv2.boxFilter(cost, -1, (5, 5)) + np.float32(0.5) * cv2.boxFilter(cost, -1, (13, 13))
+    smoothed[outside] = np.inf
+    return smoothed
 
 
-def _homography(camera: Camera, other: Camera, inverse_depth: float) -> np.ndarray:
+def _homography(camera: Camera, other: Camera, inverse_depth: float) -> Float64s:
     """(3, 3) from OpenCV pixels of ``camera`` to those of ``other`` by way of a plane facing the camera."""
     relative = other.world_to_camera @ np.linalg.inv(camera.world_to_camera)
-    plane: np.ndarray = relative[:3, :3].copy()
+    plane: Float64s = relative[:3, :3].copy()
     plane[:, 2] = plane[:, 2] + inverse_depth * relative[:3, 3]
     half = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])  # OpenCV counts pixel centres from 0, the camera from 0.5
-    return (other.intrinsics - half) @ plane @ np.linalg.inv(camera.intrinsics - half)
+    homography: Float64s = (other.intrinsics - half) @ plane @ np.linalg.inv(camera.intrinsics - half)
+    return homography
 
 
-def _refine(volume: np.ndarray, best: np.ndarray) -> np.ndarray:
+def _refine(volume: Float32s, best: Ints) -> Float64s:
     """The cheapest hypothesis with a fraction: the vertex of the parabola through it and its two neighbours."""
     last = len(volume) - 1
     inner = np.clip(best, 1, last - 1)
@@ -163,4 +167,5 @@ def _refine(volume: np.ndarray, best: np.ndarray) -> np.ndarray:
     with np.errstate(invalid="ignore", divide="ignore"):
         shift = 0.5 * (below - above) / (below - 2 * at + above)
     shift = np.where(np.isfinite(shift) & (best == inner), np.clip(shift, -0.5, 0.5), 0.0)
-    return best + shift
+    refined: Float64s = best + shift
+    return refined

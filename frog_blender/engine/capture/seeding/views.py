@@ -4,19 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ..arrays import Bools, Float32s, Float64s, ImageArray
 from ..camera import Camera
 from ..capture import Capture
 from ..video import load_opencv
+
+Value = TypeVar("Value", bound=np.generic)
 
 
 class Images(Protocol):
     """What seeding needs of a frame store."""
 
-    def image(self, shot_index: int) -> np.ndarray:
+    def image(self, shot_index: int) -> ImageArray:
         """(H, W, 3) uint8 sRGB."""
         ...
 
@@ -27,7 +31,7 @@ class View:
 
     Attributes:
         shot: index into ``Capture.shots``.
-        frame: the moment.
+        frame: its frame.
         camera: at the image's size.
         image: (H, W, 3) float32 in [0, 1].
     """
@@ -35,7 +39,7 @@ class View:
     shot: int
     frame: int
     camera: Camera
-    image: np.ndarray
+    image: Float32s
 
 
 def load_view(capture: Capture, store: Images, shot: int, longest_side: int) -> View:
@@ -52,10 +56,10 @@ def load_view(capture: Capture, store: Images, shot: int, longest_side: int) -> 
     return View(shot, capture.shots[shot].frame, camera, image.astype(np.float32) / np.float32(255))
 
 
-def sample_view(view: View, points: np.ndarray, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def sample_view(view: View, points: Float64s, image: NDArray[Value]) -> tuple[NDArray[Value], Bools]:
     """Values (N, ...) of an image where the points (N, 3) project, and whether (N,) the view sees them at all."""
     pixels, depths = view.camera.project(points)
-    # Far outside is as good as outside; the clip keeps the conversion to integers defined.
+    # The clip keeps the conversion to integers defined; positions far outside stay outside.
     columns, lines = np.floor(np.clip(pixels, -1.0, 1e6)).astype(int).T
     height, width = image.shape[:2]
     seen = (depths > 0) & (columns >= 0) & (lines >= 0) & (columns < width) & (lines < height)

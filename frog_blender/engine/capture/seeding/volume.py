@@ -1,6 +1,6 @@
 """Seed points for cameras too far apart to match: drawn in the volume that several cameras see.
 
-Points whose images agree in colour are preferred, and a share lies on what moves (see moving.py).
+Points whose images agree in colour are preferred, and a share lies on moving objects (see moving.py).
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..arrays import Float64s
 from ..capture import Capture
 from ..video import load_opencv
 from .moving import moving_points
@@ -20,8 +21,8 @@ _MOVING_SHARE = 0.4
 
 
 def fill_volume(
-    capture: Capture, store: Images, near: float, far: float, count: int, random: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
+    capture: Capture, store: Images, near: float, far: float, *, count: int, random: np.random.Generator
+) -> tuple[Float64s, Float64s]:
     """At most ``count`` world points (N, 3) seen by several training cameras, and their colours (N, 3) in [0, 1]."""
     by_frame: dict[int, list[int]] = {}
     for index in capture.train_indices:
@@ -32,14 +33,16 @@ def fill_volume(
     samples = _sample_frustums(views, near, far, _SAMPLES, random)
     points, colors = np.zeros((0, 3)), np.zeros((0, 3))
     if len(frames) >= 3 and not moves:
-        points, colors = moving_points(capture, store, by_frame, samples, int(count * _MOVING_SHARE), random)
+        points, colors = moving_points(
+            capture, store, by_frame, samples, count=int(count * _MOVING_SHARE), random=random
+        )
     agreeing, agreeing_colors = _agreeing_points(views, samples, count - len(points), random)
     return np.concatenate([points, agreeing]), np.concatenate([colors, agreeing_colors])
 
 
 def _sample_frustums(
     views: Sequence[View], near: float, far: float, count: int, random: np.random.Generator
-) -> np.ndarray:
+) -> Float64s:
     """World points (N, 3) along random rays of the views, evenly spread over the volume, seen by two or three views."""
     each = -(-count // len(views))
     parts = []
@@ -55,8 +58,8 @@ def _sample_frustums(
 
 
 def _agreeing_points(
-    views: Sequence[View], points: np.ndarray, count: int, random: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
+    views: Sequence[View], points: Float64s, count: int, random: np.random.Generator
+) -> tuple[Float64s, Float64s]:
     """The points at which the views agree best in colour, thinned so that they spread over the volume."""
     cv2 = load_opencv()
     values, weights, roughness = [], [], []

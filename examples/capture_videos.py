@@ -1,9 +1,9 @@
-"""What the scripts that render a capture share: images by Cycles, films of them, the command line.
+"""What the scripts that render a capture share: images by Cycles, videos of them, the command line.
 
 Needs bpy (Blender as a module), imageio-ffmpeg and OpenCV: ``pip install "frog-blender[blender,capture,train]"``.
-OUT receives the N3DV layout: ``cam00.mp4`` .. ``cam11.mp4`` and ``poses_bounds.npy``. Images are kept in OUT/images
-until the films are made, so an interrupted run goes on where it stopped. Everything is a formula or a seed: the same
-Blender makes the same images.
+OUT receives the N3DV layout: ``cam00.mp4`` .. ``cam11.mp4`` and ``poses_bounds.npy``. Images are kept in OUT/pictures
+until the videos are made, so that an interrupted run continues where it stopped. Everything is a formula or a seed: the
+same Blender renders the same images.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def configure(rig: Rig, samples: int, threads: int = 0) -> None:
 
 
 def render(folder: Path, scene: Scene, cameras: list[bpy.types.Object], frames: list[int]) -> None:
-    """Render every missing image; the geometry moves once per moment, then all cameras look at it."""
+    """Render every missing image; the geometry moves once per frame, then all cameras look at it."""
     settings = bpy.context.scene
     for frame in frames:
         missing = [index for index in range(len(cameras)) if not image_path(folder, index, frame).exists()]
@@ -57,16 +57,16 @@ def render(folder: Path, scene: Scene, cameras: list[bpy.types.Object], frames: 
         scene.pose(frame / FRAMES)
         for index in missing:
             settings.camera = cameras[index]
-            settings.cycles.seed = index  # the same at every moment: what stands still does not flicker
+            settings.cycles.seed = index  # the same at every frame, so that static surfaces do not flicker
             unfinished = folder / "unfinished.png"
             settings.render.filepath = str(unfinished)
             bpy.ops.render.render(write_still=True)
             unfinished.rename(image_path(folder, index, frame))
-        print(f"moment {frame}: {(time.perf_counter() - started) / len(missing):.2f} s an image", flush=True)
+        print(f"frame {frame}: {(time.perf_counter() - started) / len(missing):.2f} s an image", flush=True)
 
 
 def repeat_with_noise(folder: Path, camera: int, noise: float) -> None:
-    """Every later image of a camera is its first one; all get noise of their own, ``noise`` of 255."""
+    """Repeats a camera's first image with new Gaussian noise each time; ``noise`` of 255 is its standard deviation."""
     random = np.random.default_rng(camera)
     first = cv2.imread(str(image_path(folder, camera, 0))).astype(np.float32)
     for frame in range(FRAMES):
@@ -78,7 +78,7 @@ def image_path(folder: Path, camera: int, frame: int) -> Path:
     return folder / f"cam{camera:02d}_{frame:03d}.png"
 
 
-def encode(folder: Path, film: Path, camera: int, quality: int, length: int) -> None:
+def encode(folder: Path, video: Path, camera: int, quality: int, length: int) -> None:
     """H.264 with full colour resolution (halved, the checkers lose 13 dB); readers assume BT.601 at this size."""
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-loglevel", "error", "-framerate", str(RATE)]
     command += ["-i", str(folder / f"cam{camera:02d}_%03d.png"), "-frames:v", str(length)]
@@ -86,19 +86,19 @@ def encode(folder: Path, film: Path, camera: int, quality: int, length: int) -> 
     command += ["-c:v", "libx264", "-preset", "veryslow", "-crf", str(quality), "-tune", "psnr"]
     command += ["-pix_fmt", "yuv444p", "-threads", "1"]
     command += ["-colorspace", "smpte170m", "-color_range", "tv", "-movflags", "+faststart", "-map_metadata", "-1"]
-    subprocess.run([*command, "-fflags", "+bitexact", "-flags:v", "+bitexact", str(film)], check=True)
+    subprocess.run([*command, "-fflags", "+bitexact", "-flags:v", "+bitexact", str(video)], check=True)
 
 
-def compare(folder: Path, film: Path, camera: int, length: int) -> float:
-    """Mean PSNR in dB between the decoded film and the images; raises if the film has another length."""
-    reader, ratios = cv2.VideoCapture(str(film)), []
+def compare(folder: Path, video: Path, camera: int, length: int) -> float:
+    """Mean PSNR in dB between the decoded video and the images; raises if the video has another length."""
+    reader, ratios = cv2.VideoCapture(str(video)), []
     while (decoded := reader.read())[0]:
         image = cv2.imread(str(image_path(folder, camera, len(ratios))))
         if image is None:
-            raise RuntimeError(f"{film} decodes to more than {length} frames")
+            raise RuntimeError(f"{video} decodes to more than {length} frames")
         ratios.append(cv2.PSNR(decoded[1], image))
     if len(ratios) != length:
-        raise RuntimeError(f"{film} decodes to {len(ratios)} frames, expected {length}")
+        raise RuntimeError(f"{video} decodes to {len(ratios)} frames, expected {length}")
     return float(np.mean(ratios))
 
 
@@ -107,23 +107,26 @@ def make(
     rig: Rig,
     build: Callable[[], Scene],
     preview: list[int],
+    *,
     samples: int = 16,
     quality: int = 13,
     still_noise: float | None = None,
     length: int = FRAMES,
 ) -> None:
-    """The command line of a capture's script: `summary` is its help, `preview` the moments that --preview renders.
+    """The command line of a capture's script: `summary` is its help, `preview` the frames that --preview renders.
 
-    With `still_noise` nothing moves: one image a camera is rendered, and repeated with noise of its own each time.
-    A `length` of more than a loop's FRAMES moments goes on at the same speed.
+    With `still_noise` nothing moves: one image a camera is rendered, and repeated with new noise each time.
+    A `length` of more than a loop's FRAMES continues at the same speed.
     """
     parser = argparse.ArgumentParser(description=summary)
     parser.add_argument("out", type=Path)
     parser.add_argument("--samples", type=int, default=samples, help="light paths per pixel")
-    parser.add_argument("--quality", type=int, default=quality, help="the films' constant rate factor, lower is better")
+    parser.add_argument(
+        "--quality", type=int, default=quality, help="constant rate factor of the videos, lower is better"
+    )
     parser.add_argument("--threads", type=int, default=0, help="processor threads; 0 takes all")
-    parser.add_argument("--preview", action="store_true", help="only a few moments, no films")
-    parser.add_argument("--keep-pictures", action="store_true", help="leave OUT/images where it is")
+    parser.add_argument("--preview", action="store_true", help="only a few frames, no videos")
+    parser.add_argument("--keep-pictures", action="store_true", help="keep the images in OUT/pictures")
     options = parser.parse_args()
     folder = options.out / "pictures"
     folder.mkdir(parents=True, exist_ok=True)
@@ -145,11 +148,11 @@ def make(
         for index in range(len(cameras)):
             repeat_with_noise(folder, index, still_noise)
     for index in range(len(cameras)):
-        film = options.out / f"cam{index:02d}.mp4"
-        encode(folder, film, index, options.quality, length)
+        video = options.out / f"cam{index:02d}.mp4"
+        encode(folder, video, index, options.quality, length)
         print(
-            f"{film.name}: {film.stat().st_size / 1e3:.0f} kB, {compare(folder, film, index, length):.1f} dB",
+            f"{video.name}: {video.stat().st_size / 1e3:.0f} kB, {compare(folder, video, index, length):.1f} dB",
             flush=True,
         )
-    if not options.keep_images:
+    if not options.keep_pictures:
         shutil.rmtree(folder)
