@@ -112,7 +112,7 @@ def _changes(store: FrameStore, shots: list[int]) -> bool:
     return typical > _LEAST_CHANGE or bool(spread.max() > max(_LEAST_CHANGE, NOISE_FACTOR * typical))
 
 
-def _cells(pixels: NDArray[np.float32], cell: int = _CELL) -> NDArray[np.float32]:
+def _cells(pixels: NDArray[np.float32 | np.uint8], cell: int = _CELL) -> NDArray[np.float32]:
     """(rows, columns, 3) means in [0, 1] of whole cells of (H, W, 3) in [0, 255]; an image smaller than one is one."""
     import cv2
 
