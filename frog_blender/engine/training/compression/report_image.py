@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from ...capture.time import frame_to_time
 from ...gaussians import TorchGaussians
-from ...model.canonical import SH_DC
 from ...playback.render import to_uint8
 from ...rasterizer import GaussianArrays, rasterize
+from ...spherical_harmonics import SH_DC
 from .context import CompressionContext
 
 # Apart for the colour-blind as well.

@@ -15,8 +15,8 @@ from ...capture.camera import Camera
 from ...capture.capture import Capture
 from ...capture.time import frame_to_time
 from ...gaussians import TorchGaussians
-from ...model.canonical import SH_DC
 from ...rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
+from ...spherical_harmonics import SH_DC
 
 PIXELS_OF_A_CHANGE = 64.0
 """A change of the whole display range counts as motion by so many pixels: one pixel of motion across an edge of a fifth

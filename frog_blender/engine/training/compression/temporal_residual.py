@@ -10,14 +10,15 @@ import torch
 from ...capture.camera import Camera
 from ...capture.capture import Capture
 from ...capture.time import frame_to_time
-from ...model.canonical import SH_DC
+from ...gaussians import TorchGaussians
 from ...rasterizer import GaussianArrays, Image, rasterize
+from ...spherical_harmonics import SH_DC
 from .sensitivity import SampledView
 from .static_regions import TemporalVariance
 
 
 def temporal_error_std(
-    gaussians_at: Callable[[float], GaussianArrays],
+    gaussians_at: Callable[[float], TorchGaussians],
     truth_of: Callable[[int], torch.Tensor],
     capture: Capture,
     shots: Sequence[Sequence[int]],
@@ -51,7 +52,7 @@ def temporal_error_std(
 
 
 def static_error(
-    gaussians_at: Callable[[float], GaussianArrays],
+    gaussians_at: Callable[[float], TorchGaussians],
     capture: Capture,
     views: Sequence[SampledView],
     variance: TemporalVariance,
@@ -70,7 +71,7 @@ def static_error(
 
 
 def _splat_colors(
-    gaussians: GaussianArrays, camera: Camera, background: tuple[float, float, float]
+    gaussians: TorchGaussians, camera: Camera, background: tuple[float, float, float]
 ) -> tuple[Image, torch.Tensor]:
     """An image, and the colours it was drawn with, which ask for gradients as nothing else does."""
     colors = gaussians.sh.detach().clone().requires_grad_()
