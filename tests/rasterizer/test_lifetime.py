@@ -27,8 +27,8 @@ def frames(monkeypatch: pytest.MonkeyPatch) -> Iterator[weakref.WeakSet]:
     alive: weakref.WeakSet = weakref.WeakSet()
     create = binding.Frame.__init__
 
-    def watched(self: binding.Frame, *arguments: object) -> None:
-        create(self, *arguments)
+    def watched(self: binding.Frame, *arguments: object, **keywords: object) -> None:
+        create(self, *arguments, **keywords)
         alive.add(self)
 
     monkeypatch.setattr(binding.Frame, "__init__", watched)

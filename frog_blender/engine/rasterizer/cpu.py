@@ -112,16 +112,12 @@ class _Rasterize(torch.autograd.Function):
     @staticmethod
     def forward(
         ctx: Context,
-        means: torch.Tensor,
-        quaternions: torch.Tensor,
-        scales: torch.Tensor,
-        opacities: torch.Tensor,
-        sh: torch.Tensor,
-        screen: torch.Tensor,
-        pose: torch.Tensor | None,
         order: _Order,
+        pose: torch.Tensor | None,
+        screen: torch.Tensor,
+        *attributes: torch.Tensor,
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        gaussians = GaussianArrays(*[t.contiguous() for t in (means, quaternions, scales, opacities, sh)])
+        gaussians = GaussianArrays(*[tensor.contiguous() for tensor in attributes])
         ctx.drawing, rgb, alpha = order.draw(gaussians)
         order.drawing = ctx.drawing
         ctx.save_for_backward(*vars(gaussians).values())  # torch refuses tensors changed since; the frame reads them
@@ -137,7 +133,7 @@ class _Rasterize(torch.autograd.Function):
         if by_rgb is None:
             by_rgb = torch.zeros((*ctx.drawing.size, 3), **_FLOATS)
         found = ctx.drawing.backward(by_rgb, by_alpha, ctx.pose_shape, ctx.screen_absolute)
-        return *(found[name] for name in (*structs.ATTRIBUTES, "screen")), found.get("pose"), None
+        return None, found.get("pose"), found["screen"], *(found[name] for name in structs.ATTRIBUTES)
 
 
 def rasterize(
@@ -164,7 +160,7 @@ def rasterize(
 
     order = _Order(draw_on, screen_absolute)
     apply: Callable[..., tuple[torch.Tensor, torch.Tensor]] = _Rasterize.apply
-    rgb, alpha = apply(*vars(gaussians).values(), screen, pose, order)
+    rgb, alpha = apply(order, pose, screen, *vars(gaussians).values())
     assert order.drawing is not None
     return order.drawing.image(rgb, alpha, screen, screen_absolute)
 

@@ -58,25 +58,21 @@ class _Rasterize(torch.autograd.Function):
     @staticmethod
     def forward(
         ctx: Context,
-        means: torch.Tensor,
-        quaternions: torch.Tensor,
-        scales: torch.Tensor,
-        opacities: torch.Tensor,
-        sh: torch.Tensor,
-        screen: torch.Tensor,
-        pose: torch.Tensor | None,
         view: _View,
         outputs: _Outputs,
+        pose: torch.Tensor | None,
+        screen: torch.Tensor,
+        *tensors: torch.Tensor,
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        attributes = [tensor.contiguous() for tensor in (means, quaternions, scales, opacities, sh)]
-        count, device = len(means), means.device
+        attributes = [tensor.contiguous() for tensor in tensors]
+        count, device = len(screen), screen.device
         launcher = launch.launcher_for(device)
         splats = _floats(device, count, structs.SPLAT_FLOATS)
         depths = _floats(device, count)
         tile_counts = torch.empty(count, device=device, dtype=torch.int32)
         num_invalid = torch.zeros(1, device=device, dtype=torch.int64)
         launcher.launch(
-            kernel("project", SH_COUNT=sh.shape[1]),
+            kernel("project", SH_COUNT=attributes[4].shape[1]),
             blocks_for(count),
             *(structs.gaussians_struct(GaussianArrays(*attributes)), view.camera, view.options, pose),
             *(splats, depths, tile_counts, outputs.radii, num_invalid),
@@ -128,7 +124,7 @@ class _Rasterize(torch.autograd.Function):
         by_screen = _floats(device, count, 2)
         written = [tensor.data_ptr() for tensor in (*gradients, by_screen)]
         blocks = blocks_for(count)
-        with_pose = pose is not None and ctx.needs_input_grad[6]
+        with_pose = pose is not None and ctx.needs_input_grad[2]
         pose_sums = _floats(device, blocks, 12) if with_pose else None
         launcher.launch(
             kernel("project_backward", SH_COUNT=attributes[4].shape[1], POSE=with_pose),
@@ -148,7 +144,7 @@ class _Rasterize(torch.autograd.Function):
         by_pose = None
         if pose_sums is not None:
             by_pose = pose_sums.sum(0, dtype=torch.float64).to(torch.float32).reshape(3, 4)
-        return (*gradients, by_screen, by_pose, None, None)
+        return (None, None, by_pose, by_screen, *gradients)
 
 
 def rasterize(
@@ -189,7 +185,7 @@ def rasterize(
     )
     attributes = [getattr(gaussians, name) for name in structs.ATTRIBUTES]
     apply: Callable[..., tuple[torch.Tensor, torch.Tensor]] = _Rasterize.apply
-    rgb, alpha = apply(*attributes, screen, rows, view, outputs)
+    rgb, alpha = apply(view, outputs, rows, screen, *attributes)
     image = Image(rgb, alpha, outputs.radii, screen, outputs.screen_absolute)
     image.mean_depth, image.max_weights, image.num_invalid = (
         outputs.mean_depth,
