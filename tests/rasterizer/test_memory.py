@@ -16,8 +16,8 @@ def test_frames_are_freed_after_the_backward_pass(monkeypatch):
     frames: list[weakref.ref] = []
     made = binding.Frame.__init__
 
-    def remember(self, *arguments):
-        made(self, *arguments)
+    def remember(self, *arguments, **keywords):
+        made(self, *arguments, **keywords)
         frames.append(weakref.ref(self))
 
     monkeypatch.setattr(binding.Frame, "__init__", remember)
