@@ -22,7 +22,7 @@ from .results import Record
 
 if TYPE_CHECKING:
     from ..engine.model.interface import SceneModel
-    from ..engine.training.optimize.trainer import Trainer
+    from ..engine.training.session.session import Session
 
 NUM_TIMES, WARM_UP = 40, 5
 """Frame times that are measured, and those before them that are not."""
@@ -159,12 +159,12 @@ class StepTimes:
         return seconds
 
 
-def time_steps(trainer: Trainer) -> StepTimes:
-    """Trains to the end.
+def time_steps(session: Session) -> StepTimes:
+    """Trains a session to its end.
 
     Even a short training passes through every schedule, so that its mean step is that of a long one.
     """
-    times = StepTimes()
+    trainer, times = session.trainer, StepTimes()
     with gc_frozen():  # as in a training
         while not trainer.finished:
             count, graph = trainer.count, trainer.smoothness.graph

@@ -15,7 +15,7 @@ from ..engine.playback.player import ScenePlayer
 from ..engine.training.build import build_trainer
 from ..engine.training.optimize.device import choose_device
 from ..engine.training.optimize.running_loss import TrainingDiverged
-from ..engine.training.optimize.trainer import Limits, Trainer
+from ..engine.training.optimize.trainer import Limits
 from ..engine.training.session.checkpoint import checkpoint_path, load_checkpoint
 from ..engine.training.session.export import export_scene
 from ..engine.training.session.job import TrainingJob
@@ -85,10 +85,12 @@ class _Prepared:
     seeds: Seeds
     device: torch.device
 
-    def trainer(self, run: Run, steps: int) -> Trainer:
-        limits = Limits(steps)
-        sources = (self.capture, self.store, self.seeds)
-        return build_trainer(*sources, run.plain_recipe(), run.method, limits, seed=run.seed, device=self.device)
+    def session(self, run: Run, output: Path, steps: int) -> Session:
+        """A training of ``run`` that has not begun."""
+        recipe, sources = run.plain_recipe(), (self.capture, self.store, self.seeds)
+        job = TrainingJob(Path(run.capture), output, method=run.method, recipe=recipe)
+        trainer = build_trainer(*sources, recipe, run.method, Limits(steps), seed=run.seed, device=self.device)
+        return Session(job, trainer, self.scale)
 
 
 def _prepare(run: Run, environment: RunEnvironment) -> _Prepared:
@@ -100,21 +102,20 @@ def _prepare(run: Run, environment: RunEnvironment) -> _Prepared:
 
 def _time(run: Run, environment: RunEnvironment, steps: int, prepared: _Prepared) -> Record:
     recipe, capture = run.plain_recipe(), prepared.capture
-    short = prepared.trainer(run, steps)
-    step_times = time_steps(short)
     camera = next((c for c in capture.cameras if c.name in capture.test_cameras), capture.cameras[0])
     planned = run.steps or recipe.steps_for(capture.frame_count)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "short.frog"
-        job = TrainingJob(Path(run.capture), path, method=run.method, recipe=recipe)
-        export_scene(Session(job, short, prepared.scale), path)
-        finished, timed = environment.scene(run), short
+        timed = prepared.session(run, path, steps)
+        step_times = time_steps(timed)
+        export_scene(timed, path)
+        finished = environment.scene(run)
         if finished.is_file() and checkpoint_path(finished).is_file():
-            timed = prepared.trainer(run, planned)
-            load_checkpoint(checkpoint_path(finished), timed)
+            timed = prepared.session(run, finished, planned)
+            load_checkpoint(checkpoint_path(finished), timed.trainer)
             path = finished
         scene = ScenePlayer.load(path)
-        on_path = time_training_path(timed.model, camera, capture.background)
+        on_path = time_training_path(timed.trainer.model, camera, capture.background)
         playback = time_playback(scene, camera)
     return {
         "kind": "timing",
