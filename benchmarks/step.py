@@ -25,8 +25,8 @@ from frog_blender.engine.capture.seeds import find_seeds
 from frog_blender.engine.memory import gc_frozen
 from frog_blender.engine.model import fused
 from frog_blender.engine.native import binding
-from frog_blender.engine.training.build import build_trainer
-from frog_blender.engine.training.optimize.trainer import Limits
+from frog_blender.engine.training.compression.schedule import compression_hooks
+from frog_blender.engine.training.optimize.trainer import Limits, Trainer
 from frog_blender.engine.training.recipe import recipe
 from frog_blender.engine.training.session.run import prepare_capture
 
@@ -72,7 +72,8 @@ def main() -> None:
     store = FrameStore.open(capture)
     settings = recipe(options.recipe)
     seeds = find_seeds(capture, store, count_limit=settings.seed_gaussians)
-    trainer = build_trainer(capture, store, seeds, settings, "frog", Limits(options.steps), seed=0)
+    hooks = compression_hooks(settings, "frog", capture, 0)
+    trainer = Trainer(capture, store, seeds, settings, "frog", Limits(options.steps), seed=0, hooks=hooks)
     spent: Counter[str] = Counter()
     watch(spent, binding.Frame, "__init__", "rasterizer_forward")
     watch(spent, binding.Frame, "backward", "rasterizer_backward")

@@ -60,7 +60,8 @@ def test_every_room_of_the_engine_is_in_a_layer() -> None:
     contracts = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
     (layers,) = (each["layers"] for each in contracts["contracts"] if each.get("containers") == ["frog_blender.engine"])
     known = {name for layer in layers for name in re.split(r"[\s:|]+", layer)}
-    rooms = {path.stem for path in ENGINE.iterdir() if not path.name.startswith("_") and path.suffix in ("", ".py")}
+    rooms = {path.stem for path in ENGINE.iterdir() if path.suffix == ".py" or (path / "__init__.py").exists()}
+    rooms -= {"__init__"}
     assert rooms <= known
 
 
@@ -114,7 +115,7 @@ def test_nothing_is_unpickled_or_evaluated(path: Path) -> None:
 @pytest.mark.parametrize("path", FILES, ids=name_of)
 def test_files_are_short_and_say_what_they_are_for(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
-    assert len(text.splitlines()) <= 350
+    assert len(text.splitlines()) <= 450
     if text.strip():
         assert ast.get_docstring(ast.parse(text)), "a sentence at the top"
 

@@ -12,10 +12,10 @@ from ..engine.capture.frames import FrameStore
 from ..engine.capture.seed_store import stored_seeds
 from ..engine.errors import FrogError
 from ..engine.playback.player import ScenePlayer
-from ..engine.training.build import build_trainer
+from ..engine.training.compression.schedule import compression_hooks
 from ..engine.training.optimize.device import choose_device
 from ..engine.training.optimize.running_loss import TrainingDiverged
-from ..engine.training.optimize.trainer import Limits
+from ..engine.training.optimize.trainer import Limits, Trainer
 from ..engine.training.session.checkpoint import checkpoint_path, load_checkpoint
 from ..engine.training.session.export import export_scene
 from ..engine.training.session.job import TrainingJob
@@ -89,7 +89,8 @@ class _Prepared:
         """A training of ``run`` that has not begun."""
         recipe, sources = run.plain_recipe(), (self.capture, self.store, self.seeds)
         job = TrainingJob(Path(run.capture), output, method=run.method, recipe=recipe)
-        trainer = build_trainer(*sources, recipe, run.method, Limits(steps), seed=run.seed, device=self.device)
+        hooks = compression_hooks(recipe, run.method, self.capture, run.seed)
+        trainer = Trainer(*sources, recipe, run.method, Limits(steps), seed=run.seed, device=self.device, hooks=hooks)
         return Session(job, trainer, self.scale)
 
 

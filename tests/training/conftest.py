@@ -16,7 +16,7 @@ from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.seeds import Seeds
-from frog_blender.engine.training.build import build_trainer
+from frog_blender.engine.training.compression.schedule import compression_hooks
 from frog_blender.engine.training.compression.settings import CompressionSettings
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
 from frog_blender.engine.training.recipe import Recipe, recipe
@@ -82,8 +82,8 @@ def make_trainer(capture: Capture, store: FrameStore, lively: Callable[..., Reci
         **changes: Any,
     ) -> Trainer:
         settings, frames = lively(steps, **changes), watched or store
-        options = {"seed": seed, "compression": compression or CompressionSettings()}
-        return build_trainer(capture, frames, film.seeds(), settings, method, Limits(steps), **options)
+        hooks = compression_hooks(settings, method, capture, seed, compression or CompressionSettings())
+        return Trainer(capture, frames, film.seeds(), settings, method, Limits(steps), seed=seed, hooks=hooks)
 
     return make
 

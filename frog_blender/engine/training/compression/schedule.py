@@ -11,8 +11,10 @@ import torch
 
 from ...capture.capture import Capture
 from ...scene.compression_report import StepKind
+from ..methods import method_named
 from ..optimize.hooks import Hook, Training
 from ..optimize.stateful import Tensors, Values
+from ..recipe import Recipe
 from .context import CompressionContext, CompressionRecord
 from .network_pruning import prune_hidden_units
 from .passes import freeze_motion, freeze_static_regions, prune, prune_heads, reduce_sh_degree, unfreeze_high_error
@@ -126,6 +128,14 @@ class CompressionSchedule(Hook):
 def _freezes_before_the_end(context: CompressionContext) -> bool:
     """Where some are static already; and where a share is forced, for which steps have to make up."""
     return context.num_dynamic < context.training.gaussians.count or context.training.recipe.dynamic_share > 0
+
+
+def compression_hooks(
+    recipe: Recipe, method: str, capture: Capture, seed: int, settings: CompressionSettings = DEFAULT
+) -> list[Hook]:
+    """What a trainer of ``recipe`` needs: nothing, where the recipe as ``method`` adapts it has a fixed capacity."""
+    adapted = method_named(method).adapt(recipe)
+    return [CompressionSchedule(capture, seed, settings)] if adapted.capacity == "auto" else []
 
 
 def compression_of(training: Training) -> CompressionContext | None:

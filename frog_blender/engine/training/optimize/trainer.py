@@ -8,7 +8,7 @@ from .. import passive_threads  # noqa: F401
 import json
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -76,11 +76,12 @@ class Trainer:
         limits: when to stop.
         seed: of everything random.
         device: where to compute.
+        hooks: what happens besides the steps; each begins at once.
 
     Attributes:
         recipe: as the method adapted it.
         gaussians: everything that is kept by Gaussian.
-        hooks: what happens besides the steps; see ``add_hook``.
+        hooks: in the order in which they are called.
         step_count, seconds: so far; seconds leave out evaluation, saving, and what the process was stopped for.
         progress: 0 to 1.
     """
@@ -96,6 +97,7 @@ class Trainer:
         *,
         seed: int,
         device: torch.device | str = "cpu",
+        hooks: Iterable[Hook] = (),
     ) -> None:
         self.recipe = recipe = method_named(method).adapt(recipe)
         self.rig, self.store, self.device = CameraRig(capture), store, torch.device(device)
@@ -119,6 +121,8 @@ class Trainer:
         self._densify = Every(recipe.densify_from, recipe.densify_until, recipe.densify_every)
         self._sort = Every(recipe.densify_from, recipe.densify_until, _SORTED_EVERY)
         self._sample = Every(recipe.sampling_from, recipe.sampling_until, recipe.sampling_every)
+        for hook in hooks:
+            self.add_hook(hook)
 
     def add_hook(self, hook: Hook) -> None:
         """Adds a hook and lets it begin."""

@@ -17,11 +17,11 @@ from ...capture.seeds import Seeds
 from ...errors import FrogError
 from ...io.atomic_files import check_writable, remove_partial_files
 from ...memory import gc_frozen
-from ..build import build_trainer
+from ..compression.schedule import compression_hooks
 from ..methods import method_named
 from ..optimize.device import choose_device
 from ..optimize.initialization import doubt_of_scale
-from ..optimize.trainer import Limits
+from ..optimize.trainer import Limits, Trainer
 from . import events
 from .background_work import in_background
 from .cancel_token import CancelToken
@@ -111,7 +111,7 @@ def _run(job: TrainingJob, cancel: CancelToken) -> Iterator[Event]:
         yield events.Cancelled(0, None)
         return
     limits = Limits(job.steps or (None if job.seconds else job.recipe.steps_for(capture.frame_count)), job.seconds)
-    trainer = build_trainer(
+    trainer = Trainer(
         capture,
         store,
         seeds,
@@ -120,7 +120,7 @@ def _run(job: TrainingJob, cancel: CancelToken) -> Iterator[Event]:
         limits,
         seed=job.seed,
         device=device,
-        compression=job.compression,
+        hooks=compression_hooks(job.recipe, job.method, capture, job.seed, job.compression),
     )
     if job.resume:
         load_checkpoint(checkpoint_path(job.output), trainer)
