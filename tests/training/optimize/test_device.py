@@ -14,7 +14,7 @@ import pytest
 import torch
 from support import synthetic_capture as film
 from support.builders import run_python
-from support.training_steps import train
+from support.training_steps import compression, train
 from torch.optim import Adam
 
 from frog_blender.cli.main import main
@@ -26,7 +26,9 @@ from frog_blender.engine.model.frog import FINISHED, Frog
 from frog_blender.engine.model.interface import SceneModel
 from frog_blender.engine.rasterizer import rasterize
 from frog_blender.engine.scene.scene_file import read_scene
-from frog_blender.engine.training.compression import passes, report_image, schedule, sensitivity, validation
+from frog_blender.engine.training.build import build_trainer
+from frog_blender.engine.training.compression import report_image, sensitivity, validation
+from frog_blender.engine.training.compression.settings import DEFAULT, CompressionSettings
 from frog_blender.engine.training.optimize import device as device_module
 from frog_blender.engine.training.optimize import nearest_neighbours
 from frog_blender.engine.training.optimize import optimizer as optimizer_module
@@ -96,9 +98,17 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Iterator[Machine]:
 
 @pytest.fixture
 def make(capture: Capture, store: FrameStore, lively: Any) -> Make:
-    def make(device: torch.device, method: str = "frog", seed: int = 3, **changes: Any) -> Trainer:
+    def make(
+        device: torch.device,
+        method: str = "frog",
+        *,
+        seed: int = 3,
+        compression: CompressionSettings = DEFAULT,
+        **changes: Any,
+    ) -> Trainer:
         recipe = lively(STEPS, **{**BUSY, **changes})
-        return Trainer(capture, store, film.seeds(80), recipe, method, Limits(STEPS), seed=seed, device=device)
+        options = {"seed": seed, "device": device, "compression": compression}
+        return build_trainer(capture, store, film.seeds(80), recipe, method, Limits(STEPS), **options)
 
     return make
 
@@ -137,24 +147,19 @@ def test_rounds_of_parsimony_are_the_same_elsewhere(
 ) -> None:
     for module in (sensitivity, validation, report_image):
         monkeypatch.setattr(module, "rasterize", trainer_module.rasterize)
-    monkeypatch.setattr(schedule, "_LOOKS", 3)
-    monkeypatch.setattr(schedule, "_JUDGED", 2)
-    monkeypatch.setattr(passes, "_WAKING_CAMERAS", 1)
-    monkeypatch.setattr(passes, "_WAKING_MOMENTS", 3)
-    for name in ("RESTS_BELOW", "ALLOWED_LOSS", "_UNCHANGED"):
-        monkeypatch.setattr(passes, name, 1e9)
-    monkeypatch.setattr(passes, "_LEAST_CHANGE", 0.2)  # so that many rest early
-    monkeypatch.setattr(passes, "_WAKES_ABOVE", 0.0)
-    there, here = (train(make(device, capacity="auto")) for device in (ELSEWHERE, CPU))
-    assert there.compression and here.compression
-    done = [(each.what, each.before, each.after) for each in there.compression.reductions]
-    assert done == [(each.what, each.before, each.after) for each in here.compression.reductions]
+    few = {"num_sensitivity_views": 3, "num_training_views": 2, "num_unfreeze_cameras": 1, "num_unfreeze_times": 3}
+    any_loss = {"freeze_score": 1e9, "max_freeze_loss": 1e9, "static_error": 1e9, "static_deviation": 0.2}
+    settings = CompressionSettings(**few, **any_loss, unfreeze_error=0.0)
+    there, here = (train(make(device, compression=settings, capacity="auto")) for device in (ELSEWHERE, CPU))
+    logs = [compression(each).record.log for each in (there, here)]
+    done, expected = ([(each.what, each.before, each.after) for each in log] for log in logs)
+    assert done == expected
     assert {"put to rest", "woken"} <= {what for what, _, _ in done}
     assert all(isinstance(value, Remote) for value in state(there).values())
     assert numbers(there) == numbers(here)
-    np.testing.assert_array_equal(there.compression.removed, here.compression.removed)
-    image = report_image.draw_report_image(there, 8)
-    np.testing.assert_array_equal(image, report_image.draw_report_image(here, 8))
+    np.testing.assert_array_equal(compression(there).record.removed, compression(here).record.removed)
+    image = report_image.draw_report_image(compression(there), 8)
+    np.testing.assert_array_equal(image, report_image.draw_report_image(compression(here), 8))
     assert not machine.homeless
 
 
