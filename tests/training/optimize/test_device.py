@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from frog_blender.engine.training.build import build_trainer
 from support import synthetic_capture as film
 from support.builders import run_python
 from support.training_steps import compression, train
@@ -26,7 +27,6 @@ from frog_blender.engine.model.frog import FINISHED, Frog
 from frog_blender.engine.model.interface import SceneModel
 from frog_blender.engine.rasterizer import rasterize
 from frog_blender.engine.scene.scene_file import read_scene
-from frog_blender.engine.training.build import build_trainer
 from frog_blender.engine.training.compression import report_image, sensitivity, validation
 from frog_blender.engine.training.compression.settings import DEFAULT, CompressionSettings
 from frog_blender.engine.training.optimize import device as device_module
