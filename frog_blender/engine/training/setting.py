@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias
 
 from ..errors import FrogError, brief
 
 _KIND = "kind"
+Field: TypeAlias = Any  # what dataclasses.field gives stands for a value of the annotated type
+Settings: TypeAlias = Any  # an instance of any dataclass, or one
 
 
 class Kind(Protocol):
@@ -49,7 +51,7 @@ class Number:
 class Choice:
     """One of some values, of the very same type: 1 is not True."""
 
-    known: tuple[Any, ...]
+    known: tuple[object, ...]
 
     def accepts(self, value: object) -> bool:
         return any(type(value) is type(known) and value == known for known in self.known)
@@ -105,37 +107,37 @@ class OrNone:
         return f"none, or {self.kind.expected}"
 
 
-def number(default: float, least: float, most: float, *, or_zero: bool = False) -> Any:
+def number(default: float, least: float, most: float, *, or_zero: bool = False) -> Field:
     """A dataclass field with that default: a number in [least, most], or zero where ``or_zero`` says so."""
     return _setting(default, Number(least, most, or_zero=or_zero))
 
 
-def whole(default: int, least: int, most: int) -> Any:
+def whole(default: int, least: int, most: int) -> Field:
     """A dataclass field: a whole number in [least, most]."""
     return _setting(default, Number(least, most, whole=True))
 
 
-def choice(default: Any, known: Sequence[Any]) -> Any:
+def choice(default: object, known: Sequence[object]) -> Field:
     """A dataclass field: one of the values ``known``."""
     return _setting(default, Choice(tuple(known)))
 
 
-def flag(default: bool) -> Any:
+def flag(default: bool) -> Field:
     """A dataclass field: True or False."""
     return _setting(default, Choice((True, False)))
 
 
-def name(default: str) -> Any:
+def name(default: str) -> Field:
     """A dataclass field: text of one line."""
     return _setting(default, Name())
 
 
-def fractions(default: tuple[float, ...], least: int, most: int) -> Any:
+def fractions(default: tuple[float, ...], least: int, most: int) -> Field:
     """A dataclass field: a tuple of ``least`` to ``most`` ascending numbers in [0, 1]."""
     return _setting(default, Fractions(least, most))
 
 
-def kinds_of(settings: Any) -> dict[str, Kind]:
+def kinds_of(settings: Settings) -> dict[str, Kind]:
     """What each field of a dataclass, or an instance of it, takes; KeyError where one does not say so."""
     return {each.name: each.metadata[_KIND] for each in fields(settings)}
 
@@ -146,13 +148,13 @@ def check(name: str, value: object, kind: Kind) -> None:
         raise FrogError(f"{name} is {brief(repr(value))}, expected {kind.expected}.")
 
 
-def check_all(settings: Any) -> None:
+def check_all(settings: Settings) -> None:
     """FrogError for the first field of a dataclass that is of another kind than it says, or out of range."""
     for name, kind in kinds_of(settings).items():
         check(name, getattr(settings, name), kind)
 
 
-def _setting(default: Any, kind: Kind) -> Any:
+def _setting(default: object, kind: Kind) -> Field:
     return field(default=default, metadata={_KIND: kind})
 
 

@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
-from typing import Any
 
 import numpy as np
 import torch
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from ...capture.capture import Capture
 from ...capture.time import frame_to_time
 from ...gaussians import TorchGaussians
+from ...io.plain_values import JsonObject
 from ...scene.compression_report import StepKind, reduction_line
 from ..optimize.gaussian_state import Reindexing
 from ..optimize.hooks import Training, gaussians_at
@@ -49,13 +49,13 @@ class CompressionStep:
     bytes: int = 0
 
     @classmethod
-    def from_json(cls, values: dict[str, Any]) -> CompressionStep:
-        """What ``to_json`` gave; TypeError or ValueError for other values. Any: JSON's values."""
+    def from_json(cls, values: JsonObject) -> CompressionStep:
+        """What ``to_json`` gave; TypeError or ValueError for other values."""
         reduction_line(values)  # said to people at the end
         return cls(**{**values, "what": StepKind(values["what"])})
 
-    def to_json(self) -> dict[str, Any]:
-        """Plain values. Any: JSON's values."""
+    def to_json(self) -> JsonObject:
+        """Plain values."""
         return {**asdict(self), "what": self.what.value}
 
 

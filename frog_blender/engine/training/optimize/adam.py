@@ -7,7 +7,7 @@ import sys
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeAlias
 
 import torch
 
@@ -15,6 +15,9 @@ from ...native import structs
 from ...native.binding import library
 
 _EPSILON = 1e-15  # 3DGS's: gradients of means are tiny
+
+ParameterGroup: TypeAlias = dict[str, Any]
+"""As torch's optimizers have them: parameters under "params", settings of any type beside them."""
 
 
 class NativeAdam:
@@ -34,16 +37,16 @@ class NativeAdam:
 
     def __init__(
         self,
-        groups: Iterable[dict[str, Any]],
+        groups: Iterable[ParameterGroup],
         lr: float = 1e-3,
         betas: tuple[float, float] = (0.9, 0.999),
         eps: float = 1e-8,
     ) -> None:
         defaults = {"lr": lr, "betas": betas, "eps": eps}
-        self.param_groups: list[dict[str, Any]] = [
+        self.param_groups: list[ParameterGroup] = [
             {**defaults, **group, "params": list(group["params"])} for group in groups
         ]
-        self.state: defaultdict[torch.Tensor, dict[str, Any]] = defaultdict(dict)
+        self.state: defaultdict[torch.Tensor, ParameterGroup] = defaultdict(dict)
 
     @torch.no_grad()
     def step(self) -> None:
@@ -58,7 +61,7 @@ class NativeAdam:
         if library().frog_adam((structs.Adam * len(entries))(*entries), len(entries)):
             raise MemoryError("the optimiser ran out of memory")
 
-    def _entry(self, parameter: torch.Tensor, gradient: torch.Tensor, group: dict[str, Any]) -> ctypes.Structure:
+    def _entry(self, parameter: torch.Tensor, gradient: torch.Tensor, group: ParameterGroup) -> ctypes.Structure:
         for array in (parameter, gradient):  # native code only sees addresses
             if not (array.dtype is torch.float32 and array.is_cpu and array.is_contiguous()):
                 raise TypeError(f"expected contiguous float32 on the CPU, found {array.dtype} on {array.device}")
@@ -76,7 +79,7 @@ class NativeAdam:
         )
 
 
-def adam_on(device: torch.device, groups: list[dict[str, Any]]) -> NativeAdam | torch.optim.Adam:
+def adam_on(device: torch.device, groups: list[ParameterGroup]) -> NativeAdam | torch.optim.Adam:
     """The fastest for parameters that lie on ``device``."""
     if device.type == "cpu":
         return NativeAdam(groups, eps=_EPSILON)

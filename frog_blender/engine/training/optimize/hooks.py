@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import torch
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ...capture.capture import Capture
 from ...capture.frames import FrameStore
 from ...gaussians import TorchGaussians
+from ...io.plain_values import JsonObject
 from ...model.interface import ScheduleState
 from ...rasterizer import GaussianArrays
 from ..recipe import Recipe
@@ -42,8 +43,8 @@ class Training(Stateful, Protocol):
     @property
     def progress(self) -> float: ...
     @property
-    def description(self) -> dict[str, Any]:
-        """What has to be the same for a checkpoint to be this training's, by name. Any: JSON's values."""
+    def description(self) -> JsonObject:
+        """What has to be the same for a checkpoint to be this training's, by name."""
         ...
 
     def schedule_state(self) -> ScheduleState:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import torch
 from torch import nn
@@ -14,7 +13,7 @@ from ...model.deformation import UNITS
 from ...model.frog import Frog
 from ...model.interface import SceneModel
 from ..recipe import Recipe
-from .adam import NativeAdam, adam_on
+from .adam import NativeAdam, ParameterGroup, adam_on
 from .stateful import Tensors, expect
 
 _MOMENTS = ("exp_avg", "exp_avg_sq")
@@ -46,7 +45,7 @@ class SceneOptimizer:
             "network": (recipe.network_rate, decay),
             "grid": (recipe.grid_rate, decay),
         }
-        groups: list[dict[str, Any]] = [
+        groups: list[ParameterGroup] = [
             {"params": [getattr(self._canonical, name)], "name": name}
             for name in ATTRIBUTES
             if getattr(self._canonical, name).shape[1:].numel()  # methods without embeddings have some of no length
@@ -83,7 +82,7 @@ class SceneOptimizer:
 
     def reduce_sh_degree(self, count: int) -> None:
         """Keeps the first ``count`` SH coefficients."""
-        old: Any = self._canonical.sh
+        old = self._canonical.sh
         parameter = self._canonical.sh = nn.Parameter(old.detach()[:, :count].contiguous())
         self._exchange(old, parameter, lambda moment: moment[:, :count].contiguous())
 
@@ -119,7 +118,7 @@ class SceneOptimizer:
         self._exchange(old, parameter, lambda moment: _rows(moment, unseen, kept))
 
     def _exchange(
-        self, old: nn.Parameter, new: nn.Parameter, rearranged: Callable[[torch.Tensor], torch.Tensor]
+        self, old: torch.Tensor, new: nn.Parameter, rearranged: Callable[[torch.Tensor], torch.Tensor]
     ) -> None:
         """Goes on with ``new`` in place of a parameter, whose moments are ``rearranged`` for it."""
         for group in self.adam.param_groups:
@@ -151,7 +150,7 @@ class SceneOptimizer:
                 if any(name.startswith(prefix) for name in arrays):
                     self.adam.state[parameter] = self._moments(arrays, prefix, parameter)
 
-    def _moments(self, arrays: Tensors, prefix: str, parameter: nn.Parameter) -> dict[str, Any]:
+    def _moments(self, arrays: Tensors, prefix: str, parameter: nn.Parameter) -> dict[str, torch.Tensor | int]:
         device = parameter.device
         moments = {name: expect(prefix + name, arrays[prefix + name], parameter.shape).to(device) for name in _MOMENTS}
         step = expect(f"{prefix}step", arrays[f"{prefix}step"], ())

@@ -5,13 +5,15 @@ What comes back is checked before it is taken over: native code only sees addres
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Protocol
 
 import torch
 
+from ...io.plain_values import JsonObject
+
 Tensors = dict[str, torch.Tensor]
 """Arrays by their names in a checkpoint."""
-Values = dict[str, Any]  # Any: JSON's values
+Values = JsonObject
 """Plain values by their names in a checkpoint."""
 
 

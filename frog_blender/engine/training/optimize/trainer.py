@@ -10,7 +10,6 @@ import math
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import torch
@@ -23,6 +22,7 @@ from ...capture.seeds import Seeds
 from ...capture.time import frame_to_time
 from ...evaluation.metrics import psnr_of
 from ...gaussians import TorchGaussians
+from ...io.plain_values import JsonObject
 from ...model.interface import RenderResult, SceneModel, ScheduleState
 from ...rasterizer import RasterizeOptions, rasterize
 from ...scene.scene_file import settings_json
@@ -165,7 +165,7 @@ class Trainer:
     # Checkpoints -----------------------------------------------------------------------------------------------------
 
     @property
-    def description(self) -> dict[str, Any]:
+    def description(self) -> JsonObject:
         """See Training."""
         return {
             "method": self.method,

@@ -8,14 +8,15 @@ from .. import passive_threads  # noqa: F401
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 from safetensors.numpy import save as serialize
 
+from ...arrays import Array
 from ...errors import FrogError, brief, found_instead
 from ...io.atomic_files import write_atomically
+from ...io.plain_values import JsonObject
 from ...io.tensor_files import read_tensors
 from ..optimize.hooks import Training
 from .output_paths import checkpoint_path as checkpoint_path
@@ -25,11 +26,11 @@ _VERSION = 12
 _WHAT = "a training checkpoint"
 _MAY_DIFFER = ("name", "steps", "steps_per_moment")  # in a recipe
 
-State = tuple[dict[str, np.ndarray], dict[str, Any]]
-"""Everything a training has learned and remembers: arrays by name, and plain values (Any: JSON's)."""
+State = tuple[dict[str, Array], JsonObject]
+"""Everything a training has learned and remembers: arrays by name, and plain values."""
 
 
-def state_of(training: Training, settings: dict[str, Any] | None = None) -> State:
+def state_of(training: Training, settings: JsonObject | None = None) -> State:
     """A copy of a training's state. ``settings`` are plain values for ``checkpoint_settings``."""
     tensors, values = training.state()
     # ascontiguousarray would turn Adam's scalar step counters into vectors.
@@ -37,7 +38,7 @@ def state_of(training: Training, settings: dict[str, Any] | None = None) -> Stat
     return arrays, {"version": _VERSION, "settings": settings or {}, **training.description, **values}
 
 
-def save_checkpoint(path: Path, training: Training, settings: dict[str, Any] | None = None) -> None:
+def save_checkpoint(path: Path, training: Training, settings: JsonObject | None = None) -> None:
     """Atomic; FrogError when the disk does not take it."""
     write_checkpoint(path, state_of(training, settings))
 
@@ -67,9 +68,9 @@ def _read(path: Path, wanted: Callable[[str], bool] = lambda name: True) -> Stat
     return arrays, values
 
 
-def checkpoint_settings(path: Path) -> dict[str, Any]:
+def checkpoint_settings(path: Path) -> JsonObject:
     """What ``save_checkpoint`` was given; FrogError when the file cannot be used."""
-    settings: dict[str, Any] = _read(path, wanted=lambda name: False)[1]["settings"]
+    settings: JsonObject = _read(path, wanted=lambda name: False)[1]["settings"]
     return settings
 
 
@@ -90,7 +91,7 @@ def load_checkpoint(path: Path, training: Training) -> None:
         raise found_instead(path, f"contents that do not fit ({error})", _WHAT) from error
 
 
-def _differences(values: dict[str, Any], training: Training) -> str:
+def _differences(values: JsonObject, training: Training) -> str:
     """What of a checkpoint is not as in this training, in words; empty where all is."""
     expected = training.description
     if values.get("method") != expected["method"]:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ...io.plain_values import JsonObject
 
 
 @dataclass(frozen=True)
@@ -100,7 +101,7 @@ class Finished:
     psnr: float | None
     """None where it could not be measured."""
     gaussians: int
-    capacity: dict[str, Any] = field(default_factory=dict)
+    capacity: JsonObject = field(default_factory=dict)
     """See SceneHeader."""
     phases: dict[str, float] = field(default_factory=dict)
     """Seconds by the clock, without pauses, of time_estimate.PHASES."""

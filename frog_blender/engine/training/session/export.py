@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ...errors import FrogError, reason
 from ...io.atomic_files import write_atomically
+from ...io.plain_values import JsonObject
 from ...model.canonical import ATTRIBUTES
 from ...playback.player import CANONICAL, ScenePlayer, row_ranges
 from ...scene.header import SceneHeader
@@ -55,7 +56,7 @@ class ExportReport:
     size: int
     psnr: float | None
     split: str
-    compression: dict[str, Any]
+    compression: JsonObject
     warning: str
 
 
@@ -259,8 +260,8 @@ def _arrays(session: Session) -> dict[str, NDArray[np.generic]]:
     return arrays
 
 
-def compression_report(session: Session, steps: list[CompressionStep]) -> dict[str, Any]:
-    """What the header's ``capacity`` holds (``Any``: JSON of several types)."""
+def compression_report(session: Session, steps: list[CompressionStep]) -> JsonObject:
+    """What the header's ``capacity`` holds ."""
     trainer = session.trainer
     canonical = trainer.model.canonical
     return {

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from ...capture.camera import Camera
 from ...capture.capture import Capture
 from ...capture.seeds import Seeds
-from ...scene.header import METHODS
+from ...field.names import METHODS
+from ...io.plain_values import JsonObject
 from ...scene.scene_file import settings_json
 from ..compression.settings import DEFAULT, CompressionSettings
 from ..recipe import Recipe, recipe
@@ -82,7 +82,7 @@ class TrainingJob:
     preview_seconds: float = 10.0
     compression: CompressionSettings = DEFAULT
 
-    def stored_settings(self) -> dict[str, Any]:
+    def stored_settings(self) -> JsonObject:
         """What the checkpoint keeps of this job: the fields in ``KEPT``, the recipe, and whose training it is."""
         settings = {name: getattr(self, name) for name in KEPT}
         return {**settings, "recipe": settings_json(self.recipe), "capture": str(Path(self.capture).resolve())}

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import gc
-from typing import Any
 
 import torch
 
 from ...errors import FrogError, reason
+from ...io.plain_values import JsonObject
 from ..compression.schedule import CompressionFailed
 from ..optimize.hooks import Hook, Training
 from ..optimize.running_loss import TrainingDiverged
@@ -29,7 +29,7 @@ class Recovery(Hook):
         settings: of the job, see ``state_of``.
     """
 
-    def __init__(self, training: Training, settings: dict[str, Any] | None = None) -> None:
+    def __init__(self, training: Training, settings: JsonObject | None = None) -> None:
         self._left, self._settings = _ATTEMPTS, settings
         self.snapshot(training)
 

@@ -9,6 +9,7 @@ from typing import Any
 from ...capture.readers import detect
 from ...errors import FrogError, found_instead
 from ...io.paths import is_network_path
+from ...io.plain_values import JsonObject
 from ..recipe import stored_recipe
 from ..setting import check
 from .checkpoint import checkpoint_settings
@@ -45,7 +46,7 @@ def ignored_settings(asked: TrainingJob, restored: TrainingJob) -> list[str]:
     return [known for name, known in asked.chosen.items() if _setting(asked, name) != _setting(restored, name)]
 
 
-def _check_capture(path: Path, stored: dict[str, Any], capture: Path) -> None:
+def _check_capture(path: Path, stored: JsonObject, capture: Path) -> None:
     """FrogError when the checkpoint's capture is another folder, unless that holds no capture: then it was moved."""
     folder = stored.get("capture")
     if not isinstance(folder, str) or not folder or folder == str(Path(capture).resolve()):
@@ -60,7 +61,7 @@ def _check_capture(path: Path, stored: dict[str, Any], capture: Path) -> None:
     raise found_instead(path, f"a training of another capture, {folder}", f"one of {capture}")
 
 
-def _restored(job: TrainingJob, path: Path, stored: dict[str, Any]) -> TrainingJob:
+def _restored(job: TrainingJob, path: Path, stored: JsonObject) -> TrainingJob:
     try:
         kept = {name: stored[name] for name in KEPT}
         for name, value in kept.items():
