@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from support.builders import run_python
 
-from frog_blender.cli import main
+from frog_blender.cli.main import main
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.scene.scene_file import read_scene, write_scene

@@ -270,6 +270,7 @@ def _follow(
             case events.Cancelled():
                 raise Stopped
             case events.Finished(steps=steps, seconds=seconds, gaussians=gaussians, capacity=capacity):
+                advanced(1.0)
                 return {
                     "steps": steps,
                     "train_seconds": seconds,

@@ -112,7 +112,7 @@ def test_the_gpu_check_without_a_gpu_says_so_and_stops(tmp_path: Path) -> None:
 
 
 def test_training_modules_need_no_native_library(tmp_path: Path) -> None:
-    modules = ["training.trainer", "training.job", "rasterizer.cuda.rasterize"]
+    modules = ["training.optimize.trainer", "training.session.run", "rasterizer.cuda.rasterize"]
     script = "; ".join(f"import frog_blender.engine.{module}" for module in modules)
     environment = os.environ | {"FROG_NATIVE_LIBRARY": str(tmp_path / "nowhere.so")}
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, env=environment, check=False)

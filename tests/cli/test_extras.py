@@ -122,4 +122,4 @@ def test_the_makefile_takes_a_blender_by_either_name(target: str, name: str) -> 
 def test_panel_and_readme_expect_the_same_of_the_standard_recipe() -> None:
     panel = (REPOSITORY / "frog_blender" / "ui" / "training_settings.py").read_text(encoding="utf-8")
     readme = (REPOSITORY / "README.md").read_text(encoding="utf-8")
-    assert "three to ten minutes on a processor" in panel and "`standard` three to ten, and" in readme
+    assert "three to ten minutes on a CPU" in panel and "`standard` three to ten, and" in readme
