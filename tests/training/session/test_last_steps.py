@@ -49,7 +49,7 @@ def name_of(value: Any) -> str | None:
 
 
 @pytest.fixture
-def task(filmed: Path, tmp_path: Path, lively: Callable, seeds_at_no_cost: None) -> TrainingJob:
+def task(filmed: Path, tmp_path: Path, lively: Callable, quick_seeds: None) -> TrainingJob:
     settings = lively(STEPS, capacity="auto")
     return TrainingJob(filmed, tmp_path / "x.frog", recipe=settings, seed=2, device="cpu")
 

@@ -134,7 +134,7 @@ def _run(job: TrainingJob, cancel: CancelToken, trainer_type: type[Trainer]) -> 
             yield events.WarningEvent(doubt)
     counts = (len(capture.cameras), capture.frame_count, trainer.count)
     work = Workload.of(capture, trainer.recipe, limits.steps)
-    yield events.Started(job.method, limits.steps, *counts, device.type, round(work.pixels), work.images)
+    yield events.Started(job.method, limits.steps, *counts, trainer.device.type, round(work.pixels), work.images)
     with gc_frozen():
         yield from train(session)
 
