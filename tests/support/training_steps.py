@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 from frog_blender.engine.model.canonical import CanonicalField
 from frog_blender.engine.model.interface import SceneModel
 from frog_blender.engine.training.compression.context import CompressionContext
 from frog_blender.engine.training.compression.schedule import compression_of
 from frog_blender.engine.training.optimize.trainer import Trainer
+from frog_blender.engine.training.session.cancel_token import CancelToken
+from frog_blender.engine.training.session.events import Event, Progress
+from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.run import run_training
 
 
 class OnlyGaussians(SceneModel):
@@ -29,3 +36,24 @@ def compression(trainer: Trainer) -> CompressionContext:
     found = compression_of(trainer)
     assert found is not None
     return found
+
+
+def stepping(after: Callable[[Trainer], object]) -> type[Trainer]:
+    """Trainers that call ``after`` when a step is done."""
+
+    class Stepping(Trainer):
+        def step(self) -> None:
+            super().step()
+            after(self)
+
+    return Stepping
+
+
+def cancelled_at(job: TrainingJob, step: int, trainer_type: type[Trainer] = Trainer) -> list[Event]:
+    """The events of a training that is cancelled once it has taken so many steps."""
+    cancel, stream = CancelToken(), []
+    for event in run_training(replace(job, event_seconds=0.0), cancel, trainer_type=trainer_type):
+        stream.append(event)
+        if isinstance(event, Progress) and event.step >= step:
+            cancel.cancel()
+    return stream

@@ -15,12 +15,10 @@ from support import synthetic_capture as film
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.capture.seeds import Seeds
 from frog_blender.engine.training.compression.schedule import compression_hooks
 from frog_blender.engine.training.compression.settings import CompressionSettings
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
 from frog_blender.engine.training.recipe import Recipe, recipe
-from frog_blender.engine.training.session import run as training_run
 
 # Rates at which six hundred steps are enough to follow the ball (four hundred are not, with most seeds).
 LIVELY = {"steps_per_moment": 0, "network_rate": 1e-3, "embedding_rate": 3e-2, "mean_rate": 2e-4, "max_gaussians": 600}
@@ -43,16 +41,6 @@ def one_thread() -> None:
     torch.set_num_threads(1)
 
 
-@pytest.fixture
-def seeds_at_no_cost(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """``stored_seeds`` without a search: no more than are asked for."""
-
-    def seeds(*_: object, count_limit: int, **__: object) -> Seeds:
-        return film.seeds(min(300, count_limit))
-
-    monkeypatch.setattr(training_run, "stored_seeds", seeds)
-
-
 @pytest.fixture(scope="session")
 def capture(filmed: Path) -> Capture:
     return open_capture(filmed)
@@ -70,7 +58,7 @@ def lively() -> Callable[..., Recipe]:
 
 @pytest.fixture(scope="session")
 def make_trainer(capture: Capture, store: FrameStore, lively: Callable[..., Recipe]) -> Callable[..., Trainer]:
-    """``make(steps, method="frog", seed=0, watched=None, compression=None, **recipe changes)``."""
+    """``make(steps, method="frog", seed=0, watched=None, compression=None, trainer_type=Trainer, **changes)``."""
 
     def make(
         steps: int,
@@ -79,11 +67,12 @@ def make_trainer(capture: Capture, store: FrameStore, lively: Callable[..., Reci
         seed: int = 0,
         watched: Any = None,
         compression: CompressionSettings | None = None,
+        trainer_type: type[Trainer] = Trainer,
         **changes: Any,
     ) -> Trainer:
         settings, frames = lively(steps, **changes), watched or store
         hooks = compression_hooks(settings, method, capture, seed, compression or CompressionSettings())
-        return Trainer(capture, frames, film.seeds(), settings, method, Limits(steps), seed=seed, hooks=hooks)
+        return trainer_type(capture, frames, film.seeds(), settings, method, Limits(steps), seed=seed, hooks=hooks)
 
     return make
 

@@ -19,7 +19,7 @@ from frog_blender.engine.training.session.events import Cancelled, Finished, Sta
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import run_training
 
-pytestmark = pytest.mark.usefixtures("seeds_at_no_cost")
+pytestmark = pytest.mark.usefixtures("quick_seeds")
 Make = Callable[..., Trainer]
 
 

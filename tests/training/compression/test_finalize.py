@@ -22,7 +22,7 @@ from frog_blender.engine.training.compression.settings import CompressionSetting
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import run_training
 
-pytestmark = pytest.mark.usefixtures("seeds_at_no_cost")
+pytestmark = pytest.mark.usefixtures("quick_seeds")
 
 TIMES = (0.0, 1 / 6, 0.3, 0.5, 0.77, 5 / 6, 1.0)
 QUARTERS = [k / 24 for k in range(25)]

@@ -16,18 +16,17 @@ from support.training_steps import compression, train
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.training.compression import context as context_module
-from frog_blender.engine.training.compression import passes, schedule
+from frog_blender.engine.training.compression import passes
 from frog_blender.engine.training.compression.context import CompressionContext, Proposal
 from frog_blender.engine.training.compression.sensitivity import Motion, Sensitivity
 from frog_blender.engine.training.compression.settings import DEFAULT, CompressionSettings
-from frog_blender.engine.training.optimize import gaussian_order
 from frog_blender.engine.training.optimize.trainer import Played, Trainer
 from frog_blender.engine.training.session.checkpoint import load_checkpoint, save_checkpoint
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.recovery import Recovery
 from frog_blender.engine.training.session.run import run_training
 
-pytestmark = pytest.mark.usefixtures("seeds_at_no_cost")
+pytestmark = pytest.mark.usefixtures("quick_seeds")
 Make = Callable[..., Trainer]
 
 
@@ -40,27 +39,6 @@ def test_rounds_make_the_scene_smaller_and_training_goes_on(make_trainer: Make) 
     assert fixed.model.canonical.num_dynamic == fixed.count
     assert auto.evaluate(6)[0] > fixed.evaluate(6)[0] - 1.0
     assert all((step.loss or 0.0) <= max(DEFAULT.max_freeze_loss, DEFAULT.max_prune_loss) for step in log)
-
-
-@pytest.mark.parametrize(("some_rest", "share", "at"), [(False, 0.0, 1.0), (True, 0.0, 0.8), (False, 0.2, 0.8)])
-def test_motion_is_learned_to_the_end_unless_some_rest_already(
-    make_trainer: Make, monkeypatch: pytest.MonkeyPatch, some_rest: bool, share: float, at: float
-) -> None:
-    def freeze_static_regions(context: CompressionContext, evaluator: object, generator: torch.Generator) -> list:
-        if some_rest:
-            state = context.mean_dynamic_state(context.sample_views(generator))
-            gaussian_order.freeze_motion(context.training.gaussians, torch.arange(5), state)
-        return []
-
-    monkeypatch.setattr(schedule, "freeze_static_regions", freeze_static_regions)
-    trainer = make_trainer(100, capacity="auto", dynamic_share=share)
-    train(trainer, until=79)
-    assert (trainer.model.canonical.num_dynamic < trainer.count) == some_rest  # copies of those at rest are at rest
-    train(trainer)
-    log = compression(trainer).record.log
-    frozen = [each for each in log if each.what == "put to rest"]
-    assert [each.progress for each in frozen] == [at] and frozen[0].after < frozen[0].before
-    assert all(each.progress == 1.0 for each in log if each.what.startswith(("head", "net")))
 
 
 class Exact:
@@ -119,11 +97,40 @@ def test_many_rest_early_as_they_are(make_trainer: Make, capture: Capture) -> No
     assert found.what == "put to rest" and found.after < 0.75 * found.before
 
 
-def test_a_scene_that_was_frozen_too_early_wakes(make_trainer: Make, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(schedule, "is_static_capture", lambda *_: True)
-    trainer = train(make_trainer(300, capacity="auto"))
+class StillAtFirst(Exact):
+    """Where nothing moves until ``moves``."""
+
+    moves = False
+
+    def image(self, index: int) -> np.ndarray:
+        shot = self._capture.shots[index]
+        return super().image(index) if self.moves else film.image(self._capture.cameras[shot.camera], 0)
+
+
+def test_a_scene_that_was_frozen_too_early_is_unfrozen(make_trainer: Make, capture: Capture) -> None:
+    images = StillAtFirst(capture)
+    trainer = make_trainer(300, watched=images, capacity="auto")
+    assert trainer.model.canonical.num_dynamic == 0
+    images.moves = True
+    train(trainer)
     first, *_ = [each for each in compression(trainer).record.log if each.what == "woken"]
     assert first.before == 0 and 0 < first.after < trainer.count
+
+
+@pytest.mark.parametrize(("some_static", "share", "at"), [(False, 0.0, 1.0), (True, 0.0, 0.8), (False, 0.2, 0.8)])
+def test_motion_is_learned_to_the_end_unless_some_are_static_already(
+    make_trainer: Make, capture: Capture, some_static: bool, share: float, at: float
+) -> None:
+    settings = replace(FEW, unfreeze_error=1e9) if some_static else CompressionSettings(min_static_area=1.1)
+    images = Exact(capture) if some_static else None
+    trainer = make_trainer(100, watched=images, compression=settings, capacity="auto", dynamic_share=share)
+    train(trainer, until=79)
+    assert (trainer.model.canonical.num_dynamic < trainer.count) == some_static  # copies of static ones are static
+    train(trainer)
+    log = compression(trainer).record.log
+    frozen = [each for each in log if each.what == "put to rest" and each.progress > 0.2]
+    assert [each.progress for each in frozen] == [at] and frozen[0].after < frozen[0].before
+    assert all(each.progress == 1.0 for each in log if each.what.startswith(("head", "net")))
 
 
 def test_looking_leaves_no_gradient_behind(make_trainer: Make) -> None:
@@ -338,19 +345,18 @@ def test_rounds_that_a_resume_would_jump_over_are_held(make_trainer: Make, tmp_p
     assert "put to rest" in [each.what for each in compression(shorter).record.log]
 
 
-def test_broken_gaussians_do_not_cost_the_scene(
-    filmed: Path, tmp_path: Path, lively: Callable, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    evaluate, counts = Trainer.evaluate, []
+def test_broken_gaussians_do_not_cost_the_scene(filmed: Path, tmp_path: Path, lively: Callable) -> None:
+    counts: list[int] = []
 
-    def breaking(trainer: Trainer, limit: int, *played: Played) -> tuple[float, str]:
-        if trainer.finished:
-            trainer.model.canonical.log_scales.data[7, 1] = float("nan")
-            trainer.model.canonical.means.data[-1, 0] = float("inf")
-            counts.append(trainer.count)
-        return evaluate(trainer, limit, *played)
+    class Breaking(Trainer):
+        def evaluate(self, limit: int, *played: Played) -> tuple[float, str]:
+            if self.finished:
+                self.model.canonical.log_scales.data[7, 1] = float("nan")
+                self.model.canonical.means.data[-1, 0] = float("inf")
+                counts.append(self.count)
+            return super().evaluate(limit, *played)
 
-    monkeypatch.setattr(Trainer, "evaluate", breaking)
-    finished = list(run_training(TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(40, capacity="auto"))))[-1]
+    job = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(40, capacity="auto"))
+    finished = list(run_training(job, trainer_type=Breaking))[-1]
     scene = ScenePlayer.load(tmp_path / "x.frog")
     assert scene.count == finished.gaussians == counts[0] - 2 and np.isfinite(scene.at(0.5).scales).all()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +23,7 @@ from frog_blender.engine.scene.scene_file import SceneFile, read_scene
 from frog_blender.engine.training.compression import static_attributes
 from frog_blender.engine.training.compression.context import CompressionContext
 from frog_blender.engine.training.compression.finalize import played_by
+from frog_blender.engine.training.compression.sensitivity import Motion
 from frog_blender.engine.training.compression.settings import CompressionSettings
 from frog_blender.engine.training.compression.static_attributes import freeze_attributes, seen_state
 from frog_blender.engine.training.optimize.trainer import Trainer
@@ -32,7 +34,7 @@ from frog_blender.engine.training.session.session import Session
 
 Make = Callable[..., Trainer]
 STEPS = 400  # after which the ball moves
-pytestmark = pytest.mark.usefixtures("seeds_at_no_cost")
+pytestmark = pytest.mark.usefixtures("quick_seeds")
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +61,13 @@ def context_of(trainer: Trainer, settings: CompressionSettings) -> CompressionCo
     return replace(compression(trainer), settings=settings)
 
 
+def having_measured(context: CompressionContext, motion: Motion | None) -> CompressionContext:
+    """The same with another measurement; what the training remembers stays."""
+    record = copy.copy(context.record)
+    record.motion = motion
+    return replace(context, record=record)
+
+
 @pytest.mark.parametrize(("fading", "shape"), [(0.05, 0.05), (1e9, 0.05), (-1.0, 1e9)])
 def test_it_costs_what_is_said_and_no_more_than_allowed(finished: Trainer, fading: float, shape: float) -> None:
     before = scene_of(finished)
@@ -80,14 +89,14 @@ def test_it_costs_what_is_said_and_no_more_than_allowed(finished: Trainer, fadin
         assert found.header.model["reshaped"] == 0 and {"scales", "quaternions"}.isdisjoint(playable.changing)
 
 
-def test_who_must_change_most_goes_on_changing(finished: Trainer, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_must_change_most_goes_on_changing(finished: Trainer) -> None:
     """Energies decide: with others' energies it would cost more."""
     context, before = context_of(finished, allowing(0.05, 0.0)), scene_of(finished)
     motion = context.record.motion
     assert motion
     _, (right, *_) = freeze_attributes(context, before)
-    monkeypatch.setattr(context.record, "motion", replace(motion, fade_energy=1 / motion.fade_energy.clamp(1e-12)))
-    _, wrong = freeze_attributes(context, before)
+    reversed_ = replace(motion, fade_energy=1 / motion.fade_energy.clamp(1e-12))
+    _, wrong = freeze_attributes(having_measured(context, reversed_), before)
     faded = [each.before - each.after for each in wrong if each.what == "only fade"]
     assert right.what == "only fade" and right.before - right.after > max([*faded, 0])
 
@@ -96,9 +105,9 @@ def test_who_must_change_most_goes_on_changing(finished: Trainer, monkeypatch: p
 def test_where_it_is_not_worth_it_the_scene_stays(
     finished: Trainer, monkeypatch: pytest.MonkeyPatch, what: str
 ) -> None:
-    settings, before = {}, scene_of(finished)
+    settings, before, motion = {}, scene_of(finished), compression(finished).record.motion
     if what == "nothing known":
-        monkeypatch.setattr(compression(finished).record, "motion", None)
+        motion = None
     elif what == "heads":
         before = SceneFile(replace(before.header, model=before.header.model | {"head_width": 8}), before.arrays)
     elif what == "long":
@@ -109,7 +118,8 @@ def test_where_it_is_not_worth_it_the_scene_stays(
         settings = {"min_fading": 1.1}
     else:
         monkeypatch.setattr(static_attributes, "pack", lambda name, array: Bytes(len(array) + 2 * (name == "fades")))
-    assert freeze_attributes(context_of(finished, allowing(0.5, -1.0, **settings)), before) == (before, [])
+    context = having_measured(context_of(finished, allowing(0.5, -1.0, **settings)), motion)
+    assert freeze_attributes(context, before) == (before, [])
 
 
 class Bytes:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import run_training
 
-pytestmark = pytest.mark.usefixtures("seeds_at_no_cost")
+pytestmark = pytest.mark.usefixtures("quick_seeds")
 Make = Callable[..., Trainer]
 
 
@@ -133,7 +134,7 @@ def test_what_all_of_an_image_does_is_a_change(capture: Capture) -> None:
         assert variance.min() > 0.8 * true and variance.max() < 1.1 * true
 
 
-def test_moving_cameras_and_single_moments_tell_nothing(capture: Capture, store: object) -> None:
+def test_moving_cameras_and_single_frames_tell_nothing(capture: Capture, store: object) -> None:
     shots = tuple(replace(capture.shots[0], camera=0, frame=frame) for frame in range(4))
     cameras = tuple(capture.cameras[0] for _ in shots)
     moving = tuple(replace(shot, camera=shot.frame) for shot in shots)
@@ -145,13 +146,16 @@ def test_moving_cameras_and_single_moments_tell_nothing(capture: Capture, store:
     assert measure_temporal_variance(one, store) is None
 
 
-def test_a_still_scene_has_no_network_and_plays(
-    capture: Capture, tmp_path: Path, filmed: Path, monkeypatch: pytest.MonkeyPatch, lively: Callable
-) -> None:
-    still = Repeated(capture, 1.5)
-    monkeypatch.setattr(FrameStore, "image", lambda _, index: still.image(index))
+class OfStillImages(Trainer):
+    """Whatever it is given to train on."""
+
+    def __init__(self, capture: Capture, store: FrameStore, *arguments: Any, **options: Any) -> None:
+        super().__init__(capture, Repeated(capture, 1.5), *arguments, **options)
+
+
+def test_a_still_scene_has_no_network_and_plays(tmp_path: Path, filmed: Path, lively: Callable) -> None:
     task = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(60, capacity="auto"), holdout_frames=0)
-    finished = list(run_training(task))[-1]
+    finished = list(run_training(task, trainer_type=OfStillImages))[-1]
     assert finished.capacity["dynamic"] == 0 and finished.capacity["heads"] == []
     scene = ScenePlayer.load(tmp_path / "x.frog")
     assert scene.num_dynamic == 0 and scene.header.model == {}

@@ -145,16 +145,20 @@ def cropping(trainer: Trainer) -> Trainer:
     return trainer
 
 
-def test_training_on_rectangles_learns(make_trainer: Make, monkeypatch: pytest.MonkeyPatch) -> None:
-    regions: list[Region | None] = []
-    pick = CropSampler.pick
+class Watched(CropSampler):
+    """Remembers what it picked."""
 
-    def watched(self: CropSampler, camera: int, generator: torch.Generator) -> Region | None:
-        regions.append(pick(self, camera, generator))
-        return regions[-1]
+    picked: list[Region | None]
 
-    monkeypatch.setattr(CropSampler, "pick", watched)
-    trainer = cropping(make_trainer(300, region_share=0.8, region_size=0.4))
+    def pick(self, camera: int, generator: torch.Generator) -> Region | None:
+        self.picked.append(super().pick(camera, generator))
+        return self.picked[-1]
+
+
+def test_training_on_rectangles_learns(make_trainer: Make) -> None:
+    trainer = make_trainer(300, region_share=0.8, region_size=0.4)
+    trainer.crops = crops = Watched(trainer.capture.cameras, 0.8, 0.4, least=16)
+    crops.picked = regions = []
     before = trainer.evaluate(6)[0]
     train(trainer)
     assert trainer.evaluate(6)[0] > before + 5

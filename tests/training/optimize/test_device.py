@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from importlib import import_module
@@ -12,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from frog_blender.engine.training.build import build_trainer
 from support import synthetic_capture as film
 from support.builders import run_python
+from support.fake_device import ELSEWHERE, Machine, Remote
 from support.training_steps import compression, train
 from torch.optim import Adam
 
@@ -23,17 +22,15 @@ from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.model import interface as interface_module
-from frog_blender.engine.model.frog import FINISHED, Frog
-from frog_blender.engine.model.interface import SceneModel
 from frog_blender.engine.rasterizer import rasterize
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.compression import report_image, sensitivity, validation
+from frog_blender.engine.training.compression.schedule import compression_hooks
 from frog_blender.engine.training.compression.settings import DEFAULT, CompressionSettings
-from frog_blender.engine.training.optimize import device as device_module
 from frog_blender.engine.training.optimize import nearest_neighbours
 from frog_blender.engine.training.optimize import optimizer as optimizer_module
 from frog_blender.engine.training.optimize import trainer as trainer_module
-from frog_blender.engine.training.optimize.device import EXPERIMENTAL, choose_device, image_on
+from frog_blender.engine.training.optimize.device import EXPERIMENTAL, choose_device, image_on, try_rasterizer
 from frog_blender.engine.training.optimize.exposure_compensation import ExposureCompensation
 from frog_blender.engine.training.optimize.losses import PhotometricLoss, photometric_loss_reference
 from frog_blender.engine.training.optimize.running_loss import RunningLoss, TrainingDiverged
@@ -43,10 +40,6 @@ from frog_blender.engine.training.session import run as training_run
 from frog_blender.engine.training.session.checkpoint import checkpoint_path, load_checkpoint, save_checkpoint
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import run_training
-
-if str(Path(__file__).parent) not in sys.path:
-    sys.path.insert(0, str(Path(__file__).parent))
-from support.fake_device import ELSEWHERE, Machine, Remote
 
 ENGINE = Path(trainer_module.__file__).parents[2]
 CPU = torch.device("cpu")
@@ -73,27 +66,35 @@ def photometric_loss_on_any_device(
 def machine(monkeypatch: pytest.MonkeyPatch) -> Iterator[Machine]:
     """A pretended GPU, and everywhere the operations in plain torch that both devices have."""
     machine = Machine(ENGINE / "training", ENGINE / "model")
-    rasterize = trainer_module.rasterize
 
     def slowly(*arguments: Any, **keywords: Any) -> Any:
         with machine.uncounted():  # the CUDA rasterizer waits once, whatever is drawn
-            return rasterize(*arguments, **keywords, backend="reference")
+            return rasterize(*arguments, **{**keywords, "backend": "reference"})
 
-    def deform(self: Frog, time: float, schedule_state: Any = FINISHED, sh_count: int | None = None) -> Any:
-        temporal = self.temporal_embedding(time, schedule_state)
-        return self.deform_reference(temporal, schedule_state, sh_count or self.canonical.sh.shape[1])
-
-    for module in (trainer_module, interface_module):
+    for module in (trainer_module, interface_module, sensitivity, validation, report_image):
         monkeypatch.setattr(module, "rasterize", slowly)
     monkeypatch.setattr(trainer_module, "photometric_loss", photometric_loss_on_any_device)
-    monkeypatch.setattr(Frog, "deform", deform)
-    monkeypatch.setattr(Frog, "draw", SceneModel.draw)
     monkeypatch.setattr(nearest_neighbours, "by_tree", nearest_neighbours.by_distances)
     adam = import_module("torch.optim.adam")  # its list of devices that have fused kernels
     monkeypatch.setattr(adam, "_device_dtype_check_for_fused", lambda *_, **__: None)
     monkeypatch.setattr(optimizer_module, "adam_on", lambda device, groups: Adam(groups, eps=1e-15, fused=True))
     with machine:
         yield machine
+
+
+class InPlainTorch(Trainer):
+    """Whose model is computed by what both devices have."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.model.backend = "reference"
+
+
+class Elsewhere(InPlainTorch):
+    """Trains there whatever device it is given."""
+
+    def __init__(self, *arguments: Any, device: torch.device, **options: Any) -> None:
+        super().__init__(*arguments, device=ELSEWHERE, **options)
 
 
 @pytest.fixture
@@ -107,8 +108,9 @@ def make(capture: Capture, store: FrameStore, lively: Any) -> Make:
         **changes: Any,
     ) -> Trainer:
         recipe = lively(STEPS, **{**BUSY, **changes})
-        options = {"seed": seed, "device": device, "compression": compression}
-        return build_trainer(capture, store, film.seeds(80), recipe, method, Limits(STEPS), **options)
+        hooks = compression_hooks(recipe, method, capture, seed, compression)
+        options = {"seed": seed, "device": device, "hooks": hooks}
+        return InPlainTorch(capture, store, film.seeds(80), recipe, method, Limits(STEPS), **options)
 
     return make
 
@@ -142,11 +144,7 @@ def test_it_learns_elsewhere_what_it_learns_here(machine: Machine, make: Make, m
     assert not machine.homeless
 
 
-def test_rounds_of_parsimony_are_the_same_elsewhere(
-    machine: Machine, make: Make, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for module in (sensitivity, validation, report_image):
-        monkeypatch.setattr(module, "rasterize", trainer_module.rasterize)
+def test_compression_is_the_same_elsewhere(machine: Machine, make: Make) -> None:
     few = {"num_sensitivity_views": 3, "num_training_views": 2, "num_unfreeze_cameras": 1, "num_unfreeze_times": 3}
     any_loss = {"freeze_score": 1e9, "max_freeze_loss": 1e9, "static_error": 1e9, "static_deviation": 0.2}
     settings = CompressionSettings(**few, **any_loss, unfreeze_error=0.0)
@@ -223,17 +221,16 @@ def test_resuming_on_another_device(machine: Machine, make: Make, tmp_path: Path
 
 
 def test_a_job_elsewhere_writes_a_scene_and_goes_on(
-    machine: Machine, filmed: Path, tmp_path: Path, own_cache: Path, lively: Any, monkeypatch: pytest.MonkeyPatch
+    machine: Machine, filmed: Path, tmp_path: Path, own_cache: Path, lively: Any
 ) -> None:
-    monkeypatch.setattr(training_run, "stored_seeds", lambda capture, store, **_: film.seeds(80))
-    monkeypatch.setattr(training_run, "choose_device", lambda name: (ELSEWHERE if name == "cuda" else CPU, ""))
-    task = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(12), steps=6, device="cuda")
-    stream = list(run_training(task))
+    settings = {"recipe": lively(12), "seeds": film.seeds(80), "device": "cpu"}
+    task = TrainingJob(filmed, tmp_path / "x.frog", steps=6, **settings)
+    stream = list(run_training(task, trainer_type=Elsewhere))
     assert next(event for event in stream if isinstance(event, events.Started)).device == ELSEWHERE.type
     assert any(isinstance(event, events.Preview) and event.image.dtype == np.uint8 for event in stream)
     assert isinstance(stream[-1], events.Finished) and checkpoint_path(task.output).is_file()
     assert np.isfinite(read_scene(task.output).arrays["means"]).all()
-    stream = list(run_training(replace(task, device="cpu", steps=12, resume=True)))
+    stream = list(run_training(replace(task, steps=12, resume=True), trainer_type=InPlainTorch))
     assert next(event for event in stream if isinstance(event, events.Started)).device == "cpu"
     assert isinstance(stream[-1], events.Finished) and stream[-1].steps == 12
 
@@ -278,41 +275,41 @@ def test_images_arrive_as_they_are(machine: Machine) -> None:
     assert not machine.waits.keys() - {"fetch"}
 
 
-@pytest.fixture
-def gpu(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    monkeypatch.setattr(torch.cuda, "current_device", lambda: 0)
-    monkeypatch.setattr(device_module, "try_rasterizer", lambda device: None)
+GPU = torch.device("cuda", 0)
 
 
-def test_automatic_takes_the_gpu_where_there_is_one(gpu: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert choose_device("auto") == choose_device("cuda") == (torch.device("cuda", 0), EXPERIMENTAL)
-    assert choose_device("cpu") == (CPU, "")
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    assert choose_device("auto") == choose_device("cpu") == (CPU, "")
+def with_gpu(name: str, trial: Callable[[torch.device], None] = lambda device: None) -> tuple[torch.device, str]:
+    return choose_device(name, find_gpu=lambda: GPU, trial=trial)
 
 
-def test_a_gpu_that_cannot_be_used_is_left_aside_with_a_word(gpu: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    for error in (FrogError("The kernel did not compile.\nline 1: bad"), RuntimeError("no driver"), OSError("gone")):
+def test_automatic_takes_the_gpu_where_there_is_one() -> None:
+    assert with_gpu("auto") == with_gpu("cuda") == (GPU, EXPERIMENTAL)
+    assert with_gpu("cpu") == (CPU, "")
+    for name in ("auto", "cpu"):
+        assert choose_device(name, find_gpu=lambda: None) == (CPU, "")
 
-        def refuse(device: torch.device, error: Exception = error) -> None:
-            raise error
 
-        monkeypatch.setattr(device_module, "try_rasterizer", refuse)
-        device, left_aside = choose_device("auto")
-        assert device == CPU and left_aside.endswith(".") and "\n" not in left_aside
-        assert str(error).split("\n")[0].rstrip(".") in left_aside
-        with pytest.raises(FrogError, match="'cuda' cannot be used: ") as caught:
-            choose_device("cuda")
-        assert "\n" not in str(caught.value)
+@pytest.mark.parametrize(
+    "error",
+    [FrogError("The kernel did not compile.\nline 1: bad"), RuntimeError("no driver"), OSError("gone")],
+    ids=str,
+)
+def test_a_gpu_that_cannot_be_used_is_left_aside_with_a_word(error: Exception) -> None:
+    def refuse(device: torch.device) -> None:
+        raise error
+
+    device, left_aside = with_gpu("auto", refuse)
+    assert device == CPU and left_aside.endswith(".") and "\n" not in left_aside
+    assert str(error).split("\n")[0].rstrip(".") in left_aside
+    with pytest.raises(FrogError, match="'cuda' cannot be used: ") as caught:
+        with_gpu("cuda", refuse)
+    assert "\n" not in str(caught.value)
 
 
 def test_the_trial_drawing_is_right_and_would_notice() -> None:
-    device_module.try_rasterizer(CPU)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(device_module, "rasterize", darker)
-        with pytest.raises(FrogError, match=r"expected 0\.3"):
-            device_module.try_rasterizer(CPU)
+    try_rasterizer(CPU)
+    with pytest.raises(FrogError, match=r"expected 0\.3"):
+        try_rasterizer(CPU, darker)
 
 
 def darker(*arguments: Any) -> Any:
@@ -324,9 +321,11 @@ def darker(*arguments: Any) -> Any:
 def test_what_cannot_be_had_is_one_sentence(
     filmed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     with pytest.raises(FrogError, match="no device 'tpu'"):
         choose_device("tpu")
+    with pytest.raises(FrogError, match="sees no NVIDIA GPU"):
+        choose_device("cuda", find_gpu=lambda: None)
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "")
     assert main(["train", str(filmed), "--out", str(tmp_path / "x.frog"), "--device", "cuda"]) == 1
     said = capsys.readouterr().err
     assert said.startswith("frog: ") and "sees no NVIDIA GPU" in said and said.count("\n") == 1

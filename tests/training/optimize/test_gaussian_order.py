@@ -12,7 +12,7 @@ from support.training_steps import train
 from frog_blender.engine.training.optimize.gaussian_order import freeze_motion, sort_by_morton_code, unfreeze_motion
 from frog_blender.engine.training.optimize.trainer import Trainer
 
-pytestmark = pytest.mark.usefixtures("seeds_at_no_cost")
+pytestmark = pytest.mark.usefixtures("quick_seeds")
 Make = Callable[..., Trainer]
 
 

@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support import synthetic_capture as film
 from support.builders import odd_camera
 from support.training_steps import train
 
-from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.training.optimize import canonical_sampling
+from frog_blender.engine.capture.capture import Capture
+from frog_blender.engine.capture.frames import FrameStore
+from frog_blender.engine.rasterizer import RasterizeOptions
 from frog_blender.engine.training.optimize.half_resolution import (
     halved,
     halved_capture,
@@ -20,7 +22,8 @@ from frog_blender.engine.training.optimize.half_resolution import (
     is_halved,
     sized,
 )
-from frog_blender.engine.training.optimize.trainer import Trainer
+from frog_blender.engine.training.optimize.trainer import Limits, Trainer
+from frog_blender.engine.training.recipe import Recipe
 
 
 def test_a_halved_camera_sees_the_same_at_half_the_pixels() -> None:
@@ -48,42 +51,50 @@ def test_small_images_stay_as_they_are() -> None:
     assert not is_halved(odd_camera(64, 80), 0.0, 0.0)
 
 
-def test_a_halved_capture_has_images_that_fit(filmed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    capture = open_capture(filmed)
-    width, height = capture.cameras[0].width, capture.cameras[0].height
-    pixels = np.random.default_rng(2).integers(0, 256, (height, width, 3)).astype(np.uint8)
-    monkeypatch.setattr("frog_blender.engine.training.optimize.half_resolution._LEAST", min(width, height) + 1)
+def test_a_halved_capture_has_images_that_fit(capture: Capture) -> None:
+    """But for those of fewer than 64 pixels a side."""
     (kept, *_) = halved_capture(capture).cameras
-    assert kept is capture.cameras[0] and sized(pixels, kept) is pixels
-    monkeypatch.setattr("frog_blender.engine.training.optimize.half_resolution._LEAST", min(width, height))
-    small = halved_capture(capture)
-    assert small.shots == capture.shots and small.cameras[0].width == width // 2
+    assert kept is capture.cameras[0]
+    pixels = np.random.default_rng(2).integers(0, 256, (kept.height, kept.width, 3)).astype(np.uint8)
+    assert sized(pixels, kept) is pixels
+    large = capture.scaled(2.0)
+    small = halved_capture(large)
+    assert small.shots == capture.shots and small.cameras[0].width == kept.width
+    pixels = np.random.default_rng(2).integers(0, 256, (2 * kept.height, 2 * kept.width, 3)).astype(np.uint8)
     np.testing.assert_array_equal(sized(pixels, small.cameras[0]), halved_image(pixels))
 
 
+class Watched(Trainer):
+    """Remembers the sizes of what is drawn for steps, by progress, and of what shows where anchors are needed."""
+
+    sizes: list[tuple[float, tuple[int, int]]]
+    anchored: list[tuple[int, int]]
+
+    def draw(self, shot_index: int, progress: float, options: RasterizeOptions, pose: Any = None) -> Any:
+        pixels, drawn = super().draw(shot_index, progress, options, pose)
+        height, width, _ = drawn.image.rgb.shape
+        assert pixels.shape == (height, width, 3)
+        if options.depth:
+            camera = self.camera_at(self.capture.shots[shot_index].camera, progress)
+            assert (camera.width, camera.height) == (width, height)
+            self.anchored.append((width, height))
+        elif progress >= self.recipe.warm_up:
+            self.sizes.append((progress, (width, height)))
+        return pixels, drawn
+
+
 def test_a_training_begins_at_half_size_and_ends_at_whole(
-    make_trainer: Callable[..., Trainer], monkeypatch: pytest.MonkeyPatch
+    capture: Capture, cache_folder: Path, lively: Callable[..., Recipe]
 ) -> None:
-    monkeypatch.setattr("frog_blender.engine.training.optimize.half_resolution._LEAST", 16)
-    trainer = make_trainer(60, half_size_until=0.5, sampling_until=0.95, densify_until=0.0, max_gaussians=5000)
-    sizes: list[tuple[float, tuple[int, int]]] = []
-    draw, place = trainer.model.draw, canonical_sampling.worst_points
-    anchored: list[tuple[int, int]] = []
-
-    def watched(time: float, camera: Any, *others: Any) -> Any:
-        sizes.append((trainer.progress, (camera.width, camera.height)))
-        return draw(time, camera, *others)
-
-    def placed(image: Any, truth: Any, camera: Any, *others: Any) -> Any:
-        assert truth.shape == image.rgb.shape == (camera.height, camera.width, 3)
-        anchored.append((camera.width, camera.height))
-        return place(image, truth, camera, *others)
-
-    monkeypatch.setattr(trainer.model, "draw", watched)
-    monkeypatch.setattr(canonical_sampling, "worst_points", placed)
+    large = capture.scaled(2.0)
+    changes = {"half_size_until": 0.5, "sampling_until": 0.95, "densify_until": 0.0, "region_share": 0.0}
+    recipe = lively(60, **{**changes, "max_gaussians": 5000})
+    store = FrameStore.open(large, cache_folder=cache_folder)
+    trainer = Watched(large, store, film.seeds(), recipe, "frog", Limits(60), seed=0)
+    trainer.sizes, trainer.anchored = [], []
     train(trainer)
-    whole = (trainer.capture.cameras[0].width, trainer.capture.cameras[0].height)
+    whole = (large.cameras[0].width, large.cameras[0].height)
     half = (whole[0] // 2, whole[1] // 2)
-    assert {size for progress, size in sizes if progress < 0.5} == {half}
-    assert {size for progress, size in sizes if progress > 0.52} == {whole}
-    assert set(anchored) == {half, whole}
+    assert {size for progress, size in trainer.sizes if progress < 0.5} == {half}
+    assert {size for progress, size in trainer.sizes if progress > 0.52} == {whole}
+    assert set(trainer.anchored) == {half, whole}

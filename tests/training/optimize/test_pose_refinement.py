@@ -102,7 +102,7 @@ def test_a_training_mends_its_poses(
     filmed: Path,
     tmp_path: Path,
     lively: Callable[..., Recipe],
-    seeds_at_no_cost: None,
+    quick_seeds: None,
 ) -> None:
     """What is written and played has the mended poses, and the camera that judges is where it was."""
     psnr = {}

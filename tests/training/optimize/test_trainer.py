@@ -15,7 +15,9 @@ from support.training_steps import train
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.frames import FrameStore
-from frog_blender.engine.training.optimize import canonical_sampling, losses, smoothness
+from frog_blender.engine.model.interface import ScheduleState
+from frog_blender.engine.rasterizer import RasterizeOptions
+from frog_blender.engine.training.optimize import losses, smoothness
 from frog_blender.engine.training.optimize.densification import DensificationStrategy
 from frog_blender.engine.training.optimize.running_loss import TrainingDiverged
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
@@ -113,11 +115,35 @@ def test_evaluation_without_anything_withheld(capture: Capture, store: FrameStor
     assert trainer.evaluate(3)[1] == "training"
 
 
+class Watched(Trainer):
+    """Remembers degrees, schedules and how many anchors were added."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        self.degrees: set[int] = set()
+        self.states: list[ScheduleState] = []
+        self.anchors = 0
+        super().__init__(*arguments, **options)
+
+    def draw(self, shot_index: int, progress: float, options: RasterizeOptions, pose: Any = None) -> Any:
+        pixels, drawn = super().draw(shot_index, progress, options, pose)
+        self.degrees.add(drawn.gaussians.sh_degree)
+        return pixels, drawn
+
+    def schedule_state(self, progress: float | None = None) -> ScheduleState:
+        self.states.append(super().schedule_state(progress))
+        return self.states[-1]
+
+    def inject_anchors(self, progress: float, shot: int) -> None:
+        before = self.count
+        super().inject_anchors(progress, shot)
+        self.anchors += self.count - before
+
+
 def test_a_short_training_passes_through_every_schedule(
     make_trainer: Callable[..., Trainer], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     calls: Counter[str] = Counter()
-    degrees, fine, opacity, rounds = set(), [], [], []
+    rounds: list[tuple[int, int]] = []
 
     def counted(name: str, function: Callable) -> Callable:
         def call(*arguments: Any) -> Any:
@@ -126,41 +152,27 @@ def test_a_short_training_passes_through_every_schedule(
 
         return call
 
-    trainer = make_trainer(120, sh_degree=3, deformed_sh=4, densify_threshold=1e-5)
+    trainer = make_trainer(120, sh_degree=3, deformed_sh=4, densify_threshold=1e-5, trainer_type=Watched)
     for module, name in ((losses, "native_ssim"), (smoothness, "add_embedding_smoothness")):
         monkeypatch.setattr(module, name, counted(name, getattr(module, name)))
-    anchors, density_round, draw = canonical_sampling.new_anchors, DensificationStrategy.round, trainer.model.draw
-
-    def watch_anchors(*arguments: Any) -> Any:
-        new = anchors(*arguments)
-        calls["anchors"] += len(new["means"])
-        return new
+    density_round = DensificationStrategy.round
 
     def watch_round(*arguments: Any) -> Any:
         rounds.append(density_round(*arguments))
         return rounds[-1]
 
-    def watch_draw(time: float, *view: Any) -> Any:
-        schedule_state = view[3]
-        fine.append(schedule_state.fine_rows)
-        opacity.append(schedule_state.opacity)
-        drawn = draw(time, *view)
-        degrees.add(drawn.gaussians.sh_degree)
-        return drawn
-
-    monkeypatch.setattr(canonical_sampling, "new_anchors", watch_anchors)
     monkeypatch.setattr(DensificationStrategy, "round", watch_round)
-    monkeypatch.setattr(trainer.model, "draw", watch_draw)
     start = trainer.count
     train(trainer)
     r = trainer.recipe
-    assert degrees == {0, 1, 2, 3}
+    fine, opacity = [state.fine_rows for state in trainer.states], [state.opacity for state in trainer.states]
+    assert trainer.degrees == {0, 1, 2, 3}
     assert min(opacity) == 0 and max(opacity) == 1 and len(set(opacity)) > 5
     assert max(fine) == 1
     expected = int((r.densify_until - r.densify_from) / r.densify_every) + 1
     assert expected - 1 <= len(rounds) <= expected
     assert sum(new for new, _ in rounds) > 0
-    assert calls["anchors"] > 0
+    assert trainer.anchors > 0
     assert trainer.count > start
     bursts = sum(r.dssim_from <= i / 120 and i % r.dssim_period < r.dssim_burst for i in range(120))
     assert calls["native_ssim"] == bursts > 0
@@ -190,7 +202,7 @@ def test_at_the_limit_anchors_take_the_places_of_those_least_needed(make_trainer
     assert trainer.density.peak_weight.tolist() == [1.0] * count
 
 
-def test_a_burst_stays_at_one_moment_and_changes_the_camera(
+def test_a_burst_stays_at_one_frame_and_changes_the_camera(
     make_trainer: Callable[..., Trainer], watched: Callable[[], Any]
 ) -> None:
     watching = watched()
@@ -210,14 +222,14 @@ def test_what_the_recipe_switches_off_does_not_happen(
     def never(*_: Any) -> None:
         raise AssertionError("switched off")
 
-    switched_off = (
-        (losses, "native_ssim"),
-        (canonical_sampling, "worst_points"),
-        (smoothness, "add_embedding_smoothness"),
-    )
-    for module, name in switched_off:
+    class Without(Trainer):
+        def inject_anchors(self, progress: float, shot: int) -> None:
+            never()
+
+    for module, name in ((losses, "native_ssim"), (smoothness, "add_embedding_smoothness")):
         monkeypatch.setattr(module, name, never)
-    train(make_trainer(60, sampling="off", dssim_weight=0.0, smoothness_weight=0.0))
+    switched_off = {"sampling": "off", "dssim_weight": 0.0, "smoothness_weight": 0.0}
+    train(make_trainer(60, trainer_type=Without, **switched_off))
 
 
 def test_the_limit_of_gaussians_holds(make_trainer: Callable[..., Trainer]) -> None:
@@ -241,10 +253,14 @@ def test_few_seeds_are_enough(capture: Capture, store: FrameStore, lively: Any, 
     assert np.isfinite(trainer.loss) and trainer.count >= 1
 
 
-def test_a_loss_that_is_not_a_number_stops_the_training(
-    make_trainer: Callable[..., Trainer], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(losses, "native_ssim", lambda *_: float("nan"))
-    trainer = make_trainer(20, dssim_from=0.0)
+class Unstable(Trainer):
+    def draw(self, shot_index: int, progress: float, options: RasterizeOptions, pose: Any = None) -> Any:
+        pixels, drawn = super().draw(shot_index, progress, options, pose)
+        drawn.image.rgb = drawn.image.rgb * float("nan")
+        return pixels, drawn
+
+
+def test_a_loss_that_is_not_a_number_stops_the_training(make_trainer: Callable[..., Trainer]) -> None:
+    trainer = make_trainer(20, trainer_type=Unstable)
     with pytest.raises(TrainingDiverged, match="unstable at step 0"):
         trainer.step()

@@ -8,22 +8,11 @@ from collections.abc import Callable
 import pytest
 from support.builders import run_python
 
+from frog_blender.engine.training.optimize import trainer as trainer_module
 from frog_blender.engine.training.optimize import working_time
+from frog_blender.engine.training.optimize.hooks import Hook, Training
 from frog_blender.engine.training.optimize.trainer import Trainer
-from frog_blender.engine.training.optimize.working_time import worked_since
-
-
-class Clocks:
-    """What the system's clocks show."""
-
-    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.passed = self.computed = 100.0
-        monkeypatch.setattr(working_time.time, "perf_counter", lambda: self.passed)
-        monkeypatch.setattr(working_time.time, "process_time", lambda: self.computed)
-
-    def go_on(self, passed: float, computed: float) -> None:
-        self.passed += passed
-        self.computed += computed
+from frog_blender.engine.training.optimize.working_time import worked
 
 
 @pytest.mark.parametrize(
@@ -37,25 +26,40 @@ class Clocks:
         (3600.0, 1.5, 1.5),  # a laptop that slept, in a round
     ],
 )
-def test_what_counts(monkeypatch: pytest.MonkeyPatch, passed: float, computed: float, counted: float) -> None:
-    clocks = Clocks(monkeypatch)
-    began = clocks.passed, clocks.computed
-    clocks.go_on(passed, computed)
-    assert worked_since(*began) == pytest.approx(counted)
+def test_what_counts(passed: float, computed: float, counted: float) -> None:
+    assert worked(passed, computed) == pytest.approx(counted)
+
+
+class Clock:
+    """In the place of ``time``."""
+
+    passed = computed = 100.0
+
+    def perf_counter(self) -> float:
+        return self.passed
+
+    def process_time(self) -> float:
+        return self.computed
+
+
+class Stopped(Hook):
+    """Says of each step that it took 0.01 s, and of the third that the process was stopped for an hour."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+
+    def after_step(self, training: Training, before: float, now: float) -> None:
+        self._clock.passed += 3600.0 if training.step_count == 3 else 0.01
+        self._clock.computed += 0.01
 
 
 def test_a_training_stopped_for_an_hour_takes_its_steps(
     make_trainer: Callable[..., Trainer], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    trainer = make_trainer(10)
-    clocks = Clocks(monkeypatch)
-    step = trainer.optimizer.step
-
-    def stopped() -> None:
-        step()
-        clocks.go_on(3600.0 if trainer.step_count == 3 else 0.01, 0.01)
-
-    monkeypatch.setattr(trainer.optimizer, "step", stopped)
+    trainer, clock = make_trainer(10), Clock()
+    trainer.add_hook(Stopped(clock))
+    for module in (trainer_module, working_time):
+        monkeypatch.setattr(module, "time", clock)
     for _ in range(10):
         trainer.step()
     assert trainer.seconds == pytest.approx(9 * 0.01 + 0.5)

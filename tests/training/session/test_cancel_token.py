@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support import synthetic_capture as film
+from support.training_steps import stepping
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.io.tensor_files import read_tensors
@@ -32,36 +33,28 @@ def task(filmed: Path, tmp_path: Path, lively: Callable, own_cache: Path) -> Tra
     return TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(STEPS), seed=2, seeds=film.seeds(), device="cpu")
 
 
-@pytest.fixture
-def taken(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[int]]:
-    """``taken(at, do)``: calls ``do`` once step ``at`` is done; gives a list that grows by the steps taken."""
+def at_step(at: int, do: Callable[[], None], done: list[int] | None = None) -> type[Trainer]:
+    """Trainers that call ``do`` once step ``at`` is done; ``done`` grows by the steps taken."""
 
-    def watch(at: int, do: Callable[[], None]) -> list[int]:
-        done: list[int] = []
-        step = Trainer.step
+    def after(trainer: Trainer) -> None:
+        if done is not None:
+            done.append(trainer.step_count)
+        if trainer.step_count == at:
+            do()
 
-        def counted(self: Trainer) -> None:
-            step(self)
-            done.append(self.step_count)
-            if self.step_count == at:
-                do()
-
-        monkeypatch.setattr(Trainer, "step", counted)
-        return done
-
-    return watch
+    return stepping(after)
 
 
 class Worker:
     """A training on a thread of its own."""
 
-    def __init__(self, job: TrainingJob, control: CancelToken) -> None:
+    def __init__(self, job: TrainingJob, control: CancelToken, trainer_type: type[Trainer] = Trainer) -> None:
         self.said: list[Any] = []
-        self._thread = threading.Thread(target=self._work, args=(job, control), daemon=True)
+        self._thread = threading.Thread(target=self._work, args=(job, control, trainer_type), daemon=True)
         self._thread.start()
 
-    def _work(self, job: TrainingJob, control: CancelToken) -> None:
-        for event in run_training(job, control):
+    def _work(self, job: TrainingJob, control: CancelToken, trainer_type: type[Trainer]) -> None:
+        for event in run_training(job, control, trainer_type=trainer_type):
             self.said.append(event)
 
     def end(self) -> Any:
@@ -96,12 +89,11 @@ def test_a_control_answers_waits_and_goes_on() -> None:
     assert CancelToken.of(control) is control and CancelToken.of(lambda: True)() and not CancelToken.of(lambda: False)()
 
 
-def test_a_pause_costs_nothing_and_changes_nothing(task: TrainingJob, taken: Callable[..., list[int]]) -> None:
+def test_a_pause_costs_nothing_and_changes_nothing(task: TrainingJob) -> None:
     undisturbed = replace(task, output=task.output.with_name("other.frog"))
     list(run_training(undisturbed))
-    control = CancelToken()
-    done = taken(PAUSED_AT, control.pause)
-    worker = Worker(task, control)
+    control, done = CancelToken(), []
+    worker = Worker(task, control, at_step(PAUSED_AT, control.pause, done))
     until(lambda: checkpoint_path(task.output).is_file())  # written before it waits
     threading.Event().wait(0.2)
     assert done[-1] == PAUSED_AT and checkpoint_settings(checkpoint_path(task.output))
@@ -114,19 +106,16 @@ def test_a_pause_costs_nothing_and_changes_nothing(task: TrainingJob, taken: Cal
 
 
 @pytest.mark.parametrize("where", ["evaluate", "render_image"])
-def test_a_pause_that_comes_while_an_image_is_drawn_is_saved_first(
-    task: TrainingJob, monkeypatch: pytest.MonkeyPatch, where: str
-) -> None:
-    control, real, paused_at = CancelToken(), getattr(Trainer, where), []
+def test_a_pause_that_comes_while_an_image_is_drawn_is_saved_first(task: TrainingJob, where: str) -> None:
+    control, paused_at = CancelToken(), []
 
     def pausing(self: Trainer, *arguments: Any) -> Any:
         if self.step_count >= PAUSED_AT and not paused_at:
             paused_at.append(self.step_count)
             control.pause()
-        return real(self, *arguments)
+        return getattr(Trainer, where)(self, *arguments)
 
-    monkeypatch.setattr(Trainer, where, pausing)
-    worker = Worker(task, control)
+    worker = Worker(task, control, type("Pausing", (Trainer,), {where: pausing}))
     until(lambda: checkpoint_path(task.output).is_file())
     threading.Event().wait(0.2)
     _, metadata = read_tensors(checkpoint_path(task.output), "a training checkpoint")
@@ -135,24 +124,20 @@ def test_a_pause_that_comes_while_an_image_is_drawn_is_saved_first(
     assert isinstance(worker.end(), events.Finished)
 
 
-def test_a_pause_is_no_training_time(
-    task: TrainingJob, taken: Callable[..., list[int]], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_pause_is_no_training_time(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
     """By a clock that stands still but in the pause, which lasts an hour."""
     control, clock = CancelToken(), [0.0]
-    taken(PAUSED_AT, control.pause)
     monkeypatch.setattr("frog_blender.engine.training.optimize.trainer.time.perf_counter", lambda: clock[0])
-    worker = Worker(task, control)
+    worker = Worker(task, control, at_step(PAUSED_AT, control.pause))
     until(lambda: checkpoint_path(task.output).is_file())
     clock[0] += 3600.0
     control.resume()
     assert worker.end().seconds == 0.0
 
 
-def test_cancelling_a_paused_training_keeps_what_it_learned(task: TrainingJob, taken: Callable[..., list[int]]) -> None:
+def test_cancelling_a_paused_training_keeps_what_it_learned(task: TrainingJob) -> None:
     control = CancelToken()
-    taken(PAUSED_AT, control.pause)
-    worker = Worker(task, control)
+    worker = Worker(task, control, at_step(PAUSED_AT, control.pause))
     until(lambda: checkpoint_path(task.output).is_file())
     control.cancel()
     end = worker.end()
@@ -183,25 +168,23 @@ def test_previews_come_at_once_and_every_tenth(task: TrainingJob) -> None:
     assert often == list(range(1, STEPS))
 
 
-def test_previews_are_small_and_show_the_camera_that_was_chosen(
-    task: TrainingJob, taken: Callable[..., list[int]], capture: Capture, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_previews_are_small_and_show_the_camera_that_was_chosen(task: TrainingJob, capture: Capture) -> None:
     control = CancelToken()
     drawn: list[int] = []
-    image = Trainer.render_image
 
-    def watched(trainer: Trainer, shot: int, largest_side: int | None = None, played: Any = None) -> np.ndarray:
-        if largest_side:
-            drawn.append(shot)
-        return image(trainer, shot, largest_side, played)
+    class Watched(Trainer):
+        def step(self) -> None:
+            super().step()
+            if self.step_count == PAUSED_AT:
+                control.preview_camera = "cam03"
 
-    monkeypatch.setattr(Trainer, "render_image", watched)
+        def render_image(self, shot_index: int, largest_side: int | None = None, played: Any = None) -> np.ndarray:
+            if largest_side:
+                drawn.append(shot_index)
+            return super().render_image(shot_index, largest_side, played)
 
-    def choose() -> None:
-        control.preview_camera = "cam03"
-
-    taken(PAUSED_AT, choose)
-    said = list(run_training(replace(task, preview_camera="cam02", preview_size=24), control))
+    job = replace(task, preview_camera="cam02", preview_size=24)
+    said = list(run_training(job, control, trainer_type=Watched))
     assert {event.image.shape for event in previews_of(said)} == {(18, 24, 3)}
     names = [capture.cameras[capture.shots[shot].camera].name for shot in drawn]
     assert names == sorted(names) and set(names) == {"cam02", "cam03"}

@@ -16,6 +16,7 @@ import pytest
 import torch
 from support import synthetic_capture as film
 from support.builders import run_python
+from support.training_steps import cancelled_at
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.playback.player import ScenePlayer
@@ -24,7 +25,6 @@ from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session import checkpoint, events, fallback_save
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.output_paths import checkpoint_path
-from frog_blender.engine.training.session.recovery import Recovery
 from frog_blender.engine.training.session.run import run_training
 
 STEPS = 60
@@ -76,15 +76,14 @@ def test_frames_make_room_where_none_could_be_kept(
 ) -> None:
     """In the end no image of them is held, however a training comes to it."""
     monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))  # other tests may still hold what they share
-    refusals, write, asked = [OSError(errno.ENOSPC, "No space left on device")], fallback_save.write_atomically, []
+    write, asked = fallback_save.write_atomically, []
 
-    def full_once(path: Path, content: bytes) -> None:
-        if refusals:
-            raise FrogError(f"{path}: full.") from refusals.pop()
+    def full_of_frames(path: Path, content: bytes) -> None:
+        if any((tmp_path / "cache").rglob("frames.raw")):
+            raise FrogError(f"{path}: full.") from OSError(errno.ENOSPC, "No space left on device")
         write(path, content)
 
-    monkeypatch.setattr(fallback_save.DiskReserve, "release", lambda _: False)
-    monkeypatch.setattr(fallback_save, "write_atomically", full_once)
+    monkeypatch.setattr(fallback_save, "write_atomically", full_of_frames)
     stream = []
     for event in run_training(task, lambda: bool(asked)):
         stream.append(event)
@@ -104,8 +103,6 @@ def test_a_folder_that_is_taken_away_is_made_again(task: TrainingJob) -> None:
 
 
 def test_no_folder_at_all_is_one_sentence(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
-    from frog_blender.engine.training.session import fallback_save
-
     def full(*_: object) -> None:
         raise FrogError("x.frog: could not be written (No space left on device); nothing was changed.")
 
@@ -115,34 +112,28 @@ def test_no_folder_at_all_is_one_sentence(task: TrainingJob, monkeypatch: pytest
     assert checkpoint_path(task.output).is_file(), "what was learned is there"
 
 
-def test_rescued_scenes_do_not_overwrite_each_other(
-    task: TrainingJob, tmp_path: Path, own_cache: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from frog_blender.engine.training.session import fallback_save
-
-    real = fallback_save.write_atomically
-
-    def only_elsewhere(path: Path, content: bytes) -> None:
-        if path == task.output:
-            raise FrogError("x.frog: could not be written (Input/output error); nothing was changed.")
-        real(path, content)
-
-    monkeypatch.setattr(fallback_save, "write_atomically", only_elsewhere)
-    ends = [list(run_training(task))[-1] for _ in range(2)]
+def test_rescued_scenes_do_not_overwrite_each_other(task: TrainingJob) -> None:
+    ends = []
+    for _ in range(2):
+        for event in run_training(task):
+            if isinstance(event, events.Started):
+                task.output.mkdir()  # where the scene is to lie
+        ends.append(event)
+        task.output.rmdir()
     assert [Path(end.path).name for end in ends] == ["x.frog", "x-2.frog"]
+    assert not any(Path(end.path) == task.output for end in ends)
     assert all(read_scene(end.path).header.steps == STEPS for end in ends)
 
 
-def short_of_memory(monkeypatch: pytest.MonkeyPatch, most: int, error: Exception) -> None:
-    """Steps whose memory ends at so many Gaussians."""
-    real = Trainer.draw
+def short_of_memory(most: int, error: Exception, where: str = "draw") -> type[Trainer]:
+    """Trainers whose memory ends ``where`` there are more Gaussians than ``most``."""
 
-    def limited(self: Trainer, *view: Any) -> Any:
+    def limited(self: Trainer, *arguments: Any, **options: Any) -> Any:
         if self.count > most:
             raise error
-        return real(self, *view)
+        return getattr(Trainer, where)(self, *arguments, **options)
 
-    monkeypatch.setattr(Trainer, "draw", limited)
+    return type("ShortOfMemory", (Trainer,), {where: limited})
 
 
 @pytest.mark.parametrize(
@@ -155,56 +146,31 @@ def short_of_memory(monkeypatch: pytest.MonkeyPatch, most: int, error: Exception
     ids=["cuda", "torch", "native"],
 )
 @pytest.mark.parametrize("capacity", ["fixed", "auto"])
-def test_memory_that_ends_costs_gaussians_not_the_training(
-    task: TrainingJob, monkeypatch: pytest.MonkeyPatch, error: Exception, capacity: str
-) -> None:
-    short_of_memory(monkeypatch, 330, error)
+def test_memory_that_ends_costs_gaussians_not_the_training(task: TrainingJob, error: Exception, capacity: str) -> None:
     task = replace(task, recipe=replace(task.recipe, capacity=capacity))
-    stream = list(run_training(task))
+    stream = list(run_training(task, trainer_type=short_of_memory(330, error)))
     (warning,) = warnings(stream)
     assert "Out of memory at" in warning and "with at most" in warning
     end = stream[-1]
     assert isinstance(end, events.Finished) and end.steps == STEPS and 0 < end.gaussians <= 330
 
 
-def test_a_training_with_fewer_gaussians_resumes(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
-    short_of_memory(monkeypatch, 330, MemoryError("no more"))
-    taken = [0]
-    step = Trainer.step
-
-    def counted(self: Trainer) -> None:
-        step(self)
-        taken[0] += 1
-
-    monkeypatch.setattr(Trainer, "step", counted)
-    assert isinstance(list(run_training(task, lambda: taken[0] > 50))[-1], events.Cancelled)
-    end = list(run_training(replace(task, resume=True)))[-1]
+def test_a_training_with_fewer_gaussians_resumes(task: TrainingJob) -> None:
+    short = short_of_memory(330, MemoryError("no more"))
+    assert isinstance(cancelled_at(task, 50, short)[-1], events.Cancelled)
+    end = list(run_training(replace(task, resume=True), trainer_type=short))[-1]
     assert isinstance(end, events.Finished) and end.gaussians <= 330
 
 
-def test_memory_that_stays_short_ends_in_a_sentence(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
-    short_of_memory(monkeypatch, 0, MemoryError("no more"))
+def test_memory_that_stays_short_ends_in_a_sentence(task: TrainingJob) -> None:
     with pytest.raises(FrogError, match=r"Not enough memory.*smaller scale"):
-        list(run_training(task))
+        list(run_training(task, trainer_type=short_of_memory(0, MemoryError("no more"))))
 
 
-@pytest.mark.parametrize("where", ["evaluate", "render_image", "remember"])
-def test_memory_that_ends_between_steps_costs_gaussians_too(
-    task: TrainingJob, monkeypatch: pytest.MonkeyPatch, where: str
-) -> None:
+@pytest.mark.parametrize("where", ["evaluate", "render_image", "state"])
+def test_memory_that_ends_between_steps_costs_gaussians_too(task: TrainingJob, where: str) -> None:
     """In an evaluation on the way or at the end, a preview, a copy of what was learned."""
-    owner = Recovery if where == "remember" else Trainer
-    real = getattr(owner, where)
-
-    def limited(self: object, *arguments: object) -> object:
-        trainer = self if isinstance(self, Trainer) else arguments[0]
-        assert isinstance(trainer, Trainer)
-        if trainer.count > 330:
-            raise MemoryError("no more")
-        return real(self, *arguments)
-
-    monkeypatch.setattr(owner, where, limited)
-    stream = list(run_training(task))
+    stream = list(run_training(task, trainer_type=short_of_memory(330, MemoryError("no more"), where)))
     assert any("Continuing from step" in warning for warning in warnings(stream))
     assert isinstance(stream[-1], events.Finished) and stream[-1].steps == STEPS and stream[-1].gaussians <= 330
     steps = [event.step for event in stream if isinstance(event, events.Evaluated)]
@@ -238,18 +204,16 @@ except BaseException as error:
     assert done.stdout.strip() == "True", done.stderr
 
 
-def test_what_nobody_foresaw_keeps_what_was_learned(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
-    step = Trainer.step
-
-    def broken(self: Trainer) -> None:
+class Broken(Trainer):
+    def step(self) -> None:
         if self.step_count == 50:
             raise ZeroDivisionError("a mistake of ours")
-        step(self)
+        super().step()
 
-    monkeypatch.setattr(Trainer, "step", broken)
+
+def test_what_nobody_foresaw_keeps_what_was_learned(task: TrainingJob) -> None:
     with pytest.raises(ZeroDivisionError):
-        list(run_training(task))
-    monkeypatch.setattr(Trainer, "step", step)
+        list(run_training(task, trainer_type=Broken))
     stream = list(run_training(replace(task, resume=True)))
     steps = [event.step for event in stream if isinstance(event, events.Progress)]
     assert isinstance(stream[-1], events.Finished) and steps[0] > 40

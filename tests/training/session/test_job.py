@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from safetensors.numpy import save as serialize
 from support import synthetic_capture as film
+from support.training_steps import cancelled_at, stepping
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.frames import FrameStore
@@ -26,14 +27,12 @@ from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.scene import header as scene_header
 from frog_blender.engine.scene.scene_file import read_scene
-from frog_blender.engine.training.optimize import trainer
+from frog_blender.engine.training.optimize.initialization import scale_of
 from frog_blender.engine.training.optimize.trainer import Trainer
-from frog_blender.engine.training.session import events, fallback_save, loop
-from frog_blender.engine.training.session import run as training_run
+from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.checkpoint import checkpoint_path
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import run_training
-from frog_blender.engine.training.session.session import Session
 from frog_blender.engine.training.session.time_estimate import PHASES
 
 STEPS = 60
@@ -52,19 +51,6 @@ def names(stream: list[Any]) -> list[str]:
     return [kind for i, kind in enumerate(kinds) if i == 0 or kind != kinds[i - 1]]
 
 
-def stopping_after(steps: int, monkeypatch: pytest.MonkeyPatch) -> Callable[[], bool]:
-    """A ``cancelled`` that answers True once so many steps were taken."""
-    taken = [0]
-    step = Trainer.step
-
-    def counted(self: Trainer) -> None:
-        step(self)
-        taken[0] += 1
-
-    monkeypatch.setattr(Trainer, "step", counted)
-    return lambda: taken[0] >= steps
-
-
 def test_old_objects_are_left_alone_while_it_trains_and_when_nobody_listens_any_more(task: TrainingJob) -> None:
     stream = run_training(task)
     while not isinstance(next(stream), events.Progress):
@@ -74,22 +60,16 @@ def test_old_objects_are_left_alone_while_it_trains_and_when_nobody_listens_any_
     assert gc.get_freeze_count() == 0
 
 
-def test_what_a_training_held_is_free_when_it_ends(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_a_training_held_is_free_when_it_ends(task: TrainingJob) -> None:
     """Without a collector's help, which is rare in a Blender: the frames' lock would keep a full disk full."""
     trained: list[weakref.ref[Trainer]] = []
-    train = loop.train
-
-    def watched(session: Session) -> Any:
-        trained.append(weakref.ref(session.trainer))
-        return train(session)
-
-    monkeypatch.setattr(training_run, "train", watched)
+    watched = stepping(lambda trainer: trained.append(weakref.ref(trainer)))
     gc.collect()
     gc.disable()
     try:
-        for _ in run_training(task):
+        for _ in run_training(task, trainer_type=watched):
             pass
-        assert len(trained) == 1 and trained[0]() is None
+        assert len(trained) == STEPS and trained[0]() is None
     finally:
         gc.enable()
 
@@ -149,12 +129,10 @@ def test_the_file_says_what_was_done(task: TrainingJob, filmed: Path) -> None:
     np.testing.assert_allclose(header.cameras[2].center, film.rig()[2].center, atol=0.1)
 
 
-def test_the_file_plays_the_image_that_training_saw(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_file_plays_the_image_that_training_saw(task: TrainingJob) -> None:
     """The job's trainer and the written file draw the same held-out image."""
     seen: list[Trainer] = []
-    evaluate = Trainer.evaluate
-    monkeypatch.setattr(Trainer, "evaluate", lambda self, limit: (seen.append(self), evaluate(self, limit))[1])
-    list(run_training(task))
+    list(run_training(task, trainer_type=stepping(seen.append)))
     scene, trainer = ScenePlayer.load(task.output), seen[-1]
     for index in (0, 9, 23):
         shot = trainer.capture.shots[index]
@@ -176,12 +154,11 @@ def test_options_reach_the_file(task: TrainingJob, options: dict[str, Any]) -> N
 
 
 def test_cancelling_keeps_a_scene_that_plays_and_resuming_ends_with_the_same_bits(
-    task: TrainingJob, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    task: TrainingJob, tmp_path: Path
 ) -> None:
     undisturbed = replace(task, output=tmp_path / "undisturbed.frog")
     list(run_training(undisturbed))
-    with monkeypatch.context() as patch:
-        stream = list(run_training(task, stopping_after(23, patch)))
+    stream = cancelled_at(task, 23)
     assert stream[-1] == events.Cancelled(23, str(task.output))
     assert names(stream)[-3:] == ["Evaluated", "Saved", "Cancelled"]
     assert ScenePlayer.load(task.output).header.steps == 23
@@ -250,9 +227,18 @@ def test_what_the_user_can_mend_is_one_sentence(task: TrainingJob, changes: dict
 
 @pytest.mark.parametrize(("scene_scale", "told"), [(0.03, ["The scene is 0.03 units away"]), (0.32, [])])
 def test_a_scene_before_the_near_plane_is_named(
-    task: TrainingJob, monkeypatch: pytest.MonkeyPatch, scene_scale: float, told: list[str]
+    task: TrainingJob, capture: Capture, scene_scale: float, told: list[str]
 ) -> None:
-    monkeypatch.setattr(trainer, "scale_of", lambda *_: scene_scale)
+    """The filmed one, by poses in other units."""
+    seeds = film.seeds()
+    factor = scene_scale / scale_of(capture, seeds.points)
+    cameras = []
+    for camera in capture.cameras:
+        poses = camera.world_to_camera.copy()
+        poses[:3, 3] *= factor
+        cameras.append(replace(camera, world_to_camera=poses))
+    seeds = replace(seeds, points=np.float32(factor) * seeds.points)
+    task = replace(task, opened=capture.with_cameras(cameras), seeds=seeds)
     stream = itertools.takewhile(lambda event: not isinstance(event, events.Started), run_training(task))
     messages = [event.message for event in stream if isinstance(event, events.WarningEvent)]
     assert [message[:28] for message in messages] == told
@@ -267,12 +253,9 @@ def test_an_output_that_cannot_be_written_is_said_before_training(task: Training
 
 
 @pytest.mark.parametrize("method", ["ed3dgs", "d3dgs"])  # whose recipe adapted twice would be another
-def test_a_resume_keeps_method_and_recipe_whatever_is_asked(
-    task: TrainingJob, lively: Callable, monkeypatch: pytest.MonkeyPatch, method: str
-) -> None:
+def test_a_resume_keeps_method_and_recipe_whatever_is_asked(task: TrainingJob, lively: Callable, method: str) -> None:
     began = replace(task, method=method, recipe=lively(STEPS, capacity="auto", sh_growth=(0.2, 0.4)))
-    with monkeypatch.context() as patch:
-        list(run_training(began, stopping_after(STEPS // 2, patch)))
+    cancelled_at(began, STEPS // 2)
     stream = list(run_training(TrainingJob(task.capture, task.output, resume=True, seeds=task.seeds, device="cpu")))
     (said,) = [event.message for event in stream if isinstance(event, events.WarningEvent)]
     assert said == f"Resuming with the original settings: method {method}, recipe draft, capacity auto."
@@ -304,10 +287,9 @@ def test_settings_that_no_training_had_are_one_sentence(task: TrainingJob, name:
     assert "\n" not in str(caught.value)
 
 
-def test_a_resume_takes_over_what_the_training_began_with(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_resume_takes_over_what_the_training_began_with(task: TrainingJob) -> None:
     began = replace(task, seed=5, holdout_frames=3, steps=STEPS + 6)
-    with monkeypatch.context() as patch:
-        list(run_training(began, stopping_after(STEPS // 2, patch)))
+    cancelled_at(began, STEPS // 2)
     resumed = list(run_training(replace(task, steps=None, resume=True)))
     assert isinstance(resumed[-1], events.Finished) and resumed[-1].steps == STEPS + 6
     kept = read_scene(task.output)
@@ -317,22 +299,21 @@ def test_a_resume_takes_over_what_the_training_began_with(task: TrainingJob, mon
     assert kept.arrays["means"].tobytes() == whole.arrays["means"].tobytes()
 
 
-def test_a_disk_that_takes_no_checkpoint_costs_no_scene(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(*_: Any) -> None:
-        raise FrogError("x.frog.checkpoint: could not be written (No space left on device); nothing was changed.")
-
-    monkeypatch.setattr(fallback_save, "write_checkpoint", full)
-    stream = list(run_training(replace(task, save_seconds=0.0)))
+def test_a_disk_that_takes_no_checkpoint_costs_no_scene(task: TrainingJob) -> None:
+    stream = []
+    for event in run_training(replace(task, save_seconds=0.0)):
+        stream.append(event)
+        if isinstance(event, events.Started):
+            checkpoint_path(task.output).mkdir()  # where the checkpoint is to lie
     assert isinstance(stream[-1], events.Finished)
-    assert any(isinstance(event, events.WarningEvent) and "No space left" in event.message for event in stream)
+    said = [event.message for event in stream if isinstance(event, events.WarningEvent)]
+    assert any("could not be written" in message and "without this checkpoint" in message for message in said)
     assert ScenePlayer.load(task.output).header.steps == STEPS
 
 
-def test_a_scene_stopped_early_plays_as_it_was_trained(
-    task: TrainingJob, capture: Capture, store: FrameStore, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_scene_stopped_early_plays_as_it_was_trained(task: TrainingJob, capture: Capture, store: FrameStore) -> None:
     began = replace(task, recipe=replace(task.recipe, opacity_ramp=(0.0, 1.0), fine_rows_until=1.0))
-    list(run_training(began, stopping_after(STEPS // 2, monkeypatch)))
+    cancelled_at(began, STEPS // 2)
     scene = ScenePlayer.load(task.output)
     assert 0 < scene.header.model["opacity_share"] < 1
     values = []

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from support.training_steps import train
 
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import read_scene
@@ -18,7 +19,7 @@ from frog_blender.engine.training.compression import schedule
 from frog_blender.engine.training.compression.context import CompressionContext, Proposal
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session import events, export, loop
-from frog_blender.engine.training.session.export import BuiltScene, Metrics
+from frog_blender.engine.training.session.export import Metrics, build_scene
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import run_training
 from frog_blender.engine.training.session.session import Session
@@ -48,7 +49,7 @@ def name_of(value: Any) -> str | None:
 
 
 @pytest.fixture
-def task(filmed: Path, tmp_path: Path, lively: Callable, seeds_at_no_cost: None) -> TrainingJob:
+def task(filmed: Path, tmp_path: Path, lively: Callable, quick_seeds: None) -> TrainingJob:
     settings = lively(STEPS, capacity="auto")
     return TrainingJob(filmed, tmp_path / "x.frog", recipe=settings, seed=2, device="cpu")
 
@@ -69,10 +70,10 @@ def broken(monkeypatch: pytest.MonkeyPatch, what: tuple[Any, str], error: Except
 
 
 def plays(task: TrainingJob) -> ScenePlayer:
-    """The scene that lies where the job wants it, played at some moments."""
+    """The scene that lies where the job wants it, played at some times."""
     scene = ScenePlayer.load(task.output)
-    for moment in (0.0, 0.4, 1.0):
-        assert all(np.isfinite(values).all() for values in vars(scene.at(moment)).values())
+    for time in (0.0, 0.4, 1.0):
+        assert all(np.isfinite(values).all() for values in vars(scene.at(time)).values())
     return scene
 
 
@@ -101,26 +102,25 @@ def test_whatever_fails_at_the_end_costs_no_scene(
     check(task, monkeypatch, what, error)
 
 
-def test_what_a_failed_round_did_is_undone(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The last thing that it does fails, after a head was pruned and hidden units were."""
+def test_what_a_failed_milestone_did_is_undone(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The last thing that it does fails, after hidden units and a head were pruned."""
     before: dict[str, Any] = {}
 
-    def worse(context: CompressionContext, *_: Any) -> list[Proposal]:
-        gaussians = context.training.gaussians
-        before.update({name: value.clone() for name, value in gaussians.model.state_dict().items()})
-        before["heads"] = gaussians.model.heads
-        width = gaussians.model.settings.hidden_width
-        gaussians.optimizer.keep_units(gaussians.model, torch.arange(width // 2))
-        return []
+    class Watched(Trainer):
+        def before_milestone(self) -> None:
+            super().before_milestone()
+            before.update({name: value.clone() for name, value in self.model.state_dict().items()})
+            before["heads"] = self.model.heads
 
     def fails(context: CompressionContext, *_: Any) -> list[Proposal]:
-        context.training.gaussians.model.prune_head("means")
+        gaussians = context.training.gaussians
+        width = gaussians.model.settings.hidden_width
+        gaussians.optimizer.keep_units(gaussians.model, torch.arange(width // 2))
+        gaussians.model.prune_head("means")
         raise RuntimeError("too late")
 
-    monkeypatch.setattr(schedule, "freeze_motion", lambda *_: [])
-    monkeypatch.setattr(schedule, "prune_hidden_units", worse)
     monkeypatch.setattr(schedule, "prune_heads", fails)
-    list(run_training(replace(task, lossless=True)))
+    list(run_training(replace(task, lossless=True), trainer_type=Watched))
     scene = read_scene(task.output)
     assert "means" in before["heads"] and "means" not in scene.header.model["silent_heads"]
     assert scene.header.model["hidden_width"] == task.recipe.hidden_width
@@ -130,7 +130,7 @@ def test_what_a_failed_round_did_is_undone(task: TrainingJob, monkeypatch: pytes
             np.testing.assert_array_equal(scene.arrays[name], value.numpy())
 
 
-def test_a_training_goes_on_after_a_round_that_failed(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_training_goes_on_after_a_milestone_that_failed(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
     broken(monkeypatch, (schedule, "prune"), ValueError("no"))
     stream = list(run_training(task))
     assert isinstance(stream[-1], events.Finished)
@@ -147,31 +147,21 @@ def test_a_failing_figure_is_told_as_such(task: TrainingJob, monkeypatch: pytest
 
 
 @pytest.mark.parametrize("figure", [float("nan"), float("inf")])
-def test_figures_that_no_header_holds_cost_no_scene(
-    task: TrainingJob, monkeypatch: pytest.MonkeyPatch, figure: float
-) -> None:
-    monkeypatch.setattr(Trainer, "evaluate", lambda *_: (figure, "held-out"))
-    assert isinstance(list(run_training(task))[-1], events.Finished)
+def test_figures_that_no_header_holds_cost_no_scene(task: TrainingJob, figure: float) -> None:
+    class Measured(Trainer):
+        def evaluate(self, *_: object) -> tuple[float, str]:
+            return figure, "held-out"
+
+    assert isinstance(list(run_training(task, trainer_type=Measured))[-1], events.Finished)
     assert plays(task).header.metrics == {"split": "held-out"}
 
 
-def test_a_second_saving_does_not_see_the_first(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_second_saving_does_not_see_the_first(task: TrainingJob, make_trainer: Callable[..., Trainer]) -> None:
     """Building a scene changes neither the figures nor the reductions that it was given."""
-    sessions: list[Session] = []
-    real = loop.build_scene
-    metrics = {"psnr": 12.5, "split": "held-out"}
-
-    def twice(session: Session, given: Metrics) -> BuiltScene:
-        sessions.append(session)
-        one, other = real(session, metrics), real(session, metrics)
-        assert one.scene.header.capacity["reductions"] == [
-            {**each, "milliseconds": mine["milliseconds"]}
-            for each, mine in zip(
-                other.scene.header.capacity["reductions"], one.scene.header.capacity["reductions"], strict=True
-            )
-        ]
-        return one
-
-    monkeypatch.setattr(loop, "build_scene", twice)
-    list(run_training(task))
-    assert sessions and metrics == {"psnr": 12.5, "split": "held-out"}
+    session = Session(task, train(make_trainer(STEPS, capacity="auto")))
+    metrics: Metrics = {"psnr": 12.5, "split": "held-out"}
+    one, other = (build_scene(session, metrics).scene.header.capacity["reductions"] for _ in range(2))
+    assert one and len(one) == len(other)
+    for mine, each in zip(one, other, strict=True):
+        assert mine == {**each, "milliseconds": mine["milliseconds"]}
+    assert metrics == {"psnr": 12.5, "split": "held-out"}

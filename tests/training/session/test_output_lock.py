@@ -110,9 +110,7 @@ def test_a_training_into_a_path_that_is_claimed_is_refused_before_anything(outpu
     assert unfinished.exists()
 
 
-def test_an_output_is_free_again_when_nobody_listens_any_more(
-    output: Path, filmed: Path, seeds_at_no_cost: None
-) -> None:
+def test_an_output_is_free_again_when_nobody_listens_any_more(output: Path, filmed: Path, quick_seeds: None) -> None:
     stream = run_training(TrainingJob(filmed, output, device="cpu"))
     next(stream)
     with pytest.raises(FrogError), lock_output(output):

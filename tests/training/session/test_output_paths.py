@@ -41,7 +41,7 @@ def captures(tmp_path: Path) -> tuple[Path, Path]:
 
 
 def test_what_a_training_leaves_names_its_capture(
-    filmed: Path, tmp_path: Path, lively: Callable, seeds_at_no_cost: None
+    filmed: Path, tmp_path: Path, lively: Callable, quick_seeds: None
 ) -> None:
     output = tmp_path / "x.frog"
     list(run_training(TrainingJob(filmed, output, recipe=lively(4), seed=2, device="cpu")))
@@ -110,7 +110,7 @@ def test_a_taken_name_is_refused_in_the_words_of_where_it_was_chosen(
 
 @pytest.mark.parametrize("name", ["動" * 80, "Д" * 125, "x" * 250], ids=["kanji", "cyrillic", "latin"])
 def test_any_legal_name_gets_scene_checkpoint_and_image(
-    filmed: Path, tmp_path: Path, lively: Callable, seeds_at_no_cost: None, name: str
+    filmed: Path, tmp_path: Path, lively: Callable, quick_seeds: None, name: str
 ) -> None:
     folder = tmp_path / "out"
     job = TrainingJob(filmed, folder / f"{name}.frog", recipe=lively(4, capacity="auto"), seed=2, device="cpu")

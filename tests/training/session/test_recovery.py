@@ -5,21 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 from support import synthetic_capture as film
-from support.training_steps import train
+from support.training_steps import cancelled_at, stepping, train
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.tensor_files import read_tensors
+from frog_blender.engine.rasterizer import RasterizeOptions
 from frog_blender.engine.scene.scene_file import read_scene
-from frog_blender.engine.training.optimize import losses
 from frog_blender.engine.training.optimize.running_loss import TrainingDiverged
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session import events
-from frog_blender.engine.training.session import run as training_run
 from frog_blender.engine.training.session.checkpoint import checkpoint_path, load_checkpoint, save_checkpoint
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.recovery import Recovery
@@ -29,43 +29,40 @@ Make = Callable[..., Trainer]
 
 
 @pytest.fixture
-def task(
-    filmed: Path, tmp_path: Path, lively: Callable, own_cache: Path, monkeypatch: pytest.MonkeyPatch
-) -> TrainingJob:
-    monkeypatch.setattr(training_run, "stored_seeds", lambda capture, store, **_: film.seeds())
-    return TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(60, dssim_from=0.5), seed=2, device="cpu")
+def task(filmed: Path, tmp_path: Path, lively: Callable, own_cache: Path) -> TrainingJob:
+    settings = lively(60, dssim_from=0.5)
+    return TrainingJob(filmed, tmp_path / "x.frog", recipe=settings, seeds=film.seeds(), seed=2, device="cpu")
 
 
-def failing(monkeypatch: pytest.MonkeyPatch, when: Callable[[int], bool]) -> None:
-    """The similarity of the D-SSIM bursts, after half of the training, is NaN at the calls that ``when`` names."""
-    real, calls = losses.native_ssim, [0]
+def failing(when: Callable[[int], bool]) -> type[Trainer]:
+    """Trainers whose images of the D-SSIM bursts, after half of the training, are NaN in the steps that ``when`` names;
+    steps taken again count on."""
+    steps = [0]
 
-    def sometimes(*arguments: torch.Tensor) -> float:
-        calls[0] += 1
-        return real(*arguments) * (float("nan") if when(calls[0]) else 1.0)
+    class Failing(Trainer):
+        def draw(self, shot_index: int, progress: float, options: RasterizeOptions, pose: Any = None) -> Any:
+            pixels, drawn = super().draw(shot_index, progress, options, pose)
+            if not options.depth and progress >= 0.5:
+                steps[0] += 1
+                if when(steps[0]):
+                    drawn.image.rgb = drawn.image.rgb * float("nan")
+            return pixels, drawn
 
-    monkeypatch.setattr(losses, "native_ssim", sometimes)
+    return Failing
 
 
-def test_one_bad_step_costs_no_training(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
-    failing(monkeypatch, lambda call: call == 3)
-    stream = list(run_training(task))
+def test_one_bad_step_costs_no_training(task: TrainingJob) -> None:
+    stream = list(run_training(task, trainer_type=failing(lambda step: step == 23)))
     (warning,) = [event.message for event in stream if isinstance(event, events.WarningEvent)]
     assert "unstable at step 52" in warning and "Continuing from step 48 with steps of half the size" in warning
     assert isinstance(stream[-1], events.Finished) and stream[-1].steps == 60
     assert all(np.isfinite(array).all() for array in read_scene(task.output).arrays.values())
 
 
-def test_what_never_gets_better_ends_in_a_sentence(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
-    failing(monkeypatch, lambda call: True)
+def test_what_never_gets_better_ends_in_a_sentence(task: TrainingJob) -> None:
     said = []
     with pytest.raises(FrogError, match="unstable at step"):
-        said.extend(run_training(task))
-        pytest.fail("it came to an end")
-    said = []
-    stream = run_training(task)
-    with pytest.raises(FrogError):
-        for event in stream:
+        for event in run_training(task, trainer_type=failing(lambda step: True)):
             said.append(event)
     assert sum(isinstance(event, events.WarningEvent) for event in said) == 3
 
@@ -100,17 +97,25 @@ def test_a_model_that_is_not_finite_is_not_remembered(make_trainer: Make) -> Non
     assert torch.isfinite(trainer.model.canonical.embeddings).all()
 
 
-def losing_a_gaussian(monkeypatch: pytest.MonkeyPatch, at: int) -> None:
-    """After step ``at``, the first time, a Gaussian is none, which no image and no loss shows."""
-    step, done = Trainer.step, [False]
+def losing_a_gaussian(at: int) -> type[Trainer]:
+    """Trainers that after step ``at``, the first time, have a Gaussian of NaN, which no image and no loss shows."""
+    done = [False]
 
-    def sometimes(self: Trainer) -> None:
-        step(self)
-        if self.step_count == at and not done[0]:
+    def lose(trainer: Trainer) -> None:
+        if trainer.step_count == at and not done[0]:
             done[0] = True
-            self.model.canonical.means.data[3, 1] = float("nan")
+            trainer.model.canonical.means.data[3, 1] = float("nan")
 
-    monkeypatch.setattr(Trainer, "step", sometimes)
+    return stepping(lose)
+
+
+class LateLoss(Trainer):
+    """Whose loss was NaN at step 23, which is found when it is looked for."""
+
+    def check(self) -> None:
+        super().check()
+        if self.step_count == 23:
+            raise TrainingDiverged("Training became unstable at step 23 (the loss is not a number).")
 
 
 def finite(checkpoint: Path) -> bool:
@@ -118,9 +123,8 @@ def finite(checkpoint: Path) -> bool:
     return all(np.isfinite(array).all() for name, array in arrays.items() if name.startswith("model."))
 
 
-def test_no_checkpoint_holds_numbers_that_are_none(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
-    losing_a_gaussian(monkeypatch, 8)
-    seen, stream = [], run_training(replace(task, save_seconds=0.0))
+def test_no_checkpoint_holds_numbers_that_are_none(task: TrainingJob) -> None:
+    seen, stream = [], run_training(replace(task, save_seconds=0.0), trainer_type=losing_a_gaussian(8))
     for event in stream:
         if checkpoint_path(task.output).is_file():
             seen.append(finite(checkpoint_path(task.output)))
@@ -130,26 +134,13 @@ def test_no_checkpoint_holds_numbers_that_are_none(task: TrainingJob, monkeypatc
     assert len(seen) > 60 and all(seen)
 
 
-@pytest.mark.parametrize("lost", ["a Gaussian", "the loss"])
-def test_a_cancelled_training_goes_back_too(task: TrainingJob, monkeypatch: pytest.MonkeyPatch, lost: str) -> None:
-    """As on a GPU, where a loss that is none is seen steps later: nobody looked before the training was cancelled."""
-    step, taken = Trainer.step, [0]
-
-    def counted(self: Trainer) -> None:
-        step(self)
-        taken[0] += 1
-        if self.step_count == 23 and lost == "a Gaussian":
-            self.model.canonical.means.data[3, 1] = float("nan")
-        elif self.step_count == 23:
-            self._loss._mean, self._loss._unseen = torch.tensor(float("nan")), 1
-
-    monkeypatch.setattr(Trainer, "step", counted)
-    stream = list(run_training(task, lambda: taken[0] >= 23))
+@pytest.mark.parametrize("trainer_type", [losing_a_gaussian(23), LateLoss], ids=["a Gaussian", "the loss"])
+def test_a_cancelled_training_goes_back_too(task: TrainingJob, trainer_type: type[Trainer]) -> None:
+    """As on a GPU, where a loss of NaN is seen steps later: nobody looked before the training was cancelled."""
+    stream = cancelled_at(task, 23, trainer_type)
     assert [event for event in stream if isinstance(event, events.WarningEvent)]
     assert stream[-1] == events.Cancelled(18, str(task.output)) and finite(checkpoint_path(task.output))
     assert read_scene(task.output).header.steps == 18
-    taken[0] = -100
-    monkeypatch.setattr(Trainer, "step", step)
     assert list(run_training(replace(task, resume=True)))[-1].steps == 60
 
 

@@ -94,14 +94,16 @@ def test_a_workload_of_a_capture(capture: Capture) -> None:
 
 
 def test_a_first_guess_counts_every_phase_and_says_that_it_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("os.cpu_count", lambda: 2)
-    guess = estimate(WORK)
+    guesses = {}
+    for cores in (2, 16):
+        monkeypatch.setattr("os.cpu_count", lambda cores=cores: cores)
+        guesses[cores] = estimate(WORK)
+        prepared = estimate(replace(WORK, prepared=True)).seconds
+        share = (WORK.seconds["training"] + WORK.seconds["finishing"]) / sum(WORK.seconds.values())
+        assert prepared == pytest.approx(share * guesses[cores].seconds)
+    guess, quicker = guesses[2], guesses[16].seconds
     assert guess.seconds == pytest.approx(sum(WORK.seconds.values()))
     assert guess.trainings == 0 and str(guess).startswith("Roughly")
-    prepared = estimate(replace(WORK, prepared=True)).seconds
-    assert prepared == pytest.approx(WORK.seconds["training"] + WORK.seconds["finishing"])
-    monkeypatch.setattr("os.cpu_count", lambda: 16)
-    quicker = estimate(WORK).seconds
     assert quicker is not None and guess.seconds is not None and guess.seconds / 8 < quicker < guess.seconds / 2
     nothing = estimate(WORK, "cuda")
     assert nothing.seconds is None and "not known" in str(nothing)

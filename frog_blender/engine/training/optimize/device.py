@@ -5,7 +5,7 @@ from __future__ import annotations
 from .. import passive_threads  # noqa: F401
 
 # isort: split
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...capture.camera import Camera
 from ...errors import FrogError
-from ...rasterizer import GaussianArrays, rasterize
+from ...rasterizer import GaussianArrays, Image, rasterize
 
 DEVICES = ("auto", "cpu", "cuda")
 
@@ -25,37 +25,12 @@ EXPERIMENTAL = (
 """Said whenever a GPU is used; it goes once ``benchmarks/gpu.py`` has passed on one."""
 
 
-def choose_device(name: str) -> tuple[torch.device, str]:
-    """The device that ``name`` asks for, and what its user is to know: that a GPU is experimental, or why "auto" left
-    it aside ("" for the CPU without a GPU).
+def try_rasterizer(device: torch.device, draw: Callable[..., Image] = rasterize) -> None:
+    """Compiles and runs the kernels once, forward and backward; FrogError when the image or a gradient is wrong.
 
-    "auto" is the GPU where torch sees one and the CUDA rasterizer draws on it, else the CPU.
-
-    Raises:
-        FrogError: an unknown name, or "cuda" where nothing can be drawn on a GPU.
+    Args:
+        draw: the rasterizer.
     """
-    if name not in DEVICES:
-        raise FrogError(f"There is no device {name!r}; there are {', '.join(DEVICES)}.")
-    cpu = torch.device("cpu")
-    if name == "cpu":
-        return cpu, ""
-    if not torch.cuda.is_available():
-        if name == "cuda":
-            raise FrogError("The device 'cuda' cannot be used: this torch sees no NVIDIA GPU.")
-        return cpu, ""
-    try:
-        device = torch.device("cuda", torch.cuda.current_device())
-        try_rasterizer(device)
-    except Exception as error:  # of the driver, the compiler, the kernels: whatever it is, the CPU can go on
-        reason = (str(error).strip() or type(error).__name__).splitlines()[0].rstrip(".")
-        if name == "cuda":
-            raise FrogError(f"The device 'cuda' cannot be used: {reason}.") from error
-        return cpu, f"The GPU is left aside, training on the CPU: {reason}."
-    return device, EXPERIMENTAL
-
-
-def try_rasterizer(device: torch.device) -> None:
-    """Compiles and runs the kernels once, forward and backward; FrogError when the image or a gradient is wrong."""
     values = {
         "means": [[0.0, 0.0, 2.0]],
         "quaternions": [[1.0, 0.0, 0.0, 0.0]],
@@ -68,13 +43,57 @@ def try_rasterizer(device: torch.device) -> None:
         for name, value in values.items()
     }
     camera = Camera("trial", 16, 16, np.array([[16.0, 0, 8], [0, 16, 8], [0, 0, 1]]), np.eye(4))
-    rgb = rasterize(GaussianArrays(**leaves), camera).rgb
+    rgb = draw(GaussianArrays(**leaves), camera).rgb
     rgb.mean().backward()
     by_opacity = leaves["opacities"].grad
     assert by_opacity is not None
     found, slope = float(rgb.detach().mean()), float(by_opacity)
     if not (abs(found - 0.3) < 1e-3 and abs(slope - 0.5) < 1e-3):
         raise FrogError(f"The CUDA rasterizer found {found:.4f} and {slope:.4f}, expected 0.3 and 0.5.")
+
+
+def first_gpu() -> torch.device | None:
+    """The GPU that torch computes on, if it sees one."""
+    return torch.device("cuda", torch.cuda.current_device()) if torch.cuda.is_available() else None
+
+
+def choose_device(
+    name: str,
+    *,
+    find_gpu: Callable[[], torch.device | None] = first_gpu,
+    trial: Callable[[torch.device], None] = try_rasterizer,
+) -> tuple[torch.device, str]:
+    """The device that ``name`` asks for, and what its user is to know: that a GPU is experimental, or why "auto" left
+    it aside ("" for the CPU without a GPU).
+
+    "auto" is the GPU where torch sees one and the CUDA rasterizer draws on it, else the CPU.
+
+    Args:
+        find_gpu: the GPU, None where there is none.
+        trial: any exception where nothing can be drawn on it.
+
+    Raises:
+        FrogError: an unknown name, or "cuda" where nothing can be drawn on a GPU.
+    """
+    if name not in DEVICES:
+        raise FrogError(f"There is no device {name!r}; there are {', '.join(DEVICES)}.")
+    cpu = torch.device("cpu")
+    if name == "cpu":
+        return cpu, ""
+    try:
+        device = find_gpu()
+        if device is not None:
+            trial(device)
+    except Exception as error:  # of the driver, the compiler, the kernels: whatever it is, the CPU can go on
+        reason = (str(error).strip() or type(error).__name__).splitlines()[0].rstrip(".")
+        if name == "cuda":
+            raise FrogError(f"The device 'cuda' cannot be used: {reason}.") from error
+        return cpu, f"The GPU is left aside, training on the CPU: {reason}."
+    if device is not None:
+        return device, EXPERIMENTAL
+    if name == "cuda":
+        raise FrogError("The device 'cuda' cannot be used: this torch sees no NVIDIA GPU.")
+    return cpu, ""
 
 
 @contextmanager

@@ -8,12 +8,14 @@ _UNDOUBTED = 0.5  # seconds, which a step may take on a computer that has other 
 
 
 def worked_since(clock: float, processors: float) -> float:
-    """Seconds of work since ``time.perf_counter()`` was ``clock`` and ``time.process_time()`` was ``processors``.
+    """Seconds of work since ``time.perf_counter()`` was ``clock`` and ``time.process_time()`` was ``processors``."""
+    return worked(time.perf_counter() - clock, time.process_time() - processors)
+
+
+def worked(passed: float, computed: float) -> float:
+    """Seconds of work in so many seconds, during which the process took ``computed`` seconds of processors.
 
     What computes takes at least as much time of processors as of the clock, and a process that is stopped (Ctrl-Z, a
     laptop's lid) takes none.
     """
-    passed = time.perf_counter() - clock
-    if passed <= _UNDOUBTED:
-        return passed
-    return min(passed, max(_UNDOUBTED, time.process_time() - processors))
+    return passed if passed <= _UNDOUBTED else min(passed, max(_UNDOUBTED, computed))

@@ -8,10 +8,26 @@ import os
 import shutil
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
 
 _MAX_SHARE = 0.25  # of the free space: a nearly full disk is not filled by this
+
+
+def allocate(file: BinaryIO, size: int, system: str = sys.platform) -> None:
+    """Gives the file blocks of its own, which a hole would not have; OSError where the system cannot at once.
+
+    Not os.posix_fallocate: where the file system cannot, the C library writes into every block, for minutes.
+    """
+    if size <= 0:
+        return
+    if system != "linux":
+        raise OSError(errno.ENOTSUP, "no space can be reserved at once")
+    fallocate = ctypes.CDLL(None, use_errno=True).fallocate
+    fallocate.argtypes = [ctypes.c_int, ctypes.c_int, ctypes.c_int64, ctypes.c_int64]
+    if fallocate(file.fileno(), 0, 0, size):
+        raise OSError(ctypes.get_errno(), "no space can be reserved at once")
 
 
 class DiskReserve:
@@ -22,14 +38,15 @@ class DiskReserve:
     Args:
         output: the scene.
         size: bytes, at most a quarter of what the disk has.
+        allocate: gives a file so many bytes of the disk; OSError where it cannot at once.
     """
 
-    def __init__(self, output: Path, size: int) -> None:
+    def __init__(self, output: Path, size: int, allocate: Callable[[BinaryIO, int], None] = allocate) -> None:
         self._file: BinaryIO | None = None
         try:
             size = min(size, int(_MAX_SHARE * shutil.disk_usage(output.parent).free))
             self._file = tempfile.TemporaryFile(dir=output.parent, buffering=0)  # noqa: SIM115
-            _allocate(self._file, size)
+            allocate(self._file, size)
         except OSError:  # a disk on which nothing can be reserved may have space at the end all the same
             self.release()
 
@@ -45,18 +62,3 @@ class DiskReserve:
         self._file.close()
         self._file = None
         return True
-
-
-def _allocate(file: BinaryIO, size: int) -> None:
-    """Gives the file blocks of its own, which a hole would not have; OSError where the system cannot at once.
-
-    Not os.posix_fallocate: where the file system cannot, the C library writes into every block, for minutes.
-    """
-    if size <= 0:
-        return
-    if sys.platform != "linux":
-        raise OSError(errno.ENOTSUP, "no space can be reserved at once")
-    allocate = ctypes.CDLL(None, use_errno=True).fallocate
-    allocate.argtypes = [ctypes.c_int, ctypes.c_int, ctypes.c_int64, ctypes.c_int64]
-    if allocate(file.fileno(), 0, 0, size):
-        raise OSError(ctypes.get_errno(), "no space can be reserved at once")

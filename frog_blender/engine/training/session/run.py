@@ -60,23 +60,26 @@ def prepare_capture(
     return capture, scale
 
 
-def run_training(job: TrainingJob, cancelled: Callable[[], bool] = lambda: False) -> Iterator[Event]:
+def run_training(
+    job: TrainingJob, cancelled: Callable[[], bool] = lambda: False, *, trainer_type: type[Trainer] = Trainer
+) -> Iterator[Event]:
     """Trains, yielding events; the last is Finished or Cancelled.
 
     Cancelling keeps what was learned: a scene that plays and a checkpoint to resume from.
 
     Args:
         cancelled: asked between steps; a ``CancelToken`` can pause as well.
+        trainer_type: what trains, for whoever watches its steps or changes them.
 
     Raises:
         FrogError: for what the user can mend.
     """
     _check_output(job.output)
     with lock_output(job.output):
-        yield from _run(job, CancelToken.of(cancelled))
+        yield from _run(job, CancelToken.of(cancelled), trainer_type)
 
 
-def _run(job: TrainingJob, cancel: CancelToken) -> Iterator[Event]:
+def _run(job: TrainingJob, cancel: CancelToken, trainer_type: type[Trainer]) -> Iterator[Event]:
     """``run_training`` while the output is locked."""
     if not (job.overwrite or job.resume):
         check_unused(job.output)
@@ -111,7 +114,7 @@ def _run(job: TrainingJob, cancel: CancelToken) -> Iterator[Event]:
         yield events.Cancelled(0, None)
         return
     limits = Limits(job.steps or (None if job.seconds else job.recipe.steps_for(capture.frame_count)), job.seconds)
-    trainer = Trainer(
+    trainer = trainer_type(
         capture,
         store,
         seeds,
@@ -131,7 +134,7 @@ def _run(job: TrainingJob, cancel: CancelToken) -> Iterator[Event]:
             yield events.WarningEvent(doubt)
     counts = (len(capture.cameras), capture.frame_count, trainer.count)
     work = Workload.of(capture, trainer.recipe, limits.steps)
-    yield events.Started(job.method, limits.steps, *counts, device.type, round(work.pixels), work.images)
+    yield events.Started(job.method, limits.steps, *counts, trainer.device.type, round(work.pixels), work.images)
     with gc_frozen():
         yield from train(session)
 
