@@ -6,7 +6,7 @@ from .. import passive_threads  # noqa: F401
 
 # isort: split
 import time
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import replace
 
 from ...errors import FrogError, reason
@@ -29,7 +29,7 @@ from .export import (
     size_limit,
 )
 from .fallback_save import Checkpoints, SpareSpace, save_with_fallback
-from .output_paths import beside
+from .output_paths import beside, checkpoint_path
 from .preview import Previews, preview_shot
 from .recovery import Recovery
 from .session import Session
@@ -43,7 +43,7 @@ def train(session: Session) -> Iterator[Event]:
     ``run.run_training``."""
     trainer, output = session.trainer, session.output
     began = trainer.step_count
-    checkpoints = Checkpoints(session.checkpoint, began)
+    checkpoints = Checkpoints(checkpoint_path(output), began)
     space = SpareSpace(output, size_limit(session), trainer.store)
     recovery = Recovery(trainer, session.job.stored_settings())
     trainer.hooks.append(recovery)
@@ -88,7 +88,7 @@ def _steps(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> It
     job, trainer, cancel = session.job, session.trainer, session.cancel
     last_event = last_save = time.monotonic()
     evaluated = int(trainer.progress * _EVALUATIONS)
-    previews, time_left = Previews(session), _TimeLeft(session)
+    previews, time_left = Previews(session), _time_left(session)
     while not trainer.finished and not cancel.ended:
         paused = cancel.paused  # asked once: a pause that comes later holds the next step
         # A pause may last for days: before it, what was learned goes to disk.
@@ -171,29 +171,20 @@ def _compression_events(session: Session) -> Iterator[Event]:
         yield events.Reduced(session.trainer.step_count, reduction_line(step.to_json()))
 
 
-class _TimeLeft:
-    """Seconds left at each call, from the progress and the time since the call before."""
-
-    def __init__(self, session: Session) -> None:
-        trainer, self._session = session.trainer, session
-        work = Workload.of(session.capture, session.recipe, trainer.limits.steps)
-        work = replace(work, even=trainer.limits.seconds is not None)
-        self._estimate = TimeLeft(work, trainer.device.type, trainer.progress)
-        self._last = session.clock.now
-
-    def __call__(self) -> float:
-        now = self._session.clock.now
-        passed, self._last = now - self._last, now
-        return self._estimate.after(self._session.trainer.progress, passed)
+def _time_left(session: Session) -> TimeLeft:
+    trainer = session.trainer
+    work = Workload.of(session.capture, trainer.recipe, trainer.limits.steps)
+    work = replace(work, even=trainer.limits.seconds is not None)
+    return TimeLeft(work, trainer.device.type, trainer.progress, session.clock.now)
 
 
-def _progress_event(session: Session, time_left: Callable[[], float]) -> events.Progress:
+def _progress_event(session: Session, time_left: TimeLeft) -> events.Progress:
     trainer = session.trainer
     return events.Progress(
         trainer.step_count,
         trainer.limits.steps or round(trainer.step_count / max(trainer.progress, 1e-9)),
         trainer.seconds,
-        time_left(),
+        time_left.at(trainer.progress, session.clock.now),
         trainer.loss,
         trainer.count,
         trainer.gaussians.num_dynamic,
