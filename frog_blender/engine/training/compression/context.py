@@ -15,9 +15,10 @@ from ...capture.capture import Capture
 from ...capture.time import frame_to_time
 from ...gaussians import TorchGaussians
 from ...io.plain_values import JsonObject
+from ...rasterizer import GaussianArrays
 from ...scene.compression_report import StepKind, reduction_line
 from ..optimize.gaussian_state import Reindexing
-from ..optimize.hooks import Training, gaussians_at
+from ..optimize.hooks import Training
 from ..optimize.stateful import Tensors, Values, expect
 from .sensitivity import MOTION_ARRAYS, Motion, SampledView, Sensitivity, mean_state, measure, sample_views
 from .settings import DEFAULT, CompressionSettings
@@ -175,9 +176,10 @@ class CompressionContext:
         """Dynamic Gaussians."""
         return self.training.gaussians.num_dynamic
 
+    @torch.no_grad()
     def gaussians_at(self, time: float) -> TorchGaussians:
-        """All Gaussians at a time in [0, 1]."""
-        return gaussians_at(self.training, time)
+        """All Gaussians at a time in [0, 1]; what is done with them leaves the model no gradient."""
+        return GaussianArrays(*(value.detach() for value in vars(self.training.deform(time)[0]).values()))
 
     def sample_views(self, generator: torch.Generator, count: int | None = None) -> list[SampledView]:
         """Views near the images that are learned from."""
