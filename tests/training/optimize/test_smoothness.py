@@ -10,7 +10,7 @@ from frog_blender.engine.training.recipe import RECIPES
 
 def drawn(count: int) -> NeighbourGraph:
     means = torch.randn(count, 3, generator=torch.Generator().manual_seed(0))
-    found = NeighbourGraph.drawn(means, RECIPES["draft"], torch.Generator().manual_seed(1))
+    found = NeighbourGraph.sample(means, RECIPES["draft"], torch.Generator().manual_seed(1))
     assert found is not None
     return found
 
