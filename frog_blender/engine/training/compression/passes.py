@@ -56,7 +56,7 @@ def prune(context: CompressionContext, evaluator: ValidationEvaluator, measured:
         evaluator.expected(measured.energy[order[: int(settings.max_pruned * count)]]),
         settings.max_prune_loss,
         forced,
-        lambda: training.render_image(context.record.judged[0]),
+        lambda: training.render_image(context.record.evaluated[0]),
     )
 
 
@@ -83,7 +83,7 @@ def reduce_sh_degree(context: CompressionContext, evaluator: ValidationEvaluator
             degree,
             loss,
             allowed=allowed,
-            work=lambda: training.render_image(context.record.judged[0]),
+            work=lambda: training.render_image(context.record.evaluated[0]),
         )
         if degree() ** 2 == left:  # refused
             return

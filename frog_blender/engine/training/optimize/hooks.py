@@ -86,8 +86,8 @@ class Hook:
         """Whether Gaussians may be added at ``progress``."""
         return True
 
-    def withheld_at(self, progress: float) -> tuple[int, ...]:
-        """Training shots that are not to be learned from at ``progress``."""
+    def validation_at(self, progress: float) -> tuple[int, ...]:
+        """Training shots that are for validation, and not to be learned from, at ``progress``."""
         return ()
 
     def state(self) -> tuple[Tensors, Values]:
