@@ -19,7 +19,7 @@ def test_a_sample_follows_its_gaussians_to_other_places() -> None:
     before, gone = drawn(50), [3, 4, 41]
     kept = [i for i in range(50) if i not in gone]
     who = torch.tensor([*kept, 50, 51])  # the last two are new
-    after = before.arranged(who)
+    after = before.reindexed(who)
     assert after is not None
     expected = {
         int(anchor): {(int(n), float(w)) for n, w in zip(*row, strict=True) if int(n) not in gone}
@@ -38,4 +38,4 @@ def test_a_sample_follows_its_gaussians_to_other_places() -> None:
 
 
 def test_nobody_is_left_of_a_sample() -> None:
-    assert drawn(5).arranged(torch.tensor([5, 6])) is None
+    assert drawn(5).reindexed(torch.tensor([5, 6])) is None
