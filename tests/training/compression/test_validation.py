@@ -1,4 +1,4 @@
-"""The withheld images that judge what may be left out, and the search for how much."""
+"""The validation images that decide what may be left out, and the search for how much."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from frog_blender.engine.training.optimize.trainer import Trainer
 Make = Callable[..., Trainer]
 
 
-def test_withheld_images_are_training_images_spread_over_time(capture: Capture) -> None:
+def test_validation_images_are_training_images_spread_over_time(capture: Capture) -> None:
     capture = film.longer(capture, 40)
     found = validation_shots(capture, 3)
     assert 4 <= len(found) <= 8
@@ -34,17 +34,17 @@ def test_where_images_are_few_none_is_spared(capture: Capture) -> None:
     assert validation_shots(capture, 0) == ()
 
 
-def test_withheld_images_are_not_drawn(capture: Capture) -> None:
+def test_validation_images_are_not_drawn(capture: Capture) -> None:
     capture = film.longer(capture, 10)
-    withheld = validation_shots(capture, 0)
+    excluded = validation_shots(capture, 0)
     for choice in ("even", "loss"):
         picker, generator = ViewSampler(capture, choice), torch.Generator().manual_seed(0)
-        picker.withhold(withheld)
-        assert withheld and not set(withheld) & {picker.pick(generator) for _ in range(400)}
-        other = next(i for i, s in enumerate(capture.shots) if not capture.is_test(s) and i not in withheld)
-        assert not set(withheld) & {picker.pick_same_frame(other, generator) for _ in range(50)}
-        picker.withhold(())
-        assert set(withheld) < {picker.pick(generator) for _ in range(400)}
+        picker.exclude(excluded)
+        assert excluded and not set(excluded) & {picker.pick(generator) for _ in range(400)}
+        other = next(i for i, s in enumerate(capture.shots) if not capture.is_test(s) and i not in excluded)
+        assert not set(excluded) & {picker.pick_same_frame(other, generator) for _ in range(50)}
+        picker.exclude(())
+        assert set(excluded) < {picker.pick(generator) for _ in range(400)}
 
 
 def test_no_test_image_is_ever_looked_at(make_trainer: Make, watched: Callable, capture: Capture) -> None:
@@ -80,10 +80,10 @@ def test_the_search_takes_everything_where_nothing_is_missed() -> None:
     assert largest_count_within(lambda n: 0.0, 0.3 * np.arange(1.0, 1001.0) ** 4 / 1000**4, 0.05) == (1000, 0.0)
 
 
-def test_withholding_may_begin_within_a_burst(capture: Capture) -> None:
-    """One camera: whoever is withheld was the only image of its moment."""
+def test_validation_may_begin_within_a_burst(capture: Capture) -> None:
+    """One camera: the excluded image was the only image of its time."""
     shots = tuple(shot for shot in film.longer(capture, 40).shots if shot.camera == 1)
     picker, generator = ViewSampler(replace(capture, shots=shots, frame_count=40)), torch.Generator().manual_seed(0)
-    picker.withhold((5,))
+    picker.exclude((5,))
     assert {picker.pick_same_frame(5, generator) for _ in range(30)}.isdisjoint({5})
     assert picker.pick_same_frame(6, generator) == 6

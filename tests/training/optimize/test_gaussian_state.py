@@ -128,7 +128,7 @@ class Counting(Hook):
     def allows_growth(self, progress: float) -> bool:
         return False
 
-    def withheld_at(self, progress: float) -> tuple[int, ...]:
+    def validation_at(self, progress: float) -> tuple[int, ...]:
         return (8,)
 
     def state(self) -> tuple[Tensors, Values]:

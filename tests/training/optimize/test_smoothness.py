@@ -10,7 +10,7 @@ from frog_blender.engine.training.recipe import RECIPES
 
 def drawn(count: int) -> NeighbourGraph:
     means = torch.randn(count, 3, generator=torch.Generator().manual_seed(0))
-    found = NeighbourGraph.drawn(means, RECIPES["draft"], torch.Generator().manual_seed(1))
+    found = NeighbourGraph.sample(means, RECIPES["draft"], torch.Generator().manual_seed(1))
     assert found is not None
     return found
 
@@ -19,7 +19,7 @@ def test_a_sample_follows_its_gaussians_to_other_places() -> None:
     before, gone = drawn(50), [3, 4, 41]
     kept = [i for i in range(50) if i not in gone]
     who = torch.tensor([*kept, 50, 51])  # the last two are new
-    after = before.arranged(who)
+    after = before.reindexed(who)
     assert after is not None
     expected = {
         int(anchor): {(int(n), float(w)) for n, w in zip(*row, strict=True) if int(n) not in gone}
@@ -38,4 +38,4 @@ def test_a_sample_follows_its_gaussians_to_other_places() -> None:
 
 
 def test_nobody_is_left_of_a_sample() -> None:
-    assert drawn(5).arranged(torch.tensor([5, 6])) is None
+    assert drawn(5).reindexed(torch.tensor([5, 6])) is None

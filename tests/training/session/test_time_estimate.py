@@ -140,11 +140,10 @@ def test_a_short_trial_teaches_only_what_comes_before_it() -> None:
 def test_what_is_left_follows_what_passes() -> None:
     """Of a computer that is twice as slow as was expected."""
     remember(WORK, "cpu", slower(WORK, 1))
-    left, passed = TimeLeft(WORK, "cpu", 0.0), 0.0
+    left = TimeLeft(WORK, "cpu", 0.0, 100.0)
     for step in range(1, 101):
         until = 2 * WORK.training_until(step / 100)
-        found = left.after(step / 100, until - passed)
-        passed = until
+        found = left.at(step / 100, 100.0 + until)
         truth = 2 * (WORK.seconds["training"] + WORK.seconds["finishing"]) - until
         if step >= 30:
             assert found == pytest.approx(truth, rel=0.1)
@@ -152,9 +151,9 @@ def test_what_is_left_follows_what_passes() -> None:
 
 
 def test_a_rollback_is_no_time_gained() -> None:
-    left = TimeLeft(WORK, "cpu", 0.5)
-    before = left.after(0.6, 10.0)
-    assert left.after(0.5, 1.0) > before
+    left = TimeLeft(WORK, "cpu", 0.5, 0.0)
+    before = left.at(0.6, 10.0)
+    assert left.at(0.5, 11.0) > before
 
 
 @pytest.mark.parametrize(

@@ -1,1 +1,1 @@
-"""What a scene does not need is pruned, frozen or shrunk: proposed, judged on validation images, applied, logged."""
+"""What a scene does not need is pruned, frozen or shrunk: proposed, evaluated on validation images, applied, logged."""

@@ -15,9 +15,10 @@ from ...capture.capture import Capture
 from ...capture.time import frame_to_time
 from ...gaussians import TorchGaussians
 from ...io.plain_values import JsonObject
+from ...rasterizer import GaussianArrays
 from ...scene.compression_report import StepKind, reduction_line
 from ..optimize.gaussian_state import Reindexing
-from ..optimize.hooks import Training, gaussians_at
+from ..optimize.hooks import Training
 from ..optimize.stateful import Tensors, Values, expect
 from .sensitivity import MOTION_ARRAYS, Motion, SampledView, Sensitivity, mean_state, measure, sample_views
 from .settings import DEFAULT, CompressionSettings
@@ -67,7 +68,7 @@ class Proposal:
         kind: for the log.
         apply: takes the first so many.
         count: of what ``kind.unit`` says, as the model stands.
-        loss: dB that taking the first so many costs; None for what is not judged.
+        loss: dB that taking the first so many costs; None for what is not evaluated.
         expected: (candidates,) about that loss for the first one, the first two and so on, ascending.
         allowed: dB.
         forced: so many are taken whatever they cost.
@@ -94,8 +95,8 @@ class CompressionRecord:
 
     Attributes:
         seed: the same.
-        withheld: validation shots, which are not learned from for a while.
-        judged, learned: shots that proposals are judged on, and that views are sampled from.
+        validation: validation shots, which are not learned from for a while; none where there are few.
+        evaluated, learned: shots that proposals are evaluated on, and that views are sampled from.
         log: steps so far.
         removed: (n, 3) canonical means of the Gaussians that were pruned.
         motion: of the dynamic Gaussians, as measured when pruning: what moves least then does so at the end, too. None
@@ -114,11 +115,11 @@ class CompressionRecord:
 
     def _seed_with(self, seed: int) -> None:
         self.seed = seed
-        self.withheld = validation_shots(self._capture, seed)
+        self.validation = validation_shots(self._capture, seed)
         training = self._capture.train_indices
         step = max(1, len(training) // self._settings.num_training_views)
-        self.judged = self.withheld or tuple(training[::step])
-        self.learned = [i for i in training if i not in self.withheld]
+        self.evaluated = self.validation or tuple(training[::step])
+        self.learned = [i for i in training if i not in self.validation]
 
     def generator(self, number: int) -> torch.Generator:
         """A milestone's own, so that a resumed training draws what an undisturbed one does."""
@@ -158,7 +159,7 @@ class CompressionRecord:
 
 @dataclass(frozen=True)
 class CompressionContext:
-    """What a pass needs: it measures by sampled views, is judged by validation images, and is logged.
+    """What a pass needs: it measures by sampled views, is evaluated on validation images, and is logged.
 
     Attributes:
         training: as it stands.
@@ -175,9 +176,10 @@ class CompressionContext:
         """Dynamic Gaussians."""
         return self.training.gaussians.num_dynamic
 
+    @torch.no_grad()
     def gaussians_at(self, time: float) -> TorchGaussians:
-        """All Gaussians at a time in [0, 1]."""
-        return gaussians_at(self.training, time)
+        """All Gaussians at a time in [0, 1]; what is done with them leaves the model no gradient."""
+        return GaussianArrays(*(value.detach() for value in vars(self.training.deform(time)[0]).values()))
 
     def sample_views(self, generator: torch.Generator, count: int | None = None) -> list[SampledView]:
         """Views near the images that are learned from."""
@@ -201,7 +203,7 @@ class CompressionContext:
         def gaussians_of(shot: int) -> TorchGaussians:
             return (played or self.gaussians_at)(frame_to_time(capture.shots[shot].frame, capture.frame_count))
 
-        return ValidationEvaluator(capture, self.training.store, self.record.judged[:most], gaussians_of)
+        return ValidationEvaluator(capture, self.training.store, self.record.evaluated[:most], gaussians_of)
 
     def psnr_with(self, change: Change, most: int | None = None) -> float:
         """On the validation images, ``most`` of them at most, with ``change(name, value)`` in place of the model's

@@ -14,7 +14,6 @@ import numpy as np
 import torch
 
 from ...model.frog import Frog
-from ...rasterizer import GaussianArrays
 from ...scene.compression_report import StepKind
 from ..optimize import gaussian_order
 from ..optimize.device import image_on
@@ -22,7 +21,7 @@ from ..optimize.gaussian_order import calmest_embedding, mask_excluding
 from ..optimize.half_resolution import halved_capture, sized
 from ..optimize.stateful import Tensors
 from .context import Change, CompressionContext, Proposal
-from .sensitivity import Sensitivity
+from .sensitivity import Sensitivity, in_state
 from .static_regions import measure_temporal_variance
 from .temporal_residual import static_error, temporal_error_std
 from .validation import ValidationEvaluator
@@ -57,7 +56,7 @@ def prune(context: CompressionContext, evaluator: ValidationEvaluator, measured:
         evaluator.expected(measured.energy[order[: int(settings.max_pruned * count)]]),
         settings.max_prune_loss,
         forced,
-        lambda: training.render_image(context.record.judged[0]),
+        lambda: training.render_image(context.record.evaluated[0]),
     )
 
 
@@ -84,7 +83,7 @@ def reduce_sh_degree(context: CompressionContext, evaluator: ValidationEvaluator
             degree,
             loss,
             allowed=allowed,
-            work=lambda: training.render_image(context.record.judged[0]),
+            work=lambda: training.render_image(context.record.evaluated[0]),
         )
         if degree() ** 2 == left:  # refused
             return
@@ -183,20 +182,16 @@ def _freezing(
     gaussians = context.training.gaussians
     before = gaussians.num_dynamic
     drawn = {
-        **state,
+        "means": state["means"],
+        "quaternions": state["quaternions"],
         "scales": state["log_scales"].exp(),
         "opacities": state["opacity_logits"].sigmoid(),
         "sh": state["sh"][:, : gaussians.canonical.sh.shape[1]],
     }
 
     def loss(number: int) -> float:
-        dynamic = mask_excluding(order[:number], before)
-
-        def frozen(name: str, value: torch.Tensor) -> torch.Tensor:
-            mask = dynamic.view(-1, *[1] * (value.dim() - 1))
-            return torch.cat([torch.where(mask, value[:before], drawn[name]), value[before:]])
-
-        return evaluator.loss(lambda all_: GaussianArrays(**{k: frozen(k, v) for k, v in vars(all_).items()}))
+        chosen = ~mask_excluding(order[:number], before)
+        return evaluator.loss(lambda all_: in_state(all_, chosen, drawn))
 
     return Proposal(
         StepKind.FREEZE,

@@ -1,8 +1,8 @@
 """Model no more than a scene needs: with ``capacity="auto"`` a training prunes, freezes and shrinks at milestones.
 
-A few training images are withheld for a while, for validation. Each milestone measures what every Gaussian adds to
-images and how much of its motion can be seen, and takes as much as the validation images allow: Gaussians while steps
-can make up for them, motion and hidden units mostly at the end.
+A few training images are not learned from for a while: they are for validation. Each milestone measures what every
+Gaussian adds to images and how much of its motion can be seen, and takes as much as the validation images allow:
+Gaussians while steps can make up for them, motion and hidden units mostly at the end.
 """
 
 from __future__ import annotations
@@ -62,10 +62,10 @@ class CompressionSchedule(Hook):
         papers' recipes grow until 95 %)."""
         return progress < self.settings.prune_at
 
-    def withheld_at(self, progress: float) -> tuple[int, ...]:
+    def validation_at(self, progress: float) -> tuple[int, ...]:
         """The validation shots, for a while."""
-        withheld = self.settings.withhold_from <= progress < self.settings.prune_at
-        return self.record.withheld if withheld else ()
+        validates = self.settings.validate_from <= progress < self.settings.prune_at
+        return self.record.validation if validates else ()
 
     def after_step(self, training: Training, before: float, now: float) -> None:
         """Runs the milestones that lie in (before, now]; CompressionFailed where one fails."""

@@ -7,7 +7,7 @@ times of training images are not over-fitted.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 
@@ -207,6 +207,16 @@ def _squares(
         product = (values - getattr(gaussians, name)[: len(values)]) * slopes[name][: len(values)]
         change = change + (product.flatten(1).sum(1) if product.dim() > 1 else product)
     return change.square()
+
+
+def in_state(gaussians: TorchGaussians, chosen: torch.Tensor, state: dict[str, torch.Tensor]) -> TorchGaussians:
+    """The Gaussians, of which the first are as in ``state`` (GaussianArrays, by name) where ``chosen`` (M,) is true."""
+    changed, count = {}, len(chosen)
+    for name, values in state.items():
+        now = getattr(gaussians, name)
+        mask = chosen.view(-1, *[1] * (now.dim() - 1))
+        changed[name] = torch.cat([torch.where(mask, values[:count], now[:count]), now[count:]])
+    return replace(gaussians, **changed)
 
 
 def _scale_rows(factors: torch.Tensor, values: torch.Tensor) -> torch.Tensor:

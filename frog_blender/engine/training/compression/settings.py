@@ -38,13 +38,13 @@ class CompressionSettings:
         num_sensitivity_views, num_budget_views: views that sensitivity is measured on, without and with a budget: where
             Gaussians have to be weighed, few times and sides must be missed.
         num_unit_views, num_unit_gaussians: for hidden units, and dynamic Gaussians in each view.
-        num_training_views: training images that stand in for validation images, where none was withheld.
+        num_training_views: training images that stand in for validation images, where there are none.
         num_quick_views, clearly: images that tell at once what costs ``clearly`` times what is allowed.
         min_fading, min_rigid: shares of the dynamic Gaussians below which another kind of Gaussian is not worth it.
         max_track_frames: opacity tracks of more frames take more bytes than embeddings.
         num_mean_frames: frames that a mean state is taken over, at most.
         max_visible: share of the groups of dynamic Gaussians, above which lifetimes save nothing.
-        withhold_from, prune_at: fractions of the training between which validation images are not learned from: long
+        validate_from, prune_at: fractions of the training between which validation images are not learned from: long
             enough that they lose what held-out images lose, and no longer, since what is static then cannot learn them.
     """
 
@@ -80,7 +80,7 @@ class CompressionSettings:
     max_track_frames: int = 256
     num_mean_frames: int = 32
     max_visible: float = 0.9
-    withhold_from: float = 0.75
+    validate_from: float = 0.75
     prune_at: float = 0.8
 
     @property

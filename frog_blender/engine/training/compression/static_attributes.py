@@ -14,7 +14,6 @@ import torch
 from numpy.typing import NDArray
 
 from ...field.opacity_tracks import quantize_opacities
-from ...gaussians import TorchGaussians
 from ...playback.player import ScenePlayer
 from ...scene.compression_report import StepKind
 from ...scene.header import SHAPE_DYNAMIC
@@ -23,7 +22,7 @@ from ...scene.scene_file import OPACITY_TRACKS, SceneFile
 from ..optimize.gaussian_order import mask_excluding
 from .context import CompressionContext, CompressionStep
 from .finalize import has_transients, in_groups, in_order, milliseconds_between, played_by
-from .sensitivity import FAINT, SHAPE, STATE
+from .sensitivity import FAINT, SHAPE, STATE, in_state
 from .validation import largest_count_within
 
 
@@ -96,36 +95,20 @@ def _unmissed(
 
     def loss(number: int) -> float:
         chosen = ~mask_excluding(order[:number], len(energy))
-        return evaluator.loss(lambda gaussians: replace(gaussians, **_where(chosen, frozen, gaussians)))
+        return evaluator.loss(lambda gaussians: in_state(gaussians, chosen, frozen))
 
     number, lost = largest_count_within(loss, evaluator.expected(energy[order]), allowed)
     return order[:number].sort().values, lost
 
 
-def _where(chosen: torch.Tensor, frozen: dict[str, torch.Tensor], gaussians: TorchGaussians) -> dict[str, torch.Tensor]:
-    """Attributes by name, of the first Gaussians as in ``frozen`` where ``chosen`` is true."""
-    changed, count = {}, len(chosen)
-    for name, values in frozen.items():
-        now = getattr(gaussians, name)
-        where = chosen.view(-1, *[1] * (now.dim() - 1))
-        changed[name] = torch.cat([torch.where(where, values[:count], now[:count]), now[count:]])
-    return changed
-
-
-def _frames(player: ScenePlayer, most: int) -> list[int]:
-    """Frames, spread over all of them."""
-    frames = player.header.frame_count
-    return [int(frame) for frame in np.unique(np.linspace(0, frames - 1, min(frames, most)).round())]
-
-
 def seen_state(player: ScenePlayer, most: int) -> dict[str, NDArray[np.float32]]:
     """How dynamic Gaussians look (GaussianArrays, by name), in the mean over at most ``most`` frames, weighted by
     squared opacity."""
-    count = player.num_dynamic
+    count, frames = player.num_dynamic, player.header.frame_count
     total: NDArray[np.float32] = np.zeros((), np.float32)
     sums: dict[str, NDArray[np.float32]] = {name: np.zeros((), np.float32) for name in STATE}
-    for frame in _frames(player, most):
-        gaussians = player.at_frame(frame)
+    for frame in np.unique(np.linspace(0, frames - 1, min(frames, most)).round()):
+        gaussians = player.at_frame(int(frame))
         weight = np.square(gaussians.opacities[:count].clip(FAINT))
         total = total + weight
         for name in STATE:

@@ -24,7 +24,7 @@ def is_static_capture(capture: Capture, store: FrameStore) -> bool:
     """True when no part of the training images changes over time; False where no camera stands still."""
     if capture.is_moving:
         return False
-    several = [shots for shots in _training_shots(capture).values() if len(shots) > 1]
+    several = list(_repeated_shots(capture).values())
     chosen = [several[int(k)] for k in np.linspace(0, len(several) - 1, min(_CAMERAS, len(several)))]
     few, most = _IMAGES
     return bool(chosen) and not any(
@@ -62,7 +62,7 @@ def measure_temporal_variance(capture: Capture, store: FrameStore) -> TemporalVa
     """Of the training images; None where cameras move, or none has several images."""
     if capture.is_moving:
         return None
-    several = {camera: shots for camera, shots in _training_shots(capture).items() if len(shots) > 1}
+    several = _repeated_shots(capture)
     least, most = _MEASURED
     count = max(least, most // max(1, len(several)))
     spread = {
@@ -87,12 +87,12 @@ def _variance(store: FrameStore, shots: list[int]) -> NDArray[np.float32]:
     return np.asarray(variance, dtype=np.float32)
 
 
-def _training_shots(capture: Capture) -> dict[int, list[int]]:
-    """Those of each camera, in the cameras' order."""
+def _repeated_shots(capture: Capture) -> dict[int, list[int]]:
+    """Training shots of each camera that has several, in the cameras' order."""
     by_camera: dict[int, list[int]] = {}
     for index in capture.train_indices:
         by_camera.setdefault(capture.shots[index].camera, []).append(index)
-    return dict(sorted(by_camera.items()))
+    return {camera: shots for camera, shots in sorted(by_camera.items()) if len(shots) > 1}
 
 
 def _spread(shots: list[int], most: int, shift: float) -> list[int]:

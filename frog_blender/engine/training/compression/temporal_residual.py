@@ -11,7 +11,7 @@ from ...capture.camera import Camera
 from ...capture.capture import Capture
 from ...capture.time import frame_to_time
 from ...gaussians import TorchGaussians
-from ...rasterizer import GaussianArrays, Image, rasterize
+from ...rasterizer import Image, rasterize
 from ...spherical_harmonics import SH_DC
 from .sensitivity import SampledView
 from .static_regions import TemporalVariance
@@ -31,9 +31,9 @@ def temporal_error_std(
         truth_of: (H, W, 3) image of a shot.
         shots: some shots of each of some cameras, at several times.
     """
-    total_variance = views = torch.zeros(0, device="cpu")
+    total_variance = views = torch.zeros((), device="cpu")
     for of_camera in shots:
-        count = total = square = torch.zeros(0, device="cpu")
+        count = total = square = torch.zeros((), device="cpu")
         for index in of_camera:
             shot = capture.shots[index]
             gaussians = gaussians_at(frame_to_time(shot.frame, capture.frame_count))
@@ -41,13 +41,10 @@ def temporal_error_std(
             pixels, error = _splat_values(image, colors, (truth_of(index) - image.rgb.detach()).mean(2))
             seen = pixels >= 1.0
             error = torch.where(seen, error / pixels.clamp(min=1.0), 0.0)
-            if not len(count):
-                count, total, square = (torch.zeros_like(error) for _ in range(3))
             count, total, square = count + seen, total + error, square + error.square()
         n = count.clamp(min=2)
         of_all = torch.where(count >= 2, (square - total.square() / n).clamp(min=0), 0.0)
-        total_variance = total_variance + of_all if len(total_variance) else of_all
-        views = views + (count - 1).clamp(min=0) if len(views) else (count - 1).clamp(min=0)
+        total_variance, views = total_variance + of_all, views + (count - 1).clamp(min=0)
     return (total_variance / views.clamp(min=1)).sqrt()
 
 
@@ -59,14 +56,14 @@ def static_error(
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """(N,) pixels that each Gaussian colours, in all views together, and the sum over them of ``variance``: the squared
     error of the images if it is static, and more where others pass before it."""
-    pixels = lost = torch.zeros(1, device="cpu")
+    pixels = lost = torch.zeros((), device="cpu")
     for view in views:
         camera = capture.cameras[view.camera]
         gaussians = gaussians_at(view.time)
         grey = replace(gaussians, sh=torch.zeros_like(gaussians.sh[:, :1]))  # no colour is clamped
         of_pixels = torch.from_numpy(variance.map_of(view.camera, camera.height, camera.width)).to(grey.means.device)
         found = _splat_values(*_splat_colors(grey, camera, capture.background), of_pixels)
-        pixels, lost = pixels.to(found[0]) + found[0], lost.to(found[1]) + found[1]
+        pixels, lost = pixels + found[0], lost + found[1]
     return pixels, lost
 
 
@@ -75,9 +72,7 @@ def _splat_colors(
 ) -> tuple[Image, torch.Tensor]:
     """An image, and the colours it was drawn with, which ask for gradients as nothing else does."""
     colors = gaussians.sh.detach().clone().requires_grad_()
-    g = gaussians
-    image = rasterize(GaussianArrays(g.means, g.quaternions, g.scales, g.opacities, colors), camera, background)
-    return image, colors
+    return rasterize(replace(gaussians, sh=colors), camera, background), colors
 
 
 def _splat_values(image: Image, colors: torch.Tensor, values: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:

@@ -25,7 +25,7 @@ _LEAST, _MOST = 4, 8
 _ENOUGH, _AIM, _STEP = 0.75, 0.9, 10.0  # of what may be lost: good enough, tried next; and by how much more at most
 _TINY = 1e-30
 _TOGETHER = 8.0  # times the sum of what each costs, cost all of them: similar errors lie in the same places
-_FEW = 20  # training images: with fewer none is withheld
+_FEW = 20  # training images: with fewer none is for validation
 
 
 def validation_shots(capture: Capture, seed: int) -> tuple[int, ...]:

@@ -7,7 +7,6 @@ little more than its share of the pixels.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -20,15 +19,6 @@ from .stateful import Tensors, Values, expect
 _MEMORY = 0.7  # of the old estimate, when a cell is observed again
 LEAST_SIDE = 48  # pixels
 _MOST = 1e12  # mean squared error that is believed of a checkpoint: their sum has to be a number
-
-
-@dataclass(frozen=True)
-class _Observation:
-    """Mean squared errors (rows, columns) of a camera's region."""
-
-    camera: int
-    region: tuple[int, int, int, int]
-    cells: OnItsWay
 
 
 class CropSampler:
@@ -48,7 +38,7 @@ class CropSampler:
         self._cameras, self._share, self._size, self._least = cameras, share, size, least
         sizes = [(-(-c.height // CELL), -(-c.width // CELL)) for c in cameras]
         self.errors = [np.full(size, np.inf, np.float32) for size in sizes]
-        self._arriving: list[_Observation] = []
+        self._arriving: tuple[int, tuple[int, int, int, int], OnItsWay] | None = None
 
     def pick(self, camera: int, generator: torch.Generator) -> tuple[int, int, int, int] | None:
         """(left, top, width, height) in pixels, or None for the whole image. Its centre falls into a cell with the
@@ -76,13 +66,17 @@ class CropSampler:
     def observe(self, camera: int, region: tuple[int, int, int, int], cells: torch.Tensor) -> None:
         """Adds what a step drew: mean squared errors (rows, columns) of the region's cells."""
         self.synchronize()  # what came before has long arrived; this is fetched by the next step without waiting
-        self._arriving.append(_Observation(camera, region, OnItsWay(cells)))
+        self._arriving = camera, region, OnItsWay(cells)
 
     def synchronize(self) -> None:
         """Adds what is still on its way."""
-        for observation in self._arriving:
-            self._add(observation)
-        self._arriving.clear()
+        if self._arriving is None:
+            return
+        camera, (left, top, _, _), cells = self._arriving
+        self._arriving = None
+        new, row, column = cells.here().numpy(), top // CELL, left // CELL
+        known = self.errors[camera][row : row + new.shape[0], column : column + new.shape[1]]
+        known[...] = np.where(np.isfinite(known), _MEMORY * known + (1 - _MEMORY) * new, new)
 
     def state(self) -> tuple[Tensors, Values]:
         """See Stateful."""
@@ -94,10 +88,4 @@ class CropSampler:
         self.errors = [errors.numpy() for errors in found]
         if not all(((found >= 0) & ((found < _MOST) | np.isinf(found))).all() for found in self.errors):
             raise ValueError("errors below zero, or larger than any")
-        self._arriving.clear()
-
-    def _add(self, observation: _Observation) -> None:
-        new = observation.cells.here().numpy()
-        row, column = observation.region[1] // CELL, observation.region[0] // CELL
-        known = self.errors[observation.camera][row : row + new.shape[0], column : column + new.shape[1]]
-        known[...] = np.where(np.isfinite(known), _MEMORY * known + (1 - _MEMORY) * new, new)
+        self._arriving = None

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from ...capture.capture import Capture
@@ -13,7 +12,6 @@ from ...capture.frames import FrameStore
 from ...gaussians import TorchGaussians
 from ...io.plain_values import JsonObject
 from ...model.interface import ScheduleState
-from ...rasterizer import GaussianArrays
 from ..recipe import Recipe
 from .gaussian_state import GaussianState
 from .stateful import Stateful, Tensors, Values
@@ -88,8 +86,8 @@ class Hook:
         """Whether Gaussians may be added at ``progress``."""
         return True
 
-    def withheld_at(self, progress: float) -> tuple[int, ...]:
-        """Training shots that are not to be learned from at ``progress``."""
+    def validation_at(self, progress: float) -> tuple[int, ...]:
+        """Training shots that are for validation, and not to be learned from, at ``progress``."""
         return ()
 
     def state(self) -> tuple[Tensors, Values]:
@@ -98,9 +96,3 @@ class Hook:
 
     def load_state(self, tensors: Tensors, values: Values) -> None:
         """See Stateful."""
-
-
-@torch.no_grad()
-def gaussians_at(training: Training, time: float) -> TorchGaussians:
-    """All Gaussians at a time in [0, 1], as training stands; what is done with them leaves the model no gradient."""
-    return GaussianArrays(*(value.detach() for value in vars(training.deform(time)[0]).values()))

@@ -42,6 +42,5 @@ def first_model(
     points, colors = (torch.from_numpy(array).to(device) for array in (seeds.points, seeds.colors))
     sh_count = (recipe.sh_degree + 1) ** 2
     canonical = CanonicalField(new_gaussians(points, colors, spacings(points), sh_count, recipe.embedding_size))
-    images = len(capture.train_shots)
-    begin = ModelInit(canonical, recipe, capture.frame_count, images, scene_scale)
+    begin = ModelInit(canonical, recipe, capture.frame_count, len(capture.train_shots), scene_scale)
     return method_named(method).build(begin).to(device)

@@ -105,17 +105,17 @@ class SceneOptimizer:
         Where few change, they alone are written."""
         old = getattr(self._canonical, name)
         fresh = old.detach()[:0] if new is None else new
-        unseen = torch.zeros_like(fresh)
+        no_moments = torch.zeros_like(fresh)
         if len(kept) == len(old):
             changed = (kept != torch.arange(len(old), device=kept.device)).nonzero().squeeze(1)
             if len(changed) <= len(old) // 4:
                 state = self.adam.state.get(old, {})
-                for array, added in ((old.detach(), fresh), *((state[key], unseen) for key in _MOMENTS if state)):
+                for array, added in ((old.detach(), fresh), *((state[key], no_moments) for key in _MOMENTS if state)):
                     array[changed] = _rows(array, added, kept[changed])
                 return
         parameter = nn.Parameter(_rows(old.detach(), fresh, kept))
         setattr(self._canonical, name, parameter)
-        self._exchange(old, parameter, lambda moment: _rows(moment, unseen, kept))
+        self._exchange(old, parameter, lambda moment: _rows(moment, no_moments, kept))
 
     def _exchange(
         self, old: torch.Tensor, new: nn.Parameter, rearranged: Callable[[torch.Tensor], torch.Tensor]

@@ -28,7 +28,7 @@ class RunningLoss:
     def __init__(self) -> None:
         self._mean: float | torch.Tensor = math.nan
         self._empty = True
-        self._unseen = 0
+        self._unchecked = 0
 
     @property
     def mean(self) -> float:
@@ -37,7 +37,7 @@ class RunningLoss:
 
     def resume(self, mean: float) -> None:
         """Goes on from a checkpoint's mean; NaN where it had none."""
-        self._mean, self._empty, self._unseen = mean, math.isnan(mean), 0
+        self._mean, self._empty, self._unchecked = mean, math.isnan(mean), 0
 
     def add(self, loss: torch.Tensor, step: int) -> None:
         """Adds the loss of step number ``step``; TrainingDiverged when it is found not to be finite."""
@@ -47,17 +47,17 @@ class RunningLoss:
                 raise _unstable(step)
         else:
             value = loss.detach()
-            self._unseen += 1
+            self._unchecked += 1
         self._mean = value if self._empty else (1 - _SHARE) * self._mean + _SHARE * value
         self._empty = False
-        if self._unseen >= _PATIENCE:
+        if self._unchecked >= _PATIENCE:
             self.check(step)
 
     def check(self, step: int) -> None:
         """TrainingDiverged when a loss that was not checked yet is not finite."""
-        if self._unseen and not math.isfinite(self.mean):
+        if self._unchecked and not math.isfinite(self.mean):
             raise _unstable(step)
-        self._unseen = 0
+        self._unchecked = 0
 
 
 def _unstable(step: int) -> TrainingDiverged:

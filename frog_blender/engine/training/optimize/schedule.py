@@ -39,12 +39,12 @@ def ramp(progress: float, start: float, end: float) -> float:
     return max(0.0, (progress - start) / (end - start)) if end > start else 0.0
 
 
-_UNSEEN = 100.0  # no image in [0, 1] can lose as much
+_NEVER_DRAWN = 100.0  # no image in [0, 1] can lose as much
 _MOST = 1e12  # of what a checkpoint may say
 
 
 class ViewSampler:
-    """Draws training images; never one that is withheld for validation.
+    """Draws training images; never one that is excluded for validation.
 
     Args:
         choice: "even": each as often as every other. "loss": every second draw picks its frame in proportion to the
@@ -53,20 +53,20 @@ class ViewSampler:
 
     Attributes:
         draws: so far.
-        losses: (cameras, frames) mean absolute error when drawn last, ``_UNSEEN`` before the first time.
+        losses: (cameras, frames) mean absolute error when drawn last, ``_NEVER_DRAWN`` before the first time.
     """
 
     def __init__(self, capture: Capture, choice: str = "even") -> None:
         self._by_loss = choice == "loss"
         self.draws = 0
-        self.losses = torch.full((len(capture.cameras), capture.frame_count), _UNSEEN, device="cpu")
+        self.losses = torch.full((len(capture.cameras), capture.frame_count), _NEVER_DRAWN, device="cpu")
         self._capture = capture
-        self._withheld: Sequence[int] = ()
+        self._excluded: Sequence[int] = ()
         self._gather()
 
     def _gather(self) -> None:
         shots = self._capture.shots
-        self._shots = [i for i in self._capture.train_indices if i not in self._withheld]
+        self._shots = [i for i in self._capture.train_indices if i not in self._excluded]
         self._by_frame: dict[int, list[int]] = {}
         for i in self._shots:
             self._by_frame.setdefault(shots[i].frame, []).append(i)
@@ -83,10 +83,10 @@ class ViewSampler:
             raise ValueError("losses or draws that no training has")
         self.draws = draws
 
-    def withhold(self, shots: Sequence[int]) -> None:
+    def exclude(self, shots: Sequence[int]) -> None:
         """From now on draws none of these training shots, and all others."""
-        if shots != self._withheld:
-            self._withheld = shots
+        if shots != self._excluded:
+            self._excluded = shots
             self._gather()
 
     def pick(self, generator: torch.Generator) -> int:
@@ -111,6 +111,6 @@ class ViewSampler:
 
     def pick_same_frame(self, shot: int, generator: torch.Generator) -> int:
         """Another camera at the frame of ``shot`` (the same image when there is only one); any image when all of that
-        frame are withheld."""
+        frame are excluded."""
         there = self._by_frame.get(self._capture.shots[shot].frame, self._shots)
         return there[int(torch.randint(len(there), (1,), generator=generator))]

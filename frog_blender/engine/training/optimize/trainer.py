@@ -209,7 +209,7 @@ class Trainer:
         self.progress = min(before, now)
         if self.poses and now != before:
             self.poses.begin_at(now)
-        self._withhold()
+        self._exclude_validation()
         self.check()
 
     def check(self) -> None:
@@ -314,7 +314,7 @@ class Trainer:
             self._grow(before, now, shot)
         for hook in list(self.hooks):
             hook.after_step(self, before, now)
-        self._withhold()
+        self._exclude_validation()
 
     def _grow(self, before: float, now: float, shot: int) -> None:
         """Densifies, adds anchors and sorts, where that is due in (before, now]."""
@@ -343,8 +343,8 @@ class Trainer:
         for hook in self.hooks:
             hook.before_milestone(self)
 
-    def _withhold(self) -> None:
-        self.views.withhold(tuple(shot for hook in self.hooks for shot in hook.withheld_at(self.progress)))
+    def _exclude_validation(self) -> None:
+        self.views.exclude(tuple(shot for hook in self.hooks for shot in hook.validation_at(self.progress)))
 
     # Images ----------------------------------------------------------------------------------------------------------
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Callable, Generator
-from typing import Generic, TypeVar
+from concurrent.futures import Future
+from typing import TypeVar
 
 from .events import Event, Stage
 
@@ -17,31 +18,6 @@ class _Abandoned(Exception):
     """Ends the work at its next report."""
 
 
-class _Worker(threading.Thread, Generic[Result]):
-    """Runs ``work(report)``; then holds its result, or the error that it raised."""
-
-    def __init__(
-        self, name: str, work: Callable[[Callable[[int, int], None]], Result], cancelled: Callable[[], bool]
-    ) -> None:
-        super().__init__(name=f"frog: {name}", daemon=True)
-        self._work, self._cancelled = work, cancelled
-        self.reports: queue.Queue[tuple[int, int]] = queue.Queue()
-        self.result: Result | None = None
-        self.error: BaseException | None = None
-        self.abandoned = threading.Event()
-
-    def _report(self, done: int, total: int) -> None:
-        if self.abandoned.is_set() or self._cancelled():
-            raise _Abandoned
-        self.reports.put((done, total))
-
-    def run(self) -> None:
-        try:
-            self.result = self._work(self._report)
-        except BaseException as error:
-            self.error = error
-
-
 def in_background(
     name: str, work: Callable[[Callable[[int, int], None]], Result], cancelled: Callable[[], bool]
 ) -> Generator[Event, None, Result | None]:
@@ -50,22 +26,32 @@ def in_background(
     Raises:
         Exception: what ``work`` raised, unless it was cancelled.
     """
-    worker = _Worker(name, work, cancelled)
+    reports: queue.Queue[tuple[int, int]] = queue.Queue()
+    abandoned, outcome = threading.Event(), Future[Result]()
+
+    def report(done: int, total: int) -> None:
+        if abandoned.is_set() or cancelled():
+            raise _Abandoned
+        reports.put((done, total))
+
+    def run() -> None:
+        try:
+            outcome.set_result(work(report))
+        except BaseException as error:
+            outcome.set_exception(error)
+
+    worker = threading.Thread(target=run, name=f"frog: {name}", daemon=True)
     worker.start()
     try:
-        while worker.is_alive() or not worker.reports.empty():
+        while worker.is_alive() or not reports.empty():
             try:
-                done, total = worker.reports.get(timeout=0.1)
+                done, total = reports.get(timeout=0.1)
             except queue.Empty:
                 continue
-            while not worker.reports.empty():  # only the newest matters
-                done, total = worker.reports.get_nowait()
+            while not reports.empty():  # only the newest matters
+                done, total = reports.get_nowait()
             yield Stage(name, done, total)
     finally:  # nothing half-made is left when the caller stops listening
-        worker.abandoned.set()
+        abandoned.set()
         worker.join(_MAX_WAIT)
-    if cancelled():
-        return None
-    if worker.error is not None:
-        raise worker.error
-    return worker.result
+    return None if cancelled() else outcome.result()

@@ -40,27 +40,6 @@ _REPORT_BYTES = 4000  # for what is left out when a budget is measured: report, 
 
 
 @dataclass(frozen=True)
-class ExportReport:
-    """What was written.
-
-    Attributes:
-        path: of the ``.frog``.
-        size: its bytes.
-        psnr: dB of the scene as it is played; None where it could not be measured.
-        split: the images that were looked at: "held-out" or "training"; empty where none were.
-        compression: what the header says of the compression; empty without.
-        warning: a sentence where something optional failed and was left out; else empty.
-    """
-
-    path: Path
-    size: int
-    psnr: float | None
-    split: str
-    compression: JsonObject
-    warning: str
-
-
-@dataclass(frozen=True)
 class BuiltScene:
     """A scene as it will lie on disk.
 
@@ -73,22 +52,14 @@ class BuiltScene:
     content: bytes
     warning: str = ""
 
-    def report(self, path: Path) -> ExportReport:
-        """What is to be said of it once it lies at ``path``."""
-        header = self.scene.header
-        psnr, split = header.metrics.get("psnr"), header.metrics.get("split", "")
-        return ExportReport(path, len(self.content), psnr, split, dict(header.capacity), self.warning)
 
-
-def export_scene(session: Session, path: Path, metrics: Metrics | None = None) -> ExportReport:
-    """Writes the scene to ``path`` as training stands, and says what it holds; see ``build_scene``.
+def export_scene(session: Session, path: Path) -> None:
+    """Writes the scene to ``path`` as training stands; see ``build_scene``.
 
     Raises:
         FrogError: the disk does not accept it; nothing was changed there.
     """
-    built = build_scene(session, metrics or {})
-    write_atomically(path, built.content)
-    return built.report(path)
+    write_atomically(path, build_scene(session, {}).content)
 
 
 def build_scene(session: Session, metrics: Metrics) -> BuiltScene:
@@ -160,7 +131,7 @@ def size_limit(session: Session) -> int:
     """Bytes of the scene's file, at most, whatever the training still adds."""
     scene = _scene(session)
     rows = row_ranges(scene.arrays)
-    count = max(session.trainer.count, session.recipe.growth_limit_at(1.0))
+    count = max(session.trainer.count, session.trainer.recipe.growth_limit_at(1.0))
     each = sum(array.nbytes / max(len(array), 1) for name, array in scene.arrays.items() if name in rows)
     rest = sum(array.nbytes for name, array in scene.arrays.items() if name not in rows)
     return int(count * each) + rest + len(scene.header.to_json()) + _REPORT_BYTES

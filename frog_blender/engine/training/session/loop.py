@@ -6,12 +6,14 @@ from .. import passive_threads  # noqa: F401
 
 # isort: split
 import time
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import replace
+from pathlib import Path
 
 from ...errors import FrogError, reason
 from ...io.atomic_files import write_atomically
 from ...scene.compression_report import reduction_line
+from ...scene.header import SceneHeader
 from ..compression.context import CompressionContext
 from ..compression.report_image import draw_report_image
 from ..compression.schedule import CompressionFailed, compression_of
@@ -21,7 +23,6 @@ from .checkpoint import restore
 from .events import Event
 from .export import (
     EVALUATED_SHOTS,
-    ExportReport,
     Metrics,
     build_scene,
     fit_budget,
@@ -29,7 +30,7 @@ from .export import (
     size_limit,
 )
 from .fallback_save import Checkpoints, SpareSpace, save_with_fallback
-from .output_paths import beside
+from .output_paths import beside, checkpoint_path
 from .preview import Previews, preview_shot
 from .recovery import Recovery
 from .session import Session
@@ -43,7 +44,7 @@ def train(session: Session) -> Iterator[Event]:
     ``run.run_training``."""
     trainer, output = session.trainer, session.output
     began = trainer.step_count
-    checkpoints = Checkpoints(session.checkpoint, began)
+    checkpoints = Checkpoints(checkpoint_path(output), began)
     space = SpareSpace(output, size_limit(session), trainer.store)
     recovery = Recovery(trainer, session.job.stored_settings())
     trainer.hooks.append(recovery)
@@ -55,7 +56,7 @@ def train(session: Session) -> Iterator[Event]:
                 if trainer.step_count == began and not trainer.finished:  # there is nothing new to write
                     yield events.Cancelled(began, str(output) if output.is_file() and session.job.resume else None)
                     return
-                report = yield from _export(session, recovery, space)
+                place, header = yield from _export(session, recovery, space)
                 break
             except CompressionFailed as failed:
                 message = recovery.without_milestone(trainer, failed)
@@ -71,15 +72,15 @@ def train(session: Session) -> Iterator[Event]:
     finally:
         space.release()
         trainer.hooks.remove(recovery)
-    path = str(report.path)
+    path = str(place)
     yield events.Saved(path)
     if not trainer.finished:
         yield events.Cancelled(trainer.step_count, path)
         return
     if compression := compression_of(trainer):
-        yield from _report_image(session, compression, report)
+        yield from _report_image(session, compression, place)
     session.clock.end("finishing")
-    figures = (trainer.step_count, trainer.seconds, report.psnr, trainer.count, report.compression)
+    figures = (trainer.step_count, trainer.seconds, header.metrics.get("psnr"), trainer.count, dict(header.capacity))
     yield events.Finished(path, *figures, session.clock.seconds)
 
 
@@ -88,7 +89,7 @@ def _steps(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> It
     job, trainer, cancel = session.job, session.trainer, session.cancel
     last_event = last_save = time.monotonic()
     evaluated = int(trainer.progress * _EVALUATIONS)
-    previews, time_left = Previews(session), _TimeLeft(session)
+    previews, time_left = Previews(session), _time_left(session)
     while not trainer.finished and not cancel.ended:
         paused = cancel.paused  # asked once: a pause that comes later holds the next step
         # A pause may last for days: before it, what was learned goes to disk.
@@ -124,8 +125,10 @@ def _save(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> Ite
     yield from checkpoints.save(recovery.last_state)
 
 
-def _export(session: Session, recovery: Recovery, space: SpareSpace) -> Generator[Event, None, ExportReport]:
-    """Writes the scene. Whatever optional part fails is left out with a warning."""
+def _export(
+    session: Session, recovery: Recovery, space: SpareSpace
+) -> Generator[Event, None, tuple[Path, SceneHeader]]:
+    """Writes the scene; returns where, and its header. Whatever optional part fails is left out with a warning."""
     trainer, job = session.trainer, session.job
     try:
         fit_budget(session)
@@ -147,14 +150,15 @@ def _export(session: Session, recovery: Recovery, space: SpareSpace) -> Generato
     built = build_scene(session, metrics)
     if built.warning:
         yield events.WarningEvent(built.warning)
-    return built.report((yield from save_with_fallback(session.output, built.content, space)))
+    place = yield from save_with_fallback(session.output, built.content, space)
+    return place, built.scene.header
 
 
-def _report_image(session: Session, compression: CompressionContext, report: ExportReport) -> Iterator[Event]:
+def _report_image(session: Session, compression: CompressionContext, scene: Path) -> Iterator[Event]:
     """An image of the compression beside the scene; a failure costs only the image."""
     import cv2
 
-    path = beside(report.path.with_suffix(""), ".capacity.png")
+    path = beside(scene.with_suffix(""), ".capacity.png")
     try:
         image = draw_report_image(compression, preview_shot(session.capture) or 0)
         write_atomically(path, cv2.imencode(".png", image[:, :, ::-1])[1].tobytes())
@@ -171,29 +175,20 @@ def _compression_events(session: Session) -> Iterator[Event]:
         yield events.Reduced(session.trainer.step_count, reduction_line(step.to_json()))
 
 
-class _TimeLeft:
-    """Seconds left at each call, from the progress and the time since the call before."""
-
-    def __init__(self, session: Session) -> None:
-        trainer, self._session = session.trainer, session
-        work = Workload.of(session.capture, session.recipe, trainer.limits.steps)
-        work = replace(work, even=trainer.limits.seconds is not None)
-        self._estimate = TimeLeft(work, trainer.device.type, trainer.progress)
-        self._last = session.clock.now
-
-    def __call__(self) -> float:
-        now = self._session.clock.now
-        passed, self._last = now - self._last, now
-        return self._estimate.after(self._session.trainer.progress, passed)
+def _time_left(session: Session) -> TimeLeft:
+    trainer = session.trainer
+    work = Workload.of(session.capture, trainer.recipe, trainer.limits.steps)
+    work = replace(work, even=trainer.limits.seconds is not None)
+    return TimeLeft(work, trainer.device.type, trainer.progress, session.clock.now)
 
 
-def _progress_event(session: Session, time_left: Callable[[], float]) -> events.Progress:
+def _progress_event(session: Session, time_left: TimeLeft) -> events.Progress:
     trainer = session.trainer
     return events.Progress(
         trainer.step_count,
         trainer.limits.steps or round(trainer.step_count / max(trainer.progress, 1e-9)),
         trainer.seconds,
-        time_left(),
+        time_left.at(trainer.progress, session.clock.now),
         trainer.loss,
         trainer.count,
         trainer.gaussians.num_dynamic,

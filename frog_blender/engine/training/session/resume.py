@@ -34,16 +34,11 @@ def restore_job(job: TrainingJob) -> tuple[TrainingJob, str | None]:
     stored = checkpoint_settings(path)
     _check_capture(path, stored, job.capture)
     restored = _restored(job, path, stored)
-    ignored = ignored_settings(job, restored)
+    ignored = [known for name, known in job.chosen.items() if _setting(job, name) != _setting(restored, name)]
     if _described(restored) == _described(job) and not ignored:
         return restored, None
     ending = f"; ignored: {', '.join(ignored)}" if ignored else ""
     return restored, f"Resuming with the original settings: {_described(restored)}{ending}."
-
-
-def ignored_settings(asked: TrainingJob, restored: TrainingJob) -> list[str]:
-    """The settings that the user chose and that the training began without, by the user's names for them."""
-    return [known for name, known in asked.chosen.items() if _setting(asked, name) != _setting(restored, name)]
 
 
 def _check_capture(path: Path, stored: JsonObject, capture: Path) -> None:

@@ -10,10 +10,8 @@ from pathlib import Path
 
 from ...capture.capture import Capture
 from ..optimize.trainer import Trainer
-from ..recipe import Recipe
 from .cancel_token import CancelToken
 from .job import TrainingJob
-from .output_paths import checkpoint_path
 from .phase_clock import PhaseClock
 
 
@@ -41,16 +39,6 @@ class Session:
         return self.trainer.capture
 
     @property
-    def recipe(self) -> Recipe:
-        """As the method adapted it, and as memory limits it."""
-        return self.trainer.recipe
-
-    @property
     def output(self) -> Path:
         """Where the scene is to lie."""
         return self.job.output
-
-    @property
-    def checkpoint(self) -> Path:
-        """Where the checkpoint lies."""
-        return checkpoint_path(self.job.output)

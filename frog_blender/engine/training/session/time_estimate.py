@@ -135,20 +135,21 @@ class TimeLeft:
     Args:
         work: of the whole training.
         device: "cpu" or "cuda".
-        progress: at which the clock begins.
+        progress: of the training, at ``seconds`` of a clock.
     """
 
-    def __init__(self, work: Workload, device: str, progress: float) -> None:
+    def __init__(self, work: Workload, device: str, progress: float, seconds: float) -> None:
         self._work, self._factors = work, history(device)[1]
-        self._rate, self._done = self._factors["training"], work.training_until(progress)
+        self._rate, self._done, self._seconds = self._factors["training"], work.training_until(progress), seconds
 
-    def after(self, progress: float, seconds: float) -> float:
-        """Seconds left at ``progress``, to which it took ``seconds`` since the call before."""
+    def at(self, progress: float, seconds: float) -> float:
+        """Seconds left at ``progress``, to which the training came at ``seconds`` of the clock."""
         done, whole = self._work.training_until(progress), self._work.seconds["training"]
-        passed, self._done = done - self._done, done
+        passed, took = done - self._done, seconds - self._seconds
+        self._done, self._seconds = done, seconds
         if passed > 0:  # after a rollback there is nothing to learn
             newest = 1 - (1 - min(1.0, passed / whole)) ** _FORGETTING
-            self._rate += newest * (seconds / passed - self._rate)
+            self._rate += newest * (took / passed - self._rate)
         finishing = self._work.seconds["finishing"] * self._factors["finishing"]
         return (whole - done) * self._rate + finishing * self._rate / self._factors["training"]
 
