@@ -80,12 +80,11 @@ def test_the_largest_sides_are_drawn(size: tuple[int, int]) -> None:
 
 @pytest.mark.parametrize("exposure", [NEUTRAL, (1.5, 1.0, 0.5)])
 @pytest.mark.parametrize("band", [1, 300, 2**22])
-def test_images_drawn_in_bands_have_the_same_bits(
-    band: int, exposure: tuple[float, float, float]
-) -> None:
+def test_images_drawn_in_bands_have_the_same_bits(band: int, exposure: tuple[float, float, float]) -> None:
     camera = replace(plain_camera(70, 50), exposure=exposure)
     gaussians = random_gaussians(camera, 200).checked()
     background = (0.1, 0.2, 0.3)
     np.testing.assert_array_equal(
-        render_image(gaussians, camera, background, pixels_at_once=band), to_uint8(draw(gaussians, camera, background).rgb)
+        render_image(gaussians, camera, background, pixels_at_once=band),
+        to_uint8(draw(gaussians, camera, background).rgb),
     )
