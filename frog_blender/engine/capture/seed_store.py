@@ -36,7 +36,7 @@ def stored_seeds(
     path = store.folder / f"seeds-{_key(capture, count_limit, seed, share)}.npz"
     if (kept := _kept(path, count_limit)) is not None:
         return kept
-    search = search or find_seeds
+    search = find_seeds if search is None else search
     seeds = search(capture, store, count_limit=count_limit, seed=seed, share=share, progress=progress)
     _keep(path, seeds)
     return seeds
