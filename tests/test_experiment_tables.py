@@ -15,9 +15,9 @@ from support.builders import REPOSITORY
 pytest.importorskip("torch")  # the methods' titles come from the module that trains them
 
 
-@pytest.fixture
-def tool() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("experiment_tables", REPOSITORY / "tools" / "experiment_tables.py")
+def tool_of(repository: Path) -> ModuleType:
+    """The tool, which works on the repository that its file lies in."""
+    spec = importlib.util.spec_from_file_location("experiment_tables", repository / "tools" / "experiment_tables.py")
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -25,17 +25,22 @@ def tool() -> ModuleType:
 
 
 @pytest.fixture
-def copy(tool: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A copy of the folder, for the tool to work on, which draws no pictures meanwhile."""
-    folder = shutil.copytree(REPOSITORY / "docs" / "experiments", tmp_path / "docs" / "experiments")
-    monkeypatch.setattr(tool, "ROOT", tmp_path)
-    monkeypatch.setattr(tool, "FOLDER", folder)
-    monkeypatch.setattr(tool, "write_figures", list)
-    return folder
+def copy(tmp_path: Path) -> Path:
+    """A copy of the folder, which the tool of ``tool`` works on."""
+    return shutil.copytree(REPOSITORY / "docs" / "experiments", tmp_path / "docs" / "experiments")
 
 
-def test_no_table_was_written_by_hand(tool: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
-    assert tool.main(["--check"]) == 0, capsys.readouterr().out
+@pytest.fixture
+def tool(copy: Path, tmp_path: Path) -> ModuleType:
+    """A copy of the tool beside ``copy``."""
+    for part in ("tools/experiment_tables.py", "benchmarks/raster_report.py"):
+        (tmp_path / part).parent.mkdir()
+        shutil.copyfile(REPOSITORY / part, tmp_path / part)
+    return tool_of(tmp_path)
+
+
+def test_no_table_was_written_by_hand(capsys: pytest.CaptureFixture[str]) -> None:
+    assert tool_of(REPOSITORY).main(["--check"]) == 0, capsys.readouterr().out
 
 
 @pytest.mark.parametrize("name", ["compression.md", "grid/tables.md", "stability/tables.md"])
@@ -47,7 +52,7 @@ def test_a_changed_figure_is_noticed_and_mended(
     page.write_text(text.replace("26.20", "26.21").replace("30.89", "31.89"), encoding="utf-8")
     assert tool.main(["--check"]) == 1
     assert capsys.readouterr().out.startswith(f"docs/experiments/{name} is not what the data say")
-    assert tool.main([]) == 0 and page.read_text(encoding="utf-8") == text
+    assert tool.main(["--tables-only"]) == 0 and page.read_text(encoding="utf-8") == text
 
 
 def test_a_table_that_does_not_exist_is_refused(tool: ModuleType, copy: Path) -> None:
@@ -61,7 +66,7 @@ def test_new_results_are_kept(tool: ModuleType, copy: Path, tmp_path: Path) -> N
     run = json.loads(lines[0])
     results = tmp_path / "runs.jsonl"
     results.write_text(json.dumps({**run, "scene": "corridor"}) + "\n")
-    assert tool.main(["--keep", str(results), "more"]) == 0
+    assert tool.main(["--tables-only", "--keep", str(results), "more"]) == 0
     assert "## corridor (draft" in (copy / "more" / "tables.md").read_text(encoding="utf-8")
     assert gzip.decompress((copy / "more" / "runs.jsonl.gz").read_bytes()) == results.read_bytes()
 

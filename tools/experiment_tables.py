@@ -1,6 +1,6 @@
-"""Make every table and picture of docs/experiments from the results kept there: ``make experiment-tables``.
+"""Make every table and image of docs/experiments from the results kept there: ``make experiment-tables``.
 
-    python tools/experiment_tables.py [--check] [--keep FILE.jsonl NAME]
+    python tools/experiment_tables.py [--check] [--tables-only] [--keep FILE.jsonl NAME]
 
 A folder of docs/experiments with a ``runs.jsonl.gz`` is a data set, as ``frog chart`` and ``frog stability`` leave it.
 Its ``tables.md`` has all figures. Pages show extracts between two comments, which this script fills:
@@ -55,7 +55,7 @@ def raster_results() -> list[Record]:
 
 
 def comparable(name: str) -> list[Section]:
-    """The draft's sections, those in which something moves before a camera at rest."""
+    """The draft's sections, those in which something moves before a static camera."""
     found = [section for section in sections(results(name)) if section.recipe == "draft" and "methods" in section.rows]
     return [section for section in found if section.rows["methods"][0].median("psnr_moving") is not None]
 
@@ -242,9 +242,10 @@ def keep(source: Path, name: str) -> Path:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description="Make the tables and pictures of docs/experiments from their data.")
+    parser = argparse.ArgumentParser(description="Make the tables and images of docs/experiments from their data.")
     parser.add_argument("--check", action="store_true", help="fail where a table is not what the data say")
     parser.add_argument("--keep", nargs=2, metavar=("FILE", "NAME"), help="make FILE the data set NAME first")
+    parser.add_argument("--tables-only", action="store_true", help="draw no images")
     options = parser.parse_args(arguments)
     if options.keep:
         print(keep(Path(options.keep[0]), options.keep[1]))
@@ -255,7 +256,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         else:
             path.write_text(text, encoding="utf-8")
             print(path.relative_to(ROOT))
-    if not options.check:
+    if not (options.check or options.tables_only):
         for path in write_figures():
             print(path.relative_to(ROOT))
     return 1 if stale and options.check else 0

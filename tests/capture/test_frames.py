@@ -4,7 +4,8 @@ import os
 import shutil
 import subprocess
 import sys
-from collections import namedtuple
+from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,8 @@ import cv2
 import numpy as np
 import pytest
 from support.builders import REPOSITORY
+from support.system_faults import file_size_limit
 
-from frog_blender.engine.capture import frames as frames_module
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Capture, Distortion, Shot
 from frog_blender.engine.capture.frames import DecodingCancelled, FrameStore, default_cache_folder
@@ -118,21 +119,28 @@ def test_a_store_that_another_process_finished_first_is_used(n3dv: Path) -> None
     assert stores(n3dv) == [store.folder.name]
 
 
-def test_a_full_disk_is_noticed_before_decoding(n3dv: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    usage = namedtuple("usage", "total used free")
-    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage(10**9, 10**9 - 1000, 1000))
-    with pytest.raises(FrogError, match=r"need 0\.00 GB, found 0\.00 GB free"):
-        open_store(n3dv)
+def test_a_full_disk_is_noticed_before_decoding(n3dv: Path) -> None:
+    capture, cache = open_capture(n3dv), n3dv.parent / "cache"
+    largest = tuple(replace(camera, width=8192, height=8192) for camera in capture.cameras)
+    frames = -(-shutil.disk_usage(n3dv).total // (8192 * 8192 * 3))
+    endless = replace(capture, cameras=largest, shots=capture.shots * frames)
+    with pytest.raises(FrogError, match=r"need [\d.]+ GB, found [\d.]+ GB free"):
+        FrameStore.open(endless, cache_folder=cache, progress=lambda done, total: pytest.fail("decoded"))
     assert stores(n3dv) == []
 
 
-def test_a_disk_that_fills_up_meanwhile_is_one_sentence(n3dv: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def no_space(descriptor: int) -> None:
-        raise OSError(28, "No space left on device")
+@pytest.mark.parametrize("decoded", [0, 7])
+def test_a_disk_that_fills_up_meanwhile_is_one_sentence(n3dv: Path, decoded: int) -> None:
+    with ExitStack() as limits:
 
-    monkeypatch.setattr(frames_module.os, "fsync", no_space)
-    with pytest.raises(FrogError, match="cannot be written here \\(No space left on device\\)"):
-        open_store(n3dv)
+        def fill(done: int, total: int) -> None:
+            if done == decoded:
+                limits.enter_context(file_size_limit(2 * 48 * 64 * 3))
+
+        if not decoded:
+            fill(0, 15)
+        with pytest.raises(FrogError, match=r"cannot be written here \(File too large\)"):
+            open_store(n3dv, progress=fill)
     assert stores(n3dv) == []
 
 

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from support import synthetic_capture
 
-from frog_blender.engine.capture import seed_store
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
@@ -29,26 +28,26 @@ def store(capture: Capture, tmp_path: Path) -> FrameStore:
     return FrameStore.open(capture, cache_folder=tmp_path / "cache")
 
 
+class Searches(list[int]):
+    """In the place of ``find_seeds``: lists the seeds of its searches, which are short; each finds other points."""
+
+    def __call__(self, *_: Any, seed: int, **__: Any) -> Seeds:
+        self.append(seed)
+        return replace(synthetic_capture.seeds(), points=synthetic_capture.seeds().points + np.float32(len(self)))
+
+
 @pytest.fixture
-def searches(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Counts the searches, and makes them short; each finds other points."""
-    calls: list[int] = []
-
-    def search(*_: Any, seed: int, **__: Any) -> Seeds:
-        calls.append(seed)
-        return replace(synthetic_capture.seeds(), points=synthetic_capture.seeds().points + np.float32(len(calls)))
-
-    monkeypatch.setattr(seed_store, "find_seeds", search)
-    return calls
+def searches() -> Searches:
+    return Searches()
 
 
 def same(a: Seeds, b: Seeds) -> bool:
     return a.origin == b.origin and np.array_equal(a.points, b.points) and np.array_equal(a.colors, b.colors)
 
 
-def test_the_same_question_is_answered_from_the_disk(capture: Capture, store: FrameStore, searches: list[int]) -> None:
-    first = stored_seeds(capture, store, count_limit=300, seed=1)
-    assert same(first, stored_seeds(capture, store, count_limit=300, seed=1))
+def test_the_same_question_is_answered_from_the_disk(capture: Capture, store: FrameStore, searches: Searches) -> None:
+    first = stored_seeds(capture, store, count_limit=300, seed=1, search=searches)
+    assert same(first, stored_seeds(capture, store, count_limit=300, seed=1, search=searches))
     assert searches == [1]
     assert not list(store.folder.glob(".seeds-*"))
 
@@ -64,22 +63,22 @@ def test_the_same_question_is_answered_from_the_disk(capture: Capture, store: Fr
     ],
 )
 def test_whatever_decides_them_has_seeds_of_its_own(
-    capture: Capture, store: FrameStore, searches: list[int], changed: Callable[[Capture], Capture]
+    capture: Capture, store: FrameStore, searches: Searches, changed: Callable[[Capture], Capture]
 ) -> None:
-    first = stored_seeds(capture, store, count_limit=300, seed=1)
-    assert not same(first, stored_seeds(changed(capture), store, count_limit=300, seed=1))
-    stored_seeds(capture, store, count_limit=200, seed=1)
-    stored_seeds(capture, store, count_limit=300, seed=2)
-    stored_seeds(capture, store, count_limit=300, seed=1, share=0.5)
+    first = stored_seeds(capture, store, count_limit=300, seed=1, search=searches)
+    assert not same(first, stored_seeds(changed(capture), store, count_limit=300, seed=1, search=searches))
+    stored_seeds(capture, store, count_limit=200, seed=1, search=searches)
+    stored_seeds(capture, store, count_limit=300, seed=2, search=searches)
+    stored_seeds(capture, store, count_limit=300, seed=1, share=0.5, search=searches)
     assert len(searches) == 5
 
 
-def test_a_damaged_file_is_found_again(capture: Capture, store: FrameStore, searches: list[int]) -> None:
-    stored_seeds(capture, store, count_limit=300)
+def test_a_damaged_file_is_found_again(capture: Capture, store: FrameStore, searches: Searches) -> None:
+    stored_seeds(capture, store, count_limit=300, search=searches)
     (path,) = store.folder.glob("seeds-*.npz")
     path.write_bytes(path.read_bytes()[:200])
-    stored_seeds(capture, store, count_limit=300)
-    stored_seeds(capture, store, count_limit=300)
+    stored_seeds(capture, store, count_limit=300, search=searches)
+    stored_seeds(capture, store, count_limit=300, search=searches)
     assert len(searches) == 2
 
 
@@ -97,36 +96,36 @@ def test_a_damaged_file_is_found_again(capture: Capture, store: FrameStore, sear
     ],
 )
 def test_what_no_search_finds_is_found_again(
-    capture: Capture, store: FrameStore, searches: list[int], changes: dict[str, np.ndarray]
+    capture: Capture, store: FrameStore, searches: Searches, changes: dict[str, np.ndarray]
 ) -> None:
-    first = stored_seeds(capture, store, count_limit=300)
+    first = stored_seeds(capture, store, count_limit=300, search=searches)
     (path,) = store.folder.glob("seeds-*.npz")
     kept = {"points": first.points, "colors": first.colors, "origin": np.array(first.origin)}
     np.savez_compressed(path, **kept)
-    stored_seeds(capture, store, count_limit=300)
+    stored_seeds(capture, store, count_limit=300, search=searches)
     assert len(searches) == 1
     np.savez_compressed(path, **{**kept, **changes})
-    stored_seeds(capture, store, count_limit=300)
+    stored_seeds(capture, store, count_limit=300, search=searches)
     assert len(searches) == 2
 
 
-def test_flipped_bits_are_found_again(capture: Capture, store: FrameStore, searches: list[int]) -> None:
-    first = stored_seeds(capture, store, count_limit=300)
+def test_flipped_bits_are_found_again(capture: Capture, store: FrameStore, searches: Searches) -> None:
+    first = stored_seeds(capture, store, count_limit=300, search=searches)
     (path,) = store.folder.glob("seeds-*.npz")
     content, random = path.read_bytes(), np.random.default_rng(0)
     for _ in range(200):
         changed = bytearray(content)
         changed[int(random.integers(len(changed)))] ^= 1 << int(random.integers(8))
         path.write_bytes(changed)
-        found = stored_seeds(capture, store, count_limit=300)
+        found = stored_seeds(capture, store, count_limit=300, search=searches)
         assert same(found, first) or not np.array_equal(found.points, first.points), "another search, or as they were"
     assert len(searches) > 100
 
 
 def test_a_disk_that_takes_nothing_is_no_reason_to_stop(
-    capture: Capture, store: FrameStore, searches: list[int], tmp_path: Path
+    capture: Capture, store: FrameStore, searches: Searches, tmp_path: Path
 ) -> None:
     store.folder = tmp_path / "gone"  # where nothing can be written
-    assert len(stored_seeds(capture, store, count_limit=300).points)
-    assert len(stored_seeds(capture, store, count_limit=300).points)
+    assert len(stored_seeds(capture, store, count_limit=300, search=searches).points)
+    assert len(stored_seeds(capture, store, count_limit=300, search=searches).points)
     assert len(searches) == 2 and not store.folder.exists()

@@ -12,7 +12,7 @@ from frog_blender.engine.capture.capture import Capture, Shot
 from frog_blender.engine.capture.seeding.moving import NUM_BACKGROUND_FRAMES, NUM_FRAMES
 from frog_blender.engine.capture.seeding.views import scene_depth, spread
 from frog_blender.engine.capture.seeding.volume import fill_volume
-from frog_blender.engine.capture.seeds import Seeds, _merge, find_seeds
+from frog_blender.engine.capture.seeds import Seeds, find_seeds, merge_points
 from frog_blender.engine.errors import FrogError
 
 WIDTH, HEIGHT = 160, 120
@@ -239,6 +239,6 @@ def test_a_few_points_can_be_asked_for(limit: int) -> None:
     points = np.concatenate([random.normal(size=(500, 3)) * scale for scale in (0.1, 1, 30, 1e4)])
     points[7] = np.nan
     centers = np.array([[0.0, 0, 0], [0.5, 0, 0]])
-    found, colors = _merge((points, points), centers, limit)
+    found, colors = merge_points((points, points), centers, limit)
     assert len(found) == len(colors) == limit and np.isfinite(found).all()
     assert len(np.unique(found, axis=0)) == limit

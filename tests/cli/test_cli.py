@@ -6,8 +6,8 @@ import io
 import json
 import re
 import shutil
-import sys
 from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
 from pathlib import Path
 
@@ -289,21 +289,18 @@ def test_what_the_system_refuses(run: Run, tmp_path: Path, monkeypatch: pytest.M
     refused(run("info", tmp_path), "secret: the file or folder could not be used (Permission denied)")
 
 
-def test_a_console_that_lacks_a_character_shows_its_number(
-    filmed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    streams = {name: io.TextIOWrapper(io.BytesIO(), encoding="cp1252") for name in ("stdout", "stderr")}
-    for name, stream in streams.items():
-        monkeypatch.setattr(sys, name, stream)
+def test_a_console_that_lacks_a_character_shows_its_number(filmed: Path, tmp_path: Path) -> None:
+    stdout, stderr = (io.TextIOWrapper(io.BytesIO(), encoding="cp1252") for _ in range(2))
     (tmp_path / "日本").mkdir()
     shutil.copytree(filmed, tmp_path / "日")
     for video in sorted((tmp_path / "日").glob("*.mp4")):
         video.rename(video.with_stem(f"{video.stem}日"))
-    assert main(["info", str(tmp_path / "日本")]) == 1
-    assert main(["info", str(tmp_path / "日")]) == 0
-    for name, said in (("stdout", r"cam00\u65e5"), ("stderr", r"\u65e5\u672c: found an empty folder")):
-        streams[name].flush()
-        assert said in streams[name].buffer.getvalue().decode("cp1252")  # type: ignore[attr-defined]
+    with redirect_stdout(stdout), redirect_stderr(stderr):
+        assert main(["info", str(tmp_path / "日本")]) == 1
+        assert main(["info", str(tmp_path / "日")]) == 0
+    for stream, said in ((stdout, r"cam00\u65e5"), (stderr, r"\u65e5\u672c: found an empty folder")):
+        stream.flush()
+        assert said in stream.buffer.getvalue().decode("cp1252")  # type: ignore[attr-defined]
 
 
 def test_mistaken_options(run: Run, trained: Path, filmed: Path, tmp_path: Path) -> None:

@@ -51,12 +51,12 @@ def test_images() -> None:
 def test_half_precision_only_where_it_is_harmless() -> None:
     scene = scene_file(30)
     calm, wild = TorchScenePlayer(scene, "cpu"), scene_file(30)
-    calm._model.deformation.output_weight.mul_(0.02)
-    assert 0 < half_error(calm._model) < HALF_TOLERANCE
+    calm.model.deformation.output_weight.mul_(0.02)
+    assert 0 < half_error(calm.model) < HALF_TOLERANCE
     wild.arrays["network.output_weight"] *= 50
-    assert half_error(TorchScenePlayer(wild, "cpu")._model) > HALF_TOLERANCE
+    assert half_error(TorchScenePlayer(wild, "cpu").model) > HALF_TOLERANCE
     wild.arrays["network.output_weight"] *= 1e6
-    assert half_error(TorchScenePlayer(wild, "cpu")._model) == np.inf
+    assert half_error(TorchScenePlayer(wild, "cpu").model) == np.inf
 
 
 def test_scenes_that_torch_does_not_play() -> None:

@@ -150,7 +150,7 @@ def test_placed_it_stands_upright_at_the_origin_and_is_seen_from_the_front(aroun
     assert look[1] > 0.9 and abs(look[0]) < 0.01
 
 
-def test_only_what_is_opaque_and_at_rest_votes(monkeypatch):
+def test_only_opaque_static_gaussians_vote():
     random = np.random.default_rng(6)
     arrays = {
         "means": random.normal(0, 1, (50, 3)),
@@ -161,16 +161,17 @@ def test_only_what_is_opaque_and_at_rest_votes(monkeypatch):
     }
     rig = tuple(cameras())
     header = SceneHeader("static", {}, {}, rig, ((0,),) * len(rig), (), (), 1, 30.0, (0, 0, 0), "", "n3dv", 1.0)
-    scene = ScenePlayer(SceneFile(header, {name: array.astype(np.float32) for name, array in arrays.items()}))
-    points, weights = static_points(scene)
+    file = SceneFile(header, {name: array.astype(np.float32) for name, array in arrays.items()})
+    points, weights = static_points(ScenePlayer(file))
     np.testing.assert_allclose(points, arrays["means"][20:], atol=1e-6)
     np.testing.assert_allclose(weights, 0.06 / (1 + np.exp(-5.0)), rtol=1e-4)
-    plain = scene.at
 
-    def moving(time):
-        gaussians = plain(time)
-        gaussians.means = gaussians.means + np.float32(time) * (np.arange(50) >= 40)[:, None].astype(np.float32)
-        return gaussians
+    class Moving(ScenePlayer):
+        """Its last ten Gaussians move."""
 
-    monkeypatch.setattr(scene, "at", moving)
-    assert len(static_points(scene)[0]) == 20
+        def at(self, time, part=None):
+            gaussians = super().at(0.0)
+            gaussians.means = gaussians.means + np.float32(time) * (np.arange(50) >= 40)[:, None].astype(np.float32)
+            return gaussians
+
+    assert len(static_points(Moving(file))[0]) == 20

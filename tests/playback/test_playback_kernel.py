@@ -8,7 +8,6 @@ from support.deformation_fields import field_arrays, in_groups, output_arrays
 
 from frog_blender.engine.native import binding
 from frog_blender.engine.native.deformation import FieldShape, PlaybackField, deform
-from frog_blender.engine.playback import simd_layout
 from frog_blender.engine.playback.simd_layout import GROUP_SIZE, pack_lanes
 
 
@@ -22,10 +21,9 @@ def play(
 
 @pytest.mark.parametrize("kept", [False, True])
 @pytest.mark.parametrize("count", [1, GROUP_SIZE, 3 * GROUP_SIZE + 5, 200])
-def test_gaussians_lie_in_groups(count: int, kept: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(simd_layout, "_TOGETHER", 4 * GROUP_SIZE)
+def test_gaussians_lie_in_groups(count: int, kept: bool) -> None:
     arrays = field_arrays(FieldShape(0, 4, 4, "off", 10.0, 1.0, 0.5), 5, 3, count, sh_count=4)
-    found = pack_lanes(arrays, kept)
+    found = pack_lanes(arrays, kept, rows_at_once=4 * GROUP_SIZE)
     own = arrays["embeddings"] @ arrays["embedding_weight"].T if kept else arrays["embeddings"]
     attributes = ("means", "opacity_logits", "sh", "log_scales", "quaternions")
     expected = np.concatenate([*(arrays[name].reshape(count, -1) for name in attributes), own], axis=1)

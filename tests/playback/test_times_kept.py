@@ -9,33 +9,32 @@ import pytest
 from support.builders import ATTRIBUTES, scene_file
 from support.played_scenes import in_four_threads
 
-from frog_blender.engine.gaussians import GaussianArrays
+from frog_blender.engine.gaussians import NumpyGaussians
 from frog_blender.engine.playback.buffer_pool import BufferPool
 from frog_blender.engine.playback.player import TIMES_KEPT, ScenePlayer
 from frog_blender.engine.scene.scene_file import SceneFile
 
 
-def playable(method: str = "frog", **model: object) -> ScenePlayer:
+class CountingPlayer(ScenePlayer):
+    """Lists the times that it computes, as they come."""
+
+    def __init__(self, scene: SceneFile) -> None:
+        self.computed: list[float] = []
+        super().__init__(scene)
+
+    def compute(self, time: float) -> NumpyGaussians:
+        self.computed.append(time)
+        return super().compute(time)
+
+
+def playable(method: str = "frog", **model: object) -> CountingPlayer:
     scene = scene_file(300, **({"fusion": "dual"} if method == "ed3dgs" else {}), **model)
-    return ScenePlayer(SceneFile(replace(scene.header, method=method), scene.arrays))
+    return CountingPlayer(SceneFile(replace(scene.header, method=method), scene.arrays))
 
 
-def count_computations(scene: ScenePlayer, monkeypatch: pytest.MonkeyPatch) -> list[float]:
-    """The times that are computed from now on, as they come."""
-    computed: list[float] = []
-    compute = scene._compute
-
-    def counting(time: float) -> GaussianArrays:
-        computed.append(time)
-        return compute(time)
-
-    monkeypatch.setattr(scene, "_compute", counting)
-    return computed
-
-
-def test_the_last_times_are_not_computed_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_last_times_are_not_computed_again() -> None:
     scene = playable()
-    computed = count_computations(scene, monkeypatch)
+    computed = scene.computed
     times = [i / 10 for i in range(TIMES_KEPT)]
     first = {time: scene.at(time) for time in times}
     for time in times:
@@ -50,11 +49,10 @@ def test_the_last_times_are_not_computed_again(monkeypatch: pytest.MonkeyPatch) 
     assert computed == [*times, 0.95, times[1]]
 
 
-def test_a_scene_that_stands_still_is_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_static_scene_is_computed_once() -> None:
     scene = playable("static")
-    computed = count_computations(scene, monkeypatch)
     assert scene.at(0.1).means is not None and scene.at(0.9).means is not None
-    assert len(computed) == 1
+    assert len(scene.computed) == 1
 
 
 @pytest.mark.parametrize("method", ["frog", "ed3dgs", "static"])

@@ -78,10 +78,13 @@ def test_memory_is_bounded() -> None:
 @pytest.mark.parametrize("most", [10, 10**9])
 def test_a_view_that_takes_long_says_so(most: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(binding, "MANY_INSTANCES", most)
-    monkeypatch.setattr(notices, "_left_to_blender", False)  # as where the add-on is not enabled
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("default")
-        for _ in range(3):
-            draw(giants(20), CAMERA)
+    left = notices.leave_to_blender(False)  # as where the add-on is not enabled
+    try:
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("default")
+            for _ in range(3):
+                draw(giants(20), CAMERA)
+    finally:
+        notices.leave_to_blender(left)
     sentences = [str(each.message) for each in said if each.category is notices.Notice]
     assert sentences == ([binding.takes_long(20)] if most == 10 else [])

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,9 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 from support.builders import odd_camera, scene_file
+from support.system_faults import file_size_limit
 
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.io import atomic_files
 from frog_blender.engine.io.atomic_files import write_atomically
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene, write_scene
 
@@ -62,52 +64,40 @@ def test_a_moving_camera_is_known_by_its_shots() -> None:
     assert not header.is_moving
     assert replace(header, camera_shots=((0,), (1,), (2,))).is_moving
     assert not replace(header, cameras=(odd_camera(),), camera_shots=((0,),)).is_moving
-    rig = replace(header, camera_shots=((1,), (0,), (1,)))  # the first is withheld
+    rig = replace(header, camera_shots=((1,), (0,), (1,)))  # the first is held out
     assert rig.is_moving
     assert not replace(rig, test_cameras=()).is_moving
 
 
-def break_write(monkeypatch: pytest.MonkeyPatch, how: str) -> None:
-    def fail(*_: Any, **__: Any) -> None:
+@contextmanager
+def failing(owner: object, name: str) -> Iterator[None]:
+    """A call of the system fails as on a full disk."""
+
+    def fail(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    if how == "write":
-        real = os.fdopen
-
-        def full(handle: int, mode: str) -> Any:
-            file = real(handle, mode, buffering=0)
-
-            class Full:
-                def __enter__(self) -> Full:
-                    return self
-
-                def __exit__(self, *_: object) -> None:
-                    file.close()
-
-                def write(self, content: bytes) -> int:
-                    file.write(content[: len(content) // 2])
-                    raise OSError(28, "No space left on device")
-
-            return Full()
-
-        monkeypatch.setattr(atomic_files.os, "fdopen", full)
-    elif how == "replace":
-        monkeypatch.setattr(atomic_files.os, "replace", fail)
-        monkeypatch.setattr(Path, "replace", fail)
-    else:
-        monkeypatch.setattr(atomic_files.os, how, fail)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(owner, name, fail)
+        yield
 
 
-@pytest.mark.parametrize("how", ["write", "fsync", "replace"])
+@pytest.mark.parametrize(
+    ("fault", "reason"),
+    [
+        (lambda half: file_size_limit(half), "File too large"),
+        (lambda _: failing(os, "fsync"), "No space left on device"),
+        (lambda _: failing(Path, "replace"), "No space left on device"),
+    ],
+    ids=["write", "fsync", "replace"],
+)
 def test_a_failed_write_leaves_the_old_file_and_nothing_else(
-    path: Path, monkeypatch: pytest.MonkeyPatch, how: str
+    path: Path, fault: Callable[[int], AbstractContextManager[None]], reason: str
 ) -> None:
     before = path.read_bytes()
-    with monkeypatch.context() as patch:
-        break_write(patch, how)
-        with pytest.raises(FrogError, match="No space left on device"):
+    with fault(len(before) // 2):
+        with pytest.raises(FrogError, match=reason):
             write_scene(path, scene_file(seed=1))
-        with pytest.raises(FrogError, match="No space left on device"):
+        with pytest.raises(FrogError, match=reason):
             write_scene(path.with_name("new.frog"), scene_file(seed=1))
     assert path.read_bytes() == before
     assert [entry.name for entry in path.parent.iterdir()] == ["x.frog"]
@@ -116,12 +106,15 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(
 
 
 def test_bytes_reach_the_disk_before_the_name(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    order = []
-    fsync, replace_ = os.fsync, Path.replace
-    monkeypatch.setattr(atomic_files.os, "fsync", lambda handle: (order.append("fsync"), fsync(handle))[1])
-    monkeypatch.setattr(Path, "replace", lambda self, to: (order.append("rename"), replace_(self, to))[1])
+    order: list[str] = []
+
+    def noting(call: Callable[..., Any]) -> Callable[..., Any]:
+        return lambda *arguments: (order.append(call.__name__), call(*arguments))[1]
+
+    for owner, call in ((os, os.fsync), (Path, Path.replace)):
+        monkeypatch.setattr(owner, call.__name__, noting(call))
     write_scene(path, scene_file())
-    assert order == ["fsync", "rename"]
+    assert order == ["fsync", "replace"]
 
 
 def test_a_folder_in_the_way(tmp_path: Path) -> None:

@@ -31,9 +31,9 @@ from support.builders import plain_camera
 from support.played_scenes import spared
 from support.synthetic_capture import FRAMES, HEIGHT, WIDTH, seeds, write_capture
 
-from frog_blender.engine.capture import seed_store
 from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.capture.seed_store import stored_seeds
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.evaluation.masks import load_masks
 from frog_blender.engine.playback.bake import Bake, write_bake
@@ -253,7 +253,6 @@ class KeptSeeds(Kind):
         self._capture = open_capture(write_capture(folder / "capture"))
         self._store = FrameStore.open(self._capture, cache_folder=folder / "cache")
         self._searches = 0
-        seed_store.find_seeds = self._search
         self._seeds()
         (self.path,) = self._store.folder.glob("seeds-*.npz")
         self.whole = [self.path.read_bytes()]
@@ -263,7 +262,7 @@ class KeptSeeds(Kind):
         return seeds()
 
     def _seeds(self) -> object:
-        return seed_store.stored_seeds(self._capture, self._store, count_limit=300)
+        return stored_seeds(self._capture, self._store, count_limit=300, search=self._search)
 
     def use(self) -> bool:
         before = self._searches

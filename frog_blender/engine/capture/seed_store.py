@@ -30,12 +30,14 @@ def stored_seeds(
     seed: int = 0,
     share: float = 1.0,
     progress: Callable[[int, int], None] | None = None,
+    search: Callable[..., Seeds] | None = None,
 ) -> Seeds:
-    """``find_seeds``, or what it found for the same images, cameras and arguments before."""
+    """``search``, by default ``find_seeds``, or what it found for the same images, cameras and arguments before."""
     path = store.folder / f"seeds-{_key(capture, count_limit, seed, share)}.npz"
     if (kept := _kept(path, count_limit)) is not None:
         return kept
-    seeds = find_seeds(capture, store, count_limit=count_limit, seed=seed, share=share, progress=progress)
+    search = find_seeds if search is None else search
+    seeds = search(capture, store, count_limit=count_limit, seed=seed, share=share, progress=progress)
     _keep(path, seeds)
     return seeds
 

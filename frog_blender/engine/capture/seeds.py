@@ -90,7 +90,7 @@ def find_seeds(
         some = random.permutation(len(matched[0]))[: count_limit // 3]
         points = np.concatenate([matched[0][some], swept[0][keep]])
         colors = np.concatenate([matched[1][some], swept[1][keep]])
-        parts.append(_merge((points, colors), np.array([camera.center for camera in cameras]), count_limit))
+        parts.append(merge_points((points, colors), np.array([camera.center for camera in cameras]), count_limit))
     if share < 1 and measured:
         kept = random.permutation(len(parts[0][0]))[: int(share * count_limit)]
         measured = len(kept)
@@ -213,7 +213,7 @@ def _choose(textured: Bools, count: int, random: np.random.Generator) -> Ints:
     return chosen
 
 
-def _merge(cloud: Cloud, centers: Float64s, count_limit: int) -> Cloud:
+def merge_points(cloud: Cloud, centers: Float64s, count_limit: int) -> Cloud:
     """The first point of each voxel; voxels grow until no more than ``count_limit`` are filled.
 
     Voxels double in size with each doubling of the distance to the nearest camera, because near surfaces need more

@@ -40,6 +40,7 @@ class TorchScenePlayer:
 
     Attributes:
         header: the scene's.
+        model: what is played, in half precision if ``half``.
         half: whether the network runs in half precision.
 
     Raises:
@@ -50,14 +51,14 @@ class TorchScenePlayer:
         if scene.header.method not in FIELD_METHODS:
             raise FrogError(f"Found a scene of the method {scene.header.method!r}, expected FRoG or E-D3DGS on a GPU.")
         self.header = scene.header
-        self._model = model_of(scene).to(device)
-        self._reshaped = int(scene.header.model.get(SHAPE_DYNAMIC, self._model.canonical.num_dynamic))
+        self.model = model_of(scene).to(device)
+        self._reshaped = int(scene.header.model.get(SHAPE_DYNAMIC, self.model.canonical.num_dynamic))
         self._fades = OpacityTracks(scene.arrays[OPACITY_TRACKS]) if OPACITY_TRACKS in scene.arrays else None
         if half is None and torch.device(device).type != "cpu":
-            half = half_error(self._model) <= HALF_TOLERANCE
+            half = half_error(self.model) <= HALF_TOLERANCE
         self.half = bool(half)
         if self.half:
-            self._model = _halved(self._model)
+            self.model = _halved(self.model)
 
     def at_frame(self, frame: float) -> TorchGaussians:
         """As ScenePlayer.at_frame; quaternions of any length."""
@@ -67,7 +68,7 @@ class TorchScenePlayer:
     def at(self, time: float) -> TorchGaussians:
         """Gaussians at a time in [0, 1] (clamped), activated; quaternions of any length."""
         time = min(max(float(time), 0.0), 1.0)
-        gaussians, canonical = _gaussians(self._model, time), self._model.canonical
+        gaussians, canonical = _gaussians(self.model, time), self.model.canonical
         still = slice(self._reshaped, canonical.num_dynamic)
         gaussians.quaternions[still], gaussians.scales[still] = (
             canonical.quaternions[still],

@@ -155,7 +155,7 @@ class ScenePlayer:
                 return _copy(known)  # its fields are the caller's own, the arrays are not
             while len(self._recent) >= TIMES_KEPT:
                 self._recent.popitem(last=False)  # before the new one is computed, which may use its memory again
-        gaussians = _read_only(self._compute(time) if part is None else self._joined(part))
+        gaussians = _read_only(self.compute(time) if part is None else self._joined(part))
         with self._lock:
             self._recent[time] = gaussians
         return _copy(gaussians)
@@ -166,7 +166,7 @@ class ScenePlayer:
             return FrameDelta({})
         if isinstance(self._deformation, DeformationPlayer):  # which computes those columns alone
             return self._deformation.delta_at(self._held(time), self.changing)
-        return extract_columns(self._compute(self._held(time)), self.changing)
+        return extract_columns(self.compute(self._held(time)), self.changing)
 
     @property
     def delta_bytes(self) -> int:
@@ -190,7 +190,7 @@ class ScenePlayer:
     @cached_property
     def _still(self) -> NumpyGaussians:
         """The frame at time 0: right in constant columns, and for static Gaussians."""
-        return self._compute(0.0)
+        return self.compute(0.0)
 
     @cached_property
     def _column_memory(self) -> dict[str, BufferPool]:
@@ -220,7 +220,8 @@ class ScenePlayer:
                 arrays[name] = column
         return GaussianArrays(**arrays)
 
-    def _compute(self, time: float) -> NumpyGaussians:
+    def compute(self, time: float) -> NumpyGaussians:
+        """As ``at`` for a time in [0, 1], but computed in any case, into arrays that may be written."""
         if self._deformation is None:
             return canonical_gaussians(self._arrays).checked()
         gaussians = self._deformation.at(time)

@@ -12,7 +12,7 @@ from ..gaussians import NumpyGaussians
 from ..native.binding import Frame
 from ..native.options import RasterizeOptions
 
-_BAND = 2**22  # pixels of a large image that are drawn at a time
+_PIXELS_AT_ONCE = 2**22  # of a large image
 
 
 @dataclass
@@ -79,13 +79,20 @@ def draw(
 
 
 def render_image(
-    gaussians: NumpyGaussians, camera: Camera, background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gaussians: NumpyGaussians,
+    camera: Camera,
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    *,
+    pixels_at_once: int = _PIXELS_AT_ONCE,
 ) -> Array:
-    """(H, W, 3) uint8: the colours of ``draw`` alone, in little more memory than the result takes."""
+    """(H, W, 3) uint8: the colours of ``draw`` alone, in little more memory than the result takes.
+
+    ``pixels_at_once`` are drawn at a time, at least one row; that decides memory, not the result.
+    """
     gaussians = gaussians.checked()
     _, _, width, height = RasterizeOptions().region_of(camera)
     result = np.empty((height, width, 3), np.uint8)
-    rows = max(1, _BAND // width)
+    rows = max(1, pixels_at_once // width)
     for top in range(0, height, rows):
         band = min(rows, height - top)
         image = {"rgb": np.empty((band, width, 3), np.float32), "alpha": np.empty((band, width), np.float32)}

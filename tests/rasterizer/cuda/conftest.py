@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
+from frog_blender.engine.rasterizer.cuda import launch
+from frog_blender.engine.rasterizer.cuda.launch import Launcher
 
 for folder in (Path(__file__).parent, Path(__file__).parent / "emulator"):
     if str(folder) not in sys.path:
@@ -23,10 +27,18 @@ def built_emulator(tmp_path_factory: pytest.TempPathFactory):
 
 
 @pytest.fixture
-def emulator(built_emulator, monkeypatch: pytest.MonkeyPatch):
-    """``backend="cuda"`` draws tensors on the CPU, with the kernels compiled by g++."""
-    from frog_blender.engine.rasterizer.cuda import launch
+def launch_on(monkeypatch: pytest.MonkeyPatch) -> Callable[[Launcher], None]:
+    """Makes ``backend="cuda"`` use a launcher, whatever device the tensors are on."""
 
-    monkeypatch.setattr(launch, "launcher_for", lambda device: built_emulator)
-    built_emulator.launched.clear()
+    def use(launcher: Launcher) -> None:
+        monkeypatch.setattr(launch, "launcher_for", lambda device: launcher)
+
+    return use
+
+
+@pytest.fixture
+def emulator(built_emulator, launch_on: Callable[[Launcher], None]):
+    """``backend="cuda"`` draws tensors on the CPU, with the kernels compiled by g++."""
+    launch_on(built_emulator)
+    built_emulator.reset()
     return built_emulator

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -88,15 +87,13 @@ class Recorder:
 
 
 @pytest.fixture
-def recorder(monkeypatch: pytest.MonkeyPatch) -> Iterator[Recorder]:
-    made_up = Recorder()
-    monkeypatch.setattr(nvrtc, "compiler", lambda: made_up)
-    return made_up
+def recorder() -> Recorder:
+    return Recorder()
 
 
 def test_code_is_compiled_once(recorder: Recorder, tmp_path: Path) -> None:
-    first = compiling.machine_code(EMIT, 90, tmp_path / "a")
-    assert first == compiling.machine_code(EMIT, 90, tmp_path / "a")
+    first = compiling.machine_code(EMIT, 90, tmp_path / "a", compiler=recorder)
+    assert first == compiling.machine_code(EMIT, 90, tmp_path / "a", compiler=recorder)
     assert recorder.built == ["sm_90"]
     assert not list((tmp_path / "a").glob(".partial-*"))
 
@@ -104,30 +101,30 @@ def test_code_is_compiled_once(recorder: Recorder, tmp_path: Path) -> None:
 def test_anything_that_changes_the_code_has_a_file_of_its_own(
     recorder: Recorder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    compiling.machine_code(EMIT, 90, tmp_path)
-    compiling.machine_code(EMIT, 75, tmp_path)
-    compiling.machine_code(kernel("emit", TILE_KEY="int"), 90, tmp_path)
-    monkeypatch.setattr(recorder, "version", (12, 1))
-    compiling.machine_code(EMIT, 90, tmp_path)
+    compiling.machine_code(EMIT, 90, tmp_path, compiler=recorder)
+    compiling.machine_code(EMIT, 75, tmp_path, compiler=recorder)
+    compiling.machine_code(kernel("emit", TILE_KEY="int"), 90, tmp_path, compiler=recorder)
+    recorder.version = (12, 1)
+    compiling.machine_code(EMIT, 90, tmp_path, compiler=recorder)
     monkeypatch.setattr(compiling, "headers", lambda: {"types.h": "// changed"})
-    compiling.machine_code(EMIT, 90, tmp_path)
+    compiling.machine_code(EMIT, 90, tmp_path, compiler=recorder)
     assert len(recorder.built) == len(list(tmp_path.iterdir())) == 5
 
 
 @pytest.mark.parametrize("damage", [b"", b"frog kernel 1\n", b"something else altogether", None])
 def test_a_damaged_file_is_compiled_again(damage: bytes | None, recorder: Recorder, tmp_path: Path) -> None:
-    code = compiling.machine_code(EMIT, 90, tmp_path)
+    code = compiling.machine_code(EMIT, 90, tmp_path, compiler=recorder)
     (path,) = tmp_path.iterdir()
     whole = path.read_bytes()
     path.write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]) if damage is None else damage)
-    assert compiling.machine_code(EMIT, 90, tmp_path) == code
+    assert compiling.machine_code(EMIT, 90, tmp_path, compiler=recorder) == code
     assert recorder.built == ["sm_90"] * 2 and path.read_bytes() == whole
 
 
 def test_a_cache_that_cannot_be_written_only_costs_time(recorder: Recorder, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("no folder")
     for _ in range(2):
-        assert compiling.machine_code(EMIT, 90, tmp_path / "file" / "cache")
+        assert compiling.machine_code(EMIT, 90, tmp_path / "file" / "cache", compiler=recorder)
     assert len(recorder.built) == 2
 
 
@@ -135,5 +132,5 @@ def test_the_cache_lies_where_this_user_keeps_caches(
     recorder: Recorder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("FROG_CACHE", str(tmp_path))
-    compiling.machine_code(EMIT, 90)
+    compiling.machine_code(EMIT, 90, compiler=recorder)
     assert len(list((tmp_path / "kernels").glob("emit-sm_90-*.bin"))) == 1

@@ -37,19 +37,17 @@ def same_bits(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> None:
 
 
 @pytest.mark.parametrize("name", ["off-centre, degree 3", "pose", "giants", "depth limit", "sheets that finish early"])
-def test_threads_in_the_opposite_order_give_the_same_bits(
-    name: str, emulator: Emulator, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_threads_in_the_opposite_order_give_the_same_bits(name: str, emulator: Emulator) -> None:
     """A barrier that is missing shows here; so do sums whose order is left to chance."""
     first = draw(SCENES[name], "cuda", torch.float32)
-    monkeypatch.setattr(emulator, "turned", True)
+    emulator.turned = True
     same_bits(first, draw(SCENES[name], "cuda", torch.float32))
 
 
 def test_wide_tile_keys(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
     """Above 32,767 tiles keys have 32 bits; here above 3."""
     narrow = draw(SCENES["giants"], "cuda", torch.float32)
-    monkeypatch.setattr(binning, "_MOST_SHORT_TILES", 3)
+    monkeypatch.setattr(binning, "MOST_SHORT_TILES", 3)
     emulator.launched.clear()
     same_bits(narrow, draw(SCENES["giants"], "cuda", torch.float32))
     assert ("TILE_KEY", "int") in emulator.launched[1].constants
@@ -108,9 +106,9 @@ def test_what_is_strange_leaves_everything_finite(compensate: bool, emulator: Em
 
 
 def test_an_image_over_the_budget_is_refused_with_a_sentence(
-    emulator: Emulator, monkeypatch: pytest.MonkeyPatch
+    emulator: Emulator,
 ) -> None:
-    monkeypatch.setattr(emulator, "memory", 10_000)
+    emulator.memory = 10_000
     with pytest.raises(FrogError, match=r"45 x 27: .* overlaps .* GPU memory"):
         draw(Scene(SMALL, random_gaussians(SMALL, 100, 0)), "cuda", torch.float32)
 
@@ -160,7 +158,7 @@ def test_structs_and_constants_are_those_of_the_kernels(built_emulator: Emulator
         layout = (ctypes.c_size_t * len(expected)).in_dll(library, f"{name.lower()}_layout")
         assert list(layout) == expected, name
     constants = list((ctypes.c_int * 5).in_dll(library, "constants"))
-    moments = [module._MOMENTS, module._MOMENTS_AND_ABSOLUTE]
+    moments = [module.MOMENTS, module.MOMENTS_AND_ABSOLUTE]
     assert constants == [launch.THREADS, binning.TILE, 4 * structs.SPLAT_FLOATS, *moments]
 
 

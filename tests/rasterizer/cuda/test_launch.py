@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -21,36 +21,36 @@ SCENE = scenes()["pose of one colour"]
 
 
 @pytest.fixture
-def driver(built_emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> Iterator[ctypes.CDLL]:
-    """One pretended GPU of compute capability 9.0; libcuda is ``fake_driver.cpp``."""
+def driver(built_emulator: Emulator) -> ctypes.CDLL:
+    """``fake_driver.cpp`` in the place of libcuda."""
     path = built_emulator.folder / "fake_driver.so"
-    build(HERE / "fake_driver.cpp", path)
-    real = ctypes.CDLL
-    monkeypatch.setattr(ctypes, "CDLL", lambda name, *more: real(str(path) if "cuda" in name else name, *more))
+    if not path.exists():
+        build(HERE / "fake_driver.cpp", path)
+    return launch.load_driver(str(path))
+
+
+@pytest.fixture
+def device(driver: ctypes.CDLL, built_emulator: Emulator) -> launch.Device:
+    """One pretended GPU of compute capability 9.0."""
     properties = SimpleNamespace(total_memory=8 << 30, major=9, minor=0, name="Pretended GPU")
     stream = SimpleNamespace(cuda_stream=0x7F00AAAABBBB, synchronize=lambda: None)
-    monkeypatch.setattr(torch.cuda, "get_device_properties", lambda index: properties)
-    monkeypatch.setattr(torch.cuda, "current_stream", lambda index: stream)
+    cuda = SimpleNamespace(get_device_properties=lambda index: properties, current_stream=lambda index: stream)
 
     def code(kernel: Kernel, capability: int) -> bytes:
         assert capability == 90
-        built_emulator._library(kernel)
+        built_emulator.library(kernel)
         name = "_".join([kernel.name, *[value for _, value in kernel.constants]])
         return str(built_emulator.folder / f"{name}.so").encode()
 
-    monkeypatch.setattr(launch, "machine_code", code)
-    launch._driver.cache_clear()
-    yield real(str(path))
-    launch._driver.cache_clear()
+    return launch.Device(0, driver=driver, code=code, cuda=cuda)
 
 
 def test_draws_through_the_driver(
-    driver: ctypes.CDLL, built_emulator: Emulator, monkeypatch: pytest.MonkeyPatch
+    driver: ctypes.CDLL, device: launch.Device, built_emulator: Emulator, launch_on: Callable[[launch.Launcher], None]
 ) -> None:
-    device = launch.Device(0)
-    monkeypatch.setattr(launch, "launcher_for", lambda _: device)
+    launch_on(device)
     through_driver = draw(SCENE, "cuda", torch.float32)
-    monkeypatch.setattr(launch, "launcher_for", lambda _: built_emulator)
+    launch_on(built_emulator)
     direct = draw(SCENE, "cuda", torch.float32)
     for name, values in direct.items():
         assert (through_driver[name] == values).all(), name
@@ -58,10 +58,9 @@ def test_draws_through_the_driver(
 
 
 def test_a_failed_launch_is_a_sentence_and_leaves_no_context_behind(
-    driver: ctypes.CDLL, monkeypatch: pytest.MonkeyPatch
+    driver: ctypes.CDLL, device: launch.Device, launch_on: Callable[[launch.Launcher], None]
 ) -> None:
-    device = launch.Device(0)
-    monkeypatch.setattr(launch, "launcher_for", lambda _: device)
+    launch_on(device)
     for status, reason in ((719, "unspecified launch failure"), (1, "error 1")):
         driver.fake_fail(status)
         try:
@@ -72,14 +71,9 @@ def test_a_failed_launch_is_a_sentence_and_leaves_no_context_behind(
     assert driver.fake_depth() == 0
 
 
-def test_a_missing_driver_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    def missing(name: str) -> None:
-        raise OSError("no such file")
-
-    monkeypatch.setattr(ctypes, "CDLL", missing)
-    launch._driver.cache_clear()
-    with pytest.raises(FrogError, match=r"cuda.* driver could not be loaded"):
-        launch._driver()
+def test_a_missing_driver_is_named() -> None:
+    with pytest.raises(FrogError, match=r"libcuda-of-nobody.* driver could not be loaded"):
+        launch.load_driver("libcuda-of-nobody.so.1")
 
 
 @pytest.mark.parametrize(("cuda", "first"), [("12.8", "12"), ("13.0", "13"), (None, "13")])
@@ -90,9 +84,7 @@ def test_the_compiler_of_torchs_own_cuda_comes_first(
     for name in ("libnvrtc.so.12", "libnvrtc.so.13", "libnvrtc.alt.so.12", "libnvrtc-builtins.so.12.9"):
         (tmp_path / name).touch()
     monkeypatch.delenv("FROG_NVRTC", raising=False)
-    monkeypatch.setattr(nvrtc, "_package_folders", lambda: iter([tmp_path]))
-    monkeypatch.setattr(torch.version, "cuda", cuda)
-    found = nvrtc.library_candidates()
+    found = nvrtc.library_candidates([tmp_path], cuda)
     assert found[0] == str(tmp_path / f"libnvrtc.so.{first}")
     assert len(found) == 4 and not any("alt" in path or "builtins" in path for path in found)
     assert found[2] == f"libnvrtc.so.{first}"  # then whatever the loader finds by name

@@ -61,7 +61,7 @@ def test_a_large_image_and_many_gaussians_agree_with_the_cpu() -> None:
     """More than 32,767 tiles: keys of 32 bits. Against the native library, which the reference vouches for."""
     camera = odd_camera(3000, 3000)
     scene = Scene(camera, random_gaussians(camera, 20_000, 1, seed=1), EVERYTHING)
-    assert (3000 // binning.TILE) ** 2 > binning._MOST_SHORT_TILES
+    assert (3000 // binning.TILE) ** 2 > binning.MOST_SHORT_TILES
     found, expected = draw(scene, "cuda", torch.float32, "cuda"), draw(scene, "cpu", torch.float32)
     assert float(np.abs(found["rgb"] - expected["rgb"]).mean()) < 1e-5
     for name in ATTRIBUTES:

@@ -18,7 +18,7 @@ from .sources import kernel
 TILE = 16  # pixels a side; TILE in src/shared/types.h
 _BYTES_A_PAIR = 96  # of lists, the sort's own buffers and gradient slots, at most at a time
 _MOST_PAIRS = 2**31 - 2  # positions in a list have 32 bits
-_MOST_SHORT_TILES = 2**15 - 1  # that a 16-bit key tells apart
+MOST_SHORT_TILES = 2**15 - 1  # that a 16-bit key tells apart
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ def bin_splats(
     numbers = torch.cat([num_invalid, ends[-1:]]).tolist()
     pairs = numbers[1] if count else 0
     _refuse_too_many(pairs, launcher.memory, size)
-    short = tiles <= _MOST_SHORT_TILES
+    short = tiles <= MOST_SHORT_TILES
     key = torch.int16 if short else torch.int32
     keys = torch.empty(pairs, dtype=key, device=device)
     owners = torch.empty(pairs, dtype=torch.int32, device=device)

@@ -17,20 +17,23 @@ _FORMAT = b"frog kernel 1\n"
 _DIGEST = hashlib.sha256().digest_size
 
 
-def machine_code(kernel: Kernel, capability: int, folder: Path | None = None) -> bytes:
+def machine_code(
+    kernel: Kernel, capability: int, folder: Path | None = None, *, compiler: nvrtc.Compiler | None = None
+) -> bytes:
     """What the driver loads for one kernel, from disk or freshly compiled.
 
     Args:
         kernel: which.
         capability: of the GPU, ten times the major plus the minor number (90 for 9.0).
         folder: the cache; by default ``kernels`` in the cache folder of this user.
+        compiler: by default the first that loads.
 
     Raises:
         FrogError: no compiler was found, the GPU is too old, or the kernel does not compile.
     """
     from ...capture.frames import default_cache_folder
 
-    compiler = nvrtc.compiler()
+    compiler = compiler or nvrtc.compiler()
     target = compiler.target(capability)
     path = (folder or default_cache_folder() / "kernels") / _name(kernel, target, compiler.version)
     code = _read(path)

@@ -6,8 +6,9 @@ import ctypes
 import functools
 import sys
 import threading
+from collections.abc import Callable
 from ctypes import POINTER, byref, c_char_p, c_int, c_int32, c_uint, c_void_p
-from typing import Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import torch
 
@@ -19,6 +20,19 @@ THREADS = 256  # of every block; THREADS in kernels/common.cuh
 
 Argument: TypeAlias = torch.Tensor | int | ctypes.Structure | None
 Parameter: TypeAlias = c_void_p | c_int32 | ctypes.Structure
+
+
+class TorchCuda(Protocol):
+    """What is used of ``torch.cuda``."""
+
+    # Any: torch's own classes, of which torch exports one under a private name.
+    def get_device_properties(self, device: int, /) -> Any:
+        """With ``total_memory`` in bytes, ``major`` and ``minor`` of the compute capability, and ``name``."""
+        ...
+
+    def current_stream(self, device: int, /) -> Any:
+        """With the handle ``cuda_stream``, and ``synchronize``."""
+        ...
 
 
 class Launcher(Protocol):
@@ -51,9 +65,12 @@ def as_parameters(arguments: tuple[Argument, ...]) -> list[Parameter]:
     return parameters
 
 
+DRIVER = "nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1"
+
+
 @functools.cache
-def _driver() -> ctypes.CDLL:
-    name = "nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1"
+def load_driver(name: str = DRIVER) -> ctypes.CDLL:
+    """The driver of this name or path, with the types of its functions; FrogError where it cannot be loaded."""
     try:
         driver = ctypes.CDLL(name)
     except OSError as error:
@@ -76,10 +93,10 @@ def _driver() -> ctypes.CDLL:
     return driver
 
 
-def _check(status: int, action: str) -> None:
+def _check(driver: ctypes.CDLL, status: int, action: str) -> None:
     if status:
         text = c_char_p()
-        _driver().cuGetErrorString(status, byref(text))
+        driver.cuGetErrorString(status, byref(text))
         reason = text.value.decode() if text.value else f"error {status}"
         raise FrogError(f"{action}: the CUDA driver refused ({reason}).")
 
@@ -88,21 +105,35 @@ class Device:
     """A Launcher for one GPU, in the context and on the streams that torch uses.
 
     Kernels are compiled and loaded when they are first launched. Any thread may launch.
+
+    Args:
+        index: torch's number of the GPU.
+        driver: see ``load_driver``; loaded here by default.
+        code: the machine code of a kernel for a compute capability, see ``machine_code``.
+        cuda: torch's interface to its GPUs.
     """
 
-    def __init__(self, index: int) -> None:
-        self._index = index
-        properties = torch.cuda.get_device_properties(index)
+    def __init__(
+        self,
+        index: int,
+        *,
+        driver: ctypes.CDLL | None = None,
+        code: Callable[[Kernel, int], bytes] = machine_code,
+        cuda: TorchCuda = torch.cuda,
+    ) -> None:
+        self._index, self._code, self._cuda = index, code, cuda
+        properties = cuda.get_device_properties(index)
         self.memory: int = properties.total_memory
         self._capability = 10 * properties.major + properties.minor
         self._name = properties.name
         self._functions: dict[Kernel, c_void_p] = {}
         self._lock = threading.Lock()
-        torch.cuda.current_stream(index).synchronize()  # torch's context exists from here on
-        driver, device, self._context = _driver(), c_int(), c_void_p()
-        _check(driver.cuInit(0), self._name)
-        _check(driver.cuDeviceGet(byref(device), index), self._name)
-        _check(driver.cuDevicePrimaryCtxRetain(byref(self._context), device), self._name)
+        cuda.current_stream(index).synchronize()  # torch's context exists from here on
+        self._driver = driver = driver or load_driver()
+        device, self._context = c_int(), c_void_p()
+        _check(driver, driver.cuInit(0), self._name)
+        _check(driver, driver.cuDeviceGet(byref(device), index), self._name)
+        _check(driver, driver.cuDevicePrimaryCtxRetain(byref(self._context), device), self._name)
 
     def launch(self, kernel: Kernel, blocks: int, *arguments: Argument) -> None:
         """See Launcher. FrogError when the kernel cannot be compiled, loaded or launched."""
@@ -110,14 +141,14 @@ class Device:
             return
         parameters = as_parameters(arguments)
         addresses = (c_void_p * len(parameters))(*[ctypes.addressof(parameter) for parameter in parameters])
-        stream = torch.cuda.current_stream(self._index).cuda_stream
-        driver = _driver()
+        stream = self._cuda.current_stream(self._index).cuda_stream
+        driver = self._driver
         # The calling thread may be one of torch's own, on which no context is current yet.
-        _check(driver.cuCtxPushCurrent_v2(self._context), self._name)
+        _check(driver, driver.cuCtxPushCurrent_v2(self._context), self._name)
         try:
             function = self._function(kernel)
             status = driver.cuLaunchKernel(function, blocks, 1, 1, THREADS, 1, 1, 0, stream, addresses, None)
-            _check(status, f"{self._name}, {kernel}")
+            _check(driver, status, f"{self._name}, {kernel}")
         finally:
             driver.cuCtxPopCurrent_v2(byref(c_void_p()))
 
@@ -125,10 +156,10 @@ class Device:
         with self._lock:
             if kernel not in self._functions:
                 module, function = c_void_p(), c_void_p()
-                code = machine_code(kernel, self._capability) + b"\0"  # PTX text ends with a zero
-                action = f"{self._name}, {kernel}"
-                _check(_driver().cuModuleLoadData(byref(module), code), action)
-                _check(_driver().cuModuleGetFunction(byref(function), module, kernel.name.encode()), action)
+                code = self._code(kernel, self._capability) + b"\0"  # PTX text ends with a zero
+                driver, action = self._driver, f"{self._name}, {kernel}"
+                _check(driver, driver.cuModuleLoadData(byref(module), code), action)
+                _check(driver, driver.cuModuleGetFunction(byref(function), module, kernel.name.encode()), action)
                 self._functions[kernel] = function
             return self._functions[kernel]
 

@@ -15,7 +15,7 @@ import importlib.util
 import os
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from ctypes import POINTER, byref, c_char_p, c_int, c_size_t, c_void_p
 from pathlib import Path
 
@@ -23,7 +23,7 @@ from ...errors import FrogError
 from .sources import Kernel, headers
 
 
-def _package_folders() -> Iterator[Path]:
+def package_folders() -> Iterator[Path]:
     """Where wheels put CUDA's libraries: ``nvidia/*/lib`` (``bin`` on Windows) and ``torch/lib``."""
     for package, patterns in (("nvidia", ("*/lib", "*/bin", "*/bin/x86_64")), ("torch", ("lib",))):
         spec = importlib.util.find_spec(package)
@@ -32,15 +32,20 @@ def _package_folders() -> Iterator[Path]:
                 yield from sorted(Path(root).glob(pattern))
 
 
-def library_candidates() -> list[str]:
-    """Paths and names to try, best first: of torch's own CUDA version, then the newest."""
+def library_candidates(folders: Iterable[Path], cuda_version: str | None) -> list[str]:
+    """Paths and names to try, best first: of torch's own CUDA version, then the newest.
+
+    Args:
+        folders: searched for the library.
+        cuda_version: such as "12.8", that torch was built with; or None.
+    """
     if os.environ.get("FROG_NVRTC"):
         return [os.environ["FROG_NVRTC"]]
     name = re.compile(r"nvrtc64_(\d+)0_\d+\.dll" if sys.platform == "win32" else r"libnvrtc\.so\.(\d+)")
     found = []
-    for folder in _package_folders():
+    for folder in folders:
         found += [(int(match[1]), str(path)) for path in folder.iterdir() if (match := name.fullmatch(path.name))]
-    wanted = _torch_cuda_major()
+    wanted = int(cuda_version.split(".")[0]) if cuda_version else None
     found.sort(key=lambda entry: (entry[0] != wanted, -entry[0]))
     if sys.platform == "win32":
         plain = [(major, f"nvrtc64_{major}0_0.dll") for major in (13, 12)]
@@ -50,10 +55,10 @@ def library_candidates() -> list[str]:
     return [path for _, path in [*found, *plain]]
 
 
-def _torch_cuda_major() -> int | None:
-    """12 for a torch built with CUDA 12.8; None without torch or CUDA. Does not import torch by itself."""
-    version = getattr(getattr(sys.modules.get("torch"), "version", None), "cuda", None)
-    return int(version.split(".")[0]) if version else None
+def torch_cuda_version() -> str | None:
+    """Such as "12.8"; None without torch or CUDA. Does not import torch by itself."""
+    version: str | None = getattr(getattr(sys.modules.get("torch"), "version", None), "cuda", None)
+    return version
 
 
 class Compiler:
@@ -152,7 +157,7 @@ class Compiler:
 @functools.cache
 def compiler() -> Compiler:
     """The first NVRTC that loads; FrogError when there is none."""
-    tried = library_candidates()
+    tried = library_candidates(package_folders(), torch_cuda_version())
     for candidate in tried:
         try:
             return Compiler(candidate)

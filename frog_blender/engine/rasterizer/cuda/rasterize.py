@@ -18,7 +18,7 @@ from . import launch
 from .binning import TILE, Bins, bin_splats, blocks_for
 from .sources import kernel
 
-_MOMENTS, _MOMENTS_AND_ABSOLUTE = 9, 11  # numbers in a gradient slot: BY_BLUE + 1, ABSOLUTE_Y + 1 in src/shared/types.h
+MOMENTS, MOMENTS_AND_ABSOLUTE = 9, 11  # numbers in a gradient slot: BY_BLUE + 1, ABSOLUTE_Y + 1 in src/shared/types.h
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ class _Rasterize(torch.autograd.Function):
         by_rgb, by_alpha = (gradient.contiguous() for gradient in grad_outputs)
         count, device = len(splats), splats.device
         launcher = launch.launcher_for(device)
-        values = _MOMENTS if absolute is None else _MOMENTS_AND_ABSOLUTE
+        values = MOMENTS if absolute is None else MOMENTS_AND_ABSOLUTE
         slot_gradients = _floats(device, len(bins.slots), values).zero_()
         launcher.launch(
             kernel("blend_backward", ABSOLUTE=absolute is not None),

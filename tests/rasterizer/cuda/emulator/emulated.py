@@ -46,23 +46,29 @@ class Emulator:
     """
 
     def __init__(self, folder: Path) -> None:
-        self.folder, self.turned, self.memory = folder, False, 8 << 30
-        self.launched: list[Kernel] = []
+        self.folder = folder
+        self.reset()
         self._machine = _fused()
         self._libraries: dict[Kernel, ctypes.CDLL] = {}
+
+    def reset(self) -> None:
+        """As it was made, but for the libraries, which are kept."""
+        self.turned, self.memory = False, 8 << 30
+        self.launched: list[Kernel] = []
 
     def launch(self, kernel: Kernel, blocks: int, *arguments: Any) -> None:
         if not blocks:
             return
         self.launched.append(kernel)
-        function = self._library(kernel).frog_launch
+        function = self.library(kernel).frog_launch
         function.argtypes, function.restype = [c_void_p, c_uint, c_uint, c_int], c_char_p
         parameters = as_parameters(arguments)
         addresses = (c_void_p * len(parameters))(*[ctypes.addressof(parameter) for parameter in parameters])
         problem = function(addresses, blocks, THREADS, self.turned)
         assert problem is None, f"{kernel}: {problem.decode()}"
 
-    def _library(self, kernel: Kernel) -> ctypes.CDLL:
+    def library(self, kernel: Kernel) -> ctypes.CDLL:
+        """The kernel, compiled for the CPU when it is first asked for."""
         if kernel not in self._libraries:
             constants = [f"-D{name}={value}" for name, value in kernel.constants]
             options = [*self._machine, f"-DKERNEL={kernel.name}", f'-DKERNEL_FILE="{kernel.path.name}"', *constants]
