@@ -85,7 +85,7 @@ def test_threads_see_what_one_alone_sees() -> None:
 def test_a_part_of_a_scene_shows_the_same() -> None:
     scene, camera = reorder_for_playback(flickering(moving=201)), odd_camera()
     kept = np.delete(np.arange(300), [3, 90, 91, 230])
-    part, whole = ScenePlayer(scene).subset(kept), ScenePlayer(without_lifetimes(scene)).only(kept)
+    part, whole = ScenePlayer(scene).subset(kept), ScenePlayer(without_lifetimes(scene)).subset(kept)
     left_out = [sum(int((each.at(time).opacities == 0).sum()) for time in QUARTERS) for each in (part, whole)]
     assert left_out[0] > left_out[1]
     for time in QUARTERS:
