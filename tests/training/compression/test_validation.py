@@ -1,4 +1,4 @@
-"""The withheld images that judge what may be left out, and the search for how much."""
+"""The validation images that decide what may be left out, and the search for how much."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from frog_blender.engine.training.optimize.trainer import Trainer
 Make = Callable[..., Trainer]
 
 
-def test_withheld_images_are_training_images_spread_over_time(capture: Capture) -> None:
+def test_validation_images_are_training_images_spread_over_time(capture: Capture) -> None:
     capture = film.longer(capture, 40)
     found = validation_shots(capture, 3)
     assert 4 <= len(found) <= 8
@@ -34,17 +34,17 @@ def test_where_images_are_few_none_is_spared(capture: Capture) -> None:
     assert validation_shots(capture, 0) == ()
 
 
-def test_withheld_images_are_not_drawn(capture: Capture) -> None:
+def test_validation_images_are_not_drawn(capture: Capture) -> None:
     capture = film.longer(capture, 10)
-    withheld = validation_shots(capture, 0)
+    validation = validation_shots(capture, 0)
     for choice in ("even", "loss"):
         picker, generator = ViewSampler(capture, choice), torch.Generator().manual_seed(0)
-        picker.withhold(withheld)
-        assert withheld and not set(withheld) & {picker.pick(generator) for _ in range(400)}
-        other = next(i for i, s in enumerate(capture.shots) if not capture.is_test(s) and i not in withheld)
-        assert not set(withheld) & {picker.pick_same_frame(other, generator) for _ in range(50)}
+        picker.withhold(validation)
+        assert validation and not set(validation) & {picker.pick(generator) for _ in range(400)}
+        other = next(i for i, s in enumerate(capture.shots) if not capture.is_test(s) and i not in validation)
+        assert not set(validation) & {picker.pick_same_frame(other, generator) for _ in range(50)}
         picker.withhold(())
-        assert set(withheld) < {picker.pick(generator) for _ in range(400)}
+        assert set(validation) < {picker.pick(generator) for _ in range(400)}
 
 
 def test_no_test_image_is_ever_looked_at(make_trainer: Make, watched: Callable, capture: Capture) -> None:
@@ -81,7 +81,7 @@ def test_the_search_takes_everything_where_nothing_is_missed() -> None:
 
 
 def test_withholding_may_begin_within_a_burst(capture: Capture) -> None:
-    """One camera: whoever is withheld was the only image of its moment."""
+    """One camera: a validation image was the only one of its frame."""
     shots = tuple(shot for shot in film.longer(capture, 40).shots if shot.camera == 1)
     picker, generator = ViewSampler(replace(capture, shots=shots, frame_count=40)), torch.Generator().manual_seed(0)
     picker.withhold((5,))
