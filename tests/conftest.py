@@ -81,9 +81,14 @@ def own_cache(cache_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def quick_seeds(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every training starts from ``synthetic_capture.seeds`` instead of searching for seed points."""
+    """Every training starts from ``synthetic_capture.seeds`` instead of searching for seed points: no more
+    than are asked for."""
     from support import synthetic_capture
 
     from frog_blender.engine.capture import seed_store
+    from frog_blender.engine.capture.seeds import Seeds
 
-    monkeypatch.setattr(seed_store, "find_seeds", lambda *_, **__: synthetic_capture.seeds())
+    def seeds(*_: object, count_limit: int, **__: object) -> Seeds:
+        return synthetic_capture.seeds(min(300, count_limit))
+
+    monkeypatch.setattr(seed_store, "find_seeds", seeds)

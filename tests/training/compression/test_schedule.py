@@ -30,7 +30,7 @@ pytestmark = pytest.mark.usefixtures("quick_seeds")
 Make = Callable[..., Trainer]
 
 
-def test_rounds_make_the_scene_smaller_and_training_goes_on(make_trainer: Make) -> None:
+def test_milestones_make_the_scene_smaller_and_training_goes_on(make_trainer: Make) -> None:
     fixed, auto = train(make_trainer(400)), train(make_trainer(400, capacity="auto"))
     log = compression(auto).record.log
     whats = [step.what for step in log]
@@ -56,7 +56,7 @@ FEW = CompressionSettings(min_frozen=0.0, min_static_area=0.0)
 """Of a wall of broad Gaussians few are clear of the ball."""
 
 
-def test_what_lies_where_images_hardly_change_rests_early(make_trainer: Make, capture: Capture) -> None:
+def test_what_lies_where_images_hardly_change_is_frozen_early(make_trainer: Make, capture: Capture) -> None:
     trainer = make_trainer(100, watched=Exact(capture), compression=FEW, capacity="auto")
     train(trainer, until=10)
     (found,) = compression(trainer).record.log
@@ -80,7 +80,7 @@ def test_what_lies_where_images_hardly_change_rests_early(make_trainer: Make, ca
     ],
     ids=str,
 )
-def test_what_the_images_would_miss_does_not_rest_early_and_neither_do_few(
+def test_what_the_images_would_miss_is_not_frozen_early_and_neither_are_few(
     make_trainer: Make, capture: Capture, change: dict
 ) -> None:
     trainer = make_trainer(100, watched=Exact(capture), compression=replace(FEW, **change), capacity="auto")
@@ -89,7 +89,7 @@ def test_what_the_images_would_miss_does_not_rest_early_and_neither_do_few(
     assert trainer.model.canonical.num_dynamic == trainer.count
 
 
-def test_many_rest_early_as_they_are(make_trainer: Make, capture: Capture) -> None:
+def test_many_are_frozen_early_as_they_are(make_trainer: Make, capture: Capture) -> None:
     settings = CompressionSettings(max_freeze_loss=100.0, static_error=1e9, static_deviation=0.2)
     trainer = make_trainer(100, watched=Exact(capture), compression=settings, capacity="auto")
     train(trainer, until=10)
@@ -134,7 +134,7 @@ def test_motion_is_learned_to_the_end_unless_some_are_static_already(
 
 
 def test_looking_leaves_no_gradient_behind(make_trainer: Make) -> None:
-    """A model at rest hands out its own parameters."""
+    """A static model hands out its own parameters."""
     trainer = make_trainer(60, capacity="auto")
     train(trainer, until=17)
     for _ in range(2):
@@ -231,7 +231,9 @@ def test_what_moves_far_is_not_even_proposed(halfway: Make) -> None:
 
 
 @pytest.mark.parametrize("forced", [False, True])
-def test_those_rest_first_that_images_miss_least(halfway: Make, monkeypatch: pytest.MonkeyPatch, forced: bool) -> None:
+def test_those_are_frozen_first_that_images_miss_least(
+    halfway: Make, monkeypatch: pytest.MonkeyPatch, forced: bool
+) -> None:
     trainer = halfway(dynamic_share=0.1 if forced else 0.0)
     state, count = measured(trainer).state, trainer.count
     most = math.ceil(0.9 * count)
@@ -335,7 +337,7 @@ def test_memory_that_ends_late_leaves_what_was_measured_of_those_that_stay(
     assert [each.what for each in compression(other).record.log].count("put to rest") == 1
 
 
-def test_rounds_that_a_resume_would_jump_over_are_held(make_trainer: Make, tmp_path: Path) -> None:
+def test_milestones_that_a_resume_would_jump_over_are_run(make_trainer: Make, tmp_path: Path) -> None:
     trainer = make_trainer(200, capacity="auto")
     train(trainer, until=120)
     save_checkpoint(tmp_path / "c", trainer)

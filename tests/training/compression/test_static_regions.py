@@ -24,7 +24,7 @@ Make = Callable[..., Trainer]
 
 
 class Repeated:
-    """A store whose images are a camera's first, with noise; ``moved`` pixels of one moment differ."""
+    """A store whose images are a camera's first, with noise; ``moved`` pixels of one frame differ."""
 
     def __init__(self, capture: Capture, noise: float, moved: int = 0) -> None:
         self._capture, self._noise, self._moved = capture, noise, moved
@@ -58,7 +58,7 @@ def test_motion_everywhere_is_no_noise(capture: Capture, kind: str) -> None:
 
 @pytest.mark.parametrize(("cameras", "frames"), [(4, 4), (2, 3), (1, 1)])
 def test_a_short_event_is_seen_by_some_camera(capture: Capture, cameras: int, frames: int) -> None:
-    """Of 240 moments, all cameras together look at each."""
+    """Of 240 frames, all cameras together look at each."""
     capture = film.longer(capture, 240)
     capture = replace(capture, shots=tuple(s for s in capture.shots if s.camera < cameras), test_cameras=frozenset())
 
@@ -72,14 +72,14 @@ def test_a_short_event_is_seen_by_some_camera(capture: Capture, cameras: int, fr
     assert not is_static_capture(capture, Short(capture, 1.0))
 
 
-def test_motion_is_no_stillness_nor_is_a_single_moment(capture: Capture, store: object) -> None:
+def test_motion_is_no_stillness_nor_is_a_single_frame(capture: Capture, store: object) -> None:
     assert not is_static_capture(capture, store)
     one = replace(capture, shots=tuple(shot for shot in capture.shots if shot.frame == 0))
     assert not is_static_capture(one, store)
 
 
 class Painted:
-    """A store of random textures, each camera's at rest but for what ``change(image, frame)`` does in place."""
+    """A store of random textures, each camera's static but for what ``change(image, frame)`` does in place."""
 
     def __init__(self, capture: Capture, change: Callable[[np.ndarray, int], None], noise: float = 0.0) -> None:
         self._capture, self._change, self._noise = capture, change, noise

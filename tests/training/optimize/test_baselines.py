@@ -1,4 +1,4 @@
-"""FRoG's rivals, trained: each follows what moves, goes on where it was stopped, and plays as it ended."""
+"""Baselines, trained: each follows what moves, goes on where it was stopped, and plays as it ended."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ from frog_blender.engine.training.session.checkpoint import restore, state_of
 FACTORS = {"cam01": (0.7, 0.7, 0.7), "cam02": (1.0, 1.0, 1.0), "cam03": (0.8, 0.9, 0.7)}
 """Of the training cameras of ``filmed``; nothing becomes brighter than white by them."""
 MEAN = np.exp(np.mean([np.log(factors) for factors in FACTORS.values()], axis=0))
-"""How bright the scene will be; the camera that judges is exposed so."""
+"""How bright the scene will be; the held-out camera is exposed so."""
 
 
 class Exposed:
@@ -68,8 +68,8 @@ def test_whose_exposure_is_found(capture: Capture) -> None:
     """A rig's; not a single moving camera's, and not by the papers' recipes."""
     assert ExposureCompensation.wanted(capture, Recipe())
     assert not ExposureCompensation.wanted(capture, recipe("paper"))
-    one_a_moment = [shot for shot in capture.shots if shot.camera == shot.frame % len(capture.cameras)][:3]
-    assert not ExposureCompensation.wanted(replace(capture, shots=tuple(one_a_moment)), Recipe())
+    one_a_frame = [shot for shot in capture.shots if shot.camera == shot.frame % len(capture.cameras)][:3]
+    assert not ExposureCompensation.wanted(replace(capture, shots=tuple(one_a_frame)), Recipe())
 
 
 def test_a_resume_has_the_same_exposures(make_trainer: Callable[..., Trainer], exposed: Exposed) -> None:

@@ -74,12 +74,12 @@ def test_a_camera_finds_back_to_where_it_was(capture: Capture) -> None:
 
 
 def test_who_is_refined(capture: Capture) -> None:
-    """A rig is; the camera that judges, a single moving camera and the papers' recipes are not."""
+    """A rig is; the held-out camera, a single moving camera and the papers' recipes are not."""
     assert PoseRefinement.wanted(capture, Recipe())
     assert not PoseRefinement.wanted(capture, Recipe(pose_reach=0.0))
     assert not PoseRefinement.wanted(capture, recipe("paper"))
-    one_a_moment = [shot for shot in capture.shots if shot.camera == shot.frame % len(capture.cameras)][:3]
-    moving = replace(capture, shots=tuple(one_a_moment))
+    one_a_frame = [shot for shot in capture.shots if shot.camera == shot.frame % len(capture.cameras)][:3]
+    moving = replace(capture, shots=tuple(one_a_frame))
     assert moving.is_moving and not PoseRefinement.wanted(moving, Recipe())
     poses = PoseRefinement(CameraRig(capture), Recipe(), np.zeros(3), 4.0)
     names = [camera.name for camera in capture.cameras]
@@ -104,7 +104,7 @@ def test_a_training_mends_its_poses(
     lively: Callable[..., Recipe],
     quick_seeds: None,
 ) -> None:
-    """What is written and played has the mended poses, and the camera that judges is where it was."""
+    """What is written and played has the mended poses, and the held-out camera is where it was."""
     psnr = {}
     for reach in (0.0, 0.1):
         job = TrainingJob(filmed, tmp_path / "x.frog", recipe=replace(lively(400), pose_reach=reach), opened=askew)

@@ -72,7 +72,7 @@ def test_every_training_image_is_picked_about_as_often() -> None:
     assert min(found.values()) > 30 and max(found.values()) < 100
 
 
-def test_nothing_withheld_is_ever_picked() -> None:
+def test_no_validation_image_is_ever_picked() -> None:
     found = picks(rig(3, 10).with_holdout(4))
     assert {frame for _, frame in found} == {0, 1, 3, 4, 5, 7, 8, 9}
     assert {camera for camera, _ in found} == {1, 2}
@@ -97,7 +97,7 @@ def test_loss_based_choice_looks_everywhere_first_and_then_where_the_loss_is() -
     assert len(even.losses.unique()) == 1  # nobody pays for what is not used
 
 
-def test_another_camera_at_the_same_moment() -> None:
+def test_another_camera_at_the_same_frame() -> None:
     capture = rig(4, 6)
     picker, generator = ViewSampler(capture), torch.Generator().manual_seed(0)
     shot = capture.shot_index(2, 3)
@@ -160,7 +160,7 @@ def test_more_moments_take_more_steps() -> None:
         ("hypernerf", 164, 82, 82),
         ("technicolor", 50, 750, 25),
         ("standard", 30, 300, 30),  # several cameras
-        ("standard", 86, 75, 37),  # one, which sees each moment once
+        ("standard", 86, 75, 37),  # one, which sees each frame once
         ("standard", 5000, 50_000, 150),
         ("standard", 1, 1, 2),
     ],

@@ -109,7 +109,7 @@ def test_evaluation_looks_at_held_out_images_and_changes_nothing(
     assert bits(trainer) == bits(undisturbed)
 
 
-def test_evaluation_without_anything_withheld(capture: Capture, store: FrameStore, lively: Any) -> None:
+def test_evaluation_without_held_out_images(capture: Capture, store: FrameStore, lively: Any) -> None:
     everything = replace(capture, test_cameras=frozenset())
     trainer = Trainer(everything, store, film.seeds(), lively(5), "frog", Limits(5), seed=0)
     assert trainer.evaluate(3)[1] == "training"

@@ -125,7 +125,7 @@ def test_the_file_says_what_was_done(task: TrainingJob, filmed: Path) -> None:
     assert header.metrics["psnr"] == pytest.approx(finished.psnr)
     scene = ScenePlayer.load(task.output)
     assert scene.count == finished.gaussians
-    np.testing.assert_allclose(header.cameras[0].center, film.rig()[0].center, atol=1e-9)  # judges, so is not refined
+    np.testing.assert_allclose(header.cameras[0].center, film.rig()[0].center, atol=1e-9)  # held out, so not refined
     np.testing.assert_allclose(header.cameras[2].center, film.rig()[2].center, atol=0.1)
 
 

@@ -1,4 +1,4 @@
-"""Trainings that are killed (SIGKILL) at random moments go on where they were, to the same bits; no file is damaged."""
+"""Trainings that are killed (SIGKILL) at random times go on where they were, to the same bits; no file is damaged."""
 
 from __future__ import annotations
 
