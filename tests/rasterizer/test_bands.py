@@ -51,7 +51,8 @@ def test_bands_have_the_bits_of_the_whole_image() -> None:
 MEASURED = f"""
 import json, resource, sys, warnings
 sys.path.insert(0, {str(Path(__file__).parent)!r})
-from test_bands import CAMERA, draw, giants
+from frog_blender.engine.playback.render import draw
+from test_bands import CAMERA, giants
 draw(giants(100), CAMERA)
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 drawing = draw(giants(12_000), CAMERA)
