@@ -144,11 +144,11 @@ def chart(records: list[Record], path: Path) -> None:
         own = [r for r in drawn if kernels(r) == kernel]
         lines, others = _sweep(own), [r for r in own if r not in _sweep(own)]
         for names, style, label in ((["forward_s"], "-", ""), (["forward_s", "backward_s"], "--", " + backward")):
-            look = {"color": COLORS[kernel], "label": f"{kernel}, forward{label}"}
+            kernel_style = {"color": COLORS[kernel], "label": f"{kernel}, forward{label}"}
             if lines:
-                times.loglog(*_points(lines, names), "o", linestyle=style, markersize=4, **look)
-                look["label"] = None
-            times.loglog(*_points(others, names), "s" if label else "o", markerfacecolor="none", **look)
+                times.loglog(*_points(lines, names), "o", linestyle=style, markersize=4, **kernel_style)
+                kernel_style["label"] = None
+            times.loglog(*_points(others, names), "s" if label else "o", markerfacecolor="none", **kernel_style)
     if _sweep(drawn):
         times.plot([], [], "o", color="#777777", markerfacecolor="none", label="other scenes")
         pairs, seconds = _points(_sweep(drawn), ["forward_s"])

@@ -80,7 +80,7 @@ def main() -> None:
     watch(spent, fused, "deform", "network_forward")
     watch(spent, fused, "deform_backward", "network_backward")
     watch(spent, trainer.optimizer, "step", "optimizer")
-    watch(spent, trainer, "_rounds", "rounds")
+    watch(spent, trainer, "_after_step", "rounds")
     about = {"recipe": options.recipe, "isa": binding.instruction_set()}
     total, all_seconds, all_steps = Counter[str](), 0.0, 0
     with gc_frozen():  # as in a training

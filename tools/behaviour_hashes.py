@@ -180,21 +180,21 @@ def _write_exposed(folder: Path) -> None:
     (folder / "cameras_opencv.json").write_text(json.dumps({"cameras": cameras}))
 
 
-def _listed(center: np.ndarray, file: Path, moment: float) -> dict[str, Any]:
+def _listed(center: np.ndarray, file: Path, frame_time: float) -> dict[str, Any]:
     pose = np.eye(4)
     pose[:3, :3] = _look_at(center).T @ np.diag([1.0, -1.0, -1.0])
     pose[:3, 3] = center
-    return {"file_path": file.name, "time": moment, "transform_matrix": pose.tolist()}
+    return {"file_path": file.name, "time": frame_time, "transform_matrix": pose.tolist()}
 
 
 def _write_moving(folder: Path) -> None:
     """One camera on its way along an arc, and ``transforms.json``."""
     entries = []
     for frame, center in enumerate(_arc(MOVING_FRAMES)):
-        moment = frame / (MOVING_FRAMES - 1)
+        frame_time = frame / (MOVING_FRAMES - 1)
         file = folder / f"{frame:03}.png"
-        cv2.imwrite(str(file), _image(center, _ball(moment))[..., :3])
-        entries.append(_listed(center, file, moment))
+        cv2.imwrite(str(file), _image(center, _ball(frame_time))[..., :3])
+        entries.append(_listed(center, file, frame_time))
     lens = {"w": WIDTH, "h": HEIGHT, "fl_x": FOCAL, "fl_y": FOCAL, "cx": WIDTH / 2, "cy": HEIGHT / 2}
     (folder / "transforms.json").write_text(json.dumps({**lens, "fps": 12.0, "frames": entries}))
 
@@ -205,10 +205,10 @@ def _write_cutout(folder: Path) -> None:
     for split, count, shift in (("train", 12, 0.0), ("test", 3, 0.02)):
         entries = []
         for frame, center in enumerate(_arc(count)):
-            moment = frame / (count - 1)
+            frame_time = frame / (count - 1)
             file = folder / f"{split}_{frame:03}.png"
-            cv2.imwrite(str(file), _image(center + shift, _ball(moment), wall=False))
-            entries.append(_listed(center + shift, file, moment))
+            cv2.imwrite(str(file), _image(center + shift, _ball(frame_time), wall=False))
+            entries.append(_listed(center + shift, file, frame_time))
         (folder / f"transforms_{split}.json").write_text(json.dumps({**lens, "frames": entries}))
 
 

@@ -20,15 +20,10 @@ def say(sentence: str) -> None:
         warnings.warn(sentence, Notice, stacklevel=3)  # the caller's caller
 
 
-def leave_to_blender(left: bool) -> bool:
-    """While the add-on is enabled its renders report to Blender what they find, which would be said twice.
-
-    Returns:
-        what was so before.
-    """
+def leave_to_blender(left: bool) -> None:
+    """While the add-on is enabled its renders report to Blender what they find, which would be said twice."""
     global _left_to_blender
-    before, _left_to_blender = _left_to_blender, left
-    return before
+    _left_to_blender = left
 
 
 def as_sentences() -> None:

@@ -40,7 +40,7 @@ def test_images_with_the_same_pose_are_one_standing_cameras(tmp_path: Path) -> N
 
 
 def test_lists_to_train_on_and_to_judge_share_no_camera(tmp_path: Path) -> None:
-    """Withheld are cameras, by name: one that films for both lists is two."""
+    """Cameras are held out by name: one that films for both lists is two."""
     write_standing(tmp_path, "transforms_train.json", "ab")
     write_standing(tmp_path, "transforms_test.json", "c")
     capture = open_capture(tmp_path)

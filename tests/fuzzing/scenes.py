@@ -55,9 +55,9 @@ def _imported(scene: SceneFile) -> SceneFile:
 
 
 def _moving_camera(scene: SceneFile) -> SceneFile:
-    moments = tuple(replace(odd_camera(45 + frame), name=f"frame {frame}") for frame in range(7))
+    per_frame = tuple(replace(odd_camera(45 + frame), name=f"frame {frame}") for frame in range(7))
     shots = tuple((frame,) for frame in range(7))
-    header = replace(scene.header, cameras=moments, camera_shots=shots, test_cameras=(), test_frames=(3,))
+    header = replace(scene.header, cameras=per_frame, camera_shots=shots, test_cameras=(), test_frames=(3,))
     return SceneFile(header, scene.arrays)
 
 
@@ -74,8 +74,8 @@ def _curves(scene: SceneFile) -> SceneFile:
 
 
 def _d3dgs(scene: SceneFile) -> SceneFile:
-    width, place, moment = 8, 3 + 6 * 2, 1 + 2 * 2
-    inputs = [place + moment, width, width + place + moment]
+    width, place, time = 8, 3 + 6 * 2, 1 + 2 * 2
+    inputs = [place + time, width, width + place + time]
     shapes: dict[str, tuple[int, ...]] = {"output.weight": (10, width), "output.bias": (10,)}
     for layer, size in enumerate(inputs):
         shapes |= {f"layers.{layer}.weight": (width, size), f"layers.{layer}.bias": (width,)}

@@ -1,4 +1,4 @@
-"""FRoG's rivals: each starts where it should, learns with all it has, and computes what its paper's formula says."""
+"""The baselines: each starts where it should, learns with all it has, and computes what its paper's formula says."""
 
 from __future__ import annotations
 
@@ -104,8 +104,8 @@ def literal_d3dgs(model: d3dgs.D3dgs, time: float) -> torch.Tensor:
     """As the paper draws it: place and time concatenated, and again before the layer of the skip."""
     network, s = model.deformation, model.settings
     place = d3dgs.encode((model.canonical.means - network.centre) / network.unit, s.space_frequencies)
-    moment = d3dgs.encode(torch.tensor([[time]]), s.time_frequencies).expand(len(place), -1)
-    encoded = torch.cat([place, moment], dim=1)
+    time_code = d3dgs.encode(torch.tensor([[time]]), s.time_frequencies).expand(len(place), -1)
+    encoded = torch.cat([place, time_code], dim=1)
     hidden = encoded
     for number, layer in enumerate(network.layers):
         hidden = layer(torch.cat([encoded, hidden], dim=1) if number == s.skip else hidden).relu()
@@ -171,7 +171,7 @@ def test_hexplane_begins_as_its_paper_says() -> None:
     for space in field.space_planes.requires_grad_(False):
         assert 0.1 <= float(space.min()) < 0.11 and 0.49 < float(space.max()) <= 0.5
     for over_time in field.time_planes:
-        assert bool((over_time == 1).all()) and over_time.shape[2] == 5  # half of nine moments
+        assert bool((over_time == 1).all()) and over_time.shape[2] == 5  # half of nine times
 
 
 def test_hexplane_pulls_its_planes_smooth_and_still() -> None:

@@ -163,8 +163,8 @@ def test_the_embedding_is_the_product_of_coarse_and_fine() -> None:
     )
 
 
-def test_a_moment_that_was_played_can_be_trained() -> None:
-    """What is kept of a moment does not remember who asked first."""
+def test_a_time_that_was_played_can_be_trained() -> None:
+    """What is cached for a time serves training as well, though playback asked for it first."""
     with torch.inference_mode():
         Frog(canonical(), SETTINGS).deform(0.31)
     model = Frog(canonical(), SETTINGS)

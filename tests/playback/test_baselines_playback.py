@@ -1,4 +1,4 @@
-"""Scenes of FRoG's rivals, written to a file and played without torch, are the scenes that training ended with."""
+"""Scenes of the baselines, written to a file and played without torch, are the scenes that training ended with."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is kept of a moment brings back the same bits, in bounded memory."""
+"""What is cached for a time brings back the same bits, in bounded memory."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_the_cache_forgets_what_was_not_used_for_longest() -> None:
     assert [key in cache for key in (("a", 0.0), ("a", 0.1), ("a", 0.2), ("b", 0.0))] == [True, False, False, True]
     assert cache.bytes <= cache.limit
     cache.keep(("b", 0.5), part(1))
-    assert cache.bytes == 12 + 24 + 12, "the same moment again takes the place of the former"
+    assert cache.bytes == 12 + 24 + 12, "the same time again replaces the former entry"
     cache.keep(("c", 0.0), part(6))
     assert ("c", 0.0) not in cache and cache.bytes == 48, "larger than everything allowed"
     cache.forget("b")

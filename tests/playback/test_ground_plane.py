@@ -146,8 +146,8 @@ def test_placed_it_stands_upright_at_the_origin_and_is_seen_from_the_front(aroun
     placed = points @ matrix[:3, :3].T + matrix[:3, 3]
     assert np.mean(np.abs(placed[:, 2]) < 0.03) > 0.3
     np.testing.assert_allclose(np.median(placed[:, :2], axis=0), 0, atol=1e-2)
-    look = matrix[:3, :3] @ rig[len(rig) // 2].forward if around == 1.0 else matrix[:3, :3] @ rig[0].forward
-    assert look[1] > 0.9 and abs(look[0]) < 0.01
+    direction = matrix[:3, :3] @ rig[len(rig) // 2].forward if around == 1.0 else matrix[:3, :3] @ rig[0].forward
+    assert direction[1] > 0.9 and abs(direction[0]) < 0.01
 
 
 def test_only_opaque_static_gaussians_vote():

@@ -63,7 +63,7 @@ def test_every_array_must_have_its_shape(form: str, head_width: int) -> None:
     wrong = [name for name in scene.arrays if name != "sh"]
     for name in wrong:
         whole = scene.arrays[name]
-        # Fewer embeddings than Gaussians are legal: some are at rest.
+        # Fewer embeddings than Gaussians are legal: some are static.
         other_length = np.concatenate([whole, whole[:1]]) if name == "embeddings" else whole[:-1]
         for array in (other_length, whole[..., None], whole[:0]):
             with pytest.raises(FrogError, match="deformation network"):

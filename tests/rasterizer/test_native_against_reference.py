@@ -131,7 +131,7 @@ def test_where_alpha_is_clamped_nothing_reaches_the_shape() -> None:
 
 @pytest.mark.parametrize("wanted", ["rgb", "alpha"])
 def test_a_loss_of_colour_or_alpha_alone(wanted: str) -> None:
-    """What the loss does not look at is told apart from what has a gradient of zero."""
+    """An output that the loss does not use is told apart from what has a gradient of zero."""
     camera = odd_camera(33, 20)
     arrays = random_gaussians(camera, 60, 1, seed=5)
     found = []

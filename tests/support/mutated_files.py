@@ -165,10 +165,10 @@ class Bakes(Kind):
     def use(self) -> bool:
         found = Bake(self.path, self._source, self._scene)
         try:
-            for moment in (0.0, 0.5, 1.0):
-                part = found.find(moment)
+            for frame_time in (0.0, 0.5, 1.0):
+                part = found.find(frame_time)
                 if part is not None:
-                    draw(self._scene.at(moment, part), plain_camera(), (0.0, 0.0, 0.0))
+                    draw(self._scene.at(frame_time, part), plain_camera(), (0.0, 0.0, 0.0))
         finally:
             found.close()
         assert not found.problem

@@ -42,7 +42,7 @@ def in_four_threads(work: Callable[[int], None]) -> None:
 
 
 def flickering(count: int = 300, **model: object) -> SceneFile:
-    """Each Gaussian is transparent at most of its moments."""
+    """Each Gaussian is transparent at most of its times."""
     scene = scene_file(count, modulation=True, **model)
     arrays = {name: array.copy() for name, array in scene.arrays.items()}
     arrays["network.output_weight"][10] *= 60
@@ -54,7 +54,7 @@ def spared(num_shape_dynamic: int = 50, fleeting: bool = False, **model: object)
     """200 Gaussians: 120 deformed, the first ``num_shape_dynamic`` in their shape too, 40 that only fade, 40 static.
 
     Args:
-        fleeting: those that are deformed are transparent at most of their moments.
+        fleeting: those that are deformed are transparent at most times.
     """
     plain = flickering(200, moving=120, **model) if fleeting else scene_file(200, moving=120, modulation=True, **model)
     tracks = np.random.default_rng(0).integers(0, 256, (40, plain.header.frame_count)).astype(np.uint8)

@@ -77,13 +77,13 @@ def test_brightening_takes_the_dark_back() -> None:
     assert brightened_values(dark / 255, 4.0)[0, 0, 0] == pytest.approx(128 / 255, abs=0.01)
 
 
-@pytest.mark.parametrize(("alteration", "judged"), [(Noise(20), False), (Light(0.25), True)])
+@pytest.mark.parametrize(("alteration", "tests_too"), [(Noise(20), False), (Light(0.25), True)])
 def test_images_that_judge_change_only_with_the_whole_scene(
-    filmed: Path, cache_folder: Path, alteration: Noise, judged: bool
+    filmed: Path, cache_folder: Path, alteration: Noise, tests_too: bool
 ) -> None:
     clean = open_capture(filmed)
     capture = replace(clean, alteration=alteration)
     before, after = (FrameStore.open(item, cache_folder=cache_folder) for item in (clean, capture))
     assert before.folder != after.folder
     changed = [not np.array_equal(before.image(i), after.image(i)) for i in range(len(before))]
-    assert changed == [judged or not capture.is_test(shot) for shot in capture.shots]
+    assert changed == [tests_too or not capture.is_test(shot) for shot in capture.shots]

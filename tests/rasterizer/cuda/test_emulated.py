@@ -158,8 +158,8 @@ def test_structs_and_constants_are_those_of_the_kernels(built_emulator: Emulator
         layout = (ctypes.c_size_t * len(expected)).in_dll(library, f"{name.lower()}_layout")
         assert list(layout) == expected, name
     constants = list((ctypes.c_int * 5).in_dll(library, "constants"))
-    moments = [module.MOMENTS, module.MOMENTS_AND_ABSOLUTE]
-    assert constants == [launch.THREADS, binning.TILE, 4 * structs.SPLAT_FLOATS, *moments]
+    numbers = [module.MOMENTS, module.MOMENTS_AND_ABSOLUTE]
+    assert constants == [launch.THREADS, binning.TILE, 4 * structs.SPLAT_FLOATS, *numbers]
 
 
 BROKEN = {

@@ -11,7 +11,7 @@ import tempfile
 from pathlib import Path
 
 from . import nvrtc
-from .sources import Kernel, headers
+from .sources import Kernel
 
 _FORMAT = b"frog kernel 1\n"
 _DIGEST = hashlib.sha256().digest_size
@@ -46,7 +46,7 @@ def machine_code(
 def _name(kernel: Kernel, target: str, version: tuple[int, int]) -> str:
     """A file name that changes with everything that decides the code."""
     parts = [kernel.source, *kernel.options, target, repr(version)]
-    for name, text in headers().items():
+    for name, text in kernel.headers.items():
         parts += [name, text]
     digest = hashlib.sha256("\0".join(parts).encode()).hexdigest()
     return f"{kernel.name}-{target}-{digest[:32]}.bin"

@@ -20,7 +20,7 @@ from ctypes import POINTER, byref, c_char_p, c_int, c_size_t, c_void_p
 from pathlib import Path
 
 from ...errors import FrogError
-from .sources import Kernel, headers
+from .sources import Kernel
 
 
 def package_folders() -> Iterator[Path]:
@@ -126,7 +126,7 @@ class Compiler:
 
         FrogError when it does not compile: one sentence, then the compiler's log.
         """
-        texts = headers()
+        texts = kernel.headers
         program = c_void_p()
         contents = (c_char_p * len(texts))(*[text.encode() for text in texts.values()])
         names = (c_char_p * len(texts))(*[name.encode() for name in texts])

@@ -52,6 +52,11 @@ class Kernel:
         return _text(self.path)
 
     @property
+    def headers(self) -> dict[str, str]:
+        """Texts by the names under which it may include them."""
+        return _headers()
+
+    @property
     def options(self) -> tuple[str, ...]:
         """For the compiler, without the architecture."""
         definitions = (f"-D{name}={value}" for name, value in self.constants)
@@ -78,8 +83,7 @@ def all_kernels() -> Iterator[Kernel]:
 
 
 @functools.cache
-def headers() -> dict[str, str]:
-    """Texts by the names under which the kernels include them."""
+def _headers() -> dict[str, str]:
     paths = [*sorted(SHARED.glob("*.h")), *sorted(KERNELS.glob("*.cuh"))]
     return {path.name: _text(path) for path in paths}
 
