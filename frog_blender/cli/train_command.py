@@ -34,7 +34,7 @@ def add_train_parser(commands: Any) -> None:
     train.add_argument("--seconds", type=positive(float), help="train for this long instead")
     train.add_argument("--seed", type=seed, default=0)
     train.add_argument("--scale", type=positive(float), help="image size factor, such as 0.5")
-    train.add_argument("--holdout-frames", type=int, metavar="K", help="withhold every K-th moment; 0 withholds none")
+    train.add_argument("--holdout-frames", type=int, metavar="K", help="hold out every K-th frame; 0 holds out none")
     train.add_argument(
         "--device",
         choices=["auto", "cpu", "cuda"],
