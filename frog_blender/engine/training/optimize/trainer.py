@@ -416,3 +416,7 @@ class Trainer:
             truth = self.store.image(index).astype(np.float32) / 255
             values.append(psnr_of(float(np.mean((self.render_image(index, None, played).clip(0, 1) - truth) ** 2))))
         return float(np.mean(values)), "held-out" if held_out else "training"
+
+
+TrainerFactory = Callable[..., Trainer]
+"""Makes a trainer of what ``Trainer`` takes."""

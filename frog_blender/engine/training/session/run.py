@@ -21,7 +21,7 @@ from ..compression.schedule import compression_hooks
 from ..methods import method_named
 from ..optimize.device import choose_device
 from ..optimize.initialization import doubt_of_scale
-from ..optimize.trainer import Limits, Trainer
+from ..optimize.trainer import Limits, Trainer, TrainerFactory
 from . import events
 from .background_work import in_background
 from .cancel_token import CancelToken
@@ -61,7 +61,7 @@ def prepare_capture(
 
 
 def run_training(
-    job: TrainingJob, cancelled: Callable[[], bool] = lambda: False, *, trainer_type: type[Trainer] = Trainer
+    job: TrainingJob, cancelled: Callable[[], bool] = lambda: False, *, trainer_type: TrainerFactory = Trainer
 ) -> Iterator[Event]:
     """Trains, yielding events; the last is Finished or Cancelled.
 
@@ -79,7 +79,7 @@ def run_training(
         yield from _run(job, CancelToken.of(cancelled), trainer_type)
 
 
-def _run(job: TrainingJob, cancel: CancelToken, trainer_type: type[Trainer]) -> Iterator[Event]:
+def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory) -> Iterator[Event]:
     """``run_training`` while the output is locked."""
     if not (job.overwrite or job.resume):
         check_unused(job.output)
