@@ -24,8 +24,11 @@ INTEGRATION = (
     "playback/test_without_torch.py",
     "rasterizer/cuda",
     "rasterizer/test_bands.py",
+    "rasterizer/test_options.py",
     "rasterizer/test_random_scenes.py",
     "rasterizer/test_reference_gradients.py",
+    "scene/test_mutations.py",
+    "test_python_api.py",
     "training",
 )
 """Folders and files of this one whose tests train, start other processes or Blender, or draw for seconds. ``make
