@@ -27,8 +27,7 @@ def importer(scene: bpy.types.Scene) -> Callable[[Path], str]:
         if target is None and file and bpy.data.filepath == file:  # the same file, opened again
             target = bpy.data.scenes.get(name)
         if target is None:
-            return "Not imported automatically: the scene that it was trained for was not open when the training "
-            "ended."
+            return "Not imported automatically: the scene that it was trained for was not open when the training ended."
         if plays(target, path):
             playback.refresh(target)
             return ""

@@ -69,7 +69,8 @@ def test_what_is_being_edited_is_left_to_the_panel(addon, static_rig):
 def test_another_file_gets_nothing(empty, static_rig):
     show = importer(empty)
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    assert "was not open" in show(static_rig)
+    said = show(static_rig)
+    assert "was not open" in said and said.endswith("when the training ended.")
     assert not bpy.data.objects and not bpy.data.collections
 
 
