@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..engine.capture.arrays import Float64s
+from ..engine.arrays import Float64s
 from ..engine.capture.camera import Camera
 from ..engine.capture.frames import FrameStore
 from ..engine.errors import FrogError

@@ -1,4 +1,4 @@
-"""Types of arrays that several rooms exchange."""
+"""Types of arrays that several rooms exchange; docstrings give their shapes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,13 @@ from numpy.typing import NDArray
 # numpy's stubs lose an array's number type in most arithmetic: docstrings say it, and files are checked when read.
 Array: TypeAlias = NDArray[Any]
 
-Floats: TypeAlias = NDArray[np.float32]
+Bools: TypeAlias = NDArray[np.bool_]
+Ints: TypeAlias = NDArray[np.int64]
+Float32s: TypeAlias = NDArray[np.float32]
+Float64s: TypeAlias = NDArray[np.float64]
+Floats: TypeAlias = Float32s | Float64s
+ImageArray: TypeAlias = NDArray[np.uint8]
+"""(H, W, 3) display-referred sRGB, or (H, W) brightness."""
 
 SceneArrays: TypeAlias = dict[str, Array]
 """A scene file's arrays by name. The canonical field: ``means`` (N, 3), ``log_scales`` (N, 3), ``quaternions`` (N, 4),

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..arrays import Float64s
 from ..errors import brief, printable
 from ..io.plain_values import UnfitValue, entries, number, numbers, text, whole
-from .arrays import Float64s
 
 NEUTRAL = (1.0, 1.0, 1.0)
 """The exposure of a camera whose images are as bright as the scene."""

@@ -15,8 +15,8 @@ from typing import Protocol
 
 import numpy as np
 
+from ..arrays import Float64s, ImageArray
 from ..errors import FrogError
-from .arrays import Float64s, ImageArray
 from .camera import Camera
 from .camera_motion import cameras_move
 

@@ -8,8 +8,8 @@ from itertools import groupby, repeat
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import ImageArray
 from ..errors import FrogError
-from .arrays import ImageArray
 from .camera import Camera
 from .capture import Capture, Distortion
 from .video import VIDEO_SUFFIXES, decode, load_opencv, read_image

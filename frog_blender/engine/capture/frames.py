@@ -18,8 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ..arrays import ImageArray
 from ..errors import FrogError, found_instead
-from .arrays import ImageArray
 from .camera import MAX_PIXELS, MAX_SIDE
 from .capture import Capture, Distortion, Shot
 from .decoding import decode_shots

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..arrays import Bools, Float32s, Float64s, Floats, Ints
 from ..errors import FrogError
-from .arrays import Bools, Float32s, Float64s, Floats, Ints
 from .capture import Capture
 from .seeding.given import given_points
 from .seeding.matching import triangulate

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from ..arrays import Float32s, ImageArray
 from ..errors import FrogError, found_instead
 from ..io.regular_file import regular_file
 from ..optional_imports import is_missing, not_loaded
-from .arrays import Float32s, ImageArray
 from .camera import MAX_SIDE
 from .image_header import size_in_header
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...engine.capture.arrays import Floats, ImageArray
+from ...engine.arrays import Floats, ImageArray
 from ...engine.capture.video import load_opencv
 from ...engine.srgb import linear_to_srgb, srgb_to_linear
 

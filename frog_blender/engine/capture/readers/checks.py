@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ...arrays import Float64s
 from ...errors import FrogError, found_instead
 from ...io.regular_file import regular_file
-from ..arrays import Float64s
 from ..camera import MAX_SIDE, exact_pinhole
 from ..capture import MAX_FRAMES, MAX_IMAGES, Capture, Shot
 from ..video import VideoFacts

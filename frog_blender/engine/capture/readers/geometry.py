@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arrays import Float64s
+from ...arrays import Float64s
 from ..capture import Distortion
 
 _PROPORTIONS = 0.02  # relative difference of two aspect ratios that rounded sizes explain

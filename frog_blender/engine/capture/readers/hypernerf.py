@@ -15,9 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ...arrays import Float64s
 from ...errors import FrogError, found_instead
 from ...io.numpy_files import read_npy
-from ..arrays import Float64s
 from ..camera import Camera
 from ..capture import Capture, Distortion, Shot
 from ..video import read_image, with_ending

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ...arrays import Float64s
 from ...errors import FrogError, found_instead
 from ...io.numpy_files import read_npy
-from ..arrays import Float64s
 from ..camera import Camera
 from ..capture import Capture, Shot
 from ..video import find_images, find_videos, read_facts, read_image

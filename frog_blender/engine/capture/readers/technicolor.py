@@ -16,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ...arrays import Float64s
 from ...errors import FrogError, found_instead
 from ...io.regular_file import regular_file
-from ..arrays import Float64s
 from ..camera import Camera
 from ..capture import Capture, Distortion, Shot
 from ..image_header import PNG_HEADER, png_size

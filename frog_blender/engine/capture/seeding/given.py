@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arrays import Float32s, Float64s
+from ...arrays import Float32s, Float64s
 from ..capture import Capture
 from .views import Images, load_view, sample_view, spread
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ..arrays import Float32s, Float64s
+from ...arrays import Float32s, Float64s
 from ..camera import Camera
 from ..video import load_opencv
 from .views import View

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Bools, Float32s, Float64s
+from ...arrays import Bools, Float32s, Float64s
 from ..capture import Capture
 from ..video import load_opencv
 from .views import Images, View, load_view, sample_view, spread

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Bools, Float32s, Float64s, Ints
+from ...arrays import Bools, Float32s, Float64s, Ints
 from ..camera import Camera
 from ..video import load_opencv
 from .views import View

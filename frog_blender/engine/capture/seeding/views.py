@@ -9,7 +9,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Bools, Float32s, Float64s, ImageArray
+from ...arrays import Bools, Float32s, Float64s, ImageArray
 from ..camera import Camera
 from ..capture import Capture
 from ..video import load_opencv

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..arrays import Float64s
+from ...arrays import Float64s
 from ..capture import Capture
 from ..video import load_opencv
 from .moving import moving_points
