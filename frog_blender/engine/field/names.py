@@ -15,3 +15,13 @@ the scores weighs them."""
 
 FORMS = ("paper", "unit", "off")
 """Of the opacity reduction, see ``model.opacity.reduction_factor``."""
+
+
+def network_count(fusion: str) -> int:
+    """Deformation networks that a fusion needs."""
+    return 2 if fusion == "dual" else 1
+
+
+def fused_size(fusion: str, temporal_size: int) -> int:
+    """Length of what each network is given, of embeddings of length ``temporal_size``."""
+    return 2 * temporal_size if fusion == "concat" else temporal_size

@@ -11,6 +11,7 @@ from torch import nn
 from torch.nn import functional
 
 from ..capture.camera import Camera
+from ..field.names import fused_size, network_count
 from ..field.temporal_table import temporal_weights
 from ..gaussians import TorchGaussians
 from ..io.plain_values import JsonObject
@@ -20,7 +21,7 @@ from .canonical import CanonicalField
 from .deformation import DeformationField
 from .fused import deform_fused, field_arrays
 from .fused_rendering import render_fused
-from .fusion import fuse, fused_size, network_count
+from .fusion import fuse
 from .interface import FINISHED, RenderResult, SceneModel, ScheduleState
 from .opacity import reduction_factor
 

@@ -5,16 +5,6 @@ from __future__ import annotations
 import torch
 
 
-def network_count(form: str) -> int:
-    """Networks that a form needs."""
-    return 2 if form == "dual" else 1
-
-
-def fused_size(form: str, temporal_size: int) -> int:
-    """Length of what each network is given."""
-    return 2 * temporal_size if form == "concat" else temporal_size
-
-
 def fuse(
     form: str, coarse: torch.Tensor, fine: torch.Tensor, attention: tuple[torch.Tensor, torch.Tensor] | None = None
 ) -> torch.Tensor:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays import Array, SceneArrays
-from ..field.names import FUSIONS
+from ..field.names import FUSIONS, fused_size, network_count
 from ..field.temporal_table import resampled
 from ..io.plain_values import JsonMapping
 
@@ -85,8 +85,7 @@ class TemporalEmbedding:
             query = arrays["attention_query"]
             weight = checked(arrays, "attention_weight", (query.size, length))
             self._attention = weight, checked(arrays, "attention_query", (query.size,))
-        self.networks = 2 if self.form == "dual" else 1
-        self.size = 2 * length if self.form == "concat" else length
+        self.networks, self.size = network_count(self.form), fused_size(self.form, length)
 
     def at(self, time: float) -> Array:
         """(networks, size) float32 at a time in [0, 1]."""
