@@ -78,7 +78,7 @@ def _training_times(capture: Capture) -> list[str]:
     """How long the recipes for any computer would take, a line each."""
     device = likely_device("auto")
     scale = usual_scale(capture.cameras)
-    prepared = is_decoded(capture if scale == 1 else capture.scaled(scale))
+    prepared = is_decoded(capture.scaled(scale))
     lines = []
     for name in ("draft", "standard"):
         work = replace(Workload.of(capture, recipe(name), scale=scale), prepared=prepared)

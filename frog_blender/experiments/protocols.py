@@ -170,7 +170,7 @@ def _at_size(capture: Capture, protocol: Protocol) -> Capture:
             f"figures cannot be compared with those of {protocol.title}."
         )
         return replace(capture, warnings=(*capture.warnings, sentence))
-    return capture if width == protocol.image_width else capture.scaled(protocol.image_width / width)
+    return capture.scaled(protocol.image_width / width)
 
 
 def _folders(directory: Path, depth: int = _DEPTH) -> Iterator[Path]:

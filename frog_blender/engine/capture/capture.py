@@ -180,13 +180,15 @@ class Capture:
         return replace(self, test_frames=frames)
 
     def scaled(self, scale: float) -> Capture:
-        """The capture at another image size (rounded); the frame store resizes to it.
+        """The capture at another image size (rounded), itself for 1; the frame store resizes to it.
 
         Raises:
             FrogError: if the factor is not a positive finite number or leaves a camera without pixels.
         """
         if not (np.isfinite(scale) and scale > 0):
             raise FrogError(f"An image scale of {scale} makes no sense: give a positive number such as 0.5.")
+        if scale == 1:
+            return self
         cameras = []
         for camera in self.cameras:
             width, height = round(camera.width * scale), round(camera.height * scale)

@@ -18,7 +18,7 @@ def as_trained(header: SceneHeader, capture: Capture) -> Capture:
     Raises:
         FrogError: when it is another capture than the scene's.
     """
-    sized = capture.scaled(header.scale) if header.scale != 1.0 else capture
+    sized = capture.scaled(header.scale)
     for found, expected in _facts(sized, header):
         if found != expected:
             raise FrogError(f"{capture.path}: found {found}, expected {expected} as the scene was trained on.")

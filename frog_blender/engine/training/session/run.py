@@ -53,8 +53,7 @@ def prepare_capture(
     capture = opened if opened is not None else open_capture(Path(path), pixel_offsets=pixel_offsets)
     if scale is None:
         scale = usual_scale(capture.cameras)
-    if scale != 1.0:
-        capture = capture.scaled(scale)
+    capture = capture.scaled(scale)
     if holdout_frames is not None:
         capture = capture.with_holdout(holdout_frames)
     return capture, scale
