@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 import pytest
 from support.small_scenes import rig_of_three, write_scene
+from support.users_scene import views
 
 from frog_blender import point_cloud
 from frog_blender.timeline import open_scenes, playback
@@ -70,11 +71,6 @@ def test_import_sets_the_scene_up(empty, capture):
 
 def test_importing_shows_the_capture_at_once(empty, static_rig):
     """Solid viewports would show grey spheres."""
-
-    def views():
-        areas = [area for window in bpy.context.window_manager.windows for area in window.screen.areas]
-        return [area.spaces.active for area in areas if area.type == "VIEW_3D"]
-
     if not views():
         pytest.skip("this Blender has no window")
     bpy.ops.import_scene.frog(filepath=str(static_rig), use_frog_engine=False)

@@ -4,23 +4,16 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from support.system_faults import can_mount
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are forked to be ended")
 ENDING = Path(__file__).parents[2] / "support" / "ended_trainings.py"
 ON_A_SMALL_DISK = 'mount -t tmpfs -o size=264m tmpfs "$1" && shift && exec "$@"'
-
-
-def can_mount() -> bool:
-    if shutil.which("unshare") is None:
-        return False
-    command = ["unshare", "-rm", "sh", "-c", "mount -t tmpfs -o size=64k tmpfs /mnt"]
-    return subprocess.run(command, capture_output=True, check=False).returncode == 0
 
 
 def ended(filmed: Path, folder: Path, how: str, moments: int) -> dict[str, int]:

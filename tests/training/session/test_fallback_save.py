@@ -16,6 +16,7 @@ import pytest
 import torch
 from support import synthetic_capture as film
 from support.builders import run_python
+from support.system_faults import can_mount
 from support.training_steps import cancelled_at
 
 from frog_blender.engine.errors import FrogError
@@ -39,13 +40,6 @@ def task(filmed: Path, tmp_path: Path, lively: Callable, own_cache: Path) -> Tra
 
 def warnings(stream: list) -> list[str]:
     return [event.message for event in stream if isinstance(event, events.WarningEvent)]
-
-
-def can_mount() -> bool:
-    if shutil.which("unshare") is None:
-        return False
-    command = ["unshare", "-rm", "sh", "-c", "mount -t tmpfs -o size=64k tmpfs /mnt"]
-    return subprocess.run(command, capture_output=True, check=False).returncode == 0
 
 
 @pytest.mark.skipif(not can_mount(), reason="this system does not let its users mount a small file system")
