@@ -44,9 +44,8 @@ def is_capture(obj: bpy.types.Object) -> bool:
     if obj.type not in point_cloud.TYPES:
         return False
     settings = obj.frog
-    return bool(
-        settings.is_property_set("filepath") and settings.filepath
-    )  # the first check is fast, and false for most objects
+    # The first check is fast, and false for most objects.
+    return bool(settings.is_property_set("filepath") and settings.filepath)
 
 
 def shown_path(settings: Any, stored: str) -> str:

@@ -15,6 +15,7 @@ from .capture.readers import open_capture as read_capture
 from .evaluation.as_trained import as_trained
 from .evaluation.evaluate import Figures
 from .evaluation.evaluate import evaluate as evaluate_images
+from .evaluation.evaluate_file import open_training_capture
 from .playback.player import ScenePlayer
 from .playback.render import Drawing, draw
 
@@ -137,9 +138,12 @@ def train(
     from .training.session.job import TrainingJob
     from .training.session.run import run_training
 
-    opened = capture if isinstance(capture, Capture) else None
+    if isinstance(capture, Capture):
+        path, opened = capture.path, capture
+    else:
+        path, opened = Path(capture), None
     job = TrainingJob(
-        opened.path if opened is not None else Path(capture),  # type: ignore[arg-type]
+        path,
         Path(output),
         method=method,
         recipe=recipe_named(recipe, capacity=capacity) if isinstance(recipe, str) else recipe,
@@ -211,9 +215,10 @@ def evaluate(
     Raises:
         FrogError: when it is another capture, or has no image of that split.
     """
-    if not isinstance(capture, Capture):
-        capture = open_capture(capture, pixel_offsets=scene.header.pixel_offsets)
-    seen = as_trained(scene.header, capture)
+    if isinstance(capture, Capture):
+        seen = as_trained(scene.header, capture)
+    else:
+        seen = open_training_capture(scene, Path(capture))
     figures = evaluate_images(
         scene,
         seen,

@@ -63,9 +63,8 @@ class FROG_OT_align_to_floor(bpy.types.Operator):
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        inside = (
-            root.matrix_world.inverted_safe() @ obj.matrix_world
-        )  # the Gaussians relative to the object that is moved
+        # The Gaussians relative to the object that is moved.
+        inside = root.matrix_world.inverted_safe() @ obj.matrix_world
         root.matrix_world = Matrix.Scale(scale, 4) @ Matrix(matrix.tolist()) @ inside.inverted_safe()
         self.report({"INFO"}, said)
         return {"FINISHED"}

@@ -124,7 +124,10 @@ def fit_budget(session: Session) -> None:
         return
     keep_within(compression, trainer.recipe.kept_at_most)
     if budget and trainer.finished:
-        fit_within(compression, lambda: _packed_size(reorder_for_playback(_scene(session))), budget)
+        visible = compression.settings.max_visible
+        fit_within(
+            compression, lambda: _packed_size(reorder_for_playback(_scene(session), max_visible=visible)), budget
+        )
 
 
 def size_limit(session: Session) -> int:
@@ -232,7 +235,7 @@ def _arrays(session: Session) -> dict[str, NDArray[np.generic]]:
 
 
 def compression_report(session: Session, steps: list[CompressionStep]) -> JsonObject:
-    """What the header's ``capacity`` holds ."""
+    """What the header's ``capacity`` holds."""
     trainer = session.trainer
     canonical = trainer.model.canonical
     return {
