@@ -20,6 +20,8 @@ from typing import Any
 import bpy
 
 from . import addon_state, point_cloud, relative_paths
+from .engine.errors import FrogError
+from .engine.io.atomic_files import write_atomically
 
 _LONGEST_PATH = 1023  # bytes that a volume's path holds
 
@@ -114,21 +116,12 @@ def _copy_of_packed(source: bpy.types.Volume) -> Path | None:
                 Path(unpacked.folder.name) / hashlib.blake2b(content, digest_size=8).hexdigest() / f"{stem[:60]}.frog"
             )
             if not path.is_file():
-                _write(path, content)
-        except OSError as error:
-            reason = error.strerror or error
-            print(f"FRoG: {source.name}: its packed file could not be unpacked ({reason}).", file=sys.stderr)
+                write_atomically(path, content)
+        except (FrogError, OSError) as error:
+            print(f"FRoG: {source.name}: its packed file could not be unpacked ({error}).", file=sys.stderr)
             return None
         unpacked.paths[key] = path
         return path
-
-
-def _write(path: Path, content: bytes) -> None:
-    """Writes the whole file or nothing."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = path.with_suffix(".part")
-    unfinished.write_bytes(content)
-    unfinished.replace(path)
 
 
 def forget() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -123,12 +122,8 @@ def _job(options: argparse.Namespace) -> TrainingJob:
 
 def _budgeted(options: argparse.Namespace) -> Recipe:
     """The recipe with the capacity and the budgets that were asked for."""
-    from ..engine.training.compression.budget import gaussians_within, with_budget
+    from ..engine.training.compression.budget import recipe_within
     from ..engine.training.recipe import recipe
 
     chosen = recipe(options.recipe, capacity=options.capacity)
-    if options.max_gaussians:
-        chosen = with_budget(chosen, options.max_gaussians, options.method)
-    if options.max_bytes:
-        chosen = replace(chosen, max_gaussians=min(chosen.max_gaussians, gaussians_within(options.max_bytes, chosen)))
-    return chosen
+    return recipe_within(chosen, options.method, max_gaussians=options.max_gaussians, max_bytes=options.max_bytes)

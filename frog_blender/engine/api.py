@@ -96,13 +96,14 @@ def train(
     *,
     recipe: str | Recipe = "standard",
     method: str = "frog",
-    capacity: str | None = None,
+    capacity: str = "auto",
     steps: int | None = None,
     seconds: float | None = None,
     seed: int = 0,
     scale: float | None = None,
     holdout_frames: int | None = None,
     device: str = "auto",
+    max_gaussians: int | None = None,
     max_bytes: int | None = None,
     lossless: bool = False,
     overwrite: bool = False,
@@ -117,12 +118,13 @@ def train(
         output: the ``.frog`` to write. Its checkpoint lies beside it.
         recipe: "draft", "standard", "paper", "hypernerf", "technicolor", or one of your own.
         method: "frog" or a baseline: "ed3dgs", "static", "d3dgs", "hexplane", "curves".
-        capacity: "auto" keeps no more than the scene needs, "fixed" keeps everything; None leaves it to the recipe.
+        capacity: "auto" keeps no more than the scene needs, "fixed" keeps everything; for a recipe given by name.
         steps, seconds: limits; the recipe's own number of steps where neither is given.
         seed: of everything random.
         scale: image size factor; None shrinks to at most 1,600 pixels a side.
         holdout_frames: hold out every n-th frame; None keeps what the capture's format says.
-        device: "cpu", "cuda" (experimental) or "auto".
+        device: "cpu", "cuda" or "auto".
+        max_gaussians: of the scene, at most.
         max_bytes: of the file, at most; only with automatic capacity.
         lossless: write every number as it is, instead of quantized where that does not show.
         overwrite: replace a scene or a checkpoint that is there; otherwise that is an error.
@@ -133,6 +135,7 @@ def train(
     Raises:
         FrogError: in one sentence, for what the caller can mend.
     """
+    from .training.compression.budget import recipe_within
     from .training.recipe import recipe as recipe_named
     from .training.session import events
     from .training.session.job import TrainingJob
@@ -142,11 +145,12 @@ def train(
         path, opened = capture.path, capture
     else:
         path, opened = Path(capture), None
+    chosen = recipe_named(recipe, capacity=capacity) if isinstance(recipe, str) else recipe
     job = TrainingJob(
         path,
         Path(output),
         method=method,
-        recipe=recipe_named(recipe, capacity=capacity) if isinstance(recipe, str) else recipe,
+        recipe=recipe_within(chosen, method, max_gaussians=max_gaussians, max_bytes=max_bytes),
         steps=steps,
         seconds=seconds,
         seed=seed,

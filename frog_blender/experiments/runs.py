@@ -26,8 +26,8 @@ from ..engine.playback.player import ScenePlayer
 from ..engine.scene.scene_file import read_scene, scene_bytes, settings_json
 from ..engine.training.methods import method_named
 from ..engine.training.session import events
-from ..engine.training.session.checkpoint import checkpoint_path
 from ..engine.training.session.job import TrainingJob
+from ..engine.training.session.output_paths import checkpoint_path
 from ..engine.training.session.run import prepare_capture, run_training
 from .corruptions.alterations import brightened_values
 from .corruptions.catalogue import condition_named

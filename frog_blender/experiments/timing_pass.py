@@ -16,9 +16,10 @@ from ..engine.training.compression.schedule import compression_hooks
 from ..engine.training.optimize.device import choose_device
 from ..engine.training.optimize.running_loss import TrainingDiverged
 from ..engine.training.optimize.trainer import Limits, Trainer
-from ..engine.training.session.checkpoint import checkpoint_path, load_checkpoint
+from ..engine.training.session.checkpoint import load_checkpoint
 from ..engine.training.session.export import export_scene
 from ..engine.training.session.job import TrainingJob
+from ..engine.training.session.output_paths import checkpoint_path
 from ..engine.training.session.run import prepare_capture
 from ..engine.training.session.session import Session
 from .grid import Run

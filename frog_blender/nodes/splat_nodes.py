@@ -12,6 +12,7 @@ from typing import Any
 
 import bpy
 
+from ..engine.spherical_harmonics import SH_DC
 from .node_builder import Builder, new_geometry_group, new_material
 
 _GROUP = "FRoG Gaussians as Points"
@@ -19,7 +20,6 @@ _NOTHING = "FRoG Nothing"
 _MATERIAL = "FRoG Gaussians"
 _RADIUS = 3.0  # standard deviations that a point's sphere reaches
 _SMALLEST = 1e-8  # scale below which a Gaussian is treated as flat, world units
-_SH_0 = 0.28209479177387814
 
 
 def points_group() -> bpy.types.GeometryNodeTree:
@@ -108,7 +108,7 @@ def material() -> bpy.types.Material:
 
 def display_color(build: Builder, base: Any) -> Any:
     """Scene-linear colour of a first SH coefficient, in a shader."""
-    display = build.vector("MULTIPLY_ADD", base, (_SH_0,) * 3, (0.5,) * 3)
+    display = build.vector("MULTIPLY_ADD", base, (SH_DC,) * 3, (0.5,) * 3)
     return build.combine(*(_to_linear(build, channel) for channel in build.separate(display)))
 
 

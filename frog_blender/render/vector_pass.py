@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from ..engine.native.options import RasterizeOptions
 
 _LONGEST = 2048.0  # pixels; longer motions are clamped
-_SH_0 = 0.28209479177387814
 
 Snapshot = tuple["GaussianArrays | None", "Camera"]
 
@@ -61,11 +60,12 @@ def _drawn(gaussians: GaussianArrays, way: np.ndarray, camera: Camera, options: 
     from dataclasses import replace
 
     from ..engine.playback.render import draw
+    from ..engine.spherical_harmonics import SH_DC
 
     longest = min(float(np.abs(way).max(initial=0.0)), _LONGEST) or 1.0
     colors = np.full((len(way), 1, 3), 0.5)  # drawn colours are not negative: a half stands for no motion
     colors[:, 0, :2] += 0.5 * (way / longest).clip(-1, 1)
-    drawing = draw(replace(gaussians, sh=((colors - 0.5) / _SH_0).astype(np.float32)), camera, options=options)
+    drawing = draw(replace(gaussians, sh=((colors - 0.5) / SH_DC).astype(np.float32)), camera, options=options)
     covered = drawing.alpha[..., None]
     means = np.divide(drawing.rgb[..., :2], covered, out=np.full_like(drawing.rgb[..., :2], 0.5), where=covered > 1e-3)
     return (2 * means - 1) * longest

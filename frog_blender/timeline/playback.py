@@ -28,8 +28,10 @@ if TYPE_CHECKING:
 
 def bake_path(obj: bpy.types.Object) -> Path:
     """Path of an object's bake: next to its .frog file, or in the folder chosen for it."""
+    from ..engine.playback.bake import SUFFIX
+
     file, folder = capture_files.named_file(obj), obj.frog.bake_folder
-    return (relative_paths.absolute(obj, folder) if folder else file.parent) / f"{file.stem}.frogbake"
+    return (relative_paths.absolute(obj, folder) if folder else file.parent) / f"{file.stem}{SUFFIX}"
 
 
 def open_scene(path: Path) -> ScenePlayer:

@@ -16,7 +16,7 @@ import traceback
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bpy
 
@@ -27,6 +27,9 @@ from ..engine.training.session.cancel_token import CancelToken
 from ..timeline import prefetch
 from . import unsaved_changes
 from .state import TrainingState
+
+if TYPE_CHECKING:
+    from ..engine.training.session.events import Event
 
 PUMP_EVENTS = 200  # the most events one pump() applies
 PUMP_SECONDS = 0.008  # and the longest it takes: half a frame at 60 Hz
@@ -124,7 +127,7 @@ class TrainingTask:
         gone = self.state.running and self._thread.ident is not None and not self._thread.is_alive()
         return gone and self._events.empty()  # checked last: a message may have come just before the end
 
-    def apply(self, event: bpy.types.Event) -> None:
+    def apply(self, event: Event | Ended) -> None:
         """Apply one event of the source, or the worker's last message, to ``state``."""
         state = self.state
         if not isinstance(event, Ended):

@@ -11,8 +11,7 @@ from ..engine.scene.compression_report import lines, summary
 if TYPE_CHECKING:
     import numpy as np
 
-if TYPE_CHECKING:
-    import bpy
+    from ..engine.training.session.events import Event, Finished
 
 
 @dataclass
@@ -44,7 +43,7 @@ class TrainingState:
         """How much of the present stage is done, 0 to 1."""
         return self.step / self.steps if self.steps and not self.stage else self.stage_fraction
 
-    def take(self, event: bpy.types.Event) -> None:
+    def take(self, event: Event) -> None:
         """Apply an event of the engine (``engine.training.session.events``)."""
         from ..engine.training.session import events as kinds
 
@@ -72,7 +71,7 @@ class TrainingState:
                 self.cancelled = True
                 self.result = Path(event.path) if event.path else None
 
-    def _finish(self, event: bpy.types.Event) -> None:
+    def _finish(self, event: Finished) -> None:
         self.result = Path(event.path)  # first: the file exists, whatever else is wrong with the event
         self.step, self.steps, self.seconds = event.steps, event.steps, event.seconds
         self.gaussians = event.gaussians

@@ -7,7 +7,7 @@ from bl_operators.presets import AddPresetBase
 from bl_ui.utils import PresetPanel
 
 SUBFOLDER = "frog_blender/training"
-KEPT = ("recipe", "device", "capacity", "steps", "image_scale", "holdout_frames", "import_when_done")
+PRESET_SETTINGS = ("recipe", "device", "capacity", "steps", "image_scale", "holdout_frames", "import_when_done")
 """Properties of ``Scene.frog`` that a preset stores: how to train, not what."""
 
 
@@ -28,7 +28,7 @@ class FROG_OT_training_preset_add(AddPresetBase, bpy.types.Operator):
     preset_menu = "FROG_MT_training_presets"
     preset_subdir = SUBFOLDER
     preset_defines = ("settings = bpy.context.scene.frog",)
-    preset_values = tuple(f"settings.{name}" for name in KEPT)
+    preset_values = tuple(f"settings.{name}" for name in PRESET_SETTINGS)
 
 
 class FROG_PT_training_presets(PresetPanel, bpy.types.Panel):

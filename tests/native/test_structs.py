@@ -30,7 +30,7 @@ def test_no_array_has_no_address_and_a_tensor_its_own() -> None:
 
 
 def test_memory_can_be_given_back_afterwards() -> None:
-    """Nothing holds on to what was asked for an address (see inference.frame_memory)."""
+    """Nothing holds on to what was asked for an address (see playback.buffer_pool)."""
     block = bytearray(8)
     assert address(np.frombuffer(block, np.float32)) is not None
     block.append(0)

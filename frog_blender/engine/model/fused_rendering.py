@@ -22,7 +22,7 @@ from .interface import RenderResult
 
 @dataclass(frozen=True)
 class FusedRenderResult(RenderResult):
-    """See Drawn.
+    """See RenderResult.
 
     Attributes:
         arrays: what was drawn, by name: parameters, and ``temporal`` with the gradients' way to the table.
@@ -40,7 +40,7 @@ class FusedRenderResult(RenderResult):
     versions: list[int]
 
     def backward(self, by_rgb: torch.Tensor) -> None:
-        """See Drawn; RuntimeError when an array has been changed in place since."""
+        """See RenderResult; RuntimeError when an array has been changed in place since."""
         if _versions(self.arrays, self.gaussians) != self.versions:
             raise RuntimeError("one of the scene's arrays has been changed since the image was drawn")
         if self.drawing.camera.exposure != NEUTRAL:

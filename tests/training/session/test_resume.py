@@ -18,7 +18,7 @@ from frog_blender.engine.io.tensor_files import read_tensors
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.session import events, resume
 from frog_blender.engine.training.session.checkpoint import checkpoint_path, write_checkpoint
-from frog_blender.engine.training.session.job import KEPT, TrainingJob
+from frog_blender.engine.training.session.job import RESUMED_SETTINGS, TrainingJob
 from frog_blender.engine.training.session.output_paths import is_of_another
 from frog_blender.engine.training.session.resume import restore_job
 from frog_blender.engine.training.session.run import run_training
@@ -98,7 +98,7 @@ HOSTILE: dict[str, list[Any]] = {
 
 
 def test_what_a_checkpoint_says_of_its_job_is_looked_at(task: TrainingJob) -> None:
-    assert set(HOSTILE) == set(KEPT)
+    assert set(HOSTILE) == set(RESUMED_SETTINGS)
     restore_job(task)
     before = json.loads(read_tensors(checkpoint_path(task.output), "")[1]["frog-checkpoint"])["settings"]
     for name, values in HOSTILE.items():

@@ -97,7 +97,7 @@ typedef struct {
   float rate, second_scale, epsilon;
 } FrogAdam;
 
-enum { FROG_CELL = 16 };  // pixels a side; native.py has it too
+enum { FROG_CELL = 16 };  // pixels a side; CELL in native/binding.py
 
 // A drawing and the image it should be.
 typedef struct {

@@ -40,6 +40,15 @@ def gaussians_within(size: int, recipe: Recipe) -> int:
     return max(_LEAST_GROWN, int((size - _REST_OF_FILE) / of_each))
 
 
+def recipe_within(recipe: Recipe, method: str, *, max_gaussians: int | None, max_bytes: int | None) -> Recipe:
+    """A recipe whose scenes have ``max_gaussians`` at most, and whose files about ``max_bytes``; None for no limit."""
+    if max_gaussians:
+        recipe = with_budget(recipe, max_gaussians, method)
+    if max_bytes:
+        recipe = replace(recipe, max_gaussians=min(recipe.max_gaussians, gaussians_within(max_bytes, recipe)))
+    return recipe
+
+
 def keep_within(context: CompressionContext, most: int) -> None:
     """Removes what adds least until there are at most ``most`` Gaussians."""
     gaussians = context.training.gaussians

@@ -21,6 +21,8 @@ class Stage:
 
 @dataclass(frozen=True)
 class Started:
+    """The steps begin: what is trained, and on what."""
+
     method: str
     steps: int | None
     """None when the training is limited by time instead."""
@@ -37,6 +39,8 @@ class Started:
 
 @dataclass(frozen=True)
 class Progress:
+    """A few times a second: where the training is. Seconds are of training, ``loss`` is a running mean."""
+
     step: int
     steps: int
     """An estimate when the training is limited by time."""
@@ -51,6 +55,8 @@ class Progress:
 
 @dataclass(frozen=True)
 class Reduced:
+    """A compression step was applied."""
+
     step: int
     message: str
     """What a compression step did, in words."""
@@ -58,6 +64,8 @@ class Reduced:
 
 @dataclass(frozen=True)
 class Evaluated:
+    """The scene was compared with images; PSNR in dB."""
+
     step: int
     psnr: float
     split: str
@@ -68,6 +76,8 @@ class Evaluated:
 
 @dataclass(frozen=True)
 class Preview:
+    """An image of the scene as it stands."""
+
     step: int
     image: NDArray[np.uint8]
     """(H, W, 3) uint8."""
@@ -84,16 +94,22 @@ class CompressionPreview:
 
 @dataclass(frozen=True)
 class WarningEvent:
+    """One sentence that the user is to read; the training goes on."""
+
     message: str
 
 
 @dataclass(frozen=True)
 class Saved:
+    """A checkpoint or a scene lies on the disk."""
+
     path: str
 
 
 @dataclass(frozen=True)
 class Finished:
+    """The last event: the scene is written. PSNR in dB."""
+
     path: str
     steps: int
     seconds: float
@@ -109,6 +125,8 @@ class Finished:
 
 @dataclass(frozen=True)
 class Cancelled:
+    """The last event of a training that was ended early."""
+
     step: int
     path: str | None
     """The scene that was saved; None when training had not begun."""

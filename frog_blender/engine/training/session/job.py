@@ -83,8 +83,8 @@ class TrainingJob:
     compression: CompressionSettings = DEFAULT
 
     def stored_settings(self) -> JsonObject:
-        """What the checkpoint keeps of this job: the fields in ``KEPT``, the recipe, and whose training it is."""
-        settings = {name: getattr(self, name) for name in KEPT}
+        """For the checkpoint: the fields in ``RESUMED_SETTINGS``, the recipe, and whose training it is."""
+        settings = {name: getattr(self, name) for name in RESUMED_SETTINGS}
         return {**settings, "recipe": settings_json(self.recipe), "capture": str(Path(self.capture).resolve())}
 
 
@@ -109,7 +109,7 @@ class _Offsets:
         )
 
 
-KEPT: dict[str, Kind] = {
+RESUMED_SETTINGS: dict[str, Kind] = {
     "method": Choice(tuple(METHODS)),
     "seed": Number(0, 2**32 - 1, whole=True),
     "scale": OrNone(Number(1e-4, 16)),

@@ -1,5 +1,5 @@
 // The backward pass: the same splats with the same decisions as in blend.cu, from the last to the first, and what each
-// pixel sends back to each of them. Compiled for ABSOLUTE = 0 or 1. The mathematics is that of src/blend_backward.inl.
+// pixel sends back to each of them. Compiled for ABSOLUTE = 0 or 1. The mathematics is that of native/src/raster/blend_backward.inl.
 //
 // Each (tile, Gaussian) pair has a slot of its own for its sums, which project_backward.cu adds up in a fixed order:
 // no atomics, the same bits in every run, and less traffic than several atomics a pair. Within a tile the sums go
