@@ -122,7 +122,7 @@ def train(
         seed: of everything random.
         scale: image size factor; None shrinks to at most 1,600 pixels a side.
         holdout_frames: hold out every n-th frame; None keeps what the capture's format says.
-        device: "cpu", "cuda" (experimental) or "auto".
+        device: "cpu", "cuda" or "auto".
         max_bytes: of the file, at most; only with automatic capacity.
         lossless: write every number as it is, instead of quantized where that does not show.
         overwrite: replace a scene or a checkpoint that is there; otherwise that is an error.
