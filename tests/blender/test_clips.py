@@ -24,7 +24,7 @@ COUNT = 10
 
 
 def image(path):
-    image = bpy.data.images.new("picture", 8, 8)
+    image = bpy.data.images.new("image", 8, 8)
     image.filepath_raw, image.file_format = str(path), "PNG"
     path.parent.mkdir(parents=True, exist_ok=True)
     image.save()

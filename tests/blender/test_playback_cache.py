@@ -225,7 +225,7 @@ print("busy", playback_cache.worker().is_alive, flush=True)
 # What is not written again must be right nevertheless.
 
 
-def test_the_same_moment_is_not_written_twice_and_rest_only_once(empty, capture, static_rig, monkeypatch):
+def test_the_same_time_is_not_written_twice_and_what_is_static_only_once(empty, capture, static_rig, monkeypatch):
     written = []
     write = point_cloud.write_attribute
     monkeypatch.setattr(
@@ -244,7 +244,7 @@ def test_the_same_moment_is_not_written_twice_and_rest_only_once(empty, capture,
     assert len(written) == 7
 
 
-def test_a_shared_mesh_shows_who_was_shown_last_and_a_copied_one_its_own(empty, capture, static_rig, tmp_path):
+def test_a_shared_mesh_shows_what_was_shown_last_and_a_copied_one_its_own(empty, capture, static_rig, tmp_path):
     twin = capture.copy()  # shares the mesh
     empty.collection.objects.link(twin)
     other = write_scene(tmp_path / "other.frog", rig_of_three(), seed=4)

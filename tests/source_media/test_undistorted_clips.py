@@ -208,7 +208,7 @@ def test_one_moving_camera_has_one_film(tmp_path: Path) -> None:
     np.testing.assert_allclose(found, [20, 50, 80, 110, 140, 170], atol=4)
 
 
-def test_a_single_moment_is_an_image_and_any_name_a_file(tmp_path: Path) -> None:
+def test_a_single_frame_is_an_image_and_any_name_a_file(tmp_path: Path) -> None:
     folder = moving_capture(tmp_path / "still", k1=0.1)
     data = json.loads((folder / "transforms.json").read_text())
     data["frames"] = [{**frame, "time": 0.0} for frame in data["frames"]]
