@@ -74,7 +74,7 @@ def player(model: Frog) -> DeformationPlayer:
 def paths_of(model: Frog, plain: bool) -> dict[str, Callable[[float], object]]:
     """What is timed, by name, each at a time in [0, 1]: training as a step on the CPU has it (model.fused_drawing), and
     with ``plain`` in torch's own operations too."""
-    played, shape = player(model), model._field_shape(FINISHED, SH_COUNT)
+    played, shape = player(model), model.field_shape(FINISHED, SH_COUNT)
     like = vars(model.deform(0.5, FINISHED, SH_COUNT)[0])
     by_outputs = {name: torch.ones_like(like[name]) for name in OUTPUTS}  # in a step the rasterizer's
 

@@ -3,7 +3,7 @@
     PYTHONPATH=. python benchmarks/gpu.py [--capture DIR] --out OUT [--build]
 
 It needs torch with CUDA and numpy; what needs more (pytest, OpenCV, safetensors, gsplat, the native library) is left
-out with a word where that is missing. ``--build`` builds the native library first, with CMake or a C++ compiler alone.
+out with a word where that is missing. ``--build`` builds the native library first, with CMake.
 Every part runs in a process of its own: where one fails, the others go on, and the exit status is 1.
 OUT/gpu.json holds the figures, OUT/gpu.md the same as tables, OUT/*.log what the parts said.
 ``--device cpu`` is a rehearsal without a GPU: sizes are tiny, and its figures mean nothing.
@@ -122,7 +122,7 @@ class Check:
 
     def rasterizer(self) -> dict[str, Any]:
         """Forward and backward on generated scenes, ours and gsplat's."""
-        backends = ["cpu"] if self.rehearsal else ["cuda", *self._gsplat()]
+        backends = ["cpu"] if self.rehearsal else ["cuda", *self.gsplat_backends()]
         scenes = ["tiny"] if self.rehearsal else ["100k_b", "1M_b"]
         arguments = [str(BENCHMARKS / "rasterizer.py"), "--json", "--scene", *scenes, "--backend", *backends]
         said = self.start("rasterizer", arguments, statuses=(0, 1))
@@ -137,7 +137,7 @@ class Check:
     def steps(self) -> dict[str, Any]:
         """Whole training steps, with our rasterizer and with gsplat's."""
         arguments = [str(BENCHMARKS / "gpu_step.py"), "--device", self.options.device]
-        arguments += ["--rasterizers", "ours", *self._gsplat()]
+        arguments += ["--rasterizers", "ours", *self.gsplat_backends()]
         result: dict[str, Any] = {"learned": "a generated scene"}
         if self.options.capture and find_spec("cv2") is not None:
             arguments += ["--capture", str(self.options.capture)]
@@ -170,7 +170,8 @@ class Check:
         return result
 
     @staticmethod
-    def _gsplat() -> list[str]:
+    def gsplat_backends() -> list[str]:
+        """What to add to a list of backends where gsplat is installed."""
         return [] if find_spec("gsplat") is None else ["gsplat"]
 
 
@@ -204,7 +205,7 @@ def main() -> int:
         (options.out / "gpu.md").write_text(report(results), encoding="utf-8")
         if name == "machine" and "failed" in results[name]:
             break
-    if not check._gsplat():
+    if not check.gsplat_backends():
         print("gsplat is not installed: its half of the comparison is left out.")
     failed = [name for name, result in results.items() if "failed" in result]
     print(f"Failed: {', '.join(failed)}." if failed else "Nothing failed.")

@@ -17,7 +17,7 @@ import math
 import statistics
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -31,10 +31,7 @@ from frog_blender.engine.capture.capture import Capture, Shot
 from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.seeds import Seeds, find_seeds
-from frog_blender.engine.rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
-from frog_blender.engine.training.optimize import initialization
-from frog_blender.engine.training.optimize import trainer as trainer_module
-from frog_blender.engine.training.optimize.nearest_neighbours import nearest
+from frog_blender.engine.rasterizer import Backend, GaussianArrays, Image, RasterizeOptions, rasterize
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
 from frog_blender.engine.training.recipe import recipe
 
@@ -107,12 +104,6 @@ def resampled(seeds: Seeds, count: int) -> Seeds:
     return Seeds(points, np.ascontiguousarray(seeds.colors[chosen], np.float32), seeds.origin)
 
 
-def one_spacing(points: torch.Tensor) -> torch.Tensor:
-    """(N,) a typical distance between neighbours for all: exact ones would take minutes and make no difference here."""
-    distances, _ = nearest(points[:: max(1, len(points) // 1000)], points, 3, skip_self=True)
-    return distances.square().mean(1).sqrt().median().clamp(min=1e-6).expand(len(points)).clone()
-
-
 class _Screen:
     """Where the density control finds gsplat's gradient of the pixel positions (N, 2)."""
 
@@ -129,12 +120,16 @@ def gsplat_rasterize(
     gaussians: GaussianArrays,
     camera: Camera,
     background: tuple[float, float, float],
-    options: RasterizeOptions | None = None,
+    options: RasterizeOptions,
+    pose: torch.Tensor | None = None,
+    depth_limit: torch.Tensor | None = None,
 ) -> Image:
-    """As ``rasterizer.rasterize``, drawn by gsplat."""
+    """A backend of ``rasterizer.rasterize``: gsplat, which knows no depth limits. Its poses get no gradients here."""
     from gsplat import rasterization
 
-    options, device = options or RasterizeOptions(), gaussians.means.device
+    if pose is not None or depth_limit is not None:
+        raise ValueError("found a pose or a depth limit, expected an ordinary image for gsplat")
+    device = gaussians.means.device
     camera = camera.cropped(*options.region_of(camera))
     rgb, alpha, info = rasterization(
         gaussians.means,
@@ -160,7 +155,8 @@ def gsplat_rasterize(
     return Image(rgb[0], alpha[0, ..., 0], radii, screen)
 
 
-RASTERIZERS: dict[str, Callable[..., Image]] = {"ours": rasterize, "gsplat": gsplat_rasterize}
+BACKENDS: dict[str, Backend | None] = {"ours": None, "gsplat": gsplat_rasterize}
+"""None for the fastest of ours."""
 
 
 def wait(device: str) -> None:
@@ -192,18 +188,18 @@ def runs(capture: Capture, store: Any, seeds: Seeds, steps: int, device: str, na
     """The records for one number of Gaussians; one with "failed" where a run did not come to its end."""
     still = {"densify_from": 2.0, "sampling": "off", "warm_up": 0.0, "dssim_from": 0.0}
     arrived = {"sh_growth": (0.0, 0.0, 0.0), "opacity_ramp": (0.0, 0.0), "fine_rows_until": 0.0}  # as at the end
-    initialization.spacings = one_spacing
     settings = recipe("standard", **still, **arrived)
     for images, share in (("regions", settings.region_share), ("whole", 0.0)):
         compared: np.ndarray | None = None
         for name in names:
-            record = {"gaussians": len(seeds.points), "pictures": images, "rasterizer": name}
+            record = {"gaussians": len(seeds.points), "images": images, "rasterizer": name}
             try:
-                trainer_module.rasterize = RASTERIZERS[name]
                 changed = replace(settings, region_share=share)
                 trainer = Trainer(capture, store, seeds, changed, "frog", Limits(10**6), seed=0, device=device)  # type: ignore[arg-type]
+                trainer.model.backend = BACKENDS[name]
                 trainer.smoothness.resample()
-                image = trainer.render_image(0)
+                with torch.no_grad():
+                    image = trainer.draw(0, 1.0, RasterizeOptions())[1].image.rgb.cpu().numpy()
                 if compared is not None:
                     record["mean_difference"] = float(np.abs(image - compared).mean())
                 compared = image
@@ -223,7 +219,7 @@ def main() -> int:
     parser.add_argument("--scene", default="100k_b", help="the generated scene where there is no capture")
     parser.add_argument("--counts", type=int, nargs="+", default=[20_000, 100_000, 300_000])
     parser.add_argument("--steps", type=int, default=100)
-    parser.add_argument("--rasterizers", nargs="+", choices=list(RASTERIZERS), default=["ours"])
+    parser.add_argument("--rasterizers", nargs="+", choices=list(BACKENDS), default=["ours"])
     parser.add_argument("--device", choices=["cuda", "cpu"], default="cuda")
     options = parser.parse_args()
     if options.capture:

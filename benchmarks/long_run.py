@@ -34,7 +34,7 @@ SCRUB_SECONDS = 0.04  # between two frames
 PATIENCE = 20  # times as long as asked for: decoding and seeds come on top, and machines stall
 
 
-def at_rest() -> dict[str, float]:
+def held_now() -> dict[str, float]:
     """What the process holds now."""
     gc.collect()
     status = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
@@ -100,7 +100,7 @@ def main() -> None:
             for path in Path(folder).glob(f"{len(samples) - 1}.*"):
                 path.unlink()
             now = {"training": len(samples), "minutes": round((time.monotonic() - began) / 60, 2), "frames": frames}
-            samples.append(now | at_rest())
+            samples.append(now | held_now())
             print(json.dumps(samples[-1]), flush=True)
     print(json.dumps({"growth an hour": slopes(samples), "trainings": len(samples)}), flush=True)
 

@@ -67,7 +67,7 @@ def main() -> None:
         figures = {"psnr": psnr_of(float(np.mean(whole))), "psnr_moving": psnr_of(errors[-1])}
         figures |= {"seconds": round(trainer.seconds, 1), "gaussians": trainer.count}
         print(json.dumps({"frame": int(frame), **figures}), flush=True)
-    print(json.dumps({"moments": len(errors), "psnr_moving": psnr_of(float(np.mean(errors)))}))
+    print(json.dumps({"frames": len(errors), "psnr_moving": psnr_of(float(np.mean(errors)))}))
 
 
 if __name__ == "__main__":

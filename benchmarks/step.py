@@ -80,7 +80,11 @@ def main() -> None:
     watch(spent, fused, "deform", "network_forward")
     watch(spent, fused, "deform_backward", "network_backward")
     watch(spent, trainer.optimizer, "step", "optimizer")
-    watch(spent, trainer, "_after_step", "rounds")
+    watch(spent, trainer.density, "round", "rounds")
+    watch(spent, trainer.smoothness, "resample", "rounds")
+    watch(spent, trainer, "inject_anchors", "rounds")
+    for hook in trainer.hooks:
+        watch(spent, hook, "after_step", "rounds")
     about = {"recipe": options.recipe, "isa": binding.instruction_set()}
     total, all_seconds, all_steps = Counter[str](), 0.0, 0
     with gc_frozen():  # as in a training

@@ -50,12 +50,16 @@ def draws_splats() -> bool:
     return kind is not None and _SPLATS in kind.enum_items.keys()  # noqa: SIM118
 
 
-def create(name: str, gaussians: GaussianArrays) -> bpy.types.Object:
-    """A new object that holds ``gaussians``, with its nodes and material, not linked to a collection yet."""
-    if draws_splats():
+def create(name: str, gaussians: GaussianArrays, *, as_splats: bool | None = None) -> bpy.types.Object:
+    """A new object that holds ``gaussians``, with its nodes and material, not linked to a collection yet.
+
+    Args:
+        as_splats: whether to try Blender's own splats; None for where it draws them.
+    """
+    if draws_splats() if as_splats is None else as_splats:
         cloud = bpy.data.pointclouds.new(name)
         try:
-            make_splats(cloud)
+            cloud.type = _SPLATS  # refused by a Blender that knows none
             obj = bpy.data.objects.new(name, cloud)
             write(obj, gaussians)
         except (AttributeError, KeyError, RuntimeError, TypeError, ValueError) as error:
@@ -69,11 +73,6 @@ def create(name: str, gaussians: GaussianArrays) -> bpy.types.Object:
     _add_modifier(obj, _MODIFIER, splat_nodes.points_group())
     write(obj, gaussians)
     return obj
-
-
-def make_splats(cloud: bpy.types.PointCloud) -> None:
-    """Makes a point cloud one of Gaussian splats; AttributeError or TypeError where Blender knows none."""
-    cloud.type = _SPLATS
 
 
 def _add_modifier(obj: bpy.types.Object, name: str, group: bpy.types.GeometryNodeTree) -> bpy.types.Modifier:

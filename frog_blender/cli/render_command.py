@@ -26,7 +26,7 @@ def add_render_parser(commands: Any) -> None:
         "--device",
         choices=["cpu", "cuda", "auto"],
         default="cpu",
-        help="cuda (experimental) and auto need torch; default: cpu",
+        help="cuda and auto need torch; default: cpu",
     )
     render.set_defaults(run=_render)
 

@@ -38,7 +38,7 @@ def add_train_parser(commands: Any) -> None:
         "--device",
         choices=["auto", "cpu", "cuda"],
         default="auto",
-        help="auto: a usable GPU (experimental), else the CPU",
+        help="auto: a usable GPU, else the CPU",
     )
     train.add_argument(
         "--capacity", choices=["auto", "fixed"], default="auto", help="auto (default): no more than the scene needs"

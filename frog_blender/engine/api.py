@@ -16,6 +16,7 @@ from .evaluation.as_trained import as_trained
 from .evaluation.evaluate import Figures
 from .evaluation.evaluate import evaluate as evaluate_images
 from .evaluation.evaluate_file import open_training_capture
+from .notices import say
 from .playback.player import ScenePlayer
 from .playback.render import Drawing, draw
 
@@ -196,7 +197,9 @@ def render(
     Returns:
         ``.rgb`` (H, W, 3) float32 display-referred sRGB, ``.alpha`` (H, W), and depths in world units.
     """
-    return draw(scene.at(time), camera, scene.header.background if background is None else background)
+    drawing = draw(scene.at(time), camera, scene.header.background if background is None else background)
+    say(drawing.notice)
+    return drawing
 
 
 def evaluate(

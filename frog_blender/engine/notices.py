@@ -7,7 +7,6 @@ import warnings
 from typing import TextIO
 
 _USUAL = warnings.showwarning
-_left_to_blender = False
 
 
 class Notice(UserWarning):
@@ -15,15 +14,9 @@ class Notice(UserWarning):
 
 
 def say(sentence: str) -> None:
-    """Tells the user, once, unless Blender does."""
-    if not _left_to_blender:
+    """Tells the user, once; "" is nothing to tell."""
+    if sentence:
         warnings.warn(sentence, Notice, stacklevel=3)  # the caller's caller
-
-
-def leave_to_blender(left: bool) -> None:
-    """While the add-on is enabled its renders report to Blender what they find, which would be said twice."""
-    global _left_to_blender
-    _left_to_blender = left
 
 
 def as_sentences() -> None:

@@ -18,7 +18,7 @@ from ..engine.errors import FrogError
 from ..scene_import.capture_objects import named_or_active_capture
 from ..timeline import open_scenes, playback, playback_cache
 from ..timeline.retiming import needs_evaluated_time, stretched
-from .modal_operator import ModalOperator, has_window
+from .modal_operator import ModalOperator
 
 
 @dataclass
@@ -102,7 +102,7 @@ has nothing to compute. Press Esc or the right mouse button to stop"""
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         """In a window: works in short slices."""
-        return self._bake(context, self.run_in_window if has_window(context) else self.run_all_steps)
+        return self._bake(context, self.run_in_window if self.has_window(context) else self.run_all_steps)
 
     def _bake(self, context: bpy.types.Context, go: Callable[..., set[str]]) -> set[str]:
         try:

@@ -12,7 +12,7 @@ from ..engine.errors import FrogError
 from ..engine.source_media.undistorted_clips import Undistortion
 from ..scene_import.camera_clips import OPACITY, add_clips, begin_undistortion, hide_clip, refresh_drivers
 from ..scene_import.capture_objects import active_capture, cameras_of, find_by_uid
-from .modal_operator import ModalOperator, has_window
+from .modal_operator import ModalOperator
 
 
 class FROG_OT_add_clips(ModalOperator, bpy.types.Operator):
@@ -97,7 +97,7 @@ undistorted copies are first written next to the scene file"""
         self._folder = folder
         if films is not None:
             self._show_now(obj, straight=False)  # until the undistorted clips are written
-            go = self.run_in_window if self.is_interactive and has_window(context) else self.run_all_steps
+            go = self.run_in_window if self.is_interactive and self.has_window(context) else self.run_all_steps
             return go(context, self._write(films, obj.session_uid), films.total)
         try:
             self._show_now(obj, straight=self.straighten)

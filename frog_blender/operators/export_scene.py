@@ -18,7 +18,7 @@ from ..scene_import.capture_objects import active_capture, stored_path
 from ..timeline import playback
 from ..timeline.retiming import raw_frame
 from .frame_export import FrameExport
-from .modal_operator import ModalOperator, has_window
+from .modal_operator import ModalOperator
 
 RANGES = (
     ("CURRENT", "Current Frame", "One file, of the current frame"),
@@ -98,7 +98,7 @@ Esc or the right mouse button to stop"""
         paths = [path if self.frames == "CURRENT" else numbered(path, int(frame)) for frame in frames]
         turn = (Y_DOWN if self.y_down else np.eye(4)) if self.apply_transform else None
         export = self._export = FrameExport.of(context, obj, frames, paths, turn)
-        if in_steps and len(frames) > 1 and has_window(context):
+        if in_steps and len(frames) > 1 and self.has_window(context):
             return self.run_in_window(context, export.steps(), len(frames))
         return self.run_all_steps(context, export.steps(), len(frames))
 

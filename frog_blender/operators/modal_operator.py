@@ -15,11 +15,6 @@ from ..engine.errors import FrogError
 _TIMER_SECONDS = 0.01
 
 
-def has_window(context: bpy.types.Context) -> bool:
-    """Whether there is a window to show progress in, whose timers fire."""
-    return context.window is not None and not bpy.app.background
-
-
 class ModalOperator:
     """A base next to ``bpy.types.Operator``; ``execute`` ends with ``run_all_steps`` or ``run_in_window``.
 
@@ -36,6 +31,11 @@ class ModalOperator:
     timer: Any = None  # Any: of Blender; None while no window waits for the next step
     _done = 0
     _total = 0
+
+    @staticmethod
+    def has_window(context: bpy.types.Context) -> bool:
+        """Whether there is a window to show progress in, whose timers fire."""
+        return context.window is not None and not bpy.app.background
 
     def run_all_steps(self, context: bpy.types.Context, steps: Generator[int, None, None], total: int) -> set[str]:
         """Runs all steps now."""

@@ -18,7 +18,6 @@ from .. import reported_once
 from ..cameras import distance_added, engine_camera
 from ..color_spaces import into_working_space
 from ..engine.errors import FrogError
-from ..engine.notices import leave_to_blender
 from ..timeline.retiming import raw_frame
 from . import index_pass, vector_pass, viewport_drawing
 from .collect_instances import gather, pass_indices
@@ -199,20 +198,18 @@ def render_instant(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgrap
         engine.update_stats("", f"Drawing {len(gaussians.means):,} Gaussians")
         limits = limits_of_objects(depsgraph, camera, options) if scene.frog.hold_out else None
         drawing = draw_before(limits, gaussians, camera, options)
-        _warn_if_slow(engine, drawing, len(gaussians.means))
+        _warn_if_slow(engine, drawing)
     size = options.region_of(camera)[2:]
     depth = depth_pass(drawing, *size, distance_added(eye.data))
     combined = into_working_space(combined_pass(drawing, background_of(scene, captured_background), *size))
     return combined, depth, drawing.median_index if drawing is not None else None
 
 
-def _warn_if_slow(engine: bpy.types.RenderEngine, drawing: Drawing, gaussians: int) -> None:
+def _warn_if_slow(engine: bpy.types.RenderEngine, drawing: Drawing) -> None:
     """Warns once an image, which with motion blur has many samples."""
-    from ..engine.native.binding import MANY_INSTANCES, takes_long
-
-    if drawing.instances > MANY_INSTANCES and not engine.warned_slow:
+    if drawing.notice and not engine.warned_slow:
         engine.warned_slow = True
-        engine.report({"WARNING"}, takes_long(gaussians))
+        engine.report({"WARNING"}, drawing.notice)
 
 
 def _options(depsgraph: bpy.types.Depsgraph, eye: bpy.types.Object, width: int, height: int) -> RasterizeOptions:
@@ -283,7 +280,6 @@ def _stock_panels() -> list[type[bpy.types.Panel]]:
 
 
 def register() -> None:
-    leave_to_blender(True)
     bpy.utils.register_class(FrogRenderEngine)
     for panel in _stock_panels():
         panel.COMPAT_ENGINES.add(FrogRenderEngine.bl_idname)
@@ -294,4 +290,3 @@ def unregister() -> None:
     bpy.utils.unregister_class(FrogRenderEngine)
     for panel in _stock_panels():
         panel.COMPAT_ENGINES.discard(FrogRenderEngine.bl_idname)
-    leave_to_blender(False)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
+from .. import addon_state
 from ..capture_files import named_file
 from ..engine.errors import FrogError
 from ..engine.source_media.clips import Clip, capture_folders, find_clips
@@ -28,6 +29,13 @@ if TYPE_CHECKING:
 OPACITY = 0.5
 _MARK = "frog_clip"  # of the images that this file loads
 _TIMING = dict(zip("svrmw", TIMING, strict=True))  # variables of drivers
+
+
+class ClipsBeingWritten:
+    """The folders of scenes whose undistorted clips an operator writes just now."""
+
+    def __init__(self) -> None:
+        self.folders: set[Path] = set()
 
 
 def add_clips(
@@ -84,7 +92,7 @@ def begin_undistortion(obj: bpy.types.Object, folder: Path | None = None) -> Und
     problem = None
     for each in filter(os.path.isdir, folders):  # False for invalid names
         try:
-            return undistortion(header, path, each)
+            return undistortion(header, path, each, writing=addon_state.get(ClipsBeingWritten).folders)
         except FrogError as error:
             problem = problem or error
     if problem is not None:

@@ -18,30 +18,30 @@ class Refreshes:
 
     Attributes:
         wanted: what to call, by what it is for.
-        looked_at: when that was done last (of ``time.monotonic``).
+        refreshed_at: when that was done last (of ``time.monotonic``).
     """
 
     def __init__(self) -> None:
         self.wanted: dict[str, Callable[[], object]] = {}
-        self.looked_at = -REST
+        self.refreshed_at = -REST
 
 
-def soon(key: str = "captures", look: Callable[[], object] = playback.refresh_all) -> None:
-    """Calls ``look`` once after drawing, however often it is requested for ``key``, and redraws sidebars."""
+def soon(key: str = "captures", refresh: Callable[[], object] = playback.refresh_all) -> None:
+    """Calls ``refresh`` once after drawing, however often it is requested for ``key``, and redraws sidebars."""
     refreshes = addon_state.get(Refreshes)
-    refreshes.wanted.setdefault(key, look)
+    refreshes.wanted.setdefault(key, refresh)
     if not bpy.app.timers.is_registered(tick):
-        bpy.app.timers.register(tick, first_interval=max(0.0, refreshes.looked_at + REST - time.monotonic()))
+        bpy.app.timers.register(tick, first_interval=max(0.0, refreshes.refreshed_at + REST - time.monotonic()))
 
 
 def tick() -> None:
     """Called by Blender's timer: runs all pending refreshes."""
     refreshes = addon_state.get(Refreshes)
-    refreshes.looked_at = time.monotonic()
-    looks = list(refreshes.wanted.values())
+    refreshes.refreshed_at = time.monotonic()
+    pending = list(refreshes.wanted.values())
     refreshes.wanted.clear()
-    for look in looks:
-        look()
+    for refresh in pending:
+        refresh()
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
             for region in area.regions if area.type == "VIEW_3D" else ():

@@ -25,9 +25,9 @@ RECIPES = (
 
 
 DEVICES = (
-    ("auto", "Automatic", "The NVIDIA GPU (experimental) if torch and FRoG can use one, otherwise the CPU"),
+    ("auto", "Automatic", "The NVIDIA GPU if torch and FRoG can use one, otherwise the CPU"),
     ("cpu", "CPU", "All cores of the CPU"),
-    ("cuda", "CUDA (Experimental)", "The NVIDIA GPU; needs a torch with CUDA. It has not run on a GPU yet"),
+    ("cuda", "CUDA", "The NVIDIA GPU; needs a torch with CUDA"),
 )
 
 

@@ -87,7 +87,7 @@ def test_the_gpu_check_can_be_rehearsed(tmp_path: Path) -> None:
     assert list(parts) == ["machine", "rasterizer tests", "rasterizer", "training step", "draft training"]
     assert not any("failed" in part for part in parts.values())
     assert parts["rasterizer"]["runs"][0]["forward_s"] > 0
-    assert [run["pictures"] for run in parts["training step"]["runs"]] == ["regions", "whole"]
+    assert [run["images"] for run in parts["training step"]["runs"]] == ["regions", "whole"]
     assert all(run["median_ms"] > 0 for run in parts["training step"]["runs"])
     assert "capture" in parts["draft training"]["left out"]
     assert all(f"## {name}" in report for name in parts)

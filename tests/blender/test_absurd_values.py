@@ -7,6 +7,7 @@ import math
 import bpy
 import numpy as np
 import pytest
+from support.observed_players import observed
 from support.small_scenes import rig_of_three, write_scene
 
 from frog_blender import app_handlers, point_cloud, reported_once
@@ -109,19 +110,17 @@ def test_a_handler_that_fails_is_said_once_and_called_again(addon, empty, capfd)
     assert calls == [1, 2, 3] and capfd.readouterr().err.count("ValueError: of some kind") == 1
 
 
-def test_something_unforeseen_in_one_capture_holds_up_no_other(empty, captures, capfd, monkeypatch):
+def test_something_unforeseen_in_one_capture_holds_up_no_other(empty, captures, capfd):
     bad, good = captures
-    show = point_cloud.show
 
-    def fails(obj, *rest):
-        if obj == bad:
+    def fails(player, time):
+        if player.path == playback.file_of(bad):
             raise ZeroDivisionError("of some kind")
-        show(obj, *rest)
 
-    monkeypatch.setattr(point_cloud, "show", fails)
     reported_once.forget()
-    for frame in (3, 5):
-        empty.frame_set(frame)
+    with observed(computing=fails):
+        for frame in (3, 5):
+            empty.frame_set(frame)
     np.testing.assert_array_equal(
         point_cloud.read(good)["position"], ScenePlayer.load(good.frog.filepath).at_frame(4.0).means
     )

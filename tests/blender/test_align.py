@@ -67,8 +67,8 @@ def test_it_stands_on_the_grid_at_the_origin(turned):
     np.testing.assert_allclose(up_of(obj, turn), [0, 0, 1], atol=5e-3)
     assert np.all(np.abs(floor_of(obj, turn)) < [0.15, 0.15, 0.02])
     assert np.allclose(cameras_of(obj)[0].matrix_world.inverted() @ obj.matrix_world, eye, atol=1e-5)
-    looks = np.mean([np.array(camera.matrix_world)[:3, 2] for camera in cameras_of(obj)], axis=0)
-    assert looks[1] < -0.5 and abs(looks[0]) < 0.05, "the cameras look along +y on the whole"
+    forward = np.mean([np.array(camera.matrix_world)[:3, 2] for camera in cameras_of(obj)], axis=0)
+    assert forward[1] < -0.5 and abs(forward[0]) < 0.05, "the cameras look along +y on the whole"
 
 
 def test_twice_is_once_wherever_it_was(turned):

@@ -7,7 +7,8 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from support.blender_windows import drop_operators, event, started_in_window
+from support.blender_windows import event, in_window
+from support.observed_players import observed
 from support.small_scenes import rig_of_three, write_scene
 
 from frog_blender import addon_state, point_cloud
@@ -40,19 +41,11 @@ def leftovers(folder):
 
 
 @pytest.fixture
-def computed(monkeypatch):
+def computed():
     """The times that the network is asked for from now on."""
     times = []
-    delta_at, at = ScenePlayer.delta_at, ScenePlayer.at
-
-    def noting_at(self, time, part=None):
-        if part is None:
-            times.append(time)
-        return at(self, time, part)
-
-    monkeypatch.setattr(ScenePlayer, "delta_at", lambda self, time: times.append(time) or delta_at(self, time))
-    monkeypatch.setattr(ScenePlayer, "at", noting_at)
-    return times
+    with observed(computing=lambda player, time: times.append(time)):
+        yield times
 
 
 def test_baked_frames_need_no_network(empty, capture, static_rig, computed):
@@ -183,8 +176,21 @@ def test_a_bake_that_is_cut_while_it_is_open(empty, capture, static_rig):
     shows(capture, static_rig, 9.0)
 
 
+@pytest.fixture
+def full():
+    """Once something is in it, a frame that is computed finds a full disk."""
+    full = []
+
+    def computing(player, time):
+        if full:
+            raise OSError(28, "No space left on device")
+
+    with observed(computing):
+        yield full
+
+
 @pytest.mark.parametrize("ending", ["stopped", "fails", "file changed"])
-def test_a_bake_that_does_not_end_well_leaves_the_one_before(empty, capture, static_rig, monkeypatch, ending):
+def test_a_bake_that_does_not_end_well_leaves_the_one_before(empty, capture, static_rig, full, ending):
     bpy.ops.frog.bake()
     path = static_rig.with_suffix(".frogbake")
     before = path.read_bytes()
@@ -196,14 +202,9 @@ def test_a_bake_that_does_not_end_well_leaves_the_one_before(empty, capture, sta
     if ending == "stopped":
         work.steps.close()
     elif ending == "fails":
-
-        def full(self, time):
-            raise OSError(28, "No space left on device")
-
-        monkeypatch.setattr(ScenePlayer, "delta_at", full)
+        full.append(True)
         with pytest.raises(FrogError, match="No space left"):
             list(work.steps)
-        monkeypatch.undo()
     else:
         write_scene(static_rig, rig_of_three(), seed=2)
         with pytest.raises(FrogError, match="another version"):
@@ -229,16 +230,11 @@ def test_without_a_capture_baking_says_so(empty):
 
 
 @pytest.fixture
-def baking(empty, capture, monkeypatch):
+def baking(empty, capture):
     """The operator as the button starts it in a window; only the events come from here."""
-    operator = bake.FROG_OT_bake
-    monkeypatch.setattr(operator, "slice_seconds", 0.0)
-    started, said, end = started_in_window(monkeypatch, bake, operator), [], operator.end
-    monkeypatch.setattr(operator, "end", lambda self, *args: said.append(args[2]) or end(self, *args))
-    monkeypatch.setattr(operator, "execute", lambda self, context: self.invoke(context, None))  # which needs a screen
-    assert bpy.ops.frog.bake() == {"RUNNING_MODAL"}
-    yield started[0][0], said
-    drop_operators()
+    with in_window(bake.FROG_OT_bake) as window:
+        assert bpy.ops.frog.bake() == {"RUNNING_MODAL"}
+        yield window.started[0][0], window.said
 
 
 def send(operator, kind, value="NOTHING"):
@@ -253,7 +249,7 @@ def test_in_a_window_baking_goes_on_by_a_timer(static_rig, baking):
         steps += 1
         assert steps < 100
     assert result == {"FINISHED"} and steps > 5 and operator.timer is None
-    assert said[0].startswith("Baked 10 frames") and static_rig.with_suffix(".frogbake").is_file()
+    assert said[0][1].startswith("Baked 10 frames") and static_rig.with_suffix(".frogbake").is_file()
 
 
 @pytest.mark.parametrize("kind", ["ESC", "RIGHTMOUSE"])
@@ -264,7 +260,7 @@ def test_a_bake_is_stopped(static_rig, baking, kind):
     assert len(leftovers(static_rig.parent)) == 1
     assert send(operator, kind, "PRESS") == {"CANCELLED"} and operator.timer is None
     assert not static_rig.with_suffix(".frogbake").exists() and not leftovers(static_rig.parent)
-    assert said == ["Baking was stopped. Nothing was written."]
+    assert said == [("INFO", "Baking was stopped. Nothing was written.")]
 
 
 def test_write_bake_says_when_the_disk_is_too_small(empty, static_rig, monkeypatch):

@@ -8,13 +8,13 @@ from dataclasses import replace
 import bpy
 import numpy as np
 import pytest
-from support.blender_windows import drop_operators, event, started_in_window
+from support.blender_windows import event, in_window
 from support.small_scenes import moving_camera, rig_of_three, write_scene
 
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene
 from frog_blender.engine.scene.scene_file import write_scene as write_file
 from frog_blender.engine.source_media.undistorted_clips import clips_folder
-from frog_blender.operators import clips
+from frog_blender.operators.clips import FROG_OT_add_clips
 from frog_blender.scene_import.camera_clips import clip_of
 from frog_blender.scene_import.capture_objects import cameras_of
 from frog_blender.timeline import playback
@@ -24,7 +24,7 @@ COUNT = 10
 
 
 def image(path):
-    image = bpy.data.images.new("picture", 8, 8)
+    image = bpy.data.images.new("image", 8, 8)
     image.filepath_raw, image.file_format = str(path), "PNG"
     path.parent.mkdir(parents=True, exist_ok=True)
     image.save()
@@ -277,33 +277,31 @@ def test_what_cannot_be_straightened_is_shown_as_it_was_filmed(bent, tmp_path, c
 
 
 @pytest.fixture
-def in_window(bent, monkeypatch):
+def press(bent):
     """A function that presses the button as in a window and gives the operator that Blender then runs."""
-    started = started_in_window(monkeypatch, clips, clips.FROG_OT_add_clips)
+    with in_window(FROG_OT_add_clips) as window:
 
-    def press():
-        assert bpy.ops.frog.add_clips() == {"RUNNING_MODAL"}
-        operator, _ = started[-1]
-        return operator
+        def pressed():
+            assert bpy.ops.frog.add_clips() == {"RUNNING_MODAL"}
+            operator, _ = window.started[-1]
+            return operator
 
-    yield press
-    drop_operators()
+        yield pressed
 
 
-def test_in_a_window_straightening_can_be_stopped(bent, in_window):
+def test_in_a_window_straightening_can_be_stopped(bent, press):
     obj = imported(bent)
     before = shown_files(obj)
-    operator = in_window()
-    operator.slice_seconds = 0.0
+    operator = press()
     assert operator.modal(bpy.context, event()) == {"PASS_THROUGH"}
     assert operator.modal(bpy.context, event("ESC", "PRESS")) == {"CANCELLED"}
     assert shown_files(obj) == before
     assert {path.name for path in bent.parent.iterdir()} == {"bent", "bent.frog"}
 
 
-def test_in_a_window_a_capture_may_go_while_its_clips_are_written(bent, in_window):
+def test_in_a_window_a_capture_may_go_while_its_clips_are_written(bent, press):
     obj = imported(bent)
-    operator = in_window()
+    operator = press()
     bpy.data.objects.remove(obj)
     for _ in range(1000):
         ended = operator.modal(bpy.context, event())

@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 import pytest
 from support.composed_scene import cameras, card, compose, is_striped, name_of, nodes_of, the_capture
+from support.observed_players import observed
 from support.small_scenes import read_png, rig_of_three, write_scene
 
 from frog_blender.render.compositing import compositor, renders
@@ -160,24 +161,20 @@ def test_in_a_window_a_copied_scene_is_refused(composed, rendered, in_a_window):
 
 
 @pytest.mark.parametrize("error", [MemoryError(), ValueError("a fault of our own")], ids=["memory", "a bug"])
-def test_what_fails_later_is_no_image_and_ends_the_animation(composed, tmp_path, monkeypatch, capsys, error):
-    from frog_blender.render import frog_engine
-
+def test_what_fails_later_is_no_image_and_ends_the_animation(composed, tmp_path, capsys, error):
     drawn = []
 
-    def gather(depsgraph):
-        drawn.append(depsgraph.scene.frame_current)
-        if drawn[-1] == 2:
+    def giving(player, time):
+        drawn.append(time)
+        if time == player.time_of(1.0):  # which is shown at frame 2
             raise error
-        return gathered(depsgraph)
 
-    gathered = frog_engine.gather
-    monkeypatch.setattr(frog_engine, "gather", gather)
     composed.frame_end = 5
     composed.render.image_settings.file_format = "PNG"
     composed.render.filepath = str(tmp_path / "out_")
-    bpy.ops.render.render(animation=True)
-    assert drawn == [1, 2] and composed.frame_current == 1
+    with observed(giving=giving):
+        bpy.ops.render.render(animation=True)
+    assert len(drawn) == 2 and composed.frame_current == 1
     images = [read_png(path) for path in sorted(tmp_path.glob("out_*.png"))]
     assert [is_striped(image) for image in images] == [False, True]
     said = "Out of memory" if isinstance(error, MemoryError) else "a fault of our own"
@@ -186,13 +183,13 @@ def test_what_fails_later_is_no_image_and_ends_the_animation(composed, tmp_path,
     assert bpy.ops.render.render(animation=True) == {"FINISHED"} and not renders.problems()
 
 
-def test_a_still_that_fails_leaves_the_scene_as_it_was(composed, monkeypatch, rendered):
-    from frog_blender.render import frog_engine
+def test_a_still_that_fails_leaves_the_scene_as_it_was(composed, rendered):
+    def failing(player, time):
+        raise MemoryError
 
     before = rendered(composed)
     composed.frame_set(4)
-    with monkeypatch.context() as patch:
-        patch.setattr(frog_engine, "gather", lambda depsgraph: (_ for _ in ()).throw(MemoryError()))
+    with observed(giving=failing):
         assert is_striped(rendered(composed))
     assert composed.frame_current == 4 and composed.render.engine == "CYCLES"
     composed.frame_set(1)

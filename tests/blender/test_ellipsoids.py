@@ -6,6 +6,7 @@ import bpy
 import mathutils
 import numpy as np
 import pytest
+from support.small_scenes import rig_of_three, write_scene
 
 from frog_blender.engine.native.options import ALPHA_MIN
 from frog_blender.engine.playback.player import ScenePlayer
@@ -72,11 +73,11 @@ def test_splats_again(empty, static_rig):
     assert not len(instances(obj)) or instances(obj).shape[0] < seen
 
 
-def test_too_many_stay_splats(empty, static_rig, monkeypatch):
+def test_too_many_stay_splats(empty, tmp_path):
     from frog_blender.nodes import ellipsoid_nodes
 
-    monkeypatch.setattr(ellipsoid_nodes, "MOST", 10)
-    obj = import_scene(static_rig)
+    path = write_scene(tmp_path / "many.frog", rig_of_three(), count=ellipsoid_nodes.MOST + 1, sh_count=1)
+    obj = import_scene(path)
     obj.frog.display = "ELLIPSOIDS"
     assert obj.frog.display == "POINTS"
 

@@ -169,7 +169,7 @@ def test_the_users_own_image_of_a_clip_is_not_taken(empty, static_rig, tmp_path,
     from frog_blender.engine.source_media.clips import Clip
     from frog_blender.scene_import import camera_clips
 
-    image = bpy.data.images.new("picture", 8, 8)
+    image = bpy.data.images.new("image", 8, 8)
     image.filepath_raw, image.file_format = str(tmp_path / "shot.png"), "PNG"
     image.save()
     image.source = "FILE"

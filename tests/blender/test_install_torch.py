@@ -10,6 +10,7 @@ import tarfile
 import threading
 import time
 import zipfile
+from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -19,7 +20,7 @@ import pytest
 from frog_blender import addon_state
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.training.session.cancel_token import CancelToken
-from frog_blender.torch_install import folders, installer, task
+from frog_blender.torch_install import folders, task
 from frog_blender.torch_install.folders import clear_remains, has_torch, installed
 from frog_blender.torch_install.installer import PACKAGES, Installation, pip_command
 from frog_blender.training_task.request import TrainingRequest
@@ -128,19 +129,12 @@ def test_no_room_is_said_before_anything_is_fetched(tmp_path):
         Installation(tmp_path / "data" / "torch", bytes_needed=1e18).start()
 
 
-def test_a_folder_that_cannot_be_written_ends_in_a_sentence(tmp_path, monkeypatch):
-    """It stops being one between the first look at it and the work."""
-    parent = tmp_path / "data"
-
-    def taken(folder):
-        folder.rmdir()
-        folder.write_bytes(b"")
-        return SimpleNamespace(free=1e12)
-
-    monkeypatch.setattr(installer.shutil, "disk_usage", taken)
-    failed = finished(Installation(parent / "torch").start())
+def test_a_folder_that_cannot_be_written_ends_in_a_sentence(tmp_path):
+    """Its name is as long as names may be, and what is beside it while pip runs would have a longer one."""
+    folder = tmp_path / "data" / ("t" * 250)
+    failed = finished(Installation(folder, pip=[sys.executable, "-c", ""]).start())
     assert not failed.done and "\n" not in failed.error
-    assert failed.error.startswith(f"{parent / 'torch'}: torch could not be installed (")
+    assert failed.error.startswith(f"{folder}: torch could not be installed (")
 
 
 def test_whatever_goes_wrong_ends_in_a_sentence(tmp_path):
@@ -155,24 +149,24 @@ def test_what_pip_says_may_be_no_text(tmp_path):
     assert failed.error.startswith("torch could not be installed: caf")
 
 
-def test_a_python_without_pip_uses_the_one_that_it_brings_along(monkeypatch):
-    real = installer.importlib.util.find_spec
-    if real("ensurepip") is None:
+def no_pip(name):
+    """What ``find_spec`` says in a Python without pip."""
+    return None if name == "pip" else find_spec(name)
+
+
+def test_a_python_without_pip_uses_the_one_that_it_brings_along():
+    if find_spec("ensurepip") is None:
         pytest.skip("this Python brings no pip along")
-    monkeypatch.setattr(installer.importlib.util, "find_spec", lambda name: None if name == "pip" else real(name))
-    command = pip_command()
+    command = pip_command(no_pip)
     assert command[:2] == [sys.executable, "-I"] and command[-1].endswith(".whl")
 
 
 @pytest.fixture(params=["installed", pytest.param("bundled", marks=pytest.mark.slow)])
-def either_pip(request, monkeypatch):
-    """The pip of this Python's packages, and the one that Python brings along."""
-    real = installer.importlib.util.find_spec
-    if real("ensurepip") is None and request.param == "bundled":
+def either_pip(request):
+    """How to start the pip of this Python's packages, and the one that Python brings along."""
+    if find_spec("ensurepip") is None and request.param == "bundled":
         pytest.skip("this Python brings no pip along")
-    if request.param == "bundled":
-        found = installer.importlib.util
-        monkeypatch.setattr(found, "find_spec", lambda name: None if name == "pip" else real(name))
+    return pip_command(no_pip if request.param == "bundled" else find_spec)
 
 
 def test_nothing_in_the_current_folder_runs_in_pips_place(tmp_path, index, either_pip, monkeypatch):
@@ -182,7 +176,7 @@ def test_nothing_in_the_current_folder_runs_in_pips_place(tmp_path, index, eithe
         (trap / f"{name}.py").write_text(f"open({str(tmp_path / 'caught')!r}, 'w').write({name!r})\n")
     monkeypatch.chdir(trap)
     monkeypatch.setenv("PYTHONPATH", str(trap))
-    done = finished(Installation(tmp_path / "data" / "torch").start())
+    done = finished(Installation(tmp_path / "data" / "torch", pip=either_pip).start())
     assert done.done, done.error
     assert not (tmp_path / "caught").exists()
 
@@ -281,8 +275,16 @@ def test_a_pointer_that_leads_nowhere_is_passed_over(tmp_path, written):
     assert installed(folder) == folder
 
 
-def test_leftovers_go_at_the_next_start(empty, addon, tmp_path, monkeypatch):
-    data = tmp_path / "data"
+@pytest.fixture
+def own_folder(tmp_path, monkeypatch):
+    """Where the add-on's torch lies, among a user's files of the test's own."""
+    (tmp_path / "user").mkdir()
+    monkeypatch.setenv("BLENDER_USER_DATAFILES", str(tmp_path / "user"))
+    return task.folder()
+
+
+def test_leftovers_go_at_the_next_start(empty, addon, own_folder):
+    data = own_folder.parent
     dead = subprocess.Popen([sys.executable, "-c", ""])
     dead.wait()
     goes = [data / "torch.partial-abc", data / f"torch.partial-{dead.pid}-abc"]
@@ -290,7 +292,6 @@ def test_leftovers_go_at_the_next_start(empty, addon, tmp_path, monkeypatch):
     for path in [*goes, *stays]:
         (path / "torch").mkdir(parents=True)
         (path / "torch" / "__init__.py").write_text("")
-    monkeypatch.setattr(task, "folder", lambda: data / "torch")
     addon.unregister()
     addon.register()
     deadline = time.monotonic() + 20
@@ -310,7 +311,7 @@ import sys; sys.path[:0] = {[str(ROOT), *sys.path]!r}
 from pathlib import Path
 from frog_blender.torch_install import installer
 arguments = ["--index-url", {address!r}, "--timeout", "100"]
-installation = installer.Installation(Path({str(tmp_path)!r}) / "torch", arguments, pip={pip_command()!r}).start()
+installation = installer.Installation(Path({str(tmp_path)!r}) / "torch", arguments, pip={either_pip!r}).start()
 installation.join(60)
 """
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PIP_")}
@@ -330,12 +331,11 @@ installation.join(60)
     assert not list(tmp_path.glob("torch.partial-*"))
 
 
-def test_the_preferences_name_the_installation_that_counts(empty, tmp_path, monkeypatch):
+def test_the_preferences_name_the_installation_that_counts(empty, own_folder, tmp_path, monkeypatch):
     """Blender may have died before it saved them, or saved them before another installation."""
     from frog_blender.ui import preferences
 
-    place = tmp_path / "data" / "torch"
-    monkeypatch.setattr(task, "folder", lambda: place)
+    place = own_folder
     named = SimpleNamespace(preferences=SimpleNamespace(torch_path=""))
     addons = {preferences.base_package: named}
     stand_in = SimpleNamespace(context=SimpleNamespace(preferences=SimpleNamespace(addons=addons)), path=bpy.path)
@@ -361,12 +361,11 @@ def test_nothing_is_fetched_without_online_access(empty):
         system.use_online_access = allowed
 
 
-def test_the_button(empty, index, tmp_path, monkeypatch):
+def test_the_button(empty, index, own_folder):
     from frog_blender.ui import preferences
 
     system = bpy.context.preferences.system
     allowed, system.use_online_access = system.use_online_access, True
-    monkeypatch.setattr(task, "folder", lambda: tmp_path / "data" / "torch")
     paths = list(sys.path)
     try:
         if not bpy.app.online_access:
@@ -376,8 +375,8 @@ def test_the_button(empty, index, tmp_path, monkeypatch):
         assert bpy.app.timers.is_registered(task.tick), "another file does not end it"
         system = bpy.context.preferences.system
         finished(task.current())
-        assert task.tick() is None and str(tmp_path / "data" / "torch") in sys.path
-        assert preferences.site_packages(tmp_path / "data" / "torch") == tmp_path / "data" / "torch"
+        assert task.tick() is None and str(own_folder) in sys.path
+        assert preferences.site_packages(own_folder) == own_folder
     finally:
         system.use_online_access = allowed
         sys.path[:] = paths

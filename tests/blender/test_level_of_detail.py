@@ -5,9 +5,11 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
+from support.observed_players import observed
 from support.small_scenes import rig_of_three, write_scene
 
 from frog_blender import point_cloud
+from frog_blender.engine.native.options import ALPHA_MIN
 from frog_blender.engine.playback.importance import most_important, ranking
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.nodes import ellipsoid_nodes
@@ -70,13 +72,13 @@ def test_from_all_to_one_and_back(empty, capture):
     assert counts == [400, 200, 4, 1, 396, 400]
 
 
-def test_what_is_left_out_is_not_computed(empty, capture, monkeypatch):
-    capture.frog.density = 10
+def test_what_is_left_out_is_not_computed(empty, capture):
     computed = []
-    real = ScenePlayer.delta_at
-    monkeypatch.setattr(ScenePlayer, "delta_at", lambda self, time: computed.append(self.count) or real(self, time))
-    empty.frame_set(5, subframe=0.3)
-    assert computed and set(computed) == {40}
+    with observed(computing=lambda player, time: computed.append(player.count)):
+        capture.frog.density = 10
+        computed.clear()
+        empty.frame_set(5, subframe=0.3)
+        assert computed and set(computed) == {40}
 
 
 def test_frog_draws_all_of_them(empty, capture, rendered):
@@ -116,19 +118,27 @@ def test_a_new_version_of_the_file(empty, capture, many):
     np.testing.assert_allclose(point_cloud.read(capture)["position"], scene.at_frame(2).means[kept], atol=1e-5)
 
 
-def test_ellipsoids_respect_it_and_never_are_too_many(empty, capture, monkeypatch):
-    def instances():
-        depsgraph = bpy.context.evaluated_depsgraph_get()
-        return sum(i.is_instance and i.parent.original == capture for i in depsgraph.object_instances)
+def test_ellipsoids_respect_it_and_never_are_too_many(empty, tmp_path):
+    total = ellipsoid_nodes.MOST + 400
+    bpy.ops.import_scene.frog(
+        filepath=str(write_scene(tmp_path / "more.frog", rig_of_three(), count=total, sh_count=1))
+    )
+    capture = bpy.context.object
 
-    monkeypatch.setattr(ellipsoid_nodes, "ALPHA_MIN", 0.0)  # all can be seen
-    capture.frog.density, capture.frog.display = 10, "ELLIPSOIDS"
-    assert instances() == 40
-    monkeypatch.setattr(ellipsoid_nodes, "MOST", 70)
+    def instances():
+        """Those of the Gaussians that are shown and can be seen."""
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+        found = sum(i.is_instance and i.parent.original == capture for i in depsgraph.object_instances)
+        assert found == (point_cloud.read(capture)["radiance:base"][:, 3] >= ALPHA_MIN).sum()
+        return found
+
+    capture.frog.density, capture.frog.display = 1, "ELLIPSOIDS"
+    assert 0 < instances() <= point_cloud.count(capture) == round(total / 100)
     capture.frog.density = 100
-    assert capture.frog.display == "ELLIPSOIDS" and instances() == 70
+    assert capture.frog.display == "ELLIPSOIDS" and point_cloud.count(capture) == ellipsoid_nodes.MOST
+    assert instances() > 1000
     capture.frog.display = "POINTS"
-    assert point_cloud.count(capture) == 400
+    assert point_cloud.count(capture) == total
 
 
 def test_saved_and_opened_again(empty, capture, tmp_path):

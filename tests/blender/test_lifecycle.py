@@ -198,11 +198,9 @@ def test_another_file_while_training_loses_nothing(addon, tmp_path, monkeypatch)
     pytest.importorskip("torch")
     pytest.importorskip("cv2")
     film = pytest.importorskip("support.synthetic_capture")
-    from frog_blender.engine.training.session import run as training_run
     from frog_blender.engine.training.session.checkpoint import checkpoint_path
 
     monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(training_run, "stored_seeds", lambda *_, **__: film.seeds())
     capture = film.write_capture(tmp_path / "capture")
     output = tmp_path / "x.frog"
     request = TrainingRequest(capture, output, "draft", "auto", steps=100_000)

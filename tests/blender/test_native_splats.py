@@ -1,4 +1,4 @@
-"""The point cloud in Blenders that draw splats themselves (5.3), as far as a Blender with its data can tell (5.2)."""
+"""The point cloud in Blenders that draw splats themselves (from 5.3): ``make test-bpy53``."""
 
 from __future__ import annotations
 
@@ -11,20 +11,16 @@ from frog_blender import point_cloud
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.render import collect_instances
 
-NATIVE = point_cloud.draws_splats()
-can_hold_them = pytest.mark.skipif(bpy.app.version < (5, 2, 0), reason="point clouds cannot be resized")
+draws_them = pytest.mark.skipif(not point_cloud.draws_splats(), reason="this Blender draws no splats itself")
 
 
 @pytest.fixture
-def capture(empty, static_rig, monkeypatch):
-    if not NATIVE:
-        monkeypatch.setattr(point_cloud, "draws_splats", lambda: True)
-        monkeypatch.setattr(point_cloud, "make_splats", lambda cloud: None)
+def capture(empty, static_rig):
     bpy.ops.import_scene.frog(filepath=str(static_rig))
     return bpy.context.object
 
 
-@can_hold_them
+@draws_them
 def test_attributes_are_those_of_blenders_own_splats(empty, capture, static_rig):
     assert capture.type == "POINTCLOUD" and not capture.modifiers[:]
     found = {name: (each.data_type, each.domain) for name, each in capture.data.attributes.items()}
@@ -44,7 +40,7 @@ def test_attributes_are_those_of_blenders_own_splats(empty, capture, static_rig)
     np.testing.assert_allclose(shown["radiance:sh_1"], gaussians.sh[:, 2], atol=1e-5)
 
 
-@can_hold_them
+@draws_them
 def test_frog_draws_it_once_however_it_is_shown(empty, capture, rendered):
     before = rendered(empty)
     assert before.std() > 10
@@ -59,7 +55,7 @@ def test_frog_draws_it_once_however_it_is_shown(empty, capture, rendered):
     assert not capture.modifiers[:]
 
 
-@can_hold_them
+@draws_them
 def test_saved_thinned_and_changed(empty, capture, static_rig, tmp_path):
     capture.frog.density = 50
     assert point_cloud.count(capture) == 30
@@ -74,14 +70,9 @@ def test_saved_thinned_and_changed(empty, capture, static_rig, tmp_path):
     assert point_cloud.count(again) == 22 and "radiance:sh_0" not in point_cloud.read(again)
 
 
-def test_what_is_refused_leaves_points(empty, static_rig, monkeypatch, capfd):
-    """Here by a Blender that knows no such type of point cloud, or says so."""
-    monkeypatch.setattr(point_cloud, "draws_splats", lambda: True)
-
-    def refuse(cloud):
-        raise TypeError("no such type")
-
-    monkeypatch.setattr(point_cloud, "make_splats", refuse)
-    bpy.ops.import_scene.frog(filepath=str(static_rig))
-    assert bpy.context.object.type == "MESH" and point_cloud.count(bpy.context.object) == 60
-    assert not bpy.data.pointclouds[:] and "no such type" in capfd.readouterr().err
+@pytest.mark.skipif(point_cloud.draws_splats(), reason="this Blender draws splats itself")
+def test_what_is_refused_leaves_points(empty, static_rig, capfd):
+    """By a Blender that knows no such type of point cloud."""
+    obj = point_cloud.create("refused", ScenePlayer.load(static_rig).at_frame(0), as_splats=True)
+    assert obj.type == "MESH" and point_cloud.count(obj) == 60
+    assert not bpy.data.pointclouds[:] and "splats cannot be used" in capfd.readouterr().err

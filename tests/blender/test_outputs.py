@@ -14,7 +14,6 @@ from support.small_scenes import rig_of_three, write_scene
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene
 from frog_blender.engine.scene.scene_file import write_scene as write_file
-from frog_blender.operators import train
 from frog_blender.training_task import runner
 from frog_blender.training_task.request import can_resume, request_of
 
@@ -25,6 +24,26 @@ def trained(path, capture):
     write_file(path, SceneFile(replace(scene.header, capture_path=str(capture.resolve())), scene.arrays))
     state = json.dumps({"settings": {"capture": str(capture.resolve())}})
     save_file({"x": np.zeros(1)}, f"{path}.checkpoint", metadata={"frog-checkpoint": state})
+
+
+def train():
+    """Presses the button. The training itself ends with a sentence, as there is nothing in the capture's folder."""
+    pytest.importorskip("torch")
+    try:
+        assert bpy.ops.frog.train() == {"FINISHED"}
+        assert runner.current().join(120.0)
+    finally:
+        runner.stop()
+        runner.set_current(None)
+
+
+@pytest.fixture
+def relative_paths():
+    """The preference that new paths are relative."""
+    paths = bpy.context.preferences.filepaths
+    before, paths.use_relative_paths = paths.use_relative_paths, True
+    yield
+    paths.use_relative_paths = before
 
 
 @pytest.fixture
@@ -69,7 +88,7 @@ def test_what_lies_where_the_name_leads_is_not_written_over(empty, captures, tmp
     assert empty.frog.output_path == str(tmp_path / "b_2.frog")
 
 
-def test_training_into_another_captures_scene_takes_a_number(empty, captures, tmp_path, monkeypatch):
+def test_training_into_another_captures_scene_takes_a_number(empty, captures, tmp_path):
     settings, (first, second) = empty.frog, captures
     trained(tmp_path / "mine.frog", first)
     before = (tmp_path / "mine.frog").read_bytes()
@@ -77,29 +96,22 @@ def test_training_into_another_captures_scene_takes_a_number(empty, captures, tm
     assert not can_resume(settings)
     with pytest.raises(RuntimeError, match="found a training of another capture"):
         bpy.ops.frog.train(resume=True)
-    asked = []
-    monkeypatch.setattr(train.preferences, "make_torch_importable", lambda: None)
-    monkeypatch.setattr(runner, "begin", lambda events, after: asked.append(events.__self__))
-    assert bpy.ops.frog.train() == {"FINISHED"}
-    assert asked[0].output == tmp_path / "mine_2.frog" and settings.output_path == str(tmp_path / "mine_2.frog")
+    train()
+    assert settings.output_path == str(tmp_path / "mine_2.frog")
     assert (tmp_path / "mine.frog").read_bytes() == before
     settings.capture_folder, settings.output_path = str(first), str(tmp_path / "mine.frog")
     assert request_of(settings).output == tmp_path / "mine_2.frog", "nor is one's own written over"
     assert can_resume(settings) and request_of(settings, resume=True).output == tmp_path / "mine.frog"
 
 
-def test_training_again_keeps_an_output_relative(empty, captures, tmp_path, monkeypatch):
+def test_training_again_keeps_an_output_relative(empty, captures, tmp_path, relative_paths):
     """A project that moves goes on beside its .blend, and another capture still changes the output."""
     settings, (first, second) = empty.frog, captures
     settings.capture_folder = str(first)
-    paths = bpy.context.preferences.filepaths
-    monkeypatch.setattr(paths, "use_relative_paths", True)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "project.blend"))
     settings.output_path = settings.derived_output = "//a.frog"
     trained(tmp_path / "a.frog", first)
-    monkeypatch.setattr(train.preferences, "make_torch_importable", lambda: None)
-    monkeypatch.setattr(runner, "begin", lambda events, after: None)
-    assert bpy.ops.frog.train() == {"FINISHED"}
+    train()
     assert settings.output_path == settings.derived_output == "//a_2.frog"
     settings.capture_folder = str(second)
     assert settings.output_path.endswith("b.frog")

@@ -7,6 +7,7 @@ import threading
 import bpy
 import numpy as np
 import pytest
+from support.observed_players import observed
 from support.small_scenes import rig_of_three, write_scene
 
 from frog_blender import point_cloud
@@ -49,21 +50,26 @@ def frames_ahead(scene, obj):
     return [round(each.time * 9, 4) for each in times]
 
 
-def test_frames_ahead_are_computed_in_another_thread_and_shown_as_they_are(empty, capture, static_rig, monkeypatch):
-    empty.frame_set(1)
-    prefetch.prefetch(empty)
-    assert playback_cache.worker().wait(20.0) and len(threads()) == 1
-    assert len(playback_cache.frames()) == 10
+def test_frames_ahead_are_computed_in_another_thread_and_shown_as_they_are(empty, capture, static_rig):
     by_main_thread = []
-    compute = ScenePlayer.delta_at
-    monkeypatch.setattr(ScenePlayer, "delta_at", lambda *a: by_main_thread.append(a) or compute(*a))
-    for frame in (7, 2, 10, 3):
-        empty.frame_set(frame)
-        shows(capture, static_rig, frame - 1.0)
-    assert not by_main_thread
-    empty.frame_set(4, subframe=0.25)  # nobody thought of it
-    shows(capture, static_rig, 3.25)
-    assert len(by_main_thread) == 1
+
+    def noting(player, time):
+        if threading.current_thread() is threading.main_thread():
+            by_main_thread.append(time)
+
+    with observed(computing=noting):
+        empty.frame_set(1)
+        prefetch.prefetch(empty)
+        assert playback_cache.worker().wait(20.0) and len(threads()) == 1
+        assert len(playback_cache.frames()) == 10
+        by_main_thread.clear()
+        for frame in (7, 2, 10, 3):
+            empty.frame_set(frame)
+            shows(capture, static_rig, frame - 1.0)
+        assert not by_main_thread
+        empty.frame_set(4, subframe=0.25)  # nobody thought of it
+        shows(capture, static_rig, 3.25)
+        assert len(by_main_thread) == 1
 
 
 def test_the_direction_is_the_one_that_was_seen(empty, capture):
@@ -176,17 +182,20 @@ def test_the_thread_ends(addon, empty, capture, how):
             addon.register()
 
 
-def test_the_thread_survives_what_cannot_be_computed(empty, capture, static_rig, capfd, monkeypatch):
-    def broken(self, time):
-        raise MemoryError("none left")
+def test_the_thread_survives_what_cannot_be_computed(empty, capture, static_rig, capfd):
+    broken = [True]
 
-    monkeypatch.setattr(ScenePlayer, "delta_at", broken)
-    prefetch.prefetch(empty)
-    assert playback_cache.worker().wait(20.0)
-    assert "MemoryError: none left" in capfd.readouterr().err
-    monkeypatch.undo()
-    prefetch.prefetch(empty)
-    assert playback_cache.worker().wait(20.0) and len(playback_cache.frames()) >= 9
+    def failing(player, time):
+        if broken:
+            raise MemoryError("none left")
+
+    with observed(computing=failing):
+        prefetch.prefetch(empty)
+        assert playback_cache.worker().wait(20.0)
+        assert "MemoryError: none left" in capfd.readouterr().err
+        broken.clear()
+        prefetch.prefetch(empty)
+        assert playback_cache.worker().wait(20.0) and len(playback_cache.frames()) >= 9
 
 
 def test_blender_quits_with_a_thread_at_work(tmp_path):
@@ -216,7 +225,7 @@ print("busy", playback_cache.worker().is_alive, flush=True)
 # What is not written again must be right nevertheless.
 
 
-def test_the_same_moment_is_not_written_twice_and_rest_only_once(empty, capture, static_rig, monkeypatch):
+def test_the_same_time_is_not_written_twice_and_what_is_static_only_once(empty, capture, static_rig, monkeypatch):
     written = []
     write = point_cloud.write_attribute
     monkeypatch.setattr(
@@ -235,7 +244,7 @@ def test_the_same_moment_is_not_written_twice_and_rest_only_once(empty, capture,
     assert len(written) == 7
 
 
-def test_a_shared_mesh_shows_who_was_shown_last_and_a_copied_one_its_own(empty, capture, static_rig, tmp_path):
+def test_a_shared_mesh_shows_what_was_shown_last_and_a_copied_one_its_own(empty, capture, static_rig, tmp_path):
     twin = capture.copy()  # shares the mesh
     empty.collection.objects.link(twin)
     other = write_scene(tmp_path / "other.frog", rig_of_three(), seed=4)

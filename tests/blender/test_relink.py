@@ -51,7 +51,7 @@ def test_or_only_the_one(empty, lost):
     assert open_scenes.is_missing(playback.file_of(first)) and open_scenes.is_missing(playback.file_of(twin))
 
 
-def test_a_renamed_file_is_found_for_all_who_played_it(empty, lost):
+def test_a_renamed_file_is_found_for_all_captures_of_it(empty, lost):
     first, second, twin, there = lost
     (there / "a.frog").rename(there / "c.frog")
     (there / "b.frog").write_bytes(b"damaged meanwhile")

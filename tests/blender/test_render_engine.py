@@ -8,6 +8,7 @@ import bpy
 import mathutils
 import numpy as np
 import pytest
+from support.observed_players import observed
 from support.small_scenes import expected_png, moving_camera, passes_of, read_png, rig_of_three, write_scene
 
 from frog_blender import reported_once
@@ -15,7 +16,6 @@ from frog_blender.engine.errors import FrogError
 from frog_blender.engine.native import binding
 from frog_blender.engine.notices import Notice
 from frog_blender.engine.playback.render import draw
-from frog_blender.render import frog_engine
 
 
 def import_scene(path, **options):
@@ -79,53 +79,43 @@ def test_panoramic_camera_is_refused_in_a_sentence(empty, static_rig, rendered):
         rendered(empty)
 
 
-def without_memory_after(calls, monkeypatch):
-    """Drawing goes well so many times, and then there is no memory left."""
-    from frog_blender.engine.playback import render
+def without_memory_after(images):
+    """Playing goes well for so many images, and then there is no memory left."""
+    left = [images]
 
-    real, left = render.draw, [calls]
-
-    def drawing(*arguments, **options):
+    def giving(player, time):
         left[0] -= 1
         if left[0] < 0:
-            raise MemoryError("drawing 60 Gaussians at 96 x 64 ran out of memory")
-        return real(*arguments, **options)
+            raise MemoryError("60 Gaussians ran out of memory")
 
-    monkeypatch.setattr(render, "draw", drawing)
+    return observed(giving=giving)
 
 
-def test_without_memory_there_is_one_sentence(empty, static_rig, rendered, monkeypatch, capfd):
+def test_without_memory_there_is_one_sentence(empty, static_rig, rendered, capfd):
     import_scene(static_rig)
-    without_memory_after(0, monkeypatch)
-    with pytest.raises(RuntimeError, match=r"Out of memory \(drawing 60 Gaussians") as error:
+    with without_memory_after(0), pytest.raises(RuntimeError, match=r"Out of memory \(60 Gaussians") as error:
         rendered(empty)
     assert "Traceback" not in str(error.value) + capfd.readouterr().err
 
 
-def test_a_motion_blur_that_fails_leaves_the_frame(empty, static_rig, rendered, monkeypatch):
+def test_a_motion_blur_that_fails_leaves_the_frame(empty, static_rig, rendered):
     import_scene(static_rig)
     empty.frame_set(5)
-    without_memory_after(4, monkeypatch)
-    with pytest.raises(RuntimeError, match="Out of memory"):
+    with without_memory_after(4), pytest.raises(RuntimeError, match="Out of memory"):
         rendered(empty, use_motion_blur=True, motion_blur_shutter=1.0)
     assert empty.frame_current_final == 5.0
 
 
-def test_vectors_that_fail_leave_the_frame(empty, static_rig, rendered, monkeypatch):
-    from frog_blender.engine.errors import FrogError
-
+def test_vectors_that_fail_leave_the_frame(empty, static_rig, rendered):
     import_scene(static_rig)
     empty.frame_set(5, subframe=0.25)
     bpy.context.view_layer.use_pass_vector = True
-    real = frog_engine.gather
 
-    def gather(depsgraph):
-        if depsgraph.scene.frame_current_final != 5.25:
+    def giving(player, time):
+        if time != player.time_of(4.25):
             raise FrogError("x.frog: found no file, expected a .frog scene.")
-        return real(depsgraph)
 
-    monkeypatch.setattr(frog_engine, "gather", gather)
-    with pytest.raises(RuntimeError, match="found no file"):
+    with observed(giving=giving), pytest.raises(RuntimeError, match="found no file"):
         rendered(empty)
     assert empty.frame_current_final == 5.25
 
@@ -432,21 +422,22 @@ def test_an_image_that_takes_long_says_so_once(empty, static_rig, rendered, monk
         warnings.simplefilter("always")
         assert rendered(empty).std() > 10
     written = "".join(capfd.readouterr())
-    assert written.count(f"Warning: {binding.takes_long(60)}") == (most == 0)
+    assert written.count("Warning: Many of the 60 Gaussians cover most of the image; drawing it takes seconds.") == (
+        most == 0
+    )
     assert not [each for each in told if each.category is Notice], "said twice"
 
 
 @pytest.mark.parametrize("error", [ZeroDivisionError("of a kind"), FrogError("a.frog: found nothing."), MemoryError()])
-def test_what_nobody_foresaw_leaves_its_traceback(empty, static_rig, monkeypatch, capfd, error):
+def test_what_nobody_foresaw_leaves_its_traceback(empty, static_rig, capfd, error):
     import_scene(static_rig)
 
-    def fail(*_):
+    def fail(player, time):
         raise error
 
-    monkeypatch.setattr(frog_engine, "drawn_passes", fail)
     reported_once.forget()
     for _ in range(2):
-        with pytest.raises(RuntimeError, match=r"of a kind|found nothing|Out of memory"):
+        with observed(giving=fail), pytest.raises(RuntimeError, match=r"of a kind|found nothing|Out of memory"):
             bpy.ops.render.render()
     tracebacks = capfd.readouterr().err.split("Traceback")[1:]
     assert len(tracebacks) == isinstance(error, ZeroDivisionError)

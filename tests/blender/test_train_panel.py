@@ -159,12 +159,7 @@ def test_the_preview_camera_is_searched_among_the_captures(empty, capture):
 
 def test_presets_keep_how_to_train_and_not_what(empty, tmp_path, monkeypatch):
     folder = tmp_path / "presets" / "frog_blender" / "training"
-
-    def resource(kind, *, path="", create=False):
-        (tmp_path / path).mkdir(parents=True, exist_ok=True)
-        return str(tmp_path / path)
-
-    monkeypatch.setattr(bpy.utils, "user_resource", resource)
+    monkeypatch.setenv("BLENDER_USER_SCRIPTS", str(tmp_path))
     settings = empty.frog
     settings.recipe, settings.steps, settings.device, settings.capture_folder = "draft", 1234, "cpu", str(tmp_path)
     assert bpy.ops.frog.training_preset_add(name="Quick Look") == {"FINISHED"}

@@ -158,12 +158,10 @@ def test_only_one_training_at_a_time(endless):
         runner.begin(lambda cancelled: iter([]))
 
 
-def test_opening_another_file_neither_ends_a_training_nor_waits_for_it(endless, tmp_path, monkeypatch):
-    monkeypatch.setattr(endless, "join", lambda *_: pytest.fail("opening a file waited for the training"))
+def test_opening_another_file_neither_ends_a_training_nor_waits_for_it(endless, tmp_path):
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "x.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "x.blend"))
-    monkeypatch.undo()
     assert runner.current() is endless and runner.is_running() and not endless.control.ended
     assert bpy.app.timers.is_registered(runner.tick)
     endless.cancel()
@@ -241,10 +239,13 @@ def test_a_file_becomes_unsaved(empty):
     assert bpy.data.is_dirty
 
 
-def test_an_import_waits_for_the_end_of_an_operation(addon, monkeypatch):
+def test_an_import_waits_for_the_end_of_an_operation(addon):
     busy, imported = [True], []
-    monkeypatch.setattr(unsaved_changes, "is_being_changed", lambda: bool(busy))
-    task = runner.TrainingTask(lambda control: iter([events.Finished("x.frog", 1, 1.0, 20.0, 5)]), imported.append)
+    task = runner.TrainingTask(
+        lambda control: iter([events.Finished("x.frog", 1, 1.0, 20.0, 5)]),
+        imported.append,
+        is_scene_in_use=lambda: bool(busy),
+    )
     finish(task.start())
     assert not imported and task.waiting is not None
     busy.clear()

@@ -5,10 +5,10 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
+from support.exr import pass_of, render_channels
 from support.small_scenes import rig_of_three
 
 from frog_blender.engine.native.options import RasterizeOptions
-from frog_blender.render import frog_engine
 from frog_blender.render.collect_instances import gather
 from frog_blender.render.vector_pass import vectors
 
@@ -28,15 +28,11 @@ def moving_eye(scene):
     scene.frame_set(2)
 
 
-def spied(scene, monkeypatch):
-    """The vectors that a render with FROG makes."""
-    taken = []
-    real = frog_engine.render_vectors
-    monkeypatch.setattr(frog_engine, "render_vectors", lambda *given: taken.append(real(*given)) or taken[-1])
+def frog_vectors(scene, path):
+    """(H, W, 4) of a render with FROG."""
     scene.render.engine = "FROG"
     bpy.context.view_layer.use_pass_vector = True
-    bpy.ops.render.render()
-    return taken[0]
+    return pass_of(render_channels(scene, path), "Vector", "XYZW")
 
 
 def cycles_vectors(scene, path):
@@ -82,13 +78,13 @@ def test_it_is_what_cycles_says(empty, tmp_path):
     np.testing.assert_allclose(found[:count], expected[:count], rtol=2e-3)
 
 
-def test_a_still_scene_before_a_moving_camera(empty, static_rig, monkeypatch):
+def test_a_still_scene_before_a_moving_camera(empty, static_rig, tmp_path):
     """5 away and 50 mm of 36 mm over 64 pixels: 0.1 to the right is 1.78 pixels to the left."""
     bpy.ops.import_scene.frog(filepath=str(static_rig))
     obj = next(obj for obj in empty.objects if obj.frog.filepath)
     obj.frog.use_remap, obj.frog.shown_frame = True, 0.0
     moving_eye(empty)
-    found = spied(empty, monkeypatch)
+    found = frog_vectors(empty, tmp_path / "vectors.exr")
     gaussians = gather(bpy.context.evaluated_depsgraph_get())[0]
     depths = 5.0 + gaussians.means[:, 1]
     unit = 50.0 / 36.0 * SIZE[0]
@@ -102,8 +98,8 @@ def test_a_still_scene_before_a_moving_camera(empty, static_rig, monkeypatch):
         assert np.median(ways[:, 1] / ways[:, 0]) == pytest.approx(0.5, abs=0.02)
 
 
-def test_who_cannot_be_seen_a_frame_away_goes_on_as_it_came(empty):
-    """It is not where its way leads then (see inference.lifetimes)."""
+def test_what_cannot_be_seen_a_frame_away_goes_on_as_it_came(empty):
+    """It is not where its way leads then (see playback.visibility)."""
     from frog_blender.engine.gaussians import GaussianArrays
 
     camera = rig_of_three()[0]

@@ -8,6 +8,7 @@ import bpy
 import numpy as np
 import pytest
 from support import blender_windows
+from support.observed_players import observed
 from support.small_scenes import expected_png, rig_of_three, write_scene
 
 from frog_blender import reported_once
@@ -142,14 +143,11 @@ def test_another_background_is_another_image(empty, static_rig):
     np.testing.assert_array_equal(drawn().pixels, red.pixels)
 
 
-def test_without_memory_it_is_a_sentence_in_the_header(empty, static_rig, monkeypatch, capfd):
-    from frog_blender.engine.playback import render
-
-    def exhausted(*_, **__):
-        raise MemoryError("drawing 60 Gaussians ran out of memory")
+def test_without_memory_it_is_a_sentence_in_the_header(empty, static_rig, capfd):
+    def exhausted(player, time):
+        raise MemoryError("60 Gaussians ran out of memory")
 
     assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
-    monkeypatch.setattr(render, "draw", exhausted)
     reported_once.forget()
     view, window = matrices(empty.camera, *SIZE)
     region, data = (
@@ -159,9 +157,10 @@ def test_without_memory_it_is_a_sentence_in_the_header(empty, static_rig, monkey
     header = []
     engine = SimpleNamespace(viewport=None, update_stats=lambda *texts: header.append(texts[1]))
     context = SimpleNamespace(region=region, region_data=data, space_data=None)
-    for _ in range(2):
-        viewport_drawing.draw(engine, context, bpy.context.evaluated_depsgraph_get())
-    assert len(header) == 2 and header[0] == header[1] and header[0].startswith("Out of memory (drawing 60 Gaussians")
+    with observed(giving=exhausted):
+        for _ in range(2):
+            viewport_drawing.draw(engine, context, bpy.context.evaluated_depsgraph_get())
+    assert len(header) == 2 and header[0] == header[1] and header[0].startswith("Out of memory (60 Gaussians")
     assert capfd.readouterr().err.count("Out of memory") == 1
 
 

@@ -26,7 +26,7 @@ def trained(tmp_path: Path) -> Path:
     return tmp_path / "x.frog"
 
 
-def test_there_and_back_is_the_same_moment(trained: Path, tmp_path: Path) -> None:
+def test_there_and_back_gives_the_same_gaussians(trained: Path, tmp_path: Path) -> None:
     scene = ScenePlayer.load(trained)
     (path,) = export_frames(scene, [3], tmp_path / "out", "x")
     imported = import_splats(path, tmp_path / "still.frog")

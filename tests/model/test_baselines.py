@@ -33,7 +33,7 @@ def built(method: str, frames: int = 9, seed: int = 0, **settings: object) -> Sc
     return METHODS[method].build(ModelInit(canonical(adapted.embedding_size), adapted, frames, 4 * frames, 3.0))
 
 
-def awake(model: SceneModel) -> SceneModel:
+def perturbed(model: SceneModel) -> SceneModel:
     """With outputs and curves that are not zero."""
     generator = torch.Generator().manual_seed(2)
     for name, parameter in model.named_parameters():
@@ -56,7 +56,7 @@ def test_training_starts_from_the_undeformed_scene(method: str, wide: bool) -> N
 @pytest.mark.parametrize("method", BASELINES)
 def test_gradients_reach_every_parameter(method: str, wide: bool) -> None:
     settings = {"hidden_width": 128, "head_width": 128, "deformed_sh": 4} if wide else {}
-    model = awake(built(method, **settings))
+    model = perturbed(built(method, **settings))
     for time in (0.0, 0.37, 0.8):
         gaussians = model(time)
         sum(getattr(gaussians, name).square().sum() for name in ATTRIBUTES).backward()
@@ -69,7 +69,7 @@ def test_gradients_reach_every_parameter(method: str, wide: bool) -> None:
 
 @pytest.mark.parametrize("method", BASELINES)
 def test_what_the_model_says_it_changed_is_what_moved(method: str) -> None:
-    model = awake(built(method))
+    model = perturbed(built(method))
     gaussians, changes = model.deform(0.3, FINISHED, 1)
     assert gaussians.sh.shape == (COUNT, 1, 3)
     torch.testing.assert_close(gaussians.means - model.canonical.means, changes["means"], atol=1e-5, rtol=1e-4)
@@ -85,7 +85,7 @@ def test_the_world_can_be_as_large_as_it_likes(method: str) -> None:
         torch.manual_seed(4)
         field = canonical(adapted.embedding_size)
         field.means.data *= factor
-        model = awake(METHODS[method].build(ModelInit(field, adapted, 9, 36, 3.0 * factor)))
+        model = perturbed(METHODS[method].build(ModelInit(field, adapted, 9, 36, 3.0 * factor)))
         found.append((model(0.3).means - field.means).detach() / factor)
     assert float(found[0].abs().max()) > 0.01
     torch.testing.assert_close(found[0], found[1], atol=2e-3, rtol=2e-3)
@@ -114,7 +114,7 @@ def literal_d3dgs(model: d3dgs.D3dgs, time: float) -> torch.Tensor:
 
 @pytest.mark.parametrize("width", [64, 128])
 def test_d3dgs_is_the_literal_network(width: int) -> None:
-    model = awake(built("d3dgs", hidden_width=width))
+    model = perturbed(built("d3dgs", hidden_width=width))
     assert (model.settings.depth, model.settings.width, model.settings.skip) == ((4, 64, 3), (8, 256, 5))[width > 64]
     torch.testing.assert_close(
         model.deformation(model.canonical.means, 0.4), literal_d3dgs(model, 0.4), atol=1e-5, rtol=1e-4
@@ -123,13 +123,13 @@ def test_d3dgs_is_the_literal_network(width: int) -> None:
 
 def test_d3dgs_keeps_places_out_of_the_gradient() -> None:
     """Only what is added to the mean reaches it."""
-    model = awake(built("d3dgs"))
+    model = perturbed(built("d3dgs"))
     model(0.4).means.sum().backward()
     torch.testing.assert_close(model.canonical.means.grad, torch.ones(COUNT, 3))
 
 
 @pytest.mark.parametrize(("frames", "octaves"), [(1, 3), (6, 5), (30, 8), (300, 10), (3000, 10)])
-def test_d3dgs_has_as_many_octaves_of_time_as_there_are_moments_for(frames: int, octaves: int) -> None:
+def test_d3dgs_has_as_many_octaves_of_time_as_there_are_frames_for(frames: int, octaves: int) -> None:
     assert d3dgs.settings_for(64, frames, 1.0).time_frequencies == octaves
 
 
@@ -146,7 +146,7 @@ def bilinear(plane: torch.Tensor, column: float, row: float) -> torch.Tensor:
 def test_hexplane_features_are_products_over_six_planes() -> None:
     settings = hexplane.HexPlaneSettings(2, (4, 7), 5, 8, 0, 1, True)
     torch.manual_seed(0)
-    model = awake(hexplane.HexPlane(canonical(), settings))
+    model = perturbed(hexplane.HexPlane(canonical(), settings))
     field = model.deformation
     # One inside the box, one beyond its rim.
     means = torch.stack([0.3 * field.low + 0.7 * field.high, field.high + 5])
@@ -194,7 +194,7 @@ def test_hexplane_pulls_its_planes_smooth_and_still() -> None:
 
 
 def test_hexplane_without_moving_opacities() -> None:
-    model = awake(built("hexplane", deformed_opacity=False, deformed_sh=0))
+    model = perturbed(built("hexplane", deformed_opacity=False, deformed_sh=0))
     assert list(model.settings.sizes) == ["means", "log_scales", "quaternions"]
     torch.testing.assert_close(model(0.2).opacities, model.canonical.gaussians().opacities)
     assert float((model(0.2).means - model(0.9).means).detach().abs().max()) > 1e-4
@@ -204,7 +204,7 @@ def test_hexplane_without_moving_opacities() -> None:
 @pytest.mark.parametrize("method", ["d3dgs", "hexplane"])
 @pytest.mark.parametrize("rows", [0, 1, 17, COUNT])
 def test_leaving_out_what_was_not_drawn_changes_no_gradient(method: str, wide: bool, rows: int) -> None:
-    model = awake(built(method, **({"hidden_width": 128, "head_width": 16} if wide else {})))
+    model = perturbed(built(method, **({"hidden_width": 128, "head_width": 16} if wide else {})))
     field, means = model.deformation, model.canonical.means
     if method == "d3dgs":
         means = means.detach()
@@ -253,7 +253,7 @@ def test_fresh_curves_stand_still_and_are_there_at_all_times() -> None:
 
 def test_a_copy_of_a_gaussian_lives_on_the_same_curve() -> None:
     """Density control copies embeddings; a curve is nothing else."""
-    model = awake(built("curves"))
+    model = perturbed(built("curves"))
     values = {name: torch.cat([p, p]).detach() for name, p in model.canonical.named_parameters()}
     twice = curves.Curves(CanonicalField(values), model.settings)
     torch.testing.assert_close(twice(0.7).means[COUNT:], model(0.7).means)

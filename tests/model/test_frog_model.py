@@ -30,7 +30,7 @@ def canonical(count: int = 12, sh_count: int = 4, embedding_size: int = 5) -> Ca
     return CanonicalField(values)
 
 
-def awake(field: DeformationField) -> DeformationField:
+def perturbed(field: DeformationField) -> DeformationField:
     """With outputs that are not zero."""
     generator = torch.Generator().manual_seed(2)
     for parameter in (field.output_weight, field.output_bias, *([field.modulation_weight] if field.modulated else [])):
@@ -39,7 +39,7 @@ def awake(field: DeformationField) -> DeformationField:
 
 
 def literal(field: DeformationField, temporal: torch.Tensor, embeddings: torch.Tensor) -> dict[str, torch.Tensor]:
-    """The networks as a newcomer would write them: concatenate, one layer, one head after the other; then add up."""
+    """The networks in the plainest way: concatenate, one layer, one head after the other; then add up."""
     n, total = field.networks, {}
     for k in range(n):
         weight = torch.cat([field.temporal_weight.chunk(n)[k], field.embedding_weight.chunk(n)[k]], dim=1)
@@ -70,7 +70,7 @@ def test_the_folded_network_equals_the_literal_one(
     networks: int, head_width: int, sh_count: int, modulated: bool
 ) -> None:
     torch.manual_seed(3)
-    field = awake(DeformationField(5, 7, 20, head_width, sh_count, networks, modulated=modulated))
+    field = perturbed(DeformationField(5, 7, 20, head_width, sh_count, networks, modulated=modulated))
     temporal, embeddings = torch.randn(networks, 7), torch.randn(9, 5)
     found, expected = field(temporal, embeddings), literal(field, temporal, embeddings)
     assert (
@@ -87,7 +87,7 @@ def test_the_folded_network_equals_the_literal_one(
 @pytest.mark.parametrize("head_width", [0, 6])
 def test_every_weight_has_the_gradient_of_the_literal_network(networks: int, head_width: int) -> None:
     torch.manual_seed(3)
-    field = awake(DeformationField(5, 7, 20, head_width, 1, networks))
+    field = perturbed(DeformationField(5, 7, 20, head_width, 1, networks))
     temporal, embeddings = torch.randn(networks, 7), torch.randn(9, 5)
     targets = {name: torch.randn(9, size) for name, size in field.sizes.items()}
     gradients = []
@@ -116,7 +116,7 @@ def test_the_paper_form_starts_at_half_the_opacity() -> None:
 
 
 def table_gradient(model: Frog) -> torch.Tensor:
-    awake(model.deformation)
+    perturbed(model.deformation)
     model(0.37).means.square().sum().backward()
     return model.temporal_table.grad
 
@@ -201,7 +201,7 @@ def test_attention_lies_between_the_embeddings_and_follows_its_scores() -> None:
 @pytest.mark.parametrize("head_width", [0, 6])
 def test_every_fusion_learns_all_its_parameters(fusion: str, head_width: int) -> None:
     model = Frog(canonical(), replace(SETTINGS, fusion=fusion, head_width=head_width))
-    awake(model.deformation)
+    perturbed(model.deformation)
     plain, _ = model.deform_reference(model.temporal_embedding(0.37), FINISHED, 4)
     gaussians, _ = model.deform(0.37)
     for name in ATTRIBUTES:
@@ -238,7 +238,7 @@ def test_the_table_is_smoothed_only_where_asked() -> None:
 
 def test_changes_of_the_means_are_in_world_units() -> None:
     model = Frog(canonical(), replace(SETTINGS, motion_unit=3.0))
-    awake(model.deformation)
+    perturbed(model.deformation)
     gaussians, changes = model.deform(0.4)
     raw = model.deformation(model.temporal_embedding(0.4), model.canonical.embeddings)["means"]
     torch.testing.assert_close(changes["means"], 3 * raw)
@@ -247,7 +247,7 @@ def test_changes_of_the_means_are_in_world_units() -> None:
 
 def test_only_the_deformed_coefficients_change() -> None:
     model = Frog(canonical(sh_count=9), replace(SETTINGS, deformed_sh=4))
-    awake(model.deformation)
+    perturbed(model.deformation)
     change = (model(0.4).sh - model.canonical.sh).detach()
     assert (change[:, :4].abs().amax((0, 2)) > 1e-3).all() and not change[:, 4:].any()
 

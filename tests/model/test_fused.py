@@ -46,7 +46,7 @@ def looked_at(
     model: Frog, fused: bool, share: float, sh_active: int
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Outputs and changes by name, and gradients of a random linear loss by every parameter and the embedding of the
-    moment; in the precision of the model."""
+    time; in the precision of the model."""
     s, dtype = model.settings, model.canonical.means.dtype
     temporal = temporal_of(s).to(dtype).requires_grad_()
     if fused:
@@ -105,7 +105,7 @@ def test_heads_that_say_nothing(fusion: str, head_width: int, silent: list[str] 
 @pytest.mark.parametrize("moving", [0, 1, 95, 96, 961, 1999])
 @pytest.mark.parametrize("form", ["off", "paper", "unit"])
 @pytest.mark.parametrize("head_width", [0, 16])
-def test_gaussians_at_rest(moving: int, form: str, head_width: int) -> None:
+def test_static_gaussians(moving: int, form: str, head_width: int) -> None:
     settings = replace(SETTINGS, opacity_reduction=form, head_width=head_width, modulation=True, temporal_size=9)
     model = model_of(settings, 2000, 4, moving=moving)
     assert_equal_to_plain(model, 0.7, 4)
@@ -199,9 +199,9 @@ def test_two_networks_of_which_one_gives_nothing_are_one(head_width: int) -> Non
             parameter.data = parts.clone()
         temporal = temporal_of(dual.settings)
         outputs = []
-        for model, moment in ((dual, temporal), (single, temporal[1 - silent : 2 - silent])):
+        for model, embedding in ((dual, temporal), (single, temporal[1 - silent : 2 - silent])):
             shape = FieldShape(head_width, 16, 4, "off", 10.0, 1.0, 0.7, networks=model.deformation.networks)
-            outputs.append(deform_fused(model.canonical, model.deformation, moment, shape)[1].detach())
+            outputs.append(deform_fused(model.canonical, model.deformation, embedding, shape)[1].detach())
         torch.testing.assert_close(*outputs, atol=1e-6, rtol=1e-6)
         assert outputs[0].abs().max() > 0.1
 

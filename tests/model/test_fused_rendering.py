@@ -78,7 +78,7 @@ def test_the_papers_heads(heads: int) -> None:
     assert_same(model_of(replace(SETTINGS, head_width=heads)), view())
 
 
-def test_gaussians_at_rest_a_rectangle_and_a_pose() -> None:
+def test_static_gaussians_a_rectangle_and_a_pose() -> None:
     model = model_of(replace(SETTINGS, modulation=True), moving=70)
     assert_same(model, view(), RasterizeOptions(region=(10, 5, 30, 20)), posed=True)
 

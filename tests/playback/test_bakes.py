@@ -57,7 +57,7 @@ def test_what_was_baked_is_read_bit_for_bit(baked: tuple[Path, Path, ScenePlayer
 
 HOSTILE: dict[str, Callable[[dict[str, Any], dict[str, Any]], None]] = {
     **{
-        f"shape {str(shape)[:30]}": lambda moments, _, shape=shape: moments.update(shape=shape)
+        f"shape {str(shape)[:30]}": lambda entry, _, shape=shape: entry.update(shape=shape)
         for shape in (
             *(["3", 560], [[3], 560], [{}, 560], [2**62, 2**62], [10**400, 560], [-3, 560], [3, -560], [3.0, 560]),
             *([True, 560], [None, 560], [3], [3, 560, 1], "35", 5, None, {}, ["x" * 10**6, 560], [[0] * 10**5, 10**6]),
@@ -71,10 +71,10 @@ HOSTILE: dict[str, Callable[[dict[str, Any], dict[str, Any]], None]] = {
         )
     },
     **{
-        f"offsets {str(offsets)[:20]}": lambda moments, _, offsets=offsets: moments.update(data_offsets=offsets)
+        f"offsets {str(offsets)[:20]}": lambda entry, _, offsets=offsets: entry.update(data_offsets=offsets)
         for offsets in ([0, 2**63], [8, 16], "ab", None, [0, 10**400])
     },
-    "type": lambda moments, _: moments.update(dtype="F64"),
+    "type": lambda entry, _: entry.update(dtype="F64"),
     "columns": lambda _, metadata: metadata.update(columns="[" * 50_000),
     "other columns": lambda _, metadata: metadata.update(columns='["means"]'),
     "scene": lambda _, metadata: metadata.update(scene=["x"]),

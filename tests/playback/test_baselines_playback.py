@@ -84,7 +84,7 @@ def test_gaussians_at_many_times(tmp_path: Path, shape: tuple[str, dict], count:
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=str)
-def test_what_is_kept_of_a_moment_brings_back_the_same_bits(shape: tuple[str, dict]) -> None:
+def test_what_is_kept_of_a_time_brings_back_the_same_bits(shape: tuple[str, dict]) -> None:
     method, settings = shape
     file = as_file(method, restless(method, **settings))
     playable, other = ScenePlayer(file), ScenePlayer(file)

@@ -40,7 +40,7 @@ def test_what_is_kept_brings_back_the_same_bits(model: dict) -> None:
     assert {"means", "scales", "quaternions", "base"} <= set(playable.changing) <= set(playable.columns)
 
 
-def test_a_scene_at_rest_keeps_nothing() -> None:
+def test_a_static_scene_keeps_nothing() -> None:
     scene = scene_file(20)
     playable = assert_same_bits(SceneFile(replace(scene.header, method="static", model={}), scene.arrays))
     assert playable.changing == () and playable.delta_at(0.4).bytes == 0 and playable.time_of(3.0) == 0.0

@@ -74,10 +74,10 @@ def test_random_scenes() -> None:
         max_examples=EXAMPLES, derandomize=True, deadline=None, database=None, suppress_health_check=list(HealthCheck)
     )
     @given(scenes())
-    def look(scene: Scene) -> None:
+    def check(scene: Scene) -> None:
         compare(scene, totals)
 
-    look()
+    check()
     assert totals.scenes >= EXAMPLES
     assert totals.compared >= 0.98 * totals.scenes
     assert totals.inexact <= INEXACT_SHARE * totals.compared

@@ -24,7 +24,7 @@ def test_one_far_away_leaves_the_others_in_order() -> None:
 
 
 @pytest.mark.parametrize("moving", [0, 1, 30, 50])
-def test_those_that_move_stay_before_those_at_rest(moving: int) -> None:
+def test_dynamic_ones_stay_before_static_ones(moving: int) -> None:
     means = np.float32(np.random.default_rng(4).normal(size=(50, 3)))
     order = morton_order_by_range(means, moving)
     assert sorted(order[:moving]) == list(range(moving))

@@ -132,13 +132,14 @@ def test_nobody_s_own_files_are_touched(bent: Path, tmp_path: Path) -> None:
         undistortion(header, scene, bent)
     assert footage.read_bytes() == b"mine"
     footage.unlink()
-    films = undistortion(header, scene, bent)  # an empty folder will do
+    writing: set[Path] = set()
+    films = undistortion(header, scene, bent, writing=writing)  # an empty folder will do
     next(films.steps)
     with pytest.raises(FrogError, match="being written already"):
-        undistortion(header, scene, bent)
+        undistortion(header, scene, bent, writing=writing)
     (footage.parent / "notes.txt").write_text("mine")
     films.steps.close()
-    assert [path.name for path in footage.parent.iterdir()] == ["notes.txt"]
+    assert not writing and [path.name for path in footage.parent.iterdir()] == ["notes.txt"]
 
 
 @pytest.mark.parametrize("rate", [23.976, 66.6667, 239.8461, 0.2])
@@ -207,7 +208,7 @@ def test_one_moving_camera_has_one_film(tmp_path: Path) -> None:
     np.testing.assert_allclose(found, [20, 50, 80, 110, 140, 170], atol=4)
 
 
-def test_a_single_moment_is_an_image_and_any_name_a_file(tmp_path: Path) -> None:
+def test_a_single_frame_is_an_image_and_any_name_a_file(tmp_path: Path) -> None:
     folder = moving_capture(tmp_path / "still", k1=0.1)
     data = json.loads((folder / "transforms.json").read_text())
     data["frames"] = [{**frame, "time": 0.0} for frame in data["frames"]]

@@ -4,33 +4,61 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 from typing import Any
 
 import bpy
-import pytest
 
 
-def started_in_window(
-    monkeypatch: pytest.MonkeyPatch, module: ModuleType, operator: type
-) -> list[tuple[Any, Iterator[Any]]]:
-    """From now on ``operator`` of ``module`` runs as if it was asked for in a window.
+class InWindow:
+    """What ``in_window`` gives.
 
-    Returns:
-        a list that every operator that goes on in the window joins, with the steps that it takes.
+    Attributes:
+        started: every operator that went on in the window, with the steps that it takes.
+        said: the kind and the sentence of its reports, which a script does not see of an operator that runs later.
     """
-    monkeypatch.setattr(module, "has_window", lambda context: context.window is not None)
-    monkeypatch.setattr(operator, "is_interactive", True, raising=False)  # of those that first show a file browser
-    started: list[tuple[Any, Iterator[Any]]] = []
-    go_on = operator.run_in_window
 
-    def noted(self: Any, context: Any, steps: Iterator[Any], *rest: Any) -> Any:
-        started.append((self, steps))
-        return go_on(self, context, steps, *rest)
+    def __init__(self) -> None:
+        self.started: list[tuple[Any, Iterator[Any]]] = []
+        self.said: list[tuple[str, str]] = []
 
-    monkeypatch.setattr(operator, "run_in_window", noted)
-    return started
+
+@contextmanager
+def in_window(operator: type) -> Iterator[InWindow]:
+    """Inside, an operator runs as if it was asked for in a window: a class that derives from it has its name."""
+    noted = InWindow()
+
+    class Windowed(operator):  # type: ignore[misc]
+        bl_idname, bl_label, __doc__ = operator.bl_idname, operator.bl_label, operator.__doc__
+        is_interactive = True  # of those that first show a file browser
+        slice_seconds = 0.0
+
+        @staticmethod
+        def has_window(context: bpy.types.Context) -> bool:
+            return context.window is not None
+
+        def execute(self, context: bpy.types.Context) -> set[str]:
+            browses = hasattr(operator, "is_interactive")  # what it is invoked for; and nothing is without a screen
+            return super().execute(context) if browses else self.invoke(context, None)
+
+        def run_in_window(self, context: bpy.types.Context, steps: Iterator[Any], total: int) -> set[str]:
+            noted.started.append((self, steps))
+            return super().run_in_window(context, steps, total)
+
+        def end(self, context: bpy.types.Context, kind: str, sentence: str, result: set[str]) -> set[str]:
+            noted.said.append((kind, sentence))
+            return super().end(context, kind, sentence, result)
+
+    bpy.utils.unregister_class(operator)
+    bpy.utils.register_class(Windowed)
+    try:
+        yield noted
+    finally:
+        drop_operators()
+        bpy.utils.unregister_class(Windowed)
+        bpy.utils.register_class(operator)
 
 
 def drop_operators() -> None:

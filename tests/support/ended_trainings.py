@@ -1,6 +1,6 @@
 """Trains by ``frog train`` and ends it at random times; run by test_ends.py in an interpreter of its own.
 
-    python ended_trainings.py FOLDER TERM,HUP|full MOMENTS SEED
+    python ended_trainings.py FOLDER TERM,HUP|full COUNT SEED
 
 FOLDER/capture is the capture; "full" wants FOLDER/disk to be a small file system, on which scene, cache and temporary
 folder lie. Processes are forked before any thread is started. Prints a JSON object.
@@ -74,13 +74,13 @@ def steps_of(path: Path) -> int:
         return int(answer.read())
 
 
-def by_signal(folder: Path, names: list[str], moments: int, chance: random.Random) -> dict[str, int]:
+def by_signal(folder: Path, names: list[str], count: int, chance: random.Random) -> dict[str, int]:
     """Ends trainings by signals in turn, most of them soon after the first step, some before it."""
     out, log, early = folder / "x.frog", folder / "log", 0
-    for moment in range(moments):
-        name = names[moment % len(names)]
+    for turn in range(count):
+        name = names[turn % len(names)]
         number = getattr(signal, f"SIG{name}")
-        before = moment % 5 == 4
+        before = turn % 5 == 4
         process = begun_training(folder / "capture", out, log, ["--steps", str(STEPS)], not before)
         time.sleep(chance.uniform(0.3 if before else 0.0, _LONGEST))  # the command has to have begun
         os.kill(process, number)
@@ -99,19 +99,19 @@ def by_signal(folder: Path, names: list[str], moments: int, chance: random.Rando
             early += 1
         for path in (out, folder / "x.frog.checkpoint"):
             path.unlink(missing_ok=True)
-    return {"ended": moments, "before the first step": early}
+    return {"ended": count, "before the first step": early}
 
 
-def by_full_disk(folder: Path, moments: int, chance: random.Random) -> dict[str, int]:
+def by_full_disk(folder: Path, count: int, chance: random.Random) -> dict[str, int]:
     """Fills the one disk after the first step; some trainings are cancelled then, others come to their end."""
     disk = folder / "disk"
     found = {"cancelled": 0, "finished": 0, "elsewhere": 0}
-    for moment in range(moments):
+    for turn in range(count):
         for name in ("out", "tmp", "cache"):
             shutil.rmtree(disk / name, ignore_errors=True)
             (disk / name).mkdir()
-        out, cancels = disk / "out" / "x.frog", bool(moment % 2)
-        options = ["--save-every", "0.2", *(["--lossless"] if moment % 3 == 2 else [])]
+        out, cancels = disk / "out" / "x.frog", bool(turn % 2)
+        options = ["--save-every", "0.2", *(["--lossless"] if turn % 3 == 2 else [])]
         options += ["--steps", str(STEPS)] if cancels else ["--seconds", "4"]
         process = begun_training(folder / "capture", out, folder / "log", options, wait=True)
         time.sleep(chance.uniform(0.0, 1.5))
@@ -144,13 +144,13 @@ def fill(path: Path) -> None:
 
 
 def main() -> None:
-    folder, how, moments, seed = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3]), int(sys.argv[4])
+    folder, how, count, seed = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3]), int(sys.argv[4])
     training_run.stored_seeds = lambda *_, **__: film.seeds()
     chance = random.Random(seed)
     if how == "full":
-        answer = by_full_disk(folder, moments, chance)
+        answer = by_full_disk(folder, count, chance)
     else:
-        answer = by_signal(folder, how.split(","), moments, chance)
+        answer = by_signal(folder, how.split(","), count, chance)
     print(json.dumps(answer))
 
 

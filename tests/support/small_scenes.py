@@ -152,18 +152,10 @@ def expected_png(path: Path, camera: Camera, frame: float) -> np.ndarray:
 
 
 def passes_of(scene, tmp_path):
-    """Combined (H, W, 4) and Depth (H, W) of the current frame, rows from the top, without a file between."""
-    from frog_blender.render import frog_engine
+    """Combined (H, W, 4) and Depth (H, W) of the current frame as a render stores them, rows from the top."""
+    from support.exr import pass_of, render_channels
 
-    taken = {}
-
-    def spy(engine, depsgraph):
-        taken["passes"] = original(engine, depsgraph)
-        return taken["passes"]
-
-    original, frog_engine.render_frame = frog_engine.render_frame, spy
-    try:
-        bpy.ops.render.render(scene=scene.name)
-    finally:
-        frog_engine.render_frame = original
-    return taken["passes"][:2]
+    for layer in scene.view_layers:
+        layer.use_pass_z = True
+    channels = render_channels(scene, tmp_path / "passes.exr")
+    return pass_of(channels, "Combined", "RGBA"), pass_of(channels, "Depth")

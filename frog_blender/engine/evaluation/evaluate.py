@@ -12,6 +12,7 @@ import numpy as np
 from ..capture.capture import Capture, Shot
 from ..capture.frames import FrameStore
 from ..errors import FrogError
+from ..notices import say
 from ..playback.player import ScenePlayer
 from ..playback.render import draw
 from .masks import Mask, load_masks, moving_mask
@@ -55,8 +56,9 @@ def evaluate(
         shot = capture.shots[index]
         camera = capture.cameras[shot.camera]
         truth = store.image(index).astype(np.float32) / 255
-        image = draw(scene.at_frame(shot.frame), camera, scene.header.background).rgb.clip(0, 1)
-        sums.setdefault(camera.name, _Sums()).add(image, truth, masks.of(shot), more_metrics or {})
+        drawing = draw(scene.at_frame(shot.frame), camera, scene.header.background)
+        say(drawing.notice)
+        sums.setdefault(camera.name, _Sums()).add(drawing.rgb.clip(0, 1), truth, masks.of(shot), more_metrics or {})
         if progress:
             progress(done + 1, len(chosen))
     return {

@@ -172,7 +172,7 @@ class Frog(SceneModel):
         temporal = self.temporal_embedding(time, schedule_state)
         if not self._is_fused:
             return self.deform_reference(temporal, schedule_state, sh_count)
-        shape = self._field_shape(schedule_state, sh_count)
+        shape = self.field_shape(schedule_state, sh_count)
         gaussians, changes = deform_fused(self.canonical, self.deformation, temporal, shape)
         return gaussians, self.deformation.by_attribute(changes)
 
@@ -190,7 +190,7 @@ class Frog(SceneModel):
         """See SceneModel."""
         if not (self._is_fused and self.canonical.num_dynamic and torch.is_grad_enabled()) or options.absolute:
             return super().draw(time, camera, background, options, schedule_state, sh_count, pose=pose)
-        shape = self._field_shape(schedule_state, sh_count or self.canonical.sh.shape[1])
+        shape = self.field_shape(schedule_state, sh_count or self.canonical.sh.shape[1])
         arrays = field_arrays(self.canonical, self.deformation, self.temporal_embedding(time, schedule_state))
         pruned = [self.output_rows(name) for name in self._pruned_heads]
         by_attribute = self.deformation.by_attribute
@@ -204,7 +204,8 @@ class Frog(SceneModel):
         means = self.canonical.means
         return self.backend is None and means.dtype == torch.float32 and means.device.type == "cpu"
 
-    def _field_shape(self, schedule_state: ScheduleState, sh_count: int) -> FieldShape:
+    def field_shape(self, schedule_state: ScheduleState, sh_count: int) -> FieldShape:
+        """What the native library has to know of the field, for ``sh_count`` coefficients of colour."""
         s = self.settings
         return FieldShape(
             s.head_width,

@@ -20,7 +20,6 @@ from ..capture.camera import MAX_SIDE, Camera
 from ..errors import FrogError, found_instead
 from ..gaussians import AnyGaussians
 from ..io.regular_file import regular_file
-from ..notices import say
 from . import structs
 from .options import RasterizeOptions
 from .structs import Buffer
@@ -173,11 +172,6 @@ def l1_loss(
     return absolute.value
 
 
-def takes_long(gaussians: int) -> str:
-    """A sentence about an image of MANY_INSTANCES."""
-    return f"Many of the {gaussians:,} Gaussians cover most of the image; drawing it takes seconds."
-
-
 class Frame:
     """One drawing and what its backward pass needs. Frees itself.
 
@@ -207,7 +201,7 @@ class Frame:
         self._handle = None
         self._free = library().frog_free
         self._arrays = gaussians, depth_limit  # kept alive as long as the library may read them
-        self._gaussians = structs.gaussians_struct(gaussians)
+        self._gaussians, self._count = structs.gaussians_struct(gaussians), len(gaussians)
         native_camera = structs.camera_struct(camera)
         native_options = structs.options_struct(options, background, options.region_of(camera), depth_limit)
         self._handle = library().frog_draw(
@@ -222,8 +216,6 @@ class Frame:
             raise MemoryError(
                 f"drawing {len(gaussians)} Gaussians at {camera.width} x {camera.height} ran out of memory"
             )
-        if not differentiable and self.instances > MANY_INSTANCES:
-            say(takes_long(len(gaussians)))
 
     def backward(self, rgb: Buffer, alpha: Buffer | None, gradients: Mapping[str, Buffer | None]) -> None:
         """Fills ``gradients`` from dL/d(rgb, alpha); ``alpha`` is None where the loss does not look at it.
@@ -247,6 +239,13 @@ class Frame:
     def instances(self) -> int:
         """(Gaussian, tile) pairs that were gone through, at no cost; see ``work``."""
         return int(library().frog_count_instances(self._handle))
+
+    @property
+    def notice(self) -> str:
+        """What a user is to know of an image of more than MANY_INSTANCES; "" for any other."""
+        if self.instances <= MANY_INSTANCES:
+            return ""
+        return f"Many of the {self._count:,} Gaussians cover most of the image; drawing it takes seconds."
 
     def work(self) -> dict[str, int]:
         """How much was drawn: ``gaussians``, ``instances`` (Gaussian, tile) and blended ``pairs`` (Gaussian, pixel)."""

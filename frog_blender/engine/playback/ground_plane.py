@@ -136,9 +136,9 @@ def placement(floor: Floor, points: Array, cameras: Sequence[Camera]) -> Array:
     The middle of the points (N, 3) around it stands above the origin, and the cameras look along +y on the whole:
     Blender's view from the front is theirs.
     """
-    looks = np.array([camera.forward for camera in cameras]) if cameras else np.eye(3)[1:2]
-    ahead = _level(looks.mean(axis=0), floor.up)
-    for direction in (*looks, np.eye(3)[0], np.eye(3)[1]):  # cameras all around look nowhere on the whole
+    forward = np.array([camera.forward for camera in cameras]) if cameras else np.eye(3)[1:2]
+    ahead = _level(forward.mean(axis=0), floor.up)
+    for direction in (*forward, np.eye(3)[0], np.eye(3)[1]):  # cameras all around look nowhere on the whole
         if np.linalg.norm(ahead) > 0.2:
             break
         ahead = _level(direction, floor.up)

@@ -11,6 +11,7 @@ from ..capture.camera import NEUTRAL, Camera
 from ..gaussians import NumpyGaussians
 from ..native.binding import Frame
 from ..native.options import RasterizeOptions
+from ..notices import say
 
 _PIXELS_AT_ONCE = 2**22  # of a large image
 
@@ -26,7 +27,8 @@ class Drawing:
         median_z: (H, W) planar depth of the same.
         mean_depth: (H, W) planar depth averaged by blending weight. All depths are NaN where nothing is.
         median_index: (H, W) int32, which Gaussian the median depth is that of; -1 where nothing is.
-        instances: (Gaussian, tile) pairs that were gone through, see native.MANY_INSTANCES.
+        instances: (Gaussian, tile) pairs that were gone through.
+        notice: what a user is to know of it, see ``Frame.notice``; "" for nothing.
     """
 
     rgb: Array
@@ -36,6 +38,7 @@ class Drawing:
     mean_depth: Array
     median_index: Array
     instances: int = 0
+    notice: str = ""
 
 
 def draw(
@@ -45,7 +48,10 @@ def draw(
     options: RasterizeOptions | None = None,
     depth_limit: Array | None = None,
 ) -> Drawing:
-    """What ``camera`` sees of ``gaussians``, exactly as in training; arguments as in ``rasterizer.rasterize``."""
+    """What ``camera`` sees of ``gaussians``, exactly as in training; arguments as in ``rasterizer.rasterize``.
+
+    A notice is not said here: Blender's renders report it in their own way.
+    """
     gaussians = gaussians.checked()
     options = replace(options or RasterizeOptions(), depth=True)
     size = options.region_of(camera)[3:1:-1]
@@ -60,7 +66,7 @@ def draw(
         "median_index": median_index,
         "mean_depth": np.empty(size, np.float32),
     }
-    instances = Frame(gaussians, camera, background, options, image, depth_limit).instances
+    frame = Frame(gaussians, camera, background, options, image, depth_limit)
     if camera.exposure != NEUTRAL:
         np.multiply(image["rgb"], np.asarray(camera.exposure, np.float32), out=image["rgb"])
     offsets: Array = gaussians.means - camera.center.astype(np.float32)
@@ -74,7 +80,8 @@ def draw(
         planar[median_index],
         mean_depth=image["mean_depth"],
         median_index=median_index,
-        instances=instances,
+        instances=frame.instances,
+        notice=frame.notice,
     )
 
 
@@ -96,7 +103,7 @@ def render_image(
     for top in range(0, height, rows):
         band = min(rows, height - top)
         image = {"rgb": np.empty((band, width, 3), np.float32), "alpha": np.empty((band, width), np.float32)}
-        Frame(gaussians, camera, background, RasterizeOptions(region=(0, top, width, band)), image)
+        say(Frame(gaussians, camera, background, RasterizeOptions(region=(0, top, width, band)), image).notice)
         if camera.exposure != NEUTRAL:
             image["rgb"] *= np.asarray(camera.exposure, np.float32)
         result[top : top + band] = to_uint8(image["rgb"])

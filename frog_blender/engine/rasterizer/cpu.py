@@ -11,6 +11,7 @@ from ..capture.camera import Camera
 from ..gaussians import GaussianArrays, TorchGaussians
 from ..native import binding, structs
 from ..native.options import RasterizeOptions
+from ..notices import say
 from . import Image
 from .torch_types import Context, TensorKind
 
@@ -96,6 +97,8 @@ def draw(
         extras["max_weights"] = torch.empty(count, **_FLOATS)
     outputs = {"rgb": rgb, "alpha": alpha, **extras}
     frame = binding.Frame(gaussians, camera, background, options, outputs, depth_limit, differentiable=differentiable)
+    if not differentiable:  # a training's steps are many, and it tells its time itself
+        say(frame.notice)
     return Drawing(gaussians, camera, size, extras, frame), rgb, alpha
 
 

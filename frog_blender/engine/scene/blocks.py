@@ -42,10 +42,11 @@ class Blocks:
     numbers: Array
 
 
-def quantize(name: str, rows: Array, bits: int) -> Blocks:
-    """The finite numbers (N, columns) of an attribute in whole ones of 8 or 16 bits."""
+def quantize(name: str, rows: Array, bits: int, *, apart: bool = True) -> Blocks:
+    """The finite numbers (N, columns) of an attribute in whole ones of 8 or 16 bits; with ``apart``, those far from all
+    others of their block stand apart."""
     kind = np.uint8 if bits == 8 else np.uint16
-    inside = _inside(name, rows, bits)
+    inside = _inside(name, rows, bits) if apart else None
     least, step = _ranges(rows, inside, bits)
     block = np.arange(len(rows)) // BLOCK
     with np.errstate(over="ignore"):  # of numbers that stand apart

@@ -53,8 +53,12 @@ class Packed:
     description: JsonObject
 
 
-def pack(name: str, array: Array) -> Packed:
-    """A float32 array of any shape, or bytes (uint8); ValueError for numbers that are not finite."""
+def pack(name: str, array: Array, *, outliers_apart: bool = True) -> Packed:
+    """A float32 array of any shape, or bytes (uint8); ValueError for numbers that are not finite.
+
+    Args:
+        outliers_apart: see ``blocks.quantize``.
+    """
     bits, apart = BITS.get(name, 0), 0
     if bits == _AS_IT_IS:
         stored = array.astype(np.uint8).tobytes()
@@ -65,7 +69,8 @@ def pack(name: str, array: Array) -> Packed:
             raise ValueError(f"{name} holds numbers too large for half precision")
         stored = blocks.by_significance(array.astype(np.float16).reshape(-1).view(np.uint8), 2)
     else:
-        found = blocks.quantize(name, array.reshape(len(array), math.prod(array.shape[1:])), bits)
+        rows = array.reshape(len(array), math.prod(array.shape[1:]))
+        found = blocks.quantize(name, rows, bits, apart=outliers_apart)
         stored, apart = blocks.stored(found), len(found.places)
     content = np.frombuffer(zlib.compress(stored, _LEVEL), np.uint8)
     described = {"shape": list(array.shape), "bits": bits} | ({"apart": apart} if apart else {})

@@ -38,7 +38,6 @@ _INDEX = "clips.json"
 _PARTIAL = ".partial-"
 _ABANDONED_AFTER = 86_400.0  # seconds after which no process writes its films any more
 _NEVER_DISTORTED = frozenset({"n3dv"})  # formats that know no distortion, of which many captures are: not even opened
-_writing: set[Path] = set()
 
 
 @dataclass(frozen=True)
@@ -72,8 +71,13 @@ def undistorted_clips(header: SceneHeader, scene_file: Path) -> dict[str, Clip]:
     return clips if all(clip.path.is_file() for clip in clips.values()) else {}
 
 
-def undistortion(header: SceneHeader, scene_file: Path, capture_folder: Path) -> Undistortion | None:
+def undistortion(
+    header: SceneHeader, scene_file: Path, capture_folder: Path, *, writing: set[Path] | None = None
+) -> Undistortion | None:
     """What has to be written for a video program to show a capture; None where it can as it is, or has been written.
+
+    Args:
+        writing: folders whose clips are being written; this scene's is among them while ``steps`` run.
 
     Raises:
         FrogError: if the capture cannot be opened, is not that of the scene, or something else lies where films go.
@@ -91,12 +95,23 @@ def undistortion(header: SceneHeader, scene_file: Path, capture_folder: Path) ->
     key, index = decoding_key(seen), _index(folder)
     if index and index.get("made_from") == key and undistorted_clips(header, scene_file):
         return None
-    if folder in _writing:
+    writing = set() if writing is None else writing
+    if folder in writing:
         raise FrogError(f"{folder}: the clips are being written already.")
     if folder.is_symlink() or (index is None and _holds_others(folder)):  # a link leads where nobody asked to write
         raise FrogError(f"{folder}: found something that is none of our clips, expected this name to be free for them.")
     marks = {"scene": _decides(header), "made_from": key}
-    return Undistortion(sum(map(len, films.values())), _write(header, seen, films, folder, marks))
+    steps = _reserved(folder, writing, _write(header, seen, films, folder, marks))
+    return Undistortion(sum(map(len, films.values())), steps)
+
+
+def _reserved(folder: Path, writing: set[Path], steps: Generator[int, None, None]) -> Generator[int, None, None]:
+    """The same steps, with the folder among ``writing`` from the first to the last."""
+    writing.add(folder)
+    try:
+        yield from steps
+    finally:
+        writing.discard(folder)
 
 
 def _holds_others(folder: Path) -> bool:
@@ -174,7 +189,6 @@ def _write(
     done, index, placing, whole = 0, folder / _INDEX, False, False
     files = {name: _file(folder, name, len(shots)) for name, shots in films.items()}
     partial = None
-    _writing.add(folder)
     try:
         folder.mkdir(exist_ok=True)
         _remove_abandoned(folder)
@@ -193,7 +207,6 @@ def _write(
         where = error.filename2 or folder  # of what is put in its place, the place
         raise FrogError(f"{where}: the clips cannot be written here ({error.strerror or error}).") from error
     finally:
-        _writing.discard(folder)
         if partial is not None:
             shutil.rmtree(partial, ignore_errors=True)
         for file in (*files.values(), index) if placing and not whole else ():

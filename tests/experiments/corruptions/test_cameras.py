@@ -46,7 +46,7 @@ def test_poses_are_wrong_by_as_much_as_asked_but_for_the_judges(capture: Capture
     assert np.array_equal(again.cameras[1].world_to_camera, wrong.cameras[1].world_to_camera)
 
 
-def test_clocks_disagree_by_whole_moments(capture: Capture) -> None:
+def test_clocks_disagree_by_whole_frames(capture: Capture) -> None:
     wrong = wrong_clocks(capture, 2)
     late: dict[int, set[int]] = {}
     for shot in wrong.shots:
@@ -58,7 +58,7 @@ def test_clocks_disagree_by_whole_moments(capture: Capture) -> None:
     assert all(counts[camera] == capture.frame_count - abs(next(iter(late[camera]))) for camera in late)
 
 
-def test_a_faster_film_has_every_second_moment(capture: Capture) -> None:
+def test_a_faster_film_has_every_second_frame(capture: Capture) -> None:
     fast = faster(capture, 2, 3)
     assert fast.frame_count == 3
     assert {(shot.frame, shot.index) for shot in fast.shots} == {(0, 0), (1, 2), (2, 4)}

@@ -30,7 +30,7 @@ from frog_blender.engine.training.compression.settings import DEFAULT, Compressi
 from frog_blender.engine.training.optimize import nearest_neighbours
 from frog_blender.engine.training.optimize import optimizer as optimizer_module
 from frog_blender.engine.training.optimize import trainer as trainer_module
-from frog_blender.engine.training.optimize.device import EXPERIMENTAL, choose_device, image_on, try_rasterizer
+from frog_blender.engine.training.optimize.device import choose_device, image_on, try_rasterizer
 from frog_blender.engine.training.optimize.exposure_compensation import ExposureCompensation
 from frog_blender.engine.training.optimize.losses import PhotometricLoss, photometric_loss_reference
 from frog_blender.engine.training.optimize.running_loss import RunningLoss, TrainingDiverged
@@ -283,7 +283,7 @@ def with_gpu(name: str, trial: Callable[[torch.device], None] = lambda device: N
 
 
 def test_automatic_takes_the_gpu_where_there_is_one() -> None:
-    assert with_gpu("auto") == with_gpu("cuda") == (GPU, EXPERIMENTAL)
+    assert with_gpu("auto") == with_gpu("cuda") == (GPU, "")
     assert with_gpu("cpu") == (CPU, "")
     for name in ("auto", "cpu"):
         assert choose_device(name, find_gpu=lambda: None) == (CPU, "")

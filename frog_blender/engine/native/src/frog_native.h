@@ -34,7 +34,7 @@ enum { GROUP_SIZE = 16 };  // Gaussians side by side in `groups`
 
 enum { FROG_OPACITY_OFF = 0, FROG_OPACITY_PAPER = 1, FROG_OPACITY_UNIT = 2 };
 
-// The canonical field and the deformation network at one moment. Arrays are laid out as torch's parameters are.
+// The canonical field and the deformation network at one time. Arrays are laid out as torch's parameters are.
 typedef struct {
   int32_t count;        // N
   int32_t num_dynamic;  // deformed Gaussians, which come first; the others are static

@@ -18,12 +18,6 @@ from ...rasterizer import GaussianArrays, Image, rasterize
 
 DEVICES = ("auto", "cpu", "cuda")
 
-EXPERIMENTAL = (
-    "Computing on the GPU is experimental: the CUDA kernels were tested by emulation and have not run on a GPU yet. "
-    "Choose the device cpu for what was tested."
-)
-"""Said whenever a GPU is used; it goes once ``benchmarks/gpu.py`` has passed on one."""
-
 
 def try_rasterizer(device: torch.device, draw: Callable[..., Image] = rasterize) -> None:
     """Compiles and runs the kernels once, forward and backward; FrogError when the image or a gradient is wrong.
@@ -63,8 +57,7 @@ def choose_device(
     find_gpu: Callable[[], torch.device | None] = first_gpu,
     trial: Callable[[torch.device], None] = try_rasterizer,
 ) -> tuple[torch.device, str]:
-    """The device that ``name`` asks for, and what its user is to know: that a GPU is experimental, or why "auto" left
-    it aside ("" for the CPU without a GPU).
+    """The device that ``name`` asks for, and why "auto" left a GPU aside ("" where it did not).
 
     "auto" is the GPU where torch sees one and the CUDA rasterizer draws on it, else the CPU.
 
@@ -90,7 +83,7 @@ def choose_device(
             raise FrogError(f"The device 'cuda' cannot be used: {reason}.") from error
         return cpu, f"The GPU is left aside, training on the CPU: {reason}."
     if device is not None:
-        return device, EXPERIMENTAL
+        return device, ""
     if name == "cuda":
         raise FrogError("The device 'cuda' cannot be used: this torch sees no NVIDIA GPU.")
     return cpu, ""

@@ -48,7 +48,7 @@ const float *pack_transposed(Memory &memory, const float *from, int rows, int co
   return to.data;
 }
 
-// Playback's weights come as they are read; what of the first layer depends on the moment is put together here.
+// Playback's weights come as they are read; what of the first layer depends on time is put together here.
 void plan_groups(Packed &packed) {
   DeformationPlan &plan = packed.plan;
   const FrogDeformation &field = *plan.field;
