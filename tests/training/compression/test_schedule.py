@@ -15,6 +15,7 @@ from support.training_steps import compression, train
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.engine.scene.compression_report import StepKind
 from frog_blender.engine.training.compression import context as context_module
 from frog_blender.engine.training.compression import passes
 from frog_blender.engine.training.compression.context import CompressionContext, Proposal
@@ -130,7 +131,7 @@ def test_motion_is_learned_to_the_end_unless_some_are_static_already(
     log = compression(trainer).record.log
     frozen = [each for each in log if each.what == "put to rest" and each.progress > 0.2]
     assert [each.progress for each in frozen] == [at] and frozen[0].after < frozen[0].before
-    assert all(each.progress == 1.0 for each in log if each.what.startswith(("head", "net")))
+    assert all(each.progress == 1.0 for each in log if each.what.startswith("net"))
 
 
 def test_looking_leaves_no_gradient_behind(make_trainer: Make) -> None:
@@ -145,16 +146,13 @@ def test_looking_leaves_no_gradient_behind(make_trainer: Make) -> None:
         trainer.gaussians.reindex(torch.arange(trainer.model.canonical.num_dynamic), 0)
 
 
-def test_a_silenced_head_stays_silent(make_trainer: Make) -> None:
+def test_a_pruned_head_stays_pruned(make_trainer: Make) -> None:
     trainer = make_trainer(60)
-    train(trainer, until=30)
     model = trainer.model
     assert model.heads == ["means", "log_scales", "quaternions", "opacity_logits", "sh"]
     rows = model.output_rows("log_scales")
-    assert rows == slice(3, 6) and model.deformation.output_weight[rows].abs().sum() > 0
+    assert rows == slice(3, 6)
     model.prune_head("log_scales")
-    trainer.optimizer.stop(model.deformation.output_weight, rows)
-    trainer.optimizer.stop(model.deformation.output_bias, rows)
     train(trainer)
     assert model.heads == ["means", "quaternions", "opacity_logits", "sh"]
     assert not model.deformation.output_weight[rows].any() and not model.deformation.output_bias[rows].any()
@@ -257,18 +255,19 @@ def test_a_share_of_those_that_move_may_be_forced(halfway: Make) -> None:
     assert trainer.model.canonical.num_dynamic == int(0.1 * trainer.count)
 
 
-def test_heads_that_nobody_misses_are_silenced(make_trainer: Make, halfway: Make, tmp_path: Path) -> None:
-    trainer = halfway()
-    trainer.model.prune_head("sh")  # as if nothing had been learned there
-    trainer.model.restore_head("sh")
-    hold(passes.prune_heads, compression(trainer))
-    assert "sh" not in trainer.model.heads and "means" in trainer.model.heads
-    assert compression(trainer).record.log[-1].what.startswith("head ")
+def test_a_checkpoint_with_a_pruned_head_is_resumed(make_trainer: Make, tmp_path: Path) -> None:
+    """Earlier versions pruned heads, and logged it."""
+    trainer = make_trainer(40, capacity="auto")
+    trainer.model.prune_head("sh")
+    train(trainer, until=10)
+    compression(trainer).add_step(StepKind.HEAD_SH, 5, 4, 0.0)
     save_checkpoint(tmp_path / "c", trainer)
-    other = make_trainer(120, capacity="auto")
+    other = make_trainer(40, capacity="auto")
     load_checkpoint(tmp_path / "c", other)
-    assert other.model.heads == trainer.model.heads
+    assert "means" in other.model.heads and "sh" not in other.model.heads
     assert compression(other).record.log == compression(trainer).record.log
+    train(other)
+    assert not other.model.deformation.output_weight[other.model.output_rows("sh")].any()
 
 
 def test_nothing_is_added_after_the_scene_has_settled(make_trainer: Make) -> None:

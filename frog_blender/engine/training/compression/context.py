@@ -194,24 +194,21 @@ class CompressionContext:
         """How the dynamic Gaussians look on average over the views, see ``Sensitivity.state``."""
         return {name: values[: self.num_dynamic] for name, values in mean_state(self.gaussians_at, views).items()}
 
-    def evaluator(
-        self, most: int | None = None, played: Callable[[float], TorchGaussians] | None = None
-    ) -> ValidationEvaluator:
-        """Of the Gaussians as they stand, or as they are ``played`` at a time; on ``most`` images at most."""
+    def evaluator(self, played: Callable[[float], TorchGaussians] | None = None) -> ValidationEvaluator:
+        """Of the Gaussians as they stand, or as they are ``played`` at a time."""
         capture = self.training.capture
 
         def gaussians_of(shot: int) -> TorchGaussians:
             return (played or self.gaussians_at)(frame_to_time(capture.shots[shot].frame, capture.frame_count))
 
-        return ValidationEvaluator(capture, self.training.store, self.record.evaluated[:most], gaussians_of)
+        return ValidationEvaluator(capture, self.training.store, self.record.evaluated, gaussians_of)
 
-    def psnr_with(self, change: Change, most: int | None = None) -> float:
-        """On the validation images, ``most`` of them at most, with ``change(name, value)`` in place of the model's
-        tensors."""
+    def psnr_with(self, change: Change) -> float:
+        """On the validation images, with ``change(name, value)`` in place of the model's tensors."""
         model = self.training.gaussians.model
         kept = {name: value.clone() for name, value in model.state_dict().items()}
         model.load_state_dict({name: change(name, value) for name, value in kept.items()})
-        changed = self.evaluator(most).now
+        changed = self.evaluator().now
         model.load_state_dict(kept)
         return changed
 

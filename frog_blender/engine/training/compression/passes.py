@@ -1,4 +1,4 @@
-"""Compression passes: prune, reduce the SH degree, freeze, unfreeze, prune heads.
+"""Compression passes: prune, reduce the SH degree, freeze, unfreeze.
 
 A pass yields proposals. ``CompressionContext.compress`` applies each only as far as the validation loss stays within
 its tolerance, or as a budget requires, and logs what it saved. A pass goes on from what was taken.
@@ -13,14 +13,13 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from ...model.frog import Frog
 from ...scene.compression_report import StepKind
 from ..optimize import gaussian_order
 from ..optimize.device import image_on
 from ..optimize.gaussian_order import calmest_embedding, mask_excluding
 from ..optimize.half_resolution import halved_capture, sized
 from ..optimize.stateful import Tensors
-from .context import Change, CompressionContext, Proposal
+from .context import CompressionContext, Proposal
 from .sensitivity import Sensitivity, in_state
 from .static_regions import measure_temporal_variance
 from .temporal_residual import static_error, temporal_error_std
@@ -88,39 +87,6 @@ def reduce_sh_degree(context: CompressionContext, evaluator: ValidationEvaluator
         if degree() ** 2 == left:  # refused
             return
         allowed -= before - evaluator.now
-
-
-def prune_heads(context: CompressionContext, evaluator: ValidationEvaluator) -> Iterator[Proposal]:
-    """Heads of the network, whose outputs are zero from then on: zeros take no room in a packed file, and where heads
-    have layers of their own (the papers' networks), those of a pruned head are not computed."""
-    gaussians, settings = context.training.gaussians, context.settings
-    model = gaussians.model
-    if not isinstance(model, Frog) or not context.num_dynamic:
-        return
-    few = settings.num_quick_views
-    quick = context.evaluator(few)
-    for name in model.heads:
-        rows = model.output_rows(name)
-
-        def zeroed(key: str, value: torch.Tensor, rows: slice = rows) -> torch.Tensor:
-            if key.startswith("deformation.output"):
-                value = value.clone()
-                value[rows] = 0
-            return value
-
-        def loss(number: int, zeroed: Change = zeroed) -> float:
-            estimate = quick.now - context.psnr_with(zeroed, few)
-            if estimate > settings.clearly * settings.max_head_loss:
-                return estimate
-            return evaluator.now - context.psnr_with(zeroed)
-
-        def apply(number: int, name: str = name, rows: slice = rows) -> None:
-            model.prune_head(name)
-            for parameter in (model.deformation.output_weight, model.deformation.output_bias):
-                gaussians.optimizer.stop(parameter, rows)
-
-        kind = StepKind(f"head {name}")
-        yield Proposal(kind, apply, lambda: len(model.heads), loss, allowed=settings.max_head_loss)
 
 
 def freeze_motion(context: CompressionContext, evaluator: ValidationEvaluator, allowed: float) -> Iterator[Proposal]:

@@ -21,8 +21,8 @@ class CompressionSettings:
 
     Attributes:
         max_freeze_loss, max_final_freeze_loss: for freezing motion: where steps make up for it, and at the end.
-        max_prune_loss, max_sh_loss, max_head_loss, max_width_loss: for pruning Gaussians, reducing the SH degree,
-            pruning heads and pruning hidden units.
+        max_prune_loss, max_sh_loss, max_width_loss: for pruning Gaussians, reducing the SH degree and pruning hidden
+            units.
         max_fade_loss, max_shape_loss: for Gaussians that only fade, and for those that keep their shape.
         max_packing_loss: above which a file is not packed.
         freeze_score, freeze_all_score: score (see ``Motion``) below which motion may be frozen; and below which all may
@@ -39,7 +39,6 @@ class CompressionSettings:
             Gaussians have to be weighed, few times and sides must be missed.
         num_unit_views, num_unit_gaussians: for hidden units, and dynamic Gaussians in each view.
         num_training_views: training images that stand in for validation images, where there are none.
-        num_quick_views, clearly: images that tell at once what costs ``clearly`` times what is allowed.
         min_fading, min_rigid: shares of the dynamic Gaussians below which another kind of Gaussian is not worth it.
         max_track_frames: opacity tracks of more frames take more bytes than embeddings.
         num_mean_frames: frames that a mean state is taken over, at most.
@@ -52,7 +51,6 @@ class CompressionSettings:
     max_final_freeze_loss: float = 0.02
     max_prune_loss: float = 0.03
     max_sh_loss: float = 0.03
-    max_head_loss: float = 0.01
     max_width_loss: float = 0.01
     max_fade_loss: float = 0.03
     max_shape_loss: float = 0.015
@@ -73,8 +71,6 @@ class CompressionSettings:
     num_unit_views: int = 12
     num_unit_gaussians: int = 2048
     num_training_views: int = 8
-    num_quick_views: int = 2
-    clearly: float = 5.0
     min_fading: float = 0.1
     min_rigid: float = 0.25
     max_track_frames: int = 256
