@@ -53,7 +53,7 @@ class Exact:
         return film.image(self._capture.cameras[shot.camera], shot.frame)
 
 
-FEW = CompressionSettings(min_frozen=0.0, min_static_area=0.0)
+FEW = CompressionSettings(min_frozen=0.0)
 """Of a wall of broad Gaussians few are clear of the ball."""
 
 
@@ -74,10 +74,8 @@ def test_what_lies_where_images_hardly_change_is_frozen_early(make_trainer: Make
     "change",
     [
         {"max_freeze_loss": -100.0},
-        {"static_error": -1.0},
         {"static_deviation": 0.0},
         {"min_frozen": 0.1},
-        {"min_static_area": 1.1},
     ],
     ids=str,
 )
@@ -91,38 +89,18 @@ def test_what_the_images_would_miss_is_not_frozen_early_and_neither_are_few(
 
 
 def test_many_are_frozen_early_as_they_are(make_trainer: Make, capture: Capture) -> None:
-    settings = CompressionSettings(max_freeze_loss=100.0, static_error=1e9, static_deviation=0.2)
+    settings = CompressionSettings(max_freeze_loss=100.0, static_deviation=0.2)
     trainer = make_trainer(100, watched=Exact(capture), compression=settings, capacity="auto")
     train(trainer, until=10)
     (found,) = compression(trainer).record.log
     assert found.what == "put to rest" and found.after < 0.75 * found.before
 
 
-class StillAtFirst(Exact):
-    """Where nothing moves until ``moves``."""
-
-    moves = False
-
-    def image(self, index: int) -> np.ndarray:
-        shot = self._capture.shots[index]
-        return super().image(index) if self.moves else film.image(self._capture.cameras[shot.camera], 0)
-
-
-def test_a_scene_that_was_frozen_too_early_is_unfrozen(make_trainer: Make, capture: Capture) -> None:
-    images = StillAtFirst(capture)
-    trainer = make_trainer(300, watched=images, capacity="auto")
-    assert trainer.model.canonical.num_dynamic == 0
-    images.moves = True
-    train(trainer)
-    first, *_ = [each for each in compression(trainer).record.log if each.what == "woken"]
-    assert first.before == 0 and 0 < first.after < trainer.count
-
-
 @pytest.mark.parametrize(("some_static", "share", "at"), [(False, 0.0, 1.0), (True, 0.0, 0.8), (False, 0.2, 0.8)])
 def test_motion_is_learned_to_the_end_unless_some_are_static_already(
     make_trainer: Make, capture: Capture, some_static: bool, share: float, at: float
 ) -> None:
-    settings = replace(FEW, unfreeze_error=1e9) if some_static else CompressionSettings(min_static_area=1.1)
+    settings = FEW if some_static else CompressionSettings(min_frozen=1.1)
     images = Exact(capture) if some_static else None
     trainer = make_trainer(100, watched=images, compression=settings, capacity="auto", dynamic_share=share)
     train(trainer, until=79)
@@ -141,7 +119,6 @@ def test_looking_leaves_no_gradient_behind(make_trainer: Make) -> None:
     for _ in range(2):
         motion = measured(trainer)
         assert (motion.contribution > 0).any()
-        unfreeze(compression(trainer))
         assert all(parameter.grad is None for parameter in trainer.model.parameters())
         trainer.gaussians.reindex(torch.arange(trainer.model.canonical.num_dynamic), 0)
 
@@ -164,10 +141,6 @@ def hold(pass_: Callable[..., Iterable[Proposal]], context: CompressionContext, 
     """One pass of a milestone."""
     evaluator = context.evaluator()
     context.compress(evaluator, pass_(context, evaluator, *about))
-
-
-def unfreeze(context: CompressionContext) -> None:
-    context.compress(context.evaluator(), passes.unfreeze_high_error(context, torch.Generator().manual_seed(0)))
 
 
 def changed(context: CompressionContext, **settings: float) -> CompressionContext:
@@ -250,8 +223,6 @@ def test_a_share_of_those_that_move_may_be_forced(halfway: Make) -> None:
     trainer = halfway(dynamic_share=0.1)
     found = measured(trainer)
     freeze(compression(trainer), replace(found.motion, score=found.motion.score + 50.0), found.state)
-    assert trainer.model.canonical.num_dynamic == int(0.1 * trainer.count)
-    unfreeze(changed(compression(trainer), unfreeze_error=0.0))
     assert trainer.model.canonical.num_dynamic == int(0.1 * trainer.count)
 
 

@@ -39,9 +39,7 @@ AT_THE_END = [
     *((loop, name) for name in ("fit_budget", "draw_report_image")),
     (Trainer, "evaluate"),
 ]
-ON_THE_WAY = [
-    (schedule, name) for name in ("freeze_static_regions", "unfreeze_high_error", "prune", "reduce_sh_degree")
-]
+ON_THE_WAY = [(schedule, name) for name in ("freeze_static_regions", "prune", "reduce_sh_degree")]
 
 
 def name_of(value: Any) -> str | None:
@@ -83,7 +81,7 @@ def check(task: TrainingJob, monkeypatch: pytest.MonkeyPatch, what: tuple[Any, s
     said = [event.message for event in stream if isinstance(event, events.WarningEvent)]
     assert isinstance(stream[-1], events.Finished) and plays(task).header.steps == STEPS
     assert all(message.endswith(".") and "\n" not in message for message in said)
-    assert len(said) == (2 if what[1] == "unfreeze_high_error" else 1)  # at two milestones
+    assert len(said) == 1
 
 
 @pytest.mark.parametrize(("number", "what"), list(enumerate([*AT_THE_END, *ON_THE_WAY])), ids=name_of)

@@ -1,4 +1,4 @@
-"""Compression passes: prune, reduce the SH degree, freeze, unfreeze.
+"""Compression passes: prune, reduce the SH degree, freeze.
 
 A pass yields proposals. ``CompressionContext.compress`` applies each only as far as the validation loss stays within
 its tolerance, or as a budget requires, and logs what it saved. A pass goes on from what was taken.
@@ -15,14 +15,11 @@ import torch
 
 from ...scene.compression_report import StepKind
 from ..optimize import gaussian_order
-from ..optimize.device import image_on
-from ..optimize.gaussian_order import calmest_embedding, mask_excluding
-from ..optimize.half_resolution import halved_capture, sized
+from ..optimize.gaussian_order import mask_excluding
 from ..optimize.stateful import Tensors
 from .context import CompressionContext, Proposal
 from .sensitivity import Sensitivity, in_state
-from .static_regions import measure_temporal_variance
-from .temporal_residual import static_error, temporal_error_std
+from .static_regions import change_of_pixels, temporal_variance
 from .validation import ValidationEvaluator
 
 
@@ -112,33 +109,21 @@ def freeze_motion(context: CompressionContext, evaluator: ValidationEvaluator, a
 def freeze_static_regions(
     context: CompressionContext, evaluator: ValidationEvaluator, generator: torch.Generator
 ) -> Iterator[Proposal]:
-    """Dynamic Gaussians where the images hardly change, while motion is still being learned: those whose pixels change
-    least, none whose change can be seen, as many as add no more than a small part to the images' error. Few are not
-    worth disturbing a training that still finds its motion."""
-    training, settings = context.training, context.settings
-    before = context.num_dynamic
-    variance = measure_temporal_variance(training.capture, training.store) if before else None
-    if not variance or variance.static_share(settings.static_deviation) < settings.min_static_area:
-        return
-    views = [view for view in context.sample_views(generator) if view.camera in variance.variance]
+    """Dynamic Gaussians where the images hardly change, while motion is still being learned: all of them or none. Few
+    are not worth disturbing a training that still finds its motion."""
+    training, settings, before = context.training, context.settings, context.num_dynamic
+    variance = temporal_variance(training.capture, training.store) if before else {}
+    views = [view for view in context.sample_views(generator) if view.camera in variance]
     if not views:
         return
-    cameras = [training.capture.cameras[view.camera] for view in views]
-    pixel_count = sum(camera.width * camera.height for camera in cameras)
-    allowed = settings.static_error * 10 ** (-evaluator.now / 10) * pixel_count
-    found = static_error(context.gaussians_at, training.capture, views, variance)
-    pixels, lost = (values[:before] for values in found)
-    each = torch.where(pixels >= 1, lost / pixels, torch.inf)
-    order = each.argsort()
-    number = int(((lost[order].cumsum(0) <= allowed) & (each[order] < settings.static_deviation**2)).sum())
-    if number < max(1, settings.min_frozen * before):
-        return
-    freezing = _freezing(context, evaluator, order[:number], context.mean_dynamic_state(views))
-    loss, apply = freezing.loss, freezing.apply
-    assert loss is not None
-    yield replace(
-        freezing, apply=lambda _: apply(number), loss=lambda _: loss(number), allowed=settings.max_freeze_loss
-    )
+    change = change_of_pixels(context.gaussians_at, training.capture, views, variance)[:before]
+    static = (change < settings.static_deviation**2).nonzero().squeeze(1)
+    if len(static) > settings.min_frozen * before:
+        yield replace(
+            _freezing(context, evaluator, static, context.mean_dynamic_state(views)),
+            expected=np.zeros(len(static)),
+            allowed=settings.max_freeze_loss,
+        )
 
 
 def _freezing(
@@ -166,52 +151,3 @@ def _freezing(
         loss,
         work=lambda: context.gaussians_at(0.5),
     )
-
-
-def unfreeze_high_error(context: CompressionContext, generator: torch.Generator) -> Iterator[Proposal]:
-    """Static Gaussians around which the error changes with time, as half the pixels a side show it."""
-    training, gaussians, settings = context.training, context.training.gaussians, context.settings
-    before, share = context.num_dynamic, context.training.recipe.dynamic_share
-    shots = _shots_by_camera(context, generator)
-    if before == gaussians.count or not shots:
-        return
-    capture = halved_capture(training.capture)
-
-    def truth_of(index: int) -> torch.Tensor:
-        camera = capture.cameras[capture.shots[index].camera]
-        return image_on(gaussians.device, sized(training.store.image(index), camera))
-
-    truths = {index: truth_of(index) for of_camera in shots for index in of_camera}
-    error = temporal_error_std(context.gaussians_at, truths.__getitem__, capture, shots)[before:]
-    brightness = float(np.mean([float(truth.mean()) for truth in truths.values()]))
-    most = int(settings.max_unfrozen * len(error))
-    if share:
-        most = min(most, max(0, int(share * gaussians.count) - before))
-    indices = error.topk(most).indices
-    indices = indices[error[indices] > settings.unfreeze_error * brightness]
-
-    @torch.no_grad()
-    def apply(number: int) -> None:
-        embedding = calmest_embedding(gaussians, training.deform(0.5)[1])
-        gaussian_order.unfreeze_motion(gaussians, before + indices.sort().values, embedding)
-
-    yield Proposal(
-        StepKind.UNFREEZE,
-        apply,
-        lambda: gaussians.num_dynamic,
-        forced=len(indices),
-        work=lambda: context.gaussians_at(0.5),
-    )
-
-
-def _shots_by_camera(context: CompressionContext, generator: torch.Generator) -> list[list[int]]:
-    """Shots of a few cameras, each at several times; of a moving camera some of all its frames."""
-    capture, settings = context.training.capture, context.settings
-    by_camera: dict[int, list[int]] = {}
-    for index in context.record.learned:
-        camera = 0 if capture.is_moving else capture.shots[index].camera
-        by_camera.setdefault(camera, []).append(index)
-    cameras = sorted(camera for camera, shots in by_camera.items() if len(shots) > 1)
-    order = torch.randperm(len(cameras), generator=generator, device="cpu")[: settings.num_unfreeze_cameras]
-    chosen = [by_camera[cameras[int(k)]] for k in order]
-    return [[shots[int(k)] for k in np.linspace(0, len(shots) - 1, settings.num_unfreeze_times)] for shots in chosen]

@@ -10,7 +10,6 @@ class Milestone(Enum):
     """What happens at a fraction of the training."""
 
     FREEZE_STATIC_REGIONS = auto()
-    UNFREEZE = auto()
     PRUNE = auto()
     FINISH = auto()
 
@@ -27,13 +26,8 @@ class CompressionSettings:
         max_packing_loss: above which a file is not packed.
         freeze_score, freeze_all_score: score (see ``Motion``) below which motion may be frozen; and below which all may
             be, if no score is above.
-        static_error: of the images' squared error that freezing static regions may add.
         static_deviation: of the display range over time, below which a pixel is static.
-        min_static_area: of the images that is static, for static regions to be frozen.
         min_frozen: share of the dynamic Gaussians, below which static regions are not frozen: it saves no time.
-        unfreeze_error: temporal error (of the images' mean brightness) above which Gaussians are unfrozen.
-        max_unfrozen: share of the static Gaussians, at a milestone.
-        num_unfreeze_cameras, num_unfreeze_times: shots that the temporal error is measured on.
         max_pruned: share of the Gaussians, at a milestone.
         num_sensitivity_views, num_budget_views: views that sensitivity is measured on, without and with a budget: where
             Gaussians have to be weighed, few times and sides must be missed.
@@ -57,14 +51,8 @@ class CompressionSettings:
     max_packing_loss: float = 0.05
     freeze_score: float = 4.0
     freeze_all_score: float = 2.0
-    static_error: float = 0.002
     static_deviation: float = 2 / 255
-    min_static_area: float = 0.5
     min_frozen: float = 0.25
-    unfreeze_error: float = 0.1
-    max_unfrozen: float = 0.1
-    num_unfreeze_cameras: int = 3
-    num_unfreeze_times: int = 8
     max_pruned: float = 0.6
     num_sensitivity_views: int = 24
     num_budget_views: int = 72
@@ -84,8 +72,6 @@ class CompressionSettings:
         """By fraction of the training. Freezing all that hardly moves before the end costs 0.1 dB."""
         return {
             0.1: Milestone.FREEZE_STATIC_REGIONS,
-            0.3: Milestone.UNFREEZE,
-            0.6: Milestone.UNFREEZE,
             self.prune_at: Milestone.PRUNE,
             1.0: Milestone.FINISH,
         }
