@@ -68,21 +68,21 @@ class Proposal:
         kind: for the log.
         apply: takes the first so many.
         count: of what ``kind.unit`` says, as the model stands.
-        loss: dB that taking the first so many costs; None for what is not evaluated.
-        expected: (candidates,) about that loss for the first one, the first two and so on, ascending.
-        allowed: dB.
-        forced: so many are taken whatever they cost.
+        loss: dB that taking the first so many costs.
         work: what becomes faster by it.
+        allowed: dB.
+        expected: (candidates,) about that loss for the first one, the first two and so on, ascending.
+        forced: so many are taken whatever they cost.
     """
 
     kind: StepKind
     apply: Callable[[int], None]
     count: Callable[[], int]
-    loss: Callable[[int], float] | None = None
-    expected: NDArray[np.float64] = field(default_factory=lambda: np.zeros(1))
+    loss: Callable[[int], float]
+    work: Callable[[], object]
     allowed: float = 0.0
+    expected: NDArray[np.float64] = field(default_factory=lambda: np.zeros(1))
     forced: int = 0
-    work: Callable[[], object] | None = None
 
 
 class CompressionRecord:
@@ -215,20 +215,17 @@ class CompressionContext:
     def compress(self, evaluator: ValidationEvaluator, proposals: Iterable[Proposal]) -> None:
         """Takes as much of each proposal as the validation images allow, or as is forced, and logs it."""
         for proposal in proposals:
-            number, loss = 0, None
-            if proposal.loss:
-                number, loss = largest_count_within(proposal.loss, proposal.expected, proposal.allowed)
+            number, loss = largest_count_within(proposal.loss, proposal.expected, proposal.allowed)
             if proposal.forced > number:
-                number, loss = proposal.forced, proposal.loss(proposal.forced) if proposal.loss else None
+                number, loss = proposal.forced, proposal.loss(proposal.forced)
             if not number:
                 continue
             with self._logged(proposal, loss):
                 proposal.apply(number)
-            if loss is not None:
-                evaluator.accept(loss)
+            evaluator.accept(loss)
 
     @contextmanager
-    def _logged(self, proposal: Proposal, loss: float | None) -> Iterator[None]:
+    def _logged(self, proposal: Proposal, loss: float) -> Iterator[None]:
         """Logs what is done inside, and how much faster ``proposal.work`` becomes."""
         before, size, seconds = proposal.count(), self._size(), _median_seconds(proposal.work)
         yield
@@ -253,9 +250,7 @@ class CompressionContext:
         return sum(parameter.nbytes for parameter in self.training.gaussians.model.parameters())
 
 
-def _median_seconds(work: Callable[[], object] | None, times: int = 3) -> float:
-    if work is None:
-        return 0.0
+def _median_seconds(work: Callable[[], object], times: int = 3) -> float:
     seconds = []
     for _ in range(times):
         started = time.perf_counter()

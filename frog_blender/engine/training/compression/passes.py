@@ -49,10 +49,10 @@ def prune(context: CompressionContext, evaluator: ValidationEvaluator, measured:
         apply,
         lambda: gaussians.count,
         loss,
-        evaluator.expected(measured.energy[order[: int(settings.max_pruned * count)]]),
-        settings.max_prune_loss,
-        forced,
         lambda: training.render_image(context.record.evaluated[0]),
+        settings.max_prune_loss,
+        evaluator.expected(measured.energy[order[: int(settings.max_pruned * count)]]),
+        forced,
     )
 
 
@@ -78,8 +78,8 @@ def reduce_sh_degree(context: CompressionContext, evaluator: ValidationEvaluator
             apply,
             degree,
             loss,
-            allowed=allowed,
-            work=lambda: training.render_image(context.record.evaluated[0]),
+            lambda: training.render_image(context.record.evaluated[0]),
+            allowed,
         )
         if degree() ** 2 == left:  # refused
             return
@@ -149,5 +149,5 @@ def _freezing(
         lambda number: gaussian_order.freeze_motion(gaussians, order[:number].sort().values, state),
         lambda: gaussians.num_dynamic,
         loss,
-        work=lambda: context.gaussians_at(0.5),
+        lambda: context.gaussians_at(0.5),
     )
