@@ -37,14 +37,13 @@ def test_where_images_are_few_none_is_spared(capture: Capture) -> None:
 def test_validation_images_are_not_drawn(capture: Capture) -> None:
     capture = film.longer(capture, 10)
     excluded = validation_shots(capture, 0)
-    for choice in ("even", "loss"):
-        picker, generator = ViewSampler(capture, choice), torch.Generator().manual_seed(0)
-        picker.exclude(excluded)
-        assert excluded and not set(excluded) & {picker.pick(generator) for _ in range(400)}
-        other = next(i for i, s in enumerate(capture.shots) if not capture.is_test(s) and i not in excluded)
-        assert not set(excluded) & {picker.pick_same_frame(other, generator) for _ in range(50)}
-        picker.exclude(())
-        assert set(excluded) < {picker.pick(generator) for _ in range(400)}
+    picker, generator = ViewSampler(capture), torch.Generator().manual_seed(0)
+    picker.exclude(excluded)
+    assert excluded and not set(excluded) & {picker.pick(generator) for _ in range(400)}
+    other = next(i for i, s in enumerate(capture.shots) if not capture.is_test(s) and i not in excluded)
+    assert not set(excluded) & {picker.pick_same_frame(other, generator) for _ in range(50)}
+    picker.exclude(())
+    assert set(excluded) < {picker.pick(generator) for _ in range(400)}
 
 
 def test_no_test_image_is_ever_looked_at(make_trainer: Make, watched: Callable, capture: Capture) -> None:
