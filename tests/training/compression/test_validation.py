@@ -63,7 +63,7 @@ def test_the_search_never_allows_too_much(candidates: int, allowed: float, wrong
         return number**1.5 / 100
 
     number, cost = largest_count_within(loss, wrong * np.arange(1, candidates + 1) ** power, allowed)
-    assert len(asked) == len(set(asked)) <= 5 and all(0 < each <= candidates for each in asked)
+    assert len(asked) == len(set(asked)) <= 6 and all(0 < each <= candidates for each in asked)
     assert cost <= allowed and (number == 0 or cost == number**1.5 / 100)
 
 
@@ -77,6 +77,11 @@ def test_the_search_needs_few_looks(candidates: int, share: float, wrong: float,
 
 def test_the_search_takes_everything_where_nothing_is_missed() -> None:
     assert largest_count_within(lambda n: 0.0, 0.3 * np.arange(1.0, 1001.0) ** 4 / 1000**4, 0.05) == (1000, 0.0)
+
+
+def test_the_search_tries_one_however_much_is_expected_of_it() -> None:
+    assert largest_count_within(lambda n: 0.04 * n, np.array([50.0, 100.0]), 0.05) == (1, 0.04)
+    assert largest_count_within(lambda n: 0.0, np.empty(0), 0.05) == (0, 0.0)
 
 
 def test_validation_may_begin_within_a_burst(capture: Capture) -> None:

@@ -23,7 +23,7 @@ from ..optimize.device import image_on
 _SHARE = 0.06
 _LEAST, _MOST = 4, 8
 _ENOUGH = 0.75  # of what may be lost: good enough
-_WRONG = 16.0  # times too much or too little is expected, at most (docs/experiments)
+_TOO_MUCH, _TOO_LITTLE = 16.0, 64.0  # times is expected at most; too little while a model has hardly begun to learn
 _TOGETHER = 8.0  # times the sum of what each costs, cost all of them: similar errors lie in the same places
 _FEW = 20  # training images: with fewer none is for validation
 
@@ -95,11 +95,11 @@ class ValidationEvaluator:
 
 
 def largest_count_within(
-    loss: Callable[[int], float], expected: NDArray[np.float64], allowed: float, tries: int = 5
+    loss: Callable[[int], float], expected: NDArray[np.float64], allowed: float, tries: int = 6
 ) -> tuple[int, float]:
     """About the largest number of candidates, from the first, whose loss is allowed: (number, its loss).
 
-    Bisects the logarithm of what is expected, between a ``_WRONG``-th of what is allowed and ``_WRONG`` times as much.
+    Bisects the logarithm of what is expected, from what is allowed / ``_TOO_LITTLE`` to ``_TOO_MUCH`` times as much.
 
     Args:
         loss: of that many candidates; grows with them.
@@ -107,10 +107,10 @@ def largest_count_within(
         tries: calls of ``loss`` at most; fewer where one finds ``_ENOUGH`` of what is allowed.
     """
     low, cost, high = 0, 0.0, len(expected) + 1
-    least, most = max(allowed, 0.0) / _WRONG, max(allowed, 0.0) * _WRONG
+    least, most = max(allowed, 0.0) / _TOO_LITTLE, max(allowed, 0.0) * _TOO_MUCH
     for _ in range(tries):
         aim = math.sqrt(least * most)
-        number = int(np.searchsorted(expected, aim, side="right"))
+        number = max(1, int(np.searchsorted(expected, aim, side="right")))  # one is worth a look in any case
         if low < number < high:
             found = loss(number)
             if found <= allowed:
