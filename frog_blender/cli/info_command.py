@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +15,7 @@ from ..engine.playback.player import ScenePlayer
 from ..engine.scene import compression_report
 from ..engine.training.recipe import recipe
 from ..engine.training.session.job import usual_scale
-from ..engine.training.session.likely_device import likely_device
-from ..engine.training.session.time_estimate import Workload, estimate
+from ..engine.training.session.time_estimate import Workload, estimate, likely_device
 from .arguments import add_offset_argument, offsets_of
 from .printing import say
 
@@ -81,8 +79,8 @@ def _training_times(capture: Capture) -> list[str]:
     prepared = is_decoded(capture.scaled(scale))
     lines = []
     for name in ("draft", "standard"):
-        work = replace(Workload.of(capture, recipe(name), scale=scale), prepared=prepared)
-        lines.append(f"{name}: {estimate(work, device)}")
+        work = Workload.of(capture, recipe(name), scale=scale)
+        lines.append(f"{name}: {estimate(work, device, prepared=prepared)}")
     return lines
 
 

@@ -12,9 +12,9 @@ from tqdm import tqdm
 from ..engine.errors import printable
 from ..engine.scene.compression_report import lines, summary
 from ..engine.training.session import events
-from ..engine.training.session.durations import about
 from ..engine.training.session.events import Event
 from ..engine.training.session.output_paths import checkpoint_path
+from ..engine.training.session.time_estimate import about
 from .printing import complain, say
 
 

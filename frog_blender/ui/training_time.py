@@ -11,8 +11,7 @@ def expected(settings: Any, capture: Capture) -> str:
     """The estimate for ``Scene.frog`` and its capture. Neither decodes nor imports torch."""
     from ..engine.training.recipe import recipe
     from ..engine.training.session.job import usual_scale
-    from ..engine.training.session.likely_device import likely_device
-    from ..engine.training.session.time_estimate import Workload, estimate
+    from ..engine.training.session.time_estimate import Workload, estimate, likely_device
 
     scale = settings.image_scale or usual_scale(capture.cameras)
     work = Workload.of(capture, recipe(settings.recipe), settings.steps or None, scale)

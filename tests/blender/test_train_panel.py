@@ -52,8 +52,7 @@ def test_a_capture_is_described_and_its_training_timed(empty, drawn, capture):
 
 def test_estimates_follow_what_finished_trainings_took(empty, drawn, capture):
     from frog_blender.engine.training.recipe import recipe
-    from frog_blender.engine.training.session.durations import about
-    from frog_blender.engine.training.session.time_estimate import Workload, remember
+    from frog_blender.engine.training.session.time_estimate import Workload, about, remember
 
     empty.frog.capture_folder, empty.frog.device = str(capture), "cpu"
     opened = capture_summary.known(bpy.path.abspath(empty.frog.capture_folder)).capture

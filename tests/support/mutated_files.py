@@ -288,7 +288,7 @@ class Checkpoints(Kind):
         small = {"steps": 40, "steps_per_moment": 0, "max_gaussians": 600, "seed_gaussians": 300}
         self._job = TrainingJob(write_capture(folder / "capture"), folder / "x.frog", device="cpu", resume=True)
         self.path, self.whole = checkpoint_path(self._job.output), []
-        for changes, done in (({"capacity": "auto"}, 37), ({}, 12), ({"frame_choice": "loss", "sh_degree": 2}, 25)):
+        for changes, done in (({"capacity": "auto"}, 37), ({}, 12), ({"sh_degree": 2}, 25)):
             chosen = recipe("draft", **small, **changes, densify_every=0.05)
             job = TrainingJob(self._job.capture, self._job.output, recipe=chosen, device="cpu")
             trainer = self._trainer(job)

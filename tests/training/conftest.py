@@ -83,7 +83,7 @@ def halfway(make_trainer: Callable[..., Trainer]) -> Callable[..., Trainer]:
     pruned; all are dynamic."""
 
     def make(compression: CompressionSettings | None = None, **changes: Any) -> Trainer:
-        settings = replace(compression or CompressionSettings(), min_static_area=1.1)
+        settings = replace(compression or CompressionSettings(), min_frozen=1.1)
         trainer = make_trainer(120, capacity="auto", compression=settings, **changes)
         while trainer.step_count < 90:
             trainer.step()

@@ -76,6 +76,13 @@ def test_what_an_older_file_does_not_say_is_as_by_default() -> None:
     assert stored_recipe(stored) == RECIPES["draft"]
 
 
+def test_a_setting_that_is_gone_must_not_matter() -> None:
+    stored = settings_json(RECIPES["draft"])
+    assert stored_recipe({**stored, "frame_choice": "even"}) == RECIPES["draft"]
+    with pytest.raises(FrogError, match="no setting 'frame_choice'"):
+        stored_recipe({**stored, "frame_choice": "loss"})
+
+
 @pytest.mark.parametrize("stored", [None, [], "draft", 5, {"speed": 1}, {"steps\n": 1}, {"opacity_ramp": [[0], [1]]}])
 def test_files_without_a_recipe(stored: object) -> None:
     with pytest.raises(FrogError) as caught:

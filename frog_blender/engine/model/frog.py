@@ -38,7 +38,7 @@ class FrogSettings:
         opacity_reduction, opacity_sharpness: see model.opacity.
         fusion: of the coarse and the fine temporal embedding, see model.fusion.
         modulation: see model.deformation.
-        silent_heads: heads whose output is zero (see training.compression).
+        silent_heads: heads whose output is zero, in files of earlier versions.
         deformed_opacity: False leaves opacities as they are at every time (and there is nothing to reduce).
         motion_unit: world units that a network output of one moves a Gaussian by (makes rates independent of the
             capture's units).
@@ -116,10 +116,6 @@ class Frog(SceneModel):
         self._pruned_heads.add(name)
         self.deformation.output_weight[rows] = 0
         self.deformation.output_bias[rows] = 0
-
-    def restore_head(self, name: str) -> None:
-        """Undoes ``prune_head``, but for the head's weights, which the caller restores."""
-        self._pruned_heads.discard(name)
 
     def set_width(self, arrays: dict[str, torch.Tensor]) -> None:
         """Gives the first layer of a field that ``can_narrow`` other units.

@@ -15,6 +15,7 @@ class StepKind(StrEnum):
     UNFREEZE = "woken"
     SH_DEGREE = "SH degree"
     NETWORK_WIDTH = "network width"
+    # Heads of the network: of scenes and checkpoints of earlier versions alone.
     HEAD_MEANS = "head means"
     HEAD_LOG_SCALES = "head log_scales"
     HEAD_QUATERNIONS = "head quaternions"
@@ -28,7 +29,7 @@ class StepKind(StrEnum):
     @property
     def unit(self) -> str:
         """What the numbers before and after count; empty for a degree."""
-        return _UNITS.get(self, "heads" if self in _HEADS else "")
+        return _UNITS.get(self, "heads" if self.startswith("head ") else "")
 
 
 _UNITS = {
@@ -41,13 +42,6 @@ _UNITS = {
     StepKind.KEEP_SHAPE: "Gaussians that turn and grow",
     StepKind.VISIBILITY: "Gaussians deformed a frame",
 }
-_HEADS = (
-    StepKind.HEAD_MEANS,
-    StepKind.HEAD_LOG_SCALES,
-    StepKind.HEAD_QUATERNIONS,
-    StepKind.HEAD_OPACITIES,
-    StepKind.HEAD_SH,
-)
 _KNOWN = {kind.value: kind for kind in StepKind}
 
 

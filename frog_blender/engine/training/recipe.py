@@ -67,8 +67,6 @@ class Recipe:
             (FRoG, section on optimisation: 5 of 50 after an eighth of the training).
         smoothness_weight, smoothness_neighbours, smoothness_falloff: embedding smoothness; the falloff (the paper's
             lambda_w) multiplies squared distances in units of the median nearest-neighbour distance.
-        frame_choice: "even" draws every training image alike; "loss" draws every second frame in proportion to its
-            last loss (E-D3DGS's loss-based frame sampling).
         half_size_until: fraction of training in which images have half their size (see optimize.half_resolution).
         region_share, region_size, region_emphasis: probability that a step draws only a rectangle where the errors
             are, the rectangle's sides over the image's, and how much more its pixels weigh than a whole image's:
@@ -140,7 +138,6 @@ class Recipe:
     smoothness_neighbours: int = whole(8, 1, 100)
     smoothness_falloff: float = number(0.3, 0, 1e6)
     smoothness_sample: int = whole(2048, 1, 100_000)
-    frame_choice: str = choice("even", ("even", "loss"))
     half_size_until: float = number(0.4, 0, 1)
     region_share: float = number(0.75, 0, 1)
     region_size: float = number(0.35, 1e-3, 1)
@@ -285,13 +282,16 @@ RECIPES = {
     ),
 }
 
+_FORMER = {"frame_choice": "even"}
+"""Settings of earlier versions, and the value that trainings have had ever since."""
+
 
 def stored_recipe(values: object) -> Recipe:
     """The recipe that ``settings_json`` made plain values of; FrogError for other values. What an older file does not
-    say is as by default."""
+    say is as by default; a setting that is gone must have the value that trainings have had ever since."""
     if not isinstance(values, dict):
         raise FrogError(f"A recipe is {brief(repr(values))}, expected its settings by name.")
-    return _changed(Recipe(), values)
+    return _changed(Recipe(), {key: value for key, value in values.items() if _FORMER.get(key, ...) != value})
 
 
 def recipe(name: str, /, **overrides: Any) -> Recipe:

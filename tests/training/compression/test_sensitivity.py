@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from frog_blender.engine.training.compression.sensitivity import (
     sample_views,
     view_gradients,
 )
-from frog_blender.engine.training.compression.temporal_residual import temporal_error_std
+from frog_blender.engine.training.compression.static_regions import change_of_pixels, temporal_variance
 
 STATIC = len(film.gaussians_at(0)) - 12  # the wall; the ball's Gaussians come after it
 
@@ -135,20 +136,22 @@ def test_the_rest_energy_is_what_standing_still_changes(capture: Capture, name: 
     assert float(energies[:, :index].max()) == 0
 
 
-def test_errors_that_change_with_time_show_who_should_move(capture: Capture) -> None:
-    """A scene whose ball stands in the middle: the wall behind its path errs at times."""
-    shots = [[i for i, shot in enumerate(capture.shots) if shot.camera == camera] for camera in (1, 3)]
+def test_pixels_that_change_show_who_moves(capture: Capture) -> None:
+    class Exact:
+        def image(self, index: int) -> np.ndarray:
+            shot = capture.shots[index]
+            return film.image(capture.cameras[shot.camera], shot.frame)
 
-    def truth_of(index: int) -> torch.Tensor:
-        shot = capture.shots[index]
-        return torch.from_numpy(film.image(capture.cameras[shot.camera], shot.frame)).float() / 255
-
-    right = temporal_error_std(at, truth_of, capture, shots)
-    assert float(right.max()) < 0.01
-    frozen = temporal_error_std(lambda _: true_gaussians(film.FRAMES // 2), truth_of, capture, shots)
-    assert float(frozen[STATIC:].max()) > 0.05
-    far = torch.from_numpy(film.gaussians_at(0).means[:STATIC, 1] > 1.2)  # below the ball's path
-    assert float(frozen[:STATIC][far].max()) < 0.02
+    variance = temporal_variance(capture, Exact())
+    views = [SampledView(camera, time) for camera in variance for time in (0.0, 0.5, 1.0)]
+    change = change_of_pixels(at, capture, views, variance)
+    assert change.shape == (len(at(0.0)),) and not change.requires_grad
+    ball, wall = change[STATIC:], change[:STATIC]
+    height = torch.from_numpy(film.gaussians_at(0).means[:STATIC, 1])  # the ball's path is around 0
+    assert float(ball[ball.isfinite()].min()) > float(wall[(height > 1.2) & wall.isfinite()].max())
+    assert float(wall[height.abs() < 0.3].median()) > 10 * float(wall[height.abs() > 1.2].median())
+    nowhere = replace(at(0.0), opacities=torch.zeros(len(at(0.0))))
+    assert bool(change_of_pixels(lambda _: nowhere, capture, views, variance).isinf().all())
 
 
 def test_no_stretch_of_time_is_overlooked(capture: Capture) -> None:

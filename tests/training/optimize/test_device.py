@@ -145,14 +145,14 @@ def test_it_learns_elsewhere_what_it_learns_here(machine: Machine, make: Make, m
 
 
 def test_compression_is_the_same_elsewhere(machine: Machine, make: Make) -> None:
-    few = {"num_sensitivity_views": 3, "num_training_views": 2, "num_unfreeze_cameras": 1, "num_unfreeze_times": 3}
-    any_loss = {"freeze_score": 1e9, "max_freeze_loss": 1e9, "static_error": 1e9, "static_deviation": 0.2}
-    settings = CompressionSettings(**few, **any_loss, unfreeze_error=0.0)
+    few = {"num_sensitivity_views": 3, "num_training_views": 2}
+    any_loss = {"freeze_score": 1e9, "max_freeze_loss": 1e9, "static_deviation": 0.2}
+    settings = CompressionSettings(**few, **any_loss)
     there, here = (train(make(device, compression=settings, capacity="auto")) for device in (ELSEWHERE, CPU))
     logs = [compression(each).record.log for each in (there, here)]
     done, expected = ([(each.what, each.before, each.after) for each in log] for log in logs)
     assert done == expected
-    assert {"put to rest", "woken"} <= {what for what, _, _ in done}
+    assert "put to rest" in {what for what, _, _ in done}
     assert all(isinstance(value, Remote) for value in state(there).values())
     assert numbers(there) == numbers(here)
     np.testing.assert_array_equal(compression(there).record.removed, compression(here).record.removed)

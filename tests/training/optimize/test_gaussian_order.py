@@ -9,7 +9,7 @@ import torch
 from support.builders import steps_between
 from support.training_steps import train
 
-from frog_blender.engine.training.optimize.gaussian_order import freeze_motion, sort_by_morton_code, unfreeze_motion
+from frog_blender.engine.training.optimize.gaussian_order import freeze_motion, sort_by_morton_code
 from frog_blender.engine.training.optimize.trainer import Trainer
 
 pytestmark = pytest.mark.usefixtures("quick_seeds")
@@ -44,22 +44,6 @@ def test_rest_is_the_same_at_all_times_and_moves_no_one_else(make_trainer: Make)
     assert trainer.smoothness.graph is None or int(trainer.smoothness.graph.neighbours.max()) < canonical.num_dynamic
     train(trainer)
     assert torch.isfinite(trainer.model.canonical.means).all()
-
-
-def test_waking_gives_an_embedding_and_keeps_the_state(make_trainer: Make) -> None:
-    trainer = train(make_trainer(60), until=20)
-    everyone = torch.arange(trainer.count)
-    freeze_motion(trainer.gaussians, everyone, rest_of(trainer, everyone))
-    assert trainer.model.canonical.num_dynamic == 0
-    assert trainer.deform(0.5, 1.0)[1] == {}
-    trainer.step()
-    still = trainer.deform(0.0, 1.0)[0].means.clone()
-    unfreeze_motion(trainer.gaussians, torch.tensor([7, 100]), torch.zeros(32))
-    canonical = trainer.model.canonical
-    assert canonical.num_dynamic == 2 and canonical.embeddings.shape == (2, 32)
-    torch.testing.assert_close(canonical.means[:2], still[[7, 100]])
-    train(trainer)
-    assert canonical.embeddings.abs().sum() > 0  # the optimiser knows them
 
 
 def test_neighbours_come_together_and_everything_follows(make_trainer: Make) -> None:

@@ -11,7 +11,7 @@ from support.training_steps import compression, train
 
 from frog_blender.engine.training.compression import passes
 from frog_blender.engine.training.compression.budget import keep_within
-from frog_blender.engine.training.optimize.gaussian_order import freeze_motion, sort_by_morton_code, unfreeze_motion
+from frog_blender.engine.training.optimize.gaussian_order import freeze_motion, sort_by_morton_code
 from frog_blender.engine.training.optimize.gaussian_state import Reindexing
 from frog_blender.engine.training.optimize.hooks import Hook, Training
 from frog_blender.engine.training.optimize.stateful import Tensors, Values
@@ -73,11 +73,6 @@ def prune_by_images(trainer: Trainer) -> None:
     context.compress(evaluator, passes.prune(context, evaluator, measured))
 
 
-def thaw(trainer: Trainer) -> None:
-    freeze_motion(trainer.gaussians, torch.arange(3, 90), state_of_dynamic(trainer))
-    unfreeze_motion(trainer.gaussians, trainer.gaussians.num_dynamic + torch.tensor([2, 7]), torch.zeros(32))
-
-
 def spoil(trainer: Trainer) -> None:
     trainer.gaussians.canonical.means.data[[4, 9]] = torch.nan
     remove_non_finite(trainer.gaussians)
@@ -88,7 +83,6 @@ OPERATIONS: dict[str, Callable[[Trainer], object]] = {
     "anchors": lambda trainer: trainer.inject_anchors(0.5, 8),
     "sorting": lambda trainer: sort_by_morton_code(trainer.gaussians),
     "freezing": lambda trainer: freeze_motion(trainer.gaussians, torch.arange(3, 90), state_of_dynamic(trainer)),
-    "unfreezing": thaw,
     "pruning": prune_by_images,
     "a budget": lambda trainer: keep_within(compression(trainer), trainer.count - 7),
     "out of memory": lambda trainer: Recovery(trainer).rollback(trainer, MemoryError()),

@@ -78,25 +78,6 @@ def test_no_validation_image_is_ever_picked() -> None:
     assert {camera for camera, _ in found} == {1, 2}
 
 
-def test_loss_based_choice_looks_everywhere_first_and_then_where_the_loss_is() -> None:
-    capture = rig(3, 8)
-    picker, generator = ViewSampler(capture, "loss"), torch.Generator().manual_seed(0)
-    error = {frame: 0.3 if frame == 5 else 0.1 for frame in range(8)}
-    found: list[tuple[int, int]] = []
-    for _ in range(3000):
-        index = picker.pick(generator)
-        shot = capture.shots[index]
-        found.append((shot.camera, shot.frame))
-        picker.observe(index, torch.tensor(error[shot.frame]))
-    assert {camera for camera, _ in found} == {1, 2} and {frame for _, frame in found} == set(range(8))
-    late = Counter(frame for _, frame in found[200:])
-    assert late[5] > 0.5 * sum(late.values())  # nearly every second draw, and an eighth of the others
-    assert min(late.values()) > 100
-    even = ViewSampler(capture)
-    even.observe(capture.shot_index(1, 0), torch.tensor(1.0))
-    assert len(even.losses.unique()) == 1  # nobody pays for what is not used
-
-
 def test_another_camera_at_the_same_frame() -> None:
     capture = rig(4, 6)
     picker, generator = ViewSampler(capture), torch.Generator().manual_seed(0)
@@ -127,7 +108,6 @@ def test_every_schedule_of_a_recipe_is_a_fraction(name: str) -> None:
         ("draft", {"sampling": "random"}),
         ("draft", {"sampling_depth": "nearest"}),
         ("draft", {"fusion": "sum"}),
-        ("draft", {"frame_choice": "worst"}),
         ("draft", {"sh_degree": 4}),
         ("draft", {"deformed_sh": 2}),
         ("draft", {"steps": 0}),

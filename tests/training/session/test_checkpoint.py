@@ -120,7 +120,6 @@ DAMAGE: list[tuple[str, Callable[[np.ndarray], np.ndarray]]] = [
     *[("model.canonical.embeddings", change) for change in (whole, broken, lambda array: array[:, :-1].copy())],
     ("model.temporal_table", broken),
     *[("density.seen", change) for change in (cut, whole)],
-    *[("losses", change) for change in (cut, whole, broken, negative)],
     *[("regions.1", change) for change in (cut, whole, negative)],
     *[("poses", change) for change in (cut, broken, lambda array: array.astype(np.float32))],
     *[("poses.moved", change) for change in (cut, broken)],
@@ -136,7 +135,7 @@ DAMAGE: list[tuple[str, Callable[[np.ndarray], np.ndarray]]] = [
 VALUES: list[tuple[str, Any]] = [
     *[("rate_factor", value) for value in (0, -1, 1e9, float("nan"), "x", None)],
     *[("step_count", value) for value in (-1, float("inf"), None)],
-    *[("progress", -0.5), ("seconds", float("nan")), ("burst_shot", 10_000), ("draws", -3), ("loss", float("inf"))],
+    *[("progress", -0.5), ("seconds", float("nan")), ("burst_shot", 10_000), ("loss", float("inf"))],
     *[("heads", 3), ("parsimony", {"seed": 2**62, "reductions": []}), ("parsimony", {"seed": 0, "reductions": [{}]})],
     ("parsimony", {"seed": 0, "reductions": [{"what": "pruned", "progress": "x", "before": 1, "after": 1}]}),
 ]

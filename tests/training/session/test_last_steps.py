@@ -33,15 +33,13 @@ ERRORS = [
     MemoryError(),
 ]
 AT_THE_END = [
-    *((schedule, name) for name in ("freeze_motion", "prune_hidden_units", "prune_heads")),
+    *((schedule, name) for name in ("freeze_motion", "prune_hidden_units")),
     (CompressionContext, "mean_dynamic_state"),
     *((export, name) for name in ("freeze_attributes", "reorder_for_playback", "playback_steps")),
     *((loop, name) for name in ("fit_budget", "draw_report_image")),
     (Trainer, "evaluate"),
 ]
-ON_THE_WAY = [
-    (schedule, name) for name in ("freeze_static_regions", "unfreeze_high_error", "prune", "reduce_sh_degree")
-]
+ON_THE_WAY = [(schedule, name) for name in ("freeze_static_regions", "prune", "reduce_sh_degree")]
 
 
 def name_of(value: Any) -> str | None:
@@ -83,7 +81,7 @@ def check(task: TrainingJob, monkeypatch: pytest.MonkeyPatch, what: tuple[Any, s
     said = [event.message for event in stream if isinstance(event, events.WarningEvent)]
     assert isinstance(stream[-1], events.Finished) and plays(task).header.steps == STEPS
     assert all(message.endswith(".") and "\n" not in message for message in said)
-    assert len(said) == (2 if what[1] == "unfreeze_high_error" else 1)  # at two milestones
+    assert len(said) == 1
 
 
 @pytest.mark.parametrize(("number", "what"), list(enumerate([*AT_THE_END, *ON_THE_WAY])), ids=name_of)
@@ -103,31 +101,27 @@ def test_whatever_fails_at_the_end_costs_no_scene(
 
 
 def test_what_a_failed_milestone_did_is_undone(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The last thing that it does fails, after hidden units and a head were pruned."""
-    before: dict[str, Any] = {}
+    """The last thing that it does fails, after hidden units were pruned."""
+    before: dict[str, torch.Tensor] = {}
 
     class Watched(Trainer):
         def before_milestone(self) -> None:
             super().before_milestone()
             before.update({name: value.clone() for name, value in self.model.state_dict().items()})
-            before["heads"] = self.model.heads
 
     def fails(context: CompressionContext, *_: Any) -> list[Proposal]:
         gaussians = context.training.gaussians
         width = gaussians.model.settings.hidden_width
         gaussians.optimizer.keep_units(gaussians.model, torch.arange(width // 2))
-        gaussians.model.prune_head("means")
         raise RuntimeError("too late")
 
-    monkeypatch.setattr(schedule, "prune_heads", fails)
+    monkeypatch.setattr(schedule, "prune_hidden_units", fails)
     list(run_training(replace(task, lossless=True), trainer_type=Watched))
     scene = read_scene(task.output)
-    assert "means" in before["heads"] and "means" not in scene.header.model["silent_heads"]
     assert scene.header.model["hidden_width"] == task.recipe.hidden_width
     for name, value in before.items():
-        if isinstance(value, torch.Tensor):
-            name = name.removeprefix("canonical.").replace("deformation.", "network.")
-            np.testing.assert_array_equal(scene.arrays[name], value.numpy())
+        name = name.removeprefix("canonical.").replace("deformation.", "network.")
+        np.testing.assert_array_equal(scene.arrays[name], value.numpy())
 
 
 def test_a_training_goes_on_after_a_milestone_that_failed(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,16 +15,16 @@ from support import synthetic_capture as film
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.training.recipe import recipe
 from frog_blender.engine.training.session import events
-from frog_blender.engine.training.session.durations import about
 from frog_blender.engine.training.session.job import TrainingJob, usual_scale
-from frog_blender.engine.training.session.likely_device import likely_device
 from frog_blender.engine.training.session.run import run_training
 from frog_blender.engine.training.session.time_estimate import (
     PHASES,
     TimeLeft,
     Workload,
+    about,
     estimate,
     history,
+    likely_device,
     remember,
     remembering,
 )
@@ -98,7 +98,7 @@ def test_a_first_guess_counts_every_phase_and_says_that_it_is_one(monkeypatch: p
     for cores in (2, 16):
         monkeypatch.setattr("os.cpu_count", lambda cores=cores: cores)
         guesses[cores] = estimate(WORK)
-        prepared = estimate(replace(WORK, prepared=True)).seconds
+        prepared = estimate(WORK, prepared=True).seconds
         share = (WORK.seconds["training"] + WORK.seconds["finishing"]) / sum(WORK.seconds.values())
         assert prepared == pytest.approx(share * guesses[cores].seconds)
     guess, quicker = guesses[2], guesses[16].seconds
@@ -227,8 +227,8 @@ def test_the_device_that_automatic_will_be(monkeypatch: pytest.MonkeyPatch) -> N
 def test_asking_needs_no_torch() -> None:
     code = "import sys; sys.modules['torch'] = None\n"
     code += "from frog_blender.engine.training import recipe\n"
-    code += "from frog_blender.engine.training.session import likely_device, time_estimate\n"
+    code += "from frog_blender.engine.training.session import time_estimate\n"
     code += "work = time_estimate.Workload(recipe.recipe('draft'), 3000, 1e5)\n"
-    code += "print(time_estimate.estimate(work, likely_device.likely_device('cpu')))"
+    code += "print(time_estimate.estimate(work, time_estimate.likely_device('cpu')))"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=Path(__file__).parents[3])
     assert "Roughly" in run.stdout, run.stderr

@@ -68,21 +68,21 @@ class Proposal:
         kind: for the log.
         apply: takes the first so many.
         count: of what ``kind.unit`` says, as the model stands.
-        loss: dB that taking the first so many costs; None for what is not evaluated.
-        expected: (candidates,) about that loss for the first one, the first two and so on, ascending.
-        allowed: dB.
-        forced: so many are taken whatever they cost.
+        loss: dB that taking the first so many costs.
         work: what becomes faster by it.
+        allowed: dB.
+        expected: (candidates,) about that loss for the first one, the first two and so on, ascending.
+        forced: so many are taken whatever they cost.
     """
 
     kind: StepKind
     apply: Callable[[int], None]
     count: Callable[[], int]
-    loss: Callable[[int], float] | None = None
-    expected: NDArray[np.float64] = field(default_factory=lambda: np.zeros(1))
+    loss: Callable[[int], float]
+    work: Callable[[], object]
     allowed: float = 0.0
+    expected: NDArray[np.float64] = field(default_factory=lambda: np.zeros(1))
     forced: int = 0
-    work: Callable[[], object] | None = None
 
 
 class CompressionRecord:
@@ -194,44 +194,38 @@ class CompressionContext:
         """How the dynamic Gaussians look on average over the views, see ``Sensitivity.state``."""
         return {name: values[: self.num_dynamic] for name, values in mean_state(self.gaussians_at, views).items()}
 
-    def evaluator(
-        self, most: int | None = None, played: Callable[[float], TorchGaussians] | None = None
-    ) -> ValidationEvaluator:
-        """Of the Gaussians as they stand, or as they are ``played`` at a time; on ``most`` images at most."""
+    def evaluator(self, played: Callable[[float], TorchGaussians] | None = None) -> ValidationEvaluator:
+        """Of the Gaussians as they stand, or as they are ``played`` at a time."""
         capture = self.training.capture
 
         def gaussians_of(shot: int) -> TorchGaussians:
             return (played or self.gaussians_at)(frame_to_time(capture.shots[shot].frame, capture.frame_count))
 
-        return ValidationEvaluator(capture, self.training.store, self.record.evaluated[:most], gaussians_of)
+        return ValidationEvaluator(capture, self.training.store, self.record.evaluated, gaussians_of)
 
-    def psnr_with(self, change: Change, most: int | None = None) -> float:
-        """On the validation images, ``most`` of them at most, with ``change(name, value)`` in place of the model's
-        tensors."""
+    def psnr_with(self, change: Change) -> float:
+        """On the validation images, with ``change(name, value)`` in place of the model's tensors."""
         model = self.training.gaussians.model
         kept = {name: value.clone() for name, value in model.state_dict().items()}
         model.load_state_dict({name: change(name, value) for name, value in kept.items()})
-        changed = self.evaluator(most).now
+        changed = self.evaluator().now
         model.load_state_dict(kept)
         return changed
 
     def compress(self, evaluator: ValidationEvaluator, proposals: Iterable[Proposal]) -> None:
         """Takes as much of each proposal as the validation images allow, or as is forced, and logs it."""
         for proposal in proposals:
-            number, loss = 0, None
-            if proposal.loss:
-                number, loss = largest_count_within(proposal.loss, proposal.expected, proposal.allowed)
+            number, loss = largest_count_within(proposal.loss, proposal.expected, proposal.allowed)
             if proposal.forced > number:
-                number, loss = proposal.forced, proposal.loss(proposal.forced) if proposal.loss else None
+                number, loss = proposal.forced, proposal.loss(proposal.forced)
             if not number:
                 continue
             with self._logged(proposal, loss):
                 proposal.apply(number)
-            if loss is not None:
-                evaluator.accept(loss)
+            evaluator.accept(loss)
 
     @contextmanager
-    def _logged(self, proposal: Proposal, loss: float | None) -> Iterator[None]:
+    def _logged(self, proposal: Proposal, loss: float) -> Iterator[None]:
         """Logs what is done inside, and how much faster ``proposal.work`` becomes."""
         before, size, seconds = proposal.count(), self._size(), _median_seconds(proposal.work)
         yield
@@ -256,9 +250,7 @@ class CompressionContext:
         return sum(parameter.nbytes for parameter in self.training.gaussians.model.parameters())
 
 
-def _median_seconds(work: Callable[[], object] | None, times: int = 3) -> float:
-    if work is None:
-        return 0.0
+def _median_seconds(work: Callable[[], object], times: int = 3) -> float:
     seconds = []
     for _ in range(times):
         started = time.perf_counter()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -12,14 +13,15 @@ from numpy.typing import NDArray
 
 from ...gaussians import TorchGaussians
 from ...playback.deformation import DeformationPlayer
-from ...playback.player import ScenePlayer, row_ranges
+from ...playback.player import CANONICAL, ScenePlayer, row_ranges
 from ...playback.visibility import mean_deformed_share, pack_group_bits, sort_by_visibility, visible_intervals
 from ...rasterizer import GaussianArrays
 from ...scene.compression_report import StepKind
+from ...scene.dynamics import ALL_CHANGES, KEEPS_SHAPE, Dynamics, dynamics_of, kind_bounds
 from ...scene.header import SHAPE_DYNAMIC
 from ...scene.morton_order import morton_order_by_range
 from ...scene.quantization import unpack
-from ...scene.scene_file import OPACITY_TRACKS, VISIBILITY, SceneFile, packed_arrays
+from ...scene.scene_file import VISIBILITY, SceneFile, packed_arrays
 from .context import CompressionContext, CompressionStep
 from .settings import DEFAULT
 
@@ -34,19 +36,14 @@ def reorder_for_playback(
     When training is ``finished``, dynamic Gaussians that are visible at the same times come together, where that spares
     playback some of them; the array ``lifetimes`` says when (see playback.visibility).
     """
-    deformed, fading = len(scene.arrays.get("embeddings", ())), len(scene.arrays.get(OPACITY_TRACKS, ()))
-    num_shape_dynamic = scene.header.model.get(SHAPE_DYNAMIC, deformed)
-    near = in_order(scene, morton_order_by_range(scene.arrays["means"], num_shape_dynamic, deformed, deformed + fading))
+    dynamics = dynamics_of(scene)
+    near = in_order(scene, morton_order_by_range(scene.arrays["means"], *kind_bounds(dynamics)))
     if not finished or not has_transients(near, max_visible):
         return near
-    lives = _lives(near)
-    order = np.concatenate(
-        [
-            sort_by_visibility(lives[:, :num_shape_dynamic]),
-            num_shape_dynamic + sort_by_visibility(lives[:, num_shape_dynamic:]),
-        ]
-    )
-    found = in_order(near, np.concatenate([order, np.arange(deformed, len(near.arrays["means"]))]))
+    lives, turning = _lives(near), int((dynamics == ALL_CHANGES).sum())
+    parts = sort_by_visibility(lives[:, :turning]), turning + sort_by_visibility(lives[:, turning:])
+    order = np.concatenate(parts)
+    found = in_order(near, np.concatenate([order, np.arange(len(order), len(near.arrays["means"]))]))
     lives = lives[:, order] | _lives(as_packed(found))  # whose opacities differ a little
     return SceneFile(scene.header, found.arrays | {VISIBILITY: pack_group_bits(lives)})
 
@@ -82,7 +79,7 @@ def playback_steps(
     packed = as_packed(scene)
     player = ScenePlayer(packed)
     always = ScenePlayer(SceneFile(packed.header, {k: v for k, v in packed.arrays.items() if k != VISIBILITY}))
-    plain, psnr = sum(array.nbytes for array in scene.arrays.values()), _psnr(context, always)
+    plain, psnr = num_bytes(scene), _psnr(context, always)
     loss = context.evaluator().now - lost - psnr
     packing = CompressionStep(StepKind.PACK, 1.0, plain, size, loss, bytes=plain - size)
     if VISIBILITY not in packed.arrays:
@@ -100,10 +97,32 @@ def _lives(scene: SceneFile) -> NDArray[np.bool_]:
 
 
 def in_order(scene: SceneFile, order: NDArray[np.int64]) -> SceneFile:
-    """Its Gaussians in ``order``, in which each kind of them (see playback.player.rows_of) stays in its place."""
+    """Its Gaussians in ``order``, in which each kind of them (see scene.dynamics) stays in its place."""
     rows = row_ranges(scene.arrays)
     arrays = {n: array[order[rows[n]] - rows[n].start] if n in rows else array for n, array in scene.arrays.items()}
     return SceneFile(scene.header, arrays)
+
+
+def with_dynamics(scene: SceneFile, dynamics: NDArray[np.uint8]) -> SceneFile:
+    """The scene with less that changes, in the order that the flags ask for.
+
+    Args:
+        dynamics: (N,) flags. Of the Gaussians that were deformed, those that only fade are the first with opacity
+            tracks, in the order of theirs.
+    """
+    order, header = np.argsort(-dynamics.astype(int), kind="stable"), scene.header
+    arrays = {name: array[order] if name in CANONICAL else array for name, array in scene.arrays.items()}
+    deformed = order[(dynamics & Dynamics.POSITION)[order] > 0]
+    arrays["embeddings"] = arrays["embeddings"][deformed]
+    if (dynamics == KEEPS_SHAPE).any():
+        turning = int((dynamics == ALL_CHANGES).sum())
+        header = replace(header, model={**header.model, SHAPE_DYNAMIC: turning})
+    return SceneFile(header, arrays)
+
+
+def num_bytes(scene: SceneFile) -> int:
+    """Of its arrays as they are."""
+    return sum(array.nbytes for array in scene.arrays.values())
 
 
 def played_by(scene: ScenePlayer, device: torch.device) -> Callable[[float], TorchGaussians]:

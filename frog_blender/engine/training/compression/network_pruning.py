@@ -81,9 +81,9 @@ def prune_hidden_units(
         apply,
         lambda: model.settings.hidden_width,
         loss,
-        0.2 * settings.max_width_loss * _GROWTH ** np.arange(len(layers)),
+        lambda: context.gaussians_at(0.5),
         settings.max_width_loss,
-        work=lambda: context.gaussians_at(0.5),
+        0.2 * settings.max_width_loss * _GROWTH ** np.arange(len(layers)),
     )
 
 

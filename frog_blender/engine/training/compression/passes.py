@@ -1,4 +1,4 @@
-"""Compression passes: prune, reduce the SH degree, freeze, unfreeze, prune heads.
+"""Compression passes: prune, reduce the SH degree, freeze.
 
 A pass yields proposals. ``CompressionContext.compress`` applies each only as far as the validation loss stays within
 its tolerance, or as a budget requires, and logs what it saved. A pass goes on from what was taken.
@@ -13,17 +13,13 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from ...model.frog import Frog
 from ...scene.compression_report import StepKind
 from ..optimize import gaussian_order
-from ..optimize.device import image_on
-from ..optimize.gaussian_order import calmest_embedding, mask_excluding
-from ..optimize.half_resolution import halved_capture, sized
+from ..optimize.gaussian_order import mask_excluding
 from ..optimize.stateful import Tensors
-from .context import Change, CompressionContext, Proposal
+from .context import CompressionContext, Proposal
 from .sensitivity import Sensitivity, in_state
-from .static_regions import measure_temporal_variance
-from .temporal_residual import static_error, temporal_error_std
+from .static_regions import change_of_pixels, temporal_variance
 from .validation import ValidationEvaluator
 
 
@@ -53,10 +49,10 @@ def prune(context: CompressionContext, evaluator: ValidationEvaluator, measured:
         apply,
         lambda: gaussians.count,
         loss,
-        evaluator.expected(measured.energy[order[: int(settings.max_pruned * count)]]),
-        settings.max_prune_loss,
-        forced,
         lambda: training.render_image(context.record.evaluated[0]),
+        settings.max_prune_loss,
+        evaluator.expected(measured.energy[order[: int(settings.max_pruned * count)]]),
+        forced,
     )
 
 
@@ -82,45 +78,12 @@ def reduce_sh_degree(context: CompressionContext, evaluator: ValidationEvaluator
             apply,
             degree,
             loss,
-            allowed=allowed,
-            work=lambda: training.render_image(context.record.evaluated[0]),
+            lambda: training.render_image(context.record.evaluated[0]),
+            allowed,
         )
         if degree() ** 2 == left:  # refused
             return
         allowed -= before - evaluator.now
-
-
-def prune_heads(context: CompressionContext, evaluator: ValidationEvaluator) -> Iterator[Proposal]:
-    """Heads of the network, whose outputs are zero from then on: zeros take no room in a packed file, and where heads
-    have layers of their own (the papers' networks), those of a pruned head are not computed."""
-    gaussians, settings = context.training.gaussians, context.settings
-    model = gaussians.model
-    if not isinstance(model, Frog) or not context.num_dynamic:
-        return
-    few = settings.num_quick_views
-    quick = context.evaluator(few)
-    for name in model.heads:
-        rows = model.output_rows(name)
-
-        def zeroed(key: str, value: torch.Tensor, rows: slice = rows) -> torch.Tensor:
-            if key.startswith("deformation.output"):
-                value = value.clone()
-                value[rows] = 0
-            return value
-
-        def loss(number: int, zeroed: Change = zeroed) -> float:
-            estimate = quick.now - context.psnr_with(zeroed, few)
-            if estimate > settings.clearly * settings.max_head_loss:
-                return estimate
-            return evaluator.now - context.psnr_with(zeroed)
-
-        def apply(number: int, name: str = name, rows: slice = rows) -> None:
-            model.prune_head(name)
-            for parameter in (model.deformation.output_weight, model.deformation.output_bias):
-                gaussians.optimizer.stop(parameter, rows)
-
-        kind = StepKind(f"head {name}")
-        yield Proposal(kind, apply, lambda: len(model.heads), loss, allowed=settings.max_head_loss)
 
 
 def freeze_motion(context: CompressionContext, evaluator: ValidationEvaluator, allowed: float) -> Iterator[Proposal]:
@@ -146,33 +109,21 @@ def freeze_motion(context: CompressionContext, evaluator: ValidationEvaluator, a
 def freeze_static_regions(
     context: CompressionContext, evaluator: ValidationEvaluator, generator: torch.Generator
 ) -> Iterator[Proposal]:
-    """Dynamic Gaussians where the images hardly change, while motion is still being learned: those whose pixels change
-    least, none whose change can be seen, as many as add no more than a small part to the images' error. Few are not
-    worth disturbing a training that still finds its motion."""
-    training, settings = context.training, context.settings
-    before = context.num_dynamic
-    variance = measure_temporal_variance(training.capture, training.store) if before else None
-    if not variance or variance.static_share(settings.static_deviation) < settings.min_static_area:
-        return
-    views = [view for view in context.sample_views(generator) if view.camera in variance.variance]
+    """Dynamic Gaussians where the images hardly change, while motion is still being learned: all of them or none. Few
+    are not worth disturbing a training that still finds its motion."""
+    training, settings, before = context.training, context.settings, context.num_dynamic
+    variance = temporal_variance(training.capture, training.store) if before else {}
+    views = [view for view in context.sample_views(generator) if view.camera in variance]
     if not views:
         return
-    cameras = [training.capture.cameras[view.camera] for view in views]
-    pixel_count = sum(camera.width * camera.height for camera in cameras)
-    allowed = settings.static_error * 10 ** (-evaluator.now / 10) * pixel_count
-    found = static_error(context.gaussians_at, training.capture, views, variance)
-    pixels, lost = (values[:before] for values in found)
-    each = torch.where(pixels >= 1, lost / pixels, torch.inf)
-    order = each.argsort()
-    number = int(((lost[order].cumsum(0) <= allowed) & (each[order] < settings.static_deviation**2)).sum())
-    if number < max(1, settings.min_frozen * before):
-        return
-    freezing = _freezing(context, evaluator, order[:number], context.mean_dynamic_state(views))
-    loss, apply = freezing.loss, freezing.apply
-    assert loss is not None
-    yield replace(
-        freezing, apply=lambda _: apply(number), loss=lambda _: loss(number), allowed=settings.max_freeze_loss
-    )
+    change = change_of_pixels(context.gaussians_at, training.capture, views, variance)[:before]
+    static = (change < settings.static_deviation**2).nonzero().squeeze(1)
+    if len(static) > settings.min_frozen * before:
+        yield replace(
+            _freezing(context, evaluator, static, context.mean_dynamic_state(views)),
+            expected=np.zeros(len(static)),
+            allowed=settings.max_freeze_loss,
+        )
 
 
 def _freezing(
@@ -198,54 +149,5 @@ def _freezing(
         lambda number: gaussian_order.freeze_motion(gaussians, order[:number].sort().values, state),
         lambda: gaussians.num_dynamic,
         loss,
-        work=lambda: context.gaussians_at(0.5),
+        lambda: context.gaussians_at(0.5),
     )
-
-
-def unfreeze_high_error(context: CompressionContext, generator: torch.Generator) -> Iterator[Proposal]:
-    """Static Gaussians around which the error changes with time, as half the pixels a side show it."""
-    training, gaussians, settings = context.training, context.training.gaussians, context.settings
-    before, share = context.num_dynamic, context.training.recipe.dynamic_share
-    shots = _shots_by_camera(context, generator)
-    if before == gaussians.count or not shots:
-        return
-    capture = halved_capture(training.capture)
-
-    def truth_of(index: int) -> torch.Tensor:
-        camera = capture.cameras[capture.shots[index].camera]
-        return image_on(gaussians.device, sized(training.store.image(index), camera))
-
-    truths = {index: truth_of(index) for of_camera in shots for index in of_camera}
-    error = temporal_error_std(context.gaussians_at, truths.__getitem__, capture, shots)[before:]
-    brightness = float(np.mean([float(truth.mean()) for truth in truths.values()]))
-    most = int(settings.max_unfrozen * len(error))
-    if share:
-        most = min(most, max(0, int(share * gaussians.count) - before))
-    indices = error.topk(most).indices
-    indices = indices[error[indices] > settings.unfreeze_error * brightness]
-
-    @torch.no_grad()
-    def apply(number: int) -> None:
-        embedding = calmest_embedding(gaussians, training.deform(0.5)[1])
-        gaussian_order.unfreeze_motion(gaussians, before + indices.sort().values, embedding)
-
-    yield Proposal(
-        StepKind.UNFREEZE,
-        apply,
-        lambda: gaussians.num_dynamic,
-        forced=len(indices),
-        work=lambda: context.gaussians_at(0.5),
-    )
-
-
-def _shots_by_camera(context: CompressionContext, generator: torch.Generator) -> list[list[int]]:
-    """Shots of a few cameras, each at several times; of a moving camera some of all its frames."""
-    capture, settings = context.training.capture, context.settings
-    by_camera: dict[int, list[int]] = {}
-    for index in context.record.learned:
-        camera = 0 if capture.is_moving else capture.shots[index].camera
-        by_camera.setdefault(camera, []).append(index)
-    cameras = sorted(camera for camera, shots in by_camera.items() if len(shots) > 1)
-    order = torch.randperm(len(cameras), generator=generator, device="cpu")[: settings.num_unfreeze_cameras]
-    chosen = [by_camera[cameras[int(k)]] for k in order]
-    return [[shots[int(k)] for k in np.linspace(0, len(shots) - 1, settings.num_unfreeze_times)] for shots in chosen]

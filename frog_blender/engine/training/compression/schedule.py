@@ -17,7 +17,7 @@ from ..optimize.stateful import Tensors, Values
 from ..recipe import Recipe
 from .context import CompressionContext, CompressionRecord
 from .network_pruning import prune_hidden_units
-from .passes import freeze_motion, freeze_static_regions, prune, prune_heads, reduce_sh_degree, unfreeze_high_error
+from .passes import freeze_motion, freeze_static_regions, prune, reduce_sh_degree
 from .settings import DEFAULT, CompressionSettings, Milestone
 from .static_regions import is_static_capture
 
@@ -97,8 +97,6 @@ class CompressionSchedule(Hook):
             case Milestone.FREEZE_STATIC_REGIONS:
                 evaluator = context.evaluator()
                 context.compress(evaluator, freeze_static_regions(context, evaluator, generator))
-            case Milestone.UNFREEZE:
-                context.compress(context.evaluator(), unfreeze_high_error(context, generator))
             case Milestone.PRUNE:
                 self._prune(context, generator)
             case Milestone.FINISH if context.num_dynamic:
@@ -122,7 +120,6 @@ class CompressionSchedule(Hook):
             self.record.mean_state = context.mean_dynamic_state(views)
             context.compress(evaluator, freeze_motion(context, evaluator, self.settings.max_final_freeze_loss))
         context.compress(evaluator, prune_hidden_units(context, evaluator, views, generator))
-        context.compress(evaluator, prune_heads(context, evaluator))
 
 
 def _freezes_before_the_end(context: CompressionContext) -> bool:

@@ -10,7 +10,6 @@ class Milestone(Enum):
     """What happens at a fraction of the training."""
 
     FREEZE_STATIC_REGIONS = auto()
-    UNFREEZE = auto()
     PRUNE = auto()
     FINISH = auto()
 
@@ -21,25 +20,19 @@ class CompressionSettings:
 
     Attributes:
         max_freeze_loss, max_final_freeze_loss: for freezing motion: where steps make up for it, and at the end.
-        max_prune_loss, max_sh_loss, max_head_loss, max_width_loss: for pruning Gaussians, reducing the SH degree,
-            pruning heads and pruning hidden units.
+        max_prune_loss, max_sh_loss, max_width_loss: for pruning Gaussians, reducing the SH degree and pruning hidden
+            units.
         max_fade_loss, max_shape_loss: for Gaussians that only fade, and for those that keep their shape.
         max_packing_loss: above which a file is not packed.
         freeze_score, freeze_all_score: score (see ``Motion``) below which motion may be frozen; and below which all may
             be, if no score is above.
-        static_error: of the images' squared error that freezing static regions may add.
         static_deviation: of the display range over time, below which a pixel is static.
-        min_static_area: of the images that is static, for static regions to be frozen.
         min_frozen: share of the dynamic Gaussians, below which static regions are not frozen: it saves no time.
-        unfreeze_error: temporal error (of the images' mean brightness) above which Gaussians are unfrozen.
-        max_unfrozen: share of the static Gaussians, at a milestone.
-        num_unfreeze_cameras, num_unfreeze_times: shots that the temporal error is measured on.
         max_pruned: share of the Gaussians, at a milestone.
         num_sensitivity_views, num_budget_views: views that sensitivity is measured on, without and with a budget: where
             Gaussians have to be weighed, few times and sides must be missed.
         num_unit_views, num_unit_gaussians: for hidden units, and dynamic Gaussians in each view.
         num_training_views: training images that stand in for validation images, where there are none.
-        num_quick_views, clearly: images that tell at once what costs ``clearly`` times what is allowed.
         min_fading, min_rigid: shares of the dynamic Gaussians below which another kind of Gaussian is not worth it.
         max_track_frames: opacity tracks of more frames take more bytes than embeddings.
         num_mean_frames: frames that a mean state is taken over, at most.
@@ -52,29 +45,20 @@ class CompressionSettings:
     max_final_freeze_loss: float = 0.02
     max_prune_loss: float = 0.03
     max_sh_loss: float = 0.03
-    max_head_loss: float = 0.01
     max_width_loss: float = 0.01
     max_fade_loss: float = 0.03
     max_shape_loss: float = 0.015
     max_packing_loss: float = 0.05
     freeze_score: float = 4.0
     freeze_all_score: float = 2.0
-    static_error: float = 0.002
     static_deviation: float = 2 / 255
-    min_static_area: float = 0.5
     min_frozen: float = 0.25
-    unfreeze_error: float = 0.1
-    max_unfrozen: float = 0.1
-    num_unfreeze_cameras: int = 3
-    num_unfreeze_times: int = 8
     max_pruned: float = 0.6
     num_sensitivity_views: int = 24
     num_budget_views: int = 72
     num_unit_views: int = 12
     num_unit_gaussians: int = 2048
     num_training_views: int = 8
-    num_quick_views: int = 2
-    clearly: float = 5.0
     min_fading: float = 0.1
     min_rigid: float = 0.25
     max_track_frames: int = 256
@@ -88,8 +72,6 @@ class CompressionSettings:
         """By fraction of the training. Freezing all that hardly moves before the end costs 0.1 dB."""
         return {
             0.1: Milestone.FREEZE_STATIC_REGIONS,
-            0.3: Milestone.UNFREEZE,
-            0.6: Milestone.UNFREEZE,
             self.prune_at: Milestone.PRUNE,
             1.0: Milestone.FINISH,
         }

@@ -7,8 +7,6 @@ which the Gaussian is seen (docs/experiments).
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -16,12 +14,12 @@ from numpy.typing import NDArray
 from ...field.opacity_tracks import quantize_opacities
 from ...playback.player import ScenePlayer
 from ...scene.compression_report import StepKind
-from ...scene.header import SHAPE_DYNAMIC
+from ...scene.dynamics import KEEPS_SHAPE, ONLY_FADES, Dynamics, dynamics_of
 from ...scene.quantization import pack
 from ...scene.scene_file import OPACITY_TRACKS, SceneFile
 from ..optimize.gaussian_order import mask_excluding
 from .context import CompressionContext, CompressionStep
-from .finalize import has_transients, in_groups, in_order, milliseconds_between, played_by
+from .finalize import has_transients, in_groups, milliseconds_between, num_bytes, played_by, with_dynamics
 from .sensitivity import FAINT, SHAPE, STATE, in_state
 from .validation import largest_count_within
 
@@ -29,76 +27,58 @@ from .validation import largest_count_within
 def freeze_attributes(context: CompressionContext, scene: SceneFile) -> tuple[SceneFile, list[CompressionStep]]:
     """The scene without changes of attributes that the validation images do not miss, and what that saved; the scene
     itself where nothing is known of the dynamic Gaussians, or few would be frozen."""
-    motion, settings = context.record.motion, context.settings
-    steps = list[CompressionStep]()
+    motion, settings, steps = context.record.motion, context.settings, list[CompressionStep]()
     if not motion or not in_groups(scene):
         return scene, steps
     if scene.header.frame_count <= settings.max_track_frames and has_transients(scene, settings.max_visible):
-        scene, indices, steps = _freeze_all_but_opacity(context, scene, motion.fade_energy)
-        motion = motion.select(mask_excluding(indices, len(motion.score)))
-    if not in_groups(scene):  # all of them only fade
-        return scene, steps
-    scene, shapes = _freeze_shape(context, scene, motion.shape_energy)
-    return scene, steps + shapes
+        scene, chosen, steps = _freeze(context, scene, ONLY_FADES, motion.fade_energy)
+        motion = motion.select(mask_excluding(chosen, len(motion.score)))
+    if in_groups(scene):  # unless all of them only fade
+        scene, _, shapes = _freeze(context, scene, KEEPS_SHAPE, motion.shape_energy)
+        steps += shapes
+    return scene, steps
 
 
-def _freeze_all_but_opacity(
-    context: CompressionContext, scene: SceneFile, energy: torch.Tensor
+def _freeze(
+    context: CompressionContext, scene: SceneFile, left: Dynamics, energy: torch.Tensor
 ) -> tuple[SceneFile, torch.Tensor, list[CompressionStep]]:
-    """Gaussians whose other changes are not missed only fade, if the file does not grow by it; and their indices."""
-    player, count, settings = ScenePlayer(scene), len(energy), context.settings
+    """The scene in which no more than ``left`` changes of Gaussians of which images miss nothing else, and their
+    indices; none where they are few, or the file would grow.
+
+    Args:
+        energy: (M,) by how much images change without, of those of which everything changes.
+    """
+    settings, device, fades = context.settings, context.training.gaussians.device, left == ONLY_FADES
+    names, kind = (STATE, StepKind.ONLY_FADE) if fades else (SHAPE, StepKind.KEEP_SHAPE)
+    allowed = settings.max_fade_loss if fades else settings.max_shape_loss
+    player, count, order = ScenePlayer(scene), len(energy), energy.argsort()
     state = seen_state(player, settings.num_mean_frames)
-    indices, loss = _unmissed(context, player, energy, {name: state[name] for name in STATE}, settings.max_fade_loss)
-    chosen, tracks = indices.cpu().numpy(), _tracks(player)
-    embeddings, tracks = scene.arrays["embeddings"][chosen], tracks[chosen]
-    smaller = pack(OPACITY_TRACKS, tracks).content.size <= pack("embeddings", embeddings).content.size
-    if len(indices) < max(1, settings.min_fading * count) or not smaller:
-        return scene, indices[:0], []
-    arrays = _in_state(scene, chosen, state, STATE)
-    brightest = tracks.max(axis=1).clip(1, 254) / 255
-    arrays["opacity_logits"][chosen] = np.log(brightest / (1 - brightest))
-    found = _last_of_dynamic(SceneFile(scene.header, arrays), chosen)
-    deformed = found.arrays["embeddings"][: count - len(chosen)]
-    found = SceneFile(found.header, found.arrays | {"embeddings": deformed, OPACITY_TRACKS: tracks})
-    saved = embeddings.nbytes - tracks.nbytes
-    faster = milliseconds_between(player, ScenePlayer(found))
-    return found, indices, [CompressionStep(StepKind.ONLY_FADE, 1.0, count, count - len(indices), loss, faster, saved)]
-
-
-def _freeze_shape(
-    context: CompressionContext, scene: SceneFile, energy: torch.Tensor
-) -> tuple[SceneFile, list[CompressionStep]]:
-    """Gaussians whose changes of shape are not missed keep it."""
-    player, count, settings = ScenePlayer(scene), len(energy), context.settings
-    state = seen_state(player, settings.num_mean_frames)
-    indices, loss = _unmissed(context, player, energy, {name: state[name] for name in SHAPE}, settings.max_shape_loss)
-    if len(indices) < max(1, settings.min_rigid * count):
-        return scene, []
-    chosen = indices.cpu().numpy()
-    header = replace(scene.header, model={**scene.header.model, SHAPE_DYNAMIC: count - len(chosen)})
-    found = _last_of_dynamic(SceneFile(header, _in_state(scene, chosen, state, SHAPE)), chosen)
-    faster = milliseconds_between(player, ScenePlayer(found))
-    return found, [CompressionStep(StepKind.KEEP_SHAPE, 1.0, count, count - len(indices), loss, faster)]
-
-
-def _unmissed(
-    context: CompressionContext,
-    player: ScenePlayer,
-    energy: torch.Tensor,
-    state: dict[str, NDArray[np.float32]],
-    allowed: float,
-) -> tuple[torch.Tensor, float]:
-    """Indices, ascending, of dynamic Gaussians that may be as in ``state``, and what that costs."""
-    device = context.training.gaussians.device
-    frozen = {name: torch.from_numpy(values).to(device) for name, values in state.items()}
-    evaluator, order = context.evaluator(played=played_by(player, device)), energy.argsort()
+    frozen = {name: torch.from_numpy(state[name]).to(device) for name in names}
+    evaluator = context.evaluator(played=played_by(player, device))
 
     def loss(number: int) -> float:
-        chosen = ~mask_excluding(order[:number], len(energy))
+        chosen = ~mask_excluding(order[:number], count)
         return evaluator.loss(lambda gaussians: in_state(gaussians, chosen, frozen))
 
     number, lost = largest_count_within(loss, evaluator.expected(energy[order]), allowed)
-    return order[:number].sort().values, lost
+    indices = order[:number].sort().values
+    chosen, none = indices.cpu().numpy(), (scene, indices[:0], list[CompressionStep]())
+    if number < max(1, (settings.min_fading if fades else settings.min_rigid) * count):
+        return none
+    arrays, dynamics = _in_state(scene, chosen, state, names), dynamics_of(scene)
+    dynamics[chosen] = left
+    if fades:
+        tracks = _tracks(player)[chosen]
+        spared = scene.arrays["embeddings"][chosen]
+        if pack(OPACITY_TRACKS, tracks).content.size > pack("embeddings", spared).content.size:
+            return none
+        brightest = tracks.max(axis=1).clip(1, 254) / 255
+        arrays["opacity_logits"][chosen] = np.log(brightest / (1 - brightest))
+        arrays[OPACITY_TRACKS] = tracks
+    found = with_dynamics(SceneFile(scene.header, arrays), dynamics)
+    saved = num_bytes(scene) - num_bytes(found)
+    faster = milliseconds_between(player, ScenePlayer(found))
+    return found, indices, [CompressionStep(kind, 1.0, count, count - number, lost, faster, saved)]
 
 
 def seen_state(player: ScenePlayer, most: int) -> dict[str, NDArray[np.float32]]:
@@ -141,10 +121,3 @@ def _in_state(
         else:
             arrays[name][indices] = values
     return arrays
-
-
-def _last_of_dynamic(scene: SceneFile, indices: NDArray[np.int64]) -> SceneFile:
-    """The scene in another order: among the dynamic Gaussians, ``indices`` come after the others."""
-    deformed, everyone = len(scene.arrays["embeddings"]), np.arange(len(scene.arrays["means"]))
-    others = np.delete(everyone[:deformed], indices)
-    return in_order(scene, np.concatenate([others, indices, everyone[deformed:]]))

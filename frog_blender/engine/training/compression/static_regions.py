@@ -1,18 +1,23 @@
-"""Detects static image regions of static cameras from the temporal variance of 8x8 cells."""
+"""Static image regions of static cameras, from the temporal variance of 8x8 cells, and the Gaussians that they show."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from ...capture.capture import Capture
 from ...capture.frames import FrameStore
+from ...gaussians import TorchGaussians
+from ...rasterizer import rasterize
+from ...spherical_harmonics import SH_DC
+from .sensitivity import SampledView
 
 _CELL = 8  # pixels a side: a cell's mean is nearly free of noise, and of a film's compression
-_CAMERAS = 4
-_IMAGES = 12, 240  # compared: of each camera where that shows motion, as it mostly does; else of all together
+_COMPARED = 12, 240  # images: of each camera, and of all together, at least
 _LEAST_CHANGE = 3 / 255
 NOISE_FACTOR = 2.0  # times what the typical cell changes by, where that is noise
 _MEASURED = 16, 240  # images that variance is measured on: of each camera, and of all together, at least
@@ -22,57 +27,57 @@ QUIET_QUANTILE = 0.25  # of the cells have no more noise than all have
 
 def is_static_capture(capture: Capture, store: FrameStore) -> bool:
     """True when no part of the training images changes over time; False where no camera stands still."""
-    if capture.is_moving:
-        return False
-    several = list(_repeated_shots(capture).values())
-    chosen = [several[int(k)] for k in np.linspace(0, len(several) - 1, min(_CAMERAS, len(several)))]
-    few, most = _IMAGES
-    return bool(chosen) and not any(
-        _changes(store, _spread(shots, count, number / _CAMERAS))
-        for count in (few, max(few, most // len(chosen)))
-        for number, shots in enumerate(chosen)
-    )
+    least, most = _COMPARED
+    by_camera = _spread(capture, least, most)
+    return bool(by_camera) and not any(_changes(store, shots) for shots in by_camera.values())
 
 
-@dataclass(frozen=True)
-class TemporalVariance:
-    """How much the images of each static camera change over time.
+def temporal_variance(capture: Capture, store: FrameStore) -> dict[int, NDArray[np.float32]]:
+    """How much the training images of each static camera change over time; empty where none has several.
 
-    Attributes:
-        variance: (rows, columns) float32 by camera, of the display range squared: of cells' means over time, or, where
-            that is more, the mean over a cell of its pixels', less the noise of the whole image. The first finds
-            uniform surfaces, the second what is finer than a cell.
+    Returns:
+        (rows, columns) float32 by camera, of the display range squared: of cells' means over time, or, where that is
+        more, the mean over a cell of its pixels', less the noise of the whole image. The first finds uniform surfaces,
+        the second what is finer than a cell.
     """
-
-    variance: dict[int, NDArray[np.float32]]
-
-    def static_share(self, deviation: float) -> float:
-        """The share of all cells that change by less than ``deviation`` (of the display range)."""
-        cells = np.concatenate([variance.ravel() for variance in self.variance.values()])
-        return float((cells < deviation**2).mean())
-
-    def map_of(self, camera: int, height: int, width: int) -> NDArray[np.float32]:
-        """(height, width) float32, each pixel with its cell's."""
-        import cv2
-
-        return np.asarray(cv2.resize(self.variance[camera], (width, height), interpolation=cv2.INTER_NEAREST))
-
-
-def measure_temporal_variance(capture: Capture, store: FrameStore) -> TemporalVariance | None:
-    """Of the training images; None where cameras move, or none has several images."""
-    if capture.is_moving:
-        return None
-    several = _repeated_shots(capture)
     least, most = _MEASURED
-    count = max(least, most // max(1, len(several)))
-    spread = {
-        camera: _spread(shots, count, number / len(several)) for number, (camera, shots) in enumerate(several.items())
-    }
-    return TemporalVariance({camera: _variance(store, shots) for camera, shots in spread.items()}) if several else None
+    return {camera: _variance(store, shots) for camera, shots in _spread(capture, least, most).items()}
+
+
+def change_of_pixels(
+    gaussians_at: Callable[[float], TorchGaussians],
+    capture: Capture,
+    views: Sequence[SampledView],
+    variance: dict[int, NDArray[np.float32]],
+) -> torch.Tensor:
+    """(N,) the mean temporal variance of the pixels that each Gaussian colours in ``views``, weighted by blending
+    weight; infinite where it colours none.
+
+    A Gaussian's red is in the image's red by its blending weights: the backward pass sums what it is given in their
+    proportion. It is given the variance in red and ones in green, which counts the weights.
+    """
+    sums = torch.zeros((), device="cpu")
+    for view in views:
+        camera, gaussians = capture.cameras[view.camera], gaussians_at(view.time)
+        grey = torch.zeros_like(gaussians.sh[:, :1]).requires_grad_()  # no colour is clamped
+        image = rasterize(replace(gaussians, sh=grey), camera, capture.background).rgb
+        size = camera.width, camera.height
+        of_pixels = torch.from_numpy(_resized(variance[view.camera], size)).to(image.device)
+        image.backward(torch.stack([of_pixels, torch.ones_like(of_pixels), torch.zeros_like(of_pixels)], dim=2))
+        assert grey.grad is not None
+        sums = sums + grey.grad[:, 0] / SH_DC
+    return torch.where(sums[:, 1] >= 1, sums[:, 0] / sums[:, 1], torch.inf)
+
+
+def _resized(variance: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.float32]:
+    """Each pixel of an image of ``size`` (width, height) with its cell's."""
+    import cv2
+
+    return np.asarray(cv2.resize(variance, size, interpolation=cv2.INTER_NEAREST))
 
 
 def _variance(store: FrameStore, shots: list[int]) -> NDArray[np.float32]:
-    """(rows, columns) of TemporalVariance.variance."""
+    """(rows, columns) of ``temporal_variance``."""
     images = [store.image(index)[::_SAMPLED, ::_SAMPLED] for index in shots]
     cell = _CELL // _SAMPLED
     total, squares = (np.zeros(images[0].shape, np.int64) for _ in range(2))
@@ -87,18 +92,20 @@ def _variance(store: FrameStore, shots: list[int]) -> NDArray[np.float32]:
     return np.asarray(variance, dtype=np.float32)
 
 
-def _repeated_shots(capture: Capture) -> dict[int, list[int]]:
-    """Training shots of each camera that has several, in the cameras' order."""
+def _spread(capture: Capture, least: int, most: int) -> dict[int, list[int]]:
+    """Training shots of each camera that has several, over the whole film: ``least`` of each and ``most`` of all
+    together, at least, as far as there are as many. Those of one camera lie between those of another. None where
+    cameras move."""
     by_camera: dict[int, list[int]] = {}
-    for index in capture.train_indices:
+    for index in () if capture.is_moving else capture.train_indices:
         by_camera.setdefault(capture.shots[index].camera, []).append(index)
-    return {camera: shots for camera, shots in sorted(by_camera.items()) if len(shots) > 1}
-
-
-def _spread(shots: list[int], most: int, shift: float) -> list[int]:
-    """``most`` shots at most, over the whole film; those of cameras with another ``shift`` in [0, 1) lie between."""
-    count = min(most, len(shots))
-    return sorted({shots[min(int((k + shift) * len(shots) / count), len(shots) - 1)] for k in range(count)})
+    several = {camera: shots for camera, shots in sorted(by_camera.items()) if len(shots) > 1}
+    spread = {}
+    for number, (camera, shots) in enumerate(several.items()):
+        count, shift = min(max(least, most // len(several)), len(shots)), number / len(several)
+        places = {min(int((k + shift) * len(shots) / count), len(shots) - 1) for k in range(count)}
+        spread[camera] = [shots[place] for place in sorted(places)]
+    return spread
 
 
 def _changes(store: FrameStore, shots: list[int]) -> bool:

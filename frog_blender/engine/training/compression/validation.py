@@ -22,8 +22,8 @@ from ..optimize.device import image_on
 
 _SHARE = 0.06
 _LEAST, _MOST = 4, 8
-_ENOUGH, _AIM, _STEP = 0.75, 0.9, 10.0  # of what may be lost: good enough, tried next; and by how much more at most
-_TINY = 1e-30
+_ENOUGH = 0.75  # of what may be lost: good enough
+_TOO_MUCH, _TOO_LITTLE = 16.0, 64.0  # times is expected at most; too little while a model has hardly begun to learn
 _TOGETHER = 8.0  # times the sum of what each costs, cost all of them: similar errors lie in the same places
 _FEW = 20  # training images: with fewer none is for validation
 
@@ -95,34 +95,29 @@ class ValidationEvaluator:
 
 
 def largest_count_within(
-    loss: Callable[[int], float], expected: NDArray[np.float64], allowed: float, tries: int = 4
+    loss: Callable[[int], float], expected: NDArray[np.float64], allowed: float, tries: int = 6
 ) -> tuple[int, float]:
     """About the largest number of candidates, from the first, whose loss is allowed: (number, its loss).
+
+    Bisects the logarithm of what is expected, from what is allowed / ``_TOO_LITTLE`` to ``_TOO_MUCH`` times as much.
 
     Args:
         loss: of that many candidates; grows with them.
         expected: (candidates,) ascending, what it is about.
-        tries: calls of ``loss`` at most.
+        tries: calls of ``loss`` at most; fewer where one finds ``_ENOUGH`` of what is allowed.
     """
     low, cost, high = 0, 0.0, len(expected) + 1
-    power, number = 1.0, int(np.searchsorted(expected, _AIM * allowed))  # by which loss grows with what was expected
-    tried: list[tuple[float, float]] = []  # logarithms of what was expected, and found
+    least, most = max(allowed, 0.0) / _TOO_LITTLE, max(allowed, 0.0) * _TOO_MUCH
     for _ in range(tries):
-        margin = (high - low) // 10  # of what is in question: every try leaves less of it
-        most = high - 1 - margin if high <= len(expected) else len(expected)
-        number = min(max(number, low + 1 + margin), most)
-        if not low < number < high:
+        aim = math.sqrt(least * most)
+        number = max(1, int(np.searchsorted(expected, aim, side="right")))  # one is worth a look in any case
+        if low < number < high:
+            found = loss(number)
+            if found <= allowed:
+                low, cost = number, found
+            else:
+                high = number
+        if cost > _ENOUGH * allowed:
             break
-        found = loss(number)
-        if found <= allowed:
-            low, cost = number, found
-        else:
-            high = number
-        tried.append((math.log(max(expected[number - 1], _TINY)), math.log(max(found, allowed / _STEP, _TINY))))
-        if len(tried) > 1 and tried[-1][0] != tried[-2][0]:
-            power = float(np.clip((tried[-1][1] - tried[-2][1]) / (tried[-1][0] - tried[-2][0]), 0.5, 3.0))
-        wanted = math.exp(tried[-1][0] + (math.log(max(_AIM * allowed, _TINY)) - tried[-1][1]) / power)
-        number = int(np.searchsorted(expected, wanted))
-        if cost > _ENOUGH * allowed or 0 < low >= number:
-            break
+        least, most = (aim, most) if number <= low else (least, aim)
     return low, cost

@@ -41,16 +41,6 @@ def freeze_motion(gaussians: GaussianState, indices: torch.Tensor, state: Tensor
     gaussians.reindex(torch.cat([dynamic, indices, static]), len(dynamic))
 
 
-def unfreeze_motion(gaussians: GaussianState, indices: torch.Tensor, embedding: torch.Tensor) -> None:
-    """Makes static Gaussians (indices, ascending) dynamic, all with the same ``embedding`` (E,)."""
-    before = gaussians.num_dynamic
-    everyone = torch.arange(gaussians.count, device=indices.device)
-    static = mask_excluding(indices, gaussians.count)
-    static[:before] = False
-    order = torch.cat([everyone[:before], indices, everyone[static]])
-    gaussians.reindex(order, before + len(indices), {"embeddings": embedding.expand(len(indices), -1)})
-
-
 def calmest_embedding(gaussians: GaussianState, changes: Tensors) -> torch.Tensor:
     """(E,) of the Gaussian that ``changes`` (see ``SceneModel.deform``) deform least; zeros where none is dynamic."""
     embeddings = gaussians.canonical.embeddings.detach()

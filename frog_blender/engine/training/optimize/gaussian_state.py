@@ -149,9 +149,7 @@ class GaussianState:
         model.zero_grad(set_to_none=True)
         self.optimizer = SceneOptimizer(model, self._recipe, self._scene_scale)
         self.optimizer.resume(tensors, float(values["rate_factor"]))
-        if isinstance(model, Frog):  # last: silencing writes zeros
-            for name in values["heads"]:
-                model.restore_head(name)
+        if isinstance(model, Frog):  # trainings of earlier versions pruned heads
             for name in set(heads_of(model)) - set(values["heads"]):
                 model.prune_head(name)
 

@@ -23,13 +23,11 @@ class PhotometricLoss:
 
     Attributes:
         loss: ().
-        error: () mean absolute difference.
         cell_errors: (rows, columns) mean squared difference in cells of CELL x CELL pixels; the border cuts the last.
         gradient: (H, W, 3) of the loss by the drawing.
     """
 
     loss: torch.Tensor
-    error: torch.Tensor
     cell_errors: torch.Tensor
     gradient: torch.Tensor
 
@@ -50,14 +48,12 @@ def photometric_loss(
     image = image.detach().contiguous()
     gradient, cells = torch.empty_like(image), image.new_empty([-(-length // CELL) for length in pixels.shape[:2]])
     truth = torch.empty_like(image) if dssim_weight else None
-    loss = error = l1_loss(image, pixels, weight, gradient, cells, truth)
+    loss = l1_loss(image, pixels, weight, gradient, cells, truth)
     if truth is not None:
         slope = torch.empty_like(image)
         loss += dssim_weight * (1 - native_ssim(image, truth, slope)) / 2
         gradient.sub_(slope, alpha=weight * dssim_weight / 2)
-    return PhotometricLoss(
-        torch.tensor(weight * loss, device="cpu"), torch.tensor(error, device="cpu"), cells, gradient
-    )
+    return PhotometricLoss(torch.tensor(weight * loss, device="cpu"), cells, gradient)
 
 
 def photometric_loss_reference(
@@ -72,7 +68,7 @@ def photometric_loss_reference(
         (gradient,) = torch.autograd.grad(loss, image)
     square = difference.detach().square().permute(2, 0, 1)
     cells = functional.avg_pool2d(square, CELL, ceil_mode=True, count_include_pad=False).mean(0)
-    return PhotometricLoss(loss.detach(), error.detach(), cells, gradient)
+    return PhotometricLoss(loss.detach(), cells, gradient)
 
 
 @functools.cache

@@ -94,12 +94,6 @@ class SceneOptimizer:
         for name, array in old.items():
             self._exchange(array, getattr(field, name), partial(torch.index_select, dim=UNITS[name], index=units))
 
-    def stop(self, parameter: nn.Parameter, rows: slice) -> None:
-        """Zeroes the momentum of some rows of a parameter that has no gradient there."""
-        state = self.adam.state.get(parameter)
-        if state:
-            state["exp_avg"][rows] = 0
-
     def _replace(self, name: str, kept: torch.Tensor, new: torch.Tensor | None) -> None:
         """An attribute becomes the rows ``kept`` of its own with the ``new`` ones after them, whose moments are zero.
         Where few change, they alone are written."""

@@ -113,7 +113,7 @@ class Trainer:
         self.poses = PoseRefinement(self.rig, recipe, center, self.scene_scale) if wanted else None
         wanted = ExposureCompensation.wanted(capture, recipe)
         self.exposures = ExposureCompensation(self.rig, recipe, self.device) if wanted else None
-        self.views = ViewSampler(capture, recipe.frame_choice)
+        self.views = ViewSampler(capture)
         self.crops = CropSampler(capture.cameras, recipe.region_share, recipe.region_size)
         self.hooks: list[Hook] = []
         self.step_count, self.seconds, self.progress, self._burst_shot = 0, 0.0, 0.0, -1
@@ -176,7 +176,7 @@ class Trainer:
 
     def _parts(self) -> list[Stateful]:
         optional = [part for part in (self.poses, self.exposures) if part]
-        return [self.gaussians, self.density, self.smoothness, self.views, self.crops, *optional, *self.hooks]
+        return [self.gaussians, self.density, self.smoothness, self.crops, *optional, *self.hooks]
 
     def state(self) -> tuple[Tensors, Values]:
         """See Stateful."""
@@ -260,7 +260,6 @@ class Trainer:
         found = photometric_loss(image.rgb, pixels, dssim_weight=dssim_weight, weight=weight)
         if full_size:
             self.crops.observe(index, options.region_of(camera), found.cell_errors)
-        self.views.observe(shot, found.error)
         self._loss.add(found.loss, self.step_count)
         drawn.backward(found.gradient)
         if drawn.changes and self.step_count % SMOOTHED_EVERY == 0:

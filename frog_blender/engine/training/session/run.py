@@ -32,10 +32,9 @@ from .job import TrainingJob, usual_scale
 from .loop import train
 from .output_lock import lock_output
 from .output_paths import check_unused, checkpoint_path
-from .phase_clock import PhaseClock
 from .resume import restore_job
 from .session import Session
-from .time_estimate import Workload
+from .time_estimate import PhaseClock, Workload
 
 
 def prepare_capture(

@@ -12,7 +12,7 @@ from ...capture.capture import Capture
 from ..optimize.trainer import Trainer
 from .cancel_token import CancelToken
 from .job import TrainingJob
-from .phase_clock import PhaseClock
+from .time_estimate import PhaseClock
 
 
 @dataclass(frozen=True)

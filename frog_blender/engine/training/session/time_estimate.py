@@ -9,10 +9,13 @@ from __future__ import annotations
 
 import json
 import os
+import sys
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +26,7 @@ from ...errors import FrogError
 from ...io.atomic_files import write_atomically
 from ..recipe import Recipe
 from . import events
-from .durations import about
+from .cancel_token import CancelToken
 from .job import TrainingJob
 
 PHASES = ("decoding", "seeding", "training", "finishing")
@@ -55,7 +58,6 @@ class Workload:
         steps: of the whole training.
         pixels: of an image, in the mean.
         images: of the capture, all of which are decoded first.
-        prepared: True when an earlier training has left frames and seed points on disk.
         even: True where every share of the progress takes as long: in a training that is limited by time.
     """
 
@@ -63,7 +65,6 @@ class Workload:
     steps: int
     pixels: float
     images: int = 0
-    prepared: bool = False
     even: bool = False
 
     @classmethod
@@ -75,11 +76,10 @@ class Workload:
     @cached_property
     def seconds(self) -> dict[str, float]:
         """Reference seconds of each phase."""
+        capacity, training = self.recipe.capacity, float(self._cost[-1])
         decoding = self.images * (_IMAGE + _DECODED * self.pixels / 1e6)
-        before = (0.0, 0.0) if self.prepared else (decoding, _SEEDING)
-        whole = float(self._cost[-1])
-        finishing = whole * _FINISHING[self.recipe.capacity] / (self.steps + _BESIDES[self.recipe.capacity])
-        return dict(zip(PHASES, (*before, whole, finishing), strict=True))
+        finishing = training * _FINISHING[capacity] / (self.steps + _BESIDES[capacity])
+        return {"decoding": decoding, "seeding": _SEEDING, "training": training, "finishing": finishing}
 
     def training_until(self, progress: float) -> float:
         """Reference seconds of training before ``progress`` (0 to 1)."""
@@ -122,11 +122,12 @@ class Estimate:
         return f"About {about(self.seconds)} {where}, as earlier trainings went"
 
 
-def estimate(work: Workload, device: str = "cpu") -> Estimate:
-    """The time for all phases of ``work`` on "cpu" or "cuda"."""
+def estimate(work: Workload, device: str = "cpu", *, prepared: bool = False) -> Estimate:
+    """The time for all phases of ``work`` on "cpu" or "cuda"; without the first two where an earlier training has
+    left frames and seed points on disk."""
     trainings, factors = history(device)
-    known = device == "cpu" or trainings
-    return Estimate(sum(work.seconds[phase] * factors[phase] for phase in PHASES) if known else None, device, trainings)
+    seconds = sum(work.seconds[phase] * factors[phase] for phase in PHASES[2 if prepared else 0 :])
+    return Estimate(seconds if device == "cpu" or trainings else None, device, trainings)
 
 
 class TimeLeft:
@@ -196,3 +197,45 @@ def _stored() -> dict[str, dict[str, object]]:
         if isinstance(entries, dict) and entries.get("model") == MODEL:
             return {device: entry for device, entry in entries.items() if isinstance(entry, dict)}
     return {}
+
+
+class PhaseClock:
+    """Measures phases that follow each other, without pauses.
+
+    Attributes:
+        seconds: of each phase that has ended, by its name.
+    """
+
+    def __init__(self, cancel: CancelToken) -> None:
+        self._cancel = cancel
+        self.seconds: dict[str, float] = {}
+        self._began = self.now
+
+    @property
+    def now(self) -> float:
+        """Seconds on a clock that stands still during pauses."""
+        return time.perf_counter() - self._cancel.seconds_paused
+
+    def end(self, phase: str) -> None:
+        """A phase has ended, and the next one begins."""
+        self.seconds[phase], self._began = self.now - self._began, self.now
+
+
+def about(seconds: float) -> str:
+    """No more precisely than an estimate is: 48 -> "50 seconds", 250 -> "4 minutes", 9000 -> "2.5 hours"."""
+    if seconds < 95:
+        return f"{max(10, round(seconds, -1)):.0f} seconds"
+    if seconds < 95 * 60:
+        minutes = seconds / 60
+        return f"{round(minutes) if minutes < 20 else 5 * round(minutes / 5)} minutes"
+    return f"{seconds / 3600:.1f}".removesuffix(".0") + " hours"
+
+
+def likely_device(name: str) -> str:
+    """What ``choose_device`` will make of a name, without loading torch: "auto" is a GPU where there is a driver."""
+    if name != "auto":
+        return name
+    if torch := sys.modules.get("torch"):
+        return "cuda" if torch.cuda.is_available() else "cpu"
+    system = Path(os.environ.get("SYSTEMROOT", r"C:\Windows")) / "System32" / "nvcuda.dll"
+    return "cuda" if Path("/proc/driver/nvidia/version").exists() or system.exists() else "cpu"
