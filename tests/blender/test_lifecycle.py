@@ -198,7 +198,7 @@ def test_another_file_while_training_loses_nothing(addon, tmp_path, monkeypatch)
     pytest.importorskip("torch")
     pytest.importorskip("cv2")
     film = pytest.importorskip("support.synthetic_capture")
-    from frog_blender.engine.training.session.checkpoint import checkpoint_path
+    from frog_blender.engine.training.session.output_paths import checkpoint_path
 
     monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
     capture = film.write_capture(tmp_path / "capture")

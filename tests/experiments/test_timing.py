@@ -11,7 +11,7 @@ from frog_blender.engine.gaussians import GaussianArrays
 from frog_blender.engine.playback.frame_delta import FrameDelta
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import SceneFile
-from frog_blender.engine.training.session.checkpoint import checkpoint_path
+from frog_blender.engine.training.session.output_paths import checkpoint_path
 from frog_blender.experiments import timing
 from frog_blender.experiments.grid import CommonSettings, SeedCounts, chart_grid
 from frog_blender.experiments.results import read

@@ -27,13 +27,12 @@ CAPACITY: dict[str, Any] = {
 
 
 def test_the_report_in_words() -> None:
-    assert summary(CAPACITY) == "20,704 Gaussians, 5,927 of them move; heads: means, sh; SH degree 1"
-    rest, woken, degree, head = lines(CAPACITY)
-    assert (
-        rest == "at 85 %, put to rest: 20,704 -> 5,927 moving Gaussians; saves 1.89 MB, 1.2 ms a frame; costs 0.021 dB"
-    )
-    assert woken == "at 93 %, woken: 5,927 -> 6,000 moving Gaussians"
-    assert head == "at 85 %, head means: 5 -> 4 heads; costs 0.001 dB"
-    assert degree == "at 85 %, SH degree: 1 -> 0; costs 0.000 dB"
+    assert summary(CAPACITY) == "20,704 Gaussians, 5,927 of them dynamic; heads: means, sh; SH degree 1"
+    freeze, unfreeze, degree, head = lines(CAPACITY)
+    expected = "at 85 %, freeze: 20,704 -> 5,927 dynamic Gaussians; saves 1.89 MB, 1.2 ms a frame; costs 0.021 dB"
+    assert freeze == expected
+    assert unfreeze == "at 93 %, unfreeze: 5,927 -> 6,000 dynamic Gaussians"
+    assert head == "at 85 %, prune head means: 5 -> 4 heads; costs 0.001 dB"
+    assert degree == "at 85 %, reduce SH degree: 1 -> 0; costs 0.000 dB"
     assert "heads: none" in summary({**CAPACITY, "heads": []}) and lines({}) == []
-    assert reduction_line(CAPACITY["reductions"][0]) == rest
+    assert reduction_line(CAPACITY["reductions"][0]) == freeze

@@ -27,9 +27,10 @@ from frog_blender.engine.io.tensor_files import read_tensors
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
 from frog_blender.engine.training.recipe import recipe
-from frog_blender.engine.training.session.checkpoint import checkpoint_path, load_checkpoint, save_checkpoint
+from frog_blender.engine.training.session.checkpoint import load_checkpoint, save_checkpoint
 from frog_blender.engine.training.session.events import Progress
 from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.output_paths import checkpoint_path
 from frog_blender.engine.training.session.run import run_training
 
 RATES = {"steps_per_moment": 0, "max_gaussians": 400, "capacity": "auto"}

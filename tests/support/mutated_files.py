@@ -280,8 +280,9 @@ class Checkpoints(Kind):
         import torch
 
         from frog_blender.engine.training.recipe import recipe
-        from frog_blender.engine.training.session.checkpoint import checkpoint_path, save_checkpoint
+        from frog_blender.engine.training.session.checkpoint import save_checkpoint
         from frog_blender.engine.training.session.job import TrainingJob
+        from frog_blender.engine.training.session.output_paths import checkpoint_path
 
         torch.set_num_threads(1)
         self._cache = folder / "cache"

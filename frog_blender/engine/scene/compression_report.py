@@ -8,7 +8,7 @@ from ..io.plain_values import JsonMapping
 
 
 class StepKind(StrEnum):
-    """What a compression step does; the values are the names on disk."""
+    """What a compression step does. Values are the names on disk, ``label`` is what people read."""
 
     PRUNE = "pruned"
     FREEZE = "put to rest"
@@ -27,21 +27,28 @@ class StepKind(StrEnum):
     PACK = "packed"
 
     @property
+    def label(self) -> str:
+        """What was done, in a word or two."""
+        return _LABELS[self][0] if self in _LABELS else f"prune {self.value}"
+
+    @property
     def unit(self) -> str:
         """What the numbers before and after count; empty for a degree."""
-        return _UNITS.get(self, "heads" if self.startswith("head ") else "")
+        return _LABELS[self][1] if self in _LABELS else "heads"
 
 
-_UNITS = {
-    StepKind.PRUNE: "Gaussians",
-    StepKind.FREEZE: "moving Gaussians",
-    StepKind.UNFREEZE: "moving Gaussians",
-    StepKind.NETWORK_WIDTH: "hidden units",
-    StepKind.PACK: "bytes",
-    StepKind.ONLY_FADE: "deformed Gaussians",
-    StepKind.KEEP_SHAPE: "Gaussians that turn and grow",
-    StepKind.VISIBILITY: "Gaussians deformed a frame",
+_LABELS = {
+    StepKind.PRUNE: ("prune", "Gaussians"),
+    StepKind.FREEZE: ("freeze", "dynamic Gaussians"),
+    StepKind.UNFREEZE: ("unfreeze", "dynamic Gaussians"),
+    StepKind.SH_DEGREE: ("reduce SH degree", ""),
+    StepKind.NETWORK_WIDTH: ("narrow the network", "hidden units"),
+    StepKind.ONLY_FADE: ("freeze all but opacity", "deformed Gaussians"),
+    StepKind.KEEP_SHAPE: ("freeze shape", "Gaussians of dynamic shape"),
+    StepKind.VISIBILITY: ("skip invisible groups", "Gaussians deformed a frame"),
+    StepKind.PACK: ("quantize", "bytes"),
 }
+"""By kind: label and unit."""
 _KNOWN = {kind.value: kind for kind in StepKind}
 
 
@@ -49,7 +56,7 @@ def summary(capacity: JsonMapping) -> str:
     """One line: what is left."""
     heads = ", ".join(capacity.get("heads", ())) or "none"
     return (
-        f"{capacity['gaussians']:,} Gaussians, {capacity['dynamic']:,} of them move; "
+        f"{capacity['gaussians']:,} Gaussians, {capacity['dynamic']:,} of them dynamic; "
         f"heads: {heads}; SH degree {capacity['sh_degree']}"
     )
 
@@ -60,11 +67,11 @@ def lines(capacity: JsonMapping) -> list[str]:
 
 
 def reduction_line(reduction: JsonMapping) -> str:
-    """``at 85 %, put to rest: 20,704 -> 5,927 moving Gaussians; saves 1.9 MB, 1.2 ms a frame; costs 0.005 dB``."""
+    """``at 85 %, freeze: 20,704 -> 5,927 dynamic Gaussians; saves 1.9 MB, 1.2 ms a frame; costs 0.005 dB``."""
     what = reduction["what"]
-    unit = _KNOWN[what].unit if what in _KNOWN else ""  # a newer version's kind
+    label, unit = (_KNOWN[what].label, _KNOWN[what].unit) if what in _KNOWN else (what, "")  # a newer version's kind
     counts = f"{reduction['before']:,} -> {reduction['after']:,} {unit}"
-    parts = [f"at {100 * reduction['progress']:.0f} %, {what}: {counts}"]
+    parts = [f"at {100 * reduction['progress']:.0f} %, {label}: {counts}"]
     saved = []
     if reduction.get("bytes", 0) > 0:
         saved.append(f"{reduction['bytes'] / 1e6:.2f} MB")

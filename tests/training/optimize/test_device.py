@@ -37,8 +37,9 @@ from frog_blender.engine.training.optimize.running_loss import RunningLoss, Trai
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session import run as training_run
-from frog_blender.engine.training.session.checkpoint import checkpoint_path, load_checkpoint, save_checkpoint
+from frog_blender.engine.training.session.checkpoint import load_checkpoint, save_checkpoint
 from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.output_paths import checkpoint_path
 from frog_blender.engine.training.session.run import run_training
 
 ENGINE = Path(trainer_module.__file__).parents[2]

@@ -20,8 +20,9 @@ from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.cancel_token import CancelToken
-from frog_blender.engine.training.session.checkpoint import checkpoint_path, checkpoint_settings
+from frog_blender.engine.training.session.checkpoint import checkpoint_settings
 from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.output_paths import checkpoint_path
 from frog_blender.engine.training.session.preview import preview_shot
 from frog_blender.engine.training.session.run import run_training
 

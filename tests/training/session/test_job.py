@@ -30,8 +30,8 @@ from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.optimize.initialization import scale_of
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session import events
-from frog_blender.engine.training.session.checkpoint import checkpoint_path
 from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.output_paths import checkpoint_path
 from frog_blender.engine.training.session.run import run_training
 from frog_blender.engine.training.session.time_estimate import PHASES
 

@@ -20,8 +20,9 @@ from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.optimize.running_loss import TrainingDiverged
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session import events
-from frog_blender.engine.training.session.checkpoint import checkpoint_path, load_checkpoint, save_checkpoint
+from frog_blender.engine.training.session.checkpoint import load_checkpoint, save_checkpoint
 from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.output_paths import checkpoint_path
 from frog_blender.engine.training.session.recovery import Recovery
 from frog_blender.engine.training.session.run import run_training
 

@@ -17,9 +17,9 @@ from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.tensor_files import read_tensors
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.session import events, resume
-from frog_blender.engine.training.session.checkpoint import checkpoint_path, write_checkpoint
+from frog_blender.engine.training.session.checkpoint import write_checkpoint
 from frog_blender.engine.training.session.job import RESUMED_SETTINGS, TrainingJob
-from frog_blender.engine.training.session.output_paths import is_of_another
+from frog_blender.engine.training.session.output_paths import checkpoint_path, is_of_another
 from frog_blender.engine.training.session.resume import restore_job
 from frog_blender.engine.training.session.run import run_training
 

@@ -19,7 +19,6 @@ from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject
 from ...io.tensor_files import read_tensors
 from ..optimize.hooks import Training
-from .output_paths import checkpoint_path as checkpoint_path
 
 _KEY = "frog-checkpoint"
 _VERSION = 12

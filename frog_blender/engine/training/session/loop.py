@@ -47,7 +47,7 @@ def train(session: Session) -> Iterator[Event]:
     checkpoints = Checkpoints(checkpoint_path(output), began)
     space = SpareSpace(output, size_limit(session), trainer.store)
     recovery = Recovery(trainer, session.job.stored_settings())
-    trainer.hooks.append(recovery)
+    trainer.add_hook(recovery)
     try:
         while True:
             try:

@@ -71,7 +71,7 @@ class Recovery(Hook):
 
     def _with_smaller_steps(self, training: Training, error: Exception) -> str:
         training.gaussians.optimizer.rate_factor *= _SLOWER
-        self.last_state[1]["rate_factor"] = training.gaussians.optimizer.rate_factor
+        self.last_state = state_of(training, self._settings)
         return f"{error} Continuing from step {training.step_count:,} with steps of half the size."
 
     def _with_fewer(self, training: Training, count: int) -> str:
