@@ -123,10 +123,10 @@ def render_video(scene_path: Path, blend: Path, video: Path) -> None:
     try:
         bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
         blender_scene = bpy.context.scene
-        carrier = import_scene(scene_path.resolve(), blender_scene)
+        point_cloud = import_scene(scene_path.resolve(), blender_scene)
         header = ScenePlayer.load(scene_path).header
         if not header.is_moving:  # a capture by a moving camera is seen through that camera
-            look_through(blender_scene, _flying_camera(header, carrier))
+            look_through(blender_scene, _flying_camera(header, point_cloud))
         render = blender_scene.render
         if hasattr(render.image_settings, "media_type"):  # Blender 5.0 and later
             render.image_settings.media_type = "VIDEO"
@@ -204,7 +204,7 @@ def _focus(cameras: tuple[Camera, ...], base: Camera) -> Float64s:
     return base.center + base.forward * (depth if 0 < depth < 50 * spread else 2 * spread)
 
 
-def _flying_camera(header: SceneHeader, carrier: Any) -> Any:
+def _flying_camera(header: SceneHeader, point_cloud: Any) -> Any:
     import bpy
     from mathutils import Matrix
 
@@ -212,8 +212,8 @@ def _flying_camera(header: SceneHeader, carrier: Any) -> Any:
 
     data = bpy.data.cameras.new("Flight")
     obj = bpy.data.objects.new("Flight", data)
-    carrier.users_collection[0].objects.link(obj)
-    obj.parent = carrier.parent
+    point_cloud.users_collection[0].objects.link(obj)
+    obj.parent = point_cloud.parent
     obj.rotation_mode = "QUATERNION"
     apply_lens(data, flight(header, 0.0))
     before = None

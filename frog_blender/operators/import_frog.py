@@ -40,7 +40,7 @@ class FROG_OT_import_scene(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
         path = Path(bpy.path.abspath(self.filepath))
         left_alone = self.decide(context.scene)
         try:
-            carrier_object = import_scene(
+            point_cloud = import_scene(
                 path,
                 context.scene,
                 start_frame=self.start_frame,
@@ -51,8 +51,8 @@ class FROG_OT_import_scene(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        select_only(context, carrier_object)
-        cameras = cameras_of(carrier_object)
+        select_only(context, point_cloud)
+        cameras = cameras_of(point_cloud)
         if self.show_clips and cameras and not any(clip_of(camera) for camera in cameras):
             self.report({"INFO"}, "The capture's videos were not found. Use Show Clips in the FRoG tab to locate them.")
         if left_alone:

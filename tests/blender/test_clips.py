@@ -257,7 +257,7 @@ def test_clips_are_shown_although_films_cannot_be_written(bent, tmp_path, capfd)
     assert bpy.ops.frog.add_clips() == {"FINISHED"}
     assert len(shown_files(obj)) == 3
     said = capfd.readouterr()
-    assert "none of our clips" in said.out + said.err
+    assert "found files of others" in said.out + said.err
     clips_folder(bent).unlink()
     (clips_folder(bent) / "cam01.mp4").mkdir(parents=True)
     (clips_folder(bent) / "clips.json").write_text("{}")  # as a Blender that was killed leaves it

@@ -128,7 +128,7 @@ def test_nobody_s_own_files_are_touched(bent: Path, tmp_path: Path) -> None:
     footage = clips_folder(scene) / "left.mp4"
     footage.parent.mkdir()
     footage.write_bytes(b"mine")
-    with pytest.raises(FrogError, match="none of our clips"):
+    with pytest.raises(FrogError, match="found files of others"):
         undistortion(header, scene, bent)
     assert footage.read_bytes() == b"mine"
     footage.unlink()
@@ -271,7 +271,7 @@ def test_no_link_is_written_through(bent: Path, tmp_path: Path, precious: Path, 
     (folder / name).symlink_to(precious.with_name("new.txt") if dangling else precious)
     header = header_of(open_capture(bent))
     if name == "clips.json" and dangling:  # no index at all
-        with pytest.raises(FrogError, match="none of our clips"):
+        with pytest.raises(FrogError, match="found files of others"):
             undistortion(header, scene, bent)
     else:
         list(undistortion(header, scene, bent).steps)
@@ -284,7 +284,7 @@ def test_no_link_is_written_through(bent: Path, tmp_path: Path, precious: Path, 
 def test_a_folder_that_is_a_link_is_left_alone(bent: Path, tmp_path: Path, precious: Path, exists: bool) -> None:
     scene = tmp_path / "x.frog"
     clips_folder(scene).symlink_to(precious.parent if exists else precious.parent / "new")
-    with pytest.raises(FrogError, match="none of our clips"):
+    with pytest.raises(FrogError, match="found files of others"):
         undistortion(header_of(open_capture(bent)), scene, bent)
     assert [each.name for each in precious.parent.iterdir()] == ["precious.txt"]
 

@@ -74,7 +74,7 @@ def _usable(g: TorchGaussians, local: torch.Tensor) -> torch.Tensor:
 def _project(
     g: TorchGaussians, screen: torch.Tensor, camera: Camera, options: RasterizeOptions, pose: torch.Tensor | None
 ) -> tuple[_Splats, int]:
-    """The splats, and how many Gaussians were at fault."""
+    """The splats, and how many Gaussians were invalid."""
     like = kind_of(g.means)
     view = torch.as_tensor(camera.world_to_camera, **like) if pose is None else pose.to(**like)
     left, top, width, height = options.region_of(camera)

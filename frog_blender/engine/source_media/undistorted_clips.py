@@ -99,7 +99,7 @@ def undistortion(
     if folder in writing:
         raise FrogError(f"{folder}: the clips are being written already.")
     if folder.is_symlink() or (index is None and _holds_others(folder)):  # a link leads where nobody asked to write
-        raise FrogError(f"{folder}: found something that is none of our clips, expected this name to be free for them.")
+        raise FrogError(f"{folder}: found files of others, expected this name to be free for them.")
     marks = {"scene": _decides(header), "made_from": key}
     steps = _reserved(folder, writing, _write(header, seen, films, folder, marks))
     return Undistortion(sum(map(len, films.values())), steps)

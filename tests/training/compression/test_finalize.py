@@ -55,7 +55,7 @@ def test_the_order_is_nobodys_matter(frames: int) -> None:
     assert "lifetimes" not in unfinished.arrays and len(unfinished.arrays["means"]) == 300
 
 
-def test_moments_in_any_order_have_the_same_bits() -> None:
+def test_times_in_any_order_have_the_same_bits() -> None:
     scene = reorder_for_playback(flickering(moving=201))
     random = np.random.default_rng(0)
     playable = ScenePlayer(scene)

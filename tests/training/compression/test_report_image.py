@@ -13,7 +13,7 @@ from frog_blender.engine.training.optimize.gaussian_order import freeze_motion
 from frog_blender.engine.training.optimize.trainer import Trainer
 
 
-def test_the_image_tells_what_moves_from_what_rests(make_trainer: Callable[..., Trainer]) -> None:
+def test_the_image_tells_dynamic_from_static(make_trainer: Callable[..., Trainer]) -> None:
     trainer = make_trainer(60, capacity="auto")
     train(trainer, until=40)
     canonical = trainer.model.canonical

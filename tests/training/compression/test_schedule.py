@@ -112,7 +112,7 @@ def test_motion_is_learned_to_the_end_unless_some_are_static_already(
     assert all(each.progress == 1.0 for each in log if each.what.startswith("net"))
 
 
-def test_looking_leaves_no_gradient_behind(make_trainer: Make) -> None:
+def test_measuring_leaves_no_gradient_behind(make_trainer: Make) -> None:
     """A static model hands out its own parameters."""
     trainer = make_trainer(60, capacity="auto")
     train(trainer, until=17)

@@ -57,7 +57,7 @@ def test_what_moves_scores_and_what_stands_does_not(capture: Capture) -> None:
     assert float(motion.score.max()) == pytest.approx(0.9 * film.FOCAL / 4.3, rel=0.4)
 
 
-def test_the_state_is_the_mean_over_the_looks(capture: Capture) -> None:
+def test_the_state_is_the_mean_over_the_views(capture: Capture) -> None:
     state = measured(capture, at).state
     means = torch.stack([true_gaussians(frame).means for frame in range(film.FRAMES)]).mean(0)
     torch.testing.assert_close(state["means"], means)
@@ -136,7 +136,7 @@ def test_the_rest_energy_is_what_standing_still_changes(capture: Capture, name: 
     assert float(energies[:, :index].max()) == 0
 
 
-def test_pixels_that_change_show_who_moves(capture: Capture) -> None:
+def test_pixels_that_change_show_what_is_dynamic(capture: Capture) -> None:
     class Exact:
         def image(self, index: int) -> np.ndarray:
             shot = capture.shots[index]
@@ -164,7 +164,7 @@ def test_no_stretch_of_time_is_overlooked(capture: Capture) -> None:
     assert set(moments.values()) == {2} and len(moments) == len(shots)
 
 
-def test_looks_are_spread_and_jittered(capture: Capture) -> None:
+def test_views_are_spread_and_jittered(capture: Capture) -> None:
     shots = [i for i, shot in enumerate(capture.shots) if not capture.is_test(shot)]
     looks = sample_views(capture, shots, len(shots), torch.Generator().manual_seed(1))
     assert len({(look.camera, round(look.time * (film.FRAMES - 1))) for look in looks}) > 0.6 * len(shots)

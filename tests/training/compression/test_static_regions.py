@@ -39,7 +39,7 @@ class Repeated:
 
 
 @pytest.mark.parametrize("noise", [0.0, 1.5, 4.0])
-def test_stillness_is_seen_through_noise(capture: Capture, noise: float) -> None:
+def test_static_captures_are_found_through_noise(capture: Capture, noise: float) -> None:
     assert is_static_capture(capture, Repeated(capture, noise))
     assert not is_static_capture(capture, Repeated(capture, noise, moved=4))
 
@@ -72,7 +72,7 @@ def test_a_short_event_is_seen_by_some_camera(capture: Capture, cameras: int, fr
     assert not is_static_capture(capture, Short(capture, 1.0))
 
 
-def test_motion_is_no_stillness_nor_is_a_single_frame(capture: Capture, store: object) -> None:
+def test_motion_is_not_static_nor_is_a_single_frame(capture: Capture, store: object) -> None:
     assert not is_static_capture(capture, store)
     one = replace(capture, shots=tuple(shot for shot in capture.shots if shot.frame == 0))
     assert not is_static_capture(one, store)

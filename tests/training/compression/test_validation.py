@@ -68,7 +68,7 @@ def test_the_search_never_allows_too_much(candidates: int, allowed: float, wrong
 
 
 @given(st.integers(50, 5000), st.floats(0.1, 0.9), st.floats(0.1, 10.0), st.floats(0.7, 1.5))
-def test_the_search_needs_few_looks(candidates: int, share: float, wrong: float, power: float) -> None:
+def test_the_search_needs_few_evaluations(candidates: int, share: float, wrong: float, power: float) -> None:
     """Where loss is ten times what was expected or a tenth of it, or grows faster or more slowly."""
     truth = (np.arange(1, candidates + 1) / (share * candidates)) ** 3.0
     number, _ = largest_count_within(lambda n: float(truth[n - 1]) ** power, wrong * truth, 1.0)

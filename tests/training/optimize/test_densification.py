@@ -202,7 +202,7 @@ def test_a_round_forgets_what_was_observed() -> None:
     assert not scene.density.gradient_sum.any() and not scene.density.seen.any()
 
 
-def test_what_is_seen_at_one_moment_outlives_what_is_never_seen() -> None:
+def test_what_is_seen_in_one_frame_outlives_what_is_never_seen() -> None:
     scene = Scene()
     image = rasterize(scene.canonical.gaussians(), plain_camera(), BACKGROUND)
     faint = torch.full((COUNT,), 0.001)

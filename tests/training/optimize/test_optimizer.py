@@ -55,7 +55,7 @@ def told(array: torch.Tensor) -> list[float]:
         ([*range(COUNT)], 3, 1, [101, 102, 103, 104]),
     ],
 )
-def test_newcomers_take_the_places_that_become_free(
+def test_new_gaussians_take_the_rows_that_become_free(
     leaving: list[int], movers: int, resting: int, expected: list[int]
 ) -> None:
     gaussians = scene()

@@ -126,7 +126,7 @@ def test_a_scene_of_few_seeds_can_grow() -> None:
     assert standard.num_new(20_000, 0.03, while_few=1.0) == 600
 
 
-def test_more_moments_take_more_steps() -> None:
+def test_more_frames_take_more_steps() -> None:
     standard = RECIPES["standard"]
     assert standard.steps_for(30) == standard.steps
     assert standard.steps_for(100) == 100 * standard.steps_per_moment > standard.steps

@@ -37,7 +37,7 @@ def test_who_asks_a_training_to_end_gets_its_scene(filmed: Path, tmp_path: Path)
 
 @pytest.mark.slow
 @pytest.mark.parametrize("signal", ["TERM", "HUP", "INT"])
-def test_twenty_moments(filmed: Path, tmp_path: Path, signal: str) -> None:
+def test_ended_at_twenty_times(filmed: Path, tmp_path: Path, signal: str) -> None:
     found = ended(filmed, tmp_path, signal, 25)
     assert found["ended"] - found["before the first step"] >= 20
 

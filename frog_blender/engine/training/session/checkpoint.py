@@ -63,7 +63,7 @@ def _read(path: Path, wanted: Callable[[str], bool] = lambda name: True) -> Stat
     if version != _VERSION:
         raise FrogError(f"{path}: found checkpoint version {brief(version)}, expected {_VERSION}.")
     if not isinstance(values, dict) or not isinstance(settings, dict):
-        raise found_instead(path, "settings that are none", _WHAT)
+        raise found_instead(path, "settings of another shape", _WHAT)
     return arrays, values
 
 

@@ -22,7 +22,7 @@ static inline long long padded(long long length) { return (length + DEFORM_PAD -
 // One linear output layer: of everything when the hidden layer is shared, else of one head of one network.
 struct Branch {
   int network, source;    // whose layer it reads, from which column
-  int inputs;             // how many columns; none of a silent head, whose outputs are the bias
+  int inputs;             // how many columns; 0 for a pruned head, whose outputs are the bias
   int output, size;       // its numbers among the outputs
   const float *forward;   // (inputs, size) packed
   const float *backward;  // (size, inputs) packed
