@@ -7,13 +7,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from support.films import copied, encode, ffmpeg, high_dynamic_range, kept, number_of, numbered, shown
 
 from frog_blender.engine.capture import video
 from frog_blender.engine.capture.movie_header import read_movie_header
 from frog_blender.engine.capture.tone_mapping import ToneMapping
 from frog_blender.engine.capture.video import decode, read_facts, read_image
 from frog_blender.engine.srgb import srgb_to_linear
-from tests.support.films import copied, encode, ffmpeg, high_dynamic_range, kept, number_of, numbered, shown
 
 
 @pytest.fixture(scope="module")

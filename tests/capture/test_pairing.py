@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.films import copied, encode, high_dynamic_range, kept, number_of, numbered
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.frames import FrameStore
@@ -16,7 +17,6 @@ from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.readers.pairing import Clock, pair_videos
 from frog_blender.engine.capture.video import VideoFacts
 from frog_blender.engine.errors import FrogError
-from tests.support.films import copied, encode, high_dynamic_range, kept, number_of, numbered
 
 from .test_calibrated_videos import opencv
 

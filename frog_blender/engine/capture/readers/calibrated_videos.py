@@ -74,13 +74,16 @@ def read(path: Path) -> Capture:
     )
 
 
-def video_files(path: Path) -> dict[str, Path]:
-    """The video of each camera by its name; nothing is decoded.
+def named_videos(path: Path) -> dict[str, Path]:
+    """The videos of a folder's calibration that it names itself, by camera.
 
     Raises:
-        FrogError: as of ``read``.
+        FrogError: for a calibration that cannot be used.
     """
-    return {entry.camera.name: video for entry, video in _matched(path, *_calibration(path))}
+    if not (path / _OPENCV).is_file():
+        return {}
+    entries = _read_opencv(path / _OPENCV)
+    return {composed(entry.camera.name): entry.video for entry in entries if entry.video is not None}
 
 
 def _calibration(path: Path) -> tuple[Path, list[_Calibrated]]:
