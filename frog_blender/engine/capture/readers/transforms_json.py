@@ -260,9 +260,9 @@ def _camera(name: str, entry: _Entry) -> tuple[Camera, Distortion | None]:
     camera = Camera(name, width, height, lens, pose(camera_to_world.T, matrix[:3, 3]))
     if (width, height) != real:
         camera = camera.resized(*real)
-    turned = turned_camera(camera, distortion(coefficients), turns)
-    assert turned is not None  # no skew, and no sensor is tilted
-    return turned
+    view = turned_camera(camera, distortion(coefficients), turns)
+    assert view is not None  # no skew, and no sensor is tilted
+    return view
 
 
 def _focal(file: Path, top: dict[str, object], own: dict[str, object], axis: str, pixels: int) -> float | None:
