@@ -123,6 +123,13 @@ def test_films_of_different_times_are_refused() -> None:
         paired(facts(np.arange(30) / 30), facts(np.arange(30) / 30), clocks=[Clock(), Clock(5)])
 
 
+def test_frames_at_one_time_do_no_harm() -> None:
+    """As damaged headers have them."""
+    pairing = paired(facts(np.zeros(5)), facts(np.array([0, 0, 1 / 30, 1 / 30, 1])))
+    assert {(shot.camera, shot.frame) for shot in pairing.shots} == {(0, 0), (1, 0)}
+    assert all(np.isfinite(shot.offset) for shot in pairing.shots)
+
+
 # From files -------------------------------------------------------------------------------------------------------
 
 

@@ -125,10 +125,11 @@ def pair_videos(
 def _film(fact: VideoFacts, clock: Clock) -> _Film:
     times = clock.offset + clock.rate * fact.timestamps
     nominal = fact.frames_per_second / clock.rate
-    if len(times) < 2:
-        return _Film(times, nominal, 0, True)
     steps = np.diff(times)
-    numbers = np.concatenate([[0], np.cumsum(np.maximum(np.round(steps / np.median(steps)), 1))])
+    if not (steps > 0).any():
+        return _Film(times, nominal, 0, True)
+    usual = np.median(steps[steps > 0])  # damaged files have frames at one time
+    numbers = np.concatenate([[0], np.cumsum(np.maximum(np.round(steps / usual), 1))])
     tolerance = _ROUNDING + _STAMP_ROUNDING * nominal
     missing = int(numbers[-1]) - (len(times) - 1)
     if np.abs((times - times[0]) * nominal - numbers).max() <= 2 * tolerance:  # the rate that the file says
