@@ -56,7 +56,7 @@ def evaluate(
         shot = capture.shots[index]
         camera = capture.cameras[shot.camera]
         truth = store.image(index).astype(np.float32) / 255
-        drawing = draw(scene.at_frame(shot.frame), camera, scene.header.background)
+        drawing = draw(scene.at(capture.time_of(shot)), camera, scene.header.background)
         say(drawing.notice)
         sums.setdefault(camera.name, _Sums()).add(drawing.rgb.clip(0, 1), truth, masks.of(shot), more_metrics or {})
         if progress:
