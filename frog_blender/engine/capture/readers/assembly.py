@@ -1,0 +1,101 @@
+"""From cameras and what they filmed to a capture: what the readers of most layouts have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from ...arrays import Float64s
+from ..camera import Camera
+from ..capture import Capture, Distortion, Shot
+from ..image_size import image_size
+from .checks import check_images
+from .footage import Footage, fitted, frames_of_numbers, on_common_frames
+
+HOLDOUT_EVERY = 8
+"""Of one moving camera every eighth frame is held out."""
+Calibrated = tuple[Camera, Distortion | None]
+"""A camera at its calibrated size, with its lens."""
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """An image with a pose of its own.
+
+    Attributes:
+        camera: at its calibrated size.
+        distortion: of its lens.
+        image: the file.
+        number: its time; see ``footage.frames_of_numbers``.
+    """
+
+    camera: Camera
+    distortion: Distortion | None
+    image: Path
+    number: int
+
+
+def standing_cameras(
+    path: Path,
+    layout: str,
+    cameras: Sequence[Calibrated],
+    footage: Sequence[Footage],
+    warnings: Sequence[str] = (),
+) -> Capture:
+    """The capture of cameras that stand still, where camera i filmed ``footage[i]``. Nothing is held out.
+
+    Raises:
+        FrogError: if images do not have their camera's proportions, or cannot be used.
+    """
+    filmed = on_common_frames(path, footage)
+    at_size = [
+        fitted(camera, size, each.files[0])
+        for (camera, _), size, each in zip(cameras, filmed.sizes, footage, strict=True)
+    ]
+    return Capture(
+        path=path,
+        format=layout,
+        cameras=tuple(at_size),
+        distortions=tuple(lens for _, lens in cameras),
+        shots=filmed.shots,
+        frame_count=filmed.frame_count,
+        frames_per_second=filmed.frames_per_second,
+        warnings=(*warnings, *filmed.warnings),
+    )
+
+
+def moving_cameras(
+    path: Path, layout: str, views: Sequence[View], rate: float = 30.0, warnings: Sequence[str] = ()
+) -> Capture:
+    """The capture of images that each have a pose of their own; of a single camera every eighth frame is held out.
+
+    Raises:
+        FrogError: if an image does not have its camera's proportions, or cannot be used.
+    """
+    check_images(path, len(views))
+    frames = frames_of_numbers((view.number for view in views), path)
+    cameras = [fitted(view.camera, image_size(view.image), view.image) for view in views]
+    capture = Capture(
+        path=path,
+        format=layout,
+        cameras=tuple(cameras),
+        distortions=tuple(view.distortion for view in views),
+        shots=tuple(Shot(index, frames[view.number], view.image, 0) for index, view in enumerate(views)),
+        frame_count=max(frames.values()) + 1,
+        frames_per_second=rate,
+        warnings=tuple(warnings),
+    )
+    alone = len(frames) == len(views) and capture.frame_count > HOLDOUT_EVERY // 2
+    return _with_some_held_out(capture) if alone else capture
+
+
+def with_points(capture: Capture, points: Float64s | None) -> Capture:
+    """The capture with points (N, 3) on surfaces; without them for None and for none."""
+    return capture if points is None or not len(points) else replace(capture, points=points)
+
+
+def _with_some_held_out(capture: Capture) -> Capture:
+    """The capture with every eighth frame held out, unless none of its images would be left to train on."""
+    held = capture.with_holdout(HOLDOUT_EVERY)
+    return held if held.train_shots else capture

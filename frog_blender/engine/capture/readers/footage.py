@@ -1,0 +1,288 @@
+"""What each camera filmed: a video, or the images of a folder. Layouts that take videos take folders of frames too.
+
+``cam00.mp4``, ``cam00/0000.png`` and ``cam00/images/0000.png`` are all the footage of ``cam00``. The number in an
+image's name is its time: what is missing stays a gap, and two cameras' images of one number belong together.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+from ...errors import found_instead
+from ..camera import Camera
+from ..capture import MAX_FRAMES, Shot
+from ..image_size import image_size
+from ..video import composed, find_images, find_videos, read_facts
+from .checks import check_images, frame_span, shared_frame_count, shots_of_videos
+from .geometry import same_proportions
+
+MAX_CAMERAS = 10_000
+_DIGITS = re.compile(r"(\d+)")
+_SPARSE = 20  # frames for each that has an image, beyond which numbers are times of a finer clock
+
+
+@dataclass(frozen=True)
+class Footage:
+    """What one camera filmed.
+
+    Attributes:
+        name: of the video or the folder.
+        files: one video, or images in the order of their numbers.
+        numbers: of the images; empty for a video.
+        strays: images of the folder that do not belong to the others.
+    """
+
+    name: str
+    files: tuple[Path, ...]
+    numbers: tuple[int, ...] = ()
+    strays: int = 0
+
+    @property
+    def is_video(self) -> bool:
+        """True for a video, False for images."""
+        return not self.numbers
+
+
+@dataclass(frozen=True)
+class Filmed:
+    """The images of several cameras on common frames.
+
+    Attributes:
+        shots: of camera i of the footage.
+        frame_count: see ``Capture``.
+        frames_per_second: of the videos, 30 for images.
+        sizes: width and height of each camera's images.
+        warnings: one sentence each.
+    """
+
+    shots: tuple[Shot, ...]
+    frame_count: int
+    frames_per_second: float
+    sizes: tuple[tuple[int, int], ...]
+    warnings: tuple[str, ...]
+
+
+def natural(name: str) -> tuple[tuple[int, str], ...]:
+    """A key that sorts names by the numbers in them: ``cam2`` before ``cam10``."""
+    parts = _DIGITS.split(name)
+    return tuple((int(part[:300]), "") if index % 2 else (0, part) for index, part in enumerate(parts))
+
+
+def number_of(stem: str) -> int | None:
+    """The last number in a name (``frame_00012`` and ``00012_rgb``: 12); None where there is none."""
+    return split_number(stem)[1]
+
+
+def split_number(stem: str) -> tuple[str, int | None]:
+    """What stands before the last number of a name, and the number; the whole name and None where there is none."""
+    start = max((match.start() for match in _DIGITS.finditer(stem)), default=None)
+    if start is None:
+        return stem, None
+    match = _DIGITS.match(stem, start)
+    digits = match[1] if match else ""
+    return (stem[:start], int(digits)) if len(digits) <= 18 else (stem, None)
+
+
+def find_footage(folder: Path) -> list[Footage]:
+    """Videos of a folder and folders of images in it, in the natural order of their names; of both by one name the
+    video.
+
+    Raises:
+        FrogError: for more than ``MAX_CAMERAS``.
+    """
+    if not folder.is_dir():
+        return []
+    found: dict[str, Footage] = {}
+    for entry in sorted(folder.iterdir(), key=lambda each: natural(each.name)):
+        if entry.is_dir() and not entry.name.startswith("."):
+            footage = images_in(entry)
+            if footage is not None:
+                found[composed(entry.name)] = footage
+        if len(found) > MAX_CAMERAS:
+            raise found_instead(folder, f"more than {MAX_CAMERAS:,} folders of images", "one for each camera")
+    for video in find_videos(folder):
+        found[composed(video.stem)] = Footage(composed(video.stem), (video,))
+    return sorted(found.values(), key=lambda footage: natural(footage.name))
+
+
+def images_in(folder: Path) -> Footage | None:
+    """The images of a camera's folder, or of ``images`` in it; None where there are none."""
+    for place in (folder, folder / "images"):
+        images = find_images(place) if place.is_dir() else []
+        if images:
+            return _in_order(composed(folder.name), images)
+    return None
+
+
+def find_below(path: Path, folders: Sequence[str]) -> list[Footage]:
+    """The footage of the first of these folders below ``path`` that has some; ``.`` is ``path`` itself."""
+    for name in folders:
+        if footage := find_footage(path / name):
+            return footage
+    return []
+
+
+def of_cameras(
+    calibration: Path, names: Sequence[str], footage: Sequence[Footage]
+) -> tuple[dict[str, Footage], list[str]]:
+    """The footage of each calibrated camera that has some, by the camera's name, and warnings about what has none.
+
+    A camera's footage has its name, or a name of which one is a part of the other, or its number.
+
+    Raises:
+        FrogError: if no camera has footage.
+    """
+    found = _same_name(names, footage) or _part_of_name(names, footage) or _same_number(names, footage)
+    if not found:
+        filmed = ", ".join(each.name for each in footage[:4]) + (" ..." if len(footage) > 4 else "")
+        shown = ", ".join(names[:4]) + (" ..." if len(names) > 4 else "")
+        have = f"videos or folders of images {filmed}" if footage else "no video and no folder of images"
+        raise found_instead(calibration, f"cameras {shown} and beside them {have}", "footage of the cameras' names")
+    warnings = []
+    if lacking := [name for name in names if name not in found]:
+        shown = ", ".join(lacking[:8])
+        warnings.append(
+            f"{calibration}: {_counted(lacking, 'camera')} without footage {_is(lacking)} left out: {shown}."
+        )
+    used = {each.name for each in found.values()}
+    if extra := [each.name for each in footage if each.name not in used]:
+        warnings.append(
+            f"{calibration}: {_counted(extra, 'video or folder')} of no calibrated camera "
+            f"{_is(extra)} left out: {', '.join(extra[:8])}."
+        )
+    return found, warnings
+
+
+def on_common_frames(path: Path, footage: Sequence[Footage]) -> Filmed:
+    """The images of all cameras, on frames that they share.
+
+    Raises:
+        FrogError: if some are videos and some folders, or a file cannot be used.
+    """
+    videos = [each for each in footage if each.is_video]
+    if videos and len(videos) < len(footage):
+        folders = next(each for each in footage if not each.is_video)
+        found = f"the video {videos[0].name} and the folder of images {folders.name}"
+        raise found_instead(path, found, "footage of one kind: all videos or all images")
+    if videos:
+        files = [each.files[0] for each in videos]
+        facts = [read_facts(file) for file in files]
+        count, warnings = shared_frame_count(path, files, facts)
+        sizes = tuple((fact.width, fact.height) for fact in facts)
+        return Filmed(shots_of_videos(files, count), count, facts[0].frames_per_second, sizes, tuple(warnings))
+    check_images(path, sum(len(each.files) for each in footage))
+    frames = frames_of_numbers((number for each in footage for number in each.numbers), path)
+    shots = tuple(
+        Shot(camera, frames[number], file, 0)
+        for camera, each in enumerate(footage)
+        for number, file in zip(each.numbers, each.files, strict=True)
+    )
+    strays = sum(each.strays for each in footage)
+    warnings = [f"{path}: {strays} images that are named unlike the others are left out."] if strays else []
+    count = max(frames.values()) + 1
+    if missing := count * len(footage) - len(shots):
+        warnings.append(f"{path}: {missing:,} of {count * len(footage):,} images are missing; their frames stay gaps.")
+    sizes = tuple(image_size(each.files[0]) for each in footage)
+    return Filmed(shots, count, 30.0, sizes, tuple(warnings))
+
+
+def frames_of_numbers(numbers: Iterable[int], path: Path) -> dict[int, int]:
+    """The frame of each number that stands in images' names, counted from 0 in the largest step that divides all
+    differences.
+
+    Where frames would be nearly all empty, as of times in microseconds, the smallest difference is the step.
+
+    Raises:
+        FrogError: for more than ``MAX_FRAMES``.
+    """
+    known = sorted(set(numbers))
+    first, differences = known[0], [after - before for before, after in pairwise(known)]
+    step = math.gcd(*differences) if differences else 1
+    if (known[-1] - first) // step >= _SPARSE * len(known):
+        step = min(differences)
+    if (known[-1] - first) // step >= MAX_FRAMES and len(known) < MAX_FRAMES:
+        frame_span(0, (known[-1] - first) // step, path, "numbers of images, counted in their steps,")
+    return {number: round((number - first) / step) for number in known}
+
+
+def fitted(camera: Camera, size: tuple[int, int], source: Path) -> Camera:
+    """The calibrated camera at the size (width, height) of its images.
+
+    Raises:
+        FrogError: if their proportions differ.
+    """
+    if size == (camera.width, camera.height):
+        return camera
+    if not same_proportions(size, (camera.width, camera.height)):
+        turned = same_proportions(size, (camera.height, camera.width))
+        hint = " (were they turned by 90 degrees after calibration?)" if turned else ""
+        found = f"images of {size[0]} x {size[1]} pixels{hint}"
+        raise found_instead(source, found, f"the proportions of the calibration, {camera.width} x {camera.height}")
+    return camera.resized(*size)
+
+
+def _in_order(name: str, images: list[Path]) -> Footage:
+    """A folder's images by their numbers, without those that are named unlike most."""
+    parts = {image: split_number(image.stem) for image in images}
+    kinds = Counter((prefix, image.suffix.lower()) for image, (prefix, number) in parts.items() if number is not None)
+    if not kinds or kinds.most_common(1)[0][1] * 2 < len(images):  # their numbers are not those of frames
+        ordered = sorted(images, key=lambda image: natural(image.name))
+        return Footage(name, tuple(ordered), tuple(range(len(ordered))))
+    kind = kinds.most_common(1)[0][0]
+    numbered: dict[int, Path] = {}
+    for image, (prefix, number) in parts.items():
+        if (prefix, image.suffix.lower()) == kind and number is not None:
+            numbered.setdefault(number, image)
+    numbers = sorted(numbered)
+    return Footage(name, tuple(numbered[each] for each in numbers), tuple(numbers), len(images) - len(numbers))
+
+
+def _same_name(names: Sequence[str], footage: Sequence[Footage]) -> dict[str, Footage]:
+    by_name = {each.name: each for each in footage}
+    return {name: by_name[composed(name)] for name in names if composed(name) in by_name}
+
+
+def _part_of_name(names: Sequence[str], footage: Sequence[Footage]) -> dict[str, Footage]:
+    """Footage whose name contains a camera's (``vid_cam01`` of ``cam01``), or is contained in it; {} where it is not
+    clear which.
+    """
+    found: dict[str, Footage] = {}
+    for name in names:
+        fitting = [each for each in footage if _contains(each.name, name) or _contains(name, each.name)]
+        if len(fitting) > 1:
+            return {}
+        if fitting:
+            found[name] = fitting[0]
+    return found if len({each.name for each in found.values()}) == len(found) else {}
+
+
+def _contains(whole: str, part: str) -> bool:
+    """Whether a name contains another, not within a number or a word: ``cam1`` is no part of ``cam10``."""
+    at = whole.casefold().find(part.casefold()) if part else -1
+    if at < 0:
+        return False
+    around = whole[at - 1 : at] + whole[at + len(part) : at + len(part) + 1]
+    return not any(character.isalnum() for character in around)
+
+
+def _same_number(names: Sequence[str], footage: Sequence[Footage]) -> dict[str, Footage]:
+    """Footage whose last number is the camera's (``image1`` and ``cam01``); {} where two have the same."""
+    of_names = {name: number_of(name) for name in names}
+    by_number = {number_of(each.name): each for each in footage}
+    if len(by_number) < len(footage) or len(set(of_names.values())) < len(of_names):
+        return {}
+    return {name: by_number[number] for name, number in of_names.items() if number is not None and number in by_number}
+
+
+def _counted(names: Sequence[str], kind: str) -> str:
+    return f"{len(names)} {kind}{'s' if len(names) > 1 else ''}"
+
+
+def _is(names: Sequence[str]) -> str:
+    return "are" if len(names) > 1 else "is"
