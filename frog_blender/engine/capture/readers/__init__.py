@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ...errors import FrogError
 from ..capture import Capture
-from . import calibrated_videos, hypernerf, n3dv, technicolor, transforms_json
+from . import calibrated_videos, colmap, hypernerf, n3dv, technicolor, transforms_json
 from .checks import checked
 
 _READERS = {
@@ -18,6 +18,7 @@ _READERS = {
     "hypernerf": hypernerf,
     "technicolor": technicolor,
     "calibrated_videos": calibrated_videos,
+    "colmap": colmap,
 }
 KNOWN_LAYOUTS = (
     "videos with poses_bounds.npy (N3DV), images with transforms.json, transforms_train.json, "
