@@ -8,10 +8,10 @@ from pathlib import Path
 
 from ...arrays import Float64s
 from ..camera import Camera
-from ..capture import Capture, Distortion, Shot
+from ..capture import Capture, Distortion
 from ..image_size import image_size
 from .checks import check_images
-from .footage import Footage, fitted, frames_of_numbers, on_common_frames
+from .footage import Footage, fitted, frames_of_numbers, image_at, on_common_frames
 
 HOLDOUT_EVERY = 8
 """Of one moving camera every eighth frame is held out."""
@@ -75,14 +75,15 @@ def moving_cameras(
     """
     check_images(path, len(views))
     frames = frames_of_numbers((view.number for view in views), path)
+    shots = tuple(image_at(index, frames[view.number], view.image) for index, view in enumerate(views))
     cameras = [fitted(view.camera, image_size(view.image), view.image) for view in views]
     capture = Capture(
         path=path,
         format=layout,
         cameras=tuple(cameras),
         distortions=tuple(view.distortion for view in views),
-        shots=tuple(Shot(index, frames[view.number], view.image, 0) for index, view in enumerate(views)),
-        frame_count=max(frames.values()) + 1,
+        shots=shots,
+        frame_count=max(shot.frame for shot in shots) + 1,
         frames_per_second=rate,
         warnings=tuple(warnings),
     )

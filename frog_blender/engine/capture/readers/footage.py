@@ -179,24 +179,25 @@ def on_common_frames(path: Path, footage: Sequence[Footage]) -> Filmed:
     check_images(path, sum(len(each.files) for each in footage))
     frames = frames_of_numbers((number for each in footage for number in each.numbers), path)
     shots = tuple(
-        Shot(camera, frames[number], file, 0)
+        image_at(camera, frames[number], file)
         for camera, each in enumerate(footage)
         for number, file in zip(each.numbers, each.files, strict=True)
     )
     strays = sum(each.strays for each in footage)
     warnings = [f"{path}: {strays} images that are named unlike the others are left out."] if strays else []
-    count = max(frames.values()) + 1
+    count = max(shot.frame for shot in shots) + 1
     if missing := count * len(footage) - len(shots):
         warnings.append(f"{path}: {missing:,} of {count * len(footage):,} images are missing; their frames stay gaps.")
     sizes = tuple(image_size(each.files[0]) for each in footage)
     return Filmed(shots, count, 30.0, sizes, tuple(warnings))
 
 
-def frames_of_numbers(numbers: Iterable[int], path: Path) -> dict[int, int]:
+def frames_of_numbers(numbers: Iterable[int], path: Path) -> dict[int, float]:
     """The frame of each number that stands in images' names, counted from 0 in the largest step that divides all
     differences.
 
-    Where frames would be nearly all empty, as of times in microseconds, the smallest difference is the step.
+    Where frames would be nearly all empty, as of times in microseconds, the smallest difference is the step, and images
+    are taken between frames.
 
     Raises:
         FrogError: for more than ``MAX_FRAMES``.
@@ -208,7 +209,13 @@ def frames_of_numbers(numbers: Iterable[int], path: Path) -> dict[int, int]:
         step = min(differences)
     if (known[-1] - first) // step >= MAX_FRAMES and len(known) < MAX_FRAMES:
         frame_span(0, (known[-1] - first) // step, path, "numbers of images, counted in their steps,")
-    return {number: round((number - first) / step) for number in known}
+    return {number: (number - first) / step for number in known}
+
+
+def image_at(camera: int, frame: float, image: Path) -> Shot:
+    """The shot of an image that was taken at a frame with its fraction."""
+    whole = math.floor(frame + 0.5)  # two images a frame apart never share one, as they would if halves went to even
+    return Shot(camera, whole, image, 0, frame - whole)
 
 
 def fitted(camera: Camera, size: tuple[int, int], source: Path) -> Camera:
