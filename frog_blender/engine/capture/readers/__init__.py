@@ -9,16 +9,38 @@ from pathlib import Path
 
 from ...errors import FrogError
 from ..capture import Capture
-from . import calibrated_videos, colmap, hypernerf, n3dv, technicolor, transforms_json
+from . import (
+    calibrated_videos,
+    calibration_toml,
+    colmap,
+    easyvolcap,
+    hypernerf,
+    immersive,
+    multipleview,
+    n3dv,
+    panoptic_sports,
+    polycam,
+    record3d,
+    technicolor,
+    transforms_json,
+)
 from .checks import checked
 
+# In the order in which they are tried: a folder may hold what several programs wrote.
 _READERS = {
     "n3dv": n3dv,
     "transforms": transforms_json,
     "hypernerf": hypernerf,
     "technicolor": technicolor,
     "calibrated_videos": calibrated_videos,
+    "panoptic_sports": panoptic_sports,
+    "immersive": immersive,
+    "easyvolcap": easyvolcap,
+    "multipleview": multipleview,
     "colmap": colmap,
+    "calibration_toml": calibration_toml,
+    "record3d": record3d,
+    "polycam": polycam,
 }
 KNOWN_LAYOUTS = (
     "videos with poses_bounds.npy (N3DV), images with transforms.json, transforms_train.json, "
