@@ -1,6 +1,7 @@
 """Synchronised videos and a calibration: ``cameras_opencv.json`` or Qualisys' ``*.qca.txt``.
 
-A video belongs to the calibrated camera of its name (``cam01.mp4`` to ``cam01``). Nothing is held out.
+A video, or a folder of frames, belongs to the calibrated camera of its name (``cam01.mp4`` to ``cam01``). Nothing is
+held out.
 """
 
 from __future__ import annotations
@@ -15,7 +16,9 @@ from ..camera import Camera
 from ..capture import Capture, Distortion
 from ..video import VideoFacts, composed, find_videos, read_facts
 from . import qualisys
+from .assembly import standing_cameras
 from .checks import numbers, pinhole, read_json, rotation, shared_frame_count, shots_of_videos, size
+from .footage import Footage, find_footage, of_cameras
 from .geometry import distortion
 
 _OPENCV = "cameras_opencv.json"
@@ -44,6 +47,8 @@ def read(path: Path) -> Capture:
     if len(set(names)) != len(names):
         raise found_instead(calibration, f"several cameras named {max(names, key=names.count)}", "one of each name")
     files = find_videos(path)
+    if not files and (frames := find_footage(path)):
+        return _of_frames(path, calibration, calibrated, frames)
     stems = [composed(video.stem) for video in files]
     videos = dict(zip(stems, files, strict=True))
     if len(videos) != len(files):
@@ -68,6 +73,16 @@ def read(path: Path) -> Capture:
         frames_per_second=facts[0].frames_per_second,
         warnings=tuple(warnings),
     )
+
+
+def _of_frames(
+    path: Path, calibration: Path, calibrated: list[tuple[Camera, Distortion | None]], frames: list[Footage]
+) -> Capture:
+    """Folders of frames instead of videos."""
+    cameras = {camera.name: (camera, lens) for camera, lens in calibrated}
+    found, warnings = of_cameras(calibration, sorted(cameras), frames)
+    chosen = [cameras[name] for name in found]
+    return standing_cameras(path, "calibrated_videos", chosen, list(found.values()), warnings)
 
 
 def _qualisys_files(path: Path) -> list[Path]:
