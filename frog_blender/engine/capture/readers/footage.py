@@ -186,8 +186,11 @@ def on_common_frames(path: Path, footage: Sequence[Footage]) -> Filmed:
     strays = sum(each.strays for each in footage)
     warnings = [f"{path}: {strays} images that are named unlike the others are left out."] if strays else []
     count = max(shot.frame for shot in shots) + 1
-    if missing := count * len(footage) - len(shots):
-        warnings.append(f"{path}: {missing:,} of {count * len(footage):,} images are missing; their frames stay gaps.")
+    filled = len({shot.frame for shot in shots})
+    if missing := filled * len(footage) - len(shots):
+        warnings.append(f"{path}: {missing:,} of {filled * len(footage):,} images are missing; their places stay gaps.")
+    if filled < count:
+        warnings.append(f"{path}: {count - filled:,} of {count:,} frames have no image and stay gaps.")
     sizes = tuple(image_size(each.files[0]) for each in footage)
     return Filmed(shots, count, 30.0, sizes, tuple(warnings))
 
