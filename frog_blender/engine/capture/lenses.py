@@ -13,6 +13,7 @@ the principal point:
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 
@@ -62,6 +63,14 @@ def pinhole_for(model: str, coefficients: Float64s, lens: Float64s, size: tuple[
         lens: (3, 3) K of the stored image, pixels.
         size: width and height of both images in pixels.
     """
+    return _pinhole(model, tuple(coefficients.tolist()), tuple(map(tuple, lens.tolist())), size)
+
+
+@lru_cache(maxsize=256)  # a moving camera has one lens and thousands of images
+def _pinhole(
+    model: str, values: tuple[float, ...], rows: tuple[tuple[float, ...], ...], size: tuple[int, int]
+) -> Float64s | None:
+    coefficients, lens = np.array(values), np.array(rows)
     half = max(size) / 2
     low = shortest = half / math.tan(WIDEST / 2)
     longest = half / math.tan(_NARROWEST / 2)
@@ -79,7 +88,9 @@ def pinhole_for(model: str, coefficients: Float64s, lens: Float64s, size: tuple[
                 high = middle
             else:
                 low = middle
-    return np.array([[high, 0.0, size[0] / 2], [0.0, high, size[1] / 2], [0.0, 0.0, 1.0]])
+    pinhole = np.array([[high, 0.0, size[0] / 2], [0.0, high, size[1] / 2], [0.0, 0.0, 1.0]])
+    pinhole.flags.writeable = False
+    return pinhole
 
 
 def _sees(model: str, coefficients: Float64s, lens: Float64s, size: tuple[int, int], focal: float) -> bool:

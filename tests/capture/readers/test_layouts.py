@@ -81,6 +81,14 @@ def test_one_moving_camera(name: str, tmp_path: Path) -> None:
     assert_same_images(capture, tmp_path / "cache", image)
 
 
+def test_a_moving_fisheye_is_undistorted(tmp_path: Path) -> None:
+    cameras = written(tmp_path / "capture", phones.nerfstudio_fisheye)
+    capture = opened(tmp_path / "capture", "transforms")
+    assert capture.is_moving and all(capture.distortions)
+    assert_same_cameras(capture, cameras, poses_only=True)
+    assert_same_images(capture, tmp_path / "cache", image, off=5.0)
+
+
 def test_the_cameras_of_test_meta_are_held_out(tmp_path: Path) -> None:
     rigs.panoptic_sports(tmp_path)
     capture = open_capture(tmp_path)

@@ -7,9 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from support.filmed_scene import image, moving
+from support.filmed_scene import HEIGHT, WIDTH, image, moving
 from support.layouts.colmap import quaternion
 from support.layouts.files import write_image
+from support.layouts.rigs import FISHEYE, fisheye_rays
 
 from frog_blender.engine.capture.camera import Camera
 
@@ -73,4 +74,22 @@ def polycam(folder: Path) -> list[Camera]:
             (folder / "keyframes" / f"{kind}cameras" / f"{name}.json").write_text(json.dumps(other))
             write_image(folder / "keyframes" / f"{kind}images" / f"{name}.png", image(camera, frame))
         cameras.append(replace(camera, name=name))
+    return cameras
+
+
+def nerfstudio_fisheye(folder: Path) -> list[Camera]:
+    """GoPro images as nerfstudio lists them, with a time each."""
+    matrix = np.array([[FISHEYE[0], 0, 32.5], [0, FISHEYE[0], 23.25], [0, 0, 1]])
+    cameras, frames = [], []
+    for frame, camera in enumerate(moving(COUNT)):
+        filmed = replace(camera, name=f"frame_{frame:05d}", intrinsics=matrix)
+        write_image(folder / "images" / f"{filmed.name}.png", image(filmed, frame, fisheye_rays(filmed)))
+        pose = np.eye(4)
+        pose[:3] = np.concatenate([filmed.rotation.T @ _OPENGL, filmed.center[:, None]], axis=1)
+        file = f"images/{filmed.name}.png"
+        frames.append({"file_path": file, "transform_matrix": pose.tolist(), "time": frame / (COUNT - 1)})
+        cameras.append(filmed)
+    lens = {"fl_x": FISHEYE[0], "fl_y": FISHEYE[0], "cx": 32.5, "cy": 23.25, "w": WIDTH, "h": HEIGHT}
+    lens |= dict(zip(("k1", "k2", "k3", "k4"), FISHEYE[1], strict=True))
+    (folder / "transforms.json").write_text(json.dumps({"camera_model": "OPENCV_FISHEYE", **lens, "frames": frames}))
     return cameras

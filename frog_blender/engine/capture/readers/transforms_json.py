@@ -18,9 +18,10 @@ from ...errors import FrogError, found_instead
 from ..camera import Camera
 from ..capture import Capture, Distortion, Shot
 from ..image_size import image_size
+from ..lenses import FISHEYE
 from ..video import with_ending
 from .checks import number, read_json, rigid, rotation, size
-from .geometry import distortion, intrinsics, pose, same_proportions
+from .geometry import distortion, intrinsics, pose, same_proportions, through_lens
 from .static_cameras import camera_names, first_images
 
 _SINGLE = "transforms.json"
@@ -30,7 +31,8 @@ _HOLDOUT_EVERY = 8
 _MAX_RATE = 1e6  # images a second
 _MAX_TIME = 1e30  # in any unit, such as nanoseconds since 1970
 _LENS = ("camera_model", "is_fisheye", "w", "h", "fl_x", "fl_y", "camera_angle_x", "camera_angle_y", "cx", "cy")
-_VIEW = ("transform_matrix", *_LENS, "k1", "k2", "k3", "p1", "p2")  # what tells an image's camera from another's
+_FISHEYES = ("OPENCV_FISHEYE", "FISHEYE", "RADIAL_FISHEYE", "SIMPLE_RADIAL_FISHEYE")
+_VIEW = ("transform_matrix", *_LENS, "k1", "k2", "k3", "k4", "p1", "p2")  # what tells an image's camera from another's
 
 
 @dataclass(frozen=True)
@@ -184,8 +186,9 @@ def _camera(name: str, entry: _Entry, real: tuple[int, int]) -> tuple[Camera, Di
     file, top, own = entry.file, entry.top, entry.own
     both = {**top, **own}
     model = str(both.get("camera_model", "OPENCV")).upper()
-    if "FISHEYE" in model or model in ("EQUIRECTANGULAR", "ORTHOPHOTO") or both.get("is_fisheye"):
-        raise found_instead(file, f"the camera model {model}", "a perspective camera (PINHOLE or OPENCV)")
+    is_fisheye = model in _FISHEYES or bool(both.get("is_fisheye"))
+    if not is_fisheye and ("FISHEYE" in model or model in ("EQUIRECTANGULAR", "ORTHOPHOTO")):
+        raise found_instead(file, f"the camera model {model}", "PINHOLE, OPENCV or OPENCV_FISHEYE")
     width = size(both.get("w", real[0]), file, "w")
     height = size(both.get("h", real[1]), file, "h")
     if not same_proportions((width, height), real):
@@ -202,6 +205,10 @@ def _camera(name: str, entry: _Entry, real: tuple[int, int]) -> tuple[Camera, Di
     camera_to_world = rotation(matrix[:3, :3], file, f"the transform_matrix of {name}") @ np.diag([1.0, -1.0, -1.0])
     coefficients = np.array([number(both.get(key, 0.0), file, key) for key in ("k1", "k2", "p1", "p2", "k3")])
     camera = Camera(name, width, height, lens, pose(camera_to_world.T, matrix[:3, 3]))
+    if is_fisheye:
+        radial = np.array([number(both.get(key, 0.0), file, key) for key in ("k1", "k2", "k3", "k4")])
+        camera, fisheye = through_lens(camera, FISHEYE, radial, file)
+        return camera.resized(*real), fisheye
     if (width, height) != real:
         camera = camera.resized(*real)
     return camera, distortion(coefficients)
