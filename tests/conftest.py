@@ -20,6 +20,7 @@ INTEGRATION = (
     "capture/test_seeds.py",
     "cli",
     "experiments",
+    "capture/readers/test_mutated_captures.py",
     "io/test_mutated_files.py",
     "playback/test_without_torch.py",
     "rasterizer/cuda",

@@ -54,7 +54,7 @@ _ONE_FOCAL_FISHEYE = "SIMPLE_FISHEYE"
 _WITHOUT_READER = frozenset({"RAD_TAN_THIN_PRISM_FISHEYE", "SIMPLE_DIVISION", "DIVISION", "EUCM", "EQUIRECTANGULAR"})
 _MOST_POINTS = 2_000_000
 
-_LONGEST_NAME = 4096  # bytes
+_LONGEST_NAME = 1000  # characters
 _A_CAMERA = 0  # kind of sensor
 
 
@@ -207,7 +207,7 @@ class _Reader:
             if byte == b"\0":
                 return b"".join(parts).decode("utf-8", "surrogateescape")
             parts.append(byte)
-        raise found_instead(self.path, f"a name of more than {_LONGEST_NAME} bytes", "the name of an image")
+        raise found_instead(self.path, f"a name of more than {_LONGEST_NAME} characters", "the name of an image")
 
     def _reserve(self, length: int) -> None:
         self._left -= length
@@ -334,10 +334,10 @@ def _checked_lens(
 
 
 def _posed(name: str, camera: int, pose: object, path: Path) -> PosedImage:
-    values = numbers(pose, (7,), path, f"the pose of {name}")
-    if not name or "\0" in name:
-        raise found_instead(path, "an image without a name", "a name")
-    turn = from_quaternion(values[:4], path, f"the pose of {name}")
+    values = numbers(pose, (7,), path, f"the pose of {name[:60]}")
+    if not name or "\0" in name or len(name) > _LONGEST_NAME:
+        raise found_instead(path, f"the image name {name[:60]!r}", f"one of 1 to {_LONGEST_NAME} characters")
+    turn = from_quaternion(values[:4], path, f"the pose of {name[:60]}")
     return PosedImage(name.replace("\\", "/"), camera, turn, values[4:])
 
 

@@ -28,6 +28,7 @@ from .footage import fitted
 _TRAIN, _TEST, _IMAGES, _POINTS = "train_meta.json", "test_meta.json", "ims", "init_pt_cld.npz"
 _KEYS = ("fn", "k", "w2c", "cam_id")
 _MOST_POINTS = 10_000_000
+_LONGEST_NAME = 1000  # characters
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +125,7 @@ def _rows(data: dict[str, object], file: Path) -> Iterator[tuple[int, str, tuple
             raise found_instead(file, f"more than {MAX_IMAGES:,} images", "fewer")
         for name, matrix, pose, camera in zip(*row, strict=True):
             where = f"camera {camera} at time {frame}"
-            if not isinstance(name, str) or not name or "\0" in name:
+            if not isinstance(name, str) or not name or "\0" in name or len(name) > _LONGEST_NAME:
                 raise found_instead(file, f"no name of the image of {where}", "a path below ims")
             number_of_camera = number(camera, file, "cam_id")
             yield frame, where, (name, matrix, pose, f"{number_of_camera:g}")
