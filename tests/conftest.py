@@ -17,6 +17,7 @@ if str(Path(__file__).parent) not in sys.path:
 INTEGRATION = (
     "benchmarks",
     "blender",
+    "capture/test_quality.py",
     "capture/test_seeds.py",
     "cli",
     "experiments",
