@@ -17,6 +17,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -82,7 +83,8 @@ def json_values(content: bytes, chance: random.Random) -> bytes:
     data = json.loads(content)
     for _ in range(chance.randint(1, 2)):
         if isinstance(data, dict | list) and data:
-            change(data, chance)
+            with suppress(OverflowError):  # of a number that is hostile already
+                change(data, chance)
     if chance.random() < 0.05:
         data = chance.choice(HOSTILE)
     return json.dumps(data).encode("utf-8", "surrogatepass")

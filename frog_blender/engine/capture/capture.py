@@ -20,6 +20,7 @@ from ..errors import FrogError
 from .camera import Camera
 from .camera_motion import cameras_move
 from .time import frame_to_time
+from .world import FILES_OWN, World
 
 MAX_FRAMES = 1_000_000
 """Frames of a capture: nine hours at 30 a second."""
@@ -112,6 +113,7 @@ class Capture:
         points: (N, 3) float64 points on surfaces that came with the capture, world units; None for most.
         warnings: one sentence each.
         alteration: applied to the images after decoding; None for none.
+        world: what the reader took off the files' coordinates.
     """
 
     path: Path
@@ -129,6 +131,7 @@ class Capture:
     points: Float64s | None = None
     warnings: tuple[str, ...] = ()
     alteration: Alteration | None = None
+    world: World = FILES_OWN
 
     def __post_init__(self) -> None:
         if not self.crops:

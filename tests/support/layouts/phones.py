@@ -62,7 +62,7 @@ def polycam(folder: Path) -> list[Camera]:
     """Rows t_00 .. t_23, camera to world in OpenGL's axes; names are times in microseconds."""
     cameras = []
     for frame, camera in enumerate(moving(COUNT)):
-        name = str(65_482_573_842 + 500_000 * frame + 7_000 * (frame % 2))
+        name = str(65_482_573_842 + 500_000 * frame + 30_000 * (frame % 2))
         matrix = np.concatenate([camera.rotation.T @ _OPENGL, camera.center[:, None]], axis=1)
         lens = camera.intrinsics
         data = {f"t_{row}{column}": matrix[row, column] for row in range(3) for column in range(4)}

@@ -25,6 +25,7 @@ from . import (
     transforms_json,
 )
 from .checks import checked
+from .local_world import localized
 from .near_layouts import not_a_folder, unknown_folder
 
 # In the order in which they are tried: a folder may hold what several programs wrote.
@@ -94,7 +95,7 @@ def open_capture(path: Path, *, pixel_offsets: Mapping[str, tuple[float, float]]
     """
     folder, layout = _located(Path(path))
     with _readable(folder):
-        capture = checked(_READERS[layout].read(folder))
+        capture = localized(checked(_READERS[layout].read(folder)))
     return capture.with_pixel_offsets(pixel_offsets) if pixel_offsets else capture
 
 

@@ -9,14 +9,12 @@ from pathlib import Path
 from ...arrays import Float64s
 from ..camera import Camera
 from ..capture import Capture, Distortion
-from ..image_size import image_size
+from ..image_size import image_size, image_turns
 from .checks import check_images
-from .footage import Footage, fitted, frames_of_numbers, image_at, on_common_frames
+from .footage import Calibrated, Footage, at_times, fitted, on_common_frames
 
 HOLDOUT_EVERY = 8
 """Of one moving camera every eighth frame is held out."""
-Calibrated = tuple[Camera, Distortion | None]
-"""A camera at its calibrated size, with its lens."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +25,7 @@ class View:
         camera: at its calibrated size.
         distortion: of its lens.
         image: the file.
-        number: its time; see ``footage.frames_of_numbers``.
+        number: its time; see ``footage.at_times``.
     """
 
     camera: Camera
@@ -50,14 +48,14 @@ def standing_cameras(
     """
     filmed = on_common_frames(path, footage)
     at_size = [
-        fitted(camera, size, each.files[0])
-        for (camera, _), size, each in zip(cameras, filmed.sizes, footage, strict=True)
+        fitted(calibrated, size, turns, each.files[0])
+        for calibrated, size, turns, each in zip(cameras, filmed.sizes, filmed.turns, footage, strict=True)
     ]
     return Capture(
         path=path,
         format=layout,
-        cameras=tuple(at_size),
-        distortions=tuple(lens for _, lens in cameras),
+        cameras=tuple(camera for camera, _ in at_size),
+        distortions=tuple(lens for _, lens in at_size),
         shots=filmed.shots,
         frame_count=filmed.frame_count,
         frames_per_second=filmed.frames_per_second,
@@ -74,20 +72,22 @@ def moving_cameras(
         FrogError: if an image does not have its camera's proportions, or cannot be used.
     """
     check_images(path, len(views))
-    frames = frames_of_numbers((view.number for view in views), path)
-    shots = tuple(image_at(index, frames[view.number], view.image) for index, view in enumerate(views))
-    cameras = [fitted(view.camera, image_size(view.image), view.image) for view in views]
+    shots = at_times([(index, view.image) for index, view in enumerate(views)], [view.number for view in views], path)
+    at_size = [
+        fitted((view.camera, view.distortion), image_size(view.image), image_turns(view.image), view.image)
+        for view in views
+    ]
     capture = Capture(
         path=path,
         format=layout,
-        cameras=tuple(cameras),
-        distortions=tuple(view.distortion for view in views),
-        shots=shots,
+        cameras=tuple(camera for camera, _ in at_size),
+        distortions=tuple(lens for _, lens in at_size),
+        shots=tuple(shots),
         frame_count=max(shot.frame for shot in shots) + 1,
         frames_per_second=rate,
         warnings=tuple(warnings),
     )
-    alone = len(frames) == len(views) and capture.frame_count > HOLDOUT_EVERY // 2
+    alone = len({shot.frame for shot in shots}) == len(views) and capture.frame_count > HOLDOUT_EVERY // 2
     return _with_some_held_out(capture) if alone else capture
 
 

@@ -17,9 +17,9 @@ from ...arrays import Float64s
 from ...errors import found_instead
 from ..camera import Camera, rotation_about
 from ..capture import Capture
-from .assembly import Calibrated, standing_cameras
+from .assembly import standing_cameras
 from .checks import pinhole, rotation, size
-from .footage import MAX_CAMERAS, Footage, find_below, natural, of_cameras, on_common_frames
+from .footage import MAX_CAMERAS, Calibrated, Footage, find_below, natural, of_cameras, on_common_frames
 from .geometry import distortion
 from .opencv_yaml import OpencvYaml
 

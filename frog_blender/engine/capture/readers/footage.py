@@ -6,25 +6,27 @@ image's name is its time: what is missing stays a gap, and two cameras' images o
 
 from __future__ import annotations
 
-import math
 import re
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 
 from ...errors import found_instead
 from ..camera import Camera
-from ..capture import MAX_FRAMES, Shot
-from ..image_size import image_size
+from ..capture import Distortion, Shot
+from ..image_size import image_size, image_turns
+from ..orientation import turned_camera
 from ..video import composed, find_images, find_videos, read_facts
-from .checks import check_images, frame_span, shared_frame_count, shots_of_videos
-from .geometry import same_proportions
+from .checks import check_images
+from .frame_times import frame_times
+from .geometry import is_transposed, same_proportions
+from .pairing import pair_videos
 
 MAX_CAMERAS = 10_000
 _DIGITS = re.compile(r"(\d+)")
-_SPARSE = 20  # frames for each that has an image, beyond which numbers are times of a finer clock
+Calibrated = tuple[Camera, Distortion | None]
+"""A camera at its calibrated size, with its lens."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,8 @@ class Filmed:
         shots: of camera i of the footage.
         frame_count: see ``Capture``.
         frames_per_second: of the videos, 30 for images.
-        sizes: width and height of each camera's images.
+        sizes: width and height of each camera's images, as they are shown.
+        turns: quarter turns clockwise by which they are shown otherwise than they are stored.
         warnings: one sentence each.
     """
 
@@ -65,6 +68,7 @@ class Filmed:
     frame_count: int
     frames_per_second: float
     sizes: tuple[tuple[int, int], ...]
+    turns: tuple[int, ...]
     warnings: tuple[str, ...]
 
 
@@ -173,16 +177,13 @@ def on_common_frames(path: Path, footage: Sequence[Footage]) -> Filmed:
     if videos:
         files = [each.files[0] for each in videos]
         facts = [read_facts(file) for file in files]
-        count, warnings = shared_frame_count(path, files, facts)
+        paired = pair_videos(path, files, facts)
         sizes = tuple((fact.width, fact.height) for fact in facts)
-        return Filmed(shots_of_videos(files, count), count, facts[0].frames_per_second, sizes, tuple(warnings))
+        turns = tuple(fact.turn // 90 for fact in facts)
+        return Filmed(paired.shots, paired.frame_count, paired.frames_per_second, sizes, turns, tuple(paired.warnings))
     check_images(path, sum(len(each.files) for each in footage))
-    frames = frames_of_numbers((number for each in footage for number in each.numbers), path)
-    shots = tuple(
-        image_at(camera, frames[number], file)
-        for camera, each in enumerate(footage)
-        for number, file in zip(each.numbers, each.files, strict=True)
-    )
+    images = [(camera, file) for camera, each in enumerate(footage) for file in each.files]
+    shots = at_times(images, [number for each in footage for number in each.numbers], path)
     strays = sum(each.strays for each in footage)
     warnings = [f"{path}: {strays} images that are named unlike the others are left out."] if strays else []
     count = max(shot.frame for shot in shots) + 1
@@ -191,50 +192,46 @@ def on_common_frames(path: Path, footage: Sequence[Footage]) -> Filmed:
         warnings.append(f"{path}: {missing:,} of {filled * len(footage):,} images are missing; their places stay gaps.")
     if filled < count:
         warnings.append(f"{path}: {count - filled:,} of {count:,} frames have no image and stay gaps.")
-    sizes = tuple(image_size(each.files[0]) for each in footage)
-    return Filmed(shots, count, 30.0, sizes, tuple(warnings))
+    first = [each.files[0] for each in footage]
+    sizes, turns = tuple(image_size(file) for file in first), tuple(image_turns(file) for file in first)
+    return Filmed(tuple(shots), count, 30.0, sizes, turns, tuple(warnings))
 
 
-def frames_of_numbers(numbers: Iterable[int], path: Path) -> dict[int, float]:
-    """The frame of each number that stands in images' names, counted from 0 in the largest step that divides all
-    differences.
-
-    Where frames would be nearly all empty, as of times in microseconds, the smallest difference is the step, and images
-    are taken between frames.
+def at_times(images: Sequence[tuple[int, Path]], numbers: Sequence[int], path: Path) -> list[Shot]:
+    """The shots of images (camera and file) whose numbers, in their names or a list, are times.
 
     Raises:
-        FrogError: for more than ``MAX_FRAMES``.
+        FrogError: for too many frames.
     """
-    known = sorted(set(numbers))
-    first, differences = known[0], [after - before for before, after in pairwise(known)]
-    step = math.gcd(*differences) if differences else 1
-    if (known[-1] - first) // step >= _SPARSE * len(known):
-        step = min(differences)
-    if (known[-1] - first) // step >= MAX_FRAMES and len(known) < MAX_FRAMES:
-        frame_span(0, (known[-1] - first) // step, path, "numbers of images, counted in their steps,")
-    return {number: (number - first) / step for number in known}
+    first = min(numbers)
+    times = frame_times([float(number - first) for number in numbers], [camera for camera, _ in images], path)
+    return [
+        Shot(camera, int(frame), file, 0, float(offset))
+        for (camera, file), frame, offset in zip(images, times.frames, times.offsets, strict=True)
+    ]
 
 
-def image_at(camera: int, frame: float, image: Path) -> Shot:
-    """The shot of an image that was taken at a frame with its fraction."""
-    whole = math.floor(frame + 0.5)  # two images a frame apart never share one, as they would if halves went to even
-    return Shot(camera, whole, image, 0, frame - whole)
+def fitted(calibrated: Calibrated, size: tuple[int, int], turns: int, source: Path) -> Calibrated:
+    """The calibrated camera, and its lens, at the size (width, height) at which its images are shown.
 
-
-def fitted(camera: Camera, size: tuple[int, int], source: Path) -> Camera:
-    """The calibrated camera at the size (width, height) of its images.
+    Args:
+        turns: quarter turns clockwise by which the stored images are shown; calibrations are often those of images as
+            they are stored.
 
     Raises:
         FrogError: if their proportions differ.
     """
+    camera, lens = calibrated
+    if is_transposed(size, (camera.width, camera.height)) and turns % 2:
+        camera, lens = turned_camera(camera, lens, turns) or calibrated
     if size == (camera.width, camera.height):
-        return camera
+        return camera, lens
     if not same_proportions(size, (camera.width, camera.height)):
-        turned = same_proportions(size, (camera.height, camera.width))
+        turned = is_transposed(size, (camera.width, camera.height))
         hint = " (were they turned by 90 degrees after calibration?)" if turned else ""
         found = f"images of {size[0]} x {size[1]} pixels{hint}"
         raise found_instead(source, found, f"the proportions of the calibration, {camera.width} x {camera.height}")
-    return camera.resized(*size)
+    return camera.resized(*size), lens
 
 
 def _in_order(name: str, images: list[Path]) -> Footage:

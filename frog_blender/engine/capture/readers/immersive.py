@@ -21,9 +21,9 @@ from ...errors import found_instead
 from ..camera import Camera, rotation_about
 from ..capture import Capture
 from ..lenses import FISHEYE
-from .assembly import Calibrated, standing_cameras
+from .assembly import standing_cameras
 from .checks import check_length, number, numbers, size
-from .footage import MAX_CAMERAS, find_below, natural, of_cameras
+from .footage import MAX_CAMERAS, Calibrated, find_below, natural, of_cameras
 from .geometry import distortion, intrinsics, pose, through_lens
 
 _MODELS = "models.json"

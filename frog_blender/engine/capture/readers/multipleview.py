@@ -13,9 +13,9 @@ from pathlib import Path, PurePosixPath
 
 from ...errors import found_instead
 from ..capture import Capture
-from .assembly import Calibrated, standing_cameras, with_points
+from .assembly import standing_cameras, with_points
 from .colmap_model import has_model, read_model
-from .footage import Footage, find_footage, natural, of_cameras, on_common_frames
+from .footage import Calibrated, Footage, find_footage, natural, of_cameras, on_common_frames
 from .llff import read_rows, row_camera
 
 _POSES = "poses_bounds_multipleview.npy"

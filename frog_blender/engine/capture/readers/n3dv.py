@@ -12,6 +12,7 @@ from ...errors import FrogError, found_instead
 from ..capture import Capture
 from ..video import find_images
 from .footage import Footage, find_footage, on_common_frames
+from .geometry import is_transposed
 from .llff import read_rows, row_camera
 
 _POSES = "poses_bounds.npy"
@@ -45,6 +46,11 @@ def read(path: Path) -> Capture:
     ]
     for camera, row in zip(cameras, rows, strict=True):
         stored_height, stored_width = row[4], row[9]
+        if is_transposed((camera.width, camera.height), (stored_width, stored_height)):
+            found = (
+                f"{stored_width:g} x {stored_height:g} for images of {camera.width} x {camera.height} of {camera.name}"
+            )
+            raise found_instead(path / _POSES, found, "the same way up: they are turned by 90 degrees")
         if abs(camera.width / camera.height - stored_width / stored_height) > 0.01 * stored_width / stored_height:
             warnings.append(
                 f"{path}: the images of {camera.name} are {camera.width} x {camera.height}, "

@@ -20,7 +20,7 @@ from ...errors import FrogError, found_instead
 from ...io.numpy_files import read_npz
 from ..camera import Camera
 from ..capture import MAX_IMAGES, Capture, Shot
-from ..image_size import image_size
+from ..image_size import image_size, image_turns
 from .assembly import with_points
 from .checks import MAX_COORDINATE, check_images, frame_span, number, pinhole, read_json, rigid, rotation, size
 from .footage import fitted
@@ -66,7 +66,9 @@ def read(path: Path) -> Capture:
     cameras = []
     for name in order:
         entry = entries[first[name]]
-        cameras.append(replace(fitted(entry.camera, image_size(entry.image), entry.image), name=name))
+        size_and_turns = image_size(entry.image), image_turns(entry.image)
+        camera, _ = fitted((entry.camera, None), *size_and_turns, entry.image)
+        cameras.append(replace(camera, name=name))
     shots: dict[tuple[int, int], Shot] = {}
     for name, entry in zip(names, entries, strict=True):
         shots.setdefault((place[name], entry.frame), Shot(place[name], entry.frame, entry.image, 0))
