@@ -19,6 +19,7 @@ from frog_blender.engine.capture.lenses import WIDEST
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
 
+from ..test_films import write_oriented
 from .reading import assert_same_cameras, assert_same_images, opened
 
 BINARY_OR_TEXT = pytest.mark.parametrize("text", [False, True], ids=["binary", "text"])
@@ -186,6 +187,28 @@ def test_fisheyes_become_pinholes_of_at_most_110_degrees(tmp_path: Path, model: 
     assert field_of_view(found) <= WIDEST + 1e-9 and field_of_view(found) > np.radians(80)
     assert_same_cameras(capture, [camera], poses_only=True)
     assert_same_images(capture, tmp_path / "cache", lambda camera, frame: image(camera, 2), off=4.0)
+
+
+@pytest.mark.parametrize("orientation", [6, 8])
+@pytest.mark.parametrize("model", ["PINHOLE", "OPENCV", "OPENCV_FISHEYE"])
+def test_photographs_that_exif_turns_keep_their_poses(tmp_path: Path, model: str, orientation: int) -> None:
+    """COLMAP sees images as they are stored; the camera of what is shown is turned with them."""
+    pycolmap = pytest.importorskip("pycolmap")
+    values = {"PINHOLE": (52.0, 54.0, 33.5, 22.25), "OPENCV": PERSPECTIVE["OPENCV"][0], **FISHEYE}[model]
+    camera = rig()[1]
+    lens = pycolmap.Camera(model=model, width=camera.width, height=camera.height, params=list(values))
+
+    def rays(pixels: np.ndarray) -> np.ndarray:
+        return np.array([lens.cam_from_img(pixel)[:2] for pixel in pixels])
+
+    (tmp_path / "c" / "images").mkdir(parents=True)
+    write_oriented(tmp_path / "c" / "images" / "cam01.png", image(camera, 2, rays), orientation)
+    write_model(tmp_path / "c" / "sparse" / "0", ["cam01.png"], [camera], [(model, values)])
+    capture = opened(tmp_path / "c", "colmap")
+    assert (capture.cameras[0].width, capture.cameras[0].height) == (48, 64)
+    np.testing.assert_allclose(capture.cameras[0].center, camera.center, atol=1e-9)
+    off = {"PINHOLE": 0.0, "OPENCV": 3.0, "OPENCV_FISHEYE": 4.0}[model]
+    assert_same_images(capture, tmp_path / "cache", lambda camera, frame: image(camera, 2), off=off)
 
 
 def field_of_view(camera: Camera) -> float:

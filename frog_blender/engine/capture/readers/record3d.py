@@ -24,13 +24,13 @@ from .footage import natural, number_of
 from .geometry import from_quaternion, intrinsics, pose
 
 _METADATA = ("metadata.json", "metadata")
-_IMAGES = ("rgbd", "rgb", "EXR_RGBD/rgb", "RGBD_Video")
+_IMAGES = ("rgbd", "rgb", "EXR_RGBD/rgb")
 _TO_OPENCV = np.diag([1.0, -1.0, -1.0])
 
 
 def matches(path: Path) -> bool:
-    """True if the folder holds the metadata and a folder of images."""
-    return _file(path) is not None and any((path / name).is_dir() for name in _IMAGES)
+    """True if the folder holds the metadata and a folder with images."""
+    return _file(path) is not None and bool(_images(path))
 
 
 def read(path: Path) -> Capture:
