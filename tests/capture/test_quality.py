@@ -93,6 +93,14 @@ def test_cameras_out_of_step_are_found_to_a_tenth_of_a_frame(tmp_path: Path, lat
     assert any("out of step" in each and "cam1" in each for each in quality.findings)
 
 
+def test_cameras_whose_times_are_known_are_in_step(tmp_path: Path) -> None:
+    capture = filmed(tmp_path, late=0.5)
+    known = (replace(shot, offset=-0.5) if shot.camera == 1 else shot for shot in capture.shots)
+    quality = check_capture(replace(capture, shots=tuple(known)))
+    assert quality.findings == ()
+    assert all(pair.check.offset == pytest.approx(0, abs=0.1) for pair in quality.pairs)
+
+
 def test_a_wrong_pose_is_found_and_its_camera_blamed(tmp_path: Path) -> None:
     capture = filmed(tmp_path)
     turned = capture.cameras[1].moved(np.array([0.02, 0.0, 0.0]), np.zeros(3))

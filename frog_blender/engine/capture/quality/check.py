@@ -106,6 +106,9 @@ def _between(capture: Capture, pairs: list[tuple[int, int]], samples: dict[int, 
         absurd = _ABSURD * max(cameras[0].width, cameras[0].height)
         if check.distance is not None and check.distance > absurd and parallax(cameras[0], cameras[1], depth) > _WIDE:
             check = replace(check, distance=None, offset=None, gain=None)  # which proves nothing
+        if check.offset is not None:  # but for what the capture knows of the images' times
+            late = capture.shots[first].offset - capture.shots[second].offset
+            check = replace(check, offset=check.offset - late)
         checks[names[0], names[1]].append(check)
     return [Between(*names, _median(of_pair)) for names, of_pair in checks.items()]
 
