@@ -13,7 +13,7 @@ from support.layouts import rigs
 from support.layouts.colmap import write_model
 from support.layouts.files import write_films, write_frames, write_image
 
-from frog_blender.engine.capture.readers import detect, open_capture
+from frog_blender.engine.capture.readers import detect, layout_of, open_capture
 from frog_blender.engine.errors import FrogError
 
 
@@ -107,6 +107,14 @@ def test_a_capture_one_folder_deeper_has_its_own_path(tmp_path: Path) -> None:
     (tmp_path / "__MACOSX").mkdir()
     assert detect(tmp_path) == "n3dv"
     assert open_capture(tmp_path).path == tmp_path / "coffee_martini"
+
+
+def test_raw_videos_are_not_passed_over_for_a_capture_below_them(tmp_path: Path) -> None:
+    rigs.n3dv_nested(tmp_path)
+    write_films(tmp_path, rig())
+    assert layout_of(tmp_path) is None and layout_of(tmp_path / "coffee_martini") == "n3dv"
+    with pytest.raises(FrogError, match="4 videos without calibration"):
+        open_capture(tmp_path)
 
 
 def test_a_damaged_calibration_is_named_and_not_taken_for_raw_videos(tmp_path: Path) -> None:

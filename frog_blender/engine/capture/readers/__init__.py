@@ -9,6 +9,7 @@ from pathlib import Path
 
 from ...errors import FrogError
 from ..capture import Capture
+from ..video import find_videos
 from . import (
     calibrated_videos,
     calibration_toml,
@@ -70,6 +71,8 @@ def _located(path: Path) -> tuple[Path, str]:
             raise not_a_folder(path)
         if layout := _layout(path):
             return path, layout
+        if find_videos(path):  # which somebody wants to use, whatever lies below
+            raise unknown_folder(path, [])
         entries = (entry for entry in path.iterdir() if not entry.name.startswith(".") and entry.is_dir())
         below = [(folder, layout) for folder in islice(entries, _LOOKED_BELOW) if (layout := _layout(folder))]
         if len(below) == 1:
