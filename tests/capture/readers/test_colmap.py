@@ -152,29 +152,43 @@ FISHEYE = {
 }
 
 
+SCALE = 4  # of the images: half a pixel would then change them by 0.66 levels of 255, and sampling does by 0.25
+LENGTHS = {"SIMPLE_PINHOLE": 3, "SIMPLE_RADIAL": 3, "RADIAL": 3, "SIMPLE_RADIAL_FISHEYE": 3, "RADIAL_FISHEYE": 3}
+
+
+def enlarged(model: str, values: tuple[float, ...]) -> tuple[float, ...]:
+    """A lens's parameters for images larger by ``SCALE``: those in pixels come first."""
+    pixels = LENGTHS.get(model, 4)
+    return (*(SCALE * value for value in values[:pixels]), *values[pixels:])
+
+
+def large(camera: Camera) -> Camera:
+    return camera.resized(SCALE * camera.width, SCALE * camera.height)
+
+
 @pytest.mark.parametrize("model", PERSPECTIVE)
 def test_lenses_are_undistorted(tmp_path: Path, model: str) -> None:
     values, coefficients = PERSPECTIVE[model]
     focal = (values[0], values[0] if len(values) in (3, 4, 5) else values[1])
-    camera = rig(focal, (32.5, 23.0))[1]
+    camera = large(rig(focal, (32.5, 23.0))[1])
 
     def rays(pixels: np.ndarray) -> np.ndarray:
         exact, known = (3, 100, 1e-12), (camera.intrinsics, np.array(coefficients), None, None)
         return cv2.undistortPointsIter(pixels[:, None], *known, exact)[:, 0]
 
     write_image(tmp_path / "c" / "images" / "cam01.png", image(camera, 2, rays))
-    write_model(tmp_path / "c" / "sparse" / "0", ["cam01.png"], [camera], [(model, values)])
+    write_model(tmp_path / "c" / "sparse" / "0", ["cam01.png"], [camera], [(model, enlarged(model, values))])
     capture = opened(tmp_path / "c", "colmap")
     assert (capture.distortions[0] is None) == (not any(coefficients))
     assert_same_cameras(capture, [camera])
-    assert_same_images(capture, tmp_path / "cache", lambda camera, frame: image(camera, 2), off=3.0)
+    assert_same_images(capture, tmp_path / "cache", lambda camera, frame: image(camera, 2), off=0.33)
 
 
 @pytest.mark.parametrize("model", FISHEYE)
 def test_fisheyes_become_pinholes_of_at_most_110_degrees(tmp_path: Path, model: str) -> None:
     """The image is drawn through COLMAP's own lens; undistorted it must be what the pinhole camera sees."""
     pycolmap = pytest.importorskip("pycolmap")
-    values, camera = FISHEYE[model], rig()[1]
+    values, camera = enlarged(model, FISHEYE[model]), large(rig()[1])
     lens = pycolmap.Camera(model=model, width=camera.width, height=camera.height, params=list(values))
 
     def rays(pixels: np.ndarray) -> np.ndarray:
@@ -186,7 +200,7 @@ def test_fisheyes_become_pinholes_of_at_most_110_degrees(tmp_path: Path, model: 
     found = capture.cameras[0]
     assert field_of_view(found) <= WIDEST + 1e-9 and field_of_view(found) > np.radians(80)
     assert_same_cameras(capture, [camera], poses_only=True)
-    assert_same_images(capture, tmp_path / "cache", lambda camera, frame: image(camera, 2), off=4.0)
+    assert_same_images(capture, tmp_path / "cache", lambda camera, frame: image(camera, 2), off=0.33)
 
 
 @pytest.mark.parametrize("orientation", [6, 8])
