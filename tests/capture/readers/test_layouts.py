@@ -130,7 +130,7 @@ def test_cameras_without_footage_are_left_out_and_named(tmp_path: Path) -> None:
     rigs.pose2sim(tmp_path)
     (tmp_path / "videos" / "cam02.avi").rename(tmp_path / "videos" / "cam09.avi")
     capture = open_capture(tmp_path)
-    assert [camera.name for camera in capture.cameras] == [f"int_cam{i:02d}_img" for i in (1, 3, 4)]
+    assert [camera.name for camera in capture.cameras] == [f"cam{i:02d}" for i in (1, 3, 4)]
     assert any("int_cam02_img" in warning for warning in capture.warnings)
     assert any("cam09" in warning for warning in capture.warnings)
 

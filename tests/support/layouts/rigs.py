@@ -164,7 +164,7 @@ def caliscope(folder: Path) -> list[Camera]:
     (folder / "camera_array.toml").write_text(text)
     (folder / "charuco.toml").write_text('columns = 4\nrows = 5\ndictionary = "DICT_4X4_1000"\n')
     write_films(folder, rig(), "cam_{camera}.avi")
-    return cameras
+    return named(rig(), "cam_{i}")
 
 
 def anipose(folder: Path) -> list[Camera]:
@@ -190,7 +190,7 @@ def pose2sim(folder: Path) -> list[Camera]:
     (folder / "Config.toml").write_text("[project]\nframe_rate = 'auto'\n")
     for i, images in enumerate(frames_of(rig()), start=1):
         write_film(folder / "videos" / f"cam{i:02d}.avi", images)
-    return cameras
+    return named(rig(), "cam{one:02d}")
 
 
 def fisheye_rays(camera: Camera) -> Callable[[np.ndarray], np.ndarray]:

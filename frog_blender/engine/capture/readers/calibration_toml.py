@@ -6,14 +6,15 @@ p2 k3, or four of ``cv2.fisheye`` where ``fisheye`` is true), ``rotation`` (rota
 ``metadata``, are not cameras. (mprib/caliscope; lambdaloop/aniposelib, cameras.py; perfanalytics/pose2sim,
 calibration.py.)
 
-caliscope names films ``cam_1.mp4`` or ``port_1.mp4``, Pose2Sim cameras ``int_cam01_img``: the number joins them.
-Units of length are the file's own. Nothing is held out.
+caliscope names films ``cam_1.mp4`` or ``port_1.mp4``, Pose2Sim cameras ``int_cam01_img``: the number joins them, and
+the film names the camera. Units of length are the file's own. Nothing is held out.
 """
 
 from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -65,9 +66,11 @@ def read(path: Path) -> Capture:
     if not calibrated:
         raise found_instead(file, "no camera with matrix, rotation and translation", "at least one")
     footage, about = of_cameras(file, list(calibrated), find_below(path, _FOOTAGE))
-    names = sorted(footage, key=natural)
-    cameras = [calibrated[name] for name in names]
-    return standing_cameras(path, "calibration_toml", cameras, [footage[name] for name in names], [*warnings, *about])
+    pairs = sorted(
+        ((found, calibrated[name]) for name, found in footage.items()), key=lambda pair: natural(pair[0].name)
+    )
+    cameras = [(replace(camera, name=found.name), lens) for found, (camera, lens) in pairs]
+    return standing_cameras(path, "calibration_toml", cameras, [found for found, _ in pairs], [*warnings, *about])
 
 
 def _calibration(path: Path) -> Path | None:
