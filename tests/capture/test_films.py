@@ -45,9 +45,18 @@ def test_a_film_cut_at_its_end_shows_no_more(film: Path, tmp_path: Path) -> None
     assert len(header.timestamps) == len(list(shown(cut, 64, 48))) == read_facts(cut).frame_count
 
 
-def test_a_film_that_starts_late_says_so(film: Path, tmp_path: Path) -> None:
-    late = copied(film, tmp_path / "late.mp4", "-itsoffset", 0.5)
-    np.testing.assert_allclose(read_facts(late).timestamps, 0.5 + np.arange(90) / 30)
+@pytest.mark.parametrize("ending", ["mp4", "mov", "mkv"])
+def test_a_film_that_starts_late_says_so(film: Path, tmp_path: Path, ending: str) -> None:
+    late = copied(film, tmp_path / f"late.{ending}", "-itsoffset", 0.5)
+    np.testing.assert_allclose(read_facts(late).timestamps, 0.5 + np.arange(90) / 30, atol=0.001)
+
+
+@pytest.mark.parametrize("is_full", [False, True])
+def test_the_whole_range_of_brightness_is_shown_as_players_do(tmp_path: Path, is_full: bool) -> None:
+    ramp = np.repeat(np.linspace(0, 255, 64).astype(np.uint8)[None, :, None], 48, axis=0).repeat(3, axis=2)
+    options = ["-vf", "scale=out_range=full", "-color_range", "pc"] if is_full else []
+    film = encode(tmp_path / "ramp.mp4", [ramp] * 2, *options)
+    np.testing.assert_allclose(next(decode(film, [1])).astype(int), shown(film, 64, 48)[1], atol=4)
 
 
 @pytest.mark.parametrize("ending", ["mp4", "mkv"])

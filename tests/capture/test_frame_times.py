@@ -185,6 +185,12 @@ def test_masks_that_are_not_used_are_said(tmp_path: Path) -> None:
     assert "1 images have masks (mask_path), which are not used" in open_capture(tmp_path).warnings[0]
 
 
+def test_photographs_upside_down_are_said(tmp_path: Path) -> None:
+    write(tmp_path, [], [posed("a.png", 0)])
+    write_oriented(tmp_path / "a.png", np.zeros((30, 40, 3), np.uint8), 3)
+    assert "a.png (of 1 cameras' images) is turned by 180 degrees" in open_capture(tmp_path).warnings[0]
+
+
 @pytest.mark.parametrize("orientation", [6, 8])
 @pytest.mark.parametrize("is_calibrated_as_stored", [True, False])
 def test_photographs_turned_by_exif_fit_their_calibration(

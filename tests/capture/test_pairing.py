@@ -123,6 +123,28 @@ def test_films_of_different_times_are_refused() -> None:
         paired(facts(np.arange(30) / 30), facts(np.arange(30) / 30), clocks=[Clock(), Clock(5)])
 
 
+def test_a_time_that_half_of_the_films_show_is_used() -> None:
+    """One film of four starts late, and one ends early: the others lose nothing."""
+    clocks = [Clock(), Clock(), Clock(1.0), Clock(-0.5)]
+    pairing = paired(*[facts(np.arange(60) / 30)] * 4, clocks=clocks)
+    assert pairing.frame_count == 60
+    seen = {camera: [shot.frame for shot in pairing.shots if shot.camera == camera] for camera in range(4)}
+    assert seen == {0: [*range(60)], 1: [*range(60)], 2: [*range(30, 60)], 3: [*range(45)]}
+    assert "the 60 frames that at least 2 of them show are used" in pairing.warnings[0]
+
+
+def test_two_pairs_of_films_of_different_times_are_refused() -> None:
+    with pytest.raises(FrogError, match="expected films of the same time"):
+        paired(*[facts(np.arange(30) / 30)] * 4, clocks=[Clock(), Clock(), Clock(9), Clock(9)])
+
+
+def test_frames_at_one_time_do_no_harm() -> None:
+    """As damaged headers have them."""
+    pairing = paired(facts(np.zeros(5)), facts(np.array([0, 0, 1 / 30, 1 / 30, 1])))
+    assert {(shot.camera, shot.frame) for shot in pairing.shots} == {(0, 0), (1, 0)}
+    assert all(np.isfinite(shot.offset) for shot in pairing.shots)
+
+
 # From files -------------------------------------------------------------------------------------------------------
 
 

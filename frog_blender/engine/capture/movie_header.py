@@ -1,6 +1,7 @@
-"""What the header of an MP4 or QuickTime file says of its film: when a player shows each frame, and its transfer curve.
+"""What a file's header says of its film: when a player shows each frame, and its transfer curve.
 
 Nothing is decoded. OpenCV counts times from the first frame that it decodes, and so does not say when a film starts.
+MP4 and QuickTime name every frame; of Matroska the start is read.
 (ISO/IEC 14496-12: boxes 8.6.1 ``stts`` and ``ctts``, 8.6.6 ``elst``, 12.1.5 ``colr``.)
 """
 
@@ -17,11 +18,13 @@ from numpy.typing import NDArray
 
 from ..arrays import Float64s
 from .capture import MAX_FRAMES
+from .matroska_header import read_matroska_header
 
 _MAX_HEADER = 2**27  # bytes: films of many hours have less
 _MAX_TOP_LEVEL = 10_000  # boxes before the header
 _SAMPLE_ENTRY = 78  # bytes of a visual sample entry before the boxes in it
 _TRANSFERS = {16: "pq", 18: "hlg"}  # ISO/IEC 23091-2
+_LATEST = 1e8  # seconds: no film starts three years late
 _EMPTY_EDIT = -1  # a media time: nothing is shown
 _NORMAL_RATE = 0x10000  # 1.0, with 16 bits of fraction
 
@@ -32,14 +35,16 @@ class MovieHeader:
 
     Attributes:
         timestamps: (N,) float64 ascending seconds, from the movie's start, of the frames that a player shows; None
-            where the header does not say it plainly: films in fragments, or cut together from several parts.
-        codec: four letters, such as "avc1".
+            where the header does not say it plainly: Matroska, films in fragments, or cut together from several parts.
+        codec: four letters, such as "avc1"; "" of Matroska.
         transfer: "hlg", "pq", or "" for every other curve; None where the header does not say it.
+        start: seconds from the movie's start of the first frame that is shown.
     """
 
     timestamps: Float64s | None
     codec: str
     transfer: str | None
+    start: float = 0.0
 
 
 class _Unfit(Exception):
@@ -51,9 +56,15 @@ def read_movie_header(path: Path) -> MovieHeader | None:
     try:
         with path.open("rb") as file:
             header = _header_box(file)
-        return None if header is None else _movie(header)
+        if header is not None:
+            return _movie(header)
     except (OSError, _Unfit, struct.error, ValueError, OverflowError):
         return None
+    film = read_matroska_header(path)
+    if film is None or abs(film.start) > _LATEST:
+        return None
+    transfer = None if film.transfer is None else _TRANSFERS.get(film.transfer, "")
+    return MovieHeader(None, "", transfer, film.start)
 
 
 def _header_box(file: BinaryIO) -> memoryview | None:
@@ -117,7 +128,8 @@ def _movie(movie: memoryview) -> MovieHeader | None:
         if kind == b"trak" and bytes(_child(track, b"mdia", b"hdlr")[8:12]) == b"vide":
             codec, transfer = _look(_child(track, b"mdia", b"minf", b"stbl", b"stsd"))
             plain = not _has(movie, b"mvex")  # else it goes on in fragments
-            return MovieHeader(_timestamps(movie, track) if plain else None, codec, transfer)
+            times = _timestamps(movie, track) if plain else None
+            return MovieHeader(times, codec, transfer, 0.0 if times is None else float(times[0]))
     return None
 
 
@@ -168,6 +180,8 @@ def _shown(track: memoryview, movie_scale: int, scale: int) -> tuple[float, int,
     if first < 0 or rate != _NORMAL_RATE or any(media_time != _EMPTY_EDIT for _, media_time, _ in before):
         return None
     start = sum(empty for empty, _, _ in before) / movie_scale
+    if not 0 <= start <= _LATEST:
+        return None
     length = round(duration * scale / movie_scale) if duration else 2**61
     return start, first, first + length
 

@@ -23,7 +23,7 @@ NAMES = {"hlg": "HLG", "pq": "PQ"}
 _REFERENCE_WHITE, _PEAK = 203.0, 1000.0  # cd/m2
 _LEVELS = 4096  # of the tables
 # Codecs that have more than 8 bits, and say the curve in their own header where the file's does not.
-_DEEP_CODECS = frozenset({"hvc1", "hev1", "dvh1", "dvhe", "av01", "vp09"})
+_DEEP_CODECS = frozenset({"hvc1", "hev1", "dvh1", "dvhe", "av01", "vp09", ""})
 _ASK_SECONDS = 20.0
 _STREAM_TRANSFERS = {"arib-std-b67": "hlg", "smpte2084": "pq"}
 

@@ -134,6 +134,7 @@ def read_facts(path: Path) -> VideoFacts:
             rate = float(rate) if np.isfinite(rate) and 0.1 <= rate <= 1000 else 30.0
             count = int(declared) if np.isfinite(declared) and declared > 0 else 0
             is_estimate = planned is None and (not count or header is not None or _estimates(path))
+            start = 0.0 if header is None else header.start
             count = count if planned is None else len(planned)
             if is_estimate or count * width * height < _COUNT_BY_DECODING:
                 stamps = [video.get(cv2.CAP_PROP_POS_MSEC)]
@@ -141,7 +142,7 @@ def read_facts(path: Path) -> VideoFacts:
                     stamps.append(video.get(cv2.CAP_PROP_POS_MSEC))
                 if not is_estimate and len(stamps) < count - _may_miss(count):
                     raise truncated(path, len(stamps), count)
-                times = _times(stamps, planned, rate)
+                times = _times(stamps, planned, start, rate)
             else:
                 times = np.arange(count) / rate if planned is None else planned
     finally:
@@ -153,19 +154,21 @@ def _estimates(path: Path) -> bool:
     return path.suffix.lower() in _ESTIMATING_SUFFIXES
 
 
-def _times(stamps: Sequence[float], planned: Float64s | None, rate: float) -> Float64s:
+def _times(stamps: Sequence[float], planned: Float64s | None, start: float, rate: float) -> Float64s:
     """(N,) seconds of decoded frames.
 
     Args:
         stamps: milliseconds as OpenCV says them, which begin with 0.
         planned: what the header says of all frames that are shown, seconds.
+        start: of the first of them, seconds.
     """
     if planned is not None and len(planned) == len(stamps):
         return planned
-    times = np.array(stamps) / 1000
+    times: Float64s = np.array(stamps) / 1000
     if not np.isfinite(times).all() or (np.diff(times) <= 0).any():  # some containers have no times
         times = np.arange(len(stamps)) / rate
-    return times if planned is None else planned[0] + times - times[0]
+    times += start - times[0]
+    return times
 
 
 def decode(path: Path, indices: Iterable[int]) -> Iterator[ImageArray]:

@@ -46,7 +46,7 @@ class Pairing:
 
     Attributes:
         shots: camera i is of video i; cameras may lack images.
-        frame_count: frames of the time that all videos show.
+        frame_count: frames of the time that enough videos show.
         frames_per_second: of the capture's time.
         warnings: one sentence each.
     """
@@ -98,8 +98,8 @@ def pair_videos(
         return Pairing(shots_of_videos(videos, count), count, rate, looks + warnings)
     rate = statistics.median_low(film.rate for film in films)
     frames, offsets = _on_grid(films, rate)
-    first, last = max(int(of[0]) for of in frames), min(int(of[-1]) for of in frames)
-    if last < first:
+    first, last = _shared(frames)
+    if any(of[0] > last or of[-1] < first for of in frames):
         raise _apart(path, videos, films)
     count = frame_span(first, last, path, "frames")
     check_images(path, sum(min(count, len(of)) for of in frames))
@@ -118,17 +118,21 @@ def pair_videos(
             f"{path}: {_some(crowded)} took more images than {rate:g} a second, of which the nearest in time are used."
         )
     if any(of[0] < first or of[-1] > last for of in frames):
-        warnings.append(f"{path}: the videos show different times; the {count} frames that all of them show are used.")
+        warnings.append(
+            f"{path}: the videos show different times; the {count} frames that at least {_quorum(len(films))} of them "
+            "show are used."
+        )
     return Pairing(tuple(shots), count, rate, warnings)
 
 
 def _film(fact: VideoFacts, clock: Clock) -> _Film:
     times = clock.offset + clock.rate * fact.timestamps
     nominal = fact.frames_per_second / clock.rate
-    if len(times) < 2:
-        return _Film(times, nominal, 0, True)
     steps = np.diff(times)
-    numbers = np.concatenate([[0], np.cumsum(np.maximum(np.round(steps / np.median(steps)), 1))])
+    if not (steps > 0).any():
+        return _Film(times, nominal, 0, True)
+    usual = np.median(steps[steps > 0])  # damaged files have frames at one time
+    numbers = np.concatenate([[0], np.cumsum(np.maximum(np.round(steps / usual), 1))])
     tolerance = _ROUNDING + _STAMP_ROUNDING * nominal
     missing = int(numbers[-1]) - (len(times) - 1)
     if np.abs((times - times[0]) * nominal - numbers).max() <= 2 * tolerance:  # the rate that the file says
@@ -163,6 +167,24 @@ def _on_grid(films: Sequence[_Film], rate: float) -> tuple[list[Ints], list[Floa
     frames = [np.floor(position + 0.5).astype(np.int64) for position in positions]
     late = [position - frame for position, frame in zip(positions, frames, strict=True)]
     return frames, [np.where(np.abs(of) <= _ROUNDING, 0.0, of) for of in late]
+
+
+def _quorum(films: int) -> int:
+    """Films that must show a time that is used: two, since one view tells no depth, and half of all."""
+    return min(films, max(2, (films + 1) // 2))
+
+
+def _shared(frames: Sequence[Ints]) -> tuple[int, int]:
+    """The first and the last frame of the longest time that enough films show; the last before the first for none."""
+    changes = sorted([(int(of[0]), 1) for of in frames] + [(int(of[-1]) + 1, -1) for of in frames])
+    quorum, shown, start, longest = _quorum(len(frames)), 0, 0, (0, -1)
+    for frame, change in changes:
+        shown += change
+        if change > 0 and shown == quorum:
+            start = frame
+        elif change < 0 and shown == quorum - 1 and frame - 1 - start > longest[1] - longest[0]:
+            longest = start, frame - 1
+    return longest
 
 
 def _wrapped(frames: Float64s) -> Float64s:

@@ -86,6 +86,11 @@ def read(path: Path) -> Capture:
         first.setdefault(name, entry)
     place = {name: index for index, name in enumerate(first)}
     views = [_camera(name, entry) for name, entry in first.items()]
+    if turned := [entry.image.name for entry in first.values() if image_turns(entry.image) == 2]:
+        warnings.append(
+            f"{path}: {turned[0]} (of {len(turned)} cameras' images) is turned by 180 degrees, as its EXIF says; the "
+            "poses are taken for those of the turned images."
+        )
     when = zip(found.frames.tolist(), found.offsets.tolist(), strict=True)
     shots = [
         Shot(place[name], frame, entry.image, 0, offset)
