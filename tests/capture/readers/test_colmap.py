@@ -152,6 +152,13 @@ FISHEYE = {
 }
 
 
+def test_images_that_exif_turns_upside_down_are_named(tmp_path: Path) -> None:
+    write_model(tmp_path / "sparse" / "0", ["cam00.png"], rig()[:1])
+    (tmp_path / "images").mkdir()
+    write_oriented(tmp_path / "images" / "cam00.png", still("cam00", 0), 3)
+    assert any("cam00.png (of 1 such) is turned by 180 degrees" in each for each in open_capture(tmp_path).warnings)
+
+
 SCALE = 4  # of the images: half a pixel would then change them by 0.66 levels of 255, and sampling does by 0.25
 LENGTHS = {"SIMPLE_PINHOLE": 3, "SIMPLE_RADIAL": 3, "RADIAL": 3, "SIMPLE_RADIAL_FISHEYE": 3, "RADIAL_FISHEYE": 3}
 

@@ -59,7 +59,7 @@ def standing_cameras(
         shots=filmed.shots,
         frame_count=filmed.frame_count,
         frames_per_second=filmed.frames_per_second,
-        warnings=(*warnings, *filmed.warnings),
+        warnings=(*warnings, *filmed.warnings, *_upside_down(path, [each.files[0] for each in footage], filmed.turns)),
     )
 
 
@@ -73,9 +73,10 @@ def moving_cameras(
     """
     check_images(path, len(views))
     shots = at_times([(index, view.image) for index, view in enumerate(views)], [view.number for view in views], path)
+    turns = [image_turns(view.image) for view in views]
     at_size = [
-        fitted((view.camera, view.distortion), image_size(view.image), image_turns(view.image), view.image)
-        for view in views
+        fitted((view.camera, view.distortion), image_size(view.image), turn, view.image)
+        for view, turn in zip(views, turns, strict=True)
     ]
     capture = Capture(
         path=path,
@@ -85,10 +86,21 @@ def moving_cameras(
         shots=tuple(shots),
         frame_count=max(shot.frame for shot in shots) + 1,
         frames_per_second=rate,
-        warnings=tuple(warnings),
+        warnings=(*warnings, *_upside_down(path, [view.image for view in views], turns)),
     )
     alone = len({shot.frame for shot in shots}) == len(views) and capture.frame_count > HOLDOUT_EVERY // 2
     return _with_some_held_out(capture) if alone else capture
+
+
+def _upside_down(path: Path, files: Sequence[Path], turns: Sequence[int]) -> list[str]:
+    """A warning about files that are shown turned by 180 degrees: their size does not tell how they were calibrated."""
+    turned = [file.name for file, turn in zip(files, turns, strict=True) if turn == 2]
+    if not turned:
+        return []
+    return [
+        f"{path}: {turned[0]} (of {len(turned)} such) is turned by 180 degrees, as the file says; the poses are taken "
+        "for those of the turned images."
+    ]
 
 
 def with_points(capture: Capture, points: Float64s | None) -> Capture:
