@@ -17,9 +17,11 @@ if str(Path(__file__).parent) not in sys.path:
 INTEGRATION = (
     "benchmarks",
     "blender",
+    "capture/test_quality.py",
     "capture/test_seeds.py",
     "cli",
     "experiments",
+    "capture/readers/test_mutated_captures.py",
     "io/test_mutated_files.py",
     "playback/test_without_torch.py",
     "rasterizer/cuda",

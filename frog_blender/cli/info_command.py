@@ -10,7 +10,9 @@ from typing import Any
 
 from ..engine.capture.capture import Capture
 from ..engine.capture.frames import is_decoded
+from ..engine.capture.quality.check import check_capture
 from ..engine.capture.readers import open_capture
+from ..engine.errors import FrogError
 from ..engine.playback.player import ScenePlayer
 from ..engine.scene import compression_report
 from ..engine.training.recipe import recipe
@@ -27,12 +29,17 @@ def add_info_parser(commands: Any) -> None:
     info = commands.add_parser("info", help="describe a capture or a .frog")
     info.add_argument("path", type=Path)
     info.add_argument("--json", action="store_true")
+    info.add_argument(
+        "--check",
+        action="store_true",
+        help="look at some images of a capture: do matches fit the poses, are cameras in step, exposure, blur",
+    )
     add_offset_argument(info)
     info.set_defaults(run=_info)
 
 
 def _info(options: argparse.Namespace) -> int:
-    description = _describe(options.path, offsets_of(options))
+    description = _describe(options.path, offsets_of(options), options.check)
     if options.json:
         print(json.dumps(description, indent=1))
         return 0
@@ -42,15 +49,29 @@ def _info(options: argparse.Namespace) -> int:
     return 0
 
 
-def _describe(path: Path, pixel_offsets: Mapping[str, tuple[float, float]] | None) -> dict[str, Any]:
+def _describe(path: Path, pixel_offsets: Mapping[str, tuple[float, float]] | None, check: bool) -> dict[str, Any]:
     """Plain values by name; a list is printed a line an entry."""
     if path.suffix == ".frog":
+        if check:
+            raise FrogError(f"{path}: --check looks at the images of a capture, found a scene.")
         return _describe_scene(ScenePlayer.load(path), path)
-    return _describe_capture(open_capture(path, pixel_offsets=pixel_offsets))
+    capture = open_capture(path, pixel_offsets=pixel_offsets)
+    return _describe_capture(capture) | (_checked(capture) if check else {})
+
+
+def _checked(capture: Capture) -> dict[str, Any]:
+    """What some images say of the capture."""
+    from .progress import bar
+
+    with bar("decoding images") as report:
+        quality = check_capture(capture, report)
+    found = list(quality.findings) or ["nothing that should be seen to"]
+    return {"check": quality.lines(), "not told": list(quality.untold), "found": found}
 
 
 def _describe_capture(capture: Capture) -> dict[str, Any]:
     return {
+        "folder": str(capture.path),
         "format": capture.format,
         "cameras": "1, moving" if capture.is_moving else len(capture.cameras),
         "frames": capture.frame_count,

@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..engine.capture.capture import Capture
-from ..engine.capture.readers import detect, open_capture, technicolor
+from ..engine.capture.readers import layout_of, open_capture, technicolor
 from ..engine.capture.readers.checks import checked
 from ..engine.errors import FrogError
 from .protocol_scenes import PROTOCOLS, Part, Protocol, Scene
@@ -134,7 +134,7 @@ def published_table(protocol: Protocol) -> str:
 
 def _open(scene: Scene, parts: list[Part], folder: Path) -> Iterator[tuple[Part, Capture]]:
     """The parts of a scene, without the cameras that the protocol leaves out."""
-    if detect(folder) == "technicolor":
+    if layout_of(folder) == "technicolor":
         for part in parts:
             frames = range(part.first, part.first + part.count) if part.count else None
             yield part, checked(technicolor.read(folder, frames))
@@ -188,6 +188,6 @@ def _plain(name: str) -> str:
 
 def _is_format(folder: Path, layout: str) -> bool:
     try:
-        return detect(folder) == layout
+        return layout_of(folder) == layout
     except FrogError:
         return False

@@ -76,7 +76,7 @@ def test_paths_outside_the_folder_are_refused(tmp_path: Path, name: str) -> None
 @pytest.mark.parametrize(
     ("top", "own", "found"),
     [
-        ({"camera_model": "OPENCV_FISHEYE"}, {}, "FISHEYE"),
+        ({"camera_model": "FISHEYE624"}, {}, "FISHEYE624"),
         ({"fl_x": None}, {}, "no focal length"),
         ({"fl_x": -3}, {}, "fl_x = -3"),
         ({"w": 80}, {}, "same proportions"),

@@ -179,6 +179,15 @@ def test_info_about_a_capture(run: Run, filmed: Path) -> None:
     assert status == 0 and "n3dv" in out and "48 x 36" in out
 
 
+def test_info_checks_the_images_of_a_capture(run: Run, filmed: Path, trained: Path) -> None:
+    status, out, _ = run("info", filmed, "--check", "--json")
+    report = json.loads(out)
+    assert status == 0 and report["format"] == "n3dv"
+    assert report["found"] and sum("matches" in line for line in report["check"]) >= 2
+    assert any(line.startswith("cam01: blur") for line in report["check"])
+    refused(run("info", trained, "--check"), "--check looks at the images of a capture")
+
+
 def test_info_about_a_scene(run: Run, trained: Path) -> None:
     status, out, _ = run("info", trained, "--json")
     report = json.loads(out)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.builders import plain_camera
+from support.layouts.rigs import easyvolcap
 
 from frog_blender.engine.scene.header import SceneHeader
 from frog_blender.engine.source_media.clips import Clip, camera_path, capture_folders, find_clips
@@ -50,6 +51,14 @@ def test_one_image_for_each_camera(tmp_path):
     folder = empty_files(tmp_path, "images/a.png", "images/b.jpg")
     found = find_clips(header(["a", "b"], frames=1), folder)
     assert found == {"a": Clip(folder / "images/a.png", "IMAGE"), "b": Clip(folder / "images/b.jpg", "IMAGE")}
+
+
+def test_other_layouts_are_opened_to_find_their_files(tmp_path):
+    cameras = [camera.name for camera in easyvolcap(tmp_path)]
+    found = find_clips(header(cameras, layout="easyvolcap", frames=5), tmp_path)
+    image = tmp_path / "images" / "00" / "000000.png"
+    assert list(found) == cameras and found["00"] == Clip(image, "SEQUENCE", 0, 1, 5)
+    assert find_clips(header(cameras, layout="easyvolcap", frames=5), tmp_path / "images") == {}
 
 
 def moving(names, frames=None, **changes):

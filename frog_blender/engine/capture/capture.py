@@ -33,15 +33,26 @@ class Distortion:
     """Lens distortion of the stored images; removed when frames are decoded.
 
     Attributes:
-        coefficients: (4..14,) float64 in OpenCV's order k1 k2 p1 p2 k3 ...
+        coefficients: (4..14,) float64 in OpenCV's order k1 k2 p1 p2 k3 ..., or those of another ``model``.
         skew: K[0, 1] of the stored images over their focal length in x; removed too, so that cameras have none.
+        model: ``"opencv"``, whose stored images have the camera's K, or one of ``lenses``.
+        lens: (3, 3) K of the stored images over their width and height, where it is not the camera's: of all models
+            but ``"opencv"``.
     """
 
     coefficients: Float64s
     skew: float = 0.0
+    model: str = "opencv"
+    lens: Float64s | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "coefficients", np.asarray(self.coefficients, dtype=np.float64).reshape(-1))
+
+    def cropped(self, left: float, top: float) -> Distortion:
+        """That of images without what lies left of and above (left, top), shares of width and height."""
+        if self.lens is None:
+            return self
+        return replace(self, lens=self.lens - np.array([[0.0, 0.0, left], [0.0, 0.0, top], [0.0, 0.0, 0.0]]))
 
 
 @dataclass(frozen=True)
@@ -228,7 +239,7 @@ class Capture:
             FrogError: for a name that is no camera, or an offset that is not two finite numbers.
         """
         names = [camera.name for camera in self.cameras]
-        cameras, crops = list(self.cameras), list(self.crops)
+        cameras, crops, distortions = list(self.cameras), list(self.crops), list(self.distortions)
         for name, offset in offsets.items():
             if name not in names:
                 raise FrogError(
@@ -241,7 +252,9 @@ class Capture:
             shift = np.array([[0.0, 0.0, dx], [0.0, 0.0, dy], [0.0, 0.0, 0.0]])
             cameras[index] = replace(camera, intrinsics=camera.intrinsics - shift)
             crops[index] = (crops[index][0] + float(dx), crops[index][1] + float(dy))
-        return replace(self, cameras=tuple(cameras), crops=tuple(crops))
+            if (lens := distortions[index]) is not None:
+                distortions[index] = lens.cropped(dx / camera.width, dy / camera.height)
+        return replace(self, cameras=tuple(cameras), crops=tuple(crops), distortions=tuple(distortions))
 
     def without_cameras(self, names: Collection[str]) -> Capture:
         """The capture without these cameras.

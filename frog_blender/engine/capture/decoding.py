@@ -8,13 +8,15 @@ from itertools import groupby, repeat
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import ImageArray
+from ..arrays import Float64s, ImageArray
 from ..errors import FrogError
 from .camera import Camera
 from .capture import Capture, Distortion
+from .lenses import bend
 from .video import VIDEO_SUFFIXES, decode, load_opencv, read_image
 
 Maps = tuple[NDArray[np.int16], NDArray[np.uint16]]
+_LINES = 256  # of an image, whose undistortion is computed at a time
 
 
 def decode_shots(capture: Capture, order: Sequence[int]) -> Iterator[ImageArray]:
@@ -46,9 +48,12 @@ def decode_shots(capture: Capture, order: Sequence[int]) -> Iterator[ImageArray]
 def undistortion_maps(camera: Camera, distortion: Distortion, width: int, height: int) -> Maps:
     """For each pixel of the undistorted image its position in the stored one (fixed-point, for ``cv2.remap``).
 
-    Both images are ``width`` x ``height`` pixels and share the camera's K at that size.
+    Both images are ``width`` x ``height`` pixels and share the camera's K at that size, or the stored one has the K of
+    ``distortion.lens``.
     """
     cv2 = load_opencv()
+    if distortion.lens is not None:
+        return _lens_maps(camera.resized(width, height), distortion, distortion.lens)
     intrinsics = camera.resized(width, height).intrinsics.copy()
     intrinsics[:2, 2] -= 0.5  # OpenCV counts pixel centres from 0, the camera from 0.5
     given = (intrinsics, distortion.coefficients, None, intrinsics, (width, height))
@@ -60,6 +65,23 @@ def undistortion_maps(camera: Camera, distortion: Distortion, width: int, height
     columns += distortion.skew * intrinsics[0, 0] * (lines - intrinsics[1, 2]) / intrinsics[1, 1]
     maps = cv2.convertMaps(columns, lines, cv2.CV_16SC2)
     return maps[0], maps[1]
+
+
+def _lens_maps(camera: Camera, distortion: Distortion, lens: Float64s) -> Maps:
+    """``undistortion_maps`` of a lens with a K of its own, for stored images of the camera's size."""
+    cv2 = load_opencv()
+    size = np.array([camera.width, camera.height])
+    focal, center = camera.intrinsics.diagonal()[:2], camera.intrinsics[:2, 2]
+    points, fractions = [], []
+    for top in range(0, camera.height, _LINES):  # in parts: the numbers of a large image would fill the memory
+        lines = np.arange(top, min(top + _LINES, camera.height)) + 0.5
+        pixels = np.stack(np.meshgrid(np.arange(camera.width) + 0.5, lines), axis=-1)
+        bent = bend(distortion.model, distortion.coefficients, (pixels - center) / focal)
+        stored = ((bent @ lens[:2, :2].T + lens[:2, 2]) * size - 0.5).astype(np.float32)
+        maps = cv2.convertMaps(stored[..., 0], stored[..., 1], cv2.CV_16SC2)
+        points.append(maps[0])
+        fractions.append(maps[1])
+    return np.concatenate(points), np.concatenate(fractions)
 
 
 def _check_proportions(camera: Camera, shape: tuple[int, ...], path: str) -> None:

@@ -206,6 +206,8 @@ def _distortion_key(distortion: Distortion | None) -> list[float] | dict[str, ob
     if distortion is None:
         return None
     coefficients = distortion.coefficients.tolist()
+    if distortion.lens is not None:
+        return {"model": distortion.model, "coefficients": coefficients, "lens": distortion.lens.tolist()}
     return {"coefficients": coefficients, "skew": distortion.skew} if distortion.skew else coefficients
 
 

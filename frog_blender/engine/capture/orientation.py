@@ -15,6 +15,7 @@ from ..arrays import Float64s, ImageArray
 from .camera import Camera
 from .capture import Distortion
 from .image_header import PNG_START, jpeg_segments
+from .lenses import FISHEYE, FOV
 
 UPRIGHT = 1
 """EXIF's orientation of an image that is shown as it is stored."""
@@ -74,7 +75,7 @@ def turned_size(size: tuple[int, int], turns: int) -> tuple[int, int]:
 def turned_camera(camera: Camera, distortion: Distortion | None, turns: int) -> tuple[Camera, Distortion | None] | None:
     """The camera whose images are those of ``camera`` after quarter turns clockwise, and its lens.
 
-    None where OpenCV's model cannot say it: skewed pixels, and tilted sensors.
+    None where no model can say it: skewed pixels, tilted sensors, and prisms of fisheyes.
     """
     turns %= 4
     if turns and distortion is not None and not _turns_easily(distortion):
@@ -86,12 +87,22 @@ def turned_camera(camera: Camera, distortion: Distortion | None, turns: int) -> 
         pose = camera.with_pose(quarter @ camera.world_to_camera[:3])
         lens = np.array([[fy, 0.0, camera.height - cy], [0.0, fx, cx], [0.0, 0.0, 1.0]])
         camera = replace(pose, width=camera.height, height=camera.width, intrinsics=lens)
-        distortion = None if distortion is None else Distortion(_quarter_turned(distortion.coefficients))
+        distortion = None if distortion is None else _turned_lens(distortion)
     return camera, distortion
 
 
 def _turns_easily(distortion: Distortion) -> bool:
+    if distortion.lens is not None:
+        return distortion.model in (FISHEYE, FOV)
     return not distortion.skew and not np.any(distortion.coefficients[_MAX_TURNED_COEFFICIENTS:])
+
+
+def _turned_lens(distortion: Distortion) -> Distortion:
+    """That of the images after a quarter turn clockwise."""
+    if distortion.lens is None:
+        return Distortion(_quarter_turned(distortion.coefficients))
+    (fx, _, cx), (_, fy, cy), _ = distortion.lens.tolist()  # in shares of width and height; the model is radial
+    return replace(distortion, lens=np.array([[fy, 0.0, 1 - cy], [0.0, fx, cx], [0.0, 0.0, 1.0]]))
 
 
 def _quarter_turned(coefficients: Float64s) -> Float64s:

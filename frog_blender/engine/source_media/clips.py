@@ -1,4 +1,5 @@
-"""Where the images lie that a scene's cameras took: found again by the header, with nothing opened or decoded.
+"""Where the images lie that a scene's cameras took: found again by the header. Of the common layouts nothing is
+opened or decoded.
 
 Video programs name an image by one number. A video's first frame is number 1; a sequence of image files is numbered
 by the last digits in the files' names. A clip says how that number follows from the capture's frame.
@@ -11,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path, PureWindowsPath
 from typing import TYPE_CHECKING
 
-from ..capture.readers import calibrated_videos, transforms_json
+from ..capture.readers import calibrated_videos, open_capture, transforms_json
 from ..capture.video import VIDEO_SUFFIXES, composed, find_images, find_videos
 from ..errors import FrogError
 from ..io.paths import is_network_path
@@ -100,13 +101,24 @@ def _files(header: SceneHeader, folder: Path) -> dict[str, list[Path]]:
         case "n3dv" | "calibrated_videos":
             videos = {video.stem: [video] for video in find_videos(folder)}
             named = {name: [video] for name, video in calibrated_videos.named_videos(folder).items()}
-            return videos | named or _by_stem(folder / "images")
+            return videos | named or _by_stem(folder / "images") or _of_capture(folder)
         case "transforms":
             return transforms_json.images_by_camera(folder) if transforms_json.matches(folder) else {}
         case "hypernerf":
             folders = [folder / "rgb" / "2x", *sorted((folder / "rgb").glob("*x"))]
             return next((files for each in folders if (files := _by_stem(each))), {})
-    return {}  # names of Technicolor's images end with the camera's number: no program takes them for a sequence
+        case "technicolor":
+            return {}  # its images' names end with the camera's number: no program takes them for a sequence
+    return _of_capture(folder)
+
+
+def _of_capture(folder: Path) -> dict[str, list[Path]]:
+    """The files of each camera as its reader finds them, in order of time."""
+    capture = open_capture(folder)
+    files: dict[str, dict[Path, None]] = {}
+    for shot in capture.shots:
+        files.setdefault(capture.cameras[shot.camera].name, {})[shot.path] = None
+    return {name: list(of) for name, of in files.items()}
 
 
 def _by_stem(folder: Path) -> dict[str, list[Path]]:

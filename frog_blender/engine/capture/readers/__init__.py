@@ -2,68 +2,103 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
 
 from ...errors import FrogError
 from ..capture import Capture
-from . import calibrated_videos, hypernerf, n3dv, technicolor, transforms_json
+from ..video import find_videos
+from . import (
+    calibrated_videos,
+    calibration_toml,
+    colmap,
+    easyvolcap,
+    hypernerf,
+    immersive,
+    multipleview,
+    n3dv,
+    panoptic_sports,
+    polycam,
+    record3d,
+    technicolor,
+    transforms_json,
+)
 from .checks import checked
 from .local_world import localized
+from .near_layouts import not_a_folder, unknown_folder
 
+# In the order in which they are tried: a folder may hold what several programs wrote.
 _READERS = {
     "n3dv": n3dv,
     "transforms": transforms_json,
     "hypernerf": hypernerf,
     "technicolor": technicolor,
     "calibrated_videos": calibrated_videos,
+    "panoptic_sports": panoptic_sports,
+    "immersive": immersive,
+    "easyvolcap": easyvolcap,
+    "multipleview": multipleview,
+    "colmap": colmap,
+    "calibration_toml": calibration_toml,
+    "record3d": record3d,
+    "polycam": polycam,
 }
-KNOWN_LAYOUTS = (
-    "videos with poses_bounds.npy (N3DV), images with transforms.json, transforms_train.json, "
-    "dataset.json and camera (HyperNeRF) or cameras_parameters.txt (Technicolor), "
-    "or videos with cameras_opencv.json or *.qca.txt"
-)
+_LOOKED_BELOW = 200  # folders
 
 
 def detect(path: Path) -> str:
-    """Name of the layout of a capture folder: ``"n3dv"``, ``"transforms"``, ``"hypernerf"``, ``"technicolor"`` or
-    ``"calibrated_videos"``.
+    """Name of the layout of a capture folder, such as ``"n3dv"``, or of the only capture one folder deeper.
 
     Raises:
-        FrogError: if the folder does not exist, cannot be read or fits no known layout.
+        FrogError: if the folder does not exist, cannot be read or fits no known layout: one sentence that says what
+            it is, or nearly is, and what is missing.
     """
-    path = Path(path)
+    return _located(Path(path))[1]
+
+
+def layout_of(path: Path) -> str | None:
+    """The layout of this very folder; None if no reader knows it. FrogError if it cannot be read."""
     with _readable(path):
-        return _detect(path)
+        return _layout(path)
 
 
-def _detect(path: Path) -> str:
-    if not path.exists():
-        raise FrogError(f"{path}: there is no such folder, expected a capture: {KNOWN_LAYOUTS}.")
-    if not path.is_dir():
-        raise FrogError(f"{path}: found a file, expected the folder of a capture: {KNOWN_LAYOUTS}.")
-    for name, reader in _READERS.items():
-        if reader.matches(path):
-            return name
-    raise FrogError(f"{path}: found {_contents(path)}, expected {KNOWN_LAYOUTS}.")
+def _located(path: Path) -> tuple[Path, str]:
+    """The folder of the capture, ``path`` or the only capture one folder deeper, as archives unpack, and its layout."""
+    with _readable(path):
+        if not path.is_dir():
+            raise not_a_folder(path)
+        if layout := _layout(path):
+            return path, layout
+        if find_videos(path):  # which somebody wants to use, whatever lies below
+            raise unknown_folder(path, [])
+        entries = (entry for entry in path.iterdir() if not entry.name.startswith(".") and entry.is_dir())
+        below = [(folder, layout) for folder in islice(entries, _LOOKED_BELOW) if (layout := _layout(folder))]
+        if len(below) == 1:
+            return below[0]
+        raise unknown_folder(path, sorted(folder for folder, _ in below))
+
+
+def _layout(path: Path) -> str | None:
+    """The layout of a folder; None if no reader knows it."""
+    return next((name for name, reader in _READERS.items() if reader.matches(path)), None)
 
 
 def open_capture(path: Path, *, pixel_offsets: Mapping[str, tuple[float, float]] | None = None) -> Capture:
     """Open a capture folder of any known layout, without decoding it.
 
     Args:
-        path: the folder.
+        path: the folder, or one that holds the capture's as the only one.
         pixel_offsets: for cameras by name, the pixel (dx, dy) of the calibrated image at which the video's
             upper left corner lies, for videos that were cropped after calibration.
 
     Raises:
         FrogError: with one sentence, if the folder cannot be used.
     """
-    path = Path(path)
-    with _readable(path):
-        capture = localized(checked(_READERS[detect(path)].read(path)))
+    folder, layout = _located(Path(path))
+    with _readable(folder):
+        capture = localized(checked(_READERS[layout].read(folder)))
     return capture.with_pixel_offsets(pixel_offsets) if pixel_offsets else capture
 
 
@@ -75,13 +110,3 @@ def _readable(path: Path) -> Iterator[None]:
     except OSError as error:
         where, reason = error.filename or path, error.strerror or error
         raise FrogError(f"{where}: could not be read ({reason}), expected a part of a capture.") from error
-
-
-def _contents(folder: Path) -> str:
-    """What a folder holds, in words: ``3 .mp4 files and 1 folder``."""
-    entries = [entry for entry in folder.iterdir() if not entry.name.startswith(".")]
-    if not entries:
-        return "an empty folder"
-    kinds = Counter("folder" if e.is_dir() else f"{e.suffix.lower() or 'nameless'} file" for e in entries)
-    parts = [f"{count} {kind}{'s' if count > 1 else ''}" for kind, count in kinds.most_common(4)]
-    return " and ".join([", ".join(parts[:-1]), parts[-1]]) if len(parts) > 1 else parts[0]

@@ -1,8 +1,8 @@
 """Videos and a calibration: ``cameras_opencv.json`` or Qualisys' ``*.qca.txt``.
 
-A video belongs to the calibrated camera of its name (``cam01.mp4`` to ``cam01``), or to the one whose ``video`` is its
-path, from the calibration's folder. A camera's ``offset`` and ``rate`` say when it filmed (see ``pairing.Clock``);
-without them, films of constant rate are in step. Nothing is held out.
+A video, or a folder of frames, belongs to the calibrated camera of its name (``cam01.mp4`` to ``cam01``), a video also
+to the one whose ``video`` is its path, from the calibration's folder. A camera's ``offset`` and ``rate`` say when it
+filmed (see ``pairing.Clock``); without them, films of constant rate are in step. Nothing is held out.
 """
 
 from __future__ import annotations
@@ -19,7 +19,9 @@ from ..capture import Capture, Distortion
 from ..orientation import turned_camera
 from ..video import VideoFacts, composed, find_videos, read_facts
 from . import qualisys
+from .assembly import standing_cameras
 from .checks import number, numbers, pinhole, read_json, rotation, size
+from .footage import Footage, find_footage, of_cameras
 from .geometry import distortion, is_transposed
 from .pairing import Clock, pair_videos
 
@@ -51,7 +53,10 @@ def read(path: Path) -> Capture:
     Raises:
         FrogError: if a camera lacks its video or a video its camera, or a value cannot be used.
     """
-    calibrated = _matched(path, *_calibration(path))
+    calibration, entries = _calibration(path)
+    if not find_videos(path) and all(entry.video is None for entry in entries) and (frames := find_footage(path)):
+        return _of_frames(path, calibration, entries, frames)
+    calibrated = _matched(path, calibration, entries)
     paths = [video for _, video in calibrated]
     facts = [read_facts(video) for video in paths]
     clocks = [entry.clock for entry, _ in calibrated]
@@ -72,6 +77,16 @@ def read(path: Path) -> Capture:
         frames_per_second=paired.frames_per_second,
         warnings=tuple(warnings),
     )
+
+
+def _of_frames(path: Path, calibration: Path, entries: list[_Calibrated], frames: list[Footage]) -> Capture:
+    """Folders of frames instead of videos."""
+    cameras = {entry.camera.name: entry for entry in entries}
+    found, warnings = of_cameras(calibration, sorted(cameras), frames)
+    chosen = [(cameras[name].camera, cameras[name].lens) for name in found]
+    if any(cameras[name].clock != _IN_STEP for name in found):
+        warnings.append(f"{calibration}: offsets and rates are those of films; images are paired by their numbers.")
+    return standing_cameras(path, "calibrated_videos", chosen, list(found.values()), warnings)
 
 
 def named_videos(path: Path) -> dict[str, Path]:

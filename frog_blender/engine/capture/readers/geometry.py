@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 
 from ...arrays import Float64s
+from ...errors import found_instead
+from ..camera import Camera
 from ..capture import Distortion
+from ..lenses import pinhole_for
 
 _PROPORTIONS = 0.02  # relative difference of two aspect ratios that rounded sizes explain
 _TRANSPOSED = 0.01
@@ -38,3 +44,44 @@ def is_transposed(size: tuple[float, float], other: tuple[float, float]) -> bool
 def same_proportions(size: tuple[int, int], other: tuple[int, int]) -> bool:
     """Whether two sizes (width, height) have the same aspect ratio, to 2 %."""
     return abs(size[0] * other[1] / (size[1] * other[0]) - 1) <= _PROPORTIONS
+
+
+def through_lens(camera: Camera, model: str, coefficients: Float64s, path: Path) -> tuple[Camera, Distortion]:
+    """The pinhole camera in place of one with a wide lens, and what makes its images of the stored ones.
+
+    Args:
+        camera: with the K that the calibration gives for the lens.
+        model, coefficients: see ``lenses``.
+        path: the calibration, for the sentence.
+
+    Raises:
+        FrogError: for a lens that no pinhole camera can take the place of.
+    """
+    size = camera.width, camera.height
+    matrix = pinhole_for(model, coefficients, camera.intrinsics, size)
+    if matrix is None:
+        shown = " ".join(f"{value:g}" for value in coefficients)
+        raise found_instead(
+            path, f"a lens ({model}, {shown}) of camera {camera.name} that shows no image", "a real one"
+        )
+    lens = np.diag([1 / size[0], 1 / size[1], 1.0]) @ camera.intrinsics
+    return replace(camera, intrinsics=matrix), Distortion(coefficients, 0.0, model, lens)
+
+
+def from_quaternion(values: Float64s, path: Path, what: str) -> Float64s:
+    """(3, 3) rotation of a quaternion w x y z.
+
+    Raises:
+        FrogError: for one whose length is not 1.
+    """
+    length = float(np.linalg.norm(values))
+    if abs(length - 1) > 0.02:
+        raise found_instead(path, f"{what}, a quaternion of length {length:g}", "one of length 1")
+    w, x, y, z = values / length
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )

@@ -19,11 +19,12 @@ from ...errors import FrogError, found_instead
 from ..camera import Camera
 from ..capture import Capture, Distortion, Shot
 from ..image_size import image_size, image_turns
+from ..lenses import FISHEYE
 from ..orientation import turned_camera, turned_size
 from ..video import with_ending
 from .checks import number, read_json, rigid, rotation, size
 from .frame_times import frame_times, times_by_name
-from .geometry import distortion, intrinsics, is_transposed, pose, same_proportions
+from .geometry import distortion, intrinsics, is_transposed, pose, same_proportions, through_lens
 from .static_cameras import camera_names, first_images
 
 _SINGLE = "transforms.json"
@@ -33,6 +34,7 @@ _HOLDOUT_EVERY = 8
 _MAX_RATE = 1e6  # images a second
 _MAX_TIME = 1e30  # in any unit, such as nanoseconds since 1970
 _LENS = ("camera_model", "is_fisheye", "w", "h", "fl_x", "fl_y", "camera_angle_x", "camera_angle_y", "cx", "cy")
+_FISHEYES = frozenset({"OPENCV_FISHEYE", "FISHEYE", "RADIAL_FISHEYE", "SIMPLE_RADIAL_FISHEYE"})
 _DISTORTION = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")  # OpenCV's order
 _VIEW = ("transform_matrix", *_LENS, *_DISTORTION)  # what tells an image's camera from another's
 _MODELS = frozenset(
@@ -213,7 +215,7 @@ def _lens_warnings(entries: list[_Entry]) -> list[str]:
     if masked := sum(entry.own.get("mask_path") is not None for entry in entries):
         warnings.append(f"{file}: {masked} images have masks (mask_path), which are not used.")
     models = {_model(entry) for entry in entries if any(_both(entry).get(key) for key in _DISTORTION[5:])}
-    if models - {"FULL_OPENCV"}:
+    if models - {"FULL_OPENCV", *_FISHEYES}:
         warnings.append(f"{file}: k4, k5 and k6 are taken for those of OpenCV's rational model.")
     return warnings
 
@@ -239,9 +241,10 @@ def _camera(name: str, entry: _Entry) -> tuple[Camera, Distortion | None]:
     """The OpenCV camera of one image, and its lens, at the size at which the image is shown."""
     file, top, own = entry.file, entry.top, entry.own
     both, model, real = _both(entry), _model(entry), image_size(entry.image)
-    if model not in _MODELS or both.get("is_fisheye"):
-        found = f"the camera model {model}" if model not in _MODELS else "a fisheye lens"
-        raise found_instead(file, found, f"a perspective camera ({', '.join(sorted(_MODELS))})")
+    is_fisheye = model in _FISHEYES or bool(both.get("is_fisheye"))
+    if not is_fisheye and model not in _MODELS:
+        expected = f"a perspective camera ({', '.join(sorted(_MODELS))}) or OPENCV_FISHEYE"
+        raise found_instead(file, f"the camera model {model}", expected)
     width = size(both.get("w", real[0]), file, "w")
     height = size(both.get("h", real[1]), file, "h")
     # Poses are mostly found in images as they are stored; the size tells which, of those turned by 90 degrees.
@@ -263,9 +266,13 @@ def _camera(name: str, entry: _Entry) -> tuple[Camera, Distortion | None]:
     coefficients = np.array([number(both.get(key, 0.0), file, key) for key in _DISTORTION])
     coefficients = coefficients if coefficients[5:].any() else coefficients[:5]
     camera = Camera(name, width, height, lens, pose(camera_to_world.T, matrix[:3, 3]))
+    lens_distortion = distortion(coefficients)
+    if is_fisheye:
+        radial = np.array([number(both.get(key, 0.0), file, key) for key in ("k1", "k2", "k3", "k4")])
+        camera, lens_distortion = through_lens(camera, FISHEYE, radial, file)
     if (width, height) != real:
         camera = camera.resized(*real)
-    view = turned_camera(camera, distortion(coefficients), turns)
+    view = turned_camera(camera, lens_distortion, turns)
     assert view is not None  # no skew, and no sensor is tilted
     return view
 

@@ -1,0 +1,224 @@
+"""The check of a capture: pairs of views, cameras, and what a person should know of them."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..capture import Capture
+from ..seeding.views import parallax, scene_depth
+from .epipolar import PairCheck, check_pair
+from .samples import Sample, choose_pairs, take_samples
+
+_WIDE = 35.0  # degrees between views, beyond which many matches that agree are wrong all the same
+_ABSURD = 0.01  # of the longest side: how far wrong matches lie from their lines
+_FAR = 2.0  # pixels of an image 1280 wide: poses or lenses that are off by more make training blurred
+_LATE = 0.3  # frames: what less does is smaller than what such a short look can tell
+_BRIGHTER = 1.1
+_BLURRED = 0.1  # above the other cameras' median
+_ALL_BLURRED = 0.6
+_SHOWN = 16  # cameras, a line each
+
+
+@dataclass(frozen=True)
+class Between:
+    """Two cameras, over the frames that were looked at; of a moving camera two images.
+
+    Attributes:
+        first, second: names.
+        check: medians over the frames.
+    """
+
+    first: str
+    second: str
+    check: PairCheck
+
+
+@dataclass(frozen=True)
+class Quality:
+    """What was measured.
+
+    Attributes:
+        pairs: neighbouring cameras.
+        blur: of each camera's images, 0 to 1.
+        gain: brightness of each camera over their mean, where matches tell.
+        findings: what should be seen to, a sentence each; empty if nothing was found.
+        untold: what could not be measured, a sentence each.
+    """
+
+    pairs: tuple[Between, ...]
+    blur: dict[str, float]
+    gain: dict[str, float]
+    findings: tuple[str, ...]
+    untold: tuple[str, ...]
+
+    def lines(self) -> list[str]:
+        """For a terminal, a pair or camera a line."""
+        shown = []
+        for pair in self.pairs:
+            check = pair.check
+            far = "too few to tell" if check.distance is None else f"{check.distance:.2f} px from their lines"
+            late = "" if check.offset is None else f", {check.offset:+.2f} frames apart"
+            shown.append(f"{pair.first} - {pair.second}: {check.matches} matches, {far}{late}")
+        if len(self.blur) > _SHOWN:
+            worst = max(self.blur, key=self.blur.__getitem__)
+            usual = float(np.median(list(self.blur.values())))
+            return [*shown, f"blur {usual:.2f}, at most {self.blur[worst]:.2f} ({worst})"]
+        for name, blur in self.blur.items():
+            gain = f", brightness {self.gain[name]:.2f}" if name in self.gain else ""
+            shown.append(f"{name}: blur {blur:.2f}{gain}")
+        return shown
+
+
+def check_capture(capture: Capture, progress: Callable[[int, int], None] | None = None) -> Quality:
+    """Looks at a few images of every camera, or of a moving camera at some pairs of images.
+
+    Args:
+        progress: called with (images decoded, images in all).
+
+    Raises:
+        FrogError: if a file cannot be decoded.
+    """
+    pairs = choose_pairs(capture)
+    if not pairs:
+        return Quality((), {}, {}, (), ("No two cameras see the same things: nothing could be compared.",))
+    samples = take_samples(capture, pairs, progress)
+    between = _between(capture, pairs, samples)
+    blur = _blur(capture, samples)
+    gain = {} if capture.has_moving_cameras else _gains(between)
+    longest = max(max(camera.width, camera.height) for camera in capture.cameras)
+    limit = _FAR * max(1.0, longest / 1280)
+    findings = [*_poses(between, limit), *_times(between), *_brightness(between, gain), *_sharpness(blur)]
+    return Quality(tuple(between), blur, gain, tuple(findings), tuple(_untold(capture, between)))
+
+
+def _between(capture: Capture, pairs: list[tuple[int, int]], samples: dict[int, Sample]) -> list[Between]:
+    """The checks of all pairs, those of two cameras at several frames taken together."""
+    checks: dict[tuple[str, str], list[PairCheck]] = defaultdict(list)
+    depth = scene_depth(capture.cameras)
+    for first, second in pairs:
+        names = tuple(capture.cameras[capture.shots[shot].camera].name for shot in (first, second))
+        check = check_pair(samples[first], samples[second])
+        cameras = [capture.cameras[capture.shots[shot].camera] for shot in (first, second)]
+        absurd = _ABSURD * max(cameras[0].width, cameras[0].height)
+        if check.distance is not None and check.distance > absurd and parallax(cameras[0], cameras[1], depth) > _WIDE:
+            check = replace(check, distance=None, offset=None, gain=None)  # which proves nothing
+        if check.offset is not None:  # but for what the capture knows of the images' times
+            late = capture.shots[first].offset - capture.shots[second].offset
+            check = replace(check, offset=check.offset - late)
+        checks[names[0], names[1]].append(check)
+    return [Between(*names, _median(of_pair)) for names, of_pair in checks.items()]
+
+
+def _median(checks: list[PairCheck]) -> PairCheck:
+    return PairCheck(
+        sum(check.matches for check in checks),
+        _middle([check.distance for check in checks]),
+        _middle([check.offset for check in checks]),
+        sum(check.moving for check in checks),
+        _middle([check.gain for check in checks]),
+    )
+
+
+def _middle(values: list[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return float(np.median(known)) if known else None
+
+
+def _blur(capture: Capture, samples: dict[int, Sample]) -> dict[str, float]:
+    found: dict[str, list[float]] = defaultdict(list)
+    for shot, sample in samples.items():
+        if np.isfinite(sample.blur):
+            found[capture.cameras[capture.shots[shot].camera].name].append(sample.blur)
+    return {name: float(np.median(values)) for name, values in found.items()}
+
+
+def _gains(between: list[Between]) -> dict[str, float]:
+    """Brightness of each camera over the mean of all, by least squares over the pairs, if these join all."""
+    known = [pair for pair in between if pair.check.gain is not None]
+    names = sorted({name for pair in known for name in (pair.first, pair.second)})
+    if len(names) < 2:
+        return {}
+    place = {name: index for index, name in enumerate(names)}
+    rows, values = np.zeros((len(known) + 1, len(names))), np.zeros(len(known) + 1)
+    for row, pair in enumerate(known):
+        rows[row, place[pair.first]], rows[row, place[pair.second]] = -1, 1
+        values[row] = np.log(pair.check.gain)  # type: ignore[arg-type]
+    rows[-1] = 1  # their mean is 1
+    solved, _, rank, _ = np.linalg.lstsq(rows, values, rcond=None)
+    return dict(zip(names, np.exp(solved).tolist(), strict=True)) if rank == len(names) else {}
+
+
+def _poses(between: list[Between], limit: float) -> list[str]:
+    far = [pair for pair in between if pair.check.distance is not None and pair.check.distance > limit]
+    if not far:
+        return []
+    worst = max(far, key=lambda pair: pair.check.distance or 0)
+    names = [name for pair in far for name in (pair.first, pair.second)]
+    often = max(set(names), key=names.count)
+    blamed = f"; {often} is in {names.count(often)} of them" if len(far) > 1 and names.count(often) > 1 else ""
+    return [
+        f"Poses, lenses or image sizes may be wrong: matches of {len(far)} of {len(between)} pairs lie more than "
+        f"{limit:.1f} px from where the calibration puts them ({worst.first} - {worst.second}: "
+        f"{worst.check.distance:.1f}){blamed}."
+    ]
+
+
+def _times(between: list[Between]) -> list[str]:
+    late = [pair for pair in between if pair.check.offset is not None and abs(pair.check.offset) > _LATE]
+    if not late:
+        return []
+    worst = max(late, key=lambda pair: abs(pair.check.offset or 0))
+    return [
+        f"Cameras may be out of step: {worst.second} shows what moves {worst.check.offset:+.2f} frames later than "
+        f"{worst.first} ({len(late)} of {len(between)} pairs)."
+    ]
+
+
+def _brightness(between: list[Between], gain: dict[str, float]) -> list[str]:
+    """Of all cameras where matches join them, else of the pair that differs most."""
+    if gain:
+        dark, bright = min(gain, key=gain.__getitem__), max(gain, key=gain.__getitem__)
+        ratio = gain[bright] / gain[dark]
+    else:
+        known = [(pair, pair.check.gain) for pair in between if pair.check.gain is not None]
+        if not known:
+            return []
+        pair, ratio = max(known, key=lambda each: abs(np.log(each[1])))
+        dark, bright = (pair.first, pair.second) if ratio > 1 else (pair.second, pair.first)
+        ratio = max(ratio, 1 / ratio)
+    if ratio < _BRIGHTER:
+        return []
+    return [
+        f"Exposure differs: {bright} is {100 * (ratio - 1):.0f} % brighter than {dark}; "
+        "training finds and removes such differences."
+    ]
+
+
+def _sharpness(blur: dict[str, float]) -> list[str]:
+    if not blur:
+        return []
+    usual = float(np.median(list(blur.values())))
+    if usual > _ALL_BLURRED:
+        return [f"The images are blurred (typically {usual:.2f} of 1): out of focus, moved, or enlarged."]
+    blurred = [name for name, value in blur.items() if value > usual + _BLURRED]
+    if not blurred:
+        return []
+    shown = ", ".join(blurred[:6]) + (f" and {len(blurred) - 6} more" if len(blurred) > 6 else "")
+    return [f"More blurred than the others: {shown}."]
+
+
+def _untold(capture: Capture, between: list[Between]) -> list[str]:
+    told = []
+    few = [pair for pair in between if pair.check.distance is None]
+    if few:
+        told.append(
+            f"{len(few)} of {len(between)} pairs of neighbouring views have too few matches to check the poses: "
+            "cameras more than about 30 degrees apart, little texture, or poses of other cameras."
+        )
+    if not capture.has_moving_cameras and all(pair.check.offset is None for pair in between):
+        told.append("Too little moves across the epipolar lines to check whether the cameras are in step.")
+    return told

@@ -1,0 +1,169 @@
+"""Two views of known cameras: do matching points lie on each other's epipolar lines, and when do moving ones?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...arrays import Bools, Float64s, Ints
+from ..camera import Camera
+from ..video import load_opencv
+from .samples import Sample
+
+_RATIO = 0.8  # best to second best descriptor distance
+_RANSAC_PIXELS = 1.5
+_ENOUGH = 20  # matches on which a fundamental matrix agrees
+_ENOUGH_MOVING = 10
+_NEAR = 0.02  # of the longest side: matches of moving points farther from their lines are wrong
+_CROSSING = 0.25  # pixels a frame, across the epipolar line: slower points say nothing about time
+_CHANGE = 6.0  # of 255, from one frame to the next: motion
+_CERTAIN = 0.12  # frames
+_SHARE = 0.3  # of the matches, that a fundamental matrix must explain
+
+
+@dataclass(frozen=True)
+class PairCheck:
+    """Two views of the same frame, or of a moving camera.
+
+    Attributes:
+        matches: points on which a fundamental matrix of their own agrees, whatever the calibration says.
+        distance: their median distance in pixels of the capture's images from the epipolar lines of the calibration;
+            None for too few of them.
+        offset: frames by which the second camera shows what moves later than the first does; None where too little
+            moves.
+        moving: points that it was measured on.
+        gain: brightness of the second over the first; None for too few matches.
+    """
+
+    matches: int
+    distance: float | None
+    offset: float | None
+    moving: int
+    gain: float | None
+
+
+def check_pair(first: Sample, second: Sample) -> PairCheck:
+    """What matching features say about two views."""
+    a, b = _match(first, second)
+    matrix = fundamental(first.camera, second.camera)
+    agreeing = _agreeing(first.positions[a], second.positions[b])
+    if agreeing.sum() < _ENOUGH or agreeing.mean() < _SHARE:
+        return PairCheck(int(agreeing.sum()), None, None, 0, None)
+    matched = a, b
+    a, b = a[agreeing], b[agreeing]
+    still = ~(_is_moving(first, first.positions[a]) | _is_moving(second, second.positions[b]))
+    if still.sum() >= _ENOUGH:
+        a, b = a[still], b[still]
+    to_b, to_a = distances(matrix, first.positions[a], second.positions[b])
+    apart = float(np.median((np.abs(to_b) * second.scale + np.abs(to_a) * first.scale) / 2))
+    offset, moving = _offset(first, second, matched, matrix, apart / second.scale)
+    return PairCheck(len(a), apart, offset, moving, _gain(first.colors[a], second.colors[b]))
+
+
+def fundamental(first: Camera, second: Camera) -> Float64s:
+    """(3, 3): ``b @ F @ a`` is 0 for pixels a of the first and b of the second that show the same point."""
+    relative = second.world_to_camera @ np.linalg.inv(first.world_to_camera)
+    x, y, z = relative[:3, 3]
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    matrix = np.linalg.inv(second.intrinsics).T @ cross @ relative[:3, :3] @ np.linalg.inv(first.intrinsics)
+    normed: Float64s = matrix / max(float(np.linalg.norm(matrix)), 1e-300)
+    return normed
+
+
+def distances(matrix: Float64s, a: Float64s, b: Float64s) -> tuple[Float64s, Float64s]:
+    """Signed distances (N,) in pixels of b (N, 2) from the lines of a, and of a from those of b."""
+    ones = np.ones((len(a), 1))
+    whole_a, whole_b = np.concatenate([a, ones], axis=1), np.concatenate([b, ones], axis=1)
+    lines_b, lines_a = whole_a @ matrix.T, whole_b @ matrix
+    residual = (lines_b * whole_b).sum(axis=1)
+    lengths = [np.maximum(np.linalg.norm(lines[:, :2], axis=1), 1e-300) for lines in (lines_b, lines_a)]
+    return residual / lengths[0], residual / lengths[1]
+
+
+def _match(first: Sample, second: Sample) -> tuple[Ints, Ints]:
+    """Indices of features that are each other's best, and better than the second best by far."""
+    empty = np.zeros(0, dtype=np.int64)
+    if min(len(first.positions), len(second.positions)) < 2:
+        return empty, empty
+    similarity = first.descriptors @ second.descriptors.T
+    rows, best = np.arange(len(similarity)), similarity.argmax(axis=1)
+    back = similarity.argmax(axis=0)
+    score = similarity[rows, best]
+    similarity[rows, best] = -1.0
+    apart, next_apart = (np.sqrt(np.maximum(2 - 2 * each, 0)) for each in (score, similarity.max(axis=1)))
+    keep = (back[best] == rows) & (apart < _RATIO * next_apart)
+    return rows[keep], best[keep]
+
+
+def _agreeing(a: Float64s, b: Float64s) -> Bools:
+    """Which of the matches (N, 2) a fundamental matrix found from them explains."""
+    nothing = np.zeros(len(a), dtype=bool)
+    if len(a) < _ENOUGH:
+        return nothing
+    cv2 = load_opencv()
+    cv2.setRNGSeed(0)
+    _, mask = cv2.findFundamentalMat(a, b, cv2.FM_RANSAC, _RANSAC_PIXELS, 0.999, 5000)
+    return nothing if mask is None else np.asarray(mask).ravel().astype(bool)
+
+
+def _is_moving(sample: Sample, positions: Float64s) -> Bools:
+    """Where the image changes until the next frame."""
+    if sample.following is None:
+        return np.zeros(len(positions), dtype=bool)
+    cv2 = load_opencv()
+    change = cv2.blur(cv2.absdiff(sample.gray, sample.following), (9, 9))
+    columns, lines = np.clip(positions.astype(int), 0, [sample.camera.width - 1, sample.camera.height - 1]).T
+    moving: Bools = change[lines, columns] > _CHANGE
+    return moving
+
+
+def _offset(
+    first: Sample, second: Sample, matched: tuple[Ints, Ints], matrix: Float64s, wrong: float
+) -> tuple[float | None, int]:
+    """By how many frames the second camera is late, from how moving points cross their epipolar lines, and how many.
+
+    Args:
+        wrong: pixels by which points that stand still are off: what the calibration may feign.
+    """
+    if second.following is None:
+        return None, 0
+    a, b = matched
+    at_a, at_b = first.positions[a], second.positions[b]
+    moving = _is_moving(first, at_a) & _is_moving(second, at_b)
+    apart = np.abs(distances(matrix, at_a, at_b)[0])
+    near = moving & (apart < _NEAR * max(second.gray.shape))
+    if near.sum() < _ENOUGH_MOVING:
+        return None, int(near.sum())
+    at_a, at_b = at_a[near], at_b[near]
+    cv2 = load_opencv()
+    start = (at_b - 0.5).astype(np.float32)[:, None]
+    tracked, found, _ = cv2.calcOpticalFlowPyrLK(second.gray, second.following, start, None)
+    back, found_back, _ = cv2.calcOpticalFlowPyrLK(second.following, second.gray, tracked, None)
+    sure = (found.ravel() > 0) & (found_back.ravel() > 0) & (np.linalg.norm(back - start, axis=2).ravel() < 0.5)
+    now = distances(matrix, at_a, at_b)[0]
+    then = distances(matrix, at_a, tracked[:, 0].astype(np.float64) + 0.5)[0]
+    crossing = then - now
+    sure &= np.abs(crossing) > _CROSSING
+    if sure.sum() < _ENOUGH_MOVING:
+        return None, int(sure.sum())
+    late, weights = -now[sure] / crossing[sure], np.abs(crossing[sure])
+    middle = _weighted_median(late, weights)
+    doubt = 1.5 * _weighted_median(np.abs(late - middle), weights) / np.sqrt(sure.sum())
+    doubt = max(doubt, 0.5 * wrong / float(np.median(weights)))
+    return (middle if doubt < _CERTAIN else None), int(sure.sum())
+
+
+def _weighted_median(values: Float64s, weights: Float64s) -> float:
+    order = np.argsort(values)
+    summed = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(summed, summed[-1] / 2)])
+
+
+def _gain(first: Float64s, second: Float64s) -> float | None:
+    """Median ratio of the brightness around the matches, of those that are neither dark nor clipped."""
+    light_a, light_b = first.mean(axis=1), second.mean(axis=1)
+    usable = (np.minimum(light_a, light_b) > 12) & (np.maximum(first, second).max(axis=1) < 240)
+    if usable.sum() < _ENOUGH:
+        return None
+    return float(np.exp(np.median(np.log(light_b[usable] / light_a[usable]))))

@@ -1,0 +1,154 @@
+"""Which images are looked at, and what of them: features, brightness where they lie, blur, the next frame."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...arrays import Float32s, Float64s, ImageArray
+from ..camera import Camera
+from ..capture import Capture
+from ..decoding import decode_shots
+from ..frames import decoding_order
+from ..seeding.views import neighbours, scene_depth, spread
+from ..video import load_opencv
+from .blur import blur_of
+
+_LONGEST_SIDE = 1280  # pixels: smaller errors than one of these do no harm
+_FEATURES = 2000  # an image
+_FRAMES = 3  # of standing cameras
+_FIRST_FRAMES = 240  # among which they are chosen: videos are decoded up to the last
+_MOST_PAIRS = 32
+_REFERENCES = 12  # of a moving camera
+Pair = tuple[int, int]
+"""Two shots that see the same things, at the same frame where cameras stand."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """What is kept of an image.
+
+    Attributes:
+        camera: at the size of the image.
+        scale: pixels of the capture's image for one of this one.
+        gray: (H, W) uint8.
+        following: (H, W) uint8 of the next frame; None where there is none.
+        positions: (N, 2) of features, pixel centres at +0.5.
+        descriptors: (N, 128), of length 1.
+        colors: (N, 3) mean around the features, 0 to 255.
+        blur: see ``blur_of``.
+    """
+
+    camera: Camera
+    scale: float
+    gray: ImageArray
+    following: ImageArray | None
+    positions: Float64s
+    descriptors: Float32s
+    colors: Float64s
+    blur: float
+
+
+def choose_pairs(capture: Capture) -> list[Pair]:
+    """Pairs of shots of neighbouring cameras, at some frames; of a moving camera pairs of near frames."""
+    if not capture.shots:
+        return []
+    depth = scene_depth(capture.cameras)
+    if capture.has_moving_cameras:
+        found = []
+        for shot in spread(range(len(capture.shots)), _REFERENCES):
+            near = neighbours(capture, shot, range(len(capture.shots)), depth, 1, best_angle=4.0)
+            found += [(shot, other) for other in near]
+        return list(dict.fromkeys((min(pair), max(pair)) for pair in found))
+    pairs = []
+    for frame in _frames(capture):
+        at_frame = [index for index, shot in enumerate(capture.shots) if shot.frame == frame]
+        for shot in at_frame:
+            others = neighbours(capture, shot, at_frame, depth, 2, best_angle=8.0) or _nearest(capture, shot, at_frame)
+            pairs += [(min(shot, other), max(shot, other)) for other in others]
+    pairs = list(dict.fromkeys(pairs))
+    cameras = [tuple(capture.shots[shot].camera for shot in pair) for pair in pairs]
+    kept = set(spread_of(list(dict.fromkeys(cameras)), _MOST_PAIRS))
+    return [pair for pair, of in zip(pairs, cameras, strict=True) if of in kept]
+
+
+def spread_of(items: Sequence[tuple[int, ...]], count: int) -> list[tuple[int, ...]]:
+    """At most ``count`` of the items, evenly spread."""
+    return [items[index] for index in spread(range(len(items)), count)]
+
+
+def take_samples(
+    capture: Capture, pairs: Sequence[Pair], progress: Callable[[int, int], None] | None = None
+) -> dict[int, Sample]:
+    """The samples of all shots in the pairs, by shot.
+
+    Raises:
+        FrogError: if a file cannot be decoded.
+    """
+    wanted = sorted({shot for pair in pairs for shot in pair})
+    factor = min(1.0, _LONGEST_SIDE / max(max(camera.width, camera.height) for camera in capture.cameras))
+    small = capture.scaled(factor)
+    following: dict[int, int] = {}
+    if not capture.has_moving_cameras:
+        for shot in wanted:
+            entry = capture.shots[shot]
+            after = capture.shot_index(entry.camera, entry.frame + 1)
+            if after is not None:
+                following[shot] = after
+    needed = {*wanted, *following.values()}
+    order = [index for index in decoding_order(small) if index in needed]
+    images: dict[int, ImageArray] = {}
+    samples: dict[int, Sample] = {}
+    for done, (index, image) in enumerate(zip(order, decode_shots(small, order), strict=True), start=1):
+        images[index] = image
+        for shot in [
+            shot for shot in wanted if shot not in samples and {shot, following.get(shot, shot)} <= images.keys()
+        ]:
+            camera = small.cameras[capture.shots[shot].camera]
+            after_image = images[following[shot]] if shot in following else None
+            scale = capture.cameras[capture.shots[shot].camera].width / camera.width
+            samples[shot] = _sample(camera, scale, images[shot], after_image)
+        open_shots = {shot for shot in wanted if shot not in samples}
+        kept = open_shots | {following[shot] for shot in open_shots if shot in following}
+        images = {key: value for key, value in images.items() if key in kept}
+        if progress is not None:
+            progress(done, len(order))
+    return samples
+
+
+def _frames(capture: Capture) -> list[int]:
+    """Frames early on of which most cameras have an image."""
+    counts = Counter(shot.frame for shot in capture.shots if shot.frame < _FIRST_FRAMES)
+    if not counts:
+        counts = Counter(shot.frame for shot in capture.shots)
+    most = max(counts.values())
+    full = sorted(frame for frame, count in counts.items() if count == most)
+    inner = full[len(full) // 8 : max(len(full) // 8 + 1, len(full) - len(full) // 8 - 1)]
+    return spread(inner, _FRAMES)
+
+
+def _nearest(capture: Capture, shot: int, candidates: Sequence[int]) -> list[int]:
+    """The shot of the nearest other camera."""
+    place = capture.cameras[capture.shots[shot].camera].center
+    others = [index for index in candidates if capture.shots[index].camera != capture.shots[shot].camera]
+    distance = [float(np.linalg.norm(capture.cameras[capture.shots[i].camera].center - place)) for i in others]
+    return [others[int(np.argmin(distance))]] if others else []
+
+
+def _sample(camera: Camera, scale: float, image: ImageArray, following: ImageArray | None) -> Sample:
+    cv2 = load_opencv()
+    gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    after = None if following is None else cv2.cvtColor(following, cv2.COLOR_RGB2GRAY)
+    points, descriptors = cv2.SIFT_create(nfeatures=_FEATURES, contrastThreshold=0.01).detectAndCompute(gray, None)
+    if descriptors is None or not len(points):
+        empty = np.zeros((0, 2)), np.zeros((0, 128), np.float32), np.zeros((0, 3))
+        return Sample(camera, scale, gray, after, *empty, blur_of(gray))
+    positions = np.array([point.pt for point in points], dtype=np.float64) + 0.5  # OpenCV counts centres from 0
+    rooted = np.sqrt(descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-6))
+    blurred = cv2.blur(image, (7, 7))
+    columns, lines = np.clip(positions.astype(int), 0, [camera.width - 1, camera.height - 1]).T
+    colors = blurred[lines, columns].astype(np.float64)
+    return Sample(camera, scale, gray, after, positions, rooted.astype(np.float32), colors, blur_of(gray))

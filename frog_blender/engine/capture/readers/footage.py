@@ -1,0 +1,295 @@
+"""What each camera filmed: a video, or the images of a folder. Layouts that take videos take folders of frames too.
+
+``cam00.mp4``, ``cam00/0000.png`` and ``cam00/images/0000.png`` are all the footage of ``cam00``. The number in an
+image's name is its time: what is missing stays a gap, and two cameras' images of one number belong together.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ...errors import found_instead
+from ..camera import Camera
+from ..capture import Distortion, Shot
+from ..image_size import image_size, image_turns
+from ..orientation import turned_camera
+from ..video import composed, find_images, find_videos, read_facts
+from .checks import check_images
+from .frame_times import frame_times
+from .geometry import is_transposed, same_proportions
+from .pairing import pair_videos
+
+MAX_CAMERAS = 10_000
+_DIGITS = re.compile(r"(\d+)")
+Calibrated = tuple[Camera, Distortion | None]
+"""A camera at its calibrated size, with its lens."""
+
+
+@dataclass(frozen=True)
+class Footage:
+    """What one camera filmed.
+
+    Attributes:
+        name: of the video or the folder.
+        files: one video, or images in the order of their numbers.
+        numbers: of the images; empty for a video.
+        strays: images of the folder that do not belong to the others.
+    """
+
+    name: str
+    files: tuple[Path, ...]
+    numbers: tuple[int, ...] = ()
+    strays: int = 0
+
+    @property
+    def is_video(self) -> bool:
+        """True for a video, False for images."""
+        return not self.numbers
+
+
+@dataclass(frozen=True)
+class Filmed:
+    """The images of several cameras on common frames.
+
+    Attributes:
+        shots: of camera i of the footage.
+        frame_count: see ``Capture``.
+        frames_per_second: of the videos, 30 for images.
+        sizes: width and height of each camera's images, as they are shown.
+        turns: quarter turns clockwise by which they are shown otherwise than they are stored.
+        warnings: one sentence each.
+    """
+
+    shots: tuple[Shot, ...]
+    frame_count: int
+    frames_per_second: float
+    sizes: tuple[tuple[int, int], ...]
+    turns: tuple[int, ...]
+    warnings: tuple[str, ...]
+
+
+def natural(name: str) -> tuple[tuple[int, str], ...]:
+    """A key that sorts names by the numbers in them: ``cam2`` before ``cam10``."""
+    parts = _DIGITS.split(name)
+    return tuple((int(part[:300]), "") if index % 2 else (0, part) for index, part in enumerate(parts))
+
+
+def number_of(stem: str) -> int | None:
+    """The last number in a name (``frame_00012`` and ``00012_rgb``: 12); None where there is none."""
+    return split_number(stem)[1]
+
+
+def split_number(stem: str) -> tuple[str, int | None]:
+    """What stands before the last number of a name, and the number; the whole name and None where there is none."""
+    start = max((match.start() for match in _DIGITS.finditer(stem)), default=None)
+    if start is None:
+        return stem, None
+    match = _DIGITS.match(stem, start)
+    digits = match[1] if match else ""
+    return (stem[:start], int(digits)) if len(digits) <= 18 else (stem, None)
+
+
+def find_footage(folder: Path) -> list[Footage]:
+    """Videos of a folder and folders of images in it, in the natural order of their names; of both by one name the
+    video.
+
+    Raises:
+        FrogError: for more than ``MAX_CAMERAS``.
+    """
+    if not folder.is_dir():
+        return []
+    found: dict[str, Footage] = {}
+    for entry in sorted(folder.iterdir(), key=lambda each: natural(each.name)):
+        if entry.is_dir() and not entry.name.startswith("."):
+            footage = images_in(entry)
+            if footage is not None:
+                found[composed(entry.name)] = footage
+        if len(found) > MAX_CAMERAS:
+            raise found_instead(folder, f"more than {MAX_CAMERAS:,} folders of images", "one for each camera")
+    for video in find_videos(folder):
+        found[composed(video.stem)] = Footage(composed(video.stem), (video,))
+    return sorted(found.values(), key=lambda footage: natural(footage.name))
+
+
+def images_in(folder: Path) -> Footage | None:
+    """The images of a camera's folder, or of ``images`` in it; None where there are none."""
+    for place in (folder, folder / "images"):
+        images = find_images(place) if place.is_dir() else []
+        if images:
+            return _in_order(composed(folder.name), images)
+    return None
+
+
+def find_below(path: Path, folders: Sequence[str]) -> list[Footage]:
+    """The footage of the first of these folders below ``path`` that has some; ``.`` is ``path`` itself."""
+    for name in folders:
+        if footage := find_footage(path / name):
+            return footage
+    return []
+
+
+def of_cameras(
+    calibration: Path, names: Sequence[str], footage: Sequence[Footage]
+) -> tuple[dict[str, Footage], list[str]]:
+    """The footage of each calibrated camera that has some, by the camera's name, and warnings about what has none.
+
+    A camera's footage has its name, or a name of which one is a part of the other, or its number.
+
+    Raises:
+        FrogError: if no camera has footage.
+    """
+    found = _same_name(names, footage) or _part_of_name(names, footage) or _same_number(names, footage)
+    if not found:
+        filmed = ", ".join(each.name for each in footage[:4]) + (" ..." if len(footage) > 4 else "")
+        shown = ", ".join(names[:4]) + (" ..." if len(names) > 4 else "")
+        have = f"videos or folders of images {filmed}" if footage else "no video and no folder of images"
+        raise found_instead(calibration, f"cameras {shown} and beside them {have}", "footage of the cameras' names")
+    warnings = []
+    if lacking := [name for name in names if name not in found]:
+        shown = ", ".join(lacking[:8])
+        warnings.append(
+            f"{calibration}: {_counted(lacking, 'camera')} without footage {_is(lacking)} left out: {shown}."
+        )
+    used = {each.name for each in found.values()}
+    if extra := [each.name for each in footage if each.name not in used]:
+        warnings.append(
+            f"{calibration}: {_counted(extra, 'video or folder')} of no calibrated camera "
+            f"{_is(extra)} left out: {', '.join(extra[:8])}."
+        )
+    return found, warnings
+
+
+def on_common_frames(path: Path, footage: Sequence[Footage]) -> Filmed:
+    """The images of all cameras, on frames that they share.
+
+    Raises:
+        FrogError: if some are videos and some folders, or a file cannot be used.
+    """
+    videos = [each for each in footage if each.is_video]
+    if videos and len(videos) < len(footage):
+        folders = next(each for each in footage if not each.is_video)
+        found = f"the video {videos[0].name} and the folder of images {folders.name}"
+        raise found_instead(path, found, "footage of one kind: all videos or all images")
+    if videos:
+        files = [each.files[0] for each in videos]
+        facts = [read_facts(file) for file in files]
+        paired = pair_videos(path, files, facts)
+        sizes = tuple((fact.width, fact.height) for fact in facts)
+        turns = tuple(fact.turn // 90 for fact in facts)
+        return Filmed(paired.shots, paired.frame_count, paired.frames_per_second, sizes, turns, tuple(paired.warnings))
+    check_images(path, sum(len(each.files) for each in footage))
+    images = [(camera, file) for camera, each in enumerate(footage) for file in each.files]
+    shots = at_times(images, [number for each in footage for number in each.numbers], path)
+    strays = sum(each.strays for each in footage)
+    warnings = [f"{path}: {strays} images that are named unlike the others are left out."] if strays else []
+    count = max(shot.frame for shot in shots) + 1
+    filled = len({shot.frame for shot in shots})
+    if missing := filled * len(footage) - len(shots):
+        warnings.append(f"{path}: {missing:,} of {filled * len(footage):,} images are missing; their places stay gaps.")
+    if filled < count:
+        warnings.append(f"{path}: {count - filled:,} of {count:,} frames have no image and stay gaps.")
+    first = [each.files[0] for each in footage]
+    sizes, turns = tuple(image_size(file) for file in first), tuple(image_turns(file) for file in first)
+    return Filmed(tuple(shots), count, 30.0, sizes, turns, tuple(warnings))
+
+
+def at_times(images: Sequence[tuple[int, Path]], numbers: Sequence[int], path: Path) -> list[Shot]:
+    """The shots of images (camera and file) whose numbers, in their names or a list, are times.
+
+    Raises:
+        FrogError: for too many frames.
+    """
+    first = min(numbers)
+    times = frame_times([float(number - first) for number in numbers], [camera for camera, _ in images], path)
+    return [
+        Shot(camera, int(frame), file, 0, float(offset))
+        for (camera, file), frame, offset in zip(images, times.frames, times.offsets, strict=True)
+    ]
+
+
+def fitted(calibrated: Calibrated, size: tuple[int, int], turns: int, source: Path) -> Calibrated:
+    """The calibrated camera, and its lens, at the size (width, height) at which its images are shown.
+
+    Args:
+        turns: quarter turns clockwise by which the stored images are shown; calibrations are often those of images as
+            they are stored.
+
+    Raises:
+        FrogError: if their proportions differ.
+    """
+    camera, lens = calibrated
+    if is_transposed(size, (camera.width, camera.height)) and turns % 2:
+        camera, lens = turned_camera(camera, lens, turns) or calibrated
+    if size == (camera.width, camera.height):
+        return camera, lens
+    if not same_proportions(size, (camera.width, camera.height)):
+        turned = is_transposed(size, (camera.width, camera.height))
+        hint = " (were they turned by 90 degrees after calibration?)" if turned else ""
+        found = f"images of {size[0]} x {size[1]} pixels{hint}"
+        raise found_instead(source, found, f"the proportions of the calibration, {camera.width} x {camera.height}")
+    return camera.resized(*size), lens
+
+
+def _in_order(name: str, images: list[Path]) -> Footage:
+    """A folder's images by their numbers, without those that are named unlike most."""
+    parts = {image: split_number(image.stem) for image in images}
+    kinds = Counter((prefix, image.suffix.lower()) for image, (prefix, number) in parts.items() if number is not None)
+    if not kinds or kinds.most_common(1)[0][1] * 2 < len(images):  # their numbers are not those of frames
+        ordered = sorted(images, key=lambda image: natural(image.name))
+        return Footage(name, tuple(ordered), tuple(range(len(ordered))))
+    kind = kinds.most_common(1)[0][0]
+    numbered: dict[int, Path] = {}
+    for image, (prefix, number) in parts.items():
+        if (prefix, image.suffix.lower()) == kind and number is not None:
+            numbered.setdefault(number, image)
+    numbers = sorted(numbered)
+    return Footage(name, tuple(numbered[each] for each in numbers), tuple(numbers), len(images) - len(numbers))
+
+
+def _same_name(names: Sequence[str], footage: Sequence[Footage]) -> dict[str, Footage]:
+    by_name = {each.name: each for each in footage}
+    return {name: by_name[composed(name)] for name in names if composed(name) in by_name}
+
+
+def _part_of_name(names: Sequence[str], footage: Sequence[Footage]) -> dict[str, Footage]:
+    """Footage whose name contains a camera's (``vid_cam01`` of ``cam01``), or is contained in it; {} where it is not
+    clear which.
+    """
+    found: dict[str, Footage] = {}
+    for name in names:
+        fitting = [each for each in footage if _contains(each.name, name) or _contains(name, each.name)]
+        if len(fitting) > 1:
+            return {}
+        if fitting:
+            found[name] = fitting[0]
+    return found if len({each.name for each in found.values()}) == len(found) else {}
+
+
+def _contains(whole: str, part: str) -> bool:
+    """Whether a name contains another, not within a number or a word: ``cam1`` is no part of ``cam10``."""
+    at = whole.casefold().find(part.casefold()) if part else -1
+    if at < 0:
+        return False
+    around = whole[at - 1 : at] + whole[at + len(part) : at + len(part) + 1]
+    return not any(character.isalnum() for character in around)
+
+
+def _same_number(names: Sequence[str], footage: Sequence[Footage]) -> dict[str, Footage]:
+    """Footage whose last number is the camera's (``image1`` and ``cam01``); {} where two have the same."""
+    of_names = {name: number_of(name) for name in names}
+    by_number = {number_of(each.name): each for each in footage}
+    if len(by_number) < len(footage) or len(set(of_names.values())) < len(of_names):
+        return {}
+    return {name: by_number[number] for name, number in of_names.items() if number is not None and number in by_number}
+
+
+def _counted(names: Sequence[str], kind: str) -> str:
+    return f"{len(names)} {kind}{'s' if len(names) > 1 else ''}"
+
+
+def _is(names: Sequence[str]) -> str:
+    return "are" if len(names) > 1 else "is"

@@ -1,0 +1,186 @@
+"""What a folder that no reader knows nearly is, and what is missing: one sentence, not a list of all layouts."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import islice
+from pathlib import Path
+
+from ...errors import FrogError, found_instead
+from ..video import IMAGE_SUFFIXES, VIDEO_SUFFIXES
+from .footage import find_footage
+
+_LOOKED_AT = 5000  # entries of a folder
+_HEAD = 4096  # bytes of a file
+_SPLATS = frozenset({".ply", ".splat", ".spz", ".sog", ".ksplat"})
+_ARCHIVES = frozenset({".zip", ".tar", ".gz", ".7z", ".rar", ".r3d", ".tgz"})
+_MASKS = frozenset({"masks", "mask", "seg", "depth", "depths", "images_2", "images_4", "images_8"})
+
+
+def not_a_folder(path: Path) -> FrogError:
+    """The error for a path that is a file, or nothing."""
+    if not path.exists():
+        return FrogError(f"{path}: there is no such folder, expected that of a capture.")
+    if path.suffix.lower() in _ARCHIVES:
+        return found_instead(path, "an archive", "the folder that it unpacks to")
+    if path.suffix.lower() in VIDEO_SUFFIXES:
+        return found_instead(path, "a video", "the folder that it lies in, with all the cameras' videos")
+    return found_instead(path, "a file", f"the folder of a capture, such as {path.parent}")
+
+
+def unknown_folder(path: Path, below: list[Path]) -> FrogError:
+    """The error for a folder of no known layout.
+
+    Args:
+        below: folders in it that are captures: more than one, or they would have been opened.
+    """
+    if below:
+        names = ", ".join(folder.name for folder in below[:5]) + (", ..." if len(below) > 5 else "")
+        return found_instead(path, f"{len(below)} captures one folder deeper ({names})", "one of these folders")
+    folder = _Folder(path)
+    for rule in (_other_programs, _half_a_layout, _archives, _footage, _splats):
+        sentence = next(rule(folder), None)
+        if sentence is not None:
+            return found_instead(path, *sentence)
+    return found_instead(
+        path, contents(path), "videos or folders of images with the poses of their cameras (docs/captures.md)"
+    )
+
+
+def contents(folder: Path) -> str:
+    """What a folder holds, in words: ``3 .mp4 files and 1 folder``."""
+    entries = [entry for entry in islice(folder.iterdir(), _LOOKED_AT) if not entry.name.startswith(".")]
+    if not entries:
+        return "an empty folder"
+    kinds = Counter("folder" if e.is_dir() else f"{e.suffix.lower() or 'nameless'} file" for e in entries)
+    parts = [f"{count} {kind}{'s' if count > 1 else ''}" for kind, count in kinds.most_common(4)]
+    return " and ".join([", ".join(parts[:-1]), parts[-1]]) if len(parts) > 1 else parts[0]
+
+
+@dataclass(frozen=True)
+class _Folder:
+    path: Path
+
+    @cached_property
+    def names(self) -> set[str]:
+        """Of its files and folders."""
+        return {entry.name for entry in islice(self.path.iterdir(), _LOOKED_AT) if not entry.name.startswith(".")}
+
+    def ending(self, *endings: str) -> str | None:
+        """The first name with one of the endings, such as ``.xml``."""
+        return next((name for name in sorted(self.names) if name.lower().endswith(endings)), None)
+
+    def head(self, name: str) -> str:
+        """The beginning of a file."""
+        with suppress(OSError), (self.path / name).open("rb") as file:
+            return file.read(_HEAD).decode("utf-8", "replace")
+        return ""
+
+
+_Sentence = tuple[str, str]
+_EXPORT = "a COLMAP model (sparse/0 with cameras, images and points3D) beside the folder images: export "
+
+
+def _other_programs(folder: _Folder) -> Iterator[_Sentence]:
+    """Calibrations that have no reader: what to export instead."""
+    if (name := folder.ending(".xml")) and "<chunk" in folder.head(name):
+        yield f"cameras of Metashape ({name})", _EXPORT + "one with File > Export > Export Cameras > COLMAP"
+    if name := folder.ending(".psx", ".psz"):
+        yield f"a project of Metashape ({name})", _EXPORT + "one with File > Export > Export Cameras > COLMAP"
+    if (name := folder.ending(".csv")) and folder.head(name).lower().startswith(("#name,x,y", "#cameras", "#name;x")):
+        yield f"cameras of RealityCapture ({name})", _EXPORT + "one with Alignment > Export > Registration > COLMAP"
+    if name := folder.ending(".rcproj"):
+        yield f"a project of RealityCapture ({name})", _EXPORT + "one with Alignment > Export > Registration > COLMAP"
+    if (name := folder.ending(".out")) and "bundle file" in folder.head(name).lower():
+        yield f"cameras of Bundler ({name})", _EXPORT + "one from the program that wrote them"
+    if (name := folder.ending(".nvm")) and not {"images", "sparse"} & folder.names:
+        yield f"cameras of VisualSFM ({name})", _EXPORT + "one from the program that wrote them"
+    if name := folder.ending(".sfm"):
+        yield f"cameras of Meshroom ({name})", _EXPORT + "one from Meshroom"
+    if "sfm_data.json" in folder.names:
+        yield "cameras of OpenMVG (sfm_data.json)", _EXPORT + "one with openMVG_main_openMVG2Colmap"
+    if "reconstruction.json" in folder.names:
+        yield "cameras of OpenSfM (reconstruction.json)", _EXPORT + "one with opensfm export_colmap"
+    if "annots.npy" in folder.names:
+        yield "annots.npy (ZJU-MoCap), which can run programs and is not read", "intri.yml and extri.yml of EasyMocap"
+
+
+def _half_a_layout(folder: _Folder) -> Iterator[_Sentence]:
+    """Known layouts of which a part is missing, or has another name."""
+    names = folder.names
+    for one, other in (("cameras", "images"), ("images", "cameras")):
+        for place, shown in (
+            (folder.path, ""),
+            (folder.path / "sparse", "sparse/"),
+            (folder.path / "sparse/0", "sparse/0/"),
+        ):
+            for end in (".bin", ".txt"):
+                if (place / f"{one}{end}").is_file() and not (place / f"{other}{end}").is_file():
+                    yield f"a COLMAP model's {shown}{one}{end} and no {other}{end}", "both, and points3D"
+    if "transforms.json" not in names and (name := folder.ending("transforms.json", "transforms_train.json")):
+        yield name, "the name transforms.json, beside the images that it lists"
+    if "extri.yml" in names:
+        yield "extri.yml and no intri.yml (EasyVolcap)", "both: the cameras' poses and their lenses"
+    if "test_meta.json" in names:
+        yield "test_meta.json and no train_meta.json (PanopticSports)", "both, and the images in ims"
+    if "dataset.json" in names:
+        yield "dataset.json and no folder camera (HyperNeRF)", "camera/ID.json for each image, and rgb/2x"
+    if "camera" in names and "rgb" in names:
+        yield "the folders camera and rgb and no dataset.json (HyperNeRF)", "dataset.json and metadata.json beside them"
+    if name := next(
+        (name for name in sorted(names) if name.startswith("poses_bounds") and name.endswith(".npy")), None
+    ):
+        yield name, "the name poses_bounds.npy, beside the videos cam00.mp4, cam01.mp4, ..."
+    if "keyframes" in names:
+        yield "keyframes without cameras or images (Polycam)", "Polycam's raw data export, with both"
+    if {"metadata.json", "metadata"} & names:
+        yield "metadata and no folder rgbd or rgb (Record3D)", "Record3D's export with images (EXR + RGB)"
+    if "sparse_" in names:
+        yield "sparse_ without a COLMAP model (multipleview)", "cameras.bin and images.bin in sparse_"
+    if "database.db" in names or "sparse" in names:
+        yield "a COLMAP project without a model", "cameras.bin and images.bin in sparse/0: did its mapper finish?"
+
+
+def _archives(folder: _Folder) -> Iterator[_Sentence]:
+    archives = [name for name in folder.names if Path(name).suffix.lower() in _ARCHIVES]
+    if archives and not any(Path(name).suffix.lower() in VIDEO_SUFFIXES for name in folder.names):
+        yield f"{_some(len(archives), 'archive')} ({min(archives)})", "a folder: unpack it"
+
+
+def _footage(folder: _Folder) -> Iterator[_Sentence]:
+    """Videos or images without cameras."""
+    footage = [each for each in find_footage(folder.path) if each.name not in _MASKS]
+    place = folder.path
+    for below in (folder.path / "videos", folder.path / "images"):
+        if not any(each.is_video for each in footage) and (found := find_footage(below)):
+            footage, place = found, below
+    if videos := sum(each.is_video for each in footage):
+        calibrate = f"poses of the cameras: run `frog calibrate {place}` (or Calibrate in the panel)"
+        yield f"{_some(videos, 'video')} without calibration", calibrate
+    if len(footage) > 1:
+        expected = "cameras_opencv.json, a COLMAP model in sparse/0, or videos made of them for `frog calibrate`"
+        yield f"{len(footage)} folders of images without calibration", expected
+    images = [name for name in folder.names if Path(name).suffix.lower() in IMAGE_SUFFIXES]
+    count = len(images) or sum(len(each.files) for each in footage)
+    if count > 1:
+        yield f"{count} images without poses", "a COLMAP model in sparse/0, or transforms.json (nerfstudio)"
+
+
+def _splats(folder: _Folder) -> Iterator[_Sentence]:
+    """What is no footage: finished scenes."""
+    if name := folder.ending(".frog"):
+        yield f"a finished scene ({name})", "footage to train from; File > Import opens the scene"
+    splats = [name for name in folder.names if Path(name).suffix.lower() in _SPLATS]
+    if splats:
+        yield (
+            f"{_some(len(splats), 'file')} of finished splats ({min(splats)}) and no footage",
+            "a capture; splats (.ply) open with File > Import or `frog import`",
+        )
+
+
+def _some(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"

@@ -1,0 +1,83 @@
+"""Polycam's raw export: ``keyframes/cameras/*.json`` and ``keyframes/images/*.jpg``, or their ``corrected_`` folders.
+
+A file for each image: ``fx``, ``fy``, ``cx``, ``cy`` for ``width`` x ``height`` pixels, and ``t_00`` .. ``t_23``, the
+rows of camera to world in OpenGL's axes (x right, y up, looking along -z), in metres. The corrected folders, with
+poses that Polycam has optimised, are preferred. (PolyCam/polyform, README; nerfstudio,
+process_data/polycam_utils.py.)
+
+Names are times, so that images lie between frames. Every eighth frame is held out. Depth is not used.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import found_instead
+from ..camera import Camera
+from ..capture import MAX_IMAGES, Capture
+from ..video import with_ending
+from .assembly import View, moving_cameras
+from .checks import number, numbers, read_json, rotation, size
+from .footage import natural, number_of
+from .geometry import intrinsics, pose
+
+_KEYFRAMES = "keyframes"
+_FOLDERS = (("corrected_cameras", "corrected_images"), ("cameras", "images"))
+_TO_OPENCV = np.diag([1.0, -1.0, -1.0])
+
+
+def matches(path: Path) -> bool:
+    """True if the folder holds ``keyframes/cameras``, or is ``keyframes`` itself."""
+    return _folders(path) is not None
+
+
+def read(path: Path) -> Capture:
+    """Open an export.
+
+    Raises:
+        FrogError: if no image has a camera, or a value cannot be used.
+    """
+    found = _folders(path)
+    if found is None:
+        raise found_instead(path, "no keyframes/cameras", "Polycam's raw data export")
+    cameras, images = found
+    files = sorted(cameras.glob("*.json"), key=lambda file: natural(file.name))
+    files = [file for file in files if not file.name.startswith(".")]
+    if len(files) > MAX_IMAGES:
+        raise found_instead(cameras, f"{len(files):,} cameras", f"at most {MAX_IMAGES:,}")
+    pairs = [(file, image) for file in files if (image := with_ending(images / file.stem)) is not None]
+    if not pairs:
+        raise found_instead(
+            path, f"{len(files)} cameras in {cameras.name} and no image of theirs in {images.name}", "both"
+        )
+    numbered = [number_of(file.stem) for file, _ in pairs]
+    times = [place if number is None else number for place, number in enumerate(numbered)]
+    if len(set(times)) < len(times):
+        times = list(range(len(pairs)))
+    views = [View(_camera(file), None, image, time) for (file, image), time in zip(pairs, times, strict=True)]
+    warnings = []
+    if len(pairs) < len(files):
+        warnings.append(f"{path}: {len(files) - len(pairs)} of {len(files)} images are missing and left out.")
+    return moving_cameras(path, "polycam", views, warnings=warnings)
+
+
+def _folders(path: Path) -> tuple[Path, Path] | None:
+    """The folders of cameras and images."""
+    for base in (path / _KEYFRAMES, path):
+        for cameras, images in _FOLDERS:
+            if (base / cameras).is_dir() and (base / images).is_dir() and next((base / cameras).glob("*.json"), None):
+                return base / cameras, base / images
+    return None
+
+
+def _camera(file: Path) -> Camera:
+    data = read_json(file)
+    width, height = (size(data.get(side), file, side) for side in ("width", "height"))
+    focal = [number(data.get(key), file, key, positive=True) for key in ("fx", "fy")]
+    center = [number(data.get(key), file, key) for key in ("cx", "cy")]
+    rows = [[data.get(f"t_{row}{column}") for column in range(4)] for row in range(3)]
+    matrix = numbers(rows, (3, 4), file, "t_00 to t_23")
+    turn = rotation(matrix[:, :3], file, "t_00 to t_23")
+    return Camera(file.stem, width, height, intrinsics(*focal, *center), pose(_TO_OPENCV @ turn.T, matrix[:, 3]))

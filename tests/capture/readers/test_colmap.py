@@ -1,0 +1,288 @@
+"""COLMAP's models with images, folders, films; every lens; and a model by COLMAP itself, with rigs."""
+
+from __future__ import annotations
+
+import shutil
+import struct
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from support.filmed_scene import FRAMES, NAMES, image, moving, rig, still
+from support.layouts.colmap import POINTS, write_model
+from support.layouts.files import write_films, write_frames, write_image
+
+from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.capture.lenses import WIDEST
+from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.errors import FrogError
+
+from ..test_films import write_oriented
+from .reading import assert_same_cameras, assert_same_images, opened
+
+BINARY_OR_TEXT = pytest.mark.parametrize("text", [False, True], ids=["binary", "text"])
+
+
+@BINARY_OR_TEXT
+def test_a_folder_for_each_camera(tmp_path: Path, text: bool) -> None:
+    folder, cameras = tmp_path / "capture", rig()
+    write_frames(folder / "images", cameras)
+    names = [f"{camera.name}/{frame:04d}.png" for camera in cameras for frame in range(FRAMES)]
+    write_model(folder / "sparse" / "0", names[::-1], [c for c in cameras for _ in range(FRAMES)][::-1], text=text)
+    capture = opened(folder, "colmap")
+    assert (capture.frame_count, capture.test_cameras, capture.test_frames) == (FRAMES, frozenset(), frozenset())
+    assert_same_cameras(capture, cameras)
+    assert_same_images(capture, tmp_path / "cache")
+    assert capture.points is not None
+    np.testing.assert_allclose(capture.points, POINTS)
+
+
+def test_poses_of_the_first_frame_are_those_of_the_whole_folder(tmp_path: Path) -> None:
+    folder, cameras = tmp_path / "capture", rig()
+    write_frames(folder / "images", cameras, "{name}/frame_{one:05d}.png")
+    write_model(folder / "sparse" / "0", [f"{camera.name}/frame_00001.png" for camera in cameras], cameras)
+    capture = opened(folder, "colmap")
+    assert len(capture.shots) == len(cameras) * FRAMES
+    assert_same_cameras(capture, cameras)
+    assert_same_images(capture, tmp_path / "cache")
+
+
+def test_poses_that_colmap_found_a_little_apart_are_one_standing_camera(tmp_path: Path) -> None:
+    folder, cameras = tmp_path / "capture", rig()
+    write_frames(folder / "images", cameras)
+    names = [f"{camera.name}/{frame:04d}.png" for camera in cameras for frame in range(FRAMES)]
+    shaken = [c.moved(np.full(3, 1e-4 * f), np.full(3, 1e-4 * f)) for c in cameras for f in range(FRAMES)]
+    write_model(folder / "sparse", names, shaken)
+    capture = opened(folder, "colmap")
+    assert [camera.name for camera in capture.cameras] == list(NAMES)
+    assert len(capture.shots) == len(cameras) * FRAMES
+
+
+def test_the_camera_may_stand_in_the_names(tmp_path: Path) -> None:
+    folder, cameras = tmp_path / "capture", rig()
+    write_frames(folder / "images", cameras, "{name}_{frame:03d}.png")
+    names = [f"{camera.name}_{frame:03d}.png" for camera in cameras for frame in range(FRAMES)]
+    write_model(folder / "sparse" / "0", names, [camera for camera in cameras for _ in range(FRAMES)])
+    capture = opened(folder, "colmap")
+    assert_same_cameras(capture, cameras)
+    assert_same_images(capture, tmp_path / "cache")
+
+
+@pytest.mark.parametrize("beside", [".", "videos"])
+def test_films_beside_one_image_of_each_camera(tmp_path: Path, beside: str) -> None:
+    folder, cameras = tmp_path / "capture", rig()
+    write_films(folder / beside, cameras)
+    write_model(folder / "sparse" / "0", [f"{camera.name}.png" for camera in cameras], cameras)
+    for camera in cameras:
+        write_image(folder / "images" / f"{camera.name}.png", still(camera.name, 0))
+    capture = opened(folder, "colmap")
+    assert capture.frame_count == FRAMES and {shot.path.suffix for shot in capture.shots} == {".avi"}
+    assert_same_cameras(capture, cameras)
+    assert_same_images(capture, tmp_path / "cache")
+
+
+def test_one_image_of_each_camera_is_one_time(tmp_path: Path) -> None:
+    folder, cameras = tmp_path / "capture", rig()
+    write_model(folder / "sparse" / "0", [f"{camera.name}.png" for camera in cameras], cameras)
+    for camera in cameras:
+        write_image(folder / "images" / f"{camera.name}.png", still(camera.name, 0))
+    capture = opened(folder, "colmap")
+    assert capture.frame_count == 1
+    assert_same_cameras(capture, cameras)
+    assert_same_images(capture, tmp_path / "cache")
+
+
+@BINARY_OR_TEXT
+def test_one_moving_camera_in_the_order_of_numbers_with_gaps(tmp_path: Path, text: bool) -> None:
+    folder, cameras = tmp_path / "capture", moving(9)
+    numbers = [9, 1, 2, 3, 5, 6, 7, 8, 10]  # the list is not in order; 4 had no pose
+    for camera, number in zip(cameras, numbers, strict=True):
+        write_image(folder / "images" / f"frame_{number}.png", image(camera, 0))
+    write_model(folder / "sparse" / "0", [f"frame_{number}.png" for number in numbers], cameras, text=text)
+    capture = opened(folder, "colmap")
+    assert capture.is_moving and capture.frame_count == 10
+    assert [capture.cameras[shot.camera].name for shot in capture.shots] == [f"frame_{n}" for n in sorted(numbers)]
+    assert [shot.frame for shot in capture.shots] == [number - 1 for number in sorted(numbers)]
+    assert capture.test_frames == {4}  # every eighth
+    expected = [replace(c, name=f"frame_{n}") for c, n in zip(cameras, numbers, strict=True)]
+    assert_same_cameras(capture, expected)
+    assert_same_images(capture, tmp_path / "cache", lambda camera, frame: image(camera, 0))
+
+
+def test_images_are_missing(tmp_path: Path) -> None:
+    write_model(tmp_path / "sparse" / "0", ["a/1.png", "b/1.png"], rig()[:2])
+    with pytest.raises(FrogError, match=r"a COLMAP model of 2 images \(a/1.png, \.\.\.\) and none of these images"):
+        open_capture(tmp_path)
+    write_image(tmp_path / "images" / "b" / "1.png", still("cam01", 0))
+    assert any("1 of 2 images of the model are missing" in each for each in open_capture(tmp_path).warnings)
+
+
+def test_names_that_lead_outside_are_refused(tmp_path: Path) -> None:
+    write_model(tmp_path / "capture" / "sparse" / "0", ["../cam00.png"], rig()[:1])
+    write_image(tmp_path / "cam00.png", still("cam00", 0))
+    with pytest.raises(FrogError, match="lies outside the capture's folder"):
+        open_capture(tmp_path / "capture")
+
+
+def test_smaller_images_than_the_model_was_made_of(tmp_path: Path) -> None:
+    cameras = rig()
+    write_model(tmp_path / "sparse" / "0", ["cam00.png"], [cameras[0].resized(128, 96)])
+    write_image(tmp_path / "images" / "cam00.png", still("cam00", 0))
+    assert_same_cameras(open_capture(tmp_path), cameras[:1])
+
+
+PERSPECTIVE = {
+    "SIMPLE_PINHOLE": ((52.0, 32.5, 23.0), (0.0,) * 5),
+    "SIMPLE_RADIAL": ((52.0, 32.5, 23.0, -0.1), (-0.1, 0, 0, 0, 0)),
+    "RADIAL": ((52.0, 32.5, 23.0, -0.1, 0.02), (-0.1, 0.02, 0, 0, 0)),
+    "OPENCV": ((52.0, 53.0, 32.5, 23.0, -0.1, 0.02, 0.003, -0.002), (-0.1, 0.02, 0.003, -0.002, 0)),
+    "FULL_OPENCV": (
+        (52.0, 53.0, 32.5, 23.0, -0.1, 0.02, 0.003, -0.002, 0.01, 0.05, -0.01, 0.004),
+        (-0.1, 0.02, 0.003, -0.002, 0.01, 0.05, -0.01, 0.004),
+    ),
+}
+FISHEYE = {
+    "OPENCV_FISHEYE": (26.0, 26.5, 32.5, 23.0, -0.03, 0.01, -0.002, 0.0003),
+    "SIMPLE_RADIAL_FISHEYE": (26.0, 32.5, 23.0, -0.03),
+    "RADIAL_FISHEYE": (26.0, 32.5, 23.0, -0.03, 0.004),
+    "THIN_PRISM_FISHEYE": (26.0, 26.5, 32.5, 23.0, -0.03, 0.01, 0.002, -0.001, -0.002, 0.0003, 0.001, -0.002),
+    "FOV": (30.0, 30.5, 32.5, 23.0, 0.9),
+}
+
+
+def test_images_that_exif_turns_upside_down_are_named(tmp_path: Path) -> None:
+    write_model(tmp_path / "sparse" / "0", ["cam00.png"], rig()[:1])
+    (tmp_path / "images").mkdir()
+    write_oriented(tmp_path / "images" / "cam00.png", still("cam00", 0), 3)
+    assert any("cam00.png (of 1 such) is turned by 180 degrees" in each for each in open_capture(tmp_path).warnings)
+
+
+SCALE = 4  # of the images: half a pixel would then change them by 0.66 levels of 255, and sampling does by 0.25
+LENGTHS = {"SIMPLE_PINHOLE": 3, "SIMPLE_RADIAL": 3, "RADIAL": 3, "SIMPLE_RADIAL_FISHEYE": 3, "RADIAL_FISHEYE": 3}
+
+
+def enlarged(model: str, values: tuple[float, ...]) -> tuple[float, ...]:
+    """A lens's parameters for images larger by ``SCALE``: those in pixels come first."""
+    pixels = LENGTHS.get(model, 4)
+    return (*(SCALE * value for value in values[:pixels]), *values[pixels:])
+
+
+def large(camera: Camera) -> Camera:
+    return camera.resized(SCALE * camera.width, SCALE * camera.height)
+
+
+@pytest.mark.parametrize("model", PERSPECTIVE)
+def test_lenses_are_undistorted(tmp_path: Path, model: str) -> None:
+    values, coefficients = PERSPECTIVE[model]
+    focal = (values[0], values[0] if len(values) in (3, 4, 5) else values[1])
+    camera = large(rig(focal, (32.5, 23.0))[1])
+
+    def rays(pixels: np.ndarray) -> np.ndarray:
+        exact, known = (3, 100, 1e-12), (camera.intrinsics, np.array(coefficients), None, None)
+        return cv2.undistortPointsIter(pixels[:, None], *known, exact)[:, 0]
+
+    write_image(tmp_path / "c" / "images" / "cam01.png", image(camera, 2, rays))
+    write_model(tmp_path / "c" / "sparse" / "0", ["cam01.png"], [camera], [(model, enlarged(model, values))])
+    capture = opened(tmp_path / "c", "colmap")
+    assert (capture.distortions[0] is None) == (not any(coefficients))
+    assert_same_cameras(capture, [camera])
+    assert_same_images(capture, tmp_path / "cache", lambda camera, frame: image(camera, 2), off=0.33)
+
+
+@pytest.mark.parametrize("model", FISHEYE)
+def test_fisheyes_become_pinholes_of_at_most_110_degrees(tmp_path: Path, model: str) -> None:
+    """The image is drawn through COLMAP's own lens; undistorted it must be what the pinhole camera sees."""
+    pycolmap = pytest.importorskip("pycolmap")
+    values, camera = enlarged(model, FISHEYE[model]), large(rig()[1])
+    lens = pycolmap.Camera(model=model, width=camera.width, height=camera.height, params=list(values))
+
+    def rays(pixels: np.ndarray) -> np.ndarray:
+        return np.array([lens.cam_from_img(pixel)[:2] for pixel in pixels])
+
+    write_image(tmp_path / "c" / "images" / "cam01.png", image(camera, 2, rays))
+    write_model(tmp_path / "c" / "sparse" / "0", ["cam01.png"], [camera], [(model, values)])
+    capture = opened(tmp_path / "c", "colmap")
+    found = capture.cameras[0]
+    assert field_of_view(found) <= WIDEST + 1e-9 and field_of_view(found) > np.radians(80)
+    assert_same_cameras(capture, [camera], poses_only=True)
+    assert_same_images(capture, tmp_path / "cache", lambda camera, frame: image(camera, 2), off=0.33)
+
+
+@pytest.mark.parametrize("orientation", [6, 8])
+@pytest.mark.parametrize("model", ["PINHOLE", "OPENCV", "OPENCV_FISHEYE"])
+def test_photographs_that_exif_turns_keep_their_poses(tmp_path: Path, model: str, orientation: int) -> None:
+    """COLMAP sees images as they are stored; the camera of what is shown is turned with them."""
+    pycolmap = pytest.importorskip("pycolmap")
+    values = {"PINHOLE": (52.0, 54.0, 33.5, 22.25), "OPENCV": PERSPECTIVE["OPENCV"][0], **FISHEYE}[model]
+    camera = rig()[1]
+    lens = pycolmap.Camera(model=model, width=camera.width, height=camera.height, params=list(values))
+
+    def rays(pixels: np.ndarray) -> np.ndarray:
+        return np.array([lens.cam_from_img(pixel)[:2] for pixel in pixels])
+
+    (tmp_path / "c" / "images").mkdir(parents=True)
+    write_oriented(tmp_path / "c" / "images" / "cam01.png", image(camera, 2, rays), orientation)
+    write_model(tmp_path / "c" / "sparse" / "0", ["cam01.png"], [camera], [(model, values)])
+    capture = opened(tmp_path / "c", "colmap")
+    assert (capture.cameras[0].width, capture.cameras[0].height) == (48, 64)
+    np.testing.assert_allclose(capture.cameras[0].center, camera.center, atol=1e-9)
+    off = {"PINHOLE": 0.0, "OPENCV": 3.0, "OPENCV_FISHEYE": 4.0}[model]
+    assert_same_images(capture, tmp_path / "cache", lambda camera, frame: image(camera, 2), off=off)
+
+
+def field_of_view(camera: Camera) -> float:
+    return 2 * float(np.arctan(camera.width / 2 / camera.intrinsics[0, 0]))
+
+
+def test_a_lens_without_a_reader_says_what_to_export(tmp_path: Path) -> None:
+    write_model(tmp_path / "sparse" / "0", ["cam00.png"], rig()[:1])
+    cameras = tmp_path / "sparse" / "0" / "cameras.bin"
+    cameras.write_bytes(struct.pack("<QIiQQ6d", 1, 1, 16, 64, 48, 50, 50, 32, 24, 0.6, 1.1))
+    write_image(tmp_path / "images" / "cam00.png", still("cam00", 0))
+    with pytest.raises(FrogError, match=r"model EUCM, expected PINHOLE, OPENCV .*image_undistorter"):
+        open_capture(tmp_path)
+
+
+@pytest.mark.parametrize("text", [False, True], ids=["binary", "text"])
+def test_a_model_of_colmap_itself_with_rigs_and_frames(tmp_path: Path, text: bool) -> None:
+    """Two cameras on a moving rig, three frames: the files that COLMAP 3.12 and later write."""
+    pycolmap = pytest.importorskip("pycolmap")
+    model, left, right = pycolmap.Reconstruction(), rig()[0], rig()[1]
+    for index, camera in ((1, left), (2, right)):
+        k = camera.intrinsics
+        params = [k[0, 0], k[1, 1], k[0, 2], k[1, 2]]
+        model.add_camera(pycolmap.Camera(camera_id=index, model="PINHOLE", width=64, height=48, params=params))
+    rigs = pycolmap.Rig(rig_id=1)
+    rigs.add_ref_sensor(pycolmap.sensor_t(pycolmap.SensorType.CAMERA, 1))
+    between = right.world_to_camera @ np.linalg.inv(left.world_to_camera)
+    rigs.add_sensor(pycolmap.sensor_t(pycolmap.SensorType.CAMERA, 2), pycolmap.Rigid3d(between[:3]))
+    model.add_rig(rigs)
+    expected = []
+    for frame, moved in enumerate(moving(3)):
+        entry = pycolmap.Frame(frame_id=frame + 1, rig_id=1, rig_from_world=pycolmap.Rigid3d(moved.world_to_camera[:3]))
+        for sensor in (1, 2):
+            entry.add_data_id(
+                pycolmap.data_t(pycolmap.sensor_t(pycolmap.SensorType.CAMERA, sensor), 10 * sensor + frame)
+            )
+        model.add_frame(entry)
+        for sensor, pose in ((1, np.eye(4)), (2, between)):
+            name = f"{'xyz'[frame]}{'lr'[sensor - 1]}.png"  # nothing in the names tells the camera or the time
+            model.add_image(
+                pycolmap.Image(image_id=10 * sensor + frame, camera_id=sensor, name=name, frame_id=frame + 1)
+            )
+            seen = replace(left, name=name[:-4], world_to_camera=pose @ moved.world_to_camera)
+            write_image(tmp_path / "c" / "images" / name, image(seen, frame))
+            expected.append((seen, frame))
+    folder = tmp_path / "c" / "sparse" / "0"
+    folder.mkdir(parents=True)
+    (model.write_text if text else model.write_binary)(str(folder))
+    assert (folder / f"frames.{'txt' if text else 'bin'}").is_file()
+    capture = opened(tmp_path / "c", "colmap")
+    assert capture.frame_count == 3 and capture.has_moving_cameras
+    assert_same_cameras(capture, [camera for camera, _ in expected])
+    frames = {capture.cameras[shot.camera].name: shot.frame for shot in capture.shots}
+    assert frames == {camera.name: frame for camera, frame in expected}
+    assert_same_images(capture, tmp_path / "cache", image)
+    shutil.rmtree(tmp_path / "cache")

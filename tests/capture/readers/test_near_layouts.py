@@ -1,0 +1,130 @@
+"""What is no capture: one sentence that fits, and that says what to do."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.filmed_scene import rig, still
+from support.layouts import rigs
+from support.layouts.colmap import write_model
+from support.layouts.files import write_films, write_frames, write_image
+
+from frog_blender.engine.capture.readers import detect, layout_of, open_capture
+from frog_blender.engine.errors import FrogError
+
+
+def metashape(folder: Path) -> None:
+    (folder / "cameras.xml").write_text('<?xml version="1.0"?>\n<document version="2.0.0">\n  <chunk label="1">\n')
+    write_image(folder / "images" / "a.png", still("cam00", 0))
+
+
+def reality_capture(folder: Path) -> None:
+    (folder / "registration.csv").write_text("#name,x,y,alt,heading,pitch,roll,f,px,py,k1,k2,k3,k4,t1,t2\n")
+
+
+def zju(folder: Path) -> None:
+    np.save(folder / "annots.npy", np.array([{"cams": 1}], dtype=object), allow_pickle=True)
+    write_frames(folder, rig()[:2], "Camera_{name}/{frame:06d}.jpg")
+
+
+def half_a_model(folder: Path) -> None:
+    write_model(folder / "sparse" / "0", ["a.png"], rig()[:1])
+    (folder / "sparse" / "0" / "images.bin").unlink()
+
+
+def without_intrinsics(folder: Path) -> None:
+    rigs.easyvolcap(folder)
+    (folder / "intri.yml").unlink()
+
+
+def without_train_list(folder: Path) -> None:
+    rigs.panoptic_sports(folder)
+    (folder / "train_meta.json").unlink()
+
+
+def two_captures(folder: Path) -> None:
+    rigs.n3dv_nested(folder)
+    (folder / "other").mkdir()
+    rigs.caliscope(folder / "other")
+
+
+def text(name: str, content: str = "x") -> Callable[[Path], None]:
+    def write(folder: Path) -> None:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(content)
+
+    return write
+
+
+NEAR: dict[str, tuple[Callable[[Path], object], str]] = {
+    "raw videos": (lambda folder: write_films(folder, rig()), r"4 videos without calibration, .*`frog calibrate"),
+    "videos below": (lambda folder: write_films(folder / "videos", rig()), r"4 videos without calibration"),
+    "frames": (lambda folder: write_frames(folder, rig()), r"4 folders of images without calibration, .*calibrate"),
+    "images": (lambda folder: write_frames(folder, rig(), "images/{name}_{frame}.png"), r"20 images without poses"),
+    "Metashape": (metashape, r"cameras of Metashape \(cameras.xml\), .*Export Cameras > COLMAP"),
+    "RealityCapture": (reality_capture, r"cameras of RealityCapture .*Registration > COLMAP"),
+    "Bundler": (text("bundle.out", "# Bundle file v0.3\n"), r"cameras of Bundler .*a COLMAP model"),
+    "VisualSFM": (text("x.nvm", "NVM_V3"), r"cameras of VisualSFM .*a COLMAP model"),
+    "ZJU-MoCap": (zju, r"annots.npy \(ZJU-MoCap\), which can run programs .*intri.yml"),
+    "half a model": (half_a_model, r"sparse/0/cameras.bin and no images.bin"),
+    "project": (text("database.db"), r"a COLMAP project without a model"),
+    "extri.yml": (without_intrinsics, r"extri.yml and no intri.yml"),
+    "test_meta.json": (without_train_list, r"test_meta.json and no train_meta.json"),
+    "transforms": (text("fox_transforms.json", "{}"), r"fox_transforms.json, expected the name transforms.json"),
+    "dataset.json": (text("dataset.json", "{}"), r"dataset.json and no folder camera"),
+    "Record3D": (text("metadata.json", "{}"), r"metadata and no folder rgbd or rgb"),
+    "Polycam": (text("keyframes/mesh.obj"), r"keyframes without cameras or images"),
+    "archive": (text("scene.zip"), r"1 archive \(scene.zip\), expected a folder: unpack it"),
+    "splats": (text("point_cloud.ply"), r"1 file of finished splats .*frog import"),
+    "several": (two_captures, r"2 captures one folder deeper \(coffee_martini, other\), expected one of these"),
+}
+
+
+@pytest.mark.parametrize("name", NEAR)
+def test_one_sentence_that_fits(name: str, tmp_path: Path) -> None:
+    write, expected = NEAR[name]
+    write(tmp_path)
+    for call in (detect, open_capture):
+        with pytest.raises(FrogError, match=expected) as caught:
+            call(tmp_path)
+        sentence = str(caught.value)
+        assert sentence.startswith(str(tmp_path)) and sentence.endswith(".") and len(sentence) < 350
+
+
+def test_a_file_names_the_folder_to_choose(tmp_path: Path) -> None:
+    write_films(tmp_path, rig()[:1])
+    with pytest.raises(FrogError, match="found a video, expected the folder that it lies in"):
+        detect(tmp_path / "cam00.avi")
+
+
+def test_a_capture_one_folder_deeper_has_its_own_path(tmp_path: Path) -> None:
+    rigs.n3dv_nested(tmp_path)
+    (tmp_path / "README.txt").write_text("x")
+    (tmp_path / "__MACOSX").mkdir()
+    assert detect(tmp_path) == "n3dv"
+    assert open_capture(tmp_path).path == tmp_path / "coffee_martini"
+
+
+def test_raw_videos_are_not_passed_over_for_a_capture_below_them(tmp_path: Path) -> None:
+    rigs.n3dv_nested(tmp_path)
+    write_films(tmp_path, rig())
+    assert layout_of(tmp_path) is None and layout_of(tmp_path / "coffee_martini") == "n3dv"
+    with pytest.raises(FrogError, match="4 videos without calibration"):
+        open_capture(tmp_path)
+
+
+def test_a_damaged_calibration_is_named_and_not_taken_for_raw_videos(tmp_path: Path) -> None:
+    rigs.caliscope(tmp_path)
+    (tmp_path / "camera_array.toml").write_text("[cameras.0\nsize = [64, 48]\n")
+    with pytest.raises(FrogError, match=r"camera_array.toml: found text that is not TOML"):
+        open_capture(tmp_path)
+
+
+def test_json_that_is_a_list_is_no_capture_of_another_layout(tmp_path: Path) -> None:
+    (tmp_path / "models.json").write_text(json.dumps({"cameras": []}))
+    with pytest.raises(FrogError, match=r"models.json: found no list of cameras"):
+        open_capture(tmp_path)

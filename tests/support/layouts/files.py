@@ -1,0 +1,45 @@
+"""Images and films of the scene on disk."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from support.filmed_scene import FRAMES, HEIGHT, WIDTH, still
+
+from frog_blender.engine.capture.camera import Camera
+
+
+def write_image(path: Path, image: np.ndarray) -> Path:
+    """A lossless file where the ending allows it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    assert cv2.imwrite(str(path), np.ascontiguousarray(image[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, 100])
+    return path
+
+
+def write_film(path: Path, images: Sequence[np.ndarray]) -> Path:
+    """A lossless film (FFV1 in AVI)."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"FFV1"), 30.0, (WIDTH, HEIGHT))
+    for image in images:
+        writer.write(np.ascontiguousarray(image[..., ::-1]))
+    writer.release()
+    return path
+
+
+def write_frames(folder: Path, cameras: Sequence[Camera], pattern: str = "{name}/{frame:04d}.png") -> None:
+    """The images of all frames of cameras of the rig; ``pattern`` may use name, camera (a number), frame, and ``one``
+    (the frame counted from 1).
+    """
+    for index, camera in enumerate(cameras):
+        for frame in range(FRAMES):
+            name = pattern.format(name=camera.name, camera=index, frame=frame, one=frame + 1)
+            write_image(folder / name, still(camera.name, frame))
+
+
+def write_films(folder: Path, cameras: Sequence[Camera], pattern: str = "{name}.avi") -> None:
+    for index, camera in enumerate(cameras):
+        name = pattern.format(name=camera.name, camera=index)
+        write_film(folder / name, [still(camera.name, frame) for frame in range(FRAMES)])

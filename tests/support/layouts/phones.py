@@ -1,0 +1,95 @@
+"""One moving camera, as the exports of phones have it. Each writer returns the cameras that a reader must find."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from support.filmed_scene import HEIGHT, WIDTH, image, moving
+from support.layouts.colmap import quaternion
+from support.layouts.files import write_image
+from support.layouts.rigs import FISHEYE, fisheye_rays
+
+from frog_blender.engine.capture.camera import Camera
+
+COUNT = 9
+_OPENGL = np.diag([1.0, -1.0, -1.0])
+
+
+def record3d(folder: Path) -> list[Camera]:
+    """Poses x y z w and a position, camera to world in OpenGL's axes; K by columns."""
+    cameras = [replace(camera, name=str(i)) for i, camera in enumerate(moving(COUNT))]
+    poses = []
+    for frame, camera in enumerate(cameras):
+        w, x, y, z = quaternion(camera.rotation.T @ _OPENGL @ _UPRIGHT)
+        turn = quaternion_product((w, x, y, z), _UPRIGHT_QUATERNION)
+        poses.append([turn[1], turn[2], turn[3], turn[0], *camera.center])
+        write_image(folder / "rgb" / f"{frame}.png", image(camera, frame))
+    meta = {
+        "K": cameras[0].intrinsics.T.ravel().tolist(),
+        "w": cameras[0].width,
+        "h": cameras[0].height,
+        "fps": 60,
+        "poses": poses,
+    }
+    (folder / "metadata.json").write_text(json.dumps(meta))
+    (folder / "depth").mkdir()
+    return cameras
+
+
+_UPRIGHT = (
+    _OPENGL  # turns by half a turn about x, whose quaternion is (0, 1, 0, 0): ``quaternion`` needs less than that
+)
+_UPRIGHT_QUATERNION = (0.0, 1.0, 0.0, 0.0)
+
+
+def quaternion_product(a: tuple[float, ...], b: tuple[float, ...]) -> np.ndarray:
+    w, x, y, z = a
+    p, q, r, s = b
+    return np.array(
+        [
+            w * p - x * q - y * r - z * s,
+            w * q + x * p + y * s - z * r,
+            w * r - x * s + y * p + z * q,
+            w * s + x * r - y * q + z * p,
+        ]
+    )
+
+
+def polycam(folder: Path) -> list[Camera]:
+    """Rows t_00 .. t_23, camera to world in OpenGL's axes; names are times in microseconds."""
+    cameras = []
+    for frame, camera in enumerate(moving(COUNT)):
+        name = str(65_482_573_842 + 500_000 * frame + 30_000 * (frame % 2))
+        matrix = np.concatenate([camera.rotation.T @ _OPENGL, camera.center[:, None]], axis=1)
+        lens = camera.intrinsics
+        data = {f"t_{row}{column}": matrix[row, column] for row in range(3) for column in range(4)}
+        data |= {"fx": lens[0, 0], "fy": lens[1, 1], "cx": lens[0, 2], "cy": lens[1, 2]}
+        data |= {"width": camera.width, "height": camera.height, "blur_score": 130.0}
+        for kind in ("", "corrected_"):
+            other = data | {"t_03": data["t_03"] + 5} if not kind else data  # the corrected poses count
+            (folder / "keyframes" / f"{kind}cameras").mkdir(parents=True, exist_ok=True)
+            (folder / "keyframes" / f"{kind}cameras" / f"{name}.json").write_text(json.dumps(other))
+            write_image(folder / "keyframes" / f"{kind}images" / f"{name}.png", image(camera, frame))
+        cameras.append(replace(camera, name=name))
+    return cameras
+
+
+def nerfstudio_fisheye(folder: Path) -> list[Camera]:
+    """GoPro images as nerfstudio lists them, with a time each."""
+    matrix = np.array([[FISHEYE[0], 0, 32.5], [0, FISHEYE[0], 23.25], [0, 0, 1]])
+    cameras, frames = [], []
+    for frame, camera in enumerate(moving(COUNT)):
+        filmed = replace(camera, name=f"frame_{frame:05d}", intrinsics=matrix)
+        write_image(folder / "images" / f"{filmed.name}.png", image(filmed, frame, fisheye_rays(filmed)))
+        pose = np.eye(4)
+        pose[:3] = np.concatenate([filmed.rotation.T @ _OPENGL, filmed.center[:, None]], axis=1)
+        file = f"images/{filmed.name}.png"
+        frames.append({"file_path": file, "transform_matrix": pose.tolist(), "time": frame / (COUNT - 1)})
+        cameras.append(filmed)
+    lens = {"fl_x": FISHEYE[0], "fl_y": FISHEYE[0], "cx": 32.5, "cy": 23.25, "w": WIDTH, "h": HEIGHT}
+    lens |= dict(zip(("k1", "k2", "k3", "k4"), FISHEYE[1], strict=True))
+    (folder / "transforms.json").write_text(json.dumps({"camera_model": "OPENCV_FISHEYE", **lens, "frames": frames}))
+    return cameras

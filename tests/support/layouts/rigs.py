@@ -1,0 +1,261 @@
+"""Standing cameras, as several programs write them. Each writer returns the cameras that a reader must find."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from support.filmed_scene import FRAMES, HEIGHT, WIDTH, image, rig, still
+from support.layouts.colmap import POINTS, write_model
+from support.layouts.files import write_film, write_films, write_frames, write_image
+
+from frog_blender.engine.capture.camera import Camera
+
+Lines = list[str]
+FISHEYE = (26.0, (-0.03, 0.01, 0.0, 0.0))
+"""Focal length in pixels, and the coefficients of cv2.fisheye, of what the fisheye layouts are filmed with."""
+
+
+def centred() -> list[Camera]:
+    """The rig with square pixels and the principal point in the middle: what LLFF's rows can say."""
+    return rig((52.0, 52.0), (WIDTH / 2, HEIGHT / 2))
+
+
+def named(cameras: Sequence[Camera], pattern: str) -> list[Camera]:
+    """The cameras renamed; ``pattern`` may use i (from 0) and one (from 1)."""
+    return [replace(camera, name=pattern.format(i=i, one=i + 1)) for i, camera in enumerate(cameras)]
+
+
+def llff_rows(cameras: Sequence[Camera]) -> np.ndarray:
+    rows = []
+    for camera in cameras:
+        right, down, forward = camera.rotation
+        shape = [camera.height, camera.width, camera.intrinsics[0, 0]]
+        rows.append([*np.stack([down, right, -forward, camera.center, shape], axis=1).ravel(), 2.0, 9.0])
+    return np.array(rows)
+
+
+def frames_of(cameras: Sequence[Camera]) -> list[list[np.ndarray]]:
+    return [[image(camera, frame) for frame in range(FRAMES)] for camera in cameras]
+
+
+def n3dv_frames(folder: Path) -> list[Camera]:
+    """N3DV, its films taken apart into ``cam00/images/0000.png``, as 4DGaussians' script does."""
+    cameras = centred()
+    for camera, images in zip(cameras, frames_of(cameras), strict=True):
+        for frame, each in enumerate(images):
+            write_image(folder / camera.name / "images" / f"{frame:04d}.png", each)
+    np.save(folder / "poses_bounds.npy", llff_rows(cameras))
+    return cameras
+
+
+def n3dv_nested(folder: Path) -> list[Camera]:
+    """As the archives unpack: one folder deeper."""
+    return n3dv_frames(folder / "coffee_martini")
+
+
+def multipleview(folder: Path) -> list[Camera]:
+    """4DGaussians' own data: numbers of images of the model are those of the folders; strays lie about."""
+    cameras = named(rig(), "cam{one:02d}")
+    for camera, own in zip(cameras, rig(), strict=True):
+        for frame in range(FRAMES):
+            write_image(folder / camera.name / f"frame_{frame + 1:05d}.png", still(own.name, frame))
+    (folder / "cam01" / "camera.db").write_bytes(b"x")
+    write_image(folder / "cam02" / "thumbnail.jpg", still("cam00", 0))
+    order = [2, 0, 3, 1]
+    write_model(folder / "sparse_", [f"image{i + 1}.png" for i in order], [cameras[i] for i in order])
+    np.save(folder / "poses_bounds_multipleview.npy", llff_rows(cameras)[::-1])
+    return cameras
+
+
+def multipleview_rows(folder: Path) -> list[Camera]:
+    """Without the model: the rows alone."""
+    cameras = named(centred(), "cam{one:02d}")
+    for camera, images in zip(cameras, frames_of(centred()), strict=True):
+        for frame, each in enumerate(images):
+            write_image(folder / camera.name / f"frame_{frame + 1:05d}.png", each)
+    np.save(folder / "poses_bounds_multipleview.npy", llff_rows(cameras))
+    return cameras
+
+
+def panoptic_sports(folder: Path) -> list[Camera]:
+    """The cameras 2, 5, 8 for training and 11 for testing."""
+    cameras = [replace(camera, name=str(2 + 3 * i)) for i, camera in enumerate(rig())]
+    for file, chosen in (("train_meta.json", (0, 1, 2)), ("test_meta.json", (3,))):
+        each = [cameras[i] for i in chosen]
+        meta = {
+            "w": WIDTH,
+            "h": HEIGHT,
+            "k": [[camera.intrinsics.tolist() for camera in each]] * FRAMES,
+            "w2c": [[camera.world_to_camera.tolist() for camera in each]] * FRAMES,
+            "fn": [[f"{camera.name}/{frame:06d}.png" for camera in each] for frame in range(FRAMES)],
+            "cam_id": [[int(camera.name) for camera in each]] * FRAMES,
+        }
+        (folder / file).write_text(json.dumps(meta))
+    for camera, own in zip(cameras, rig(), strict=True):
+        for frame in range(FRAMES):
+            write_image(folder / "ims" / camera.name / f"{frame:06d}.png", still(own.name, frame))
+    data = np.concatenate([POINTS, np.full((3, 3), 0.5), np.ones((3, 1))], axis=1)
+    np.savez(folder / "init_pt_cld.npz", data=data)
+    return cameras
+
+
+def _matrix(key: str, value: np.ndarray) -> Lines:
+    numbers = ", ".join(f"{number:.10f}" for number in np.ravel(value))
+    shape = value.shape
+    return [f"{key}: !!opencv-matrix", f"  rows: {shape[0]}", f"  cols: {shape[1]}", "  dt: d", f"  data: [{numbers}]"]
+
+
+def easyvolcap(folder: Path) -> list[Camera]:
+    """As EasyVolcap's ``write_camera`` writes: two files of OpenCV's YAML, names quoted."""
+    cameras = named(rig(), "{i:02d}")
+    inner, outer = (["%YAML:1.0", "---", "names:", *(f'  - "{camera.name}"' for camera in cameras)] for _ in range(2))
+    for camera in cameras:
+        inner += _matrix(f"K_{camera.name}", camera.intrinsics)
+        inner += [f"H_{camera.name}: {camera.height:.10f}", f"W_{camera.name}: {camera.width:.10f}"]
+        inner += _matrix(f"D_{camera.name}", np.zeros((5, 1)))
+        outer += _matrix(f"R_{camera.name}", cv2.Rodrigues(camera.rotation)[0])
+        outer += _matrix(f"Rot_{camera.name}", camera.rotation)
+        outer += _matrix(f"T_{camera.name}", camera.world_to_camera[:3, 3:])
+    (folder / "intri.yml").write_text("\r\n".join(inner) + "\r\n")
+    (folder / "extri.yml").write_text("\r\n".join(outer) + "\r\n")
+    for camera, own in zip(cameras, rig(), strict=True):
+        for frame in range(FRAMES):
+            write_image(folder / "images" / camera.name / f"{frame:06d}.png", still(own.name, frame))
+    return cameras
+
+
+def easymocap(folder: Path) -> list[Camera]:
+    """As OpenCV's FileStorage itself writes, with films and rotation vectors alone."""
+    cameras = named(rig(), "{one}")
+    inner = cv2.FileStorage(str(folder / "intri.yml"), cv2.FILE_STORAGE_WRITE)
+    outer = cv2.FileStorage(str(folder / "extri.yml"), cv2.FILE_STORAGE_WRITE)
+    inner.write("names", [camera.name for camera in cameras])
+    for camera in cameras:
+        inner.write(f"K_{camera.name}", camera.intrinsics)
+        inner.write(f"dist_{camera.name}", np.zeros((1, 5)))
+        outer.write(f"R_{camera.name}", cv2.Rodrigues(camera.rotation)[0])
+        outer.write(f"T_{camera.name}", camera.world_to_camera[:3, 3:])
+    inner.release()
+    outer.release()
+    for camera, images in zip(cameras, frames_of(rig()), strict=True):
+        write_film(folder / "videos" / f"{camera.name}.avi", images)
+    return cameras
+
+
+def _toml_camera(header: str, camera: Camera, vector: bool, more: str = "", lens: Sequence[float] = (0.0,) * 5) -> str:
+    turn = cv2.Rodrigues(camera.rotation)[0].ravel() if vector else camera.rotation
+    return (
+        f"[{header}]\nsize = [{camera.width}, {camera.height}]\nmatrix = {camera.intrinsics.tolist()}\n"
+        f"distortions = {list(lens)}\nrotation = {turn.tolist()}\n"
+        f"translation = {camera.world_to_camera[:3, 3].tolist()}\n{more}\n"
+    )
+
+
+def caliscope(folder: Path) -> list[Camera]:
+    """``cameras.N`` tables, films ``cam_N``; one camera is ignored, another has no pose."""
+    cameras = named(rig(), "{i}")
+    text = "".join(_toml_camera(f"cameras.{camera.name}", camera, False, "cam_id = 0") for camera in cameras)
+    text += "[cameras.7]\nignore = true\nmatrix = [[1.0]]\n[cameras.8]\nsize = [64, 48]\nmatrix = [[1.0]]\n"
+    (folder / "camera_array.toml").write_text(text)
+    (folder / "charuco.toml").write_text('columns = 4\nrows = 5\ndictionary = "DICT_4X4_1000"\n')
+    write_films(folder, rig(), "cam_{camera}.avi")
+    return named(rig(), "cam_{i}")
+
+
+def anipose(folder: Path) -> list[Camera]:
+    """``cam_0`` tables that give the camera's name; freemocap's folder of films."""
+    cameras = named(rig(), "Camera_{i:03d}_synchronized")
+    text = "".join(
+        _toml_camera(f"cam_{i}", camera, True, f'name = "{camera.name}"') for i, camera in enumerate(cameras)
+    )
+    (folder / "rec_camera_calibration.toml").write_text(f"{text}[metadata]\nadjusted = false\nerror = 0.2\n")
+    write_films(folder / "synchronized_videos", rig(), "Camera_{camera:03d}_synchronized.avi")
+    return cameras
+
+
+def pose2sim(folder: Path) -> list[Camera]:
+    """``calibration/Calib_scene.toml`` beside ``videos``; camera names differ from films' but for the number."""
+    cameras = named(rig(), "int_cam{one:02d}_img")
+    (folder / "calibration").mkdir()
+    text = "".join(
+        _toml_camera(camera.name, camera, True, f'name = "{camera.name}"\nfisheye = false', (0.0,) * 4)
+        for camera in cameras
+    )
+    (folder / "calibration" / "Calib_scene.toml").write_text(text + "[metadata]\nadjusted = false\nerror = 0.0\n")
+    (folder / "Config.toml").write_text("[project]\nframe_rate = 'auto'\n")
+    for i, images in enumerate(frames_of(rig()), start=1):
+        write_film(folder / "videos" / f"cam{i:02d}.avi", images)
+    return named(rig(), "cam{one:02d}")
+
+
+def fisheye_rays(camera: Camera) -> Callable[[np.ndarray], np.ndarray]:
+    """What ``image`` needs to draw through the fisheye of ``FISHEYE``."""
+    matrix = np.array([[FISHEYE[0], 0, 32.5], [0, FISHEYE[0], 23.25], [0, 0, 1]])
+
+    def rays(pixels: np.ndarray) -> np.ndarray:
+        exact = (3, 200, 1e-12)
+        undistorted = cv2.fisheye.undistortPoints(pixels[:, None], matrix, np.array(FISHEYE[1]), criteria=exact)
+        return undistorted[:, 0]
+
+    return rays
+
+
+def fisheye_toml(folder: Path) -> list[Camera]:
+    """anipose's fisheyes; poses alone can be compared, since the pinhole is chosen by the reader."""
+    cameras = rig((FISHEYE[0],) * 2, (32.5, 23.25))
+    text = "".join(
+        _toml_camera(camera.name, camera, True, f'name = "{camera.name}"\nfisheye = true', FISHEYE[1])
+        for camera in cameras
+    )
+    (folder / "calibration.toml").write_text(text)
+    for camera in cameras:
+        write_film(folder / f"{camera.name}.avi", [image(camera, f, fisheye_rays(camera)) for f in range(FRAMES)])
+    return cameras
+
+
+def immersive(folder: Path) -> list[Camera]:
+    """Google's ``models.json``, as published but for the size."""
+    cameras = named(rig((FISHEYE[0],) * 2, (32.5, 23.25)), "camera_{one:04d}")
+    entries = [
+        {
+            "name": camera.name,
+            "width": camera.width,
+            "height": camera.height,
+            "focal_length": FISHEYE[0],
+            "pixel_aspect_ratio": 1.0,
+            "principal_point": [32.5, 23.25],
+            "orientation": cv2.Rodrigues(camera.rotation)[0].ravel().tolist(),
+            "position": camera.center.tolist(),
+            "radial_distortion": [*FISHEYE[1][:2], 0.0],
+            "projection_type": "fisheye",
+        }
+        for camera in cameras
+    ]
+    (folder / "models.json").write_text(json.dumps(entries))
+    for camera in cameras:
+        write_film(folder / f"{camera.name}.avi", [image(camera, f, fisheye_rays(camera)) for f in range(FRAMES)])
+    return cameras
+
+
+def opencv_frames(folder: Path) -> list[Camera]:
+    """``cameras_opencv.json`` beside folders of frames."""
+    cameras = rig()
+    entries = [
+        {
+            "name": camera.name,
+            "width": camera.width,
+            "height": camera.height,
+            "K": camera.intrinsics.tolist(),
+            "R": camera.rotation.tolist(),
+            "t": camera.world_to_camera[:3, 3].tolist(),
+        }
+        for camera in cameras
+    ]
+    (folder / "cameras_opencv.json").write_text(json.dumps({"cameras": entries}))
+    write_frames(folder, cameras, "{name}/{name}_{frame:08d}.png")
+    return cameras

@@ -1,0 +1,225 @@
+"""Opens captures of which one file is damaged or hostile, layout after layout; run by
+capture/readers/test_mutated_captures.py in a process of its own.
+
+    python mutated_captures.py LAYOUT,LAYOUT,... FOLDER COUNT SEED
+
+Prints a JSON object for each layout: how many were refused in a sentence with a path, how many used, the peak of
+memory in bytes above what undamaged files need, and the longest time in seconds. Ends badly at the first other error,
+warning of numpy, crash, or file that takes longer than ten seconds.
+"""
+
+from __future__ import annotations
+
+import json
+import random
+import signal
+import sys
+import time
+import warnings
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import numpy as np
+from fuzzing.mutating import HOSTILE, change, cut, flipped, torn
+from support.filmed_scene import moving, rig, still
+from support.layouts import phones, rigs
+from support.layouts.colmap import write_model
+from support.layouts.files import write_frames, write_image
+from support.mutated_files import ARCHIVES, ARRAYS, NUMBERS, SECONDS, peak
+
+from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.errors import FrogError
+
+Mutation = Callable[[bytes, random.Random], bytes]
+_NUMBERS = ["nan", "-1", "1e400", "0", "1e308", "18446744073709551615", "-9223372036854775808", "1e-320", "x", "", "[]"]
+
+
+def counts(content: bytes, chance: random.Random) -> bytes:
+    """Eight bytes somewhere are a hostile count or number: COLMAP's files have them at no fixed place."""
+    changed = bytearray(content)
+    for _ in range(chance.randint(1, 3)):
+        place = chance.randrange(min(len(changed), chance.choice([8, 64, len(changed)])))
+        if chance.random() < 0.5:
+            new = chance.choice([0, 1, 2**31, 2**32 - 1, 2**40, 2**63, 2**64 - 1]).to_bytes(8, "little")
+        else:
+            new = np.array(chance.choice(NUMBERS), "<f8").tobytes()
+        changed[place : place + 8] = new
+    return bytes(changed[: len(content)])
+
+
+def words(content: bytes, chance: random.Random) -> bytes:
+    """A number or word of a text is another."""
+    text = content.decode("utf-8", "replace")
+    parts = text.split(" ")
+    for _ in range(chance.randint(1, 3)):
+        parts[chance.randrange(len(parts))] = chance.choice([*_NUMBERS, *parts[:50]])
+    return " ".join(parts).encode("utf-8", "replace")
+
+
+def lines(content: bytes, chance: random.Random) -> bytes:
+    """Lines change places, are doubled, taken out or very long."""
+    parts = content.split(b"\n")
+    place, other = chance.randrange(len(parts)), chance.randrange(len(parts))
+    match chance.randrange(5):
+        case 0:
+            parts[place], parts[other] = parts[other], parts[place]
+        case 1:
+            parts.insert(other, parts[place])
+        case 2:
+            del parts[place]
+        case 3:
+            parts[place] = parts[place] + chance.choice([b"[", b"{", b"a.", b"-", b" ", b"\t", b"9"]) * 20_000
+        case 4:
+            parts = parts[:place] + parts[other:]
+    return b"\n".join(parts)
+
+
+def json_values(content: bytes, chance: random.Random) -> bytes:
+    """Sound JSON whose values are others."""
+    data = json.loads(content)
+    for _ in range(chance.randint(1, 2)):
+        if isinstance(data, dict | list) and data:
+            with suppress(OverflowError):  # of a number that is hostile already
+                change(data, chance)
+    if chance.random() < 0.05:
+        data = chance.choice(HOSTILE)
+    return json.dumps(data).encode("utf-8", "surrogatepass")
+
+
+_ANY: list[Mutation] = [flipped, flipped, cut, torn]
+MUTATIONS: dict[str, list[Mutation]] = {
+    ".bin": [*_ANY, counts, counts, counts],
+    ".txt": [*_ANY, words, words, words, lines],
+    ".json": [*_ANY, json_values, json_values, json_values, json_values],
+    ".yml": [*_ANY, words, words, lines, lines],
+    ".toml": [*_ANY, words, words, lines, lines],
+    ".npy": ARRAYS,
+    ".npz": ARCHIVES,
+    "": [*_ANY, json_values, json_values],
+}
+
+
+def colmap(text: bool) -> Callable[[Path], list[Camera]]:
+    def write(folder: Path) -> list[Camera]:
+        write_frames(folder / "images", rig())
+        return _model(folder, text)
+
+    return write
+
+
+def _model(folder: Path, text: bool) -> list[Camera]:
+    names = [f"{camera.name}/{frame:04d}.png" for camera in rig() for frame in range(2)]
+    lenses = [
+        ("PINHOLE", (50.0, 50.0, 32.0, 24.0)),
+        ("OPENCV_FISHEYE", (26.0, 26.5, 32.5, 23.0, -0.03, 0.01, -0.002, 0.0003)),
+        ("FULL_OPENCV", (52.0, 53.0, 32.5, 23.0, -0.1, 0.02, 0.003, -0.002, 0.01, 0.05, -0.01, 0.004)),
+        ("FOV", (30.0, 30.5, 32.5, 23.0, 0.9)),
+    ]
+    cameras = [camera for camera in rig() for _ in range(2)]
+    write_model(folder / "sparse" / "0", names, cameras, [lens for lens in lenses for _ in range(2)], text=text)
+    if not text:
+        _frames(folder / "sparse" / "0" / "frames.bin")
+    return cameras
+
+
+def _frames(file: Path) -> None:
+    import struct
+
+    content = struct.pack("<Q", 2)
+    for frame in range(2):
+        content += struct.pack("<II7dI", frame + 1, 1, 1, 0, 0, 0, 0, 0, 0, 4)
+        content += b"".join(struct.pack("<iIQ", 0, 1 + 2 * i + frame, 11 + 2 * i + frame) for i in range(4))
+    file.write_bytes(content)
+
+
+def one_moving(folder: Path) -> list[Camera]:
+    for index, _ in enumerate(moving(9)):
+        write_image(folder / "images" / f"frame_{index}.png", still("cam00", 0))
+    write_model(folder / "sparse" / "0", [f"frame_{index}.png" for index in range(9)], moving(9), text=True)
+    return moving(9)
+
+
+LAYOUTS: dict[str, tuple[Callable[[Path], list[Camera]], tuple[str, ...]]] = {
+    "colmap_binary": (colmap(False), tuple(f"sparse/0/{n}.bin" for n in ("cameras", "images", "points3D", "frames"))),
+    "colmap_text": (colmap(True), tuple(f"sparse/0/{name}.txt" for name in ("cameras", "images", "points3D"))),
+    "colmap_moving": (one_moving, ("sparse/0/images.txt", "sparse/0/cameras.txt")),
+    "multipleview": (rigs.multipleview, ("sparse_/images.bin", "sparse_/cameras.bin")),
+    "multipleview_rows": (rigs.multipleview_rows, ("poses_bounds_multipleview.npy",)),
+    "n3dv_frames": (rigs.n3dv_frames, ("poses_bounds.npy",)),
+    "panoptic_sports": (rigs.panoptic_sports, ("train_meta.json", "test_meta.json", "init_pt_cld.npz")),
+    "easyvolcap": (rigs.easyvolcap, ("intri.yml", "extri.yml")),
+    "easymocap": (rigs.easymocap, ("intri.yml", "extri.yml")),
+    "caliscope": (rigs.caliscope, ("camera_array.toml",)),
+    "fisheye_toml": (rigs.fisheye_toml, ("calibration.toml",)),
+    "immersive": (rigs.immersive, ("models.json",)),
+    "opencv_frames": (rigs.opencv_frames, ("cameras_opencv.json",)),
+    "record3d": (phones.record3d, ("metadata.json",)),
+    "polycam": (phones.polycam, ("keyframes/corrected_cameras/65482573842.json",)),
+    "nerfstudio_fisheye": (phones.nerfstudio_fisheye, ("transforms.json",)),
+}
+
+
+def used(folder: Path) -> bool:
+    """True where the capture can be worked with, False where a sentence with a path says why not."""
+    try:
+        capture = open_capture(folder)
+    except FrogError as error:
+        sentence = str(error)
+        assert "\n" not in sentence and len(sentence) < 1000 and sentence.startswith(str(folder)), sentence
+        return False
+    for camera in capture.cameras:
+        assert np.isfinite(camera.intrinsics).all() and np.isfinite(camera.world_to_camera).all()
+        camera.ray_directions(np.array([[0.5, 0.5]]))
+    assert capture.points is None or np.isfinite(capture.points).all()
+    assert all(0 <= shot.frame < capture.frame_count and abs(shot.offset) <= 0.5 for shot in capture.shots)
+    return True
+
+
+def opened(layout: str, folder: Path, count: int, chance: random.Random) -> tuple[int, float]:
+    """How many of ``count`` damaged captures of a layout were used, and the longest time in seconds."""
+    write, files = LAYOUTS[layout]
+    folder.mkdir(parents=True)
+    write(folder)
+    whole = {file: (folder / file).read_bytes() for file in files}
+    assert used(folder)
+    taken, longest = 0, 0.0
+    for number in range(count):
+        file = chance.choice(files)
+        mutation = chance.choice(MUTATIONS[Path(file).suffix])
+        content = mutation(whole[file], chance)
+        (folder / file).write_bytes(content)
+        began = time.monotonic()
+        signal.alarm(SECONDS)  # a file that hangs ends the process
+        try:
+            taken += used(folder)
+        except BaseException:
+            (folder.parent / "culprit").write_bytes(content)
+            print(f"{layout} {number}, {file}, {mutation.__name__}", file=sys.stderr)
+            raise
+        signal.alarm(0)
+        longest = max(longest, time.monotonic() - began)
+        (folder / file).write_bytes(whole[file])
+    return taken, longest
+
+
+def main() -> None:
+    folder, count, chance = Path(sys.argv[2]), int(sys.argv[3]), random.Random(int(sys.argv[4]))
+    warnings.simplefilter("error")  # of numbers that are only read nothing is to be said
+    found, before = {}, 0
+    for layout in sys.argv[1].split(","):
+        write, _ = LAYOUTS[layout]
+        (folder / "whole" / layout).mkdir(parents=True)
+        write(folder / "whole" / layout)
+        assert used(folder / "whole" / layout)  # what undamaged files need
+        before = before or peak()
+        taken, longest = opened(layout, folder / layout, count, chance)
+        found[layout] = {"refused": count - taken, "used": taken, "peak": peak() - before, "longest": longest}
+    print(json.dumps(found))
+
+
+if __name__ == "__main__":
+    main()
