@@ -20,12 +20,12 @@ from frog_blender.engine.training.compression.sensitivity import Motion
 from frog_blender.engine.training.optimize.running_loss import TrainingDiverged
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session.checkpoint import (
-    checkpoint_path,
     load_checkpoint,
     save_checkpoint,
     state_of,
     write_checkpoint,
 )
+from frog_blender.engine.training.session.output_paths import checkpoint_path
 
 Make = Callable[..., Trainer]
 Bits = Callable[[Trainer], dict[str, bytes]]
