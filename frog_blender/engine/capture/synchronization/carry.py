@@ -71,7 +71,7 @@ def carry(
             clock = clocks[name]
             at = (float(time) - clock.offset) / clock.rate
             nearest = int(np.abs(found.key_times - at).argmin())
-            rows = np.arange(len(found))[found.of_keyframe(nearest)]
+            rows = found.of_keyframe(nearest)
             positions, holds = found.positions(rows, np.full(len(rows), at))
             holds &= np.isfinite(positions).all(axis=1)
             if holds.any():

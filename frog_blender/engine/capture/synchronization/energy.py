@@ -93,7 +93,7 @@ def _resampled(signal: Signal, step: float) -> tuple[float, Float64s]:
 
 
 def _normalized_correlation(first: Float64s, second: Float64s, least: int) -> tuple[Float64s, Float64s]:
-    """Shifts s in samples, and the correlation of first[i + s] with second[i] over at least ``least`` common samples."""
+    """Shifts s in samples, and the correlation of first[i + s] with second[i], where ``least`` samples are common."""
     count_a, count_b = len(first), len(second)
     if min(count_a, count_b) < least:
         return np.zeros(0), np.zeros(0)

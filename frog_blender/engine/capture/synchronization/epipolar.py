@@ -48,6 +48,16 @@ def signed_residuals(matrix: Float64s, first: Float64s, second: Float64s) -> Flo
     return result
 
 
+def residual_table(matrix: Float64s, first: Float64s, second: Float64s) -> Float64s:
+    """(M, K) Sampson residuals in pixels, with sign, of every position (M, 2) with every position (K, 2)."""
+    a = np.concatenate([first, np.ones((len(first), 1))], axis=1)
+    b = np.concatenate([second, np.ones((len(second), 1))], axis=1)
+    lines_b, lines_a = a @ matrix.T, b @ matrix
+    squares = (lines_b[:, :2] ** 2).sum(axis=1)[:, None] + (lines_a[:, :2] ** 2).sum(axis=1)
+    result: Float64s = (lines_b @ b.T) / np.sqrt(np.maximum(squares, 1e-60))
+    return result
+
+
 @dataclass(frozen=True, eq=False)
 class Geometry:
     """Two views' points, matched, and how the views lie to each other.

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays import Float64s, Ints
+from ...arrays import Bools, Float32s, Float64s, Ints
 from .moving_points import MovingPoints
 
 _RATIO = 0.8  # best to second best descriptor distance
@@ -42,38 +43,48 @@ class Matches:
         return Matches(self.first[keep], self.second[keep], self.apart[keep])
 
 
-def match(
-    first: MovingPoints, second: MovingPoints, lags: tuple[float, float], reach: float, most: int = 1000
-) -> Matches:
-    """Mutual nearest neighbours between keyframes that may show the same instant.
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Which keyframes are compared, and which of their points may be the same.
 
-    Args:
-        first, second: the points of two films.
+    Attributes:
         lags: the least and the greatest lag to be considered, seconds.
         reach: seconds by which two keyframes may miss each other and still be compared.
         most: keyframes of the first film that are looked at, evenly spread.
+        allowed: of rows of the first film's points (M,) and rows of the second's (K,): (M, K) bool; all without it.
     """
-    chosen = np.unique(np.linspace(0, len(first.key_times) - 1, min(most, len(first.key_times))).round().astype(int))
+
+    lags: tuple[float, float]
+    reach: float
+    most: int = 1000
+    allowed: Callable[[Ints, Ints], Bools] | None = None
+
+
+def match(first: MovingPoints, second: MovingPoints, search: Search) -> Matches:
+    """Mutual nearest neighbours between keyframes that may show the same instant."""
+    count = len(first.key_times)
+    chosen = np.unique(np.linspace(0, count - 1, min(search.most, count)).round().astype(int))
     rows_a, rows_b = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
     for key_a in chosen:
-        time_a = first.key_times[key_a]
-        slice_a = first.of_keyframe(key_a)
-        if slice_a.stop - slice_a.start < 2:
-            continue
-        for key_b, time_b in enumerate(second.key_times):
-            slice_b = second.of_keyframe(key_b)
-            far = not lags[0] - reach <= time_a - time_b <= lags[1] + reach
-            if far or slice_b.stop - slice_b.start < 2:
+        in_a = first.of_keyframe(key_a)
+        apart = first.key_times[key_a] - second.key_times
+        near = (apart >= search.lags[0] - search.reach) & (apart <= search.lags[1] + search.reach)
+        for key_b in np.flatnonzero(near):
+            in_b = second.of_keyframe(int(key_b))
+            if min(len(in_a), len(in_b)) < 2:
                 continue
-            in_a, in_b = _mutual(first.descriptors[slice_a] @ second.descriptors[slice_b].T)
-            rows_a.append(in_a + slice_a.start)
-            rows_b.append(in_b + slice_b.start)
+            similarity = first.descriptors[in_a] @ second.descriptors[in_b].T
+            if search.allowed is not None:
+                similarity[~search.allowed(in_a, in_b)] = -1.0
+            a, b = _mutual(similarity)
+            rows_a.append(in_a[a])
+            rows_b.append(in_b[b])
     a, b = np.concatenate(rows_a), np.concatenate(rows_b)
     apart = first.key_times[first.keyframes[a]] - second.key_times[second.keyframes[b]]
     return Matches(a, b, apart)
 
 
-def _mutual(similarity: np.ndarray) -> tuple[Ints, Ints]:
+def _mutual(similarity: Float32s) -> tuple[Ints, Ints]:
     """Rows and columns of the mutual best that are clearly better than the second best in their row."""
     best = similarity.argmax(axis=1)
     rows = np.arange(len(best))

@@ -2,30 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...arrays import Float64s
+from ...arrays import Bools, Float64s, Ints
 from ..camera import Camera
 from ..capture import Distortion
 from ..video import load_opencv
-from .epipolar import Geometry, epipolar_lag, fundamental
+from .epipolar import Geometry, epipolar_lag, fundamental, residual_table
 from .films import Film
 from .look import Look
-from .matches import match
+from .matches import Search, match
 from .moving_points import REACH, MovingPoints, PointFinder, keyframes_of
 from .pair import PairLag
 from .solve import Clocks
 from .work import Work
 
-_EVERY = 3  # frames between keyframes: points are tracked so far that none is missed
+_EVERY = 3  # frames between keyframes at most: points are tracked so far that no time is missed
+_FEWEST_KEYFRAMES = 15  # of a film that has so many frames
 _MOST_KEYFRAMES = 40
 _NEIGHBORS = 6  # films that each is compared with
 _LEAST_OVERLAP = 0.25  # of the shorter film
 _COARSE_KEYFRAMES = 8
 _COARSE_STEP = 0.5  # frames
 _FINE_FRAMES = 2.0  # to either side of the coarse answer
+_BAND = 4.0  # truncations to either side of an epipolar line in which a match is sought
 _START_FRAMES = 4.0  # to either side of a start that many films agree on
 
 
@@ -55,14 +58,32 @@ class Rig:
         """Seconds between frames of the slower of two films."""
         return max(self.films[film].interval for film in pair)
 
-    def geometry(self, pair: tuple[int, int], lags: tuple[float, float], most: int = 1000) -> Geometry:
-        """Two films' points, matched at lags between the two given, seconds."""
+    def geometry(self, pair: tuple[int, int], search: Search) -> Geometry:
+        """Two films' points and the matches that a search finds."""
         first, second = (self.points[film] for film in pair)
-        frame = self.frame(pair)
-        cameras = tuple(self.cameras[film] for film in pair)
-        matches = match(first, second, lags, REACH * frame, most)
+        cameras = [self.cameras[film] for film in pair]
         width = max(camera.width for camera in cameras)
-        return Geometry((first, second), matches, fundamental(*cameras), frame, width)
+        matrix = fundamental(cameras[0], cameras[1])
+        return Geometry((first, second), match(first, second, search), matrix, self.frame(pair), width)
+
+    def along_lines(self, pair: tuple[int, int], clocks: Clocks) -> Callable[[Ints, Ints], Bools]:
+        """Which points of two films lie near each other's epipolar lines, by clocks that are nearly right.
+
+        Fewer rivals pass the ratio test the more: several times as many matches where little has texture.
+        """
+        first, second = (self.points[film] for film in pair)
+        cameras = [self.cameras[film] for film in pair]
+        matrix = fundamental(cameras[0], cameras[1])
+        band = _BAND * max(1.0, 0.005 * max(camera.width for camera in cameras))
+
+        def allowed(in_first: Ints, in_second: Ints) -> Bools:
+            time_a, time_b = first.times[in_first[0], REACH], second.times[in_second[0], REACH]
+            half = (time_b + clocks.lag(*pair, time_b) - time_a) / 2
+            a, _ = first.positions(in_first, np.full(len(in_first), time_a + half))
+            b, _ = second.positions(in_second, np.full(len(in_second), time_b - half))
+            return np.abs(residual_table(matrix, a, b)) < band
+
+        return allowed
 
 
 def find_points(film: Film, look: Look, clocks: Clocks | None, number: int, work: Work) -> MovingPoints:
@@ -89,7 +110,7 @@ def is_short(film: Film) -> bool:
 def _keyframes(film: Film, clocks: Clocks | None, number: int) -> list[int]:
     count = len(film.timestamps)
     if is_short(film) or clocks is None:
-        step = max(_EVERY, count // _MOST_KEYFRAMES)
+        step = max(1, min(_EVERY, count // _FEWEST_KEYFRAMES), count // _MOST_KEYFRAMES)
         return keyframes_of(range(REACH, count - REACH, step), count)
     # Frames of other films are compared only where they were taken at nearly the same time.
     apart = _EVERY * film.interval * max(1.0, count / (_EVERY * _MOST_KEYFRAMES))
@@ -122,7 +143,7 @@ def coarse_lags(rig: Rig, start: Clocks, is_sure: bool, work: Work) -> list[Pair
     for number, pair in enumerate(pairs):
         work.step("Comparing moving points", number, len(pairs))
         lags = _range(rig, pair, start, is_sure)
-        views = rig.geometry(pair, lags, _COARSE_KEYFRAMES)
+        views = rig.geometry(pair, Search(lags, REACH * rig.frame(pair), _COARSE_KEYFRAMES))
         lag = epipolar_lag(pair, views, lags, _COARSE_STEP)
         found += [] if lag is None else [lag]
     return found
@@ -134,7 +155,8 @@ def fine_lags(rig: Rig, start: Clocks, work: Work) -> list[PairLag]:
     for number, pair in enumerate(pairs):
         work.step("Measuring offsets", number, len(pairs))
         lags = _near(rig, pair, start, _FINE_FRAMES)
-        lag = epipolar_lag(pair, rig.geometry(pair, lags), lags)
+        search = Search(lags, REACH * rig.frame(pair), allowed=rig.along_lines(pair, start))
+        lag = epipolar_lag(pair, rig.geometry(pair, search), lags)
         found += [] if lag is None else [lag]
     return found
 

@@ -18,8 +18,9 @@ from .films import Film
 REACH = 2
 """Frames to either side of its own in which a point is tracked."""
 _NODES = 2 * REACH + 1
-_MOST = 300  # features a frame
-_CONTRAST = 0.02
+_MOST_FOUND, _MOST = 1200, 350  # features a frame, and those of them kept that move
+_CONTRAST = 0.01  # OpenCV's 0.04 loses small and dark images
+_STILL = 0.15  # pixels a frame: what moves less tells no time
 _WINDOW = (15, 15)  # pixels, of the optical flow
 _LEVELS = 3
 _BACK = 0.5  # pixels by which a point tracked there and back may miss where it started
@@ -47,10 +48,10 @@ class MovingPoints:
     def __len__(self) -> int:
         return len(self.keyframes)
 
-    def of_keyframe(self, keyframe: int) -> slice:
-        """The points found in one keyframe (they follow each other)."""
+    def of_keyframe(self, keyframe: int) -> Ints:
+        """The points found in one keyframe: their rows (M,)."""
         first, last = np.searchsorted(self.keyframes, [keyframe, keyframe + 1])
-        return slice(int(first), int(last))
+        return np.arange(first, last)
 
     def positions(self, which: Array, at: Float64s) -> tuple[Float64s, Bools]:
         """Positions (M, 2) in pixels of the points ``which`` (M,) at film times ``at`` (M,) seconds, and which hold.
@@ -99,7 +100,7 @@ class PointFinder:
         """``mask`` (H, W) uint8 of the gray images; ``keyframes`` come from keyframes_of."""
         cv2 = load_opencv()
         self._film, self._mask, self._keyframes = film, mask, list(keyframes)
-        self._sift = cv2.SIFT_create(nfeatures=_MOST, contrastThreshold=_CONTRAST, enable_precise_upscale=True)
+        self._sift = cv2.SIFT_create(nfeatures=_MOST_FOUND, contrastThreshold=_CONTRAST, enable_precise_upscale=True)
         self._recent: dict[int, ImageArray] = {}
         self._parts: list[tuple[int, Float64s, Float32s]] = []
 
@@ -139,6 +140,13 @@ class PointFinder:
         if descriptors is None or not len(found):
             return None
         start = np.array([point.pt for point in found], dtype=np.float32)
+        after, good = _flow(images[REACH], images[REACH + 1], start)
+        moving = np.flatnonzero(good & (np.linalg.norm(after - start, axis=1) > _STILL))
+        if not len(moving):
+            return None
+        strength = np.array([found[point].response for point in moving])
+        chosen = np.sort(moving[np.argsort(-strength, kind="stable")[:_MOST]])
+        start = start[chosen]
         tracks = np.full((len(start), _NODES, 2), np.nan)
         tracks[:, REACH] = start
         for direction in (-1, 1):
@@ -148,9 +156,10 @@ class PointFinder:
                 position, good = _flow(before, images[REACH + direction * step], position)
                 alive &= good
                 tracks[alive, REACH + direction * step] = position[alive]
-        kept = np.isfinite(tracks[:, REACH - 1 : REACH + 2, 0]).all(axis=1)
+        tracked = np.isfinite(tracks[:, REACH - 1 : REACH + 2, 0]).all(axis=1)
+        kept, tracks = chosen[tracked], tracks[tracked]
         roots = np.sqrt(descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-6))
-        return tracks[kept], roots[kept].astype(np.float32)
+        return tracks, roots[kept].astype(np.float32)
 
 
 def _flow(before: ImageArray, after: ImageArray, points: Float32s) -> tuple[Float32s, Bools]:

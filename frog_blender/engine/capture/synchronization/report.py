@@ -15,6 +15,7 @@ from .synchronization import CameraClock, Synchronization
 _OPEN = 0.5  # share of a film's triangles that may fail to close
 _UNSURE = 0.5  # of confidence below which the user is told
 _LEAST = 0.1  # of confidence below which offsets are not to be used
+_TRUSTED = 0.5  # of energy alone
 _COARSE = ("energy",)  # alone, good for a start only
 
 
@@ -63,6 +64,8 @@ def _confidence(film: int, solution: Solution, pairs: Sequence[PairLag]) -> floa
         return 0.0
     is_open = solution.open_triangles[film]
     checked = 1.0 if len(solution.support) == 2 else 0.5 if np.isnan(is_open) else 1 - float(is_open)
+    if {pair.source for pair in pairs if film in (pair.first, pair.second)} <= set(_COARSE):
+        checked *= _TRUSTED  # views that see motion unlike each other may agree on a wrong lag
     # A third of the moving matches on their epipolar lines is as good as it gets where things hide each other.
     agreement = min(1.0, 2.5 * float(np.median(scores)))
     return float(np.clip(solution.support[film] * np.sqrt(checked) * agreement, 0, 1))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...arrays import Bools, Float64s, Ints
-from .pair import RIVAL, PairLag
+from .pair import PairLag
 
 _FINEST = 0.02  # frames: no pair weighs more than one of this standard deviation
 _CLOSES = 0.5  # frames by which a pair may miss the answer, and a triangle may fail to close
@@ -64,12 +64,16 @@ class Solution:
 
 @dataclass(frozen=True, eq=False)
 class _Links:
-    """Pairs as equations: offset of ``second`` less that of ``first`` is one of ``candidates`` (P, K), NaN-padded."""
+    """Pairs as equations: offset of ``second`` less that of ``first`` is one of ``candidates`` (P, K), NaN-padded.
+
+    ``sigmas`` (P,) are in the unit of the candidates; ``weights`` (P,) are the share of trust over the sigma.
+    """
 
     first: Ints
     second: Ints
     candidates: Float64s
     weights: Float64s
+    sigmas: Float64s
 
 
 def solve(
@@ -122,6 +126,7 @@ def _rates(count: int, pairs: Sequence[PairLag], frame: float, length: float, gi
         np.array([pair.second for pair in measured]),
         np.log([[pair.rate] for pair in measured]),
         1 / sigmas,
+        sigmas,
     )
     scale = float(np.median(sigmas))
     rates = _offsets(count, links, scale / _FINEST, fixed)
@@ -140,15 +145,16 @@ def _links(pairs: Sequence[PairLag], rates: Float64s, frame: float) -> _Links:
     rows = []
     for pair in pairs:
         lags = sorted([pair.lag, *pair.rivals], key=abs)
-        lags += [lag for lag, score in pair.others if score < RIVAL * pair.score]
         rows.append([rates[pair.first] * (pair.at + lag) - rates[pair.second] * pair.at for lag in lags])
     width = max((len(row) for row in rows), default=1)
     padded = np.array([row + [np.nan] * (width - len(row)) for row in rows]).reshape(len(rows), width)
+    sigmas = np.array([max(pair.sigma, _FINEST * frame) for pair in pairs])
     return _Links(
         np.array([pair.first for pair in pairs], dtype=np.int64),
         np.array([pair.second for pair in pairs], dtype=np.int64),
         padded,
-        np.array([pair.score / max(pair.sigma, _FINEST * frame) for pair in pairs]),
+        np.array([pair.score for pair in pairs]) / sigmas,
+        sigmas,
     )
 
 
@@ -161,7 +167,7 @@ def _offsets(count: int, links: _Links, frame: float, fixed: Mapping[int, float]
         offsets = _spanning(count, links, root)
         for _ in range(8):
             wanted = _nearest(links, offsets)
-            improved = _least_absolute(count, links, wanted, offsets, frame, fixed)
+            improved = _least_misses(count, links, wanted, offsets, frame, fixed)
             settled = np.abs(improved - offsets).max() < 1e-4 * frame
             offsets = improved
             if settled:
@@ -204,10 +210,10 @@ def _spanning(count: int, links: _Links, root: int) -> Float64s:
         reached[first] = reached[second] = True
 
 
-def _least_absolute(
+def _least_misses(
     count: int, links: _Links, wanted: Float64s, start: Float64s, frame: float, fixed: Mapping[int, float]
 ) -> Float64s:
-    """(C,) offsets that minimise the weighted sum of absolute misses, by reweighted least squares."""
+    """(C,) offsets of least weighted absolute misses, those within a sigma squared (Huber), by reweighting."""
     rows = np.arange(len(wanted))
     matrix = np.zeros((len(wanted), count))
     matrix[rows, links.second] += 1
@@ -222,7 +228,7 @@ def _least_absolute(
     # Films that no pair reaches stay where they are.
     anchor = 1e-6 * float(links.weights.mean()) / frame
     for turn in range(_ROUNDS):
-        smallest = frame * max(1e-3, 0.5**turn)
+        smallest = np.maximum(links.sigmas, frame * 0.5**turn)
         weights = links.weights / np.maximum(np.abs(wanted - matrix @ offsets), smallest)
         side = wanted - matrix[:, ~free] @ known[~free]
         normal = matrix[:, free].T @ (weights[:, None] * matrix[:, free]) + anchor * np.eye(int(free.sum()))
