@@ -22,7 +22,8 @@ _SEGMENT = 10.0  # seconds of the second film that are looked for in the first: 
 _MOST_SEGMENTS = 24
 _QUIET = 1e-4  # root mean square of full scale: a muted track
 _TRAVEL = 0.010  # seconds: sound from a few metres farther away
-_LEAST_PEAK = 7.0  # median absolute values of the curve by which its peak must stand out
+_LEAST_PEAK = 8.0  # standard deviations: noise of a minute reaches 5.5
+_SURE_PEAK = 20.0
 _SHOWN = 0.5  # seconds to either side of the peak that the curve keeps
 _PATIENCE = 300.0  # seconds for ffmpeg
 
@@ -32,9 +33,11 @@ def read_audio(film: Film) -> Float32s | None:
     ffmpeg = program()
     if ffmpeg is None:
         return None
-    # Filled with silence where the track starts after the pictures: samples count from the film's time 0.
+    # Filled with silence where the track starts after the images: samples count from the film's time 0. Without
+    # -copyts, ffmpeg would count from the start of the streams that it reads.
     steady = "aresample=async=1:first_pts=0"
-    command = [ffmpeg, "-v", "error", "-nostdin", "-protocol_whitelist", "file,pipe", "-i", whole_path(film.path)]
+    command = [ffmpeg, "-v", "error", "-nostdin", "-protocol_whitelist", "file,pipe", "-copyts"]
+    command += ["-i", whole_path(film.path)]
     command += ["-t", str(_LONGEST), "-vn", "-af", steady, "-ac", "1", "-ar", str(RATE), "-f", "f32le", "pipe:1"]
     try:
         done = subprocess.run(command, capture_output=True, timeout=_PATIENCE, check=False)
@@ -79,7 +82,7 @@ def audio_lag(pair: tuple[int, int], sounds: tuple[Float32s, Float32s]) -> PairL
         lag=line.value,
         at=line.at,
         sigma=_TRAVEL,
-        score=agreeing * float(np.clip(best[2] / (3 * _LEAST_PEAK), 0, 1)),
+        score=agreeing * float(np.clip(best[2] / _SURE_PEAK, 0, 1)),
         source="audio",
         rate=1 + line.slope,
         rate_sigma=line.slope_sigma,
@@ -103,9 +106,10 @@ def _phase_correlation(first: Float32s, second: Float32s) -> Curve:
 
 
 def _peak(curve: Curve) -> tuple[float, float]:
-    """The lag of the highest value, seconds, and by how many median absolute values it stands out."""
-    # The median of so many values is near zero for any sound; a reflection must not lift it.
-    prominence = float(curve.scores.max() / max(6 * float(np.median(np.abs(curve.scores))), 1e-20)) * 6
+    """The lag of the highest value, seconds, and by how many standard deviations it stands out."""
+    # By the median: the peak and its reflections must not count as noise.
+    deviation = 1.4826 * float(np.median(np.abs(curve.scores)))
+    prominence = float(curve.scores.max() / max(deviation, 1e-20))
     top = int(curve.scores.argmax())
     part = slice(max(top - 2, 0), top + 3)
     found = maxima(Curve(curve.lags[part], curve.scores[part]), 1.0, most=1)

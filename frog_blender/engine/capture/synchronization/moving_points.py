@@ -21,6 +21,7 @@ _NODES = 2 * REACH + 1
 _MOST_FOUND, _MOST = 1200, 350  # features a frame, and those of them kept that move
 _CONTRAST = 0.01  # OpenCV's 0.04 loses small and dark images
 _STILL = 0.15  # pixels a frame: what moves less tells no time
+_MARGIN = 24  # pixels about the changing region that its features may look at
 _WINDOW = (15, 15)  # pixels, of the optical flow
 _LEVELS = 3
 _BACK = 0.5  # pixels by which a point tracked there and back may miss where it started
@@ -101,6 +102,7 @@ class PointFinder:
         cv2 = load_opencv()
         self._film, self._mask, self._keyframes = film, mask, list(keyframes)
         self._sift = cv2.SIFT_create(nfeatures=_MOST_FOUND, contrastThreshold=_CONTRAST, enable_precise_upscale=True)
+        self._inside = _bounds(mask)
         self._recent: dict[int, ImageArray] = {}
         self._parts: list[tuple[int, Float64s, Float32s]] = []
 
@@ -113,7 +115,7 @@ class PointFinder:
         """The frame ``index``, (H, W) uint8."""
         self._recent[index] = gray
         key = index - REACH
-        if key in self._keyframes:
+        if key in self._keyframes and self._mask.any():
             found = self._find([self._recent[key + shift] for shift in range(-REACH, REACH + 1)])
             if found is not None:
                 self._parts.append((key, *found))
@@ -136,10 +138,12 @@ class PointFinder:
 
     def _find(self, images: list[ImageArray]) -> tuple[Float64s, Float32s] | None:
         """Tracks (M, 5, 2) in pixels of the gray images and descriptors (M, 128); None without features."""
-        found, descriptors = self._sift.detectAndCompute(images[REACH], self._mask)
+        rows, columns = self._inside
+        found, descriptors = self._sift.detectAndCompute(images[REACH][rows, columns], self._mask[rows, columns])
         if descriptors is None or not len(found):
             return None
-        start = np.array([point.pt for point in found], dtype=np.float32)
+        corner = (columns.start, rows.start)
+        start = (np.array([point.pt for point in found]) + corner).astype(np.float32)
         after, good = _flow(images[REACH], images[REACH + 1], start)
         moving = np.flatnonzero(good & (np.linalg.norm(after - start, axis=1) > _STILL))
         if not len(moving):
@@ -160,6 +164,15 @@ class PointFinder:
         kept, tracks = chosen[tracked], tracks[tracked]
         roots = np.sqrt(descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-6))
         return tracks, roots[kept].astype(np.float32)
+
+
+def _bounds(mask: ImageArray) -> tuple[slice, slice]:
+    """Rows and columns of a mask (H, W) that hold all of it and a margin: outside, features cost time for nothing."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not len(rows):
+        return slice(0, mask.shape[0]), slice(0, mask.shape[1])
+    top, left = max(int(rows[0]) - _MARGIN, 0), max(int(columns[0]) - _MARGIN, 0)
+    return slice(top, int(rows[-1]) + _MARGIN + 1), slice(left, int(columns[-1]) + _MARGIN + 1)
 
 
 def _flow(before: ImageArray, after: ImageArray, points: Float32s) -> tuple[Float32s, Bools]:
