@@ -10,7 +10,7 @@ from .curves import camera_curve, runner_up
 from .films import Film
 from .pair import PairLag
 from .solve import Clock, Solution
-from .synchronization import CameraClock, Synchronization
+from .synchronization import CameraClock, RunnerUp, Synchronization
 
 _OPEN = 0.5  # share of a film's triangles that may fail to close
 _UNSURE = 0.5  # of confidence below which the user is told
@@ -20,7 +20,11 @@ _COARSE = ("energy",)  # alone, good for a start only
 
 
 def reported(
-    films: Sequence[Film], solution: Solution, pairs: Sequence[PairLag], given: Mapping[int, Clock]
+    films: Sequence[Film],
+    solution: Solution,
+    pairs: Sequence[PairLag],
+    given: Mapping[int, Clock],
+    rivals: Mapping[int, RunnerUp] | None = None,
 ) -> Synchronization:
     """The clocks as the user sees them.
 
@@ -29,7 +33,9 @@ def reported(
         solution: their clocks.
         pairs: the lags that it was solved from.
         given: films whose clocks were known.
+        rivals: of films, offsets that lie beyond the curves.
     """
+    rivals = rivals or {}
     frame = max(film.interval for film in films) if films else 1.0
     clocks, cameras = solution.clocks, []
     for number, film in enumerate(films):
@@ -42,7 +48,7 @@ def reported(
                 rate=float(clocks.rates[number]),
                 confidence=1.0 if number in given or len(films) == 1 else _confidence(number, solution, pairs),
                 sources=tuple(sorted({pair.source for pair in pairs if number in (pair.first, pair.second)})),
-                runner_up=None if number in given else runner_up(curve, offset, frame),
+                runner_up=None if number in given else _better(runner_up(curve, offset, frame), rivals.get(number)),
                 curve=curve,
             )
         )
@@ -51,6 +57,11 @@ def reported(
     residual = float(np.median(np.abs(solution.misses))) if len(solution.misses) else 0.0
     refusal = _refusal(films, solution, cameras, given)
     return Synchronization(tuple(cameras), frame, residual, tuple(warnings), refusal, tuple(pairs))
+
+
+def _better(first: RunnerUp | None, second: RunnerUp | None) -> RunnerUp | None:
+    found = [one for one in (first, second) if one is not None]
+    return max(found, key=lambda one: one.share) if found else None
 
 
 def _confidence(film: int, solution: Solution, pairs: Sequence[PairLag]) -> float:
