@@ -53,6 +53,7 @@ def reported(
             )
         )
     warnings = [sentence for i, camera in enumerate(cameras) if i not in given for sentence in _doubts(camera, frame)]
+    warnings += _coarse_sentence([camera for i, camera in enumerate(cameras) if i not in given])
     warnings += _open_sentences(films, solution)
     residual = float(np.median(np.abs(solution.misses))) if len(solution.misses) else 0.0
     refusal = _refusal(films, solution, cameras, given)
@@ -90,11 +91,6 @@ def _doubts(camera: CameraClock, frame: float) -> list[str]:
             f"Camera {camera.name}: its offset of {camera.offset:.3f} s is uncertain "
             f"(confidence {camera.confidence:.2f}); look at its curve, or type the offset."
         )
-    elif camera.sources and set(camera.sources) <= set(_COARSE):
-        sentences.append(
-            f"Camera {camera.name}: its offset of {camera.offset:.3f} s comes from the amount of motion alone, "
-            "which may be a frame wrong."
-        )
     rival = camera.runner_up
     if rival is not None and rival.is_as_likely and abs(rival.offset - camera.offset) > frame:
         sentences.append(
@@ -102,6 +98,14 @@ def _doubts(camera: CameraClock, frame: float) -> list[str]:
             "does the motion repeat itself?"
         )
     return sentences
+
+
+def _coarse_sentence(cameras: Sequence[CameraClock]) -> list[str]:
+    coarse = [camera.name for camera in cameras if camera.sources and set(camera.sources) <= set(_COARSE)]
+    if not coarse:
+        return []
+    which = ", ".join(coarse) if len(coarse) < len(cameras) else "all cameras"
+    return [f"The offsets of {which} come from the amount of motion alone and may be a frame wrong."]
 
 
 def _open_sentences(films: Sequence[Film], solution: Solution) -> list[str]:
