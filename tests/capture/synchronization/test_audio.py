@@ -73,10 +73,11 @@ def with_sound(path: Path, sound: np.ndarray, folder: Path, delay: float = 0.0) 
     assert program is not None
     raw = folder / "sound.f32"
     raw.write_bytes(sound.astype("<f4").tobytes())
-    made = folder / f"{path.stem}_sound.mp4"
-    command = [program, "-y", "-v", "error", "-i", str(path), "-itsoffset", str(delay)]
-    command += ["-f", "f32le", "-ar", str(RATE), "-ac", "1", "-i", str(raw), "-c:v", "copy", "-c:a", "aac", str(made)]
-    subprocess.run(command, check=True)
+    encoded, made = folder / "sound.m4a", folder / f"{path.stem}_{delay}.mp4"
+    start = [program, "-y", "-v", "error"]
+    subprocess.run([*start, "-f", "f32le", "-ar", str(RATE), "-ac", "1", "-i", str(raw), str(encoded)], check=True)
+    both = ["-i", str(path), "-itsoffset", str(delay), "-i", str(encoded), "-map", "0:v", "-map", "1:a", "-c", "copy"]
+    subprocess.run([*start, *both, str(made)], check=True)
     return made
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from frog_blender.engine.capture.synchronization.epipolar import fundamental
 from frog_blender.engine.capture.synchronization.lags import NamedTracks, track_lag
 
 from .moving_scene import ring
@@ -38,6 +39,14 @@ def test_the_lag_is_found_to_a_third_of_a_frame(lag: float) -> None:
     assert found is not None
     assert abs(found.lag - lag) < 0.34 / RATE
     assert found.source == "tracks"
+
+
+def test_with_known_cameras_it_is_found_closer() -> None:
+    cameras = list(ring(4, 1280, 720, spread=80).values())
+    matrix = fundamental(cameras[0], cameras[2])
+    found = track_lag((0, 1), (seen(0, 1.0, 60, 1.5), seen(2, 1.287, 60, 1.5)), 1 / RATE, 1280, matrix)
+    assert found is not None
+    assert abs(found.lag - 0.287) < 0.1 / RATE
 
 
 def test_too_few_points_have_no_lag() -> None:

@@ -109,7 +109,7 @@ def epipolar_lag(
         lags: the least and the greatest lag to be considered, seconds.
         step: frames between the lags that are tried first.
     """
-    curve = _curve(views, lags, step * views.frame)
+    curve = score_curve(views, lags, step * views.frame)
     found = maxima(curve, views.frame)
     if not found or found[0][1] <= 0:
         return None
@@ -132,7 +132,7 @@ def epipolar_lag(
     )
 
 
-def _curve(views: Geometry, lags: tuple[float, float], step: float) -> Curve:
+def score_curve(views: Geometry, lags: tuple[float, float], step: float) -> Curve:
     """How many of the moving matches lie on their epipolar lines, 0 to 1, over lags."""
     grid = np.arange(np.floor(lags[0] / step), np.ceil(lags[1] / step) + 1) * step
     scores = np.full(len(grid), np.nan)

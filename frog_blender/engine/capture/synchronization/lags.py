@@ -48,7 +48,11 @@ class NamedTracks:
 
 
 def track_lag(
-    pair: tuple[int, int], tracks: tuple[NamedTracks, NamedTracks], frame: float, width: int
+    pair: tuple[int, int],
+    tracks: tuple[NamedTracks, NamedTracks],
+    frame: float,
+    width: int,
+    matrix: Float64s | None = None,
 ) -> PairLag | None:
     """The lag at which one fundamental matrix explains most named points; None where too few are seen by both.
 
@@ -57,6 +61,7 @@ def track_lag(
         tracks: of the two films.
         frame: seconds between frames.
         width: pixels of the films.
+        matrix: (3, 3) fundamental matrix where the cameras are known; else every lag gets the one that suits it best.
     """
     first, second = tracks
     if min(len(first.times), len(second.times)) < 2:
@@ -65,8 +70,11 @@ def track_lag(
     low, high = first.times[0] - second.times[-1] + least, first.times[-1] - second.times[0] - least
     step = _STEP * frame
     lags = np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step
-    scores = np.array([_score(tracks, float(lag), frame, width) for lag in lags])
-    curve = Curve(lags, _smoothed(scores))
+    scores = np.full(len(lags), np.nan)
+    for position, lag in enumerate(lags):
+        seen = _seen(tracks, float(lag), frame)
+        scores[position] = np.nan if seen is None else _score(seen, width, matrix)
+    curve = Curve(lags, _smoothed(scores) if matrix is None else scores)
     found = maxima(curve, 2 * frame)
     if not found or found[0][1] <= 0:
         return None
@@ -76,7 +84,7 @@ def track_lag(
         second=pair[1],
         lag=lag,
         at=float((max(second.times[0], first.times[0] - lag) + min(second.times[-1], first.times[-1] - lag)) / 2),
-        sigma=0.3 * frame,
+        sigma=(0.3 if matrix is None else 0.15) * frame,
         score=score,
         source="tracks",
         others=tuple(found[1:]),
@@ -84,23 +92,25 @@ def track_lag(
     )
 
 
-def _score(tracks: tuple[NamedTracks, NamedTracks], lag: float, frame: float, width: int) -> float:
-    """1 less the mean truncated squared Sampson residual in units of the truncation; NaN with too few points."""
-    cv2 = load_opencv()
+def _seen(tracks: tuple[NamedTracks, NamedTracks], lag: float, frame: float) -> tuple[Float64s, Float64s] | None:
+    """Positions (M, 2) in both films at a lag, seconds; None with too few."""
     first, second = tracks
-    times = second.times
-    a, b = first.at(times + lag, _GAP * frame).reshape(-1, 2), second.positions.reshape(-1, 2)
+    a, b = first.at(second.times + lag, _GAP * frame).reshape(-1, 2), second.positions.reshape(-1, 2)
     seen = np.isfinite(a[:, 0]) & np.isfinite(b[:, 0])
-    if seen.sum() < _LEAST:
-        return float("nan")
-    a, b = a[seen], b[seen]
+    return (a[seen], b[seen]) if seen.sum() >= _LEAST else None
+
+
+def _score(seen: tuple[Float64s, Float64s], width: int, known: Float64s | None) -> float:
+    """1 less the mean truncated squared Sampson residual in units of the truncation; NaN without a geometry."""
+    cv2 = load_opencv()
     truncation = max(1.0, _TRUNCATION * width)
-    cv2.setRNGSeed(_SEED)
-    matrix: Array | None
-    matrix, _ = cv2.findFundamentalMat(a, b, cv2.USAC_MAGSAC, truncation, _CONFIDENCE, _ROUNDS)
+    matrix: Array | None = known
+    if matrix is None:
+        cv2.setRNGSeed(_SEED)
+        matrix, _ = cv2.findFundamentalMat(*seen, cv2.USAC_MAGSAC, truncation, _CONFIDENCE, _ROUNDS)
     if matrix is None or matrix.shape[0] < 3:
         return float("nan")
-    residuals = signed_residuals(matrix[:3], a, b)
+    residuals = signed_residuals(matrix[:3], *seen)
     return 1 - float(np.minimum((residuals / truncation) ** 2, 1).mean())
 
 

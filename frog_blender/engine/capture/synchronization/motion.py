@@ -7,11 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...arrays import Bools, Float64s, Ints
+from ...arrays import Bools, Ints
 from ..camera import Camera
-from ..capture import Distortion
-from ..video import load_opencv
-from .epipolar import Geometry, epipolar_lag, fundamental, residual_table
+from .epipolar import Geometry, epipolar_lag, fundamental, residual_table, score_curve
 from .films import Film
 from .look import Look
 from .matches import Search, match
@@ -122,21 +120,6 @@ def _keyframes(film: Film, clocks: Clocks | None, number: int) -> list[int]:
     return keyframes_of(nearest, count)
 
 
-def undistorted(points: MovingPoints, camera: Camera, distortion: Distortion | None) -> MovingPoints:
-    """The same points where a lens without distortion would show them, in pixels of ``camera``."""
-    if distortion is None or not len(points):
-        return points
-    cv2 = load_opencv()
-    lens = camera.intrinsics.copy()
-    lens[:2, 2] -= 0.5  # OpenCV counts pixel centres from 0
-    flat = points.tracks.reshape(-1, 2)
-    known = np.isfinite(flat[:, 0])
-    straight: Float64s = flat.copy()
-    given = np.ascontiguousarray(flat[known] - 0.5)[:, None]
-    straight[known] = cv2.undistortPoints(given, lens, distortion.coefficients, P=lens)[:, 0] + 0.5
-    return replace(points, tracks=straight.reshape(points.tracks.shape))
-
-
 def coarse_lags(rig: Rig, start: Clocks, is_sure: bool, work: Work) -> list[PairLag]:
     """Lags right to a fraction of a frame: near a start that is sure, else over all of two short films."""
     pairs, found = rig.pairs(), []
@@ -159,6 +142,21 @@ def fine_lags(rig: Rig, start: Clocks, work: Work) -> list[PairLag]:
         lag = epipolar_lag(pair, rig.geometry(pair, search), lags)
         found += [] if lag is None else [lag]
     return found
+
+
+def score_at(rig: Rig, film: int, offset: float, clocks: Clocks) -> float:
+    """How well a film's moving points agree with the others' if its offset were that, seconds; NaN if nothing tells."""
+    offsets = clocks.offsets.copy()
+    offsets[film] = offset
+    moved, scores = replace(clocks, offsets=offsets), []
+    for pair in rig.pairs():
+        if film in pair:
+            lags = _near(rig, pair, moved, 1.0)
+            search = Search(lags, REACH * rig.frame(pair), _COARSE_KEYFRAMES, rig.along_lines(pair, moved))
+            curve = score_curve(rig.geometry(pair, search), lags, _COARSE_STEP * rig.frame(pair))
+            if np.isfinite(curve.scores).any():
+                scores.append(float(np.nanmax(curve.scores)))
+    return float(np.mean(scores)) if scores else float("nan")
 
 
 def _range(rig: Rig, pair: tuple[int, int], start: Clocks, is_sure: bool) -> tuple[float, float]:

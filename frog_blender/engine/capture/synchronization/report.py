@@ -10,7 +10,7 @@ from .curves import camera_curve, runner_up
 from .films import Film
 from .pair import PairLag
 from .solve import Clock, Solution
-from .synchronization import CameraClock, Synchronization
+from .synchronization import CameraClock, RunnerUp, Synchronization
 
 _OPEN = 0.5  # share of a film's triangles that may fail to close
 _UNSURE = 0.5  # of confidence below which the user is told
@@ -20,7 +20,11 @@ _COARSE = ("energy",)  # alone, good for a start only
 
 
 def reported(
-    films: Sequence[Film], solution: Solution, pairs: Sequence[PairLag], given: Mapping[int, Clock]
+    films: Sequence[Film],
+    solution: Solution,
+    pairs: Sequence[PairLag],
+    given: Mapping[int, Clock],
+    rivals: Mapping[int, RunnerUp] | None = None,
 ) -> Synchronization:
     """The clocks as the user sees them.
 
@@ -29,7 +33,9 @@ def reported(
         solution: their clocks.
         pairs: the lags that it was solved from.
         given: films whose clocks were known.
+        rivals: of films, offsets that lie beyond the curves.
     """
+    rivals = rivals or {}
     frame = max(film.interval for film in films) if films else 1.0
     clocks, cameras = solution.clocks, []
     for number, film in enumerate(films):
@@ -42,15 +48,21 @@ def reported(
                 rate=float(clocks.rates[number]),
                 confidence=1.0 if number in given or len(films) == 1 else _confidence(number, solution, pairs),
                 sources=tuple(sorted({pair.source for pair in pairs if number in (pair.first, pair.second)})),
-                runner_up=None if number in given else runner_up(curve, offset, frame),
+                runner_up=None if number in given else _better(runner_up(curve, offset, frame), rivals.get(number)),
                 curve=curve,
             )
         )
     warnings = [sentence for i, camera in enumerate(cameras) if i not in given for sentence in _doubts(camera, frame)]
+    warnings += _coarse_sentence([camera for i, camera in enumerate(cameras) if i not in given])
     warnings += _open_sentences(films, solution)
     residual = float(np.median(np.abs(solution.misses))) if len(solution.misses) else 0.0
     refusal = _refusal(films, solution, cameras, given)
     return Synchronization(tuple(cameras), frame, residual, tuple(warnings), refusal, tuple(pairs))
+
+
+def _better(first: RunnerUp | None, second: RunnerUp | None) -> RunnerUp | None:
+    found = [one for one in (first, second) if one is not None]
+    return max(found, key=lambda one: one.share) if found else None
 
 
 def _confidence(film: int, solution: Solution, pairs: Sequence[PairLag]) -> float:
@@ -79,11 +91,6 @@ def _doubts(camera: CameraClock, frame: float) -> list[str]:
             f"Camera {camera.name}: its offset of {camera.offset:.3f} s is uncertain "
             f"(confidence {camera.confidence:.2f}); look at its curve, or type the offset."
         )
-    elif camera.sources and set(camera.sources) <= set(_COARSE):
-        sentences.append(
-            f"Camera {camera.name}: its offset of {camera.offset:.3f} s comes from the amount of motion alone, "
-            "which may be a frame wrong."
-        )
     rival = camera.runner_up
     if rival is not None and rival.is_as_likely and abs(rival.offset - camera.offset) > frame:
         sentences.append(
@@ -91,6 +98,14 @@ def _doubts(camera: CameraClock, frame: float) -> list[str]:
             "does the motion repeat itself?"
         )
     return sentences
+
+
+def _coarse_sentence(cameras: Sequence[CameraClock]) -> list[str]:
+    coarse = [camera.name for camera in cameras if camera.sources and set(camera.sources) <= set(_COARSE)]
+    if not coarse:
+        return []
+    which = ", ".join(coarse) if len(coarse) < len(cameras) else "all cameras"
+    return [f"The offsets of {which} come from the amount of motion alone and may be a frame wrong."]
 
 
 def _open_sentences(films: Sequence[Film], solution: Solution) -> list[str]:

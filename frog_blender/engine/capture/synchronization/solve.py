@@ -34,6 +34,10 @@ class Clocks:
         """Seconds by which the first film's time is ahead of the second's ``at``, at the same instant."""
         return self.film_time(first, self.capture_time(second, at)) - at
 
+    def of(self, films: Sequence[int]) -> Clocks:
+        """Those of some films."""
+        return Clocks(self.offsets[list(films)], self.rates[list(films)])
+
     def capture_time(self, film: int, time: float) -> float:
         return float(self.offsets[film] + self.rates[film] * time)
 
@@ -165,6 +169,8 @@ def _offsets(count: int, links: _Links, frame: float, fixed: Mapping[int, float]
     best, least = np.zeros(count), np.inf
     for root in range(count):
         offsets = _spanning(count, links, root)
+        if fixed:
+            offsets = offsets + float(np.median([offset - offsets[film] for film, offset in fixed.items()]))
         for _ in range(8):
             wanted = _nearest(links, offsets)
             improved = _least_misses(count, links, wanted, offsets, frame, fixed)

@@ -4,22 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from math import isnan
 from pathlib import Path
 
 from ...errors import FrogError
 from ..camera import Camera
 from ..capture import Distortion
 from .audio import audio_lag, read_audio
+from .curves import camera_curve, runner_up
 from .energy import energy_lag
+from .epipolar import fundamental
 from .ffmpeg import notes
 from .films import Film, open_film
 from .lags import NamedTracks, track_lag
 from .look import Look, look_at
-from .motion import Rig, coarse_lags, find_points, fine_lags, undistorted
+from .motion import Rig, coarse_lags, find_points, fine_lags, score_at
 from .pair import PairLag
 from .report import reported
 from .solve import Clock, Solution, solve
-from .synchronization import Synchronization
+from .straighten import straightened
+from .synchronization import RunnerUp, Synchronization
 from .timecode import read_note, window
 from .work import Progress, Work
 
@@ -43,7 +47,8 @@ def synchronize(
         cameras: where known, the answer is right to a few hundredths of a frame; at the films' sizes or others of the
             same proportions. Films without a camera are synchronised by sound and motion energy.
         distortions: of the cameras' lenses.
-        tracks: points known by name in all films, as a person's joints are; for films whose cameras are not known.
+        tracks: points known by name in all films, as a person's joints are, in pixels of the films as stored: where
+            cameras are not known, or see nothing else alike.
         given: clocks that are known and stay.
         progress, cancelled: see work.Work.
 
@@ -59,17 +64,20 @@ def synchronize(
     looks = [look_at(film, work.part(*_share(0.0, 0.3, i, len(opened)))) for i, film in enumerate(opened)]
     pairs = _start(opened, looks, work.part(0.3, 0.4))
     if tracks is not None:
-        pairs += _track_lags(opened, tracks, work.part(0.4, 0.5))
+        pairs += _track_lags(opened, tracks, (cameras or {}, distortions or {}), work.part(0.4, 0.5))
         named = [pair for pair in pairs if pair.source == "tracks"]
         pairs = named or pairs
     solution = _solved(opened, pairs, known)
+    rivals: dict[int, RunnerUp] = {}
     if cameras is not None:
         calibrated = [i for i, film in enumerate(opened) if film.name in cameras]
         if len(calibrated) >= 2:
             rig = _rig(opened, looks, calibrated, (cameras, distortions or {}), solution, work.part(0.5, 0.75))
-            pairs, solution = _refined(opened, rig, calibrated, pairs, solution, known, work.part(0.75, 1.0))
+            wide = pairs
+            pairs, solution = _refined(opened, rig, calibrated, pairs, solution, known, work.part(0.75, 0.95))
+            rivals = _rivals(opened, rig, calibrated, wide, solution, work.part(0.95, 1.0))
     work.step("Synchronised", 1, 1)
-    return reported(opened, solution, pairs, known)
+    return reported(opened, solution, pairs, known, rivals)
 
 
 def _share(start: float, end: float, number: int, count: int) -> tuple[float, float]:
@@ -126,17 +134,36 @@ def _preferred(lag: PairLag, allowed: tuple[float, float] | None) -> PairLag:
     return replace(lag, lag=inside[0][0], score=inside[0][1], others=rest)
 
 
-def _track_lags(films: Sequence[Film], tracks: Mapping[str, NamedTracks], work: Work) -> list[PairLag]:
+def _track_lags(
+    films: Sequence[Film],
+    tracks: Mapping[str, NamedTracks],
+    lenses: tuple[Mapping[str, Camera], Mapping[str, Distortion | None]],
+    work: Work,
+) -> list[PairLag]:
     found = []
     pairs = [(i, j) for i in range(len(films)) for j in range(i + 1, len(films))]
     for number, pair in enumerate(pairs):
         work.step("Comparing named points", number, len(pairs))
-        first, second = (tracks.get(films[film].name) for film in pair)
-        if first is not None and second is not None:
-            frame = max(films[film].interval for film in pair)
-            lag = track_lag(pair, (first, second), frame, max(films[film].width for film in pair))
-            found += [] if lag is None else [lag]
+        names = [films[film].name for film in pair]
+        known = [_camera(films[film], lenses[0]) for film in pair if films[film].name in lenses[0]]
+        seen = [tracks[name] for name in names if name in tracks]
+        if len(seen) < 2:
+            continue
+        matrix = None
+        if len(known) == 2:
+            matrix = fundamental(known[0], known[1])
+            straight = [straightened(known[i], lenses[1].get(names[i]), seen[i].positions) for i in (0, 1)]
+            seen = [replace(one, positions=positions) for one, positions in zip(seen, straight, strict=True)]
+        frame = max(films[film].interval for film in pair)
+        width = max(films[film].width for film in pair)
+        lag = track_lag(pair, (seen[0], seen[1]), frame, width, matrix)
+        found += [] if lag is None else [lag]
     return found
+
+
+def _camera(film: Film, cameras: Mapping[str, Camera]) -> Camera:
+    """A film's camera at the film's size."""
+    return cameras[film.name].resized(film.width, film.height)
 
 
 def _rig(
@@ -150,11 +177,12 @@ def _rig(
     cameras, points = [], []
     for position, number in enumerate(calibrated):
         film = films[number]
-        camera = lenses[0][film.name].resized(film.width, film.height)
+        camera = _camera(film, lenses[0])
         part = work.part(*_share(0.0, 1.0, position, len(calibrated)))
         found = find_points(film, looks[number], start.clocks, number, part)
         cameras.append(camera)
-        points.append(undistorted(found, camera, lenses[1].get(film.name)))
+        straight = straightened(camera, lenses[1].get(film.name), found.tracks)
+        points.append(replace(found, tracks=straight))
     return Rig(tuple(films[number] for number in calibrated), tuple(cameras), tuple(points))
 
 
@@ -168,9 +196,7 @@ def _refined(
     work: Work,
 ) -> tuple[list[PairLag], Solution]:
     """Lags of moving points in place of the start's, for the films whose cameras are known."""
-    clocks = replace(
-        start.clocks, offsets=start.clocks.offsets[list(calibrated)], rates=start.clocks.rates[list(calibrated)]
-    )
+    clocks = start.clocks.of(calibrated)
     is_sure = bool(start.connected.all() and (start.support >= _SURE).all())
     solution = start
     for stage, part in enumerate((work.part(0.0, 0.4), work.part(0.4, 1.0))):
@@ -181,6 +207,28 @@ def _refined(
         rest = [lag for lag in pairs if lag.source != "motion" and not {lag.first, lag.second} <= reached]
         pairs = numbered + rest
         solution = _solved(films, pairs, given)
-        chosen = list(calibrated)
-        clocks = replace(clocks, offsets=solution.clocks.offsets[chosen], rates=solution.clocks.rates[chosen])
+        clocks = solution.clocks.of(calibrated)
     return pairs, solution
+
+
+def _rivals(
+    films: Sequence[Film],
+    rig: Rig,
+    calibrated: Sequence[int],
+    wide: Sequence[PairLag],
+    solution: Solution,
+    work: Work,
+) -> dict[int, RunnerUp]:
+    """Offsets far away that sound or motion energy leave open, and how well moving points agree with them."""
+    frame, found = max(film.interval for film in films), {}
+    for position, number in enumerate(calibrated):
+        work.step("Looking for other offsets", position, len(calibrated))
+        offset = float(solution.clocks.offsets[number])
+        rival = runner_up(camera_curve(number, wide, solution.clocks, frame), offset, frame)
+        if rival is None or not rival.is_as_likely:
+            continue
+        clocks = solution.clocks.of(calibrated)
+        best, other = (score_at(rig, position, at, clocks) for at in (offset, rival.offset))
+        if best > 0 and not isnan(other):
+            found[number] = RunnerUp(rival.offset, other / best)
+    return found
