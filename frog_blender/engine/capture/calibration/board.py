@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...arrays import Array, Bools, Float64s, Ints
+from ...arrays import Array, Bools, Float64s
 from ..video import load_opencv
 from .board_detection import Board, Corners
 from .rig_result import CalibrationRefused, CameraFacts, FoundRig, found_rig
@@ -36,7 +36,9 @@ class _Seen:
     frames: int
 
 
-def calibrate_board(facts: Sequence[CameraFacts], board: Board, corners: Sequence[Sequence[Corners | None]]) -> FoundRig:
+def calibrate_board(
+    facts: Sequence[CameraFacts], board: Board, corners: Sequence[Sequence[Corners | None]]
+) -> FoundRig:
     """The rig that saw the board.
 
     Args:
@@ -124,7 +126,8 @@ def _board_pose(rows: Sightings, lens: Float64s) -> Float64s:
     matrix = np.array([[lens[FOCAL], 0.0, lens[CENTER_X]], [0.0, lens[FOCAL], lens[CENTER_Y]], [0.0, 0.0, 1.0]])
     _, turns, shifts, _ = cv2.solvePnPGeneric(rows.places, rows.pixels, matrix, None, flags=cv2.SOLVEPNP_IPPE)
     rotation = cv2.Rodrigues(turns[0])[0]
-    return _matrices(rotation[None], np.asarray(shifts[0], np.float64).reshape(1, 3))[0]
+    pose: Float64s = _matrices(rotation[None], np.asarray(shifts[0], np.float64).reshape(1, 3))[0]
+    return pose
 
 
 def _matrices(rotations: Float64s, shifts: Float64s) -> Float64s:
@@ -220,7 +223,7 @@ def _with_more_of_the_lenses(seen: _Seen, solution: Solution, free: Bools) -> So
         if not is_better.any():
             continue
         kept = kept.copy()
-        kept[np.ix_(is_better, parameters)] = True
+        kept[np.ix_(is_better, np.array(parameters))] = True
         solution = solve(solution.rig, seen.sightings, _options(kept, _LOSS))
         before = _held_out_costs(seen, solution.rig, kept)
     return solution
@@ -233,7 +236,8 @@ def _held_out_costs(seen: _Seen, rig: Rig, free: Bools) -> Float64s:
     rest = seen.sightings.where(is_held_out)
     fitted = solve(trained, rest, _options(np.zeros_like(free), _LOSS, holding=True)).rig
     costs = np.log1p(np.sum(fitted.residuals(rest) ** 2, axis=1) / _LOSS**2)
-    return np.bincount(rest.cameras, costs, minlength=len(seen.facts))
+    summed: Float64s = np.bincount(rest.cameras, costs, minlength=len(seen.facts)).astype(np.float64)
+    return summed
 
 
 def _is_certain(seen: _Seen, solution: Solution, parameters: Sequence[int]) -> Bools:

@@ -18,7 +18,6 @@ FOCAL, K1, K2, CENTER_X, CENTER_Y = range(5)
 _POSE = 6  # a turn about the camera's or the body's own origin, then a shift
 _NEAREST = 1e-6  # depth below which a point counts as behind the camera
 _BEHIND = 1e3  # pixels of residual of a point behind its camera: worse than any in front of it
-_SMALLEST_GAIN = 1e-7  # of the cost: less is convergence
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +83,7 @@ class Options:
         loss_scale: pixels of residual at which Cauchy's loss halves a sighting's weight.
         iterations: most steps that are tried.
         holding: cameras keep their poses.
+        least_gain: part of the cost; a step that gains less ends the work.
     """
 
     free: Bools
@@ -91,6 +91,7 @@ class Options:
     loss_scale: float
     iterations: int = 60
     holding: bool = False
+    least_gain: float = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +151,7 @@ def solve(rig: Rig, seen: Sightings, options: Options) -> Solution:
         gain = 1.0 - moved_cost / max(cost, 1e-300)
         rig, projection, cost = candidate, moved, moved_cost
         damping = max(damping / 5.0, 1e-9)
-        if gain < _SMALLEST_GAIN:
+        if gain < options.least_gain:
             break
         system = _normal_equations(rig, seen, projection, options)
     system = _normal_equations(rig, seen, projection, options)
