@@ -18,7 +18,7 @@ from .point_rig import PointViews, solve_points
 from .rig_result import CalibrationRefused, CameraFacts, FoundRig, found_rig
 
 _CHANGES = 18  # of 255: what moves at one time
-_LEAST_MOTION = 0.05  # of the largest moving region: less is noise, or a person who stands still
+_LEAST_MOTION = 0.01  # of all that ever moves: less is noise, or a person who stands still
 _AROUND = 1.25  # of what moves, the box in which the person is sought
 _VISIBLE = 0.5
 _LIMIT = 0.016  # of the longer side: a joint that is farther off is another one (left for right), or guessed
