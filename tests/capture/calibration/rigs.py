@@ -9,7 +9,8 @@ import numpy as np
 
 from frog_blender.engine.arrays import Array, Float64s
 from frog_blender.engine.capture.calibration.board_detection import Board, Corners
-from frog_blender.engine.capture.calibration.rig_result import CameraFacts, FoundRig
+from frog_blender.engine.capture.calibration.calibration import Calibration
+from frog_blender.engine.capture.calibration.rig_result import CameraFacts
 from frog_blender.engine.capture.camera import Camera, rotation_about
 
 WIDE = (1280, 720)
@@ -100,15 +101,16 @@ def skeleton(time: float) -> Float64s:
     return np.asarray(body @ rotation_about(np.array([0.0, 0.0, heading])).T + walked)
 
 
-def rig_errors(found: FoundRig, truth: Sequence[Camera]) -> tuple[float, float, float, float]:
+def rig_errors(found: Calibration, truth: Sequence[Camera]) -> tuple[float, float, float, float]:
     """The worst centre in % of the rig's diameter, the worst rotation in degrees and focal length in %, all after the
     similarity that fits the centres best, and that similarity's scale."""
-    ours = np.stack([camera.center for camera in found.cameras])
+    cameras = [each.camera for each in found.cameras]
+    ours = np.stack([camera.center for camera in cameras])
     theirs = np.stack([camera.center for camera in truth])
     scale, turn, shift = similarity(ours, theirs)
     diameter = max(float(np.linalg.norm(one - other)) for one in theirs for other in theirs)
     centers = np.linalg.norm(scale * ours @ turn.T + shift - theirs, axis=1) / diameter * 100
-    pairs = list(zip(found.cameras, truth, strict=True))
+    pairs = list(zip(cameras, truth, strict=True))
     summed = sum(camera.rotation.T @ true.rotation for camera, true in pairs)
     left, _, right = np.linalg.svd(summed)
     common = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right

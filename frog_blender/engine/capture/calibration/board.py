@@ -10,7 +10,8 @@ import numpy as np
 from ...arrays import Array, Bools, Float64s
 from ..video import load_opencv
 from .board_detection import Board, Corners
-from .rig_result import CalibrationRefused, CameraFacts, FoundRig, found_rig
+from .calibration import Calibration, CalibrationRefused
+from .rig_result import CameraFacts, calibration_of
 from .rig_solver import CENTER_X, CENTER_Y, FOCAL, K1, K2, Options, Rig, Sightings, Solution, solve
 
 _FIRST_FOCALS = (0.45, 0.7, 1.0, 1.5, 2.4)  # of the longer side
@@ -21,6 +22,7 @@ _LEAST_SHARED = 3  # frames in which two cameras saw the board at once
 _MOST_SCATTER = 15.0  # degrees by which half the frames may disagree on how two cameras stand
 _MOST_SIGMA = 0.05  # relative, of a focal length
 _MOST_RESIDUAL = 0.004  # of the longer side, median of a camera
+_FALSE = 0.008  # of the longer side: a corner that is farther off is another one
 _GAIN = 0.02  # by which a camera's held-out cost must fall for one more lens parameter
 _CORNER_SIGMA = 0.01  # of the distance from the middle, at the image's corner: the most a coefficient may leave open
 _CENTER_SIGMA = 0.001  # of the longer side
@@ -38,7 +40,7 @@ class _Seen:
 
 def calibrate_board(
     facts: Sequence[CameraFacts], board: Board, corners: Sequence[Sequence[Corners | None]]
-) -> FoundRig:
+) -> Calibration:
     """The rig that saw the board.
 
     Args:
@@ -61,7 +63,10 @@ def calibrate_board(
     solution = _with_more_of_the_lenses(seen, first, free)
     _check(seen, board, solution)
     warnings = [] if board.square else [f"The size of {board}'s squares is not given: the rig's scale is arbitrary."]
-    return found_rig(facts, solution, seen.sightings, is_metric=board.square is not None, warnings=warnings)
+    limits = _FALSE * np.array([camera.side for camera in facts])
+    agrees = np.linalg.norm(solution.rig.residuals(seen.sightings), axis=1) < limits[seen.sightings.cameras]
+    found = calibration_of(facts, solution, seen.sightings, agrees, is_metric=board.square is not None)
+    return replace(found, warnings=tuple(warnings))
 
 
 def _options(free: Bools, loss: float, *, holding: bool = False) -> Options:

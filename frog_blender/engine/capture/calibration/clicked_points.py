@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ...arrays import Array
+from .calibration import Calibration, CalibrationRefused
 from .point_rig import PointViews, solve_points
-from .rig_result import CalibrationRefused, CameraFacts, FoundRig, found_rig
+from .rig_result import CameraFacts
 
 MANY_ENOUGH = 16
 """Points that are asked for: as many as leave little open where each lies 2 pixels off."""
@@ -18,7 +20,7 @@ _LIMIT = 0.008  # of the longer side: a click that is farther off is another poi
 _LEAST_SHARE = 0.75  # of a camera's clicks that must fit
 
 
-def calibrate_clicks(facts: Sequence[CameraFacts], groups: Sequence[int], clicks: Mapping[str, Array]) -> FoundRig:
+def calibrate_clicks(facts: Sequence[CameraFacts], groups: Sequence[int], clicks: Mapping[str, Array]) -> Calibration:
     """The rig that a person's clicks fit, at an arbitrary scale.
 
     Args:
@@ -56,4 +58,4 @@ def calibrate_clicks(facts: Sequence[CameraFacts], groups: Sequence[int], clicks
     warnings = []
     if useful.min() < MANY_ENOUGH:
         warnings.append(f"{useful.min()} points in a camera are few: with {MANY_ENOUGH} the rig is more certain.")
-    return found_rig(facts, found.solution, found.used, is_metric=False, warnings=warnings)
+    return replace(found.calibration, warnings=tuple(warnings))

@@ -13,9 +13,10 @@ import numpy as np
 
 from ...arrays import Bools, Float64s, ImageArray
 from ..video import load_opencv
+from .calibration import Calibration, CalibrationRefused
 from .landmarks import JOINTS, Box, LandmarkNetwork, Person
 from .point_rig import PointViews, solve_points
-from .rig_result import CalibrationRefused, CameraFacts, FoundRig, found_rig
+from .rig_result import CameraFacts
 
 _CHANGES = 18  # of 255: what moves at one time
 _LEAST_MOTION = 0.01  # of all that ever moves: less is noise, or a person who stands still
@@ -76,7 +77,7 @@ def find_joints(
     return Joints(np.stack(pixels), np.stack(visibility))
 
 
-def calibrate_joints(facts: Sequence[CameraFacts], groups: Sequence[int], joints: Sequence[Joints]) -> FoundRig:
+def calibrate_joints(facts: Sequence[CameraFacts], groups: Sequence[int], joints: Sequence[Joints]) -> Calibration:
     """The rig that saw a person's joints, at an arbitrary scale.
 
     Args:
@@ -104,7 +105,7 @@ def calibrate_joints(facts: Sequence[CameraFacts], groups: Sequence[int], joints
                 f"Only {100 * share:.0f} % of the joints that camera {camera.name} sees fit the other cameras: the "
                 "films are not in step, or it sees another person; film one person who walks about alone, or a board."
             )
-    return found_rig(facts, found.solution, found.used, is_metric=False)
+    return found.calibration
 
 
 def _found(network: LandmarkNetwork, image: ImageArray, boxes: Iterable[Box], previous: Box | None) -> Person | None:

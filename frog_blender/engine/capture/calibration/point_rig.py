@@ -15,7 +15,8 @@ import numpy as np
 
 from ...arrays import Bools, Float64s, Ints
 from ..video import load_opencv
-from .rig_result import CalibrationRefused, CameraFacts
+from .calibration import Calibration, CalibrationRefused
+from .rig_result import CameraFacts, calibration_of
 from .rig_solver import CENTER_X, FOCAL, Options, Rig, Sightings, Solution, solve
 
 _FIRST_FOCALS = (0.6, 0.8, 1.05, 1.4, 1.9)  # of the longer side
@@ -57,10 +58,9 @@ class PointViews:
 
 @dataclass(frozen=True, eq=False)
 class PointRig:
-    """A rig, the sightings within the limit, and how many of all sightings those are, by camera (C,)."""
+    """A rig, and what part of each camera's sightings (C,) lies within the limit."""
 
-    solution: Solution
-    used: Sightings
+    calibration: Calibration
     shares: Float64s
 
 
@@ -100,7 +100,7 @@ def solve_points(views: PointViews, loss: float, progress: Callable[[float], Non
     _check_rivals(views, finals)
     is_near = _is_near(solution.rig, sightings, views.limit)
     shares = np.bincount(sightings.cameras[is_near], minlength=len(views.facts)) / np.maximum(views.seen.sum(1), 1)
-    return PointRig(solution, sightings.where(is_near), shares)
+    return PointRig(calibration_of(views.facts, solution, sightings, is_near), shares)
 
 
 def _apart(answers: Sequence[_Answer]) -> list[_Answer]:
