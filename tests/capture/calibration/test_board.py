@@ -46,15 +46,13 @@ def test_the_rig_its_lenses_and_its_scale_are_found(k1: float) -> None:
     assert all(each.evidence.residual < 0.5 for each in found.cameras)
 
 
-def test_a_board_of_unknown_size_gives_a_rig_in_squares() -> None:
+def test_a_board_of_unknown_size_gives_a_rig_of_any_scale() -> None:
     cameras, poses = rig(), board_poses(20, 2)
     corners = [corners_seen(camera, BOARD, poses, 0.1, i) for i, camera in enumerate(cameras)]
 
     found = calibrate_board(facts_of(cameras), replace(BOARD, square=None), corners)
 
-    centers, _, _, scale = rig_errors(found, cameras)
-    assert centers < 0.3
-    assert scale == pytest.approx(0.06, rel=0.01)
+    assert rig_errors(found, cameras)[0] < 0.3
     assert not found.is_metric
     assert "not given" in found.warnings[0]
 

@@ -62,7 +62,9 @@ def calibrate_board(
     first = solve(rig, seen.sightings, _options(free, _LOSS))
     solution = _with_more_of_the_lenses(seen, first, free)
     _check(seen, board, solution)
-    warnings = [] if board.square else [f"The size of {board}'s squares is not given: the rig's scale is arbitrary."]
+    warnings = (
+        [] if board.square else [f"The size of the squares of {board} is not given: the rig's scale is arbitrary."]
+    )
     limits = _FALSE * np.array([camera.side for camera in facts])
     agrees = np.linalg.norm(solution.rig.residuals(seen.sightings), axis=1) < limits[seen.sightings.cameras]
     found = calibration_of(facts, solution, seen.sightings, agrees, is_metric=board.square is not None)

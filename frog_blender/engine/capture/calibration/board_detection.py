@@ -81,11 +81,12 @@ class _Markers(NamedTuple):
     pixels: Float64s  # (N, 4, 2)
 
 
-def find_corners(board: Board, images: Iterable[ImageArray]) -> Iterator[Corners | None]:
-    """The board's inner corners in each image (H, W) or (H, W, 3); None where it was not found or hardly shows."""
+def find_corners(board: Board, images: Iterable[ImageArray | None]) -> Iterator[Corners | None]:
+    """The board's inner corners in each image (H, W) or (H, W, 3); None where it was not found or hardly shows, and
+    where there is no image."""
     find = _charuco_finder(board) if board.dictionary else _checkerboard_finder(board)
     for image in images:
-        corners = find(_gray(image, board.inverted))
+        corners = None if image is None else find(_gray(image, board.inverted))
         yield None if corners is None or _is_poor(board, corners) else corners
 
 

@@ -17,6 +17,7 @@ MANY_ENOUGH = 16
 _LEAST = 8  # points of each camera, which other cameras have as well
 _USUAL = 0.0015  # of the longer side: how far off a click is
 _LIMIT = 0.008  # of the longer side: a click that is farther off is another point
+_REMEDY = "click more points, nearer and farther than these"
 _LEAST_SHARE = 0.75  # of a camera's clicks that must fit
 
 
@@ -39,7 +40,7 @@ def calibrate_clicks(facts: Sequence[CameraFacts], groups: Sequence[int], clicks
     if pixels.shape != (len(facts), count, 2):
         raise ValueError(f"clicks of shape {pixels.shape}")
     sides = np.array([camera.side for camera in facts])
-    views = PointViews(facts, np.array(groups), pixels, _LIMIT * sides)
+    views = PointViews(facts, np.array(groups), pixels, _LIMIT * sides, _REMEDY)
     seen = views.seen
     useful = (seen & (seen.sum(0) >= 2)).sum(1)
     for camera, count in zip(facts, useful.tolist(), strict=True):

@@ -7,7 +7,7 @@ is seen from elsewhere; hundreds of them average that out.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,9 +22,13 @@ _CHANGES = 18  # of 255: what moves at one time
 _LEAST_MOTION = 0.01  # of all that ever moves: less is noise, or a person who stands still
 _AROUND = 1.25  # of what moves, the box in which the person is sought
 _VISIBLE = 0.5
+_REMEDY = (
+    "film one person who walks about alone for ten seconds or more, near and far, where all cameras see them whole"
+)
 _LIMIT = 0.016  # of the longer side: a joint that is farther off is another one (left for right), or guessed
 _USUAL = 0.008  # of the longer side
 _LEAST_JOINTS = 120  # of each camera, seen by another at the same time
+_APART, _DOUBTFUL_APART = 0.05, 0.01  # of the rig's diameter: where two halves of the times put a camera
 _LEAST_SHARE = 0.5  # of a camera's joints that must fit
 _LONGEST_GAP = 0.25  # seconds between two times across which a joint is interpolated
 
@@ -90,22 +94,40 @@ def calibrate_joints(facts: Sequence[CameraFacts], groups: Sequence[int], joints
     """
     pixels = np.stack([np.where(each.visibility[..., None] > _VISIBLE, each.pixels, np.nan) for each in joints])
     sides = np.array([camera.side for camera in facts])
-    views = PointViews(facts, np.array(groups), pixels.reshape(len(facts), -1, 2), _LIMIT * sides)
+    views = PointViews(facts, np.array(groups), pixels.reshape(len(facts), -1, 2), _LIMIT * sides, _REMEDY)
     seen = views.seen
     for camera, count in zip(facts, (seen & (seen.sum(0) >= 2)).sum(1).tolist(), strict=True):
         if count < _LEAST_JOINTS:
             raise CalibrationRefused(
                 f"Camera {camera.name} shares {count} joints of a person with the others, expected {_LEAST_JOINTS} or "
-                "more: film one person who walks about where all cameras see them whole, for ten seconds."
+                f"more: {_REMEDY}."
             )
-    found = solve_points(views, float(_USUAL * sides.max()))
+    times = np.repeat(np.arange(pixels.shape[1]), len(JOINTS))
+    found = solve_points(views, float(_USUAL * sides.max()), halves=2 * times < pixels.shape[1])
     for camera, share in zip(facts, found.shares.tolist(), strict=True):
         if share < _LEAST_SHARE:
             raise CalibrationRefused(
                 f"Only {100 * share:.0f} % of the joints that camera {camera.name} sees fit the other cameras: the "
-                "films are not in step, or it sees another person; film one person who walks about alone, or a board."
+                f"films are not in step, or it sees another person; {_REMEDY}."
             )
-    return found.calibration
+    return _judged(found.calibration)
+
+
+def _judged(found: Calibration) -> Calibration:
+    """The calibration with a warning where two halves of the times disagree a little, refused where they do a lot."""
+    apart = found.halves_apart
+    if len(found.cameras) > 2 and apart > _APART:
+        raise CalibrationRefused(
+            f"The film's two halves put the cameras {100 * apart:.0f} % of the rig's size apart: "
+            f"{_REMEDY}, or hold a board into the views."
+        )
+    if len(found.cameras) > 2 and apart > _DOUBTFUL_APART:
+        warning = f"Camera positions are known within about {100 * apart:.1f} % of the rig's size only."
+    elif len(found.cameras) == 2:
+        warning = "Nothing but each other tests two cameras' positions: look at the result."
+    else:
+        return found
+    return replace(found, warnings=(*found.warnings, warning))
 
 
 def _found(network: LandmarkNetwork, image: ImageArray, boxes: Iterable[Box], previous: Box | None) -> Person | None:

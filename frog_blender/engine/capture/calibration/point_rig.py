@@ -16,6 +16,9 @@ import numpy as np
 from ...arrays import Bools, Float64s, Ints
 from ..video import load_opencv
 from .calibration import Calibration, CalibrationRefused
+from .evidence import disagreement
+from .lens import Lens
+from .mapping import Model
 from .rig_result import CameraFacts, calibration_of
 from .rig_solver import CENTER_X, FOCAL, Options, Rig, Sightings, Solution, solve
 
@@ -39,12 +42,14 @@ class PointViews:
         groups: (C,) cameras of one number share their focal length.
         pixels: (C, P, 2), NaN where a camera did not see a point; pixel centres at +0.5.
         limit: (C,) pixels beyond which a sighting is taken for false.
+        remedy: what a person should do where the points leave something open.
     """
 
     facts: Sequence[CameraFacts]
     groups: Ints
     pixels: Float64s
     limit: Float64s
+    remedy: str
 
     @property
     def seen(self) -> Bools:
@@ -75,12 +80,19 @@ class _Final(NamedTuple):
     sightings: Sightings
 
 
-def solve_points(views: PointViews, loss: float, progress: Callable[[float], None] = lambda _: None) -> PointRig:
+def solve_points(
+    views: PointViews,
+    loss: float,
+    *,
+    halves: Bools | None = None,
+    progress: Callable[[float], None] = lambda _: None,
+) -> PointRig:
     """The rig that the points fit.
 
     Args:
         views: what was seen.
         loss: Cauchy's scale in pixels: what a sighting is usually off by.
+        halves: (P,) the points of one half, where each half is enough by itself to see whether the other agrees.
         progress: called with the part that is done.
 
     Raises:
@@ -100,7 +112,10 @@ def solve_points(views: PointViews, loss: float, progress: Callable[[float], Non
     _check_rivals(views, finals)
     is_near = _is_near(solution.rig, sightings, views.limit)
     shares = np.bincount(sightings.cameras[is_near], minlength=len(views.facts)) / np.maximum(views.seen.sum(1), 1)
-    return PointRig(calibration_of(views.facts, solution, sightings, is_near), shares)
+    found = calibration_of(views.facts, solution, sightings, is_near)
+    if halves is not None:
+        found = replace(found, halves_apart=_halves_apart(views, solution.rig, halves, loss))
+    return PointRig(found, shares)
 
 
 def _apart(answers: Sequence[_Answer]) -> list[_Answer]:
@@ -117,6 +132,18 @@ def _final(views: PointViews, rig: Rig, loss: float) -> _Final:
     solution = solve(start, sightings, _options(start, loss))
     lost = ~np.isfinite(placed.body_positions[:, 0])
     return _Final(_truncated_cost(solution.rig, sightings, views, lost), solution, sightings)
+
+
+def _halves_apart(views: PointViews, rig: Rig, halves: Bools, loss: float) -> float:
+    """How far the cameras of two halves of the points lie apart at worst, over the rig's diameter."""
+    models = []
+    for half in (halves, ~halves):
+        part = views.subset(np.flatnonzero(half))
+        found = _final(part, rig, loss).solution.rig
+        focals = found.lenses[found.lens_of, FOCAL].tolist()
+        lenses = tuple(Lens(each.width, each.height, focal) for each, focal in zip(views.facts, focals, strict=True))
+        models.append(Model(np.concatenate([found.rotations, found.translations[:, :, None]], axis=2), lenses))
+    return disagreement(*models)
 
 
 def _chosen(views: PointViews) -> Ints:
@@ -348,7 +375,7 @@ def _unjoined(views: PointViews) -> str:
         for one, other in combinations(range(len(views.facts)), 2)
     }
     poor = ", ".join(f"{pair} ({count})" for pair, count in sorted(shared.items(), key=lambda entry: entry[1])[:6])
-    return f"The points do not join all cameras to one rig; the fewest are shared by {poor}."
+    return f"The points do not join all cameras to one rig, the fewest are shared by {poor}: {views.remedy}."
 
 
 def _focals_apart(one: Rig, other: Rig) -> float:
@@ -363,7 +390,7 @@ def _check_rivals(views: PointViews, finals: Sequence[_Final]) -> None:
             one, two = (float(each.solution.rig.lenses[0, FOCAL]) for each in (best, other))
             raise CalibrationRefused(
                 f"The points fit two rigs equally well, with focal lengths of {one:.0f} and {two:.0f} pixels for "
-                f"camera {views.facts[0].name}: more points are needed, at other distances."
+                f"camera {views.facts[0].name}: {views.remedy}."
             )
 
 
@@ -373,5 +400,5 @@ def _check_focals(views: PointViews, solution: Solution) -> None:
     if not sigmas[worst] < _MOST_SIGMA:
         raise CalibrationRefused(
             f"The focal length of camera {views.facts[worst].name} stays uncertain by {100 * sigmas[worst]:.0f} %: "
-            "more points are needed, nearer and farther than these."
+            f"{views.remedy}."
         )
