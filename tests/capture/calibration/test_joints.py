@@ -11,13 +11,15 @@ import numpy as np
 import pytest
 
 from frog_blender.engine.arrays import Float64s, ImageArray
-from frog_blender.engine.capture.calibration import landmark_file, landmarks
+from frog_blender.engine.capture.calibration import joint_films, landmark_file, landmarks
 from frog_blender.engine.capture.calibration.calibration import CalibrationRefused
+from frog_blender.engine.capture.calibration.films import View, find_films
 from frog_blender.engine.capture.calibration.joints import Joints, calibrate_joints, find_joints
 from frog_blender.engine.capture.calibration.landmarks import JOINTS, Box, LandmarkNetwork, Person
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.errors import FrogError
 
+from ..conftest import write_video
 from .rigs import TALL, around, facts_of, pixels_of, rig_errors, skeleton
 
 FAR_APART = [0.0, 49.0, 174.0, 230.0]
@@ -156,6 +158,25 @@ def test_nothing_moves_and_nobody_is_found() -> None:
 
     assert np.isnan(found.pixels).all()
     assert (found.visibility == 0).all()
+
+
+def test_films_are_read_at_the_times_that_are_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    images = film([(20 + 40 * number, 60) for number in range(6)])
+    write_video(tmp_path / "one.avi", 6, 320, 240, lambda number: images[number])
+    films = find_films(tmp_path)
+    view = View("one", films[0].size, np.full((240, 320), 40, np.uint8), np.ones((240, 320), bool))
+    monkeypatch.setattr(joint_films, "LandmarkNetwork", lambda path: Watcher())
+    asked: list[bool] = []
+
+    rate = films[0].facts.frames_per_second
+    wanted = [1 / rate, 4 / rate, 9 / rate]
+    (found,) = joint_films.joints_of_films(
+        films, [view], [wanted], tmp_path, lambda *_: None, lambda: asked.append(True)
+    )
+
+    assert np.allclose(found.pixels[:, 0, 0], [69.5, 189.5, np.nan], atol=1.5, equal_nan=True)
+    assert found.visibility[:, 0].tolist() == [1, 1, 0]
+    assert len(asked) == 3
 
 
 class Fixed(LandmarkNetwork):

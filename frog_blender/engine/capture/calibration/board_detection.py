@@ -213,13 +213,14 @@ def _is_poor(board: Board, corners: Corners) -> bool:
 
 def _find_charuco(first: list[ImageArray], second: list[ImageArray]) -> Board | None:
     names = (*(f"DICT_{family}_{FAMILY_SIZES[-1]}" for family in FAMILIES), *OTHER_DICTIONARIES)
-    counts = {
-        (name, inverted): len(list(_find_markers(name, first, inverted)))
-        for name in names
-        for inverted in (False, True)
-    }
-    for (name, inverted), count in sorted(counts.items(), key=lambda entry: -entry[1]):
-        if count < _FIRST_FOUND:
+    kinds = [(name, inverted) for name in names for inverted in (False, True)]
+    counts: dict[tuple[str, bool], int] = {}
+    for kind in kinds:
+        counts[kind] = len(list(_find_markers(kind[0], first, kind[1])))
+        if 2 * counts[kind] > len(first):  # no other can show in as many
+            break
+    for name, inverted in sorted(counts, key=lambda kind: -counts[kind]):
+        if counts[name, inverted] < _FIRST_FOUND:
             break
         layout = _layout(list(_find_markers(name, second, inverted)), name)
         if layout is not None:
