@@ -29,6 +29,7 @@ _FIRST_FOUND = 2  # images of the first look that must show something
 _LEAST_MARKERS = 4  # in one image, for a homography that can be checked
 _LEAST_AGREEING = 3  # images that must agree on a layout
 _LAYOUT_RESIDUAL = 0.12  # of a square, the median marker's distance from where its layout says
+_TRIALS = 200  # of a homography: nearly all markers must fit it
 _SKEW = 0.15  # of a marker's side
 _LEAST_CORNERS = 6
 _REACH = (2, 8)  # pixels about a ChArUco board's corner in which its place is refined
@@ -250,8 +251,8 @@ def _layout(found: list[_Markers], name: str) -> Board | None:
             continue
         for legacy in (False, True) if rows % 2 == 0 else (False,):
             board = Board(columns, rows, dictionary=name, legacy=legacy)
-            sides = [side for side in (_marker_side(board, each) for each in found) if side is not None]
-            if len(sides) >= _LEAST_AGREEING and 4 * len(sides) >= 3 * len(found) and len(sides) > (best or (0,))[0]:
+            sides = _marker_sides(board, found)
+            if len(sides) >= _LEAST_AGREEING and len(sides) > (best or (0,))[0]:
                 best = len(sides), replace(board, marker=round(float(np.median(sides)), 3))
     if best is None:
         return None
@@ -263,6 +264,18 @@ def _layout(found: list[_Markers], name: str) -> Board | None:
     return board
 
 
+def _marker_sides(board: Board, found: list[_Markers]) -> list[float]:
+    """The markers' side in squares in each image in which they lie as the board has them; none if a quarter do not."""
+    sides: list[float] = []
+    for number, each in enumerate(found):
+        side = _marker_side(board, each)
+        if side is not None:
+            sides.append(side)
+        elif 4 * (number + 1 - len(sides)) > len(found):
+            return []
+    return sides
+
+
 def _marker_side(board: Board, found: _Markers) -> float | None:
     """Side of the markers in squares, if they lie as the board has them in this image."""
     places = np.array(_charuco(board).getObjPoints(), np.float64).reshape(-1, 4, 3)[:, :, :2].mean(1)
@@ -271,7 +284,7 @@ def _marker_side(board: Board, found: _Markers) -> float | None:
     if len(numbers) < _LEAST_MARKERS or len(set(numbers.tolist())) < len(numbers):
         return None
     cv2 = load_opencv()
-    homography, _ = cv2.findHomography(pixels.mean(1), places[numbers], cv2.RANSAC, 0.3)
+    homography, _ = cv2.findHomography(pixels.mean(1), places[numbers], cv2.RANSAC, 0.3, maxIters=_TRIALS)
     if homography is None:
         return None
     corners = cv2.perspectiveTransform(pixels.reshape(1, -1, 2), homography).reshape(-1, 4, 2)
