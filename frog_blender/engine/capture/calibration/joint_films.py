@@ -1,0 +1,64 @@
+"""A person's joints in films of standing cameras, and the cameras from them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from .board_films import images_at
+from .calibration import Calibration
+from .child_process import Progress
+from .films import Film, View
+from .joints import Joints, calibrate_joints, find_joints
+from .landmarks import LandmarkNetwork
+from .rig_result import CameraFacts
+
+TIMES = 40
+"""Common times at which joints are looked for: 30 are enough, and each costs a quarter of a second a camera."""
+
+
+def joints_of_films(
+    films: Sequence[Film],
+    views: Sequence[View],
+    times: Sequence[Sequence[float]],
+    network: Path,
+    progress: Progress,
+    cancelled: Callable[[], None],
+) -> list[Joints]:
+    """The joints of whoever moves in each film.
+
+    Args:
+        views: of the films, for their plates and what moves before them.
+        times: ascending capture times in seconds, for each film.
+        network: the landmark file (``landmark_file``).
+        cancelled: called before each image; it raises what ends the work.
+
+    Raises:
+        FrogError: for a film that cannot be decoded, or another file than the network's.
+    """
+    loaded = LandmarkNetwork(network)
+    found = []
+    for number, (film, view, wanted) in enumerate(zip(films, views, times, strict=True)):
+        progress("joints", number, len(films))
+        found.append(find_joints(loaded, images_at(film, wanted, cancelled), view.plate, view.changing))
+    return found
+
+
+def calibrate_joint_films(
+    films: Sequence[Film],
+    views: Sequence[View],
+    times: Sequence[float],
+    network: Path,
+    progress: Progress,
+    cancelled: Callable[[], None],
+) -> Calibration:
+    """The cameras of films in which one person walks about, from their joints at common capture times in seconds.
+
+    Raises:
+        CalibrationRefused: see ``joints.calibrate_joints``.
+        FrogError: as of ``joints_of_films``.
+    """
+    joints = joints_of_films(films, views, [times] * len(films), network, progress, cancelled)
+    progress("bundle adjustment", 0, 1)
+    facts = [CameraFacts(film.name, *film.size) for film in films]
+    return calibrate_joints(facts, [view.group for view in views], joints)
